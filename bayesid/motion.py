@@ -1,0 +1,66 @@
+"""A robot's motion: joint positions, velocities and accelerations over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def frozen(values: object, shape: tuple[int | None, ...], name: str) -> Array:
+    """A read-only float64 copy of `values`, its shape and finiteness checked.
+
+    Args:
+        values: anything numpy can turn into an array.
+        shape: the required shape; None stands for any length.
+        name: what to call the array in the error.
+
+    Raises:
+        ValueError: the shape differs or a value is not finite.
+    """
+    array = np.array(values, dtype=np.float64)
+    fits = array.ndim == len(shape) and all(want in (None, have) for want, have in zip(shape, array.shape, strict=True))
+    if not fits:
+        raise ValueError(f"{name} has shape {array.shape}, expected {shape}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} holds values that are not finite")
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Positions, velocities and accelerations of n joints at N instants.
+
+    Attributes:
+        t: (N,) time, s.
+        q: (N, n) joint positions, rad (m for a prismatic joint).
+        dq: (N, n) joint velocities, rad/s.
+        ddq: (N, n) joint accelerations, rad/s^2.
+    """
+
+    t: Array
+    q: Array
+    dq: Array
+    ddq: Array
+
+    def __post_init__(self) -> None:
+        q = frozen(self.q, (None, None), "q")
+        object.__setattr__(self, "q", q)
+        object.__setattr__(self, "t", frozen(self.t, (q.shape[0],), "t"))
+        object.__setattr__(self, "dq", frozen(self.dq, q.shape, "dq"))
+        object.__setattr__(self, "ddq", frozen(self.ddq, q.shape, "ddq"))
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints n."""
+        return self.q.shape[1]
+
+    def __getitem__(self, rows: slice | NDArray[np.int64] | NDArray[np.bool_]) -> Motion:
+        return Motion(self.t[rows], self.q[rows], self.dq[rows], self.ddq[rows])

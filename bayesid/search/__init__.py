@@ -1,0 +1,1 @@
+"""Searches for the signs of the segments."""

@@ -1,0 +1,175 @@
+"""T-PBPR: a tree of sign choices, pruned by what a feasible robot could cost (Gaz and De Luca, Algorithm 1).
+
+The first s0 segments are enumerated (2^s0 nodes), the w cheapest nodes survive, and each step gives every survivor two
+children, one for each sign of the next segment. A node's cost is that of the best parameters for the segments it has
+decided. The unconstrained least squares (the paper's OLS per node) bounds that cost from below and is nearly free, so
+a node whose bound already exceeds the w-th best cost is never solved in the cone.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from bayesid.moments import Moments
+from bayesid.motion import Array
+from bayesid.solver import Solution
+
+_RIDGE = 1e-9
+
+
+class NodeCost(Protocol):
+    """What prices a node: `set_hessian` once per depth, `solve` per node."""
+
+    def set_hessian(self, hessian: Array) -> None:
+        """Prepares for H (r, r)."""
+
+    def solve(self, gradient: Array) -> Solution:
+        """The best parameters for g (r,)."""
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """The best assignment that a search found.
+
+    Attributes:
+        signs: (S,) +1 or -1 for each segment of the moments.
+        theta: (P,) best feasible parameters under these signs.
+        cost: f(theta, signs), efforts in units of their noise.
+        method: how it was found.
+        certified: whether no other assignment can cost less.
+        lower_bound: proven bound on the cost of every assignment, or None.
+        nodes: priced by the unconstrained bound.
+        solves: cone problems solved.
+        seconds: of wall time.
+    """
+
+    signs: NDArray[np.int64]
+    theta: Array
+    cost: float
+    method: str
+    certified: bool
+    lower_bound: float | None
+    nodes: int
+    solves: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class _Level:
+    """The surviving nodes at one depth.
+
+    Attributes:
+        signs: (w, d) the choices made, in search order: the path back to the root.
+        gradient: (w, r) sum of s_k g_k over the decided segments.
+        cost: (w,) node costs.
+        theta: the best node's parameters.
+    """
+
+    signs: NDArray[np.int64]
+    gradient: Array
+    cost: Array
+    theta: Array
+
+
+def beam(moments: Moments, node_cost: NodeCost, width: int | None = 5, initial: int = 5) -> SearchResult:
+    """Searches the signs of all unknown segments, those with the most energy first.
+
+    Args:
+        moments: scaled moments of S segments.
+        node_cost: prices a node; `bayesid.solver.ConeLeastSquares` by default, PBPR as in the paper.
+        width: w, nodes that survive each step; None for all (exhaustive).
+        initial: s0, segments that are enumerated at the start.
+
+    Raises:
+        SolverError: a node could not be priced.
+    """
+    began = time.perf_counter()
+    known, order = np.flatnonzero(moments.known), _search_order(moments)
+    pricing = _Pricing(node_cost)
+    hessian = moments.hessian[known].sum(axis=0)
+    energy = float(moments.energy[known].sum())
+    level = _Level(
+        signs=np.empty((1, 0), dtype=np.int64),
+        gradient=(moments.known[known] @ moments.gradient[known])[None, :],
+        cost=np.zeros(1),
+        theta=np.empty(0),
+    )
+    depth = 0
+    while True:
+        group = order[depth : depth + (initial if depth == 0 else 1)]
+        hessian = hessian + moments.hessian[group].sum(axis=0)
+        energy += float(moments.energy[group].sum())
+        candidates = _expand(level, moments.gradient[group])
+        depth += len(group)
+        level = pricing.select(candidates, hessian, energy, 1 if depth >= len(order) else width)
+        if depth >= len(order):
+            break
+    signs = moments.known.copy()
+    signs[order] = level.signs[0]
+    return SearchResult(
+        signs=signs, theta=level.theta, cost=float(level.cost[0]), method="beam", certified=False, lower_bound=None,
+        nodes=pricing.nodes, solves=pricing.solves, seconds=time.perf_counter() - began,
+    )  # fmt: skip
+
+
+def _search_order(moments: Moments) -> NDArray[np.int64]:
+    """Unknown segments, those with the most energy first: they decide most and are mistaken least."""
+    unknown = np.flatnonzero(moments.known == 0)
+    return unknown[np.argsort(-moments.energy[unknown], kind="stable")]
+
+
+def _expand(level: _Level, gradients: Array) -> tuple[NDArray[np.int64], Array]:
+    """Every node with every choice of signs for the next segments: (children, d') signs and (children, r) gradients."""
+    choices = np.array(list(itertools.product((1, -1), repeat=len(gradients))), dtype=np.int64).reshape(-1, len(gradients))
+    repeated = np.repeat(level.signs, len(choices), axis=0)
+    tiled = np.tile(choices, (len(level.signs), 1))
+    gradient = np.repeat(level.gradient, len(choices), axis=0) + tiled @ gradients
+    return np.hstack([repeated, tiled]), gradient
+
+
+class _Pricing:
+    """Selects the cheapest nodes of a depth, solving as few cone problems as it can; counts what it did."""
+
+    def __init__(self, node_cost: NodeCost) -> None:
+        self._node_cost = node_cost
+        self.nodes = 0
+        self.solves = 0
+
+    def select(
+        self, candidates: tuple[NDArray[np.int64], Array], hessian: Array, energy: float, width: int | None
+    ) -> _Level:
+        signs, gradient = candidates
+        bound = energy + unconstrained_costs(hessian, gradient)
+        self.nodes += len(signs)
+        width = len(signs) if width is None else width
+        self._node_cost.set_hessian(hessian)
+        kept: list[tuple[float, int, Array]] = []
+        for i in np.argsort(bound, kind="stable"):
+            if len(kept) >= width and bound[i] >= kept[width - 1][0]:
+                break
+            solution = self._node_cost.solve(gradient[i])
+            self.solves += 1
+            kept.append((energy + solution.cost, int(i), solution.theta))
+            kept.sort(key=lambda node: node[:2])
+        kept = kept[:width]
+        chosen = [i for _, i, _ in kept]
+        return _Level(signs[chosen], gradient[chosen], np.array([cost for cost, _, _ in kept]), kept[0][2])
+
+
+def unconstrained_costs(hessian: Array, gradient: Array) -> Array:
+    """(m,) -g' H^-1 g for each row of gradient (m, r): a lower bound of the cone-constrained cost without c.
+
+    Directions without data are given a curvature of 1e-9 of the largest diagonal entry's share, which loosens the bound
+    by no more than rounding does.
+    """
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(hessian), 1e-300 + _RIDGE * np.diag(hessian).max()))
+    factor = cho_factor(scale[:, None] * hessian * scale + _RIDGE * np.eye(len(hessian)))
+    scaled = gradient * scale
+    return -np.einsum("mr,mr->m", scaled, cho_solve(factor, scaled.T).T)

@@ -1,0 +1,209 @@
+"""Convex problems over the cone of feasible parameters; the only place that knows cvxpy and Clarabel.
+
+`ConeLeastSquares` finds the best feasible parameters for given moments,
+
+    minimise  theta' B' H B theta - 2 g' B theta   subject to  theta in the cone (with a margin).
+
+cvxpy states the cone once; Clarabel then solves again and again with a new linear term (and, in the beam, a new
+quadratic one), a few milliseconds each. A status other than solved is never taken for a result.
+
+`retrieve` completes coefficients to parameters of all links, strictly inside the cone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import clarabel
+import cvxpy as cp
+import numpy as np
+from cvxpy.reductions.solvers.conic_solvers.clarabel_conif import dims_to_solver_cones
+from scipy import sparse
+from scipy.linalg import null_space
+
+from bayesid.coefficients import BaseCoefficients
+from bayesid.errors import SolverError
+from bayesid.inertia import PSEUDO_INERTIA_BASIS, from_pseudo_inertia
+from bayesid.motion import Array
+from bayesid.terms.base import Cone
+
+MARGIN = 1e-6
+"""Smallest eigenvalue left to a pseudo-inertia (kg m^2 to kg): far below any link's, far above rounding."""
+_RIDGE = 1e-7
+"""Curvature added in every direction, relative to the largest: a direction without data then has one answer."""
+_TYPICAL_BODY = from_pseudo_inertia(np.diag([0.03, 0.03, 0.03, 3.0]))
+"""A link of 3 kg and 0.1 m radius of gyration: what a parameter without any data is drawn to."""
+_TYPICAL_SIZES = np.array([0.1] * 6 + [0.5] * 3 + [5.0])
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A point of the cone and what it costs.
+
+    Attributes:
+        theta: (P,) parameters.
+        cost: theta' B' H B theta - 2 g' B theta, without the efforts' own energy.
+        tolerance: relative duality gap and infeasibility that the solver reached.
+    """
+
+    theta: Array
+    cost: float
+    tolerance: float
+
+
+class ConeLeastSquares:
+    """Prepared once for a cone and a Hessian, solved for many linear terms.
+
+    Args:
+        cone: the cone of the P parameters.
+        coefficients: the r base coefficients, for B.
+        hessian: (r, r) H of all data; it also sets the sizes by which the parameters are scaled.
+        energy: c of all data.
+        margin: smallest eigenvalue left to every pseudo-inertia.
+        tolerance: relative duality gap and infeasibility asked of the solver.
+    """
+
+    def __init__(
+        self,
+        cone: Cone,
+        coefficients: BaseCoefficients,
+        hessian: Array,
+        energy: float,
+        margin: float = 0.0,
+        tolerance: float = 1e-6,
+    ) -> None:
+        self._projection = coefficients.projection
+        self._scale = _sizes(cone, self._projection, hessian, energy)
+        self._rows = _state_cone(cone, self._scale, margin)
+        self._tolerance = tolerance
+        self.set_hessian(hessian)
+
+    def set_hessian(self, hessian: Array) -> None:
+        """Prepares the problem for another H (r, r)."""
+        self._hessian = hessian
+        full = self._scale[:, None] * (self._projection.T @ hessian @ self._projection) * self._scale
+        self._unit = max(float(np.max(np.diag(full))), 1e-300)
+        self._quadratic = _upper_triangle(2.0 * full / self._unit + 2.0 * _RIDGE * np.eye(len(full)))
+        self._solver: Any = None
+
+    def solve(self, gradient: Array) -> Solution:
+        """The best point for g (r,).
+
+        Raises:
+            SolverError: Clarabel did not reach the tolerance, with or without its own scaling of the rows.
+        """
+        linear = -2.0 * self._scale * (gradient @ self._projection) / self._unit
+        if self._solver is None:
+            self._solver = self._new_solver(linear, equilibrate=True)
+        else:
+            self._solver.update(q=linear)
+        result = self._solver.solve()
+        if result.status != clarabel.SolverStatus.Solved:
+            result = self._new_solver(linear, equilibrate=False).solve()
+        if result.status != clarabel.SolverStatus.Solved:
+            raise SolverError("cone least squares", str(result.status))
+        theta = self._scale * np.array(result.x)
+        beta = self._projection @ theta
+        return Solution(theta, float(beta @ self._hessian @ beta - 2 * gradient @ beta), self._tolerance)
+
+    def _new_solver(self, linear: Array, equilibrate: bool) -> Any:
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        settings.max_threads = 1
+        settings.presolve_enable = False  # it would forbid updates
+        settings.equilibrate_enable = equilibrate
+        settings.static_regularization_constant = 1e-10
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = self._tolerance
+        offsets, rows, cones = self._rows
+        return clarabel.DefaultSolver(self._quadratic, linear, rows, offsets, cones, settings)
+
+
+def solve_precisely(
+    cone: Cone, coefficients: BaseCoefficients, hessian: Array, gradient: Array, energy: float, margin: float = MARGIN
+) -> Solution:
+    """One cone least squares, to the finest tolerance that Clarabel reaches on it (named in the solution).
+
+    Raises:
+        SolverError: not even 1e-6 is reached.
+    """
+    for tolerance in (1e-10, 1e-9, 1e-8, 1e-7):
+        try:
+            return ConeLeastSquares(cone, coefficients, hessian, energy, margin, tolerance).solve(gradient)
+        except SolverError:
+            continue
+    return ConeLeastSquares(cone, coefficients, hessian, energy, margin, 1e-6).solve(gradient)
+
+
+def retrieve(cone: Cone, coefficients: BaseCoefficients, feasible: Array, margin: float = MARGIN) -> Array:
+    """(P,) the parameters nearest to typical links among those with the same coefficients as `feasible`.
+
+    Only the combinations that leave no trace in the efforts move: theta = feasible + N z with B N = 0. Distances are
+    relative to a typical link of 3 kg with 0.1 m radius of gyration.
+
+    Args:
+        cone: the cone of the P parameters.
+        coefficients: the r base coefficients.
+        feasible: (P,) parameters in the cone with the margin.
+        margin: smallest eigenvalue left to every pseudo-inertia; one that `feasible` itself does not keep is halved.
+
+    Raises:
+        SolverError: Clarabel did not reach its tolerances.
+    """
+    sizes, typical = np.ones(cone.size), np.zeros(cone.size)
+    for body in cone.bodies:
+        sizes[body], typical[body] = _TYPICAL_SIZES, _TYPICAL_BODY
+    free = sizes[:, None] * null_space(coefficients.projection * sizes)
+    if free.shape[1] == 0:
+        return feasible
+    z = cp.Variable(free.shape[1])
+    theta = feasible + free @ z
+    constraints: list[cp.Constraint] = []
+    if len(cone.nonnegative):
+        constraints.append(theta[cone.nonnegative] >= np.minimum(0.0, feasible[cone.nonnegative]))
+    smallest = cone.smallest_eigenvalues(feasible)
+    for body, eigenvalue in zip(cone.bodies, smallest, strict=True):
+        constraints.append(_linear_matrix(theta[body], np.ones(10)) - min(margin, eigenvalue / 2) * np.eye(4) >> 0)
+    problem = cp.Problem(cp.Minimize(cp.sum_squares((theta - typical) / sizes)), constraints)
+    problem.solve(solver=cp.CLARABEL, tol_gap_abs=1e-5, tol_gap_rel=1e-5)
+    if problem.status != cp.OPTIMAL:
+        raise SolverError("retrieval of feasible parameters", problem.status)
+    return feasible + free @ np.asarray(z.value)
+
+
+def _sizes(cone: Cone, projection: Array, hessian: Array, energy: float) -> Array:
+    """(P,) the size of each parameter that would alone explain all efforts; a typical one where it leaves no trace."""
+    sizes = np.ones(cone.size)
+    for body in cone.bodies:
+        sizes[body] = _TYPICAL_SIZES
+    curvature = np.einsum("rp,rs,sp->p", projection, hessian, projection)
+    shows = curvature > 1e-12 * curvature.max()
+    sizes[shows] = np.sqrt(energy / curvature[shows])
+    return sizes
+
+
+def _state_cone(cone: Cone, scale: Array, margin: float) -> tuple[Array, Any, Any]:
+    """The cone as Clarabel wants it, b - A z in K for z = theta / scale, derived by cvxpy."""
+    z = cp.Variable(cone.size)
+    constraints: list[cp.Constraint] = []
+    if len(cone.nonnegative):
+        constraints.append(z[cone.nonnegative] >= 0)
+    for body in cone.bodies:
+        constraints.append(_linear_matrix(z[body], scale[body]) - margin * np.eye(4) >> 0)
+    data, _, _ = cp.Problem(cp.Minimize(cp.sum_squares(z)), constraints).get_problem_data(cp.CLARABEL)
+    return data["b"], data["A"], dims_to_solver_cones(data["dims"])
+
+
+def _linear_matrix(body: cp.Expression, scale: Array) -> cp.Expression:
+    """The 4 x 4 pseudo-inertia of ten scaled parameters, symmetric by construction."""
+    flat = (PSEUDO_INERTIA_BASIS * scale[:, None, None]).reshape(10, 16).T
+    matrix = cp.reshape(flat @ body, (4, 4), order="C")
+    return (matrix + matrix.T) / 2
+
+
+def _upper_triangle(matrix: Array) -> sparse.csc_matrix:
+    """The upper triangle in column order with every entry stored, zeros too."""
+    n = len(matrix)
+    columns, rows = np.tril_indices(n)
+    starts = np.concatenate([[0], np.cumsum(np.arange(1, n + 1))])
+    return sparse.csc_matrix((matrix[rows, columns], rows, starts), shape=(n, n))

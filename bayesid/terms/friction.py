@@ -1,0 +1,53 @@
+"""Friction in the actuators."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from bayesid.motion import Array, Motion
+from bayesid.terms.base import ActuatorTerm
+
+
+@dataclass(frozen=True)
+class ViscousFriction(ActuatorTerm):
+    """Fv u', Fv >= 0."""
+
+    name: ClassVar[str] = "viscous_friction"
+    physics: ClassVar[str] = "Lubricant drag: a torque proportional to the actuator's speed and against it."
+    symbol: ClassVar[str] = "Fv"
+    unit: ClassVar[str] = "N m s/rad"
+    nonnegative: ClassVar[bool] = True
+
+    def effect(self, actuators: Motion) -> Array:
+        """The speed."""
+        return actuators.dq
+
+
+@dataclass(frozen=True)
+class CoulombFriction(ActuatorTerm):
+    """Fc tanh(u' / v), Fc >= 0: dry friction, its step smoothed over the speed v below which a log cannot tell.
+
+    Args:
+        smoothing: (n,) v of each actuator, rad/s.
+    """
+
+    smoothing: tuple[float, ...]
+
+    name: ClassVar[str] = "coulomb_friction"
+    physics: ClassVar[str] = "Dry friction: a torque of constant size against the direction of motion."
+    symbol: ClassVar[str] = "Fc"
+    unit: ClassVar[str] = "N m"
+    nonnegative: ClassVar[bool] = True
+
+    @property
+    def shape(self) -> Mapping[str, list[float]]:
+        """The smoothing speeds, rad/s."""
+        return {"smoothing": list(self.smoothing)}
+
+    def effect(self, actuators: Motion) -> Array:
+        """The smoothed direction of motion, between -1 and 1."""
+        return np.tanh(actuators.dq / np.array(self.smoothing))

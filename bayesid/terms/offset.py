@@ -1,0 +1,25 @@
+"""Constant torques."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from bayesid.motion import Array, Motion
+from bayesid.terms.base import ActuatorTerm
+
+
+@dataclass(frozen=True)
+class TorqueOffset(ActuatorTerm):
+    """A constant, of either sign: a sensor's or drive's zero error, or friction that differs by direction."""
+
+    name: ClassVar[str] = "torque_offset"
+    physics: ClassVar[str] = "A constant torque: the zero error of a sensor or drive, or friction that prefers a direction."
+    symbol: ClassVar[str] = "offset"
+    unit: ClassVar[str] = "N m"
+
+    def effect(self, actuators: Motion) -> Array:
+        """One."""
+        return np.ones_like(actuators.q)

@@ -1,0 +1,45 @@
+"""Rigid links: inertia, Coriolis, centrifugal and gravity torques."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+from bayesid.inertia import NAMES, UNITS
+from bayesid.motion import Array, Motion
+from bayesid.robot import Robot
+from bayesid.terms.base import Cone, Parameter
+
+
+def _parameter_name(symbol: str, link: int) -> str:
+    """Jxx of link 2 is J2xx, mcx is mc2x, m is m2, as in the literature."""
+    stem = symbol.rstrip("xyz")
+    return f"{stem}{link}{symbol[len(stem):]}"
+
+
+@dataclass(frozen=True)
+class RigidBody:
+    """Ten inertial parameters a link (`bayesid.inertia`), linear in the torque (Atkeson, An, Hollerbach 1986)."""
+
+    name: ClassVar[str] = "rigid_body"
+    physics: ClassVar[str] = "Links are rigid: inertia, Coriolis, centrifugal and gravity torques of ten parameters each."
+
+    @property
+    def shape(self) -> Mapping[str, list[float]]:
+        """No nonlinear numbers."""
+        return {}
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """Ten a link, from base to tip."""
+        links = range(1, robot.n_joints + 1)
+        pairs = list(zip(NAMES, UNITS, strict=True))
+        return tuple(Parameter(_parameter_name(name, i), unit, i) for i in links for name, unit in pairs)
+
+    def cone(self, robot: Robot) -> Cone:
+        """One positive semidefinite pseudo-inertia a link."""
+        return Cone.rigid_bodies(robot.n_joints)
+
+    def columns(self, robot: Robot, motion: Motion) -> Array:
+        """(N, n, 10 n) Newton-Euler regressor."""
+        return robot.regressor(motion)

@@ -1,0 +1,24 @@
+"""The motors' own inertia."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from bayesid.motion import Array, Motion
+from bayesid.terms.base import ActuatorTerm
+
+
+@dataclass(frozen=True)
+class RotorInertia(ActuatorTerm):
+    """Ia u'', Ia >= 0: the rotor's inertia times the gear ratio squared, gyroscopic couples neglected."""
+
+    name: ClassVar[str] = "rotor_inertia"
+    physics: ClassVar[str] = "The motor's rotor, geared up: a torque proportional to the actuator's own acceleration."
+    symbol: ClassVar[str] = "Ia"
+    unit: ClassVar[str] = "kg m^2"
+    nonnegative: ClassVar[bool] = True
+
+    def effect(self, actuators: Motion) -> Array:
+        """The acceleration."""
+        return actuators.ddq
