@@ -1,1 +1,23 @@
-"""Robot dynamics identification when the controller hides the sign of the motor currents."""
+"""Robot dynamics identification when the controller hides the sign of the motor currents.
+
+    import bayesid
+    result = bayesid.identify("ur10e", "log.csv")
+    result.fit.beta, result.fit.sd, result.sample_signs
+    result.validate("another_log.csv").relative_residual
+"""
+
+from importlib.metadata import version
+
+from bayesid.errors import BayesidError, InputError, SolverError
+from bayesid.identification import Identification, identify
+from bayesid.log import Log, read_log, write_log
+from bayesid.results import load_model, save_identification, save_validation
+from bayesid.robot import Robot, load_robot
+from bayesid.validation import Validation, validate
+
+__version__ = version("bayesid")
+
+__all__ = [
+    "BayesidError", "Identification", "InputError", "Log", "Robot", "SolverError", "Validation", "identify",
+    "load_model", "load_robot", "read_log", "save_identification", "save_validation", "validate", "write_log",
+]  # fmt: skip

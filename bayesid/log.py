@@ -1,17 +1,20 @@
 """Logs: what a controller recorded, checked once on the way in.
 
 A CSV holds the header `t,q1..qn[,dq1..dqn],tau1..taun` (s, rad, rad/s, N m), or currents `i1..in` (A) with gains
-(N m/A at the link side). Other columns are ignored. Efforts are those of the actuators (see `bayesid.robot`).
+(N m/A at the link side). Other columns are ignored, whatever they hold. Efforts are those of the actuators
+(see `bayesid.robot`).
 """
 
 from __future__ import annotations
 
 import csv
 import re
-from collections import Counter
-from collections.abc import Sequence
+import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +24,8 @@ from bayesid.motion import Array, frozen
 
 _ABSURD = 1e6
 """No robot moves or pushes this much in SI units; logs in the wild hold 1e282 from uninitialised memory."""
+_LONGEST_GAP = 3600.0
+"""A log that pauses longer than this, s, is two recordings, or its clock was set in between."""
 _FEWEST_ROWS = 50
 
 
@@ -82,63 +87,101 @@ def read_log(path: str | Path, gains: Sequence[float] | None = None, unsigned: s
         InputError: the file, a row, a column or an option cannot be used.
     """
     path = Path(path)
-    header, values = _read_table(path)
-    columns = _find_columns(header, str(path))
-    n = len(columns["q"])
-    t, q = values[:, columns["t"][0]], values[:, columns["q"]]
-    _check_time(t, str(path))
-    effort = _efforts(values, columns, gains, str(path))
-    signed = _signed(effort, unsigned, n)
+    columns, values = _read_table(path)
+    _check_time(values[:, columns["t"][0]], path)
+    q, measured = values[:, columns["q"]], values[:, columns["tau"] or columns["i"]]
+    signed = _signed(measured, unsigned, q.shape[1])
+    effort = measured * _factors(columns, gains, str(path))
     for j in np.flatnonzero(np.ptp(q, axis=0) == 0.0):
         raise InputError(f"column q{j + 1} is constant", str(path), "record a motion in which every joint moves")
     for j in np.flatnonzero(~np.any(effort, axis=0)):
-        raise InputError(f"the effort of joint {j + 1} is zero in every row", str(path), "check that its sensor was read")
-    effort = np.where(signed, effort, np.abs(effort))
-    dq = values[:, columns["dq"]] if columns["dq"] else None
-    return Log(t=t, q=q, effort=effort, signed=signed, dq=dq, source=str(path))
+        said = f"the effort of joint {j + 1} is zero in every row"
+        raise InputError(said, str(path), "check that its sensor was read")
+    return Log(
+        t=values[:, columns["t"][0]],
+        q=q,
+        effort=np.where(signed, effort, np.abs(effort)),
+        signed=signed,
+        dq=values[:, columns["dq"]] if columns["dq"] else None,
+        source=str(path),
+    )
 
 
 def write_log(path: str | Path, log: Log) -> None:
-    """Writes a log in the format that `read_log` reads, with enough digits to come back the same to 1e-9."""
-    n = log.n_joints
-    names = ["t", *(f"q{j + 1}" for j in range(n))]
-    blocks = [log.t[:, None], log.q]
-    if log.dq is not None:
-        names += [f"dq{j + 1}" for j in range(n)]
-        blocks.append(log.dq)
-    names += [f"tau{j + 1}" for j in range(n)]
-    with Path(path).open("w", newline="") as file:
-        np.savetxt(file, np.hstack([*blocks, log.effort]), fmt="%.9g", delimiter=",", header=",".join(names), comments="")
+    """Writes a log in the format that `read_log` reads, with as many digits as it takes to come back the same.
+
+    Nothing in the file says which joints are signed: `read_log` looks for negative efforts, or is told.
+    """
+    blocks = {"q": log.q, **({} if log.dq is None else {"dq": log.dq}), "tau": log.effort}
+    header = ["t", *(f"{name}{j}" for name in blocks for j in range(1, log.n_joints + 1))]
+    aside = Path(f"{path}.part")
+    with aside.open("w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(header)
+        rows.writerows(np.column_stack([log.t, *blocks.values()]).tolist())
+    aside.replace(path)
 
 
 # ---------------------------------------------------------------------------------------------------------------
 # The table
 # ---------------------------------------------------------------------------------------------------------------
-def _read_table(path: Path) -> tuple[list[str], Array]:
+_Columns = dict[str, list[int]]
+"""Column indices of t, q, dq, tau and i; those the log lacks or does not need are empty."""
+
+
+def _read_table(path: Path) -> tuple[_Columns, Array]:
     try:
-        with path.open(newline="") as file:
+        with path.open(newline="", encoding="utf-8-sig") as file:
             header = [name.strip() for name in next(csv.reader([file.readline()]), [])]
         if not any(header):
-            raise InputError("is empty", str(path), "give a CSV with the header t,q1..qn,tau1..taun")
-        values = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2, comments=None)
+            raise InputError("does not begin with a header", str(path), "begin it with t,q1..qn,tau1..taun")
+        columns = _find_columns(header, str(path))
+        values = _read_values(path, header, sorted(chain.from_iterable(columns.values())))
     except (FileNotFoundError, IsADirectoryError):
         raise InputError("no such file", str(path), "give the path of a CSV log") from None
-    except UnicodeDecodeError:
+    except (UnicodeDecodeError, csv.Error):
         raise InputError("is not text", str(path), "give a CSV log") from None
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror})", str(path), "check the file") from None
-    except ValueError:
-        raise _first_bad_row(path, header) from None
-    if values.size and values.shape[1] != len(header):
+    return columns, values
+
+
+def _read_values(path: Path, header: list[str], used: list[int]) -> Array:
+    """(N, columns) numbers of the used columns, checked; the other columns come as 0."""
+    ignored: dict[int | str, Callable[[str], float]] = {i: lambda _: 0.0 for i in range(len(header)) if i not in used}
+    table: dict[str, Any] = {"delimiter": ",", "quotechar": '"', "comments": None, "skiprows": 1, "encoding": "utf-8"}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of a file without rows, which is refused below
+        try:
+            values: Array = np.loadtxt(path, converters=ignored, ndmin=2, **table)
+        except UnicodeDecodeError:
+            raise
+        except ValueError:
+            raise _first_bad_row(path, header, used) from None
+    if len(values) < _FEWEST_ROWS:
+        said = f"holds {len(values)} rows, too few to identify anything"
+        raise InputError(said, str(path), f"record at least {_FEWEST_ROWS} rows, better thousands")
+    if values.shape[1] != len(header):
         said = f"has {len(header)} names for {values.shape[1]} columns"
         raise InputError(said, f"{path}, row 1", "give every column one name")
-    _check_values(values, header, path)
-    return header, values
+    largest = [np.inf if header[i] == "t" else _ABSURD for i in used]
+    for row, place in np.argwhere(~(np.abs(values[:, used]) < largest)):
+        column = used[place]
+        said = f"column {header[column]} holds {values[row, column]:g}"
+        raise InputError(said, _where(path, row), "remove the row or correct the value")
+    return values
 
 
-def _first_bad_row(path: Path, header: list[str]) -> InputError:
+def _where(path: Path, row: int) -> str:
+    """The file's line of a row of values: the header is row 1, and blank lines count."""
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        lines = [number for number, line in enumerate(file, start=1) if number > 1 and line.strip()]
+    return f"{path}, row {lines[row]}"
+
+
+def _first_bad_row(path: Path, header: list[str], used: list[int]) -> InputError:
     """Why the table cannot be read, found by a slow second look."""
-    with path.open(newline="") as file:
+    with path.open(newline="", encoding="utf-8-sig") as file:
         for number, cells in enumerate(csv.reader(file), start=1):
             if number == 1 or not cells:
                 continue
@@ -146,93 +189,84 @@ def _first_bad_row(path: Path, header: list[str]) -> InputError:
             if len(cells) != len(header):
                 said = f"holds {len(cells)} values, the header names {len(header)}"
                 return InputError(said, where, "remove the row (a truncated last row is common) or complete it")
-            for name, cell in zip(header, cells, strict=True):
-                try:
-                    float(cell)
-                except ValueError:
-                    return InputError(f"column {name} holds {cell.strip()!r}, not a number", where, "correct the value")
+            for i in used:
+                if not _is_number(cells[i]):
+                    said = f"column {header[i]} holds {cells[i].strip()!r}, not a number"
+                    return InputError(said, where, "correct the value")
     return InputError("cannot be read as a table of numbers", str(path), "give a comma-separated file")
 
 
-def _check_values(values: Array, header: list[str], path: Path) -> None:
-    if len(values) < _FEWEST_ROWS:
-        said = f"holds {len(values)} rows, too few to identify anything"
-        raise InputError(said, str(path), f"record at least {_FEWEST_ROWS} rows, better thousands")
-    with np.errstate(invalid="ignore"):
-        bad = ~(np.abs(values) < _ABSURD)
-    time = [i for i, name in enumerate(header) if name == "t"]
-    used = [i for i, name in enumerate(header) if re.fullmatch(r"(q|dq|tau|i)[1-9]\d*", name)]
-    bad[:, time] = ~np.isfinite(values[:, time])
-    bad[:, [i for i in range(len(header)) if i not in used + time]] = False
-    if bad.any():
-        row, column = np.argwhere(bad)[0]
-        said = f"column {header[column]} holds {values[row, column]:g}"
-        raise InputError(said, f"{path}, row {row + 2}", "remove the row or correct the value")
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return "_" not in cell
 
 
-def _find_columns(header: list[str], where: str) -> dict[str, list[int]]:
-    """Column indices of t, q, dq (may be empty) and of tau or i."""
-    repeated = [name for name, count in Counter(header).items() if count > 1]
-    if repeated:
-        raise InputError(f"column {repeated[0]} appears twice", f"{where}, row 1", "give every column its own name")
+def _find_columns(header: list[str], where: str) -> _Columns:
+    """Which columns to use, by their names."""
     place = {name: i for i, name in enumerate(header)}
+    for name in header:
+        if header.count(name) > 1 and re.fullmatch(r"t|(?:q|dq|tau|i)\d+", name):
+            raise InputError(f"column {name} appears twice", f"{where}, row 1", "give every column its own name")
     if "t" not in place:
         raise InputError("column t is missing", f"{where}, row 1", "add the time in s")
     n = max((int(name[1:]) for name in header if re.fullmatch(r"q[1-9]\d*", name)), default=0)
     if n == 0:
         raise InputError("column q1 is missing", f"{where}, row 1", "add the joint positions q1..qn in rad")
-    columns = {"t": [place["t"]]}
+    columns: _Columns = {"t": [place["t"]], "q": [], "dq": [], "tau": [], "i": []}
     has_torque = any(re.fullmatch(r"tau\d+", name) for name in header)
     has_velocity = any(re.fullmatch(r"dq\d+", name) for name in header)
-    wanted = ["q", "tau" if has_torque else "i"] + (["dq"] if has_velocity else [])
-    for prefix in wanted:
+    for prefix in ["q", "tau" if has_torque else "i"] + (["dq"] if has_velocity else []):
         for j in range(1, n + 1):
             if f"{prefix}{j}" not in place:
                 absent = f"tau{j} (or i{j} with gains)" if prefix == "i" else f"{prefix}{j}"
                 raise InputError(f"column {absent} is missing", f"{where}, row 1", f"add it; q1..q{n} are there")
-        columns[prefix] = [place[f"{prefix}{j}"] for j in range(1, n + 1)]
-    extra = [name for name in header if (m := re.fullmatch(r"(?:tau|i|dq)(\d+)", name)) and int(m[1]) > n]
-    if extra:
-        raise InputError(f"column {extra[0]} has no q beside it", f"{where}, row 1", "give q, tau for the same joints")
-    columns.setdefault("dq", [])
+            columns[prefix].append(place[f"{prefix}{j}"])
+        extra = [name for name in header if (m := re.fullmatch(rf"{prefix}(\d+)", name)) and int(m[1]) > n]
+        if extra:
+            remedy = "give q and effort columns for the same joints"
+            raise InputError(f"column {extra[0]} has no q beside it", f"{where}, row 1", remedy)
     return columns
 
 
-def _check_time(t: Array, where: str) -> None:
-    backwards = np.flatnonzero(np.diff(t) < 0.0)
-    if backwards.size:
-        row = backwards[0] + 3
-        raise InputError(f"time runs backwards, to {t[row - 2]:g} s", f"{where}, row {row}", "sort or cut the log")
+def _check_time(t: Array, path: Path) -> None:
+    with np.errstate(over="ignore"):
+        step = np.diff(t)
+    for k in np.flatnonzero((step < 0.0) | (step > _LONGEST_GAP)):
+        said = f"time {'runs backwards' if step[k] < 0.0 else 'jumps'}, from {t[k]:.12g} s to {t[k + 1]:.12g} s"
+        raise InputError(said, _where(path, int(k) + 1), "sort or cut the log")
     if t[-1] == t[0]:
-        raise InputError("time never advances", f"{where}, column t", "give the time of each row in s")
+        raise InputError("time never advances", f"{path}, column t", "give the time of each row in s")
 
 
-def _efforts(values: Array, columns: dict[str, list[int]], gains: Sequence[float] | None, where: str) -> Array:
-    if "tau" in columns:
+def _factors(columns: _Columns, gains: Sequence[float] | None, where: str) -> Array:
+    """(n,) N m per unit of what was measured."""
+    n = len(columns["q"])
+    if columns["tau"]:
         if gains is not None:
             raise InputError("gains are given but the log holds torques tau1..taun", where, "drop --gains")
-        return values[:, columns["tau"]]
-    n = len(columns["q"])
+        return np.ones(n)
     if gains is None:
-        raise InputError("the log holds currents i1..in but no gains are given", where, "give --gains K1,..,Kn in N m/A")
+        raise InputError("the log holds currents but no gains are given", where, "give --gains K1,..,Kn in N m/A")
     if len(gains) != n:
         raise InputError(f"{len(gains)} gains for {n} joints", "--gains", "give one gain per joint, N m/A")
     factors = np.array(gains, dtype=float)
     if not np.isfinite(factors).all() or np.any(factors == 0.0):
         raise InputError("a gain is zero or not finite", "--gains", "give one gain per joint, N m/A")
-    currents = values[:, columns["i"]]
-    rectified = np.all(currents >= 0.0, axis=0)
-    return currents * np.where(rectified, np.abs(factors), factors)
+    return factors
 
 
-def _signed(effort: Array, unsigned: str | None, n: int) -> NDArray[np.bool_]:
+def _signed(measured: Array, unsigned: str | None, n: int) -> NDArray[np.bool_]:
     if unsigned is None:
-        return np.any(effort < 0.0, axis=0)
+        return np.any(measured < 0.0, axis=0)
     if unsigned in ("all", "none"):
         return np.full(n, unsigned == "none")
     signed = np.full(n, True)
     for word in unsigned.split(","):
-        if not word.strip().isdigit() or not 1 <= int(word) <= n:
-            raise InputError(f"{word.strip()!r} is not a joint", "--unsigned", f"give all, none or joints from 1 to {n}")
+        if not word.strip().isdecimal() or not 1 <= int(word) <= n:
+            remedy = f"give all, none or joints from 1 to {n}"
+            raise InputError(f"{word.strip()!r} is not a joint", "--unsigned", remedy)
         signed[int(word) - 1] = False
     return signed

@@ -95,10 +95,12 @@ class Robot:
 
         Args:
             motion: the motion of the joints.
-            parameters: (10 n,) link parameters, as in `regressor`.
+            parameters: (10 n,) link parameters, as in `regressor`; a link without mass must have no first moment either.
         """
         model = self._pinocchio.copy()  # type: ignore[attr-defined]
         in_joint_frames = np.einsum("lij,lj->li", self._link_to_joint, parameters.reshape(-1, 10))  # type: ignore[attr-defined]
+        mass = in_joint_frames[:, 0]
+        mass[mass == 0.0] = np.finfo(float).tiny  # pinocchio divides by it
         for i, link in enumerate(in_joint_frames, start=1):
             model.inertias[i] = pin.Inertia.FromDynamicParameters(link)
         data = model.createData()
@@ -169,7 +171,7 @@ def load_robot(source: str | Path) -> Robot:
         remedy = f"give one of {', '.join(BUILT_IN)}, a DH file (.toml) or a URDF file"
         raise InputError("no such robot", str(source), remedy)
     try:
-        text = path.read_text()
+        text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot be read ({error})", str(path), "give a text file in TOML or URDF") from None
     if path.suffix == ".toml":
@@ -195,6 +197,8 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
         InputError: a key is missing or its value cannot be used.
     """
     convention = table.get("convention")
+    if convention == "chain":
+        return _robot_from_chain(table, where)
     if convention not in ("standard", "modified"):
         said = "key 'convention' is missing" if convention is None else f"unknown convention {convention!r}"
         raise InputError(said, where, "give convention = \"standard\" or \"modified\"")
@@ -210,6 +214,49 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
         gravity=_numbers(table.get("gravity", [0.0, 0.0, -9.81]), (3,), "gravity", where),
         transmission=_transmission(table.get("transmission"), len(joints), where),
         lengths={symbol: value for symbol, value in lengths.items() if value != 0.0},
+    )
+
+
+def robot_table(robot: Robot) -> dict[str, Any]:
+    """A robot as plain tables that `robot_from_table` reads back to the last digit: joint placements, no DH angles."""
+    table: dict[str, Any] = {
+        "name": robot.name,
+        "convention": "chain",
+        "gravity": robot.gravity.tolist(),
+        "lengths": dict(robot.lengths),
+        "joints": [
+            {
+                "placement": joint.placement.tolist(),
+                "axis": joint.axis.tolist(),
+                "type": "prismatic" if joint.prismatic else "revolute",
+                "parent": int(joint.parent),
+                "link_frame": joint.link_frame.tolist(),
+            }
+            for joint in robot.joints
+        ],
+    }
+    if robot.transmission is not None:
+        table["transmission"] = robot.transmission.tolist()
+    return table
+
+
+def _robot_from_chain(table: Mapping[str, Any], where: str) -> Robot:
+    joints = []
+    for i, row in enumerate(table.get("joints", ()), start=1):
+        here = f"{where}, joint {i}"
+        for key in ("placement", "axis", "type", "parent", "link_frame"):
+            if key not in row:
+                raise InputError(f"key '{key}' is missing", here, "use the file as bayesid wrote it")
+        placement = _numbers(row["placement"], (4, 4), "placement", here)
+        link_frame = _numbers(row["link_frame"], (4, 4), "link_frame", here)
+        axis = _numbers(row["axis"], (3,), "axis", here)
+        joints.append(Joint(placement, axis, row["type"] == "prismatic", int(row["parent"]), link_frame))
+    return Robot(
+        name=str(table.get("name", "robot")),
+        joints=tuple(joints),
+        gravity=_numbers(table.get("gravity", [0.0, 0.0, -9.81]), (3,), "gravity", where),
+        transmission=_transmission(table.get("transmission"), len(joints), where),
+        lengths={str(key): float(value) for key, value in table.get("lengths", {}).items()},
     )
 
 
@@ -295,8 +342,7 @@ def robot_from_urdf(text: str, where: str) -> Robot:
         raise InputError(f"is not readable as URDF ({error})", where, "give a well-formed URDF file") from None
     if root.tag != "robot":
         raise InputError(f"is not a URDF: its root is <{root.tag}>, not <robot>", where, "give a URDF file")
-    for element in root.findall("joint"):
-        _check_urdf_joint(element, where)
+    root = _urdf_skeleton(root, where)
     try:
         model = pin.buildModelFromXML(ET.tostring(root, encoding="unicode"))
     except Exception as error:  # pinocchio raises several C++ exception types here
@@ -318,19 +364,56 @@ def robot_from_urdf(text: str, where: str) -> Robot:
     return Robot(name=model.name or "robot", joints=joints, gravity=np.array([0.0, 0.0, -9.81]))
 
 
-def _check_urdf_joint(element: ET.Element, where: str) -> None:
-    kind, name = element.get("type"), element.get("name")
+def _urdf_skeleton(root: ET.Element, where: str) -> ET.Element:
+    """The URDF's kinematics alone, checked here: urdfdom prints its complaints, and refuses files for other parts."""
+    names = [element.get("name", "") for element in root.findall("link")]
+    children = [child.get("link", "") for child in root.findall("joint/child")]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError("appears twice", f"{where}, link {name}", "give every link its own name")
+        if children.count(name) > 1:
+            raise InputError("is the child of two joints", f"{where}, link {name}", "give a URDF without loops")
+    loose = [name for name in names if name not in children]
+    if len(loose) != 1:
+        said = f"has {len(loose)} links without a parent joint{': ' + ', '.join(loose) if loose else ''}"
+        raise InputError(said, where, "give a URDF with one base link")
+    skeleton = ET.Element("robot", name=root.get("name") or "robot")
+    for name in names:
+        ET.SubElement(skeleton, "link", name=name)
+    skeleton.extend([_urdf_joint(element, names, where) for element in root.findall("joint")])
+    joints = [element.get("name") for element in skeleton.findall("joint")]
+    for joint in joints:
+        if joints.count(joint) > 1:
+            raise InputError("appears twice", f"{where}, joint {joint}", "give every joint its own name")
+    return skeleton
+
+
+def _urdf_joint(element: ET.Element, links: list[str], where: str) -> ET.Element:
+    kind, name = element.get("type"), element.get("name", "")
+    here = f"{where}, joint {name}"
     if kind not in ("revolute", "continuous", "prismatic", "fixed") or element.find("mimic") is not None:
         said = "a mimic joint" if element.find("mimic") is not None else f"of type {kind!r}"
-        remedy = "bayesid identifies revolute, continuous, prismatic and fixed joints"
-        raise InputError(f"is {said}", f"{where}, joint {name}", remedy)
-    if kind == "continuous":  # pinocchio would use (cos, sin) for it; a log holds the angle
-        element.set("type", "revolute")
-    if kind != "fixed" and element.find("limit") is None:
-        ET.SubElement(element, "limit", lower="-1e9", upper="1e9", effort="1e9", velocity="1e9")
+        raise InputError(f"is {said}", here, "bayesid identifies revolute, continuous, prismatic and fixed joints")
+    # pinocchio would use (cos, sin) for a continuous joint; a log holds the angle
+    joint = ET.Element("joint", name=name, type="revolute" if kind == "continuous" else kind)
+    for tag in ("parent", "child"):
+        found = element.find(tag)
+        if found is None or found.get("link") not in links:
+            raise InputError(f"its <{tag}> names no link of the file", here, "name one")
+        joint.append(found)
+    for tag, key in (("origin", "xyz"), ("origin", "rpy"), ("axis", "xyz")):
+        found = element.find(tag)
+        if found is not None and key in found.attrib:
+            _numbers(found.attrib[key].split(), (3,), f"{tag} {key}", here)
+    joint.extend([found for tag in ("origin", "axis") if (found := element.find(tag)) is not None])
+    if kind != "fixed":
+        ET.SubElement(joint, "limit", lower="-1e9", upper="1e9", effort="1e9", velocity="1e9")
+        if not _urdf_axis(joint).any():
+            raise InputError("key 'axis xyz' cannot be used", here, "give a direction that is not zero")
+    return joint
 
 
 def _urdf_axis(element: ET.Element) -> Array:
     axis = element.find("axis")
     value = np.array([float(x) for x in axis.get("xyz", "1 0 0").split()]) if axis is not None else np.eye(3)[0]
-    return value / np.linalg.norm(value) if np.any(value) else value
+    return value / (np.linalg.norm(value) or 1.0)

@@ -2,8 +2,9 @@
 
 |effort| touches zero where the sign changes, but a filter rounds that cusp off and noise lifts it, and dry friction
 lets the effort jump through zero between two samples where the joint's velocity reverses. So the cuts are generous:
-every prominent minimum of the lightly filtered |effort|, every velocity reversal and every edge of a standstill. A cut
-too many costs a binary unknown; a cut too few costs samples of the wrong sign.
+every prominent minimum of the lightly filtered |effort|, every upward jump of its slope that is no minimum (a fast
+crossing between unequal efforts), every velocity reversal and every edge of a standstill. A cut too many costs a binary
+unknown; a cut too few costs samples of the wrong sign.
 """
 
 from __future__ import annotations
@@ -15,14 +16,18 @@ from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
 from bayesid.motion import Array, Motion
-from bayesid.signals import Signals, lowpass
+from bayesid.signals import Signals
 from bayesid.terms import STANDSTILL
 
 Integers = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 _PROMINENCE = 0.02
+"""Share of the joint's 99th percentile by which a minimum must lie below its surroundings."""
+_JUMP = 0.1
+"""Share of the 99th percentile by which the slope must jump, over half a period of the efforts' cut-off."""
 _CEILING = 0.35
-_LIGHT = 2.0
+"""Share of the 99th percentile above which no minimum is a zero in disguise."""
 
 
 @dataclass(frozen=True)
@@ -41,12 +46,12 @@ class Segments:
     start: Integers
     end: Integers
     known: Integers
-    moving: NDArray[np.bool_]
+    moving: Mask
 
     def __len__(self) -> int:
         return len(self.joint)
 
-    def __getitem__(self, chosen: NDArray[np.bool_] | Integers) -> Segments:
+    def __getitem__(self, chosen: Mask | Integers) -> Segments:
         return Segments(
             self.joint[chosen], self.start[chosen], self.end[chosen], self.known[chosen], self.moving[chosen]
         )
@@ -76,14 +81,15 @@ def find_segments(signals: Signals, actuators: Motion) -> Segments:
         actuators: its motion in actuator coordinates.
     """
     n_samples = len(actuators)
-    light = lowpass(signals.raw_effort, min(_LIGHT * signals.cutoff, 0.45 * signals.rate), signals.rate)
+    half_period = max(1, round(signals.rate / (2.0 * signals.effort_cutoff)))
     rows = []
     for j in range(actuators.n_joints):
         speed = actuators.dq[:, j]
         moving = np.abs(speed) > STANDSTILL * np.abs(speed).max()
         edges = set(np.flatnonzero(np.diff(moving)) + 1)
         if not signals.signed[j]:
-            edges |= _reversals(speed) | _minima(light[:, j])
+            cuts = _reversals(speed) | _minima(signals.effort[:, j])
+            edges |= cuts | _slope_jumps(signals.effort[:, j], half_period, edges | cuts)
         bounds = sorted({0, n_samples} | edges)
         known = int(signals.signed[j])
         rows += [(j, a, b, known, bool(moving[a])) for a, b in zip(bounds, bounds[1:], strict=False)]
@@ -106,3 +112,13 @@ def _minima(magnitude: Array) -> set[int]:
     scale = np.percentile(magnitude, 99)
     found, _ = find_peaks(-magnitude, prominence=_PROMINENCE * scale, height=-_CEILING * scale)
     return {int(i) for i in found}
+
+
+def _slope_jumps(magnitude: Array, span: int, known: set[int]) -> set[int]:
+    """Low samples at which the slope jumps upwards, farther than `span` from every known cut."""
+    scale = np.percentile(magnitude, 99)
+    jump = np.zeros_like(magnitude)
+    jump[span:-span] = magnitude[2 * span :] - 2.0 * magnitude[span:-span] + magnitude[: -2 * span]
+    found, _ = find_peaks(np.where(magnitude < _CEILING * scale, jump, 0.0), height=_JUMP * scale, distance=span)
+    places = np.array(sorted(known))
+    return {int(i) for i in found if not places.size or np.abs(places - i).min() > span}

@@ -1,7 +1,8 @@
 """From a raw log to evenly sampled, filtered signals.
 
-The controller rectifies before anyone can filter, so absolute values are filtered as they are. Positions, velocities
-and efforts pass the same zero-phase low-pass, so that the model sees motion and effort with the same delay: none.
+The controller rectifies before anyone can filter, so absolute values are filtered as they are, and lightly: a filter
+rounds off the cusp at which |effort| touches zero. Least squares needs no quiet efforts, it averages their noise; it
+does need quiet accelerations. So the motion passes a zero-phase low-pass at the cut-off, efforts at twice the cut-off.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from bayesid.motion import Array, Motion
 
 _ORDER = 4
 """Butterworth order; run forwards and backwards, so the attenuation is that of twice the order."""
+_SLOWEST = 5.0
+"""Hz; no cut-off is chosen below it: friction's steps are faster than any motion."""
 _HELD = 10
 """A repeated row is kept after this many typical periods without a new one: the robot stood still."""
 
@@ -29,11 +32,11 @@ class Signals:
 
     Attributes:
         motion: filtered joint positions with their velocities and accelerations.
-        effort: (N, n) efforts through the same low-pass as the motion; of |effort| for unsigned joints, N m.
+        effort: (N, n) lightly filtered efforts; of |effort| for unsigned joints, N m.
         raw_effort: (N, n) efforts, resampled but not filtered, N m.
         signed: (n,) whether the effort's sign is known.
         rate: sampling rate of the grid, Hz.
-        cutoff: cut-off of the low-pass, Hz.
+        cutoff: cut-off of the motion's low-pass, Hz.
         processing: what was done to the log, for summary.json.
     """
 
@@ -44,6 +47,11 @@ class Signals:
     rate: float
     cutoff: float
     processing: dict[str, object]
+
+    @property
+    def effort_cutoff(self) -> float:
+        """Cut-off of the efforts' light low-pass, Hz."""
+        return _effort_cutoff(self.cutoff, self.rate)
 
 
 def prepare(log: Log, cutoff: float | None = None) -> Signals:
@@ -79,12 +87,13 @@ def prepare(log: Log, cutoff: float | None = None) -> Signals:
         "period_ms": {"min": 1e3 * float(periods.min()), "max": 1e3 * float(periods.max())},
         "cutoff_hz": cutoff,
         "cutoff_chosen_from": "data" if chosen else "user",
+        "effort_cutoff_hz": _effort_cutoff(cutoff, rate),
         "filter": f"zero-phase Butterworth, order {_ORDER} each way",
         "velocity": "measured" if dq is not None else "differentiated",
     }
     return Signals(
         motion=_smooth_motion(grid, q, dq, rate, cutoff),
-        effort=lowpass(effort, cutoff, rate),
+        effort=lowpass(effort, _effort_cutoff(cutoff, rate), rate),
         raw_effort=effort,
         signed=log.signed,
         rate=rate,
@@ -93,8 +102,21 @@ def prepare(log: Log, cutoff: float | None = None) -> Signals:
     )
 
 
+def signed_effort(signals: Signals, signs: Array, filtered: bool = True) -> Array:
+    """(N, n) efforts with their signs, through the same light low-pass as the rectified ones, or unfiltered, N m.
+
+    Signs first, filter second: the cusps of |effort| that a filter would round off are gone.
+    """
+    signed = np.where(signals.signed, signals.raw_effort, signs * signals.raw_effort)
+    return lowpass(signed, signals.effort_cutoff, signals.rate) if filtered else signed
+
+
+def _effort_cutoff(cutoff: float, rate: float) -> float:
+    return min(2.0 * cutoff, 0.45 * rate)
+
+
 def lowpass(values: Array, cutoff: float, rate: float) -> Array:
-    """Zero-phase low-pass along the first axis; ends are extended by odd reflection.
+    """Zero-phase low-pass along the first axis; both ends are extended by a point reflection.
 
     Args:
         values: (N, ...) evenly sampled values.
@@ -103,22 +125,49 @@ def lowpass(values: Array, cutoff: float, rate: float) -> Array:
     """
     if cutoff >= 0.45 * rate:
         return values
-    sections = signal.butter(_ORDER, cutoff, fs=rate, output="sos")
     padding = min(len(values) - 1, int(3 * rate / cutoff))
-    return signal.sosfiltfilt(sections, values, axis=0, padlen=padding)
+    return signal.sosfiltfilt(_sections(cutoff, rate), values, axis=0, padlen=padding)
+
+
+def _lowpass_motion(values: Array, cutoff: float, rate: float) -> Array:
+    """`lowpass` with both ends extended by a cubic.
+
+    A point reflection turns the curvature round, so that a log that ends in mid-motion would lose the accelerations of
+    its ends; a cubic through the last period of the cut-off goes on as the motion does.
+    """
+    if cutoff >= 0.45 * rate:
+        return values
+    window = min(len(values), max(8, round(rate / cutoff)))
+    padding = round(1.5 * rate / cutoff)
+    before = _extrapolate(values[:window], np.arange(-padding, 0))
+    after = _extrapolate(values[-window:], window + np.arange(padding))
+    extended = np.concatenate([before, values, after])
+    return signal.sosfiltfilt(_sections(cutoff, rate), extended, axis=0)[padding : padding + len(values)]
+
+
+def _extrapolate(values: Array, places: NDArray[np.int64]) -> Array:
+    """(len(places), n) least-squares cubics through values (m, n) at 0 ... m - 1, taken at other places."""
+    scale = len(values)
+    powers = np.polynomial.polynomial.polyvander(np.arange(scale) / scale, 3)
+    weights = np.linalg.lstsq(powers, values, rcond=None)[0]
+    return np.polynomial.polynomial.polyvander(places / scale, 3) @ weights
+
+
+def _sections(cutoff: float, rate: float) -> Array:
+    return signal.butter(_ORDER, cutoff, fs=rate, output="sos")
 
 
 def choose_cutoff(q: Array, dq: Array | None, rate: float) -> float:
     """A cut-off that keeps the motion's dynamics: ten times the frequency below which 95 % of the speed's energy lies.
 
-    Torques hold harmonics of the motion (products of velocities, friction's steps), and Gautier's rule is a filter
-    well above the bandwidth of the motion; the factor was checked on simulated and real logs (studies/cutoff).
+    Torques hold harmonics of the motion (products of velocities), hence a filter well above the motion's own bandwidth
+    (Gautier, Khalil, "Exciting trajectories", 1992, take five to ten times).
     """
     velocity = np.gradient(q, 1.0 / rate, axis=0) if dq is None else dq
     frequency, power = signal.periodogram(velocity - velocity.mean(axis=0), fs=rate, axis=0)
     share = np.cumsum(power, axis=0) / np.maximum(power.sum(axis=0), 1e-300)
     bandwidth = max(float(frequency[np.searchsorted(s, 0.95)]) for s in share.T)
-    return float(np.clip(10.0 * bandwidth, 3.0, 0.4 * rate))
+    return float(np.clip(10.0 * bandwidth, min(_SLOWEST, 0.4 * rate), 0.4 * rate))
 
 
 def _distinct_rows(log: Log) -> NDArray[np.int64]:
@@ -137,7 +186,7 @@ def _distinct_rows(log: Log) -> NDArray[np.int64]:
 
 def _smooth_motion(grid: Array, q: Array, dq: Array | None, rate: float, cutoff: float) -> Motion:
     """Derivatives of the cubic spline: its error is of fourth order, a central difference loses 10 % at rate / 8."""
-    smooth_q = lowpass(q, cutoff, rate)
-    velocity = CubicSpline(grid, smooth_q)(grid, 1) if dq is None else lowpass(dq, cutoff, rate)
+    smooth_q = _lowpass_motion(q, cutoff, rate)
+    velocity = CubicSpline(grid, smooth_q)(grid, 1) if dq is None else _lowpass_motion(dq, cutoff, rate)
     acceleration = CubicSpline(grid, velocity)(grid, 1)
     return Motion(grid, smooth_q, velocity, acceleration)

@@ -1,13 +1,13 @@
-"""Convex problems over the cone of feasible parameters; the only place that knows cvxpy and Clarabel.
+"""Least squares in the cone: the best feasible parameters for given moments. Only this file knows cvxpy and Clarabel.
 
-`ConeLeastSquares` finds the best feasible parameters for given moments,
+    minimise  theta' B' H B theta - 2 g' B theta + rho(theta)   subject to  theta in the cone (with a margin).
 
-    minimise  theta' B' H B theta - 2 g' B theta   subject to  theta in the cone (with a margin).
+Some parameters leave no trace in the efforts, and the cone's projection on the coefficients is not closed: a first
+moment is free once a mass without trace grows without limit. So a very weak pull to typical links,
+rho(theta) = 1e-7 c sum ((theta_k - typical_k) / size_k)^2 with c the efforts' energy, completes the parameters.
 
 cvxpy states the cone once; Clarabel then solves again and again with a new linear term (and, in the beam, a new
 quadratic one), a few milliseconds each. A status other than solved is never taken for a result.
-
-`retrieve` completes coefficients to parameters of all links, strictly inside the cone.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ import cvxpy as cp
 import numpy as np
 from cvxpy.reductions.solvers.conic_solvers.clarabel_conif import dims_to_solver_cones
 from scipy import sparse
-from scipy.linalg import null_space
 
 from bayesid.coefficients import BaseCoefficients
 from bayesid.errors import SolverError
@@ -31,9 +30,9 @@ from bayesid.terms.base import Cone
 MARGIN = 1e-6
 """Smallest eigenvalue left to a pseudo-inertia (kg m^2 to kg): far below any link's, far above rounding."""
 _RIDGE = 1e-7
-"""Curvature added in every direction, relative to the largest: a direction without data then has one answer."""
+"""Weight of rho: a parameter as large as would explain all efforts alone costs this share of their energy."""
 _TYPICAL_BODY = from_pseudo_inertia(np.diag([0.03, 0.03, 0.03, 3.0]))
-"""A link of 3 kg and 0.1 m radius of gyration: what a parameter without any data is drawn to."""
+"""A link of 3 kg that spreads 0.1 m along each axis: what a parameter without any data is drawn to."""
 _TYPICAL_SIZES = np.array([0.1] * 6 + [0.5] * 3 + [5.0])
 
 
@@ -75,9 +74,14 @@ class ConeLeastSquares:
     ) -> None:
         self._projection = coefficients.projection
         self._scale = _sizes(cone, self._projection, hessian, energy)
+        self._typical = _typical(cone) / self._scale
         self._rows = _state_cone(cone, self._scale, margin)
         self._tolerance = tolerance
         self.set_hessian(hessian)
+
+    def regularisation(self, theta: Array) -> float:
+        """rho(theta), the pull to typical links; not part of a solution's cost."""
+        return float(_RIDGE * self._unit * np.sum((theta / self._scale - self._typical) ** 2))
 
     def set_hessian(self, hessian: Array) -> None:
         """Prepares the problem for another H (r, r)."""
@@ -90,31 +94,35 @@ class ConeLeastSquares:
     def solve(self, gradient: Array) -> Solution:
         """The best point for g (r,).
 
+        The prepared solver is updated; when rounding keeps it from its tolerance, a fresh one is tried, then one with
+        ten times the tolerance. The solution names the tolerance that was reached.
+
         Raises:
-            SolverError: Clarabel did not reach the tolerance, with or without its own scaling of the rows.
+            SolverError: none of them solved the problem.
         """
-        linear = -2.0 * self._scale * (gradient @ self._projection) / self._unit
+        linear = -2.0 * self._scale * (gradient @ self._projection) / self._unit - 2.0 * _RIDGE * self._typical
         if self._solver is None:
-            self._solver = self._new_solver(linear, equilibrate=True)
+            self._solver = self._new_solver(linear, self._tolerance)
         else:
             self._solver.update(q=linear)
-        result = self._solver.solve()
-        if result.status != clarabel.SolverStatus.Solved:
-            result = self._new_solver(linear, equilibrate=False).solve()
+        result, tolerance = self._solver.solve(), self._tolerance
+        for coarser in (1.0, 10.0):
+            if result.status != clarabel.SolverStatus.Solved:
+                tolerance = coarser * self._tolerance
+                result = self._new_solver(linear, tolerance).solve()
         if result.status != clarabel.SolverStatus.Solved:
             raise SolverError("cone least squares", str(result.status))
         theta = self._scale * np.array(result.x)
         beta = self._projection @ theta
-        return Solution(theta, float(beta @ self._hessian @ beta - 2 * gradient @ beta), self._tolerance)
+        return Solution(theta, float(beta @ self._hessian @ beta - 2 * gradient @ beta), tolerance)
 
-    def _new_solver(self, linear: Array, equilibrate: bool) -> Any:
+    def _new_solver(self, linear: Array, tolerance: float) -> Any:
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         settings.max_threads = 1
         settings.presolve_enable = False  # it would forbid updates
-        settings.equilibrate_enable = equilibrate
         settings.static_regularization_constant = 1e-10
-        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = self._tolerance
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
         offsets, rows, cones = self._rows
         return clarabel.DefaultSolver(self._quadratic, linear, rows, offsets, cones, settings)
 
@@ -135,40 +143,12 @@ def solve_precisely(
     return ConeLeastSquares(cone, coefficients, hessian, energy, margin, 1e-6).solve(gradient)
 
 
-def retrieve(cone: Cone, coefficients: BaseCoefficients, feasible: Array, margin: float = MARGIN) -> Array:
-    """(P,) the parameters nearest to typical links among those with the same coefficients as `feasible`.
-
-    Only the combinations that leave no trace in the efforts move: theta = feasible + N z with B N = 0. Distances are
-    relative to a typical link of 3 kg with 0.1 m radius of gyration.
-
-    Args:
-        cone: the cone of the P parameters.
-        coefficients: the r base coefficients.
-        feasible: (P,) parameters in the cone with the margin.
-        margin: smallest eigenvalue left to every pseudo-inertia; one that `feasible` itself does not keep is halved.
-
-    Raises:
-        SolverError: Clarabel did not reach its tolerances.
-    """
-    sizes, typical = np.ones(cone.size), np.zeros(cone.size)
+def _typical(cone: Cone) -> Array:
+    """(P,) typical links, and zero for all else."""
+    typical = np.zeros(cone.size)
     for body in cone.bodies:
-        sizes[body], typical[body] = _TYPICAL_SIZES, _TYPICAL_BODY
-    free = sizes[:, None] * null_space(coefficients.projection * sizes)
-    if free.shape[1] == 0:
-        return feasible
-    z = cp.Variable(free.shape[1])
-    theta = feasible + free @ z
-    constraints: list[cp.Constraint] = []
-    if len(cone.nonnegative):
-        constraints.append(theta[cone.nonnegative] >= np.minimum(0.0, feasible[cone.nonnegative]))
-    smallest = cone.smallest_eigenvalues(feasible)
-    for body, eigenvalue in zip(cone.bodies, smallest, strict=True):
-        constraints.append(_linear_matrix(theta[body], np.ones(10)) - min(margin, eigenvalue / 2) * np.eye(4) >> 0)
-    problem = cp.Problem(cp.Minimize(cp.sum_squares((theta - typical) / sizes)), constraints)
-    problem.solve(solver=cp.CLARABEL, tol_gap_abs=1e-5, tol_gap_rel=1e-5)
-    if problem.status != cp.OPTIMAL:
-        raise SolverError("retrieval of feasible parameters", problem.status)
-    return feasible + free @ np.asarray(z.value)
+        typical[body] = _TYPICAL_BODY
+    return typical
 
 
 def _sizes(cone: Cone, projection: Array, hessian: Array, energy: float) -> Array:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -47,6 +48,7 @@ class SearchResult:
         lower_bound: proven bound on the cost of every assignment, or None.
         nodes: priced by the unconstrained bound.
         solves: cone problems solved.
+        tolerance: coarsest relative gap among them.
         seconds: of wall time.
     """
 
@@ -58,6 +60,7 @@ class SearchResult:
     lower_bound: float | None
     nodes: int
     solves: int
+    tolerance: float
     seconds: float
 
 
@@ -78,7 +81,13 @@ class _Level:
     theta: Array
 
 
-def beam(moments: Moments, node_cost: NodeCost, width: int | None = 5, initial: int = 5) -> SearchResult:
+def beam(
+    moments: Moments,
+    node_cost: NodeCost,
+    width: int | None = 5,
+    initial: int = 5,
+    progress: Callable[[int, int], None] | None = None,
+) -> SearchResult:
     """Searches the signs of all unknown segments, those with the most energy first.
 
     Args:
@@ -86,6 +95,7 @@ def beam(moments: Moments, node_cost: NodeCost, width: int | None = 5, initial: 
         node_cost: prices a node; `bayesid.solver.ConeLeastSquares` by default, PBPR as in the paper.
         width: w, nodes that survive each step; None for all (exhaustive).
         initial: s0, segments that are enumerated at the start.
+        progress: called as progress(decided, total) after each step.
 
     Raises:
         SolverError: a node could not be priced.
@@ -109,13 +119,15 @@ def beam(moments: Moments, node_cost: NodeCost, width: int | None = 5, initial: 
         candidates = _expand(level, moments.gradient[group])
         depth += len(group)
         level = pricing.select(candidates, hessian, energy, 1 if depth >= len(order) else width)
+        if progress is not None:
+            progress(depth, len(order))
         if depth >= len(order):
             break
     signs = moments.known.copy()
     signs[order] = level.signs[0]
     return SearchResult(
         signs=signs, theta=level.theta, cost=float(level.cost[0]), method="beam", certified=False, lower_bound=None,
-        nodes=pricing.nodes, solves=pricing.solves, seconds=time.perf_counter() - began,
+        nodes=pricing.nodes, solves=pricing.solves, tolerance=pricing.tolerance, seconds=time.perf_counter() - began,
     )  # fmt: skip
 
 
@@ -127,7 +139,8 @@ def _search_order(moments: Moments) -> NDArray[np.int64]:
 
 def _expand(level: _Level, gradients: Array) -> tuple[NDArray[np.int64], Array]:
     """Every node with every choice of signs for the next segments: (children, d') signs and (children, r) gradients."""
-    choices = np.array(list(itertools.product((1, -1), repeat=len(gradients))), dtype=np.int64).reshape(-1, len(gradients))
+    d = len(gradients)
+    choices = np.array(list(itertools.product((1, -1), repeat=d)), dtype=np.int64).reshape(2**d, d)
     repeated = np.repeat(level.signs, len(choices), axis=0)
     tiled = np.tile(choices, (len(level.signs), 1))
     gradient = np.repeat(level.gradient, len(choices), axis=0) + tiled @ gradients
@@ -141,6 +154,7 @@ class _Pricing:
         self._node_cost = node_cost
         self.nodes = 0
         self.solves = 0
+        self.tolerance = 0.0
 
     def select(
         self, candidates: tuple[NDArray[np.int64], Array], hessian: Array, energy: float, width: int | None
@@ -156,6 +170,7 @@ class _Pricing:
                 break
             solution = self._node_cost.solve(gradient[i])
             self.solves += 1
+            self.tolerance = max(self.tolerance, solution.tolerance)
             kept.append((energy + solution.cost, int(i), solution.theta))
             kept.sort(key=lambda node: node[:2])
         kept = kept[:width]

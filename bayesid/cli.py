@@ -1,0 +1,242 @@
+"""The command line: every command is a thin layer over the Python interface.
+
+Exit codes: 0 done, 2 bad input (one line on stderr), 1 a fault of ours.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+from tqdm import tqdm
+
+import bayesid
+from bayesid import terms as catalogue
+from bayesid.demo import run_demo
+from bayesid.errors import InputError, SolverError
+from bayesid.identification import Progress
+from bayesid.results import check_folder
+from bayesid.simulation import parse_effect, simulate_log
+
+_EXAMPLES = """examples:
+  bayesid demo
+  bayesid identify log.csv --robot ur10e --out result
+  bayesid identify currents.csv --robot my_robot.toml --gains 14.9,13.3,11.1,10.6,11.0,11.5
+  bayesid validate result another_log.csv
+  bayesid simulate --robot panda --duration 20 --noise 0.05 --out log.csv
+"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message}; see `{self.prog} --help`\n")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs one command and returns its exit code."""
+    options = _parser().parse_args(arguments)
+    command: Callable[[argparse.Namespace], None] = options.command
+    try:
+        command(options)
+    except InputError as error:
+        print(f"bayesid: {error}", file=sys.stderr)
+        return 2
+    except SolverError as error:
+        print(f"bayesid: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("bayesid: interrupted; nothing was written", file=sys.stderr)
+        return 130
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="bayesid",
+        description="Identify robot dynamics from joint positions and the absolute value of the motor currents.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"bayesid {bayesid.__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Parser)
+    _add_identify(commands)
+    _add_validate(commands)
+    _add_simulate(commands)
+    demo = commands.add_parser("demo", help="the paper's experiment, simulated, end to end")
+    demo.add_argument("--out", type=Path, default=Path("bayesid-demo"), help="result folder (default: %(default)s)")
+    demo.add_argument("--seed", type=int, default=0, help="of trajectory and noise (default: 0)")
+    demo.set_defaults(command=_demo)
+    return parser
+
+
+def _add_identify(commands: argparse._SubParsersAction[_Parser]) -> None:
+    parser = commands.add_parser("identify", help="signs, coefficients and feasible parameters from a log")
+    parser.add_argument("log", type=Path, help="CSV: t,q1..qn[,dq1..dqn],tau1..taun (or i1..in with --gains)")
+    parser.add_argument("--robot", required=True, help="built-in name, DH file (.toml) or URDF file")
+    parser.add_argument("--terms", default=",".join(catalogue.DEFAULT), help="of the model (default: %(default)s)")
+    parser.add_argument(
+        "--search", choices=("certified", "beam"), default="beam", help="how signs are searched (default: beam)"
+    )
+    parser.add_argument("--beam-width", type=int, default=5, metavar="W", help="nodes kept each step (default: 5)")
+    parser.add_argument(
+        "--initial-segments", type=int, default=5, metavar="S0", help="segments enumerated first (default: 5)"
+    )
+    parser.add_argument("--cutoff", type=float, metavar="HZ", help="of the motion's low-pass (default: from the data)")
+    parser.add_argument("--gains", help="N m/A of each joint, for a log of currents: K1,K2,..")
+    parser.add_argument("--unsigned", help="all, none, or joints as in 1,3 (default: those never negative)")
+    parser.add_argument("--no-posterior", action="store_true", help="skip the posterior (this version has none yet)")
+    parser.add_argument("--seed", type=int, default=0, help="of everything random (default: 0)")
+    parser.add_argument("--out", type=Path, help="result folder (default: bayesid-LOG)")
+    parser.add_argument("--quiet", action="store_true", help="print nothing but warnings and errors")
+    parser.set_defaults(command=_identify)
+
+
+def _add_validate(commands: argparse._SubParsersAction[_Parser]) -> None:
+    parser = commands.add_parser("validate", help="a result's model against another log")
+    parser.add_argument("result", type=Path, help="folder that `bayesid identify` wrote")
+    parser.add_argument("log", type=Path, help="CSV log of the same robot")
+    parser.add_argument("--gains", help="N m/A of each joint, for a log of currents: K1,K2,..")
+    parser.add_argument("--unsigned", help="all, none, or joints as in 1,3 (default: those never negative)")
+    parser.add_argument("--cutoff", type=float, metavar="HZ", help="of the motion's low-pass (default: from the data)")
+    parser.add_argument("--out", type=Path, help="folder for summary, signed log and prediction (default: none)")
+    parser.set_defaults(command=_validate)
+
+
+def _add_simulate(commands: argparse._SubParsersAction[_Parser]) -> None:
+    parser = commands.add_parser("simulate", help="a log of |effort| from a robot with random feasible parameters")
+    parser.add_argument("--robot", required=True, help="built-in name, DH file (.toml) or URDF file")
+    parser.add_argument("--duration", type=float, default=20.0, metavar="S", help="default: %(default)s")
+    parser.add_argument("--rate", type=float, default=100.0, metavar="HZ", help="default: %(default)s")
+    parser.add_argument("--noise", type=float, default=0.05, metavar="REL", help="of each joint's RMS (default: 0.05)")
+    parser.add_argument(
+        "--effect", action="append", default=[], metavar="NAME:JOINT:LEVEL",
+        help="add a term, its RMS effort LEVEL times the joint's; may be repeated",
+    )  # fmt: skip
+    parser.add_argument("--seed", type=int, default=0, help="of parameters, trajectory and noise (default: 0)")
+    parser.add_argument("--out", type=Path, required=True, metavar="LOG.csv", help="log to write")
+    parser.set_defaults(command=_simulate)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Commands
+# ---------------------------------------------------------------------------------------------------------------
+def _identify(options: argparse.Namespace) -> None:
+    if options.search == "certified":
+        raise InputError("certified search is not available in this version", "--search", "use --search beam")
+    folder = check_folder(options.out or Path(f"bayesid-{options.log.stem}"))
+    log = bayesid.read_log(options.log, _gains(options.gains), options.unsigned)
+    with _Bars(options.quiet) as bars:
+        result = bayesid.identify(
+            options.robot, log, options.terms.split(","), options.beam_width, options.initial_segments,
+            options.cutoff, bars.show,
+        )  # fmt: skip
+    bayesid.save_identification(result, folder)
+    for warning in result.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+    if not options.quiet:
+        print(identification_table(result))
+        print(f"written to {folder}/")
+
+
+def _validate(options: argparse.Namespace) -> None:
+    if options.out is not None:
+        check_folder(options.out)
+    stored = bayesid.load_model(options.result)
+    log = bayesid.read_log(options.log, _gains(options.gains), options.unsigned)
+    result = bayesid.validate(stored.model, stored.theta, stored.noise, log, options.cutoff)
+    print("joint   RMS error, N m   relative residual")
+    for j, (error, relative) in enumerate(zip(result.rms_error, result.relative_residual, strict=True), start=1):
+        print(f"{j:>5}   {error:>14.4g}   {relative:>16.1%}")
+    if options.out is not None:
+        print(f"written to {bayesid.save_validation(result, options.out)}/")
+
+
+def _simulate(options: argparse.Namespace) -> None:
+    robot = bayesid.load_robot(options.robot)
+    effects = [parse_effect(text, robot) for text in options.effect]
+    unsigned, signed = simulate_log(robot, options.duration, options.rate, options.noise, effects, options.seed)
+    truth = options.out.with_name(f"{options.out.stem}_signed.csv")
+    bayesid.write_log(options.out, unsigned)
+    bayesid.write_log(truth, signed)
+    print(f"written to {options.out}, with the signs in {truth}")
+
+
+def _demo(options: argparse.Namespace) -> None:
+    with _Bars(quiet=False) as bars:
+        text = run_demo(options.out, options.seed, bars.show)
+    print(text)
+
+
+def _gains(text: str | None) -> list[float] | None:
+    if text is None:
+        return None
+    try:
+        return [float(word) for word in text.split(",")]
+    except ValueError:
+        raise InputError(f"{text!r} is not a list of numbers", "--gains", "give K1,K2,.. in N m/A") from None
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What the user sees
+# ---------------------------------------------------------------------------------------------------------------
+def identification_table(result: bayesid.Identification) -> str:
+    """The table that ends `bayesid identify`."""
+    segments, fit, search = result.segments, result.fit, result.search
+    lines = [
+        f"{result.model.robot.name}: {len(result.log)} rows, {len(segments)} segments "
+        f"({len(search.signs)} searched), {len(result.coefficients)} coefficients "
+        f"({int((fit.sd < 0.1 * np.abs(fit.beta)).sum())} known to 10 %), "
+        f"condition number {fit.condition:.0f}",
+        f"search: {search.method}, {search.solves} cone problems, {result.timings['search']:.1f} s; not certified",
+        "joint   segments   least sure   |effort| sure to 99 %   relative residual",
+    ]
+    sure = np.maximum(result.probability, 1.0 - result.probability) >= 0.99
+    effort = np.abs(result.signals.raw_effort)
+    share = (effort * sure).sum(axis=0) / np.maximum(effort.sum(axis=0), 1e-300)
+    for j in range(result.model.robot.n_joints):
+        here = segments.joint == j
+        lines.append(
+            f"{j + 1:>5}   {here.sum():>8}   {result.confidence[here].min():>10.2f}   {share[j]:>21.1%}"
+            f"   {fit.relative_residual[j]:>17.1%}"
+        )
+    return "\n".join(lines)
+
+
+class _Bars:
+    """Progress bars on a terminal, one for each stage; none when quiet."""
+
+    def __init__(self, quiet: bool) -> None:
+        self._quiet = quiet
+        self._bar: tqdm[NoReturn] | None = None
+        self._stage = ""
+
+    def __enter__(self) -> _Bars:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.close()
+
+    @property
+    def show(self) -> Progress:
+        """The callback."""
+        return self._show
+
+    def _show(self, stage: str, done: int, total: int) -> None:
+        if self._bar is None or stage != self._stage:
+            if self._bar is not None:
+                self._bar.close()
+            self._stage = stage
+            disable = True if self._quiet else None  # None: only on a terminal
+            self._bar = tqdm(total=total, desc=stage, unit=" segments", delay=1.0, disable=disable, leave=False)
+        self._bar.update(done - self._bar.n)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,141 @@
+"""The paper's experiment, simulated: KR5 Sixx, 13.33 s of |effort| with 5 % noise, signs, Table II, a new trajectory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bayesid.coefficients import base_coefficients
+from bayesid.excitation import exciting_trajectory, random_trajectory
+from bayesid.identification import Identification, Progress, identify
+from bayesid.log import Log, write_log
+from bayesid.motion import Array
+from bayesid.noise import relative_rms
+from bayesid.paper import TABLE_II, nominal_parameters, paper_model
+from bayesid.results import check_folder, save_identification
+from bayesid.simulation import simulate
+
+_SAMPLES = 667
+_DURATION = 13.33
+NOISE = 0.05
+STRONG = 0.05
+"""A sample counts when its |effort| is at least this share of its joint's maximum."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One run of the paper's experiment.
+
+    Attributes:
+        log: the simulated log of |effort|.
+        result: what was identified from it.
+        true_signs: (S,) sign of each segment's largest noise-free effort.
+        strong: (S,) whether the segment holds a sample of at least 5 % of its joint's maximum.
+        estimates: (27,) of Table II.
+        sd: (27,) their standard deviations.
+        torque_error: (n,) relative RMS error of Newton-Euler on a new trajectory, with the feasible parameters.
+    """
+
+    log: Log
+    result: Identification
+    true_signs: Array
+    strong: Array
+    estimates: Array
+    sd: Array
+    torque_error: Array
+
+    @property
+    def wrong(self) -> int:
+        """Strong segments with the wrong sign."""
+        return int(np.sum((self.result.signs != self.true_signs) & self.strong))
+
+
+def run_experiment(seed: int = 0, noise: float = NOISE, progress: Progress | None = None) -> Experiment:
+    """A new exciting trajectory, new noise, and the identification without signs.
+
+    Args:
+        seed: of trajectory and noise.
+        noise: relative to each joint's RMS effort.
+        progress: see `identify`.
+    """
+    model, theta = paper_model(), nominal_parameters()
+    coefficients = base_coefficients(model)
+    t = np.linspace(0.0, _DURATION, _SAMPLES)
+    motion = exciting_trajectory(model, coefficients, _DURATION, seed=seed).motion(t)
+    log = simulate(model, theta, motion, rng=np.random.default_rng(seed), noise=noise)
+    result = identify(model.robot, log, terms=["rigid_body"], progress=progress)
+    true_signs, strong = _truth(result, model.effort(motion, theta))
+    rows = np.array([row.row for row in TABLE_II]) @ np.linalg.pinv(coefficients.projection)
+    new = random_trajectory(model.robot.n_joints, _DURATION, seed=seed + 1).motion(t)
+    expected = model.robot.inverse_dynamics(new, theta)
+    error = model.robot.inverse_dynamics(new, result.fit.theta) - expected
+    return Experiment(
+        log=log,
+        result=result,
+        true_signs=true_signs,
+        strong=strong,
+        estimates=rows @ result.fit.beta,
+        sd=np.sqrt(np.einsum("ir,rs,is->i", rows, result.fit.covariance, rows)),
+        torque_error=relative_rms(error, expected, np.ones_like(expected, dtype=bool)),
+    )
+
+
+def _truth(result: Identification, effort: Array) -> tuple[Array, Array]:
+    segments, top = result.segments, np.abs(effort).max(axis=0)
+    largest = np.empty(len(segments))
+    for k, (j, a, b) in enumerate(zip(segments.joint, segments.start, segments.end, strict=True)):
+        inside = effort[a:b, j]
+        largest[k] = inside[np.argmax(np.abs(inside))]
+    return np.sign(largest), np.abs(largest) >= STRONG * top[segments.joint]
+
+
+def run_demo(folder: Path, seed: int = 0, progress: Progress | None = None) -> str:
+    """Runs the experiment, writes its result folder with the log, and returns what there is to say.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    check_folder(folder)
+    experiment = run_experiment(seed, progress=progress)
+    save_identification(experiment.result, folder)
+    write_log(folder / "log.csv", experiment.log)
+    return "\n".join([_signs_text(experiment), _table_text(experiment), _error_text(experiment), f"written to {folder}/"])
+
+
+def _signs_text(experiment: Experiment) -> str:
+    """Signs in the order of time, a line a joint; weak segments in brackets, wrong ones marked."""
+    result = experiment.result
+    lines = [
+        f"KUKA KR5 Sixx: {_DURATION} s, {_SAMPLES} samples a joint, noise {NOISE:.0%}, signs removed",
+        "signs of the segments, (in brackets: never above 5 % of the joint's maximum), ! = wrong",
+    ]
+    for j in range(result.model.robot.n_joints):
+        marks = ""
+        for k in np.flatnonzero(result.segments.joint == j):
+            sign = "+" if result.signs[k] > 0 else "-"
+            wrong = "!" if result.signs[k] != experiment.true_signs[k] else ""
+            marks += f"{sign}{wrong}" if experiment.strong[k] else f"({sign}{wrong})"
+        lines.append(f"  joint {j + 1}: {marks}")
+    lines.append(f"{experiment.wrong} of {int(experiment.strong.sum())} segments above 5 % have the wrong sign\n")
+    return "\n".join(lines)
+
+
+def _table_text(experiment: Experiment) -> str:
+    width = max(len(row.expression) for row in TABLE_II)
+    lines = [f" # {'coefficient':<{width}}  nominal   paper    ours      sd    rsd"]
+    for row, estimate, sd in zip(TABLE_II, experiment.estimates, experiment.sd, strict=True):
+        relative = f"{sd / abs(row.nominal):5.1%}" if row.nominal else "    -"
+        lines.append(
+            f"{row.number:>2} {row.expression:<{width}}  {row.nominal:7.4f} {row.published:7.4f} {estimate:7.4f} "
+            f"{sd:7.4f}  {relative}"
+        )
+    fit = experiment.result.fit
+    lines.append(f"{len(fit.beta)} coefficients in all; coefficients.csv holds the others\n")
+    return "\n".join(lines)
+
+
+def _error_text(experiment: Experiment) -> str:
+    errors = "  ".join(f"{error:.2%}" for error in experiment.torque_error)
+    return f"torque error on a new trajectory, Newton-Euler with the feasible parameters, joints 1 to 6:\n  {errors}"

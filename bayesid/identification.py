@@ -1,0 +1,391 @@
+"""The pipeline: from a log of |effort| to signs, coefficients and feasible parameters.
+
+signals -> segments -> moments -> search (repeated while a segment's predicted effort crosses zero) -> signs of all
+samples -> ordinary identification on the signed efforts -> feasible parameters.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from bayesid import terms as catalogue
+from bayesid.coefficients import BaseCoefficients, base_coefficients
+from bayesid.errors import InputError
+from bayesid.log import Log, read_log
+from bayesid.model import Model
+from bayesid.moments import Moments, moments
+from bayesid.motion import Array
+from bayesid.noise import Noise, relative_rms, residual_noise
+from bayesid.robot import Robot, load_robot
+from bayesid.search.beam import SearchResult, beam
+from bayesid.segments import Integers, Mask, Segments, find_segments
+from bayesid.signals import Signals, prepare, signed_effort
+from bayesid.smoothing import sign_probabilities
+from bayesid.solver import MARGIN, ConeLeastSquares, solve_precisely
+from bayesid.validation import Validation, validate
+
+Progress = Callable[[str, int, int], None]
+"""Called as progress(stage, done, total)."""
+
+_FIRST_GUESS = 0.05
+"""Noise of each joint before any fit, as a share of its RMS effort."""
+_CLEARLY = 2.0
+"""A predicted effort clearly crosses zero when it exceeds this many residual standard deviations on both sides."""
+_MOST_ROUNDS = 4
+_SLOWEST_MOTION = 1e-3
+"""rad/s; a log in which nothing is faster shows no dynamics."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Least squares in the cone on signed efforts.
+
+    Attributes:
+        theta: (P,) feasible parameters.
+        beta: (r,) their base coefficients.
+        covariance: (r, r) of the coefficients, from the information matrix with effective sample counts; inf on the
+            diagonal where the log does not excite a coefficient.
+        noise: of the residual, per joint.
+        predicted: (N, n) the model's efforts, N m.
+        relative_residual: (n,) RMS of the residual over RMS of the effort, in motion.
+        condition: condition number of the regressor with columns of unit length.
+        smallest_eigenvalues: (links,) of the pseudo-inertias.
+        tolerance: relative gap the solver reached.
+    """
+
+    theta: Array
+    beta: Array
+    covariance: Array
+    noise: Noise
+    predicted: Array
+    relative_residual: Array
+    condition: float
+    smallest_eigenvalues: Array
+    tolerance: float
+
+    @property
+    def sd(self) -> Array:
+        """(r,) standard deviations of the coefficients."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def on_edge(self) -> Mask:
+        """(links,) whether a link's pseudo-inertia sits on the edge of the feasible set."""
+        return self.smallest_eigenvalues < 10.0 * MARGIN
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What a log says about a robot.
+
+    Attributes:
+        model: robot and terms.
+        coefficients: the model's r base coefficients.
+        log: the raw log.
+        signals: the log on an even grid of N instants.
+        segments: S segments over all samples of all joints.
+        signs: (S,) +1 or -1.
+        confidence: (S,) expected share of the segment's |effort| whose sign is right.
+        probability: (N, n) P(sign = +) of every sample.
+        fit: parameters and their uncertainty.
+        search: the last search, over the moving segments.
+        rounds: searches until no segment's predicted effort crossed zero.
+        timings: stage to seconds.
+        warnings: what the user should know.
+    """
+
+    model: Model
+    coefficients: BaseCoefficients
+    log: Log
+    signals: Signals
+    segments: Segments
+    signs: Integers
+    confidence: Array
+    probability: Array
+    fit: Fit
+    search: SearchResult
+    rounds: int
+    timings: dict[str, float]
+    warnings: tuple[str, ...]
+
+    @property
+    def sample_signs(self) -> Array:
+        """(N, n) the likelier sign of every sample, +1 or -1."""
+        return np.where(self.probability >= 0.5, 1.0, -1.0)
+
+    def validate(self, log: Log | str | Path, cutoff: float | None = None) -> Validation:
+        """Predicts another log of the same robot (see `bayesid.validation.validate`)."""
+        log = log if isinstance(log, Log) else read_log(log)
+        return validate(self.model, self.fit.theta, self.fit.noise, log, cutoff)
+
+
+def identify(
+    robot: Robot | str | Path,
+    log: Log | str | Path,
+    terms: Iterable[str] = catalogue.DEFAULT,
+    beam_width: int = 5,
+    initial_segments: int = 5,
+    cutoff: float | None = None,
+    progress: Progress | None = None,
+) -> Identification:
+    """Identifies a robot from a log with known, unknown or mixed signs.
+
+    Args:
+        robot: a robot, a built-in name or a file.
+        log: a log or a CSV file.
+        terms: names from `bayesid.terms.CATALOGUE`.
+        beam_width: w of T-PBPR.
+        initial_segments: s0 of T-PBPR.
+        cutoff: of the motion's low-pass, Hz; from the data by default.
+        progress: called as progress(stage, done, total) while a long stage runs.
+
+    Raises:
+        InputError: the robot, the log or an option cannot be used.
+        SolverError: an optimisation failed.
+    """
+    clock = _Clock()
+    robot = robot if isinstance(robot, Robot) else load_robot(robot)
+    log = log if isinstance(log, Log) else read_log(log)
+    _check(robot, log, beam_width, initial_segments)
+    signals = prepare(log, cutoff)
+    model = Model(robot, catalogue.make_terms(terms, robot, signals.motion))
+    coefficients = base_coefficients(model)
+    segments = find_segments(signals, robot.actuators(signals.motion))
+    _check_amount(segments, coefficients, log)
+    clock.lap("prepare")
+    task = _Task(model, coefficients, signals, beam_width, initial_segments, progress)
+    segments, search, rounds = _search(task, segments)
+    clock.lap("search")
+    moving = segments.per_sample(segments.moving, *signals.effort.shape) > 0
+    probability = _smooth(task, segments, moving, search)
+    clock.lap("smooth")
+    fit = fit_signed(model, coefficients, signals, np.where(probability >= 0.5, 1.0, -1.0), moving)
+    clock.lap("fit")
+    signs, confidence = _segment_signs(segments, probability, signals.raw_effort)
+    return Identification(
+        model, coefficients, log, signals, segments, signs, confidence, probability, fit, search, rounds,
+        clock.laps, _warnings(fit, rounds),
+    )  # fmt: skip
+
+
+def fit_signed(
+    model: Model, coefficients: BaseCoefficients, signals: Signals, signs: Array, moving: Mask
+) -> Fit:
+    """Ordinary identification once the signs are known: weighted least squares in the cone.
+
+    Args:
+        model: the model.
+        coefficients: its base coefficients.
+        signals: the log.
+        signs: (N, n) sign of every sample.
+        moving: (N, n) samples that count.
+
+    Raises:
+        SolverError: Clarabel failed.
+    """
+    effort = signed_effort(signals, signs)
+    raw = moments(model, coefficients, signals.motion, effort, _stretches(moving))
+    sigma = _rms_effort(raw, model.robot.n_joints)
+    for _ in range(2):  # the noise levels follow from a first fit with equal relative weights
+        scaled = raw.scaled(sigma)
+        hessian, gradient = scaled.hessian.sum(axis=0), scaled.gradient.sum(axis=0)
+        solution = solve_precisely(model.cone, coefficients, hessian, gradient, float(scaled.energy.sum()))
+        sigma = _residual_sd(raw, coefficients.project(solution.theta), model.robot.n_joints)
+    theta = solution.theta
+    predicted = model.effort(signals.motion, theta)
+    noise = residual_noise(signed_effort(signals, signs, filtered=False) - predicted, moving, signals.rate)
+    effective = raw.scaled(noise.sigma * np.sqrt(noise.autocorrelation)).hessian.sum(axis=0)
+    covariance, condition = _covariance(effective)
+    return Fit(
+        theta=theta,
+        beta=coefficients.project(theta),
+        covariance=covariance,
+        noise=noise,
+        predicted=predicted,
+        relative_residual=relative_rms(effort - predicted, effort, moving),
+        condition=condition,
+        smallest_eigenvalues=model.cone.smallest_eigenvalues(theta),
+        tolerance=solution.tolerance,
+    )
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Search
+# ---------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class _Task:
+    """What every search of one log shares."""
+
+    model: Model
+    coefficients: BaseCoefficients
+    signals: Signals
+    width: int
+    initial: int
+    progress: Progress | None
+
+    def moments(self, segments: Segments) -> Moments:
+        return moments(self.model, self.coefficients, self.signals.motion, self.signals.effort, segments)
+
+
+def _search(task: _Task, segments: Segments) -> tuple[Segments, SearchResult, int]:
+    """Searches the signs, splits segments whose predicted effort clearly crosses zero, and searches again."""
+    sigma: Array | None = None
+    for rounds in range(1, _MOST_ROUNDS + 1):
+        fitted = segments[segments.moving]
+        raw = task.moments(fitted)
+        n = task.model.robot.n_joints
+        scaled = raw.scaled(_FIRST_GUESS * _rms_effort(raw, n) if sigma is None else sigma)
+        pricing = ConeLeastSquares(
+            task.model.cone, task.coefficients, scaled.hessian.sum(axis=0), float(scaled.energy.sum())
+        )
+        note = None if task.progress is None else _stage(task.progress, f"search, round {rounds}")
+        result = beam(scaled, pricing, task.width, task.initial, note)
+        sigma = _residual_sd(raw, task.coefficients.project(result.theta), n, result.signs)
+        cuts = _crossings(fitted, task.model.effort(task.signals.motion, result.theta), task.signals.effort, sigma)
+        if not cuts or rounds == _MOST_ROUNDS:
+            return segments, result, rounds
+        segments = segments.split(cuts)
+    raise AssertionError("the loop returns in its last round")
+
+
+def _stage(progress: Progress, stage: str) -> Callable[[int, int], None]:
+    return lambda done, total: progress(stage, done, total)
+
+
+def _crossings(segments: Segments, predicted: Array, effort: Array, sigma: Array) -> list[tuple[int, int]]:
+    """(joint, sample) at which to cut: where |effort| is least while the predicted effort goes from clear to clear."""
+    cuts = []
+    for k in np.flatnonzero(segments.known == 0):
+        j, a, b = segments.joint[k], segments.start[k], segments.end[k]
+        clear = np.flatnonzero(np.abs(predicted[a:b, j]) > _CLEARLY * sigma[j])
+        sides = np.sign(predicted[a:b, j][clear])
+        for i in np.flatnonzero(np.diff(sides)):
+            between = effort[a + clear[i] : a + clear[i + 1] + 1, j]
+            cuts.append((int(j), int(a + clear[i] + np.argmin(between))))
+    return [(j, at) for j, at in cuts if not np.any((segments.joint == j) & (segments.start == at))]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Signs of samples and segments
+# ---------------------------------------------------------------------------------------------------------------
+def _smooth(task: _Task, segments: Segments, moving: Mask, search: SearchResult) -> Array:
+    """(N, n) P(sign = +) of every sample, from the search's parameters and the noise of its residual."""
+    signals = task.signals
+    signs = segments[segments.moving].per_sample(search.signs, *moving.shape)
+    predicted = task.model.effort(signals.motion, search.theta)
+    noise = residual_noise(np.where(moving, signs * signals.raw_effort - predicted, 0.0), moving, signals.rate)
+    probability = sign_probabilities(np.abs(signals.raw_effort), predicted, moving, noise, signals.rate)
+    return np.where(signals.signed, (signals.raw_effort >= 0.0).astype(float), probability)
+
+
+def _segment_signs(segments: Segments, probability: Array, effort: Array) -> tuple[Integers, Array]:
+    """(S,) signs and (S,) confidences: each segment's mean probability, weighted with |effort|."""
+    share = np.empty(len(segments))
+    for k, (j, a, b) in enumerate(zip(segments.joint, segments.start, segments.end, strict=True)):
+        share[k] = np.average(probability[a:b, j], weights=np.abs(effort[a:b, j]) + 1e-12)
+    return np.where(share >= 0.5, 1, -1), np.maximum(share, 1.0 - share)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Moments of whole joints
+# ---------------------------------------------------------------------------------------------------------------
+def _stretches(moving: Mask) -> Segments:
+    """One segment of known sign for every stretch in which a joint moves."""
+    joint, start, end = [], [], []
+    for j in range(moving.shape[1]):
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], moving[:, j], [False]]).astype(int)))
+        joint += [j] * (len(edges) // 2)
+        start += edges[0::2].tolist()
+        end += edges[1::2].tolist()
+    ones = np.ones(len(joint), dtype=np.int64)
+    return Segments(np.array(joint), np.array(start), np.array(end), ones, ones.astype(bool))
+
+
+def _per_joint(moments: Moments, values: Array, n: int) -> Array:
+    """(n,) sums of the segments' values (S,) by joint."""
+    return np.bincount(moments.joint, weights=values, minlength=n)
+
+
+def _rms_effort(moments: Moments, n: int) -> Array:
+    """(n,) RMS effort of each joint, N m."""
+    return np.sqrt(_per_joint(moments, moments.energy, n) / _per_joint(moments, moments.count.astype(float), n))
+
+
+def _residual_sd(moments: Moments, beta: Array, n: int, signs: Integers | None = None) -> Array:
+    """(n,) RMS residual of each joint under coefficients beta, N m."""
+    signs = moments.known if signs is None else signs
+    cost = moments.hessian @ beta @ beta - 2.0 * signs * (moments.gradient @ beta) + moments.energy
+    floor = 1e-6 * _rms_effort(moments, n)
+    mean = _per_joint(moments, cost, n) / _per_joint(moments, moments.count.astype(float), n)
+    return np.maximum(np.sqrt(np.maximum(mean, 0.0)), floor)
+
+
+def _covariance(information: Array) -> tuple[Array, float]:
+    """Covariance of the coefficients (inf where the data say nothing) and the scaled condition number."""
+    lengths = np.sqrt(np.diag(information))
+    silent = lengths <= 1e-12 * lengths.max()
+    scale = np.where(silent, 0.0, 1.0 / np.where(silent, 1.0, lengths))
+    values, vectors = np.linalg.eigh(scale[:, None] * information * scale + np.diag(silent.astype(float)))
+    blind = values < 1e-12 * values.max()
+    inverse = (vectors[:, ~blind] / values[~blind]) @ vectors[:, ~blind].T
+    covariance = scale[:, None] * inverse * scale
+    unexcited = silent | (np.abs(vectors[:, blind]) > 1e-3).any(axis=1)
+    covariance[unexcited, unexcited] = np.inf
+    condition = np.inf if unexcited.any() else float(np.sqrt(values[-1] / values[0]))
+    return covariance, condition
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Checks, clock, warnings
+# ---------------------------------------------------------------------------------------------------------------
+def _check(robot: Robot, log: Log, beam_width: int, initial_segments: int) -> None:
+    if robot.n_joints != log.n_joints:
+        said = f"the log has {log.n_joints} joints, robot {robot.name} has {robot.n_joints}"
+        raise InputError(said, log.source, "give the log and the robot that belong together")
+    speed = np.abs(np.diff(log.q, axis=0)).max(axis=0) / np.median(np.diff(log.t)[np.diff(log.t) > 0.0])
+    for j in np.flatnonzero(speed < _SLOWEST_MOTION):
+        raise InputError(f"joint {j + 1} does not move", log.source, "record a motion in which every joint moves")
+    if beam_width < 1:
+        raise InputError(f"a beam of width {beam_width}", "--beam-width", "give at least 1")
+    if not 1 <= initial_segments <= 12:
+        raise InputError(f"{initial_segments} initial segments", "--initial-segments", "give 1 to 12 (2^s nodes)")
+
+
+def _check_amount(segments: Segments, coefficients: BaseCoefficients, log: Log) -> None:
+    samples = int((segments.end - segments.start)[segments.moving].sum())
+    if samples < 3 * len(coefficients):
+        said = f"{samples} samples in motion for {len(coefficients)} coefficients"
+        raise InputError(said, log.source, "record a longer log or name fewer --terms")
+
+
+@dataclass
+class _Clock:
+    """Seconds between laps."""
+
+    laps: dict[str, float] = field(default_factory=dict)
+    _last: float = field(default_factory=time.perf_counter)
+
+    def lap(self, stage: str) -> None:
+        now = time.perf_counter()
+        self.laps[stage], self._last = now - self._last, now
+
+
+def _warnings(fit: Fit, rounds: int) -> tuple[str, ...]:
+    found = []
+    unexcited = int(np.isinf(fit.sd).sum())
+    if unexcited:
+        found.append(f"the log does not excite {unexcited} coefficients; their standard deviation is infinite")
+    if fit.on_edge.any():
+        links = ", ".join(str(i + 1) for i in np.flatnonzero(fit.on_edge))
+        found.append(f"the parameters of link {links} sit on the edge of the feasible set")
+    if rounds == _MOST_ROUNDS:
+        found.append(f"segments were still being split after {rounds} searches")
+    if fit.tolerance > 1e-8:
+        found.append(f"the final fit reached a relative gap of {fit.tolerance:g} only")
+    return tuple(found)
+

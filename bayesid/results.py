@@ -1,0 +1,339 @@
+"""The result folder: what `identify` leaves behind and `validate` reads.
+
+Every folder is written aside and renamed into place, so there is never half of one.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+import tempfile
+import tomllib
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from bayesid.errors import InputError
+from bayesid.export import urdf
+from bayesid.identification import Identification
+from bayesid.log import Log
+from bayesid.model import Model
+from bayesid.motion import Array
+from bayesid.noise import Noise
+from bayesid.robot import robot_from_table, robot_table
+from bayesid.signals import Signals
+from bayesid.terms import CATALOGUE, make_term
+from bayesid.validation import Validation
+
+_MARKER = "summary.json"
+_NORMAL_95 = 1.959963984540054
+
+
+@dataclass(frozen=True)
+class StoredModel:
+    """A model read back from a result folder.
+
+    Attributes:
+        model: robot and terms.
+        theta: (P,) parameters.
+        noise: of the residual on the log the model was identified from.
+    """
+
+    model: Model
+    theta: Array
+    noise: Noise
+
+
+def save_identification(identification: Identification, folder: str | Path) -> Path:
+    """Writes the result folder of section 7 of the design.
+
+    Raises:
+        InputError: the folder exists and is not an earlier result.
+    """
+
+    def write(place: Path) -> None:
+        _write_json(place / "summary.json", summary(identification))
+        _write_segments(place / "segments.csv", identification)
+        _write_signed_log(
+            place / "signed_log.csv", identification.log, identification.signals, identification.probability
+        )
+        _write_table(place / "coefficients.csv", coefficient_rows(identification))
+        _write_table(place / "parameters.csv", parameter_rows(identification))
+        fit = identification.fit
+        stored = StoredModel(identification.model, fit.theta, fit.noise)
+        (place / "model.toml").write_text(tomli_w.dumps(_model_table(stored)))
+        (place / "robot.urdf").write_text(urdf(identification.model, fit.theta))
+
+    return _write_aside(folder, write)
+
+
+def save_validation(validation: Validation, folder: str | Path) -> Path:
+    """Writes summary.json, signed_log.csv and prediction.csv of a validation.
+
+    Raises:
+        InputError: the folder exists and is not an earlier result.
+    """
+    n = validation.log.n_joints
+
+    def write(place: Path) -> None:
+        _write_json(place / "summary.json", validation_summary(validation))
+        _write_signed_log(place / "signed_log.csv", validation.log, validation.signals, validation.probability)
+        names = ["t", *_numbered("tau", n), *_numbered("predicted", n)]
+        columns = np.hstack([validation.signals.motion.t[:, None], validation.measured, validation.predicted])
+        np.savetxt(place / "prediction.csv", columns, "%.8g", ",", header=",".join(names), comments="")
+
+    return _write_aside(folder, write)
+
+
+def load_model(folder: str | Path) -> StoredModel:
+    """The model of a result folder.
+
+    Raises:
+        InputError: there is no readable model.toml.
+    """
+    path = Path(folder) / "model.toml"
+    remedy = "give a folder that `bayesid identify` wrote"
+    try:
+        table = tomllib.loads(path.read_text())
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError("holds no model.toml", str(folder), remedy) from None
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"cannot be read ({error})", str(path), remedy) from None
+    for key in ("robot", "terms", "values", "noise"):
+        if key not in table:
+            raise InputError(f"key '{key}' is missing", str(path), remedy)
+    robot = robot_from_table(table["robot"], f"{path}, robot")
+    unknown = [term.get("name") for term in table["terms"] if term.get("name") not in CATALOGUE]
+    if unknown:
+        raise InputError(f"unknown term {unknown[0]!r}", str(path), "read it with the version that wrote it")
+    try:
+        model = Model(robot, tuple(make_term(term["name"], term.get("shape", {})) for term in table["terms"]))
+        theta = np.array([float(table["values"][parameter.name]) for parameter in model.parameters])
+        noise = Noise(**{key: np.array(values, dtype=float) for key, values in table["noise"].items()})
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"a value is missing or not a number ({error})", str(path), remedy) from None
+    return StoredModel(model, theta, noise)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Contents
+# ---------------------------------------------------------------------------------------------------------------
+def summary(identification: Identification) -> dict[str, Any]:
+    """summary.json of an identification."""
+    search, fit = identification.search, identification.fit
+    return {
+        "robot": identification.model.robot.name,
+        "log": identification.log.source,
+        "terms": [term.name for term in identification.model.terms],
+        "n_samples": len(identification.log),
+        "n_segments": len(identification.segments),
+        "n_segments_searched": len(search.signs),
+        "n_coefficients": len(identification.coefficients),
+        "signed_joints": (np.flatnonzero(identification.log.signed) + 1).tolist(),
+        "processing": identification.signals.processing,
+        "search": {
+            "method": search.method,
+            "cost": search.cost,
+            "certified": search.certified,
+            "lower_bound": search.lower_bound,
+            "seconds": identification.timings["search"],
+            "sdp_solves": search.solves,
+            "nodes": search.nodes,
+            "rounds": identification.rounds,
+        },
+        "posterior": None,
+        "noise": {
+            "assumed": "white sensor noise plus exponentially correlated model error, per joint",
+            "sd": fit.noise.sigma.tolist(),
+            "white_sd": fit.noise.white.tolist(),
+            "coloured_sd": fit.noise.coloured.tolist(),
+            "correlation_time_s": fit.noise.correlation.tolist(),
+            "samples_that_count_as_one": fit.noise.autocorrelation.tolist(),
+        },
+        "fit": {
+            "relative_residual": fit.relative_residual.tolist(),
+            "condition_number": fit.condition,
+            "relative_gap": fit.tolerance,
+            "smallest_eigenvalues": fit.smallest_eigenvalues.tolist(),
+            "links_on_edge": (np.flatnonzero(fit.on_edge) + 1).tolist(),
+            "standard_deviations": "information matrix with effective sample counts; the cone is not accounted for",
+        },
+        "timings": identification.timings,
+        "warnings": list(identification.warnings),
+    }
+
+
+def validation_summary(validation: Validation) -> dict[str, Any]:
+    """summary.json of a validation."""
+    return {
+        "log": validation.log.source,
+        "n_samples": len(validation.log),
+        "rms_error": validation.rms_error.tolist(),
+        "relative_residual": validation.relative_residual.tolist(),
+        "signed_joints": (np.flatnonzero(validation.log.signed) + 1).tolist(),
+        "signs": "measured where the log is signed, else the likelier sign under the model",
+        "processing": validation.signals.processing,
+    }
+
+
+def coefficient_rows(identification: Identification) -> list[dict[str, object]]:
+    """coefficients.csv: one row a base coefficient."""
+    coefficients, fit = identification.coefficients, identification.fit
+    rows = []
+    for name, expression, unit, mean, sd in zip(
+        coefficients.names, coefficients.expressions, coefficients.units, fit.beta, fit.sd, strict=True
+    ):
+        rows.append(
+            {
+                "name": name,
+                "expression": expression,
+                "mean": mean,
+                "sd": sd,
+                "rsd_percent": 100.0 * sd / abs(mean) if mean else np.inf,
+                "q2.5": mean - _NORMAL_95 * sd,
+                "q97.5": mean + _NORMAL_95 * sd,
+                "unit": unit,
+            }
+        )
+    return rows
+
+
+def parameter_rows(identification: Identification) -> list[dict[str, object]]:
+    """parameters.csv: one row a standard parameter; `sd` only where the data alone decide it."""
+    coefficients, fit = identification.coefficients, identification.fit
+    lift = np.linalg.pinv(coefficients.projection)
+    decided = np.abs(lift @ coefficients.projection - np.eye(len(fit.theta))).max(axis=1) < 1e-9
+    finite = np.isfinite(fit.sd)
+    variance = np.einsum("pr,rs,ps->p", lift[:, finite], fit.covariance[np.ix_(finite, finite)], lift[:, finite])
+    blind = (np.abs(lift[:, ~finite]) > 1e-12).any(axis=1)
+    rows = []
+    for k, parameter in enumerate(identification.model.parameters):
+        by_data = bool(decided[k] and not blind[k])
+        rows.append(
+            {
+                "name": parameter.name,
+                "unit": parameter.unit,
+                "joint": parameter.joint,
+                "mean": fit.theta[k],
+                "sd": np.sqrt(variance[k]) if by_data else "",
+                "decided_by": "data" if by_data else "prior",
+            }
+        )
+    return rows
+
+
+def _model_table(stored: StoredModel) -> dict[str, Any]:
+    names = [parameter.name for parameter in stored.model.parameters]
+    noise = stored.noise
+    return {
+        "robot": robot_table(stored.model.robot),
+        "terms": [{"name": term.name, "shape": dict(term.shape)} for term in stored.model.terms],
+        "values": dict(zip(names, stored.theta.tolist(), strict=True)),
+        "noise": {
+            "white": noise.white.tolist(),
+            "coloured": noise.coloured.tolist(),
+            "correlation": noise.correlation.tolist(),
+            "autocorrelation": noise.autocorrelation.tolist(),
+        },
+    }
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Files
+# ---------------------------------------------------------------------------------------------------------------
+def check_folder(folder: str | Path) -> Path:
+    """The folder, if a result may be written there: it is new, empty, or an earlier result.
+
+    Raises:
+        InputError: something else is there.
+    """
+    folder = Path(folder)
+    if folder.is_dir():
+        if any(folder.iterdir()) and not (folder / _MARKER).is_file():
+            raise InputError("holds other files", str(folder), "give --out a new folder")
+    elif folder.exists():
+        raise InputError("is not a folder", str(folder), "give --out a new folder")
+    return folder
+
+
+def _write_aside(folder: str | Path, write: Callable[[Path], None]) -> Path:
+    folder = check_folder(folder)
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        aside = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+    except OSError as error:
+        raise InputError(f"cannot be written ({error.strerror})", str(folder), "give --out another place") from None
+    try:
+        aside.chmod(0o755)
+        write(aside)
+        if folder.exists():
+            shutil.rmtree(folder)
+        aside.rename(folder)
+    except BaseException:
+        shutil.rmtree(aside, ignore_errors=True)
+        raise
+    return folder
+
+
+def _write_json(path: Path, content: dict[str, Any]) -> None:
+    path.write_text(json.dumps(_plain(content), indent=2) + "\n")
+
+
+def _plain(value: Any) -> Any:
+    """JSON has no infinity: null stands for it."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def _write_table(path: Path, rows: Sequence[dict[str, object]]) -> None:
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, fieldnames=list(rows[0]))
+        writer.writeheader()
+        writer.writerows({key: _text(value) for key, value in row.items()} for row in rows)
+
+
+def _text(value: object) -> object:
+    return f"{value:.9g}" if isinstance(value, float) else value
+
+
+def _write_segments(path: Path, identification: Identification) -> None:
+    segments, t = identification.segments, identification.signals.motion.t
+    rows: list[dict[str, object]] = [
+        {
+            "joint": int(j) + 1,
+            "start": float(t[a]),
+            "end": float(t[b - 1]),
+            "n_samples": int(b - a),
+            "sign": int(sign),
+            "confidence": float(confidence),
+        }
+        for j, a, b, sign, confidence in zip(
+            segments.joint, segments.start, segments.end, identification.signs, identification.confidence, strict=True
+        )
+    ]
+    _write_table(path, rows)
+
+
+def _write_signed_log(path: Path, log: Log, signals: Signals, probability: Array) -> None:
+    """The log's own rows: efforts with their likelier signs, and the probability that the sign is +."""
+    nearest = np.rint((log.t - signals.motion.t[0]) * signals.rate).astype(int)
+    p = probability[np.clip(nearest, 0, len(probability) - 1)]
+    p = np.where(log.signed, (log.effort >= 0.0).astype(float), p)
+    effort = np.where(log.signed, log.effort, np.where(p >= 0.5, 1.0, -1.0) * log.effort)
+    names = ["t", *_numbered("tau", log.n_joints), *_numbered("p", log.n_joints)]
+    formats = ["%.9g"] * (1 + log.n_joints) + ["%.6f"] * log.n_joints
+    np.savetxt(path, np.hstack([log.t[:, None], effort, p]), formats, ",", header=",".join(names), comments="")
+
+
+def _numbered(prefix: str, n: int) -> Iterable[str]:
+    return [f"{prefix}{j}" for j in range(1, n + 1)]

@@ -1,0 +1,121 @@
+import itertools
+
+import numpy as np
+import pytest
+from conftest import random_motion, small_robot
+
+from bayesid.coefficients import base_coefficients
+from bayesid.model import Model
+from bayesid.moments import moments
+from bayesid.search.beam import beam, unconstrained_costs
+from bayesid.segments import Segments
+from bayesid.simulation import random_parameters
+from bayesid.solver import ConeLeastSquares
+from bayesid.terms import make_terms
+
+
+def case(n_joints, n_segments, seed, known=()):
+    """|effort| of a physical arm with 60 % noise, cut at random: near-ties are likely, the truth need not be the best."""
+    rng = np.random.default_rng(seed)
+    robot = small_robot(n_joints, seed)
+    samples = 12 * n_segments
+    motion = random_motion(n_joints, samples, seed)
+    model = Model(robot, make_terms(["rigid_body", "viscous_friction"], robot, motion))
+    coefficients = base_coefficients(model)
+    effort = model.effort(motion, random_parameters(model, rng))
+    effort = np.abs(effort + 0.6 * np.sqrt(np.mean(effort**2, axis=0)) * rng.normal(size=effort.shape))
+    start = np.sort(rng.choice(np.arange(3, samples - 3), n_segments - 1, replace=False))
+    start, end = np.concatenate([[0], start]), np.concatenate([start, [samples]])
+    signs = np.zeros(n_segments, dtype=np.int64)
+    signs[list(known)] = [1, -1][: len(known)]
+    segments = Segments(rng.integers(0, n_joints, n_segments), start, end, signs, np.ones(n_segments, dtype=bool))
+    return model, coefficients, moments(model, coefficients, motion, effort, segments).scaled(np.ones(n_joints))
+
+
+def cone(model, coefficients, m, tolerance=1e-6):
+    return ConeLeastSquares(model.cone, coefficients, m.hessian.sum(axis=0), float(m.energy.sum()), 0.0, tolerance)
+
+
+@pytest.mark.parametrize(("n_joints", "n_segments", "seed"), [(1, 6, 0), (2, 7, 1), (2, 8, 2), (3, 8, 3)])
+def test_unlimited_beam_equals_brute_force(n_joints, n_segments, seed):
+    model, coefficients, m = case(n_joints, n_segments, seed)
+    solver = cone(model, coefficients, m)
+    costs = {
+        signs: solver.solve(np.array(signs) @ m.gradient).cost + m.energy.sum()
+        for signs in itertools.product((1, -1), repeat=n_segments)
+    }
+    best = min(costs, key=costs.__getitem__)
+    found = beam(m, cone(model, coefficients, m), width=None, initial=3)
+    assert found.cost == pytest.approx(costs[best], rel=1e-4)
+    assert costs[tuple(found.signs)] <= costs[best] + 2e-5 * m.energy.sum()
+    assert found.nodes >= 2**n_segments
+
+
+def test_unlimited_beam_equals_brute_force_on_twelve_segments():
+    """4096 assignments, priced without the cone so that brute force stays cheap; -s costs the same as s."""
+    model, coefficients, m = case(2, 12, seed=7)
+
+    class Unconstrained:
+        def set_hessian(self, hessian):
+            self.hessian = hessian
+
+        def solve(self, gradient):
+            from bayesid.solver import Solution
+
+            return Solution(np.empty(0), float(unconstrained_costs(self.hessian, gradient[None])[0]), 0.0)
+
+    signs = np.array(list(itertools.product((1, -1), repeat=12)))
+    total = m.hessian.sum(axis=0)
+    gradients = signs @ m.gradient
+    costs = m.energy.sum() - np.einsum("ar,ar->a", gradients, np.linalg.solve(total, gradients.T).T)
+    found = beam(m, Unconstrained(), width=None)
+    assert found.cost == pytest.approx(costs.min(), rel=1e-6)
+    best = signs[np.argmin(costs)]
+    assert np.array_equal(found.signs, best) or np.array_equal(found.signs, -best)
+
+
+def test_known_signs_are_kept():
+    model, coefficients, m = case(2, 8, seed=5, known=(2, 6))
+    found = beam(m, cone(model, coefficients, m), width=None)
+    assert (found.signs[2], found.signs[6]) == (1, -1)
+    for signs in itertools.product((1, -1), repeat=6):
+        full = np.insert(np.array(signs), [2, 5], [1, -1])
+        cost = cone(model, coefficients, m).solve(full @ m.gradient).cost + m.energy.sum()
+        assert cost >= found.cost - 2e-5 * m.energy.sum()
+
+
+def test_all_signs_known_is_one_solve():
+    model, coefficients, m = case(2, 2, seed=6, known=(0, 1))
+    found = beam(m, cone(model, coefficients, m))
+    assert found.solves == 1
+    assert found.signs.tolist() == [1, -1]
+
+
+def test_bound_never_exceeds_the_cost_in_the_cone():
+    model, coefficients, m = case(3, 10, seed=8)
+    total, solver = m.hessian.sum(axis=0), cone(model, coefficients, m)
+    for signs in np.random.default_rng(0).choice([1, -1], size=(40, 10)):
+        gradient = signs @ m.gradient
+        bound = unconstrained_costs(total, gradient[None])[0]
+        assert bound <= solver.solve(gradient).cost + 1e-6 * m.energy.sum()
+
+
+def test_pruned_nodes_change_nothing():
+    """A beam that solves every node finds the same signs as one that skips those whose bound is too high."""
+    model, coefficients, m = case(2, 10, seed=9)
+    lazy = beam(m, cone(model, coefficients, m), width=4)
+    solver = cone(model, coefficients, m)
+    order = np.argsort(-m.energy, kind="stable")
+    level = [((), 0.0)]
+    for depth in range(5, 11):
+        used = order[:depth]
+        solver.set_hessian(m.hessian[used].sum(axis=0))
+        choices = [c for c, _ in level]
+        tails = itertools.product((1, -1), repeat=5 if depth == 5 else 1)
+        children = [c + tail for tail in tails for c in choices]
+        priced = [(c, solver.solve(np.array(c) @ m.gradient[used]).cost) for c in children]
+        level = sorted(priced, key=lambda node: node[1])[:4]
+    eager = np.zeros(10, dtype=int)
+    eager[order] = level[0][0]
+    assert np.array_equal(lazy.signs, eager)
+    assert lazy.solves < 32 + 8 * 5

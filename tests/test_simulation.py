@@ -1,0 +1,180 @@
+import numpy as np
+import pytest
+from scipy import stats
+
+from bayesid.excitation import random_trajectory
+from bayesid.log import read_log, write_log
+from bayesid.model import Model
+from bayesid.motion import Motion
+from bayesid.paper import nominal_parameters, paper_model
+from bayesid.robot import Joint, Robot, load_robot
+from bayesid.simulation import random_parameters, simulate
+from bayesid.terms import DEFAULT, RigidBody, TorqueOffset, ViscousFriction, make_terms
+
+ROBOTS = ("kr5", "ur10e", "panda", "tx40")
+
+
+def motion_of(n_joints, samples=667, seed=7):
+    return random_trajectory(n_joints, 13.33, seed=seed).motion(np.linspace(0, 13.33, samples))
+
+
+def default_model(name):
+    robot = load_robot(name)
+    return Model(robot, make_terms(DEFAULT, robot, motion_of(robot.n_joints, 100)))
+
+
+def rms(values):
+    return np.sqrt(np.mean(values**2, axis=0))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# simulate
+# ---------------------------------------------------------------------------------------------------------------
+def test_without_noise_the_efforts_are_newton_and_euler():
+    model, motion = paper_model(), motion_of(6)
+    log = simulate(model, nominal_parameters(), motion, rng=np.random.default_rng(0), noise=0.0, signed=True)
+    np.testing.assert_allclose(log.effort, model.robot.inverse_dynamics(motion, nominal_parameters()), atol=1e-9)
+    np.testing.assert_array_equal(log.q, motion.q)
+    np.testing.assert_array_equal(log.t, motion.t)
+    assert log.signed.all()
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.05, 0.3])
+def test_noise_is_white_gaussian_and_of_the_size_asked_for(noise):
+    model, motion = paper_model(), motion_of(6, 4000)
+    clean = model.effort(motion, nominal_parameters())
+    log = simulate(model, nominal_parameters(), motion, rng=np.random.default_rng(11), noise=noise, signed=True)
+    z = (log.effort - clean) / (noise * rms(clean))
+    lowest, highest = stats.chi2.ppf([1e-4, 1 - 1e-4], len(z))
+    assert np.all(((z**2).sum(axis=0) > lowest) & ((z**2).sum(axis=0) < highest))
+    assert np.abs(z.mean(axis=0)).max() < 4 / np.sqrt(len(z))
+    assert np.abs((z[1:] * z[:-1]).mean(axis=0)).max() < 4.5 / np.sqrt(len(z))
+    assert np.abs(np.corrcoef(z.T) - np.eye(6)).max() < 4.5 / np.sqrt(len(z))
+    assert min(stats.kstest(column, "norm").pvalue for column in z.T) > 1e-4
+
+
+def test_an_unsigned_log_is_the_absolute_value_of_the_signed_one():
+    model, motion = paper_model(), motion_of(6)
+    signed, unsigned = (
+        simulate(model, nominal_parameters(), motion, rng=np.random.default_rng(4), noise=0.2, signed=keep)
+        for keep in (True, False)
+    )
+    np.testing.assert_array_equal(unsigned.effort, np.abs(signed.effort))
+    assert unsigned.effort.min() >= 0.0
+    assert not unsigned.signed.any()
+    assert np.any(signed.effort < 0.0, axis=0).all()
+
+
+def test_the_noise_is_rectified_too():
+    """Where the effort is far smaller than the noise, |noise| is left: its mean is sqrt(2 / pi) sd, not zero."""
+    model, motion = paper_model(), motion_of(6, 20_000)
+    clean = model.effort(motion, nominal_parameters())
+    sd = 0.5 * rms(clean)
+    log = simulate(model, nominal_parameters(), motion, rng=np.random.default_rng(2), noise=0.5)
+    small = np.abs(clean) < 0.1 * sd
+    for j in range(6):
+        mean = log.effort[small[:, j], j].mean() / sd[j]
+        assert mean == pytest.approx(np.sqrt(2 / np.pi), abs=4 * 0.6 / np.sqrt(small[:, j].sum()) + 0.005)
+
+
+def test_some_joints_may_keep_their_sign():
+    signed = (True, False, True, False, False, True)
+    log = simulate(paper_model(), nominal_parameters(), motion_of(6), rng=np.random.default_rng(3), signed=signed)
+    np.testing.assert_array_equal(log.signed, signed)
+    np.testing.assert_array_equal(np.any(log.effort < 0, axis=0), signed)
+
+
+def test_same_generator_same_log_other_generator_another():
+    model, motion = paper_model(), motion_of(6)
+    first, again, other = (
+        simulate(model, nominal_parameters(), motion, rng=np.random.default_rng(seed)) for seed in (1, 1, 2)
+    )
+    np.testing.assert_array_equal(first.effort, again.effort)
+    assert np.all(np.mean(first.effort == other.effort, axis=0) < 0.01)
+
+
+def test_a_simulated_log_survives_the_way_through_a_file(tmp_path):
+    log = simulate(paper_model(), nominal_parameters(), motion_of(6), rng=np.random.default_rng(1))
+    write_log(tmp_path / "log.csv", log)
+    back = read_log(tmp_path / "log.csv")
+    np.testing.assert_allclose(back.effort, log.effort, rtol=1e-8)
+    np.testing.assert_array_equal(back.signed, log.signed)
+
+
+@pytest.mark.parametrize("noise", [-0.1, float("nan"), float("inf")])
+def test_impossible_noise_is_refused(noise):
+    with pytest.raises(ValueError, match="noise"):
+        simulate(paper_model(), nominal_parameters(), motion_of(6), rng=np.random.default_rng(1), noise=noise)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# random_parameters
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("name", ROBOTS)
+def test_random_parameters_lie_strictly_inside_the_cone(name):
+    model = default_model(name)
+    for seed in range(20):
+        theta = random_parameters(model, np.random.default_rng(seed))
+        assert theta.shape == (len(model.parameters),)
+        assert np.all(theta[model.cone.nonnegative] > 0.0)
+        assert np.all(model.cone.smallest_eigenvalues(theta) > 1e-5)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_links_get_lighter_towards_the_tip_and_have_a_plausible_mass(name):
+    model = Model(load_robot(name), (RigidBody(),))
+    for seed in range(10):
+        masses = random_parameters(model, np.random.default_rng(seed)).reshape(-1, 10)[:, 9]
+        assert np.all(np.diff(masses) < 0.0)
+        assert 5.0 < masses.sum() < 80.0
+
+
+def test_centres_of_mass_lie_along_the_links():
+    """Link 2 of the KR5 (standard convention) reaches from x = -a2 to its own frame; the UR10e's from +0.6127."""
+    for name, start in (("kr5", -0.27), ("ur10e", 0.6127)):
+        model = Model(load_robot(name), (RigidBody(),))
+        link = np.array([random_parameters(model, np.random.default_rng(s)).reshape(-1, 10)[1] for s in range(50)])
+        share = link[:, 6] / link[:, 9] / start
+        assert share.min() > 0.1
+        assert share.max() < 0.9
+        assert share.mean() == pytest.approx(0.5, abs=0.1)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_other_effects_are_a_share_of_the_joints_torque(name):
+    model = default_model(name)
+    n, theta = model.robot.n_joints, random_parameters(model, np.random.default_rng(6))
+    rng = np.random.default_rng(60)
+    limits = {"q": 2.0, "dq": 2.0, "ddq": 5.0}
+    arrays = {key: rng.uniform(-limit, limit, (2000, n)) for key, limit in limits.items()}
+    motion = Motion(np.arange(2000.0), **arrays)
+    columns, size = model.columns(motion), 10 * n
+    rigid = rms(columns[:, :, :size] @ theta[:size])
+    for k, term in enumerate(model.terms[1:]):
+        part = slice(size + k * n, size + (k + 1) * n)
+        share = rms(columns[:, :, part] @ theta[part]) / rigid
+        low, high = (0.01, 0.05) if term.name == "torque_offset" else (0.05, 0.25)
+        assert np.all((share > 0.85 * low) & (share < 1.15 * high))
+
+
+def test_parameters_are_asymmetric_and_differ_by_seed():
+    model = default_model("kr5")
+    first, again, other = (random_parameters(model, np.random.default_rng(seed)) for seed in (5, 5, 6))
+    np.testing.assert_array_equal(first, again)
+    assert np.all(first != other)
+    assert np.all(first != 0.0)
+    assert len(set(np.abs(first))) == len(first)
+    offsets = np.array([random_parameters(model, np.random.default_rng(seed))[72:78] for seed in range(20)])
+    assert np.all(np.any(offsets < 0, axis=0) & np.any(offsets > 0, axis=0))
+
+
+def test_a_model_without_bodies_and_a_model_of_one_joint():
+    robot = load_robot("kr5")
+    friction = random_parameters(Model(robot, (ViscousFriction(), TorqueOffset())), np.random.default_rng(1))
+    assert np.all(friction[:6] > 0.0)
+    assert np.isfinite(friction).all()
+    pendulum = Robot("pendulum", (Joint(np.eye(4), np.array([0.0, 1.0, 0.0])),), np.array([0.0, 0.0, -9.81]))
+    model = Model(pendulum, (RigidBody(), ViscousFriction()))
+    theta = random_parameters(model, np.random.default_rng(1))
+    assert model.cone.smallest_eigenvalues(theta)[0] > 0.0
+    assert theta[10] > 0.0
