@@ -72,7 +72,7 @@ class Log:
     @property
     def n_joints(self) -> int:
         """Number of joints n."""
-        return self.q.shape[1]
+        return int(self.q.shape[1])
 
 
 def read_log(path: str | Path, gains: Sequence[float] | None = None, unsigned: str | None = None) -> Log:
@@ -260,7 +260,8 @@ def _factors(columns: _Columns, gains: Sequence[float] | None, where: str) -> Ar
 
 def _signed(measured: Array, unsigned: str | None, n: int) -> NDArray[np.bool_]:
     if unsigned is None:
-        return np.any(measured < 0.0, axis=0)
+        negative: NDArray[np.bool_] = np.any(measured < 0.0, axis=0)
+        return negative
     if unsigned in ("all", "none"):
         return np.full(n, unsigned == "none")
     signed = np.full(n, True)

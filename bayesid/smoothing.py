@@ -25,7 +25,7 @@ from bayesid.segments import Mask
 _GRID = 101
 _REACH = 4.0
 """Half-width of the grid in standard deviations of b."""
-_REST_TIME = 0.1
+_REST_TIME = 0.2
 """s; how fast static friction may build up."""
 _BLOCK, _OVERLAP = 20_000, 1_000
 """Samples smoothed at once, and how far a block looks into its neighbours: memory stays bounded on long logs."""

@@ -26,6 +26,8 @@ CATALOGUE: Mapping[str, Callable[..., Term]] = {
 DEFAULT = tuple(CATALOGUE)
 STANDSTILL = 0.01
 """Share of an actuator's highest speed below which it counts as standing still: friction's direction is then unknown."""
+_SLOWEST = 1e-6
+"""Highest speed, rad/s, of an actuator that never moves: its friction is zero, not 0/0."""
 
 
 def make_terms(names: Iterable[str], robot: Robot, motion: Motion) -> tuple[Term, ...]:
@@ -40,7 +42,7 @@ def make_terms(names: Iterable[str], robot: Robot, motion: Motion) -> tuple[Term
             raise InputError(f"unknown term {name!r}", "--terms", f"choose from {', '.join(CATALOGUE)}")
         if names.count(name) > 1:
             raise InputError(f"term {name!r} comes twice", "--terms", "name each term once")
-    top_speed = np.abs(robot.actuators(motion).dq).max(axis=0)
+    top_speed = np.maximum(np.abs(robot.actuators(motion).dq).max(axis=0), _SLOWEST)
     shapes = {"coulomb_friction": {"smoothing": tuple(float(v) for v in STANDSTILL * top_speed)}}
     return tuple(make_term(name, shapes.get(name, {})) for name in names)
 

@@ -1,0 +1,137 @@
+"""Real logs with their signs hidden: the share of signs that come back right.
+
+    python -m studies.real [--data DIR] [--beam-width 5] [--workers 1]
+
+A sample counts when its |effort| is at least 5 % of its joint's maximum; right means the sign of the sample as logged,
+sensor noise and all. `smooth` is the share against the sign of the logged effort after a 20 Hz low-pass: near zero the
+sensor's noise flips single samples, and no method can know them from |effort|.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayesid.identification import Identification, fit_signed, identify
+from bayesid.log import Log, read_log
+from bayesid.motion import Array
+from bayesid.robot import load_robot
+from bayesid.signals import lowpass, prepare
+from bayesid.validation import validate
+from studies.runner import Row, run
+
+LOGS = ("ur10e/a_50s", "ur10e/b_20s", "ur10e/c_unloaded", "ur10e/c_loaded", "panda/a", "tx40/a")
+DATA = Path(os.environ.get("BAYESID_DATA", Path(__file__).parents[2] / "shared" / "data"))
+STRONG = 0.05
+_SMOOTH_HZ = 20.0
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One log and how to search it."""
+
+    data: Path
+    log: str
+    beam_width: int = 5
+
+
+def hide_signs(log: Log) -> Log:
+    """The log as a rectifying controller would have written it."""
+    return Log(log.t, log.q, np.abs(log.effort), np.zeros(log.n_joints, dtype=bool), log.dq, log.source)
+
+
+def study(scenario: Scenario) -> Row:
+    """Identifies one log without its signs and scores them."""
+    path = scenario.data / f"{scenario.log}.csv"
+    robot, log = load_robot(path.parent / "robot.toml"), read_log(path)
+    began = time.perf_counter()
+    result = identify(robot, hide_signs(log), beam_width=scenario.beam_width)
+    seconds = time.perf_counter() - began
+    rows = _rows(result, log)
+    moving = result.segments.per_sample(result.segments.moving, *result.probability.shape)[rows] > 0
+    signs = result.sample_signs[rows]
+    velocity = np.sign(robot.actuators(result.signals.motion).dq[rows])
+    signal = prepare(log)
+    smooth = lowpass(signal.raw_effort, _SMOOTH_HZ, signal.rate)[rows]
+    confidence = np.maximum(result.probability, 1.0 - result.probability)[rows]
+    sure = confidence >= 0.99
+    strong = _strong(log.effort)
+    return {
+        "log": scenario.log,
+        "segments": len(result.segments),
+        "all": _share(signs, log.effort, strong),
+        "motion": _share(signs, log.effort, strong & moving),
+        "smooth": _share(signs, smooth, _strong(smooth) & moving),
+        "velocity": _share(velocity, log.effort, strong),
+        "joints": [_share(signs[:, j], log.effort[:, j], strong[:, j]) for j in range(log.n_joints)],
+        "velocity_joints": [_share(velocity[:, j], log.effort[:, j], strong[:, j]) for j in range(log.n_joints)],
+        "sure": float(sure[strong].mean()),
+        "sure_wrong": 1.0 - _share(signs, log.effort, strong & sure),
+        "search_seconds": result.timings["search"],
+        "seconds": seconds,
+        "solves": result.search.solves,
+        "residual": result.fit.relative_residual.tolist(),
+    }
+
+
+def validation(data: Path) -> Row:
+    """The model found without signs on a_50s predicts c_unloaded; beside it the signed fit on c_unloaded itself."""
+    robot = load_robot(data / "ur10e" / "robot.toml")
+    source, target = read_log(data / "ur10e" / "a_50s.csv"), read_log(data / "ur10e" / "c_unloaded.csv")
+    result = identify(robot, hide_signs(source))
+    predicted = validate(result.model, result.fit.theta, result.fit.noise, target)
+    moving = predicted.segments.per_sample(predicted.segments.moving, *predicted.measured.shape) > 0
+    signs = np.ones_like(predicted.measured)
+    own = fit_signed(result.model, result.coefficients, predicted.signals, signs, moving)
+    ratio = predicted.relative_residual / own.relative_residual
+    return {"predicted": predicted.relative_residual.tolist(), "own": own.relative_residual.tolist(), "ratio": ratio.tolist()}
+
+
+def _rows(result: Identification, log: Log) -> Any:
+    """The grid's sample nearest to each row of the log."""
+    motion = result.signals.motion
+    nearest = np.rint((log.t - motion.t[0]) * result.signals.rate).astype(int)
+    return np.clip(nearest, 0, len(motion) - 1)
+
+
+def _strong(effort: Array) -> Any:
+    return np.abs(effort) >= STRONG * np.abs(effort).max(axis=0)
+
+
+def _share(signs: Array, truth: Array, counted: Any) -> float:
+    return float((signs == np.sign(truth))[counted].mean())
+
+
+def main() -> None:
+    """Prints the table."""
+    parser = argparse.ArgumentParser(description="Share of right signs on real logs.")
+    parser.add_argument("--data", type=Path, default=DATA)
+    parser.add_argument("--beam-width", type=int, default=5)
+    parser.add_argument("--workers", type=int, default=1)
+    options = parser.parse_args()
+    rows = run(study, [Scenario(options.data, log, options.beam_width) for log in LOGS], options.workers)
+    print(f"{'log':<17} segs   all %  motion %  smooth %  velocity %  sure %  of these wrong %  search s  total s")
+    for row in rows:
+        print(
+            f"{row['log']:<17} {row['segments']:>4}  {row['all']:>6.2%} {row['motion']:>8.2%} {row['smooth']:>9.2%}"
+            f" {row['velocity']:>10.1%} {row['sure']:>9.1%} {row['sure_wrong']:>15.3%} {row['search_seconds']:>9.1f}"
+            f" {row['seconds']:>8.1f}"
+        )
+    print("\nper joint, beside what sign(velocity) alone scores (in brackets)")
+    for row in rows:
+        pairs = zip(row["joints"], row["velocity_joints"], strict=True)
+        print(f"{row['log']:<17} " + "  ".join(f"{ours:.2%} ({theirs:.0%})" for ours, theirs in pairs))
+    check = validation(options.data)
+    print("\nmodel from ur10e/a_50s without signs on ur10e/c_unloaded, relative residual per joint")
+    for name in ("predicted", "own", "ratio"):
+        print(f"  {name:<9} " + "  ".join(f"{value:6.3f}" for value in check[name]))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,103 @@
+import numpy as np
+import pytest
+from conftest import smooth_motion
+
+from bayesid.log import Log
+from bayesid.motion import Motion
+from bayesid.segments import Segments, find_segments
+from bayesid.signals import prepare
+
+
+def cut(motion: Motion, effort, signed=()):
+    """Segments of an effort (N, n); joints in `signed` keep their signs."""
+    known = np.isin(np.arange(motion.n_joints), signed)
+    signals = prepare(Log(motion.t, motion.q, np.where(known, effort, np.abs(effort)), known), cutoff=8.0)
+    return find_segments(signals, signals.motion)
+
+
+def pure(segments: Segments, effort, least) -> bool:
+    """Whether no segment holds efforts of both signs larger than `least`."""
+    inside = [effort[a:b, j] for j, a, b in zip(segments.joint, segments.start, segments.end, strict=True)]
+    return all(x.max() < least or x.min() > -least for x in inside)
+
+
+def test_zeros_of_the_effort_are_cut():
+    motion = smooth_motion(2, 10.0, 100.0, seed=1)
+    rng = np.random.default_rng(0)
+    effort = np.stack([4 * np.sin(2 * np.pi * 0.7 * motion.t + 1) + 1.0, 9 * np.cos(2 * np.pi * 0.3 * motion.t) - 2], axis=1)
+    effort += 0.05 * rng.standard_normal(effort.shape)
+    segments = cut(motion, effort)
+    assert pure(segments, effort, 0.6)
+    crossings = [np.sum(np.diff(np.sign(effort[:, j])) != 0) for j in range(2)]
+    assert len(segments) < 12 * sum(crossings)
+
+
+def test_a_jump_at_a_velocity_reversal_is_cut_at_the_sample():
+    """Dry friction: the effort jumps from 3 to -2 and has no minimum to show for it."""
+    motion = smooth_motion(1, 8.0, 100.0, seed=2)
+    effort = np.where(motion.dq > 0, 3.0, -2.0)
+    segments = cut(motion, effort)
+    moving = segments[segments.moving]
+    assert pure(moving, effort, 0.5) or max(moving.end - moving.start) < len(motion)
+    signs = np.sign(motion.dq[:, 0])
+    for at in np.flatnonzero(signs[1:] != signs[:-1]) + 1:
+        near = np.concatenate([segments.start, segments.end])
+        assert np.abs(near - at).min() <= 2
+
+
+def test_a_fast_crossing_between_unequal_efforts_is_cut():
+    """From +0.4 to -3 within 40 ms, far from any reversal: |effort| only turns steeper."""
+    t = np.arange(800) / 100.0
+    motion = Motion(t, np.stack([0.5 * t], axis=1), np.full((800, 1), 0.5), np.zeros((800, 1)))
+    effort = np.where(t < 4.0, 0.4, -3.0)[:, None]
+    segments = cut(motion, effort)
+    assert np.abs(segments.start - 400).min() <= 6
+
+
+def test_segments_cover_every_sample_once():
+    motion = smooth_motion(3, 6.0, 100.0, seed=3)
+    segments = cut(motion, motion.ddq)
+    covered = np.zeros((len(motion), 3), dtype=int)
+    for j, a, b in zip(segments.joint, segments.start, segments.end, strict=True):
+        covered[a:b, j] += 1
+    assert (covered == 1).all()
+
+
+def test_standstill_is_set_apart():
+    t = np.arange(600) / 100.0
+    q = np.clip(t - 2.0, 0.0, 2.0)[:, None]
+    motion = Motion(t, q, np.gradient(q[:, 0], t)[:, None], np.zeros((600, 1)))
+    segments = cut(motion, np.full((600, 1), 2.0))
+    laid = segments.per_sample(segments.moving, 600, 1)[:, 0]
+    assert not laid[:150].any()
+    assert laid[240:360].all()
+    assert not laid[450:].any()
+
+
+def test_a_signed_joint_is_known_and_cut_only_at_standstill():
+    motion = smooth_motion(2, 10.0, 100.0, seed=5)
+    effort = np.stack([np.sin(9 * motion.t), np.sin(7 * motion.t) - 0.2], axis=1)
+    segments = cut(motion, effort, signed=[1])
+    assert set(segments.known[segments.joint == 1]) == {1}
+    assert set(segments.known[segments.joint == 0]) == {0}
+    assert (segments.joint == 1).sum() < (segments.joint == 0).sum()
+
+
+def test_split():
+    ones = np.ones(2, dtype=np.int64)
+    segments = Segments(np.array([0, 1]), np.array([0, 0]), np.array([10, 10]), 0 * ones, ones.astype(bool))
+    parts = segments.split([(1, 4), (0, 0), (1, 7)])
+    assert list(zip(parts.joint.tolist(), parts.start.tolist(), parts.end.tolist(), strict=True)) == [
+        (0, 0, 10), (1, 0, 4), (1, 4, 7), (1, 7, 10),
+    ]  # fmt: skip
+    assert parts.moving.all()
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_a_minimum_far_from_zero_is_not_cut(noise):
+    motion = smooth_motion(1, 10.0, 100.0, seed=6)
+    rng = np.random.default_rng(1)
+    effort = (5.0 + np.sin(3 * motion.t) + noise * rng.standard_normal(len(motion)))[:, None]
+    segments = cut(motion, effort)
+    reversals = np.sum(np.diff(np.sign(motion.dq[:, 0])) != 0)
+    assert (segments.moving).sum() <= reversals + 2, 'only reversals (and the filter at the ends) may cut'

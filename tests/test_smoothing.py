@@ -1,0 +1,100 @@
+import numpy as np
+import pytest
+
+from bayesid import smoothing
+from bayesid.noise import Noise
+from bayesid.smoothing import sign_probabilities
+
+RATE = 100.0
+
+
+def noise(white, coloured, correlation, n=1):
+    return Noise(np.full(n, white), np.full(n, coloured), np.full(n, correlation), np.ones(n))
+
+
+def by_monte_carlo(effort, predicted, white, coloured, memory, draws=400_000, seed=0):
+    """P(sign = +) by weighting paths of the Ornstein-Uhlenbeck process: no grid, no recursion over beliefs."""
+    rng = np.random.default_rng(seed)
+    b = coloured * rng.standard_normal(draws)
+    log_weight, plus = np.zeros(draws), []
+    for i, (e, p) in enumerate(zip(effort, predicted, strict=True)):
+        if i:
+            b = memory * b + coloured * np.sqrt(1 - memory**2) * rng.standard_normal(draws)
+        up, down = np.exp(-0.5 * ((e - p - b) / white) ** 2), np.exp(-0.5 * ((-e - p - b) / white) ** 2)
+        log_weight += np.log(up + down)
+        plus.append(up / (up + down))
+    weight = np.exp(log_weight - log_weight.max())
+    effective = weight.sum() ** 2 / (weight**2).sum()
+    return np.array([weight @ share for share in plus]) / weight.sum(), 0.5 / np.sqrt(effective)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+def test_against_monte_carlo(seed):
+    """Six samples near zero, where every path matters; the grid's own error is below 0.02."""
+    rng = np.random.default_rng(seed)
+    predicted = np.array([0.9, 0.5, 0.1, -0.2, -0.5, -1.0]) + 0.2 * rng.standard_normal(6)
+    effort = np.abs(predicted + 0.4 * rng.standard_normal(6))
+    white, coloured, correlation = 0.4, 0.5, 0.03
+    expected, error = by_monte_carlo(effort, predicted, white, coloured, np.exp(-1 / (correlation * RATE)))
+    moving = np.ones((6, 1), dtype=bool)
+    found = sign_probabilities(effort[:, None], predicted[:, None], moving, noise(white, coloured, correlation), RATE)
+    np.testing.assert_allclose(found[:, 0], expected, atol=4 * error + 0.02)
+
+
+def test_neighbours_decide_what_a_sample_cannot():
+    """The model errs for 0.4 s, where it goes below zero; the effort's own course, away from zero, tells the sign."""
+    t = np.arange(200) / RATE
+    truth = np.where(t < 1.0, 2.0, -1.5) * np.abs(np.cos(np.pi * t / 2)) + np.where(t < 1.0, 0.5, -0.6)
+    predicted = truth - 2.6 * np.exp(-(((t - 0.5) / 0.15) ** 2))
+    lost = (predicted < 0.0) & (truth > 0.0)
+    assert lost.sum() > 10
+    moving = np.ones((200, 1), dtype=bool)
+    found = sign_probabilities(np.abs(truth)[:, None], predicted[:, None], moving, noise(0.2, 1.0, 0.2), RATE)
+    assert ((found[:, 0] > 0.5) == (truth > 0)).all()
+    alone = sign_probabilities(np.abs(truth[lost])[:, None], predicted[lost][:, None], moving[lost], noise(0.2, 1.0, 0.2), RATE)
+    assert (alone < 0.5).mean() > 0.9, "without its neighbours the stretch would follow the model"
+
+
+def test_standstill_takes_its_sign_from_its_neighbours():
+    """At rest the model's friction fades away; the effort hardly changes, so neither does its sign."""
+    truth = np.concatenate([np.full(60, -3.0), np.linspace(-3.0, -1.8, 40), np.full(60, -3.2)])
+    predicted = truth.copy()
+    predicted[60:100] = 0.3 - 3.3 * np.exp(-np.arange(40) / 10.0)
+    predicted[90:100] = np.linspace(predicted[89], -3.2, 10)
+    moving = np.ones((160, 1), dtype=bool)
+    moving[60:100] = False
+    assert (predicted[60:100] > 0).any(), "the model alone would err"
+    found = sign_probabilities(np.abs(truth)[:, None], predicted[:, None], moving, noise(0.1, 0.3, 0.1), RATE)
+    assert (found[:, 0] < 0.5).all()
+
+
+def test_blocks_agree_with_the_whole(monkeypatch):
+    rng = np.random.default_rng(5)
+    truth = np.cumsum(rng.standard_normal((3000, 2)), axis=0) * 0.1
+    predicted = truth + 0.3 * rng.standard_normal((3000, 2))
+    arguments = np.abs(truth), predicted, np.ones((3000, 2), dtype=bool), noise(0.3, 0.2, 0.05, 2), RATE
+    whole = sign_probabilities(*arguments)
+    monkeypatch.setattr(smoothing, "_BLOCK", 700)
+    monkeypatch.setattr(smoothing, "_OVERLAP", 200)
+    np.testing.assert_allclose(sign_probabilities(*arguments), whole, atol=1e-6)
+
+
+def test_probabilities_are_calibrated():
+    """Data drawn from the model itself: of the signs given P in a bin, that share is +, within 4 binomial sd."""
+    rng = np.random.default_rng(7)
+    n, white, coloured, correlation = 6000, 0.5, 0.6, 0.05
+    memory = np.exp(-1 / (correlation * RATE))
+    b = np.empty((n, 1))
+    b[0] = coloured * rng.standard_normal()
+    for i in range(1, n):
+        b[i] = memory * b[i - 1] + coloured * np.sqrt(1 - memory**2) * rng.standard_normal()
+    predicted = 1.2 * np.sin(np.arange(n) / 40.0)[:, None] + 0.3
+    value = predicted + b + white * rng.standard_normal((n, 1))
+    moving = np.ones((n, 1), dtype=bool)
+    found = sign_probabilities(np.abs(value), predicted, moving, noise(white, coloured, correlation), RATE)[:, 0]
+    for low, high in [(0.02, 0.2), (0.2, 0.5), (0.5, 0.8), (0.8, 0.98), (0.98, 1.0)]:
+        inside = (found >= low) & (found < high)
+        count, share = inside.sum(), (value[inside, 0] > 0).mean()
+        sd = np.sqrt(found[inside].mean() * (1 - found[inside].mean()) / count)
+        assert count > 50
+        assert share == pytest.approx(found[inside].mean(), abs=4 * 1.5 * sd + 0.005), (low, high)
