@@ -1,9 +1,9 @@
 """Robot dynamics identification when the controller hides the sign of the motor currents.
 
-    import bayesid
-    result = bayesid.identify("ur10e", "log.csv")
-    result.fit.beta, result.fit.sd, result.sample_signs
-    result.validate("another_log.csv").relative_residual
+import bayesid
+result = bayesid.identify("ur10e", "log.csv")
+result.fit.beta, result.fit.sd, result.sample_signs
+result.validate("another_log.csv").relative_residual
 """
 
 from importlib.metadata import version

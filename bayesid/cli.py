@@ -19,8 +19,9 @@ from bayesid import terms as catalogue
 from bayesid.demo import run_demo
 from bayesid.errors import InputError, SolverError
 from bayesid.identification import Progress
-from bayesid.results import check_folder
+from bayesid.results import VALIDATION_FILES, check_folder, check_place
 from bayesid.simulation import parse_effect, simulate_log
+from bayesid.terms import RigidBody
 
 _EXAMPLES = """examples:
   bayesid demo
@@ -47,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except InputError as error:
         print(f"bayesid: {error}", file=sys.stderr)
         return 2
-    except SolverError as error:
+    except (OSError, SolverError) as error:
         print(f"bayesid: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
@@ -70,7 +71,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_simulate(commands)
     demo = commands.add_parser("demo", help="the paper's experiment, simulated, end to end")
     demo.add_argument("--out", type=Path, default=Path("bayesid-demo"), help="result folder (default: %(default)s)")
-    demo.add_argument("--seed", type=int, default=0, help="of trajectory and noise (default: 0)")
+    demo.add_argument("--seed", type=_seed, default=0, help="of trajectory and noise (default: 0)")
     demo.set_defaults(command=_demo)
     return parser
 
@@ -91,7 +92,7 @@ def _add_identify(commands: argparse._SubParsersAction[_Parser]) -> None:
     parser.add_argument("--gains", help="N m/A of each joint, for a log of currents: K1,K2,..")
     parser.add_argument("--unsigned", help="all, none, or joints as in 1,3 (default: those never negative)")
     parser.add_argument("--no-posterior", action="store_true", help="skip the posterior (this version has none yet)")
-    parser.add_argument("--seed", type=int, default=0, help="of everything random (default: 0)")
+    parser.add_argument("--seed", type=_seed, default=0, help="of everything random (default: 0)")
     parser.add_argument("--out", type=Path, help="result folder (default: bayesid-LOG)")
     parser.add_argument("--quiet", action="store_true", help="print nothing but warnings and errors")
     parser.set_defaults(command=_identify)
@@ -118,7 +119,7 @@ def _add_simulate(commands: argparse._SubParsersAction[_Parser]) -> None:
         "--effect", action="append", default=[], metavar="NAME:JOINT:LEVEL",
         help="add a term, its RMS effort LEVEL times the joint's; may be repeated",
     )  # fmt: skip
-    parser.add_argument("--seed", type=int, default=0, help="of parameters, trajectory and noise (default: 0)")
+    parser.add_argument("--seed", type=_seed, default=0, help="of parameters, trajectory and noise (default: 0)")
     parser.add_argument("--out", type=Path, required=True, metavar="LOG.csv", help="log to write")
     parser.set_defaults(command=_simulate)
 
@@ -130,10 +131,15 @@ def _identify(options: argparse.Namespace) -> None:
     if options.search == "certified":
         raise InputError("certified search is not available in this version", "--search", "use --search beam")
     folder = check_folder(options.out or Path(f"bayesid-{options.log.stem}"))
+    if options.log.resolve().parent == folder.resolve():
+        raise InputError("holds the log, which the result would replace", str(folder), "give --out a new folder")
+    terms = [name.strip() for name in options.terms.split(",")]
+    if RigidBody.name not in terms:
+        raise InputError(f"{RigidBody.name} is missing", "--terms", "add it: a robot has links")
     log = bayesid.read_log(options.log, _gains(options.gains), options.unsigned)
     with _Bars(options.quiet) as bars:
         result = bayesid.identify(
-            options.robot, log, options.terms.split(","), options.beam_width, options.initial_segments,
+            options.robot, log, terms, options.beam_width, options.initial_segments,
             options.cutoff, bars.show,
         )  # fmt: skip
     bayesid.save_identification(result, folder)
@@ -146,7 +152,7 @@ def _identify(options: argparse.Namespace) -> None:
 
 def _validate(options: argparse.Namespace) -> None:
     if options.out is not None:
-        check_folder(options.out)
+        check_folder(options.out, VALIDATION_FILES)
     stored = bayesid.load_model(options.result)
     log = bayesid.read_log(options.log, _gains(options.gains), options.unsigned)
     result = bayesid.validate(stored.model, stored.theta, stored.noise, log, options.cutoff)
@@ -158,10 +164,14 @@ def _validate(options: argparse.Namespace) -> None:
 
 
 def _simulate(options: argparse.Namespace) -> None:
+    if options.out.is_dir():
+        raise InputError("is a folder", str(options.out), "give --out the name of a file")
+    check_place(options.out)
     robot = bayesid.load_robot(options.robot)
     effects = [parse_effect(text, robot) for text in options.effect]
     unsigned, signed = simulate_log(robot, options.duration, options.rate, options.noise, effects, options.seed)
     truth = options.out.with_name(f"{options.out.stem}_signed.csv")
+    options.out.parent.mkdir(parents=True, exist_ok=True)
     bayesid.write_log(options.out, unsigned)
     bayesid.write_log(truth, signed)
     print(f"written to {options.out}, with the signs in {truth}")
@@ -171,6 +181,12 @@ def _demo(options: argparse.Namespace) -> None:
     with _Bars(quiet=False) as bars:
         text = run_demo(options.out, options.seed, bars.show)
     print(text)
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 up")
+    return int(text)
 
 
 def _gains(text: str | None) -> list[float] | None:

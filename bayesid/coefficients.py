@@ -2,7 +2,7 @@
 
 Of the P standard parameters only r combinations act on the efforts. As in Gautier and Khalil (1990), but numerically:
 on a random motion the columns are taken from base to tip, each one is kept when it is independent of those kept
-before it, and the others are written in the kept ones. So Y theta = Y[:, kept] beta with beta = theta_kept + K theta_rest.
+before it, and the others are written in the kept ones. So Y theta = Y[:, kept] beta, beta = theta_kept + K theta_rest.
 """
 
 from __future__ import annotations
@@ -78,9 +78,8 @@ def base_coefficients(model: Model, seed: int = 0) -> BaseCoefficients:
 def _random_columns(model: Model, rng: np.random.Generator) -> Array:
     """(rows, P) columns on independent random positions, velocities and accelerations."""
     shape = (_SAMPLES, model.robot.n_joints)
-    motion = Motion(
-        np.arange(_SAMPLES, dtype=float), rng.uniform(-3, 3, shape), rng.uniform(-2, 2, shape), rng.uniform(-5, 5, shape)
-    )
+    q, dq, ddq = (rng.uniform(-limit, limit, shape) for limit in (3.0, 2.0, 5.0))
+    motion = Motion(np.arange(_SAMPLES, dtype=float), q, dq, ddq)
     return model.columns(motion).reshape(-1, len(model.parameters))
 
 

@@ -1,4 +1,4 @@
-"""The paper's experiment, simulated: KR5 Sixx, 13.33 s of |effort| with 5 % noise, signs, Table II, a new trajectory."""
+"""The paper's experiment, simulated: KR5 Sixx, 13.33 s of |effort| with 5 % noise: signs, Table II, new torques."""
 
 from __future__ import annotations
 
@@ -101,7 +101,8 @@ def run_demo(folder: Path, seed: int = 0, progress: Progress | None = None) -> s
     experiment = run_experiment(seed, progress=progress)
     save_identification(experiment.result, folder)
     write_log(folder / "log.csv", experiment.log)
-    return "\n".join([_signs_text(experiment), _table_text(experiment), _error_text(experiment), f"written to {folder}/"])
+    texts = (_signs_text(experiment), _table_text(experiment), _error_text(experiment))
+    return "\n".join([*texts, f"written to {folder}/"])
 
 
 def _signs_text(experiment: Experiment) -> str:

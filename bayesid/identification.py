@@ -308,7 +308,7 @@ def _stretches(moving: Mask) -> Segments:
 
 def _per_joint(moments: Moments, values: Array, n: int) -> Array:
     """(n,) sums of the segments' values (S,) by joint."""
-    return np.bincount(moments.joint, weights=values, minlength=n)
+    return np.bincount(moments.joint, weights=values, minlength=n).astype(np.float64)
 
 
 def _rms_effort(moments: Moments, n: int) -> Array:

@@ -69,6 +69,10 @@ class Log:
     def __len__(self) -> int:
         return len(self.t)
 
+    def rectified(self) -> Log:
+        """The log as a controller that hides every sign would have written it."""
+        return Log(self.t, self.q, np.abs(self.effort), np.zeros(self.n_joints, dtype=bool), self.dq, self.source)
+
     @property
     def n_joints(self) -> int:
         """Number of joints n."""

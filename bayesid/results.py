@@ -1,16 +1,19 @@
 """The result folder: what `identify` leaves behind and `validate` reads.
 
-Every folder is written aside and renamed into place, so there is never half of one.
+Every folder is written aside and renamed into place, so there is never half of one. An earlier one is replaced only if
+it holds nothing but files that the same command writes: other people's files, and models, are never deleted.
 """
 
 from __future__ import annotations
 
 import csv
 import json
+import os
 import shutil
 import tempfile
 import tomllib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterator, Sequence, Set
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,7 +26,7 @@ from bayesid.export import urdf
 from bayesid.identification import Identification
 from bayesid.log import Log
 from bayesid.model import Model
-from bayesid.motion import Array
+from bayesid.motion import Array, Motion, frozen
 from bayesid.noise import Noise
 from bayesid.robot import robot_from_table, robot_table
 from bayesid.signals import Signals
@@ -31,6 +34,12 @@ from bayesid.terms import CATALOGUE, make_term
 from bayesid.validation import Validation
 
 _MARKER = "summary.json"
+IDENTIFICATION_FILES = frozenset({
+    "summary.json", "segments.csv", "signed_log.csv", "coefficients.csv", "parameters.csv", "model.toml", "robot.urdf",
+    "posterior.nc", "report.html", "log.csv",
+})  # fmt: skip
+"""What a result folder may hold; log.csv is the demo's."""
+VALIDATION_FILES = frozenset({"summary.json", "signed_log.csv", "prediction.csv"})
 _NORMAL_95 = 1.959963984540054
 
 
@@ -53,7 +62,8 @@ def save_identification(identification: Identification, folder: str | Path) -> P
     """Writes the result folder of section 7 of the design.
 
     Raises:
-        InputError: the folder exists and is not an earlier result.
+        InputError: the folder cannot be written, or holds other files than an earlier result.
+        ValueError: the model has no rigid bodies to make a URDF of.
     """
 
     def write(place: Path) -> None:
@@ -69,14 +79,14 @@ def save_identification(identification: Identification, folder: str | Path) -> P
         (place / "model.toml").write_text(tomli_w.dumps(_model_table(stored)))
         (place / "robot.urdf").write_text(urdf(identification.model, fit.theta))
 
-    return _write_aside(folder, write)
+    return _write_aside(check_folder(folder), write)
 
 
 def save_validation(validation: Validation, folder: str | Path) -> Path:
     """Writes summary.json, signed_log.csv and prediction.csv of a validation.
 
     Raises:
-        InputError: the folder exists and is not an earlier result.
+        InputError: the folder cannot be written, or holds other files than an earlier validation.
     """
     n = validation.log.n_joints
 
@@ -84,10 +94,10 @@ def save_validation(validation: Validation, folder: str | Path) -> Path:
         _write_json(place / "summary.json", validation_summary(validation))
         _write_signed_log(place / "signed_log.csv", validation.log, validation.signals, validation.probability)
         names = ["t", *_numbered("tau", n), *_numbered("predicted", n)]
-        columns = np.hstack([validation.signals.motion.t[:, None], validation.measured, validation.predicted])
-        np.savetxt(place / "prediction.csv", columns, "%.8g", ",", header=",".join(names), comments="")
+        efforts = np.hstack([validation.measured, validation.predicted])
+        _write_columns(place / "prediction.csv", names, validation.signals.motion.t, efforts, ".8g")
 
-    return _write_aside(folder, write)
+    return _write_aside(check_folder(folder, VALIDATION_FILES), write)
 
 
 def load_model(folder: str | Path) -> StoredModel:
@@ -104,20 +114,48 @@ def load_model(folder: str | Path) -> StoredModel:
         raise InputError("holds no model.toml", str(folder), remedy) from None
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise InputError(f"cannot be read ({error})", str(path), remedy) from None
-    for key in ("robot", "terms", "values", "noise"):
-        if key not in table:
-            raise InputError(f"key '{key}' is missing", str(path), remedy)
-    robot = robot_from_table(table["robot"], f"{path}, robot")
-    unknown = [term.get("name") for term in table["terms"] if term.get("name") not in CATALOGUE]
-    if unknown:
-        raise InputError(f"unknown term {unknown[0]!r}", str(path), "read it with the version that wrote it")
     try:
-        model = Model(robot, tuple(make_term(term["name"], term.get("shape", {})) for term in table["terms"]))
-        theta = np.array([float(table["values"][parameter.name]) for parameter in model.parameters])
-        noise = Noise(**{key: np.array(values, dtype=float) for key, values in table["noise"].items()})
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"a value is missing or not a number ({error})", str(path), remedy) from None
-    return StoredModel(model, theta, noise)
+        return _stored_model(table, str(path))
+    except InputError:
+        raise
+    except KeyError as error:
+        raise InputError(f"key {error} is missing", str(path), remedy) from None
+    except (AttributeError, TypeError, ValueError) as error:
+        raise InputError(f"does not hold what bayesid writes ({error})", str(path), remedy) from None
+
+
+def _stored_model(table: dict[str, Any], where: str) -> StoredModel:
+    robot = robot_from_table(table["robot"], f"{where}, robot")
+    terms = [(term["name"], term.get("shape", {})) for term in table["terms"]]
+    for name, _ in terms:
+        if name not in CATALOGUE:
+            raise InputError(f"unknown term {name!r}", where, "read it with the version that wrote it")
+    model = Model(robot, tuple(make_term(name, shape) for name, shape in terms))
+    names = [parameter.name for parameter in model.parameters]
+    if len(set(names)) < len(names):
+        raise ValueError("a term comes twice")
+    _check_shapes(model)
+    theta = frozen([table["values"][name] for name in names], (len(names),), "values")
+    return StoredModel(model, theta, _stored_noise(table["noise"], robot.n_joints))
+
+
+def _check_shapes(model: Model) -> None:
+    """Every actuator has its own shape numbers, and a robot at rest has finite columns."""
+    n = model.robot.n_joints
+    for term in model.terms:
+        for key, values in term.shape.items():
+            frozen(values, (n,), key)
+    zero = np.zeros((1, n))
+    with np.errstate(all="ignore"):
+        if not np.isfinite(model.columns(Motion(zero[:, 0], zero, zero, zero))).all():
+            raise ValueError("a joint's axis or a term's shape cannot be used")
+
+
+def _stored_noise(table: dict[str, Any], n: int) -> Noise:
+    noise = Noise(**{key: frozen(values, (n,), f"noise, {key},") for key, values in table.items()})
+    if min(np.min(values) for values in vars(noise).values()) <= 0.0:
+        raise ValueError("the noise is not positive")
+    return noise
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -246,38 +284,83 @@ def _model_table(stored: StoredModel) -> dict[str, Any]:
 # ---------------------------------------------------------------------------------------------------------------
 # Files
 # ---------------------------------------------------------------------------------------------------------------
-def check_folder(folder: str | Path) -> Path:
-    """The folder, if a result may be written there: it is new, empty, or an earlier result.
+def check_folder(folder: str | Path, files: Set[str] = IDENTIFICATION_FILES) -> Path:
+    """The folder, if a result may be written there: it is new, empty, or an earlier result, and can be written.
+
+    Args:
+        folder: where the result is to stand.
+        files: names of the files that an earlier result may hold.
 
     Raises:
-        InputError: something else is there.
+        InputError: something else is there, or the place cannot be written.
     """
     folder = Path(folder)
+    remedy = "give --out a new folder"
     if folder.is_dir():
-        if any(folder.iterdir()) and not (folder / _MARKER).is_file():
-            raise InputError("holds other files", str(folder), "give --out a new folder")
+        names = {path.name for path in folder.iterdir()}
+        others = names if _MARKER not in names else names - files
+        if others:
+            raise InputError(f"holds other files ({min(others)})", str(folder), remedy)
+        if Path.cwd().is_relative_to(folder.resolve()):
+            raise InputError("is the folder you are in", str(folder), remedy)
     elif folder.exists():
-        raise InputError("is not a folder", str(folder), "give --out a new folder")
+        raise InputError("is not a folder", str(folder), remedy)
+    check_place(folder)
     return folder
 
 
-def _write_aside(folder: str | Path, write: Callable[[Path], None]) -> Path:
-    folder = check_folder(folder)
+def check_place(path: Path) -> None:
+    """Checks that something new can be put at a path, folders above it made as needed.
+
+    Raises:
+        InputError: it cannot.
+    """
+    above = next(parent for parent in path.absolute().parents if parent.exists())
+    if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
+        said = f"cannot be written ({above} is {'write-protected' if above.is_dir() else 'not a folder'})"
+        raise InputError(said, str(path), "give --out another place")
+
+
+def _write_aside(folder: Path, write: Callable[[Path], None]) -> Path:
+    """Has `write` fill a folder beside the target, then renames it; whatever goes wrong, nothing is left behind."""
+    target = folder.resolve()  # a link stays a link
+    with _cannot_be_written(folder):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        aside = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        aside = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
-    except OSError as error:
-        raise InputError(f"cannot be written ({error.strerror})", str(folder), "give --out another place") from None
-    try:
-        aside.chmod(0o755)
-        write(aside)
-        if folder.exists():
-            shutil.rmtree(folder)
-        aside.rename(folder)
+        with _cannot_be_written(folder):
+            aside.chmod(0o755)
+            write(aside)
+            _replace(target, aside)
     except BaseException:
         shutil.rmtree(aside, ignore_errors=True)
         raise
     return folder
+
+
+@contextmanager
+def _cannot_be_written(folder: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"cannot be written ({error.strerror})", str(folder), "give --out another place") from None
+
+
+def _replace(folder: Path, aside: Path) -> None:
+    """Puts `aside` in the place of `folder`; an earlier result goes only when the new one stands."""
+    if not folder.exists():
+        aside.rename(folder)
+        return
+    attic = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+    old = attic / "old"
+    folder.rename(old)
+    try:
+        aside.rename(folder)
+    except BaseException:
+        old.rename(folder)
+        raise
+    finally:
+        shutil.rmtree(attic, ignore_errors=True)
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:
@@ -297,7 +380,7 @@ def _plain(value: Any) -> Any:
 
 def _write_table(path: Path, rows: Sequence[dict[str, object]]) -> None:
     with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, fieldnames=list(rows[0]))
+        writer = csv.DictWriter(file, fieldnames=list(rows[0]), lineterminator="\n")
         writer.writeheader()
         writer.writerows({key: _text(value) for key, value in row.items()} for row in rows)
 
@@ -311,8 +394,8 @@ def _write_segments(path: Path, identification: Identification) -> None:
     rows: list[dict[str, object]] = [
         {
             "joint": int(j) + 1,
-            "start": float(t[a]),
-            "end": float(t[b - 1]),
+            "start": repr(float(t[a])),
+            "end": repr(float(t[b - 1])),
             "n_samples": int(b - a),
             "sign": int(sign),
             "confidence": float(confidence),
@@ -327,13 +410,21 @@ def _write_segments(path: Path, identification: Identification) -> None:
 def _write_signed_log(path: Path, log: Log, signals: Signals, probability: Array) -> None:
     """The log's own rows: efforts with their likelier signs, and the probability that the sign is +."""
     nearest = np.rint((log.t - signals.motion.t[0]) * signals.rate).astype(int)
-    p = probability[np.clip(nearest, 0, len(probability) - 1)]
+    p = np.round(probability[np.clip(nearest, 0, len(probability) - 1)], 6)
     p = np.where(log.signed, (log.effort >= 0.0).astype(float), p)
     effort = np.where(log.signed, log.effort, np.where(p >= 0.5, 1.0, -1.0) * log.effort)
     names = ["t", *_numbered("tau", log.n_joints), *_numbered("p", log.n_joints)]
-    formats = ["%.9g"] * (1 + log.n_joints) + ["%.6f"] * log.n_joints
-    np.savetxt(path, np.hstack([log.t[:, None], effort, p]), formats, ",", header=",".join(names), comments="")
+    _write_columns(path, names, log.t, np.hstack([effort, p]))
 
 
-def _numbered(prefix: str, n: int) -> Iterable[str]:
+def _write_columns(path: Path, names: Sequence[str], t: Array, values: Array, digits: str = "") -> None:
+    """Time t (N,) to the last digit (it may count from 1970), and columns (N, k) with so many digits."""
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(names)
+        for instant, row in zip(t.tolist(), values.tolist(), strict=True):
+            writer.writerow([instant, *(format(value, digits) for value in row)])
+
+
+def _numbered(prefix: str, n: int) -> list[str]:
     return [f"{prefix}{j}" for j in range(1, n + 1)]

@@ -46,6 +46,8 @@ class Robot:
     gravity: Array
     transmission: Array | None = None
     lengths: Mapping[str, float] = field(default_factory=dict)
+    _pinocchio: Any = field(init=False, repr=False, compare=False)
+    _link_to_joint: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         n = len(self.joints)
@@ -80,12 +82,12 @@ class Robot:
 
         Source: the joint torque regressor of the Newton-Euler equations (Atkeson, An, Hollerbach 1986), by Pinocchio.
         """
-        model, data = self._pinocchio, self._pinocchio.createData()  # type: ignore[attr-defined]
+        model, data = self._pinocchio, self._pinocchio.createData()
         regressor = np.empty((len(motion), self.n_joints, 10 * self.n_joints))
         for row, q, dq, ddq in zip(regressor, motion.q, motion.dq, motion.ddq, strict=True):
             row[:] = pin.computeJointTorqueRegressor(model, data, q, dq, ddq)
         blocks = regressor.reshape(-1, self.n_joints, 10).swapaxes(0, 1)
-        regressor = (blocks @ self._link_to_joint).swapaxes(0, 1).reshape(regressor.shape)  # type: ignore[attr-defined]
+        regressor = (blocks @ self._link_to_joint).swapaxes(0, 1).reshape(regressor.shape)
         if self.transmission is None:
             return regressor
         return np.einsum("ji,njp->nip", np.linalg.inv(self.coupling), regressor)
@@ -95,10 +97,10 @@ class Robot:
 
         Args:
             motion: the motion of the joints.
-            parameters: (10 n,) link parameters, as in `regressor`; a link without mass must have no first moment either.
+            parameters: (10 n,) link parameters, as in `regressor`; without mass, no first moment either.
         """
-        model = self._pinocchio.copy()  # type: ignore[attr-defined]
-        in_joint_frames = np.einsum("lij,lj->li", self._link_to_joint, parameters.reshape(-1, 10))  # type: ignore[attr-defined]
+        model = self._pinocchio.copy()
+        in_joint_frames = (self._link_to_joint @ parameters.reshape(-1, 10, 1))[:, :, 0]
         mass = in_joint_frames[:, 0]
         mass[mass == 0.0] = np.finfo(float).tiny  # pinocchio divides by it
         for i, link in enumerate(in_joint_frames, start=1):
@@ -204,7 +206,7 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
         raise InputError(said, where, "give convention = \"standard\" or \"modified\"")
     rows = table.get("joints")
     if not isinstance(rows, list) or not rows:
-        raise InputError("key 'joints' is missing", where, "give one [[joints]] table per joint with a, alpha, d, theta")
+        raise InputError("key 'joints' is missing", where, "give one [[joints]] table a joint with a, alpha, d, theta")
     dh = [_dh_row(row, f"{where}, joint {i}") for i, row in enumerate(rows, start=1)]
     joints = _standard_joints(dh) if convention == "standard" else _modified_joints(dh)
     lengths = {f"{symbol}{i}": row[symbol] for i, row in enumerate(dh, start=1) for symbol in ("a", "d")}

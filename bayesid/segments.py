@@ -10,6 +10,7 @@ unknown; a cut too few costs samples of the wrong sign.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,10 +63,10 @@ class Segments:
         for k in range(len(self)):
             inside = sorted(at for j, at in cuts if j == self.joint[k] and self.start[k] < at < self.end[k])
             edges = [int(self.start[k]), *inside, int(self.end[k])]
-            rows += [(self.joint[k], a, b, self.known[k], self.moving[k]) for a, b in zip(edges, edges[1:], strict=False)]
+            rows += [(self.joint[k], a, b, self.known[k], self.moving[k]) for a, b in pairwise(edges)]
         return _from_rows(rows)
 
-    def per_sample(self, values: Array, n_samples: int, n_joints: int) -> Array:
+    def per_sample(self, values: Array | Integers | Mask, n_samples: int, n_joints: int) -> Array:
         """(N, n) the segments' values (S,) laid out over the samples."""
         laid = np.zeros((n_samples, n_joints))
         for j, a, b, value in zip(self.joint, self.start, self.end, values, strict=True):
@@ -86,19 +87,19 @@ def find_segments(signals: Signals, actuators: Motion) -> Segments:
     for j in range(actuators.n_joints):
         speed = actuators.dq[:, j]
         moving = np.abs(speed) > STANDSTILL * np.abs(speed).max()
-        edges = set(np.flatnonzero(np.diff(moving)) + 1)
+        edges = {int(i) for i in np.flatnonzero(np.diff(moving)) + 1}
         if not signals.signed[j]:
             cuts = _reversals(speed) | _minima(signals.effort[:, j])
             edges |= cuts | _slope_jumps(signals.effort[:, j], half_period, edges | cuts)
         bounds = sorted({0, n_samples} | edges)
         known = int(signals.signed[j])
-        rows += [(j, a, b, known, bool(moving[a])) for a, b in zip(bounds, bounds[1:], strict=False)]
+        rows += [(j, a, b, known, bool(moving[a])) for a, b in pairwise(bounds)]
     return _from_rows(rows)
 
 
 def _from_rows(rows: list[tuple[int, int, int, int, bool]]) -> Segments:
-    joint, start, end, known, moving = (np.array(column) for column in zip(*rows, strict=True))
-    return Segments(*(a.astype(np.int64) for a in (joint, start, end, known)), moving.astype(bool))
+    joint, start, end, known, moving = np.array(rows, dtype=np.int64).T
+    return Segments(joint, start, end, known, moving.astype(bool))
 
 
 def _reversals(speed: Array) -> set[int]:

@@ -205,8 +205,7 @@ def simulate_log(
     motion = trajectory.motion(np.arange(int(duration * rate) + 1) / rate)
     model, theta = _with_effects(model, theta, motion, effects)
     signed = simulate(model, theta, motion, rng=rng, noise=noise, signed=True)
-    unsigned = Log(signed.t, signed.q, np.abs(signed.effort), np.zeros(robot.n_joints, dtype=bool), source=signed.source)
-    return unsigned, signed
+    return signed.rectified(), signed
 
 
 def _with_effects(model: Model, theta: Array, motion: Motion, effects: Sequence[Effect]) -> tuple[Model, Array]:

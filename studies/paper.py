@@ -1,6 +1,6 @@
 """The paper's experiment over many seeds: new trajectory and new noise each.
 
-    python -m studies.paper [--trials 100] [--workers N]
+python -m studies.paper [--trials 100] [--workers N]
 """
 
 from __future__ import annotations

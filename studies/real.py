@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from bayesid.identification import Identification, fit_signed, identify
-from bayesid.log import Log, read_log
+from bayesid.log import read_log
 from bayesid.motion import Array
 from bayesid.robot import load_robot
 from bayesid.signals import lowpass, prepare
@@ -41,19 +41,14 @@ class Scenario:
     beam_width: int = 5
 
 
-def hide_signs(log: Log) -> Log:
-    """The log as a rectifying controller would have written it."""
-    return Log(log.t, log.q, np.abs(log.effort), np.zeros(log.n_joints, dtype=bool), log.dq, log.source)
-
-
 def study(scenario: Scenario) -> Row:
     """Identifies one log without its signs and scores them."""
     path = scenario.data / f"{scenario.log}.csv"
     robot, log = load_robot(path.parent / "robot.toml"), read_log(path)
     began = time.perf_counter()
-    result = identify(robot, hide_signs(log), beam_width=scenario.beam_width)
+    result = identify(robot, log.rectified(), beam_width=scenario.beam_width)
     seconds = time.perf_counter() - began
-    rows = _rows(result, log)
+    rows = _rows(result, log.t)
     moving = result.segments.per_sample(result.segments.moving, *result.probability.shape)[rows] > 0
     signs = result.sample_signs[rows]
     velocity = np.sign(robot.actuators(result.signals.motion).dq[rows])
@@ -84,19 +79,20 @@ def validation(data: Path) -> Row:
     """The model found without signs on a_50s predicts c_unloaded; beside it the signed fit on c_unloaded itself."""
     robot = load_robot(data / "ur10e" / "robot.toml")
     source, target = read_log(data / "ur10e" / "a_50s.csv"), read_log(data / "ur10e" / "c_unloaded.csv")
-    result = identify(robot, hide_signs(source))
+    result = identify(robot, source.rectified())
     predicted = validate(result.model, result.fit.theta, result.fit.noise, target)
     moving = predicted.segments.per_sample(predicted.segments.moving, *predicted.measured.shape) > 0
     signs = np.ones_like(predicted.measured)
     own = fit_signed(result.model, result.coefficients, predicted.signals, signs, moving)
     ratio = predicted.relative_residual / own.relative_residual
-    return {"predicted": predicted.relative_residual.tolist(), "own": own.relative_residual.tolist(), "ratio": ratio.tolist()}
+    figures = {"predicted": predicted.relative_residual, "own": own.relative_residual, "ratio": ratio}
+    return {name: values.tolist() for name, values in figures.items()}
 
 
-def _rows(result: Identification, log: Log) -> Any:
+def _rows(result: Identification, t: Array) -> Any:
     """The grid's sample nearest to each row of the log."""
     motion = result.signals.motion
-    nearest = np.rint((log.t - motion.t[0]) * result.signals.rate).astype(int)
+    nearest = np.rint((t - motion.t[0]) * result.signals.rate).astype(int)
     return np.clip(nearest, 0, len(motion) - 1)
 
 

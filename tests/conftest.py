@@ -25,10 +25,8 @@ def real_log(name: str) -> Path:
 def small_robot(n: int, seed: int = 0) -> Robot:
     """An arm of n revolute joints with asymmetric geometry."""
     rng = np.random.default_rng(seed)
-    joints = [
-        {"a": rng.uniform(0.1, 0.5), "alpha": rng.uniform(-1.5, 1.5), "d": rng.uniform(0.1, 0.4), "theta": rng.uniform(-1, 1)}
-        for _ in range(n)
-    ]
+    ranges = {"a": (0.1, 0.5), "alpha": (-1.5, 1.5), "d": (0.1, 0.4), "theta": (-1.0, 1.0)}
+    joints = [{key: rng.uniform(*between) for key, between in ranges.items()} for _ in range(n)]
     return robot_from_table({"name": f"arm{n}", "convention": "modified", "joints": joints}, "test")
 
 

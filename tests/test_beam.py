@@ -15,7 +15,7 @@ from bayesid.terms import make_terms
 
 
 def case(n_joints, n_segments, seed, known=()):
-    """|effort| of a physical arm with 60 % noise, cut at random: near-ties are likely, the truth need not be the best."""
+    """|effort| of a physical arm with 60 % noise, cut at random: the truth need not be the best."""
     rng = np.random.default_rng(seed)
     robot = small_robot(n_joints, seed)
     samples = 12 * n_segments

@@ -15,7 +15,7 @@ def case():
     robot, motion = small_robot(3), random_motion(3, 250, seed=1)
     model = Model(robot, make_terms(DEFAULT, robot, motion))
     coefficients = base_coefficients(model)
-    effort = np.abs(np.random.default_rng(2).normal(size=(250, 3))) + [0.1, 0.5, 1.0]
+    effort = np.abs(np.random.default_rng(2).normal(size=(250, 3))) + np.array([0.1, 0.5, 1.0])
     joint, start, end = np.array([0, 0, 1, 2, 2]), np.array([0, 40, 3, 0, 100]), np.array([40, 170, 250, 99, 101])
     segments = Segments(joint, start, end, np.array([0, 0, 1, 0, 0]), np.ones(5, dtype=bool))
     return model, coefficients, motion, effort, segments

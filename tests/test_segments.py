@@ -24,7 +24,8 @@ def pure(segments: Segments, effort, least) -> bool:
 def test_zeros_of_the_effort_are_cut():
     motion = smooth_motion(2, 10.0, 100.0, seed=1)
     rng = np.random.default_rng(0)
-    effort = np.stack([4 * np.sin(2 * np.pi * 0.7 * motion.t + 1) + 1.0, 9 * np.cos(2 * np.pi * 0.3 * motion.t) - 2], axis=1)
+    first, second = 4 * np.sin(4.4 * motion.t + 1) + 1.0, 9 * np.cos(1.9 * motion.t) - 2
+    effort = np.stack([first, second], axis=1)
     effort += 0.05 * rng.standard_normal(effort.shape)
     segments = cut(motion, effort)
     assert pure(segments, effort, 0.6)

@@ -51,7 +51,8 @@ def test_neighbours_decide_what_a_sample_cannot():
     moving = np.ones((200, 1), dtype=bool)
     found = sign_probabilities(np.abs(truth)[:, None], predicted[:, None], moving, noise(0.2, 1.0, 0.2), RATE)
     assert ((found[:, 0] > 0.5) == (truth > 0)).all()
-    alone = sign_probabilities(np.abs(truth[lost])[:, None], predicted[lost][:, None], moving[lost], noise(0.2, 1.0, 0.2), RATE)
+    inside = np.abs(truth[lost])[:, None], predicted[lost][:, None], moving[lost]
+    alone = sign_probabilities(*inside, noise(0.2, 1.0, 0.2), RATE)
     assert (alone < 0.5).mean() > 0.9, "without its neighbours the stretch would follow the model"
 
 

@@ -85,7 +85,8 @@ def test_what_leaves_no_trace_is_drawn_to_a_typical_link():
     columns = model.columns(motion)[:, :, coefficients.kept].reshape(-1, len(coefficients))
     hessian, energy = columns.T @ columns, float(np.sum((columns @ beta) ** 2))
     theta = solve_precisely(model.cone, coefficients, hessian, hessian @ beta, energy).theta
-    np.testing.assert_allclose(columns @ coefficients.project(theta), columns @ beta, atol=1e-3 * np.sqrt(energy / len(columns)))
+    allowed = 1e-3 * np.sqrt(energy / len(columns))
+    np.testing.assert_allclose(columns @ coefficients.project(theta), columns @ beta, atol=allowed)
     first_mass = [p.name for p in model.parameters].index("m1")
     assert theta[first_mass] == pytest.approx(3.0, abs=0.3), "m1 leaves no trace"
 
@@ -102,11 +103,13 @@ def test_rigid_body_alone_reaches_known_parameters():
     robot, motion = small_robot(3, seed=4), random_motion(3, 300, 9)
     model = Model(robot, (RigidBody(),))
     coefficients = base_coefficients(model)
-    bodies = np.array([np.diag([0.05, 0.02, 0.08, 4.0]), np.diag([0.01, 0.03, 0.02, 2.5]), np.diag([0.004, 0.01, 0.006, 1.2])])
+    spread = [[0.05, 0.02, 0.08, 4.0], [0.01, 0.03, 0.02, 2.5], [0.004, 0.01, 0.006, 1.2]]
+    bodies = np.array([np.diag(values) for values in spread])
     bodies[:, :3, 3] = bodies[:, 3, :3] = [[0.1, -0.05, 0.2], [0.05, 0.1, -0.03], [-0.02, 0.01, 0.04]]
     theta = from_pseudo_inertia(bodies).ravel()
     columns = model.columns(motion)[:, :, coefficients.kept].reshape(-1, len(coefficients))
     efforts = columns @ coefficients.project(theta)
-    solution = solve_precisely(model.cone, coefficients, columns.T @ columns, columns.T @ efforts, float(efforts @ efforts))
+    moments = columns.T @ columns, columns.T @ efforts, float(efforts @ efforts)
+    solution = solve_precisely(model.cone, coefficients, *moments)
     found = coefficients.project(solution.theta)
     np.testing.assert_allclose(columns @ found, efforts, atol=1e-4 * np.abs(efforts).max())

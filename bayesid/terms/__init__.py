@@ -25,7 +25,7 @@ CATALOGUE: Mapping[str, Callable[..., Term]] = {
 }
 DEFAULT = tuple(CATALOGUE)
 STANDSTILL = 0.01
-"""Share of an actuator's highest speed below which it counts as standing still: friction's direction is then unknown."""
+"""Share of an actuator's highest speed below which it stands still: friction's direction is then unknown."""
 _SLOWEST = 1e-6
 """Highest speed, rad/s, of an actuator that never moves: its friction is zero, not 0/0."""
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +70,7 @@ class Cone:
 
     def smallest_eigenvalues(self, theta: Array) -> Array:
         """(b,) smallest eigenvalue of each body's pseudo-inertia (mixed units, as usual; its sign is what counts)."""
-        return np.linalg.eigvalsh(self.pseudo_inertias(theta))[:, 0]
+        return np.asarray(np.linalg.eigvalsh(self.pseudo_inertias(theta))[:, 0], dtype=np.float64)
 
     def contains(self, theta: Array, tolerance: float = 0.0) -> bool:
         """Whether theta (size,) lies in the cone, up to `tolerance`."""
@@ -108,10 +108,10 @@ class Term(Protocol):
 class ActuatorTerm:
     """Base of the effects that act in each actuator by itself, with one parameter each: diagonal columns."""
 
-    name: str
-    symbol: str
-    unit: str
-    nonnegative: bool = False
+    name: ClassVar[str]
+    symbol: ClassVar[str]
+    unit: ClassVar[str]
+    nonnegative: ClassVar[bool] = False
 
     @property
     def shape(self) -> Mapping[str, list[float]]:

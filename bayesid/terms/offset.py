@@ -16,7 +16,7 @@ class TorqueOffset(ActuatorTerm):
     """A constant, of either sign: a sensor's or drive's zero error, or friction that differs by direction."""
 
     name: ClassVar[str] = "torque_offset"
-    physics: ClassVar[str] = "A constant torque: the zero error of a sensor or drive, or friction that prefers a direction."
+    physics: ClassVar[str] = "A constant torque: a zero error of sensor or drive, or friction that prefers a direction."
     symbol: ClassVar[str] = "offset"
     unit: ClassVar[str] = "N m"
 

@@ -23,7 +23,7 @@ class RigidBody:
     """Ten inertial parameters a link (`bayesid.inertia`), linear in the torque (Atkeson, An, Hollerbach 1986)."""
 
     name: ClassVar[str] = "rigid_body"
-    physics: ClassVar[str] = "Links are rigid: inertia, Coriolis, centrifugal and gravity torques of ten parameters each."
+    physics: ClassVar[str] = "Rigid links: inertia, Coriolis, centrifugal and gravity torques, ten parameters each."
 
     @property
     def shape(self) -> Mapping[str, list[float]]:
