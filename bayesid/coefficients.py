@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesid.model import Model
-from bayesid.motion import Array, Motion
+from bayesid.motion import Array, Integers, Motion
 
 _TOLERANCE = 1e-8
 """Relative to a column's own length; on a random motion dependent columns leave 1e-13, independent ones 1e-3."""
@@ -37,7 +36,7 @@ class BaseCoefficients:
     names: tuple[str, ...]
     expressions: tuple[str, ...]
     units: tuple[str, ...]
-    kept: NDArray[np.int64]
+    kept: Integers
     projection: Array
 
     def __len__(self) -> int:
@@ -83,7 +82,7 @@ def _random_columns(model: Model, rng: np.random.Generator) -> Array:
     return model.columns(motion).reshape(-1, len(model.parameters))
 
 
-def _independent_columns(columns: Array) -> tuple[NDArray[np.int64], Array]:
+def _independent_columns(columns: Array) -> tuple[Integers, Array]:
     """Kept column indices and the (r, P) weights W with columns = columns[:, kept] W, by Gram-Schmidt done twice."""
     lengths = np.linalg.norm(columns, axis=0)
     largest = lengths.max()

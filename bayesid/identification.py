@@ -19,18 +19,22 @@ from bayesid.errors import InputError
 from bayesid.log import Log, read_log
 from bayesid.model import Model
 from bayesid.moments import Moments, moments
-from bayesid.motion import Array
+from bayesid.motion import Array, Integers, Mask
 from bayesid.noise import Noise, relative_rms, residual_noise
 from bayesid.robot import Robot, load_robot
-from bayesid.search.beam import SearchResult, beam
-from bayesid.segments import Integers, Mask, Segments, find_segments
+from bayesid.search.beam import NodeCost, SearchResult, beam
+from bayesid.segments import Segments, find_segments
 from bayesid.signals import Signals, prepare, signed_effort
 from bayesid.smoothing import sign_probabilities
 from bayesid.solver import MARGIN, ConeLeastSquares, solve_precisely
+from bayesid.terms.base import Cone
 from bayesid.validation import Validation, validate
 
 Progress = Callable[[str, int, int], None]
 """Called as progress(stage, done, total)."""
+
+NodeCostFactory = Callable[[Cone, BaseCoefficients, Array, float], NodeCost]
+"""Makes the price of a node from the model's cone and coefficients and the moments H (r, r) and c of all data."""
 
 _FIRST_GUESS = 0.05
 """Noise of each joint before any fit, as a share of its RMS effort."""
@@ -132,6 +136,7 @@ def identify(
     initial_segments: int = 5,
     cutoff: float | None = None,
     progress: Progress | None = None,
+    node_cost: NodeCostFactory = ConeLeastSquares,
 ) -> Identification:
     """Identifies a robot from a log with known, unknown or mixed signs.
 
@@ -143,6 +148,7 @@ def identify(
         initial_segments: s0 of T-PBPR.
         cutoff: of the motion's low-pass, Hz; from the data by default.
         progress: called as progress(stage, done, total) while a long stage runs.
+        node_cost: what prices a node of the search, made from (cone, coefficients, hessian, energy).
 
     Raises:
         InputError: the robot, the log or an option cannot be used.
@@ -158,7 +164,7 @@ def identify(
     segments = find_segments(signals, robot.actuators(signals.motion))
     _check_amount(segments, coefficients, log)
     clock.lap("prepare")
-    task = _Task(model, coefficients, signals, beam_width, initial_segments, progress)
+    task = _Task(model, coefficients, signals, beam_width, initial_segments, progress, node_cost)
     segments, search, rounds = _search(task, segments)
     clock.lap("search")
     moving = segments.per_sample(segments.moving, *signals.effort.shape) > 0
@@ -227,6 +233,7 @@ class _Task:
     width: int
     initial: int
     progress: Progress | None
+    node_cost: NodeCostFactory
 
     def moments(self, segments: Segments) -> Moments:
         return moments(self.model, self.coefficients, self.signals.motion, self.signals.effort, segments)
@@ -240,9 +247,8 @@ def _search(task: _Task, segments: Segments) -> tuple[Segments, SearchResult, in
         raw = task.moments(fitted)
         n = task.model.robot.n_joints
         scaled = raw.scaled(_FIRST_GUESS * _rms_effort(raw, n) if sigma is None else sigma)
-        pricing = ConeLeastSquares(
-            task.model.cone, task.coefficients, scaled.hessian.sum(axis=0), float(scaled.energy.sum())
-        )
+        data = scaled.hessian.sum(axis=0), float(scaled.energy.sum())
+        pricing = task.node_cost(task.model.cone, task.coefficients, *data)
         note = None if task.progress is None else _stage(task.progress, f"search, round {rounds}")
         result = beam(scaled, pricing, task.width, task.initial, note)
         sigma = _residual_sd(raw, task.coefficients.project(result.theta), n, result.signs)

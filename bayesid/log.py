@@ -17,10 +17,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesid.errors import InputError
-from bayesid.motion import Array, frozen
+from bayesid.motion import Array, Mask, frozen
 
 _ABSURD = 1e6
 """No robot moves or pushes this much in SI units; logs in the wild hold 1e282 from uninitialised memory."""
@@ -45,7 +44,7 @@ class Log:
     t: Array
     q: Array
     effort: Array
-    signed: NDArray[np.bool_]
+    signed: Mask
     dq: Array | None = None
     source: str = "log"
 
@@ -262,9 +261,9 @@ def _factors(columns: _Columns, gains: Sequence[float] | None, where: str) -> Ar
     return factors
 
 
-def _signed(measured: Array, unsigned: str | None, n: int) -> NDArray[np.bool_]:
+def _signed(measured: Array, unsigned: str | None, n: int) -> Mask:
     if unsigned is None:
-        negative: NDArray[np.bool_] = np.any(measured < 0.0, axis=0)
+        negative: Mask = np.any(measured < 0.0, axis=0)
         return negative
     if unsigned in ("all", "none"):
         return np.full(n, unsigned == "none")

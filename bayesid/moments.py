@@ -14,11 +14,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesid.coefficients import BaseCoefficients
 from bayesid.model import Model
-from bayesid.motion import Array, Motion
+from bayesid.motion import Array, Integers, Motion
 from bayesid.segments import Segments
 
 
@@ -35,12 +34,12 @@ class Moments:
         count: (S,) samples.
     """
 
-    joint: NDArray[np.int64]
-    known: NDArray[np.int64]
+    joint: Integers
+    known: Integers
     hessian: Array
     gradient: Array
     energy: Array
-    count: NDArray[np.int64]
+    count: Integers
 
     def __len__(self) -> int:
         return len(self.joint)

@@ -8,6 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+STANDSTILL = 0.01
+"""Share of its highest speed below which an actuator stands still: friction's direction is then unknown."""
+_SLOWEST = 1e-6
+"""rad/s; an actuator that is never faster stands still all the time."""
 
 
 def frozen(values: object, shape: tuple[int | None, ...], name: str) -> Array:
@@ -62,5 +69,10 @@ class Motion:
         """Number of joints n."""
         return self.q.shape[1]
 
-    def __getitem__(self, rows: slice | NDArray[np.int64] | NDArray[np.bool_]) -> Motion:
+    @property
+    def standstill_speed(self) -> Array:
+        """(n,) speed below which each joint counts as standing still, rad/s."""
+        return STANDSTILL * np.maximum(np.abs(self.dq).max(axis=0), _SLOWEST)
+
+    def __getitem__(self, rows: slice | Integers | Mask) -> Motion:
         return Motion(self.t[rows], self.q[rows], self.dq[rows], self.ddq[rows])

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesid.motion import Array
-from bayesid.segments import Mask
+from bayesid.motion import Array, Mask
 
 _WHITE_LAG = 0.02
 """s; sensor noise is forgotten after this long, model error is not."""

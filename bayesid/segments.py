@@ -13,15 +13,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
-from bayesid.motion import Array, Motion
+from bayesid.motion import Array, Integers, Mask, Motion
 from bayesid.signals import Signals
-from bayesid.terms import STANDSTILL
-
-Integers = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 _PROMINENCE = 0.02
 """Share of the joint's 99th percentile by which a minimum must lie below its surroundings."""
@@ -86,7 +81,7 @@ def find_segments(signals: Signals, actuators: Motion) -> Segments:
     rows = []
     for j in range(actuators.n_joints):
         speed = actuators.dq[:, j]
-        moving = np.abs(speed) > STANDSTILL * np.abs(speed).max()
+        moving = np.abs(speed) > actuators.standstill_speed[j]
         edges = {int(i) for i in np.flatnonzero(np.diff(moving)) + 1}
         if not signals.signed[j]:
             cuts = _reversals(speed) | _minima(signals.effort[:, j])

@@ -10,13 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from bayesid.errors import InputError
 from bayesid.log import Log
-from bayesid.motion import Array, Motion
+from bayesid.motion import Array, Integers, Mask, Motion
 
 _ORDER = 4
 """Butterworth order; run forwards and backwards, so the attenuation is that of twice the order."""
@@ -43,7 +42,7 @@ class Signals:
     motion: Motion
     effort: Array
     raw_effort: Array
-    signed: NDArray[np.bool_]
+    signed: Mask
     rate: float
     cutoff: float
     processing: dict[str, object]
@@ -145,7 +144,7 @@ def _lowpass_motion(values: Array, cutoff: float, rate: float) -> Array:
     return signal.sosfiltfilt(_sections(cutoff, rate), extended, axis=0)[padding : padding + len(values)]
 
 
-def _extrapolate(values: Array, places: NDArray[np.int64]) -> Array:
+def _extrapolate(values: Array, places: Integers) -> Array:
     """(len(places), n) least-squares cubics through values (m, n) at 0 ... m - 1, taken at other places."""
     scale = len(values)
     powers = np.polynomial.polynomial.polyvander(np.arange(scale) / scale, 3)
@@ -170,7 +169,7 @@ def choose_cutoff(q: Array, dq: Array | None, rate: float) -> float:
     return float(np.clip(10.0 * bandwidth, min(_SLOWEST, 0.4 * rate), 0.4 * rate))
 
 
-def _distinct_rows(log: Log) -> NDArray[np.int64]:
+def _distinct_rows(log: Log) -> Integers:
     """Rows that bring something new: a later time and a changed reading (controllers repeat the last one)."""
     readings = [log.q, log.effort] + ([] if log.dq is None else [log.dq])
     same = np.all(np.diff(np.hstack(readings), axis=0) == 0.0, axis=1)

@@ -18,9 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesid.motion import Array
+from bayesid.motion import Array, Mask
 from bayesid.noise import Noise
-from bayesid.segments import Mask
 
 _GRID = 101
 _REACH = 4.0

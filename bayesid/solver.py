@@ -73,6 +73,7 @@ class ConeLeastSquares:
         tolerance: float = 1e-6,
     ) -> None:
         self._projection = coefficients.projection
+        self._nonnegative = cone.nonnegative
         self._scale = _sizes(cone, self._projection, hessian, energy)
         self._typical = _typical(cone) / self._scale
         self._rows = _state_cone(cone, self._scale, margin)
@@ -113,6 +114,7 @@ class ConeLeastSquares:
         if result.status != clarabel.SolverStatus.Solved:
             raise SolverError("cone least squares", str(result.status))
         theta = self._scale * np.array(result.x)
+        theta[self._nonnegative] = np.maximum(theta[self._nonnegative], 0.0)  # what is below is the solver's tolerance
         beta = self._projection @ theta
         return Solution(theta, float(beta @ self._hessian @ beta - 2 * gradient @ beta), tolerance)
 

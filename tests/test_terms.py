@@ -16,9 +16,9 @@ from oracles import (
 
 from bayesid.errors import InputError
 from bayesid.model import Model
-from bayesid.motion import Motion
+from bayesid.motion import STANDSTILL, Motion
 from bayesid.robot import robot_from_table
-from bayesid.terms import CATALOGUE, DEFAULT, STANDSTILL, Cone, Term, make_term, make_terms
+from bayesid.terms import CATALOGUE, DEFAULT, Cone, Term, make_term, make_terms
 
 TABLES = {
     "kr5": built_in_table("kr5"),

@@ -15,11 +15,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from bayesid.moments import Moments
-from bayesid.motion import Array
+from bayesid.motion import Array, Integers
 from bayesid.solver import Solution
 
 _RIDGE = 1e-9
@@ -52,7 +51,7 @@ class SearchResult:
         seconds: of wall time.
     """
 
-    signs: NDArray[np.int64]
+    signs: Integers
     theta: Array
     cost: float
     method: str
@@ -75,7 +74,7 @@ class _Level:
         theta: the best node's parameters.
     """
 
-    signs: NDArray[np.int64]
+    signs: Integers
     gradient: Array
     cost: Array
     theta: Array
@@ -131,13 +130,13 @@ def beam(
     )  # fmt: skip
 
 
-def _search_order(moments: Moments) -> NDArray[np.int64]:
+def _search_order(moments: Moments) -> Integers:
     """Unknown segments, those with the most energy first: they decide most and are mistaken least."""
     unknown = np.flatnonzero(moments.known == 0)
     return unknown[np.argsort(-moments.energy[unknown], kind="stable")]
 
 
-def _expand(level: _Level, gradients: Array) -> tuple[NDArray[np.int64], Array]:
+def _expand(level: _Level, gradients: Array) -> tuple[Integers, Array]:
     """Every node with every choice of signs for the next segments: (children, d') signs and (children, r) gradients."""
     d = len(gradients)
     choices = np.array(list(itertools.product((1, -1), repeat=d)), dtype=np.int64).reshape(2**d, d)
@@ -157,7 +156,7 @@ class _Pricing:
         self.tolerance = 0.0
 
     def select(
-        self, candidates: tuple[NDArray[np.int64], Array], hessian: Array, energy: float, width: int | None
+        self, candidates: tuple[Integers, Array], hessian: Array, energy: float, width: int | None
     ) -> _Level:
         signs, gradient = candidates
         bound = energy + unconstrained_costs(hessian, gradient)

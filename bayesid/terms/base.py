@@ -8,13 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesid.inertia import PSEUDO_INERTIA_BASIS
-from bayesid.motion import Array, Motion
+from bayesid.motion import Array, Integers, Motion
 from bayesid.robot import Robot
 
 
@@ -38,8 +37,8 @@ class Cone:
     """
 
     size: int
-    nonnegative: NDArray[np.int64]
-    bodies: NDArray[np.int64]
+    nonnegative: Integers
+    bodies: Integers
 
     @classmethod
     def free(cls, size: int) -> Cone:
@@ -109,9 +108,15 @@ class ActuatorTerm:
     """Base of the effects that act in each actuator by itself, with one parameter each: diagonal columns."""
 
     name: ClassVar[str]
+    physics: ClassVar[str]
     symbol: ClassVar[str]
     unit: ClassVar[str]
     nonnegative: ClassVar[bool] = False
+
+    @classmethod
+    def for_motion(cls, actuators: Motion) -> Self:
+        """The term for a log with this motion of its actuators; a subclass with a shape takes it from there."""
+        return cls()
 
     @property
     def shape(self) -> Mapping[str, list[float]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -42,6 +42,11 @@ class CoulombFriction(ActuatorTerm):
     symbol: ClassVar[str] = "Fc"
     unit: ClassVar[str] = "N m"
     nonnegative: ClassVar[bool] = True
+
+    @classmethod
+    def for_motion(cls, actuators: Motion) -> Self:
+        """Smoothed over what counts as standstill in this log."""
+        return cls(tuple(actuators.standstill_speed.tolist()))
 
     @property
     def shape(self) -> Mapping[str, list[float]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 from bayesid.inertia import NAMES, UNITS
 from bayesid.motion import Array, Motion
@@ -24,6 +24,11 @@ class RigidBody:
 
     name: ClassVar[str] = "rigid_body"
     physics: ClassVar[str] = "Rigid links: inertia, Coriolis, centrifugal and gravity torques, ten parameters each."
+
+    @classmethod
+    def for_motion(cls, actuators: Motion) -> Self:
+        """The same for every log."""
+        return cls()
 
     @property
     def shape(self) -> Mapping[str, list[float]]:
