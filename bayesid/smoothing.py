@@ -89,13 +89,16 @@ def _transitions(grid: Array, sd: Array, memory: Array) -> Array:
 def _smooth(effort: Array, predicted: Array, moving: Mask, process: _Process) -> Array:
     """(N, n) P(sign = +) by one forward and one backward pass."""
     n_samples, n = effort.shape
-    joints = np.arange(n)
-    steps = moving.astype(int)
+    joints, all_moving = np.arange(n), moving.all(axis=1)
+
+    def step(i: int) -> Array:
+        return process.step[1] if all_moving[i] else process.step[moving[i].astype(int), joints]
+
     forward = np.empty((n_samples, *process.grid.shape))
     belief = process.prior
     for i in range(n_samples):
         if i:
-            belief = (belief[:, None, :] @ process.step[steps[i], joints])[:, 0]
+            belief = (belief[:, None, :] @ step(i))[:, 0]
         belief = belief * _likelihoods(effort[i], predicted[i], process)[0]
         belief /= belief.sum(axis=1, keepdims=True)
         forward[i] = belief
@@ -105,7 +108,7 @@ def _smooth(effort: Array, predicted: Array, moving: Mask, process: _Process) ->
         likelihood, plus = _likelihoods(effort[i], predicted[i], process)
         both = forward[i] * future
         probability[i] = (both * plus).sum(axis=1) / both.sum(axis=1)
-        future = (process.step[steps[i], joints] @ (likelihood * future)[:, :, None])[:, :, 0]
+        future = (step(i) @ (likelihood * future)[:, :, None])[:, :, 0]
         future /= future.sum(axis=1, keepdims=True)
     return probability
 
