@@ -31,6 +31,8 @@ MARGIN = 1e-6
 """Smallest eigenvalue left to a pseudo-inertia (kg m^2 to kg): far below any link's, far above rounding."""
 _RIDGE = 1e-7
 """Weight of rho: a parameter as large as would explain all efforts alone costs this share of their energy."""
+_ATTEMPTS = ((1.0, True), (1.0, False), (10.0, True), (10.0, False), (100.0, True))
+"""Factor on the tolerance, and whether Clarabel scales the rows: what is tried after an update that failed."""
 _TYPICAL_BODY = from_pseudo_inertia(np.diag([0.03, 0.03, 0.03, 3.0]))
 """A link of 3 kg that spreads 0.1 m along each axis: what a parameter without any data is drawn to."""
 _TYPICAL_SIZES = np.array([0.1] * 6 + [0.5] * 3 + [5.0])
@@ -95,22 +97,22 @@ class ConeLeastSquares:
     def solve(self, gradient: Array) -> Solution:
         """The best point for g (r,).
 
-        The prepared solver is updated; when rounding keeps it from its tolerance, a fresh one is tried, then one with
-        ten times the tolerance. The solution names the tolerance that was reached.
+        The prepared solver is updated; when rounding keeps it from its tolerance, fresh ones are tried, the last of them
+        with a coarser tolerance. The solution names the tolerance that was reached.
 
         Raises:
             SolverError: none of them solved the problem.
         """
         linear = -2.0 * self._scale * (gradient @ self._projection) / self._unit - 2.0 * _RIDGE * self._typical
         if self._solver is None:
-            self._solver = self._new_solver(linear, self._tolerance)
+            self._solver = self._new_solver(linear, self._tolerance, equilibrate=True)
         else:
             self._solver.update(q=linear)
         result, tolerance = self._solver.solve(), self._tolerance
-        for coarser in (1.0, 10.0):
+        for coarser, equilibrate in _ATTEMPTS:
             if result.status != clarabel.SolverStatus.Solved:
                 tolerance = coarser * self._tolerance
-                result = self._new_solver(linear, tolerance).solve()
+                result = self._new_solver(linear, tolerance, equilibrate).solve()
         if result.status != clarabel.SolverStatus.Solved:
             raise SolverError("cone least squares", str(result.status))
         theta = self._scale * np.array(result.x)
@@ -118,11 +120,12 @@ class ConeLeastSquares:
         beta = self._projection @ theta
         return Solution(theta, float(beta @ self._hessian @ beta - 2 * gradient @ beta), tolerance)
 
-    def _new_solver(self, linear: Array, tolerance: float) -> Any:
+    def _new_solver(self, linear: Array, tolerance: float, equilibrate: bool) -> Any:
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         settings.max_threads = 1
         settings.presolve_enable = False  # it would forbid updates
+        settings.equilibrate_enable = equilibrate
         settings.static_regularization_constant = 1e-10
         settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
         offsets, rows, cones = self._rows
