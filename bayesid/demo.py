@@ -10,7 +10,7 @@ import numpy as np
 from bayesid.coefficients import base_coefficients
 from bayesid.excitation import exciting_trajectory, random_trajectory
 from bayesid.identification import Identification, Progress, identify
-from bayesid.log import Log, write_log
+from bayesid.log import Log
 from bayesid.motion import Array
 from bayesid.noise import relative_rms
 from bayesid.paper import TABLE_II, nominal_parameters, paper_model
@@ -99,8 +99,7 @@ def run_demo(folder: Path, seed: int = 0, progress: Progress | None = None) -> s
     """
     check_folder(folder)
     experiment = run_experiment(seed, progress=progress)
-    save_identification(experiment.result, folder)
-    write_log(folder / "log.csv", experiment.log)
+    save_identification(experiment.result, folder, with_log=True)
     texts = (_signs_text(experiment), _table_text(experiment), _error_text(experiment))
     return "\n".join([*texts, f"written to {folder}/"])
 

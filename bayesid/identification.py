@@ -22,7 +22,8 @@ from bayesid.moments import Moments, moments
 from bayesid.motion import Array, Integers, Mask
 from bayesid.noise import Noise, relative_rms, residual_noise
 from bayesid.robot import Robot, load_robot
-from bayesid.search.beam import NodeCost, SearchResult, beam
+from bayesid.search.beam import NodeCost, beam
+from bayesid.search.result import SearchResult
 from bayesid.segments import Segments, find_segments
 from bayesid.signals import Signals, prepare, signed_effort
 from bayesid.smoothing import sign_probabilities
@@ -40,9 +41,11 @@ _FIRST_GUESS = 0.05
 """Noise of each joint before any fit, as a share of its RMS effort."""
 _CLEARLY = 2.0
 """A predicted effort clearly crosses zero when it exceeds this many residual standard deviations on both sides."""
+_NORMAL_MEDIAN = 1.4826
+"""Standard deviation of a normal variable over the median of its absolute value."""
 _MOST_ROUNDS = 4
-_SLOWEST_MOTION = 1e-3
-"""rad/s; a log in which nothing is faster shows no dynamics."""
+_LEAST_MOTION = 1e-3
+"""rad; a joint that never leaves this range stands still but for its encoder's noise."""
 
 
 @dataclass(frozen=True)
@@ -172,6 +175,7 @@ def identify(
     clock.lap("smooth")
     fit = fit_signed(model, coefficients, signals, np.where(probability >= 0.5, 1.0, -1.0), moving)
     clock.lap("fit")
+    segments = segments.split(_sign_changes(signals))
     signs, confidence = _segment_signs(segments, probability, signals.raw_effort)
     return Identification(
         model, coefficients, log, signals, segments, signs, confidence, probability, fit, search, rounds,
@@ -194,8 +198,9 @@ def fit_signed(
     Raises:
         SolverError: Clarabel failed.
     """
-    effort = signed_effort(signals, signs)
-    raw = moments(model, coefficients, signals.motion, effort, _stretches(moving))
+    unfiltered = signed_effort(signals, signs, filtered=False)  # a filter would blur friction's steps, not the columns'
+    used = moving & _inner(signals)
+    raw = moments(model, coefficients, signals.motion, unfiltered, _stretches(used))
     sigma = _rms_effort(raw, model.robot.n_joints)
     for _ in range(2):  # the noise levels follow from a first fit with equal relative weights
         scaled = raw.scaled(sigma)
@@ -204,7 +209,8 @@ def fit_signed(
         sigma = _residual_sd(raw, coefficients.project(solution.theta), model.robot.n_joints)
     theta = solution.theta
     predicted = model.effort(signals.motion, theta)
-    noise = residual_noise(signed_effort(signals, signs, filtered=False) - predicted, moving, signals.rate)
+    noise = residual_noise(unfiltered - predicted, used, signals.rate)
+    effort = signed_effort(signals, signs)
     effective = raw.scaled(noise.sigma * np.sqrt(noise.autocorrelation)).hessian.sum(axis=0)
     covariance, condition = _covariance(effective)
     return Fit(
@@ -218,6 +224,13 @@ def fit_signed(
         smallest_eigenvalues=model.cone.smallest_eigenvalues(theta),
         tolerance=solution.tolerance,
     )
+
+
+def _inner(signals: Signals) -> Mask:
+    """(N, 1) samples far enough from both ends for their accelerations to be trusted: half a period of the cut-off."""
+    margin = 0.5 / signals.cutoff
+    t = signals.motion.t
+    return ((t >= t[0] + margin) & (t <= t[-1] - margin))[:, None]
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -252,11 +265,19 @@ def _search(task: _Task, segments: Segments) -> tuple[Segments, SearchResult, in
         note = None if task.progress is None else _stage(task.progress, f"search, round {rounds}")
         result = beam(scaled, pricing, task.width, task.initial, note)
         sigma = _residual_sd(raw, task.coefficients.project(result.theta), n, result.signs)
-        cuts = _crossings(fitted, task.model.effort(task.signals.motion, result.theta), task.signals.effort, sigma)
+        predicted = task.model.effort(task.signals.motion, result.theta)
+        cuts = _crossings(fitted, predicted, task.signals.effort, _typical_residual(fitted, result, predicted, task))
         if not cuts or rounds == _MOST_ROUNDS:
             return segments, result, rounds
         segments = segments.split(cuts)
     raise AssertionError("the loop returns in its last round")
+
+
+def _typical_residual(segments: Segments, result: SearchResult, predicted: Array, task: _Task) -> Array:
+    """(n,) median |residual| of each joint as a standard deviation: a segment of mixed sign does not inflate it."""
+    signs = segments.per_sample(result.signs, *predicted.shape)
+    residual = np.where(signs != 0.0, np.abs(signs * task.signals.effort - predicted), np.nan)
+    return _NORMAL_MEDIAN * np.nanmedian(residual, axis=0)
 
 
 def _stage(progress: Progress, stage: str) -> Callable[[int, int], None]:
@@ -287,6 +308,13 @@ def _smooth(task: _Task, segments: Segments, moving: Mask, search: SearchResult)
     noise = residual_noise(np.where(moving, signs * signals.raw_effort - predicted, 0.0), moving, signals.rate)
     probability = sign_probabilities(np.abs(signals.raw_effort), predicted, moving, noise, signals.rate)
     return np.where(signals.signed, (signals.raw_effort >= 0.0).astype(float), probability)
+
+
+def _sign_changes(signals: Signals) -> list[tuple[int, int]]:
+    """(joint, sample) at which the effort of a signed joint changes its sign."""
+    positive = signals.effort >= 0.0
+    changes = np.argwhere(positive[1:] != positive[:-1])
+    return [(int(j), int(i) + 1) for i, j in changes if signals.signed[j]]
 
 
 def _segment_signs(segments: Segments, probability: Array, effort: Array) -> tuple[Integers, Array]:
@@ -353,8 +381,7 @@ def _check(robot: Robot, log: Log, beam_width: int, initial_segments: int) -> No
     if robot.n_joints != log.n_joints:
         said = f"the log has {log.n_joints} joints, robot {robot.name} has {robot.n_joints}"
         raise InputError(said, log.source, "give the log and the robot that belong together")
-    speed = np.abs(np.diff(log.q, axis=0)).max(axis=0) / np.median(np.diff(log.t)[np.diff(log.t) > 0.0])
-    for j in np.flatnonzero(speed < _SLOWEST_MOTION):
+    for j in np.flatnonzero(np.ptp(log.q, axis=0) < _LEAST_MOTION):
         raise InputError(f"joint {j + 1} does not move", log.source, "record a motion in which every joint moves")
     if beam_width < 1:
         raise InputError(f"a beam of width {beam_width}", "--beam-width", "give at least 1")

@@ -118,11 +118,14 @@ def write_log(path: str | Path, log: Log) -> None:
     blocks = {"q": log.q, **({} if log.dq is None else {"dq": log.dq}), "tau": log.effort}
     header = ["t", *(f"{name}{j}" for name in blocks for j in range(1, log.n_joints + 1))]
     aside = Path(f"{path}.part")
-    with aside.open("w", newline="", encoding="utf-8") as file:
-        rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(header)
-        rows.writerows(np.column_stack([log.t, *blocks.values()]).tolist())
-    aside.replace(path)
+    try:
+        with aside.open("w", newline="", encoding="utf-8") as file:
+            rows = csv.writer(file, lineterminator="\n")
+            rows.writerow(header)
+            rows.writerows(np.column_stack([log.t, *blocks.values()]).tolist())
+        aside.replace(path)
+    finally:
+        aside.unlink(missing_ok=True)
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -140,7 +143,7 @@ def _read_table(path: Path) -> tuple[_Columns, Array]:
             raise InputError("does not begin with a header", str(path), "begin it with t,q1..qn,tau1..taun")
         columns = _find_columns(header, str(path))
         values = _read_values(path, header, sorted(chain.from_iterable(columns.values())))
-    except (FileNotFoundError, IsADirectoryError):
+    except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
         raise InputError("no such file", str(path), "give the path of a CSV log") from None
     except (UnicodeDecodeError, csv.Error):
         raise InputError("is not text", str(path), "give a CSV log") from None
@@ -256,7 +259,7 @@ def _factors(columns: _Columns, gains: Sequence[float] | None, where: str) -> Ar
     if len(gains) != n:
         raise InputError(f"{len(gains)} gains for {n} joints", "--gains", "give one gain per joint, N m/A")
     factors = np.array(gains, dtype=float)
-    if not np.isfinite(factors).all() or np.any(factors == 0.0):
+    if not np.all((np.abs(factors) < _ABSURD) & (factors != 0.0)):
         raise InputError("a gain is zero or not finite", "--gains", "give one gain per joint, N m/A")
     return factors
 

@@ -24,7 +24,7 @@ import tomli_w
 from bayesid.errors import InputError
 from bayesid.export import urdf
 from bayesid.identification import Identification
-from bayesid.log import Log
+from bayesid.log import Log, write_log
 from bayesid.model import Model
 from bayesid.motion import Array, Motion, frozen
 from bayesid.noise import Noise
@@ -58,8 +58,13 @@ class StoredModel:
     noise: Noise
 
 
-def save_identification(identification: Identification, folder: str | Path) -> Path:
-    """Writes the result folder of section 7 of the design.
+def save_identification(identification: Identification, folder: str | Path, with_log: bool = False) -> Path:
+    """Writes the result folder.
+
+    Args:
+        identification: what to write.
+        folder: where; an earlier result there is replaced as a whole.
+        with_log: whether the log itself goes in too, as log.csv.
 
     Raises:
         InputError: the folder cannot be written, or holds other files than an earlier result.
@@ -78,6 +83,8 @@ def save_identification(identification: Identification, folder: str | Path) -> P
         stored = StoredModel(identification.model, fit.theta, fit.noise)
         (place / "model.toml").write_text(tomli_w.dumps(_model_table(stored)))
         (place / "robot.urdf").write_text(urdf(identification.model, fit.theta))
+        if with_log:
+            write_log(place / "log.csv", identification.log)
 
     return _write_aside(check_folder(folder), write)
 

@@ -25,6 +25,7 @@ from bayesid import inertia
 from bayesid.errors import InputError
 from bayesid.motion import Array, Motion, frozen
 
+_AS_WRITTEN = "use the table as bayesid wrote it"
 BUILT_IN = ("kr5", "ur10e", "panda", "tx40")
 _TO_PINOCCHIO = [9, 6, 7, 8, 0, 1, 3, 2, 4, 5]  # pinocchio: m, mc, Ixx, Ixy, Iyy, Ixz, Iyz, Izz
 
@@ -243,23 +244,31 @@ def robot_table(robot: Robot) -> dict[str, Any]:
 
 
 def _robot_from_chain(table: Mapping[str, Any], where: str) -> Robot:
-    joints = []
-    for i, row in enumerate(table.get("joints", ()), start=1):
-        here = f"{where}, joint {i}"
-        for key in ("placement", "axis", "type", "parent", "link_frame"):
-            if key not in row:
-                raise InputError(f"key '{key}' is missing", here, "use the file as bayesid wrote it")
-        placement = _numbers(row["placement"], (4, 4), "placement", here)
-        link_frame = _numbers(row["link_frame"], (4, 4), "link_frame", here)
-        axis = _numbers(row["axis"], (3,), "axis", here)
-        joints.append(Joint(placement, axis, row["type"] == "prismatic", int(row["parent"]), link_frame))
+    rows, lengths = table.get("joints"), table.get("lengths", {})
+    if not isinstance(rows, list) or not rows or not isinstance(lengths, Mapping):
+        raise InputError("key 'joints' or 'lengths' cannot be used", where, _AS_WRITTEN)
     return Robot(
         name=str(table.get("name", "robot")),
-        joints=tuple(joints),
+        joints=tuple(_chain_joint(row, i, f"{where}, joint {i + 1}") for i, row in enumerate(rows)),
         gravity=_numbers(table.get("gravity", [0.0, 0.0, -9.81]), (3,), "gravity", where),
-        transmission=_transmission(table.get("transmission"), len(joints), where),
-        lengths={str(key): float(value) for key, value in table.get("lengths", {}).items()},
+        transmission=_transmission(table.get("transmission"), len(rows), where),
+        lengths={str(key): float(_numbers(value, (), str(key), where)) for key, value in lengths.items()},
     )
+
+
+def _chain_joint(row: object, index: int, where: str) -> Joint:
+    if not isinstance(row, Mapping):
+        raise InputError("is not a table", where, _AS_WRITTEN)
+    for key in ("placement", "axis", "type", "parent", "link_frame"):
+        if key not in row:
+            raise InputError(f"key '{key}' is missing", where, _AS_WRITTEN)
+    placement, link_frame = (_numbers(row[key], (4, 4), key, where) for key in ("placement", "link_frame"))
+    axis = _numbers(row["axis"], (3,), "axis", where)
+    if not np.isclose(np.linalg.norm(axis), 1.0):
+        raise InputError("key 'axis' is no unit vector", where, _AS_WRITTEN)
+    if not isinstance(row["parent"], int) or not -1 <= row["parent"] < index:
+        raise InputError("key 'parent' names no earlier joint", where, _AS_WRITTEN)
+    return Joint(placement, axis, row["type"] == "prismatic", row["parent"], link_frame)
 
 
 def _dh_row(row: object, where: str) -> dict[str, Any]:

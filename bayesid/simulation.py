@@ -23,6 +23,8 @@ _KG_PER_M = 25.0
 _SLENDERNESS = 0.1
 """Radius of the first link relative to the reach."""
 _SHORTEST_REACH = 0.1
+_MOST_SAMPLES = 1e7
+_LARGEST_EFFECT = 1e3
 
 
 def simulate(
@@ -173,7 +175,8 @@ def parse_effect(text: str, robot: Robot) -> Effect:
         effect = Effect(name, int(joint), float(level))
     except ValueError:
         raise InputError(f"{text!r} is not NAME:JOINT:LEVEL", "--effect", remedy) from None
-    if effect.name not in choices or not 1 <= effect.joint <= robot.n_joints or not 0.0 <= effect.level < np.inf:
+    possible = 1 <= effect.joint <= robot.n_joints and 0.0 <= effect.level <= _LARGEST_EFFECT
+    if effect.name not in choices or not possible:
         raise InputError(f"{text!r} names no effect of this robot", "--effect", remedy)
     return effect
 
@@ -194,9 +197,12 @@ def simulate_log(
     Raises:
         InputError: duration, rate or noise cannot be used.
     """
-    for value, option, least in ((duration, "--duration", 1.0), (rate, "--rate", 10.0), (noise, "--noise", 0.0)):
-        if not least <= value < np.inf:
-            raise InputError(f"{value:g} cannot be used", option, f"give at least {least:g}")
+    ranges = ((duration, "--duration", 1.0, 1e5), (rate, "--rate", 10.0, 1e4), (noise, "--noise", 0.0, 1e2))
+    for value, option, least, most in ranges:
+        if not least <= value <= most:
+            raise InputError(f"{value:g} cannot be used", option, f"give {least:g} to {most:g}")
+    if duration * rate > _MOST_SAMPLES:
+        raise InputError(f"{duration * rate:g} samples", "--duration", f"ask for at most {_MOST_SAMPLES:g}")
     rng = np.random.default_rng(seed)
     model = Model(robot, (RigidBody(),))
     known = robot.same_kinematics(load_robot("kr5"))

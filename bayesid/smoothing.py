@@ -21,6 +21,7 @@ import numpy as np
 from bayesid.motion import Array, Mask
 from bayesid.noise import Noise
 
+_IMPOSSIBLE = 1e-30
 _GRID = 101
 _REACH = 4.0
 """Half-width of the grid in standard deviations of b."""
@@ -83,16 +84,17 @@ def _transitions(grid: Array, sd: Array, memory: Array) -> Array:
     spread = np.maximum(sd * np.sqrt(1.0 - memory**2), 0.75 * (grid[:, 1] - grid[:, 0]))
     distance = grid[:, None, :] - memory[:, None, None] * grid[:, :, None]
     density = np.exp(-0.5 * (distance / spread[:, None, None]) ** 2)
+    density += _IMPOSSIBLE  # beliefs must not die out where model and effort contradict each other
     return density / density.sum(axis=2, keepdims=True)
 
 
 def _smooth(effort: Array, predicted: Array, moving: Mask, process: _Process) -> Array:
     """(N, n) P(sign = +) by one forward and one backward pass."""
     n_samples, n = effort.shape
-    joints, all_moving = np.arange(n), moving.all(axis=1)
+    joints, all_moving, state = np.arange(n), np.all(moving, axis=1), moving.astype(np.int64)
 
     def step(i: int) -> Array:
-        return process.step[1] if all_moving[i] else process.step[moving[i].astype(int), joints]
+        return process.step[1] if all_moving[i] else process.step[state[i], joints]
 
     forward = np.empty((n_samples, *process.grid.shape))
     belief = process.prior
@@ -118,6 +120,6 @@ def _likelihoods(effort: Array, predicted: Array, process: _Process) -> tuple[Ar
     mean = predicted[:, None] + process.grid
     quadratic = -0.5 * ((effort[:, None] - np.abs(mean)) / process.white) ** 2  # the likelier of the two signs
     odds = np.exp(-2.0 * effort[:, None] * np.abs(mean) / process.white**2)  # of the other one against it
-    likelihood = np.exp(quadratic - quadratic.max(axis=1, keepdims=True)) * (1.0 + odds)
+    likelihood = np.maximum(np.exp(quadratic - quadratic.max(axis=1, keepdims=True)), _IMPOSSIBLE) * (1.0 + odds)
     plus = np.where(mean >= 0.0, 1.0, odds) / (1.0 + odds)
     return likelihood, plus

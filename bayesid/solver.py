@@ -79,31 +79,33 @@ class ConeLeastSquares:
         self._scale = _sizes(cone, self._projection, hessian, energy)
         self._typical = _typical(cone) / self._scale
         self._rows = _state_cone(cone, self._scale, margin)
+        self._energy = energy
         self._tolerance = tolerance
         self.set_hessian(hessian)
 
     def regularisation(self, theta: Array) -> float:
         """rho(theta), the pull to typical links; not part of a solution's cost."""
-        return float(_RIDGE * self._unit * np.sum((theta / self._scale - self._typical) ** 2))
+        return float(_RIDGE * self._energy * np.sum((theta / self._scale - self._typical) ** 2))
 
     def set_hessian(self, hessian: Array) -> None:
         """Prepares the problem for another H (r, r)."""
         self._hessian = hessian
         full = self._scale[:, None] * (self._projection.T @ hessian @ self._projection) * self._scale
         self._unit = max(float(np.max(np.diag(full))), 1e-300)
-        self._quadratic = _upper_triangle(2.0 * full / self._unit + 2.0 * _RIDGE * np.eye(len(full)))
+        self._pull = _RIDGE * self._energy / self._unit
+        self._quadratic = _upper_triangle(2.0 * full / self._unit + 2.0 * self._pull * np.eye(len(full)))
         self._solver: Any = None
 
     def solve(self, gradient: Array) -> Solution:
         """The best point for g (r,).
 
-        The prepared solver is updated; when rounding keeps it from its tolerance, fresh ones are tried, the last of them
+        The prepared solver is updated; when rounding keeps it from its tolerance, fresh ones are tried, the last ones
         with a coarser tolerance. The solution names the tolerance that was reached.
 
         Raises:
             SolverError: none of them solved the problem.
         """
-        linear = -2.0 * self._scale * (gradient @ self._projection) / self._unit - 2.0 * _RIDGE * self._typical
+        linear = -2.0 * self._scale * (gradient @ self._projection) / self._unit - 2.0 * self._pull * self._typical
         if self._solver is None:
             self._solver = self._new_solver(linear, self._tolerance, equilibrate=True)
         else:

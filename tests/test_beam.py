@@ -7,7 +7,8 @@ from conftest import random_motion, small_robot
 from bayesid.coefficients import base_coefficients
 from bayesid.model import Model
 from bayesid.moments import moments
-from bayesid.search.beam import beam, unconstrained_costs
+from bayesid.search.beam import beam
+from bayesid.search.result import UnconstrainedBound
 from bayesid.segments import Segments
 from bayesid.simulation import random_parameters
 from bayesid.solver import ConeLeastSquares
@@ -62,7 +63,7 @@ def test_unlimited_beam_equals_brute_force_on_twelve_segments():
         def solve(self, gradient):
             from bayesid.solver import Solution
 
-            return Solution(np.empty(0), float(unconstrained_costs(self.hessian, gradient[None])[0]), 0.0)
+            return Solution(np.empty(0), float(UnconstrainedBound(self.hessian)(gradient[None])[0]), 0.0)
 
     signs = np.array(list(itertools.product((1, -1), repeat=12)))
     total = m.hessian.sum(axis=0)
@@ -96,7 +97,7 @@ def test_bound_never_exceeds_the_cost_in_the_cone():
     total, solver = m.hessian.sum(axis=0), cone(model, coefficients, m)
     for signs in np.random.default_rng(0).choice([1, -1], size=(40, 10)):
         gradient = signs @ m.gradient
-        bound = unconstrained_costs(total, gradient[None])[0]
+        bound = UnconstrainedBound(total)(gradient[None])[0]
         assert bound <= solver.solve(gradient).cost + 1e-6 * m.energy.sum()
 
 

@@ -15,13 +15,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from bayesid.moments import Moments
 from bayesid.motion import Array, Integers
+from bayesid.search.result import SearchResult, UnconstrainedBound
 from bayesid.solver import Solution
-
-_RIDGE = 1e-9
 
 
 class NodeCost(Protocol):
@@ -32,35 +30,6 @@ class NodeCost(Protocol):
 
     def solve(self, gradient: Array) -> Solution:
         """The best parameters for g (r,)."""
-
-
-@dataclass(frozen=True)
-class SearchResult:
-    """The best assignment that a search found.
-
-    Attributes:
-        signs: (S,) +1 or -1 for each segment of the moments.
-        theta: (P,) best feasible parameters under these signs.
-        cost: f(theta, signs), efforts in units of their noise.
-        method: how it was found.
-        certified: whether no other assignment can cost less.
-        lower_bound: proven bound on the cost of every assignment, or None.
-        nodes: priced by the unconstrained bound.
-        solves: cone problems solved.
-        tolerance: coarsest relative gap among them.
-        seconds: of wall time.
-    """
-
-    signs: Integers
-    theta: Array
-    cost: float
-    method: str
-    certified: bool
-    lower_bound: float | None
-    nodes: int
-    solves: int
-    tolerance: float
-    seconds: float
 
 
 @dataclass(frozen=True)
@@ -127,6 +96,7 @@ def beam(
     return SearchResult(
         signs=signs, theta=level.theta, cost=float(level.cost[0]), method="beam", certified=False, lower_bound=None,
         nodes=pricing.nodes, solves=pricing.solves, tolerance=pricing.tolerance, seconds=time.perf_counter() - began,
+        alternatives=signs[None], settled=moments.known != 0, missed=None,
     )  # fmt: skip
 
 
@@ -159,7 +129,7 @@ class _Pricing:
         self, candidates: tuple[Integers, Array], hessian: Array, energy: float, width: int | None
     ) -> _Level:
         signs, gradient = candidates
-        bound = energy + unconstrained_costs(hessian, gradient)
+        bound = energy + UnconstrainedBound(hessian)(gradient)
         self.nodes += len(signs)
         width = len(signs) if width is None else width
         self._node_cost.set_hessian(hessian)
@@ -175,15 +145,3 @@ class _Pricing:
         kept = kept[:width]
         chosen = [i for _, i, _ in kept]
         return _Level(signs[chosen], gradient[chosen], np.array([cost for cost, _, _ in kept]), kept[0][2])
-
-
-def unconstrained_costs(hessian: Array, gradient: Array) -> Array:
-    """(m,) -g' H^-1 g for each row of gradient (m, r): a lower bound of the cone-constrained cost without c.
-
-    Directions without data are given a curvature of 1e-9 of the largest diagonal entry's share, which loosens the bound
-    by no more than rounding does.
-    """
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(hessian), 1e-300 + _RIDGE * np.diag(hessian).max()))
-    factor = cho_factor(scale[:, None] * hessian * scale + _RIDGE * np.eye(len(hessian)))
-    scaled = gradient * scale
-    return -np.einsum("mr,mr->m", scaled, cho_solve(factor, scaled.T).T)

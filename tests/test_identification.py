@@ -1,0 +1,502 @@
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import real_log, small_robot
+from scipy import stats
+
+import bayesid
+from bayesid import identification
+from bayesid.errors import InputError
+from bayesid.excitation import random_trajectory
+from bayesid.identification import Identification, _crossings, identify
+from bayesid.log import Log, read_log
+from bayesid.model import Model
+from bayesid.motion import STANDSTILL, Array, Motion
+from bayesid.robot import Robot, load_robot, robot_from_table
+from bayesid.segments import Segments, find_segments
+from bayesid.signals import signed_effort
+from bayesid.simulation import random_parameters, simulate
+from bayesid.terms import DEFAULT, make_terms
+
+STRONG = 0.05
+"""Samples count from this share of their joint's largest |effort| on."""
+SMOOTH = tuple(name for name in DEFAULT if name != "coulomb_friction")
+"""Terms whose efforts a low-pass leaves as they are."""
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A simulated robot: a motion known at every instant, a model and its parameters."""
+
+    at: Callable[[Array], Motion]
+    model: Model
+    theta: Array
+
+    def effort(self, t: Array) -> Array:
+        return self.model.effort(self.at(t), self.theta)
+
+    def log(self, t: Array, noise: float = 0.05, signed: bool | list[bool] = False, seed: int = 0) -> Log:
+        return simulate(
+            self.model, self.theta, self.at(t), rng=np.random.default_rng(seed), noise=noise, signed=signed
+        )
+
+    def right_signs(self, result: Identification) -> float:
+        """Share of the strong samples whose sign is right."""
+        effort = self.effort(result.signals.motion.t)
+        strong = np.abs(effort) >= STRONG * np.abs(effort).max(axis=0)
+        return float(np.mean((np.sign(effort) == result.sample_signs)[strong]))
+
+    def surprise(self, result: Identification) -> float:
+        """Squared distance of the coefficients from the truth under their covariance: chi-square, r degrees."""
+        off = result.fit.beta - result.coefficients.project(self.theta)
+        return float(off @ np.linalg.solve(result.fit.covariance, off))
+
+
+def arm(seed: int, robot: Robot | None = None, terms=DEFAULT, duration: float = 8.0) -> Truth:
+    robot = robot or small_robot(3)
+    at = random_trajectory(robot.n_joints, duration, seed=seed).motion
+    model = Model(robot, make_terms(terms, robot, at(grid(duration))))
+    return Truth(at, model, random_parameters(model, np.random.default_rng(seed)))
+
+
+def grid(duration: float = 8.0, rate: float = 100.0) -> Array:
+    return np.arange(int(duration * rate) + 1) / rate
+
+
+def plausible(result: Identification, chi_square: float) -> bool:
+    """Whether a right method misses by so much at least once in ten thousand times."""
+    return chi_square < stats.chi2.isf(1e-4, len(result.coefficients))
+
+
+@pytest.fixture(scope="session")
+def truth() -> Truth:
+    return arm(4)
+
+
+@pytest.fixture(scope="session")
+def unsigned(truth) -> Identification:
+    return identify(truth.model.robot, truth.log(grid()))
+
+
+@pytest.fixture(scope="session")
+def signed(truth) -> Identification:
+    return identify(truth.model.robot, truth.log(grid(), signed=True))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Signs, coefficients and what goes with them
+# ---------------------------------------------------------------------------------------------------------------
+def test_the_signs_come_back_and_the_coefficients_with_them(truth, unsigned):
+    assert truth.right_signs(unsigned) == 1.0
+    assert unsigned.warnings == ()
+    assert plausible(unsigned, truth.surprise(unsigned))
+    np.testing.assert_allclose(unsigned.fit.relative_residual, 0.05, atol=0.04)
+    assert truth.model.cone.contains(unsigned.fit.theta)
+
+
+@pytest.mark.parametrize("seed", [3, 5, 13])
+def test_other_robots_and_motions(seed):
+    truth = arm(seed, robot=small_robot(3, seed=seed))
+    result = identify(truth.model.robot, truth.log(grid(), seed=seed))
+    assert truth.right_signs(result) >= 0.999
+    assert plausible(result, truth.surprise(result))
+
+
+def test_standard_deviations_mean_what_they_say():
+    """Over many logs, each with its own motion and noise: z-scores of unit variance, 5 sd never reached."""
+    surprises, worst = [], 0.0
+    for seed in range(12):
+        truth = arm(4, terms=SMOOTH)
+        truth = replace(truth, at=random_trajectory(3, 8.0, seed=seed).motion)
+        result = identify(truth.model.robot, truth.log(grid(), signed=True, seed=seed), SMOOTH)
+        z = (result.fit.beta - result.coefficients.project(truth.theta)) / result.fit.sd
+        surprises.append(truth.surprise(result))
+        worst = max(worst, np.abs(z).max())
+    total = 12 * len(result.coefficients)
+    assert stats.chi2.isf(1 - 1e-4, total) < np.sum(surprises) < 1.25 * stats.chi2.isf(1e-4, total)
+    assert worst < 5.0
+
+
+def test_the_parts_of_a_result_belong_together(unsigned):
+    n_samples, n = unsigned.signals.effort.shape
+    segments = unsigned.segments
+    assert unsigned.probability.shape == unsigned.fit.predicted.shape == (n_samples, n)
+    assert unsigned.probability.min() >= 0.0
+    assert unsigned.probability.max() <= 1.0
+    assert set(np.unique(unsigned.signs)) == {-1, 1}
+    assert np.all((unsigned.confidence >= 0.5) & (unsigned.confidence <= 1.0))
+    assert np.array_equal(np.bincount(segments.joint, weights=segments.end - segments.start), np.full(n, n_samples))
+    assert set(unsigned.timings) == {"prepare", "search", "smooth", "fit"}
+    assert min(unsigned.timings.values()) > 0.0
+    np.testing.assert_allclose(unsigned.coefficients.project(unsigned.fit.theta), unsigned.fit.beta)
+    predicted = unsigned.model.effort(unsigned.signals.motion, unsigned.fit.theta)
+    np.testing.assert_allclose(predicted, unsigned.fit.predicted)
+
+
+def test_confident_samples_are_right(truth, unsigned):
+    effort = truth.effort(unsigned.signals.motion.t)
+    certain = np.maximum(unsigned.probability, 1.0 - unsigned.probability) > 0.999
+    right = (np.sign(effort) == unsigned.sample_signs)[certain]
+    assert certain.mean() > 0.9
+    assert np.sum(~right) <= stats.poisson.isf(1e-4, 0.001 * len(right))
+
+
+def test_the_same_log_gives_the_same_result(truth, unsigned):
+    again = identify(truth.model.robot, truth.log(grid()))
+    np.testing.assert_array_equal(again.probability, unsigned.probability)
+    np.testing.assert_array_equal(again.fit.theta, unsigned.fit.theta)
+
+
+def test_progress_is_reported(truth):
+    calls = []
+    identify(truth.model.robot, truth.log(grid()), progress=lambda *call: calls.append(call))
+    assert calls[0][0] == "search, round 1"
+    assert calls[-1][1] == calls[-1][2]
+    assert all(0 <= done <= total for _, done, total in calls)
+
+
+def test_without_noise_nothing_divides_by_zero(truth):
+    with np.errstate(all="raise", under="ignore"):
+        result = identify(truth.model.robot, truth.log(grid(), noise=0.0))
+    assert truth.right_signs(result) == 1.0
+    assert result.fit.relative_residual.max() < 0.02
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Known signs
+# ---------------------------------------------------------------------------------------------------------------
+def test_with_all_signs_known_it_is_ordinary_identification(signed, truth):
+    """Against numpy's least squares on the rows in motion, weighted with the residuals of a first fit.
+
+    The rows are those half a period of the cut-off inside both ends, the efforts those before the light filter.
+    """
+    assert not signed.fit.on_edge.any()
+    effort = signed_effort(signed.signals, np.ones(3), filtered=False)
+    difference = np.abs(ordinary_least_squares(signed, effort) - signed.fit.beta) / signed.fit.sd
+    assert np.max(difference) < 0.01
+    assert plausible(signed, truth.surprise(signed))
+
+
+def ordinary_least_squares(result: Identification, effort: Array) -> Array:
+    motion, robot = result.signals.motion, result.model.robot
+    slow = 0.01 * np.abs(motion.dq).max(axis=0)
+    diagonals = [motion.dq, np.tanh(motion.dq / slow), np.ones_like(motion.dq), motion.ddq]
+    columns = [robot.regressor(motion), *(np.einsum("ij,jk->ijk", diagonal, np.eye(3)) for diagonal in diagonals)]
+    rows = np.concatenate(columns, axis=2)[:, :, result.coefficients.kept]
+    ends = 0.5 / result.signals.cutoff
+    inside = (motion.t >= motion.t[0] + ends) & (motion.t <= motion.t[-1] - ends)
+    moving = (np.abs(motion.dq) > slow) & inside[:, None]
+    weight = 1.0 / rms(effort, moving)
+    for _ in range(2):
+        scaled, wanted = (rows * weight[:, None])[moving], (effort * weight)[moving]
+        beta = np.linalg.lstsq(scaled, wanted, rcond=None)[0]
+        weight = 1.0 / rms(effort - rows @ beta, moving)
+    return beta
+
+
+def rms(values: Array, used: Array) -> Array:
+    return np.sqrt((values**2 * used).sum(axis=0) / used.sum(axis=0))
+
+
+def test_hidden_signs_cost_little(signed, unsigned):
+    """The same noise with and without signs: once the signs are right the fits agree."""
+    assert np.max(np.abs(unsigned.fit.beta - signed.fit.beta) / signed.fit.sd) < 1.0
+    np.testing.assert_allclose(unsigned.fit.sd, signed.fit.sd, rtol=0.1)
+
+
+def test_friction_is_not_biased(truth):
+    result = identify(truth.model.robot, truth.log(grid(), noise=0.002, signed=True))
+    friction = [i for i, name in enumerate(result.coefficients.names) if name.startswith("F")]
+    share = result.fit.beta[friction] / result.coefficients.project(truth.theta)[friction]
+    np.testing.assert_allclose(share, 1.0, atol=0.005)
+
+
+def test_some_joints_may_be_signed(truth):
+    log = truth.log(grid(), signed=[True, False, True])
+    result = identify(truth.model.robot, log)
+    assert truth.right_signs(result) >= 0.999
+    assert plausible(result, truth.surprise(result))
+    np.testing.assert_array_equal(result.probability[:, [0, 2]], log.effort[:, [0, 2]] >= 0.0)
+    assert set(result.segments.joint[result.segments.known == 0]) == {1}
+
+
+@pytest.mark.parametrize("joints", [[0, 1, 2], [0], [1], [2]])
+def test_no_feasible_robot_fits_flipped_signs(truth, signed, joints):
+    """All signs flipped, or those of one joint: what |effort| cannot tell apart, the cone does."""
+    log = truth.log(grid(), signed=True)
+    effort = log.effort.copy()
+    effort[:, joints] *= -1.0
+    flipped = identify(truth.model.robot, replace(log, effort=effort))
+    assert flipped.fit.relative_residual.max() > 5.0 * signed.fit.relative_residual.max()
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# The sign convention, against the equations of a textbook
+# ---------------------------------------------------------------------------------------------------------------
+def two_links(motion: Motion) -> Array:
+    """Torques of a planar arm in a vertical plane, x along the stretched arm, gravity along -y (Craig, chapter 6)."""
+    (m1, m2), (l1, c1, c2), (i1, i2), g = (6.0, 3.0), (0.5, 0.2, 0.3), (0.2, 0.1), 9.81
+    (q1, q2), (d1, d2), (a1, a2) = motion.q.T, motion.dq.T, motion.ddq.T
+    coupling, weight2 = m2 * l1 * c2, m2 * c2 * g * np.cos(q1 + q2)
+    m12 = i2 + m2 * c2**2 + coupling * np.cos(q2)
+    m11 = i1 + m1 * c1**2 + m2 * l1**2 + m12 + coupling * np.cos(q2)
+    tau1 = m11 * a1 + m12 * a2 - coupling * np.sin(q2) * (2 * d1 * d2 + d2**2) + (m1 * c1 + m2 * l1) * g * np.cos(q1)
+    tau2 = m12 * a1 + (i2 + m2 * c2**2) * a2 + coupling * np.sin(q2) * d1**2
+    return np.column_stack([tau1 + weight2 + 0.8 * d1, tau2 + weight2 + 0.4 * d2])
+
+
+@pytest.mark.parametrize("upright", [True, False])
+def test_a_planar_arm_of_the_textbook(upright):
+    """Upright, the torque that holds the stretched arm is positive; with gravity upwards it is negative."""
+    rows = [{"a": 0.5, "alpha": 0.0, "d": 0.0, "theta": 0.0}, {"a": 0.4, "alpha": 0.0, "d": 0.0, "theta": 0.0}]
+    down = -9.81 if upright else 9.81
+    robot = robot_from_table({"convention": "standard", "gravity": [0.0, down, 0.0], "joints": rows}, "test")
+    at, turn = random_trajectory(2, 8.0, seed=1).motion, 0.0 if upright else np.pi
+    rng = np.random.default_rng(3)
+
+    def effort(motion: Motion) -> Array:  # gravity upwards is the same as a base turned by half a turn
+        return two_links(replace(motion, q=motion.q + np.array([turn, 0.0])))
+
+    expected = effort(at(grid()))
+    noisy = expected + 0.02 * expected.std(axis=0) * rng.standard_normal(expected.shape)
+    log = Log(grid(), at(grid()).q, np.abs(noisy), np.zeros(2, dtype=bool))
+    result = identify(robot, log, ["rigid_body", "viscous_friction"])
+    strong = np.abs(expected) >= STRONG * np.abs(expected).max(axis=0)
+    assert np.all((np.sign(expected) == result.sample_signs)[strong])
+    new = random_trajectory(2, 8.0, seed=2).motion(grid())
+    error = result.model.effort(new, result.fit.theta) - effort(new)
+    assert np.all(error.std(axis=0) < 0.01 * effort(new).std(axis=0))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What a log may look like
+# ---------------------------------------------------------------------------------------------------------------
+def test_currents_with_gains_are_torques(truth, unsigned, tmp_path):
+    """Gains of powers of two, so that nothing is rounded; a drive wired the other way round has a negative gain."""
+    log, gains = truth.log(grid()), [16.0, 8.0, -4.0]
+    header = "t,q1,q2,q3,i1,i2,i3"
+    table = np.column_stack([log.t, log.q, log.effort / np.abs(gains)])
+    np.savetxt(tmp_path / "currents.csv", table, "%.17g", ",", header=header, comments="")
+    result = identify(truth.model.robot, read_log(tmp_path / "currents.csv", gains))
+    np.testing.assert_allclose(result.fit.beta, unsigned.fit.beta, rtol=1e-9)
+    np.testing.assert_allclose(result.probability, unsigned.probability, atol=1e-9)
+
+
+def test_measured_velocities_are_used(truth, unsigned):
+    log = replace(truth.log(grid()), dq=truth.at(grid()).dq)
+    result = identify(truth.model.robot, log)
+    assert truth.right_signs(result) == 1.0
+    assert np.max(np.abs(result.fit.beta - unsigned.fit.beta) / unsigned.fit.sd) < 1.0
+
+
+def test_jittered_time_and_repeated_rows(truth):
+    """A controller that samples when it can and logs when it likes."""
+    rng = np.random.default_rng(8)
+    t = grid() + rng.uniform(-0.003, 0.003, len(grid()))
+    log = truth.log(t)
+    rows = np.sort(np.concatenate([np.arange(len(t)), rng.choice(len(t), 300, replace=False)]))
+    later = t[rows] + 0.0004 * np.concatenate([[0], np.diff(rows) == 0])
+    result = identify(truth.model.robot, replace(log, t=later, q=log.q[rows], effort=log.effort[rows]))
+    assert result.signals.processing["repeated_rows_dropped"] == 300
+    assert truth.right_signs(result) >= 0.999
+    assert plausible(result, truth.surprise(result))
+
+
+@pytest.mark.parametrize("rate", [50.0, 250.0])
+def test_the_sampling_rate_does_not_matter(truth, rate):
+    result = identify(truth.model.robot, truth.log(grid(rate=rate), noise=0.05 * np.sqrt(rate / 100.0)))
+    assert truth.right_signs(result) >= 0.995
+    assert plausible(result, truth.surprise(result))
+
+
+def test_time_may_count_from_1970(truth, unsigned):
+    log = truth.log(grid())
+    result = identify(truth.model.robot, replace(log, t=log.t + 1.7e9))
+    assert np.max(np.abs(result.fit.beta - unsigned.fit.beta) / unsigned.fit.sd) < 0.05
+    assert np.all(result.sample_signs == unsigned.sample_signs)
+
+
+def test_motors_that_are_coupled():
+    truth = arm(2, robot=load_robot("tx40"), duration=12.0)
+    result = identify(truth.model.robot, truth.log(grid(12.0), noise=0.03))
+    assert truth.right_signs(result) >= 0.999
+    new = random_trajectory(6, 8.0, seed=9).motion(grid())
+    expected = truth.model.effort(new, truth.theta)
+    error = result.model.effort(new, result.fit.theta) - expected
+    assert np.all(error.std(axis=0) < 0.05 * expected.std(axis=0))
+
+
+def point_to_point(n: int, moves: int, seed: int) -> Callable[[Array], Motion]:
+    """Quintic moves of 0.8 s between random poses, with 0.4 s of rest after each."""
+    poses = np.random.default_rng(seed).uniform(-1.5, 1.5, (moves + 1, n))
+
+    def at(t: Array) -> Motion:
+        k = np.minimum((t / 1.2).astype(int), moves - 1)
+        s = np.minimum((t - 1.2 * k) / 0.8, 1.0)[:, None]
+        step = poses[k + 1] - poses[k]
+        q = poses[k] + step * (10 * s**3 - 15 * s**4 + 6 * s**5)
+        return Motion(t, q, step * 30 * s**2 * (1 - s) ** 2 / 0.8, step * 60 * s * (1 - s) * (1 - 2 * s) / 0.64)
+
+    return at
+
+
+def test_rests_of_a_point_to_point_motion_get_their_signs():
+    """At rest static friction holds some of the load, nobody knows how much: here up to half the Coulomb friction."""
+    robot, moves = small_robot(3), 14
+    at, t = point_to_point(3, moves, seed=5), grid(1.2 * moves)
+    model = Model(robot, make_terms(DEFAULT, robot, at(t)))
+    theta = random_parameters(model, np.random.default_rng(4))
+    truth = Truth(at, model, theta)
+    coulomb = theta[[p.name.startswith("Fc") for p in model.parameters]]
+    resting = np.abs(at(t).dq) < STANDSTILL * np.abs(at(t).dq).max(axis=0)
+    held = np.repeat(np.random.default_rng(6).uniform(-0.5, 0.5, (moves, 3)), 120, axis=0)
+    effort = truth.effort(t) + np.where(resting, coulomb * np.vstack([held, held[-1]]), 0.0)
+    noisy = effort + 0.03 * effort.std(axis=0) * np.random.default_rng(7).standard_normal(effort.shape)
+    result = identify(robot, Log(t, at(t).q, np.abs(noisy), np.zeros(3, dtype=bool)))
+    strong = np.abs(effort) >= STRONG * np.abs(effort).max(axis=0)
+    assert resting.mean() > 0.3
+    right = np.sign(effort) == result.sample_signs
+    assert right[strong & resting].mean() >= 0.999
+    assert right[strong].mean() >= 0.999
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Splitting and searching again
+# ---------------------------------------------------------------------------------------------------------------
+def one_joint(*bounds: int, known: tuple[int, ...] | None = None) -> Segments:
+    size = len(bounds) - 1
+    return Segments(
+        np.zeros(size, dtype=np.int64), np.array(bounds[:-1]), np.array(bounds[1:]),
+        np.array(known or (0,) * size), np.ones(size, dtype=bool),
+    )  # fmt: skip
+
+
+def test_a_clear_crossing_is_cut_where_the_effort_is_least():
+    predicted = np.linspace(1.0, -1.0, 101)[:, None]
+    effort = np.abs(predicted) + 0.05
+    effort[47] = 0.01
+    sigma = np.array([0.1])
+    assert _crossings(one_joint(0, 101), predicted, effort, sigma) == [(0, 47)]
+    cut = one_joint(0, 101).split([(0, 47)])
+    assert (cut.start.tolist(), cut.end.tolist()) == ([0, 47], [47, 101])
+    assert _crossings(cut, predicted, effort, sigma) == []
+
+
+def test_an_unclear_crossing_is_not_cut():
+    t = np.linspace(0.0, 1.0, 101)[:, None]
+    touches = np.where(t < 0.5, 1.0 - 2.0 * t, 2.0 * t - 1.0) - 0.15
+    assert _crossings(one_joint(0, 101), touches, np.abs(touches), np.array([0.1])) == []
+    deeper = np.where(t < 0.5, 1.0 - 2.0 * t, 2.0 * t - 1.0) - 0.25
+    assert len(_crossings(one_joint(0, 101), deeper, np.abs(deeper), np.array([0.1]))) == 2
+
+
+def test_known_signs_are_not_cut():
+    predicted = np.linspace(1.0, -1.0, 101)[:, None]
+    assert _crossings(one_joint(0, 101, known=(1,)), predicted, np.abs(predicted), np.array([0.1])) == []
+
+
+def test_where_a_segment_begins_already_it_is_not_cut_again():
+    predicted = np.array([1.0, -1.0, -1.0, -1.0])[:, None]
+    effort = np.array([0.1, 0.5, 1.0, 1.0])[:, None]
+    assert _crossings(one_joint(0, 4), predicted, effort, np.array([0.1])) == []
+
+
+def test_each_joint_has_its_own_noise():
+    predicted = np.linspace(1.0, -1.0, 101)[:, None] * [1.0, 1.0]
+    segments = Segments(
+        np.array([0, 1]), np.array([0, 0]), np.array([101, 101]), np.zeros(2, dtype=np.int64), np.ones(2, dtype=bool)
+    )
+    assert _crossings(segments, predicted, np.abs(predicted), np.array([0.6, 0.1])) == [(1, 50)]
+
+
+def test_a_cut_that_segmentation_missed_is_found_by_searching_again(truth, unsigned, monkeypatch):
+    """In each joint a segment of less than 0.4 s is glued to its neighbour of the other sign before the search."""
+    found = find_segments(unsigned.signals, unsigned.signals.motion)
+    blunt = glued(found, truth.effort(unsigned.signals.motion.t))
+    assert len(blunt) == len(found) - 3
+    monkeypatch.setattr(identification, "find_segments", lambda *_: blunt)
+    result = identify(truth.model.robot, truth.log(grid()))
+    assert result.rounds > 1
+    assert len(result.segments) > len(blunt)
+    assert truth.right_signs(result) >= 0.999
+
+
+def glued(segments: Segments, effort: Array) -> Segments:
+    keep, end = np.ones(len(segments), dtype=bool), segments.end.copy()
+    for j in range(3):
+        for k in np.flatnonzero(segments.joint == j)[:-1]:
+            first, second = (effort[segments.start[i] : segments.end[i], j].mean() for i in (k, k + 1))
+            length = segments.end[k + 1] - segments.start[k + 1]
+            if 10 < length < 40 and segments.moving[k : k + 2].all() and first * second < 0.0:
+                end[k], keep[k + 1] = end[k + 1], False
+                break
+    return replace(segments, end=end)[keep]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Refusals
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("change", "where", "what"),
+    [
+        ({"robot": "kr5"}, "simulated arm3", "3 joints"),
+        ({"terms": ["rigid_body", "magic"]}, "--terms", "magic"),
+        ({"terms": ["rigid_body", "rigid_body"]}, "--terms", "twice"),
+        ({"beam_width": 0}, "--beam-width", "0"),
+        ({"initial_segments": 0}, "--initial-segments", "0"),
+        ({"initial_segments": 13}, "--initial-segments", "13"),
+        ({"cutoff": 0.0}, "--cutoff", "0 Hz"),
+        ({"cutoff": 51.0}, "--cutoff", "51 Hz"),
+        ({"log": "nowhere.csv"}, "nowhere.csv", "no such file"),
+        ({"robot": "nobody"}, "nobody", "no such robot"),
+    ],
+)
+def test_bad_input_is_named(truth, change, where, what):
+    with pytest.raises(InputError) as refusal:
+        identify(**{"robot": truth.model.robot, "log": truth.log(grid()), **change})
+    assert where in refusal.value.where
+    assert what in refusal.value.what
+    assert refusal.value.remedy
+
+
+def test_too_little_motion_is_refused(truth):
+    """One short move in a second of rest: 20 samples a joint for 28 coefficients."""
+    t = grid(1.2)
+    log = replace(truth.log(t), q=point_to_point(3, 1, seed=0)(np.clip((t - 0.5) * 5.0, 0.0, 1.0)).q)
+    with pytest.raises(InputError, match="samples in motion for 28 coefficients"):
+        identify(truth.model.robot, log)
+
+
+def test_a_joint_that_stands_still_is_refused(truth):
+    log = truth.log(grid())
+    q = log.q.copy()
+    q[:, 1] = 0.3 + 1e-6 * np.sin(log.t)
+    with pytest.raises(InputError, match="joint 2 does not move"):
+        identify(truth.model.robot, replace(log, q=q))
+
+
+def test_names_and_paths_are_taken_for_robots_and_logs(truth, unsigned, tmp_path):
+    bayesid.write_log(tmp_path / "log.csv", truth.log(grid()))
+    result = identify(truth.model.robot, str(tmp_path / "log.csv"))
+    np.testing.assert_array_equal(result.fit.beta, unsigned.fit.beta)
+    assert Path(result.log.source) == tmp_path / "log.csv"
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Real logs
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("name", ["ur10e/b_20s.csv", "tx40/a.csv"])
+def test_real_logs_without_their_signs(name):
+    path = real_log(name)
+    log = read_log(path)
+    hidden = replace(log, effort=np.abs(log.effort), signed=np.zeros(log.n_joints, dtype=bool))
+    result = identify(path.with_name("robot.toml"), hidden)
+    nearest = np.abs(log.t[:, None] - result.signals.motion.t[None, :]).argmin(axis=1)
+    right = result.sample_signs[nearest] == np.sign(log.effort)
+    strong = np.abs(log.effort) >= STRONG * np.abs(log.effort).max(axis=0)
+    assert right[strong].mean() >= 0.995
+    for j in range(log.n_joints):
+        assert right[strong[:, j], j].mean() >= 0.985

@@ -1,0 +1,472 @@
+import csv
+import json
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from conftest import small_robot
+from oracles import urdf_text
+from scipy import linalg, stats
+
+from bayesid import results
+from bayesid.errors import InputError
+from bayesid.excitation import random_trajectory
+from bayesid.identification import identify
+from bayesid.log import read_log
+from bayesid.model import Model
+from bayesid.motion import Motion
+from bayesid.results import (
+    check_folder,
+    coefficient_rows,
+    load_model,
+    parameter_rows,
+    save_identification,
+    save_validation,
+    summary,
+)
+from bayesid.robot import load_robot, robot_from_urdf
+from bayesid.simulation import random_parameters, simulate
+from bayesid.terms import DEFAULT, make_terms
+
+PROMISED = {
+    "summary.json", "segments.csv", "signed_log.csv", "coefficients.csv", "parameters.csv", "model.toml", "robot.urdf",
+}  # fmt: skip
+
+
+def simulated(robot, signed=False, terms=DEFAULT, seed=4, duration=6.0, start=0.0):
+    t = np.arange(int(100 * duration) + 1) / 100.0
+    motion = random_trajectory(robot.n_joints, duration, seed=seed).motion(t)
+    model = Model(robot, make_terms(terms, robot, motion))
+    rng = np.random.default_rng(seed)
+    log = simulate(model, random_parameters(model, rng), motion, rng=rng, noise=0.03, signed=signed)
+    return replace(log, t=t + start)
+
+
+def table(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture(scope="session")
+def result():
+    """Joint 2 keeps its sign; time counts from 1970."""
+    robot = small_robot(3)
+    return identify(robot, simulated(robot, signed=[False, True, False], start=1.7e9))
+
+
+@pytest.fixture(scope="session")
+def folder(result, tmp_path_factory):
+    return save_identification(result, tmp_path_factory.mktemp("results") / "result")
+
+
+@pytest.fixture(scope="session")
+def validation(result):
+    return result.validate(simulated(result.model.robot, seed=11))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What the files hold
+# ---------------------------------------------------------------------------------------------------------------
+def test_a_result_folder_holds_what_is_promised(folder):
+    assert {path.name for path in folder.iterdir()} == PROMISED
+    assert [path for path in folder.parent.iterdir() if path != folder] == []
+    assert folder.stat().st_mode & 0o777 == 0o755
+
+
+def strict(text):
+    def refuse(word):
+        raise AssertionError(f"{word} is not JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+def test_the_summary_has_the_promised_keys(result, folder):
+    content = strict((folder / "summary.json").read_text())
+    assert {"n_samples", "n_segments", "n_coefficients", "search", "posterior"} <= set(content)
+    assert {"noise", "timings", "warnings"} <= set(content)
+    assert {"method", "cost", "certified", "lower_bound", "seconds", "sdp_solves"} <= set(content["search"])
+    assert content["n_samples"] == len(result.log) == 601
+    assert content["n_segments"] == len(table(folder / "segments.csv"))
+    assert content["n_coefficients"] == len(table(folder / "coefficients.csv"))
+    assert content["signed_joints"] == [2]
+    assert content["search"]["method"] == "beam"
+    assert content["search"]["certified"] is False
+    assert content["search"]["lower_bound"] is None
+    assert content["search"]["cost"] > 0.0
+    assert content["search"]["sdp_solves"] > 0
+    assert content["noise"]["sd"] == result.fit.noise.sigma.tolist()
+    assert all(seconds >= 0.0 for seconds in content["timings"].values())
+    assert content["warnings"] == list(result.warnings)
+
+
+def test_a_summary_without_finite_numbers_is_json_too(result, tmp_path):
+    fit = replace(result.fit, condition=np.inf, relative_residual=np.array([np.nan, 1.0, -np.inf]))
+    content = strict((save_identification(replace(result, fit=fit), tmp_path / "r") / "summary.json").read_text())
+    assert content["fit"]["condition_number"] is None
+    assert content["fit"]["relative_residual"] == [None, 1.0, None]
+
+
+def test_segments_cover_the_log(result, folder):
+    rows = table(folder / "segments.csv")
+    assert list(rows[0]) == ["joint", "start", "end", "n_samples", "sign", "confidence"]
+    period = 1.0 / result.signals.rate
+    for joint in ("1", "2", "3"):
+        mine = [row for row in rows if row["joint"] == joint]
+        starts, ends = (np.array([float(row[key]) for row in mine]) for key in ("start", "end"))
+        counts = np.array([int(row["n_samples"]) for row in mine])
+        assert starts[0] == result.log.t[0]
+        assert ends[-1] == pytest.approx(result.log.t[-1], abs=period)
+        np.testing.assert_allclose(starts[1:] - ends[:-1], period, atol=1e-3 * period)
+        np.testing.assert_allclose(ends - starts, (counts - 1) * period, atol=1e-3 * period)
+        assert counts.sum() == len(result.signals.motion)
+    assert {row["sign"] for row in rows} == {"-1", "1"}
+    assert all(0.5 <= float(row["confidence"]) <= 1.0 for row in rows)
+
+
+def test_segments_agree_with_the_signed_log(result, folder):
+    """A segment of high confidence has its sign in nearly every row."""
+    signed = table(folder / "signed_log.csv")
+    t = np.array([float(row["t"]) for row in signed])
+    for row in table(folder / "segments.csv"):
+        if float(row["confidence"]) > 0.999 and int(row["n_samples"]) > 10 and row["joint"] != "2":
+            inside = np.flatnonzero((t >= float(row["start"])) & (t <= float(row["end"])))
+            signs = [float(signed[i][f"tau{row['joint']}"]) * int(row["sign"]) > 0.0 for i in inside]
+            assert np.mean(signs) > 0.9
+
+
+def test_the_signed_log_has_the_rows_of_the_log(result, folder):
+    rows = table(folder / "signed_log.csv")
+    assert list(rows[0]) == ["t", "tau1", "tau2", "tau3", "p1", "p2", "p3"]
+    values = np.array([[float(value) for value in row.values()] for row in rows])
+    t, tau, p = values[:, 0], values[:, 1:4], values[:, 4:]
+    np.testing.assert_array_equal(t, result.log.t)
+    np.testing.assert_array_equal(np.abs(tau), np.abs(result.log.effort))
+    np.testing.assert_array_equal(tau[:, 1], result.log.effort[:, 1])
+    assert p.min() >= 0.0
+    assert p.max() <= 1.0
+    np.testing.assert_array_equal(np.sign(tau), np.where(p >= 0.5, 1.0, -1.0) * (tau != 0.0))
+    np.testing.assert_array_equal(p[:, 1], result.log.effort[:, 1] >= 0.0)
+    np.testing.assert_allclose(p, result.probability, atol=1e-6)  # the log is even: its rows are the grid's
+
+
+def test_each_row_of_a_jittered_log_has_the_nearest_probability(result, tmp_path):
+    rng = np.random.default_rng(0)
+    rows = np.sort(rng.choice(601, 400, replace=False))
+    t = result.log.t[rows] + rng.uniform(-0.004, 0.004, 400)
+    effort = result.log.effort[rows] * np.array([1.0, -1.0, 1.0])  # a signed joint's sign is the log's, nobody else's
+    some = replace(result.log, t=t, q=result.log.q[rows], effort=effort)
+    written = table(save_identification(replace(result, log=some), tmp_path / "r") / "signed_log.csv")
+    p = np.array([[float(row[f"p{j}"]) for j in (1, 3)] for row in written])
+    np.testing.assert_allclose(p, result.probability[rows][:, [0, 2]], atol=1e-6)
+    assert [(float(row["tau2"]), float(row["p2"])) for row in written] == [(e, float(e >= 0.0)) for e in effort[:, 1]]
+
+
+def test_the_signed_log_can_be_read_as_a_log(result, folder, tmp_path):
+    """Add q, and it is a log of signed efforts."""
+    signed, log = (folder / "signed_log.csv").read_text().splitlines(), result.log
+    q = [",".join(["q1", "q2", "q3"]), *(",".join(map(repr, row)) for row in log.q.tolist())]
+    (tmp_path / "log.csv").write_text("\n".join(f"{a},{b}" for a, b in zip(signed, q, strict=True)))
+    again = read_log(tmp_path / "log.csv")
+    assert again.signed.all()
+    np.testing.assert_array_equal(np.abs(again.effort), np.abs(log.effort))
+
+
+def test_the_coefficients_are_those_of_the_fit(result, folder):
+    rows = table(folder / "coefficients.csv")
+    assert list(rows[0])[:7] == ["name", "expression", "mean", "sd", "rsd_percent", "q2.5", "q97.5"]
+    assert [row["name"] for row in rows] == list(result.coefficients.names)
+    assert [row["expression"] for row in rows] == list(result.coefficients.expressions)
+    for row, mean, sd in zip(rows, result.fit.beta, result.fit.sd, strict=True):
+        numbers = [float(row[key]) for key in ("mean", "sd", "rsd_percent", "q2.5", "q97.5")]
+        expected = [mean, sd, 100.0 * sd / abs(mean), stats.norm.ppf(0.025, mean, sd), stats.norm.ppf(0.975, mean, sd)]
+        np.testing.assert_allclose(numbers, expected, rtol=1e-7)
+
+
+def test_a_coefficient_of_zero_has_no_relative_deviation(result):
+    rows = coefficient_rows(replace(result, fit=replace(result.fit, beta=np.zeros_like(result.fit.beta))))
+    assert all(row["rsd_percent"] == np.inf for row in rows)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Data or prior
+# ---------------------------------------------------------------------------------------------------------------
+def test_only_what_the_efforts_show_is_decided_by_the_data(result, folder):
+    """Parameters that can change without a trace in the efforts of a random motion are decided by the prior."""
+    rng = np.random.default_rng(3)
+    q, dq, ddq = rng.uniform(-3.0, 3.0, (3, 200, 3))
+    columns = result.model.columns(Motion(np.arange(200.0), q, dq, ddq)).reshape(600, -1)
+    size = np.linalg.norm(columns, axis=0).max()
+    silent = linalg.null_space(columns, rcond=1e-10)
+    assert silent.shape[1] == columns.shape[1] - len(result.coefficients)
+    may_change = np.abs(silent).max(axis=1) > 1e-7
+    rows = table(folder / "parameters.csv")
+    assert [row["name"] for row in rows] == [parameter.name for parameter in result.model.parameters]
+    assert [row["decided_by"] for row in rows] == ["prior" if free else "data" for free in may_change]
+    for _ in range(5):
+        step = silent @ rng.standard_normal(silent.shape[1])
+        assert np.abs(columns @ step).max() < 1e-9 * size
+        moved = np.abs(step) > 1e-7
+        assert all(row["decided_by"] == "prior" for row, changed in zip(rows, moved, strict=True) if changed)
+
+
+def test_parameters_have_a_deviation_where_the_data_decide_them(result, folder):
+    rows = table(folder / "parameters.csv")
+    assert {row["decided_by"] for row in rows} == {"data", "prior"}
+    for row, value in zip(rows, result.fit.theta, strict=True):
+        assert float(row["mean"]) == pytest.approx(value, rel=1e-8)
+        if row["decided_by"] == "data":
+            assert float(row["sd"]) > 0.0
+        else:
+            assert row["sd"] == ""
+    alone = {row["name"]: row for row in table(folder / "coefficients.csv") if row["name"] == row["expression"]}
+    both = [row for row in rows if row["name"] in alone]
+    assert {"Fv1", "Fc2", "offset3"} <= set(alone)
+    for row in both:
+        assert row["decided_by"] == "data"
+        assert float(row["sd"]) == pytest.approx(float(alone[row["name"]]["sd"]), rel=1e-6)
+        assert float(row["mean"]) == pytest.approx(float(alone[row["name"]]["mean"]), rel=1e-5, abs=1e-9)
+
+
+def test_what_the_log_does_not_excite_is_left_to_the_prior(result):
+    blind = result.coefficients.names.index("Fc2")
+    covariance = result.fit.covariance.copy()
+    covariance[blind] = covariance[:, blind] = 0.0
+    covariance[blind, blind] = np.inf
+    rows = {row["name"]: row for row in parameter_rows(replace(result, fit=replace(result.fit, covariance=covariance)))}
+    assert rows["Fc2"]["decided_by"] == "prior"
+    assert rows["Fc2"]["sd"] == ""
+    before = {row["name"]: row for row in parameter_rows(result)}
+    assert {name for name in rows if rows[name] != before[name]} == {"Fc2"}
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Models that come back
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.fixture(scope="session", params=["dh", "tx40", "urdf"])
+def stored(request, result, tmp_path_factory):
+    """An identification, its folder and what is read from it; signed logs are identified in no time."""
+    if request.param != "dh":
+        robot = load_robot("tx40") if request.param == "tx40" else robot_from_urdf(urdf_text(), "test")
+        result = identify(robot, simulated(robot, signed=True))
+    folder = save_identification(result, tmp_path_factory.mktemp("stored") / request.param)
+    return result, folder, load_model(folder)
+
+
+def test_a_model_comes_back_the_same(stored):
+    result, _, loaded = stored
+    assert loaded.model.robot.same_kinematics(result.model.robot)
+    np.testing.assert_array_equal(loaded.model.robot.coupling, result.model.robot.coupling)
+    assert loaded.model.robot.name == result.model.robot.name
+    assert loaded.model.terms == result.model.terms
+    assert loaded.model.parameters == result.model.parameters
+    np.testing.assert_allclose(loaded.theta, result.fit.theta, rtol=1e-12, atol=0.0)
+    for key, values in vars(result.fit.noise).items():
+        np.testing.assert_allclose(getattr(loaded.noise, key), values, rtol=1e-12)
+    predicted = loaded.model.effort(result.signals.motion[:50], loaded.theta)
+    np.testing.assert_allclose(predicted, result.fit.predicted[:50], rtol=1e-9, atol=1e-9)
+
+
+def test_the_urdf_has_the_torques_of_the_rigid_bodies(stored):
+    result, folder, _ = stored
+    robot, n = replace(result.model.robot, transmission=None), result.model.robot.n_joints
+    loaded = pin.buildModelFromUrdf(str(folder / "robot.urdf"))
+    loaded.gravity.linear = robot.gravity
+    data, motion = loaded.createData(), result.signals.motion[::20]
+    found = [pin.rnea(loaded, data, *sample) for sample in zip(motion.q, motion.dq, motion.ddq, strict=True)]
+    expected = robot.inverse_dynamics(motion, result.fit.theta[: 10 * n])
+    np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def edited(folder, tmp_path, change):
+    content = tomllib.loads((folder / "model.toml").read_text())
+    change(content)
+    (tmp_path / "model.toml").write_text(results.tomli_w.dumps(content))
+    return tmp_path
+
+
+def put(*path):
+    *keys, value = path
+
+    def change(content):
+        for key in keys[:-1]:
+            content = content[key]
+        content[keys[-1]] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        *(lambda content, key=key: content.pop(key) for key in ("robot", "terms", "values", "noise")),
+        lambda content: content["values"].pop("m1"),
+        lambda content: content["noise"].pop("white"),
+        lambda content: content["terms"].append(content["terms"][1]),
+        lambda content: content["robot"].pop("joints"),
+        lambda content: content["robot"]["joints"][0].pop("axis"),
+        put("robot", 1), put("terms", 1), put("terms", [1]), put("terms", []), put("values", 1), put("noise", 1),
+        put("values", "m1", "x"), put("values", "m1", float("nan")), put("values", "m1", float("inf")),
+        put("values", "m1", [1.0]),
+        put("terms", 0, {"name": "magic"}), put("terms", 0, {"shape": {}}), put("terms", 0, "shape", {"x": [1.0]}),
+        put("terms", 2, "shape", {}), put("terms", 2, "shape", {"smoothing": [1.0]}),
+        put("terms", 2, "shape", {"smoothing": [0.0, 0.0, 0.0]}), put("terms", 2, "shape", {"smoothing": 1.0}),
+        put("terms", 2, "shape", {"smoothing": ["a", "b", "c"]}), put("terms", 2, "shape", 3),
+        put("noise", "white", [1.0]), put("noise", "white", [float("nan")] * 3), put("noise", "white", [-1.0] * 3),
+        put("noise", "white", ["a"] * 3), put("noise", "other", [1.0] * 3),
+        put("robot", "joints", 3), put("robot", "joints", [3]), put("robot", "joints", 0, "parent", 9),
+        put("robot", "joints", 0, "parent", "x"), put("robot", "joints", 0, "placement", [1.0]),
+        put("robot", "lengths", 3), put("robot", "gravity", "down"), put("robot", "convention", "own"),
+    ],
+)  # fmt: skip
+def test_a_broken_model_file_is_bad_input(folder, tmp_path, change):
+    with pytest.raises(InputError) as refusal:
+        load_model(edited(folder, tmp_path, change))
+    assert str(tmp_path / "model.toml") in refusal.value.where
+    assert "\n" not in str(refusal.value)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Writing aside
+# ---------------------------------------------------------------------------------------------------------------
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_an_earlier_result_is_replaced(result, tmp_path):
+    place = save_identification(result, tmp_path / "r")
+    other = replace(result, warnings=("another result",))
+    (place / "posterior.nc").write_text("of the earlier result")
+    assert save_identification(other, place) == place
+    assert set(contents(place)) == PROMISED
+    assert b"another result" in contents(place)["summary.json"]
+    assert list(tmp_path.iterdir()) == [place]
+
+
+def test_an_empty_folder_and_folders_yet_to_be_made_will_do(result, tmp_path):
+    (tmp_path / "empty").mkdir()
+    for place in (tmp_path / "empty", tmp_path / "new" / "er" / "est"):
+        assert set(contents(save_identification(result, place))) == PROMISED
+
+
+def test_a_link_to_a_result_stays_a_link(result, tmp_path):
+    save_identification(result, tmp_path / "r")
+    (tmp_path / "link").symlink_to(tmp_path / "r")
+    save_identification(replace(result, warnings=("another result",)), tmp_path / "link")
+    assert (tmp_path / "link").is_symlink()
+    assert b"another result" in contents(tmp_path / "r")["summary.json"]
+
+
+@pytest.mark.parametrize("name", ["notes.txt", "summary.json.bak", "model.toml"])
+def test_other_files_are_never_deleted(result, tmp_path, name):
+    (tmp_path / "r").mkdir()
+    (tmp_path / "r" / name).write_text("mine")
+    with pytest.raises(InputError, match="holds other files"):
+        save_identification(result, tmp_path / "r")
+    assert contents(tmp_path / "r") == {name: b"mine"}
+
+
+def test_a_folder_with_a_summary_of_something_else_is_not_deleted(result, tmp_path):
+    (tmp_path / "r").mkdir()
+    for name in ("summary.json", "thesis.tex"):
+        (tmp_path / "r" / name).write_text("mine")
+    with pytest.raises(InputError, match=r"holds other files \(thesis.tex\)"):
+        save_identification(result, tmp_path / "r")
+    assert set(contents(tmp_path / "r")) == {"summary.json", "thesis.tex"}
+
+
+def test_a_validation_does_not_replace_the_model_it_is_of(result, validation, tmp_path):
+    place = save_identification(result, tmp_path / "r")
+    before = contents(place)
+    with pytest.raises(InputError, match="holds other files"):
+        save_validation(validation, place)
+    assert contents(place) == before
+
+
+def test_the_folder_one_is_in_is_not_pulled_away(result, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for place in (".", tmp_path):
+        with pytest.raises(InputError, match="is the folder you are in"):
+            save_identification(result, place)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_files_are_not_folders(tmp_path):
+    (tmp_path / "file").write_text("mine")
+    for place in ("file", "file/r", "file/r/s"):
+        with pytest.raises(InputError, match="not a folder"):
+            check_folder(tmp_path / place)
+
+
+def full_disk(*_):
+    raise OSError(28, "No space left on device")
+
+
+@pytest.mark.parametrize("earlier", [True, False])
+def test_a_full_disk_leaves_everything_as_it_was(result, tmp_path, monkeypatch, earlier):
+    place = tmp_path / "r"
+    before = contents(save_identification(result, place)) if earlier else None
+    monkeypatch.setattr(results, "_write_segments", full_disk)
+    with pytest.raises(InputError, match="No space left on device"):
+        save_identification(replace(result, warnings=("another result",)), place)
+    assert [path.name for path in tmp_path.iterdir()] == (["r"] if earlier else [])
+    assert not earlier or contents(place) == before
+
+
+@pytest.mark.parametrize("fault", [ValueError, KeyboardInterrupt])
+def test_whatever_goes_wrong_nothing_is_left_behind(result, tmp_path, monkeypatch, fault):
+    def fail(*_):
+        raise fault
+
+    monkeypatch.setattr(results, "urdf", fail)
+    with pytest.raises(fault):
+        save_identification(result, tmp_path / "r")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_rename_that_fails_puts_the_earlier_result_back(result, tmp_path, monkeypatch):
+    place = save_identification(result, tmp_path / "r")
+    before, rename = contents(place), results.Path.rename
+
+    def fail_once(path, target):
+        if target == place and path.name.startswith("."):
+            raise OSError(13, "Permission denied")
+        return rename(path, target)
+
+    monkeypatch.setattr(results.Path, "rename", fail_once)
+    with pytest.raises(InputError, match="Permission denied"):
+        save_identification(replace(result, warnings=("another result",)), place)
+    assert list(tmp_path.iterdir()) == [place]
+    assert contents(place) == before
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Validations
+# ---------------------------------------------------------------------------------------------------------------
+def test_a_validation_folder(validation, tmp_path):
+    place = save_validation(validation, tmp_path / "v")
+    assert {path.name for path in place.iterdir()} == {"summary.json", "signed_log.csv", "prediction.csv"}
+    content = strict((place / "summary.json").read_text())
+    assert content["n_samples"] == 601
+    np.testing.assert_allclose(content["rms_error"], validation.rms_error)
+    np.testing.assert_allclose(content["relative_residual"], validation.relative_residual)
+    rows = table(place / "prediction.csv")
+    assert list(rows[0]) == ["t", "tau1", "tau2", "tau3", "predicted1", "predicted2", "predicted3"]
+    values = np.array([[float(value) for value in row.values()] for row in rows])
+    np.testing.assert_array_equal(values[:, 0], validation.signals.motion.t)
+    np.testing.assert_allclose(values[:, 1:4], validation.measured, rtol=1e-7)
+    np.testing.assert_allclose(values[:, 4:], validation.predicted, rtol=1e-7)
+    assert len(table(place / "signed_log.csv")) == 601
+    save_validation(validation, place)
+    assert list(tmp_path.iterdir()) == [place]
+
+
+def test_a_result_is_not_written_over_a_validation(result, validation, tmp_path):
+    place = save_validation(validation, tmp_path / "v")
+    with pytest.raises(InputError, match=r"prediction.csv"):
+        save_identification(result, place)
+
+
+def test_the_summary_is_plain(result):
+    assert json.loads(json.dumps(summary(result))) == summary(result)
