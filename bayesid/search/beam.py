@@ -96,7 +96,6 @@ def beam(
     return SearchResult(
         signs=signs, theta=level.theta, cost=float(level.cost[0]), method="beam", certified=False, lower_bound=None,
         nodes=pricing.nodes, solves=pricing.solves, tolerance=pricing.tolerance, seconds=time.perf_counter() - began,
-        alternatives=signs[None], settled=moments.known != 0, missed=None,
     )  # fmt: skip
 
 

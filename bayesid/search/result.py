@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from bayesid.motion import Array, Integers, Mask
+from bayesid.motion import Array, Integers
 
 _RIDGE = 1e-9
 """Curvature added to columns of unit length; a hundredth of the solver's own pull to typical links."""
@@ -15,7 +15,7 @@ _RIDGE = 1e-9
 
 @dataclass(frozen=True)
 class SearchResult:
-    """The best assignment that a search found, and what it proved about all others.
+    """The best assignment that a search found.
 
     Attributes:
         signs: (S,) +1 or -1 for each segment of the moments.
@@ -28,10 +28,6 @@ class SearchResult:
         solves: cone problems solved.
         tolerance: coarsest relative gap among them.
         seconds: of wall time.
-        alternatives: (A, S) the assignments that are not shown to be worse by the search's margin, the best first; 0
-            where a segment takes no part in the proof.
-        settled: (S,) segments on which the alternatives agree.
-        missed: bound on the posterior mass of all assignments left out, relative to the best one's; None if unknown.
     """
 
     signs: Integers
@@ -44,9 +40,6 @@ class SearchResult:
     solves: int
     tolerance: float
     seconds: float
-    alternatives: Integers
-    settled: Mask
-    missed: float | None
 
 
 class UnconstrainedBound:
@@ -64,7 +57,3 @@ class UnconstrainedBound:
     def __call__(self, gradient: Array) -> Array:
         """(m,) minima -g' H^-1 g for the rows of gradient (m, r)."""
         return -np.sum((gradient @ self._factor.T) ** 2, axis=1)
-
-    def largest_ratio(self, hessian: Array) -> float:
-        """The largest x' hessian x / x' H x."""
-        return float(np.linalg.eigvalsh(self._factor @ hessian @ self._factor.T)[-1])
