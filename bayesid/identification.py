@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from bayesid import terms as catalogue
 from bayesid.coefficients import BaseCoefficients, base_coefficients
-from bayesid.errors import InputError
+from bayesid.errors import InputError, SolverError
 from bayesid.log import Log, read_log
 from bayesid.model import Model
 from bayesid.moments import Moments, moments
@@ -27,7 +27,7 @@ from bayesid.search.result import SearchResult
 from bayesid.segments import Segments, find_segments
 from bayesid.signals import Signals, prepare, signed_effort
 from bayesid.smoothing import sign_probabilities
-from bayesid.solver import MARGIN, ConeLeastSquares, solve_precisely
+from bayesid.solver import MARGIN, ConeLeastSquares, move_inside, solve_precisely
 from bayesid.terms.base import Cone
 from bayesid.validation import Validation, validate
 
@@ -63,6 +63,7 @@ class Fit:
         condition: condition number of the regressor with columns of unit length.
         smallest_eigenvalues: (links,) of the pseudo-inertias.
         tolerance: relative gap the solver reached.
+        moved_inside: whether what leaves no trace was chosen to lie as far inside the cone as the data allow.
     """
 
     theta: Array
@@ -74,6 +75,7 @@ class Fit:
     condition: float
     smallest_eigenvalues: Array
     tolerance: float
+    moved_inside: bool
 
     @property
     def sd(self) -> Array:
@@ -168,7 +170,7 @@ def identify(
     _check_amount(segments, coefficients, log)
     clock.lap("prepare")
     task = _Task(model, coefficients, signals, beam_width, initial_segments, progress, node_cost)
-    segments, search, rounds = _search(task, segments)
+    segments, search, rounds, unsplit = _search(task, segments)
     clock.lap("search")
     moving = segments.per_sample(segments.moving, *signals.effort.shape) > 0
     probability = _smooth(task, segments, moving, search)
@@ -179,7 +181,7 @@ def identify(
     signs, confidence = _segment_signs(segments, probability, signals.raw_effort)
     return Identification(
         model, coefficients, log, signals, segments, signs, confidence, probability, fit, search, rounds,
-        clock.laps, _warnings(fit, rounds),
+        clock.laps, _warnings(fit, unsplit),
     )  # fmt: skip
 
 
@@ -207,7 +209,7 @@ def fit_signed(
         hessian, gradient = scaled.hessian.sum(axis=0), scaled.gradient.sum(axis=0)
         solution = solve_precisely(model.cone, coefficients, hessian, gradient, float(scaled.energy.sum()))
         sigma = _residual_sd(raw, coefficients.project(solution.theta), model.robot.n_joints)
-    theta = solution.theta
+    theta, moved_inside = _move_inside(model, coefficients, solution.theta)
     predicted = model.effort(signals.motion, theta)
     noise = residual_noise(unfiltered - predicted, used, signals.rate)
     effort = signed_effort(signals, signs)
@@ -223,7 +225,18 @@ def fit_signed(
         condition=condition,
         smallest_eigenvalues=model.cone.smallest_eigenvalues(theta),
         tolerance=solution.tolerance,
+        moved_inside=moved_inside,
     )
+
+
+def _move_inside(model: Model, coefficients: BaseCoefficients, theta: Array) -> tuple[Array, bool]:
+    """Parameters farther inside the cone with the same coefficients, and whether any were found; else theta itself."""
+    try:
+        moved = move_inside(model.cone, coefficients, theta)
+    except SolverError:
+        return theta, False
+    better = model.cone.smallest_eigenvalues(moved).min() >= model.cone.smallest_eigenvalues(theta).min()
+    return (moved, True) if better else (theta, False)
 
 
 def _inner(signals: Signals) -> Mask:
@@ -252,9 +265,13 @@ class _Task:
         return moments(self.model, self.coefficients, self.signals.motion, self.signals.effort, segments)
 
 
-def _search(task: _Task, segments: Segments) -> tuple[Segments, SearchResult, int]:
-    """Searches the signs, splits segments whose predicted effort clearly crosses zero, and searches again."""
+def _search(task: _Task, segments: Segments) -> tuple[Segments, SearchResult, int, int]:
+    """Searches the signs, splits segments whose predicted effort clearly crosses zero, and searches again.
+
+    Also returns the number of searches, and of cuts that the last one still asked for.
+    """
     sigma: Array | None = None
+    nodes = solves = 0
     for rounds in range(1, _MOST_ROUNDS + 1):
         fitted = segments[segments.moving]
         raw = task.moments(fitted)
@@ -264,11 +281,12 @@ def _search(task: _Task, segments: Segments) -> tuple[Segments, SearchResult, in
         pricing = task.node_cost(task.model.cone, task.coefficients, *data)
         note = None if task.progress is None else _stage(task.progress, f"search, round {rounds}")
         result = beam(scaled, pricing, task.width, task.initial, note)
+        nodes, solves = nodes + result.nodes, solves + result.solves
         sigma = _residual_sd(raw, task.coefficients.project(result.theta), n, result.signs)
         predicted = task.model.effort(task.signals.motion, result.theta)
         cuts = _crossings(fitted, predicted, task.signals.effort, _typical_residual(fitted, result, predicted, task))
         if not cuts or rounds == _MOST_ROUNDS:
-            return segments, result, rounds
+            return segments, replace(result, nodes=nodes, solves=solves), rounds, len(cuts)
         segments = segments.split(cuts)
     raise AssertionError("the loop returns in its last round")
 
@@ -408,7 +426,7 @@ class _Clock:
         self.laps[stage], self._last = now - self._last, now
 
 
-def _warnings(fit: Fit, rounds: int) -> tuple[str, ...]:
+def _warnings(fit: Fit, unsplit: int) -> tuple[str, ...]:
     found = []
     unexcited = int(np.isinf(fit.sd).sum())
     if unexcited:
@@ -416,8 +434,8 @@ def _warnings(fit: Fit, rounds: int) -> tuple[str, ...]:
     if fit.on_edge.any():
         links = ", ".join(str(i + 1) for i in np.flatnonzero(fit.on_edge))
         found.append(f"the parameters of link {links} sit on the edge of the feasible set")
-    if rounds == _MOST_ROUNDS:
-        found.append(f"segments were still being split after {rounds} searches")
+    if unsplit:
+        found.append(f"{unsplit} segments still cross zero after {_MOST_ROUNDS} searches")
     if fit.tolerance > 1e-8:
         found.append(f"the final fit reached a relative gap of {fit.tolerance:g} only")
     return tuple(found)

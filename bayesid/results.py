@@ -204,6 +204,7 @@ def summary(identification: Identification) -> dict[str, Any]:
             "relative_residual": fit.relative_residual.tolist(),
             "condition_number": fit.condition,
             "relative_gap": fit.tolerance,
+            "parameters_moved_inside": fit.moved_inside,
             "smallest_eigenvalues": fit.smallest_eigenvalues.tolist(),
             "links_on_edge": (np.flatnonzero(fit.on_edge) + 1).tolist(),
             "standard_deviations": "information matrix with effective sample counts; the cone is not accounted for",

@@ -12,6 +12,7 @@ quadratic one), a few milliseconds each. A status other than solved is never tak
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +21,7 @@ import cvxpy as cp
 import numpy as np
 from cvxpy.reductions.solvers.conic_solvers.clarabel_conif import dims_to_solver_cones
 from scipy import sparse
+from scipy.linalg import null_space
 
 from bayesid.coefficients import BaseCoefficients
 from bayesid.errors import SolverError
@@ -35,6 +37,7 @@ _ATTEMPTS = ((1.0, True), (1.0, False), (10.0, True), (10.0, False), (100.0, Tru
 """Factor on the tolerance, and whether Clarabel scales the rows: what is tried after an update that failed."""
 _TYPICAL_BODY = from_pseudo_inertia(np.diag([0.03, 0.03, 0.03, 3.0]))
 """A link of 3 kg that spreads 0.1 m along each axis: what a parameter without any data is drawn to."""
+_LEASH = 1e-4
 _TYPICAL_SIZES = np.array([0.1] * 6 + [0.5] * 3 + [5.0])
 
 
@@ -132,6 +135,40 @@ class ConeLeastSquares:
         settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
         offsets, rows, cones = self._rows
         return clarabel.DefaultSolver(self._quadratic, linear, rows, offsets, cones, settings)
+
+
+def move_inside(cone: Cone, coefficients: BaseCoefficients, theta: Array) -> Array:
+    """(P,) parameters with the same coefficients as theta (P,), every body as far inside the cone as they allow.
+
+    Only combinations that leave no trace move, theta + N z with B N = 0: the largest t with P(theta + N z) >= t Q for
+    each body, Q a typical link's pseudo-inertia. A body that stays on the edge is held there by the data.
+
+    Raises:
+        SolverError: Clarabel did not reach its tolerances.
+    """
+    sizes = np.ones(cone.size)
+    for body in cone.bodies:
+        sizes[body] = _TYPICAL_SIZES
+    free = sizes[:, None] * null_space(coefficients.projection * sizes)
+    if free.shape[1] == 0 or len(cone.bodies) == 0:
+        return theta
+    z, t = cp.Variable(free.shape[1]), cp.Variable()
+    moved = theta + free @ z
+    link = np.einsum("k,kij->ij", _TYPICAL_BODY, PSEUDO_INERTIA_BASIS)
+    constraints: list[cp.Constraint] = [_linear_matrix(moved[body], np.ones(10)) >> t * link for body in cone.bodies]
+    if len(cone.nonnegative):
+        constraints.append(moved[cone.nonnegative] >= 0)
+    far = cp.sum_squares((moved - _typical(cone)) / sizes)  # keeps a mass without trace from growing for ever
+    problem = cp.Problem(cp.Maximize(t - _LEASH * far), constraints)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # cvxpy's word for a status that is checked below
+        try:
+            problem.solve(solver=cp.CLARABEL, tol_gap_abs=1e-6, tol_gap_rel=1e-6)
+        except cp.SolverError as error:
+            raise SolverError("moving parameters inside the cone", str(error)) from None
+    if problem.status != cp.OPTIMAL:
+        raise SolverError("moving parameters inside the cone", problem.status)
+    return theta + free @ np.asarray(z.value)
 
 
 def solve_precisely(

@@ -21,7 +21,7 @@ __all__ = [
 CATALOGUE: Mapping[str, type[RigidBody] | type[ActuatorTerm]] = {
     term.name: term for term in (RigidBody, ViscousFriction, CoulombFriction, TorqueOffset, RotorInertia)
 }
-DEFAULT = tuple(CATALOGUE)
+DEFAULT = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset", "rotor_inertia")
 
 
 def make_terms(names: Iterable[str], robot: Robot, motion: Motion) -> tuple[Term, ...]:

@@ -110,7 +110,7 @@ class ActuatorTerm:
     name: ClassVar[str]
     physics: ClassVar[str]
     symbol: ClassVar[str]
-    unit: ClassVar[str]
+    units: ClassVar[tuple[str, str]]  # of a joint that turns, of one that slides
     nonnegative: ClassVar[bool] = False
 
     @classmethod
@@ -125,7 +125,8 @@ class ActuatorTerm:
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """One parameter an actuator."""
-        return tuple(Parameter(f"{self.symbol}{j}", self.unit, j) for j in range(1, robot.n_joints + 1))
+        joints = enumerate(robot.joints, start=1)
+        return tuple(Parameter(f"{self.symbol}{j}", self.units[joint.prismatic], j) for j, joint in joints)
 
     def cone(self, robot: Robot) -> Cone:
         """Free or nonnegative, all alike."""

@@ -19,7 +19,7 @@ class ViscousFriction(ActuatorTerm):
     name: ClassVar[str] = "viscous_friction"
     physics: ClassVar[str] = "Lubricant drag: a torque proportional to the actuator's speed and against it."
     symbol: ClassVar[str] = "Fv"
-    unit: ClassVar[str] = "N m s/rad"
+    units: ClassVar[tuple[str, str]] = ("N m s/rad", "N s/m")
     nonnegative: ClassVar[bool] = True
 
     def effect(self, actuators: Motion) -> Array:
@@ -40,7 +40,7 @@ class CoulombFriction(ActuatorTerm):
     name: ClassVar[str] = "coulomb_friction"
     physics: ClassVar[str] = "Dry friction: a torque of constant size against the direction of motion."
     symbol: ClassVar[str] = "Fc"
-    unit: ClassVar[str] = "N m"
+    units: ClassVar[tuple[str, str]] = ("N m", "N")
     nonnegative: ClassVar[bool] = True
 
     @classmethod

@@ -18,7 +18,7 @@ class TorqueOffset(ActuatorTerm):
     name: ClassVar[str] = "torque_offset"
     physics: ClassVar[str] = "A constant torque: a zero error of sensor or drive, or friction that prefers a direction."
     symbol: ClassVar[str] = "offset"
-    unit: ClassVar[str] = "N m"
+    units: ClassVar[tuple[str, str]] = ("N m", "N")
 
     def effect(self, actuators: Motion) -> Array:
         """One."""

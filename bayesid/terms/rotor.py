@@ -16,7 +16,7 @@ class RotorInertia(ActuatorTerm):
     name: ClassVar[str] = "rotor_inertia"
     physics: ClassVar[str] = "The motor's rotor, geared up: a torque proportional to the actuator's own acceleration."
     symbol: ClassVar[str] = "Ia"
-    unit: ClassVar[str] = "kg m^2"
+    units: ClassVar[tuple[str, str]] = ("kg m^2", "kg")
     nonnegative: ClassVar[bool] = True
 
     def effect(self, actuators: Motion) -> Array:
