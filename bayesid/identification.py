@@ -22,7 +22,7 @@ from bayesid.moments import Moments, moments
 from bayesid.motion import Array, Integers, Mask
 from bayesid.noise import Noise, relative_rms, residual_noise
 from bayesid.robot import Robot, load_robot
-from bayesid.search.beam import NodeCost, beam
+from bayesid.search.beam import NodeCost, beam, turn_joints
 from bayesid.search.result import SearchResult
 from bayesid.segments import Segments, find_segments
 from bayesid.signals import Signals, prepare, signed_effort
@@ -43,6 +43,8 @@ _CLEARLY = 2.0
 """A predicted effort clearly crosses zero when it exceeds this many residual standard deviations on both sides."""
 _NORMAL_MEDIAN = 1.4826
 """Standard deviation of a normal variable over the median of its absolute value."""
+_POOR, _WIDER = 0.25, 4
+"""A joint whose residual exceeds this share of its effort may be a search gone wrong: it is repeated, so much wider."""
 _MOST_ROUNDS = 4
 _LEAST_MOTION = 1e-3
 """rad; a joint that never leaves this range stands still but for its encoder's noise."""
@@ -276,11 +278,7 @@ def _search(task: _Task, segments: Segments) -> tuple[Segments, SearchResult, in
         fitted = segments[segments.moving]
         raw = task.moments(fitted)
         n = task.model.robot.n_joints
-        scaled = raw.scaled(_FIRST_GUESS * _rms_effort(raw, n) if sigma is None else sigma)
-        data = scaled.hessian.sum(axis=0), float(scaled.energy.sum())
-        pricing = task.node_cost(task.model.cone, task.coefficients, *data)
-        note = None if task.progress is None else _stage(task.progress, f"search, round {rounds}")
-        result = beam(scaled, pricing, task.width, task.initial, note)
+        result = _search_once(task, raw, _FIRST_GUESS * _rms_effort(raw, n) if sigma is None else sigma, rounds)
         nodes, solves = nodes + result.nodes, solves + result.solves
         sigma = _residual_sd(raw, task.coefficients.project(result.theta), n, result.signs)
         predicted = task.model.effort(task.signals.motion, result.theta)
@@ -289,6 +287,22 @@ def _search(task: _Task, segments: Segments) -> tuple[Segments, SearchResult, in
             return segments, replace(result, nodes=nodes, solves=solves), rounds, len(cuts)
         segments = segments.split(cuts)
     raise AssertionError("the loop returns in its last round")
+
+
+def _search_once(task: _Task, raw: Moments, sigma: Array, rounds: int) -> SearchResult:
+    """One beam, with its joints turned where that helps; a wider one too where the residual stays large."""
+    scaled = raw.scaled(sigma)
+    data = scaled.hessian.sum(axis=0), float(scaled.energy.sum())
+    pricing = task.node_cost(task.model.cone, task.coefficients, *data)
+    note = None if task.progress is None else _stage(task.progress, f"search, round {rounds}")
+    found = turn_joints(scaled, pricing, beam(scaled, pricing, task.width, task.initial, note))
+    n = task.model.robot.n_joints
+    residual = _residual_sd(raw, task.coefficients.project(found.theta), n, found.signs)
+    if rounds > 1 or np.all(residual < _POOR * _rms_effort(raw, n)):
+        return found
+    wider = turn_joints(scaled, pricing, beam(scaled, pricing, _WIDER * task.width, task.initial, note))
+    best = min(found, wider, key=lambda result: result.cost)
+    return replace(best, nodes=found.nodes + wider.nodes, solves=found.solves + wider.solves)
 
 
 def _typical_residual(segments: Segments, result: SearchResult, predicted: Array, task: _Task) -> Array:

@@ -183,6 +183,7 @@ def summary(identification: Identification) -> dict[str, Any]:
         "processing": identification.signals.processing,
         "search": {
             "method": search.method,
+            "beam_width": search.width,
             "cost": search.cost,
             "certified": search.certified,
             "lower_bound": search.lower_bound,

@@ -3,8 +3,8 @@
 |effort| touches zero where the sign changes, but a filter rounds that cusp off and noise lifts it, and dry friction
 lets the effort jump through zero between two samples where the joint's velocity reverses. So the cuts are generous:
 every prominent minimum of the lightly filtered |effort|, every upward jump of its slope that is no minimum (a fast
-crossing between unequal efforts), every velocity reversal and every edge of a standstill. A cut too many costs a binary
-unknown; a cut too few costs samples of the wrong sign.
+crossing between unequal efforts), every velocity reversal, every jump of the acceleration and every edge of a
+standstill or of a pause of the log. A cut too many costs a binary unknown, a cut too few samples of the wrong sign.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ _PROMINENCE = 0.02
 """Share of the joint's 99th percentile by which a minimum must lie below its surroundings."""
 _JUMP = 0.1
 """Share of the 99th percentile by which the slope must jump, over half a period of the efforts' cut-off."""
+_JERK = 0.5
+"""Share of its 99th percentile by which the acceleration must jump within one period of the efforts' cut-off."""
 _CEILING = 0.35
 """Share of the 99th percentile above which no minimum is a zero in disguise."""
 
@@ -81,10 +83,10 @@ def find_segments(signals: Signals, actuators: Motion) -> Segments:
     rows = []
     for j in range(actuators.n_joints):
         speed = actuators.dq[:, j]
-        moving = np.abs(speed) > actuators.standstill_speed[j]
+        moving = signals.measured & (np.abs(speed) > actuators.standstill_speed[j])
         edges = {int(i) for i in np.flatnonzero(np.diff(moving)) + 1}
         if not signals.signed[j]:
-            cuts = _reversals(speed) | _minima(signals.effort[:, j])
+            cuts = _reversals(speed) | _minima(signals.effort[:, j]) | _jerks(actuators.ddq[:, j], half_period)
             edges |= cuts | _slope_jumps(signals.effort[:, j], half_period, edges | cuts)
         bounds = sorted({0, n_samples} | edges)
         known = int(signals.signed[j])
@@ -101,6 +103,15 @@ def _reversals(speed: Array) -> set[int]:
     """Samples at which the velocity has changed its sign."""
     sign = np.sign(speed)
     return {int(i) for i in np.flatnonzero(sign[1:] * sign[:-1] < 0) + 1}
+
+
+def _jerks(acceleration: Array, span: int) -> set[int]:
+    """Samples at which the acceleration jumps (trapezoidal speeds): inertia lets the effort jump through zero there."""
+    scale = np.percentile(np.abs(acceleration), 99)
+    jump = np.zeros_like(acceleration)
+    jump[span:-span] = np.abs(acceleration[2 * span :] - acceleration[: -2 * span])
+    found, _ = find_peaks(jump, height=_JERK * scale, distance=2 * span)
+    return {int(i) for i in found}
 
 
 def _minima(magnitude: Array) -> set[int]:

@@ -21,6 +21,10 @@ _ORDER = 4
 """Butterworth order; run forwards and backwards, so the attenuation is that of twice the order."""
 _SLOWEST = 5.0
 """Hz; no cut-off is chosen below it: friction's steps are faster than any motion."""
+_EVENED = 51
+"""Rows over which jittering time stamps are evened out."""
+_SMOOTHER = 0.25
+"""Evened stamps are used where they divide the positions' roughness by four or more."""
 _HELD = 10
 """A repeated row is kept after this many typical periods without a new one: the robot stood still."""
 
@@ -37,6 +41,7 @@ class Signals:
         rate: sampling rate of the grid, Hz.
         cutoff: cut-off of the motion's low-pass, Hz.
         processing: what was done to the log, for summary.json.
+        measured: (N,) False where the log pauses and for half a period of the cut-off around: nothing is known there.
     """
 
     motion: Motion
@@ -46,6 +51,7 @@ class Signals:
     rate: float
     cutoff: float
     processing: dict[str, object]
+    measured: Mask
 
     @property
     def effort_cutoff(self) -> float:
@@ -64,7 +70,7 @@ def prepare(log: Log, cutoff: float | None = None) -> Signals:
         InputError: nothing moves, too few distinct rows, or a cut-off beyond the log's Nyquist frequency.
     """
     keep = _distinct_rows(log)
-    t = log.t[keep]
+    t = _instants(log.t[keep], log.q[keep])
     periods = np.diff(t)
     rate = 1.0 / float(np.median(periods))
     grid = t[0] + np.arange(int((t[-1] - t[0]) * rate * (1 + 1e-9)) + 1) / rate
@@ -82,6 +88,7 @@ def prepare(log: Log, cutoff: float | None = None) -> Signals:
     processing: dict[str, object] = {
         "rows": len(log),
         "repeated_rows_dropped": len(log) - len(t),
+        "time_stamps": "as logged" if np.array_equal(t, log.t[keep]) else "evened out",
         "rate_hz": rate,
         "period_ms": {"min": 1e3 * float(periods.min()), "max": 1e3 * float(periods.max())},
         "cutoff_hz": cutoff,
@@ -98,6 +105,7 @@ def prepare(log: Log, cutoff: float | None = None) -> Signals:
         rate=rate,
         cutoff=cutoff,
         processing=processing,
+        measured=_measured(grid, t, 0.5 / cutoff),
     )
 
 
@@ -181,6 +189,37 @@ def _distinct_rows(log: Log) -> Integers:
         if later and (fresh[i] or log.t[i] - log.t[keep[-1]] > _HELD * typical):
             keep.append(i)
     return np.array(keep)
+
+
+def _instants(t: Array, q: Array) -> Array:
+    """(N,) when the positions were read: the stamps, or evened ones where positions are much smoother in those.
+
+    A logger's stamps may jitter while the controller samples evenly. Each position is predicted from its two
+    neighbours, once with either instants; jitter of the stamps alone makes the prediction worse.
+    """
+    window = min(_EVENED, (len(t) - 1) // 2 * 2 + 1)
+    if np.diff(t).max() > _HELD * np.median(np.diff(t)):
+        return t
+    even = t[0] + signal.savgol_filter(t - t[0], window, 1)
+    if np.diff(even).min() <= 0.0 or _roughness(even, q) > _SMOOTHER * _roughness(t, q):
+        return t
+    return even
+
+
+def _roughness(t: Array, q: Array) -> float:
+    """Mean square error of every position between its neighbours, linearly, in units of the joint's variance."""
+    share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
+    error = q[1:-1] - (1.0 - share) * q[:-2] - share * q[2:]
+    return float(np.mean(error**2 / np.maximum(q.var(axis=0), 1e-300)))
+
+
+def _measured(grid: Array, t: Array, margin: float) -> Mask:
+    """(N,) whether an instant is farther than `margin`, s, from every pause of the log."""
+    periods = np.diff(t)
+    measured = np.ones(len(grid), dtype=bool)
+    for k in np.flatnonzero(periods > 2 * _HELD * np.median(periods)):
+        measured &= (grid < t[k] - margin) | (grid > t[k + 1] + margin)
+    return measured
 
 
 def _smooth_motion(grid: Array, q: Array, dq: Array | None, rate: float, cutoff: float) -> Motion:

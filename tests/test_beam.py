@@ -1,4 +1,5 @@
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -7,7 +8,7 @@ from conftest import random_motion, small_robot
 from bayesid.coefficients import base_coefficients
 from bayesid.model import Model
 from bayesid.moments import moments
-from bayesid.search.beam import beam
+from bayesid.search.beam import beam, turn_joints
 from bayesid.search.result import UnconstrainedBound
 from bayesid.segments import Segments
 from bayesid.simulation import random_parameters
@@ -99,6 +100,20 @@ def test_bound_never_exceeds_the_cost_in_the_cone():
         gradient = signs @ m.gradient
         bound = UnconstrainedBound(total)(gradient[None])[0]
         assert bound <= solver.solve(gradient).cost + 1e-6 * m.energy.sum()
+
+
+def test_a_joint_that_is_turned_round_is_turned_back():
+    model, coefficients, m = case(3, 12, seed=4)
+    pricing = cone(model, coefficients, m)
+    best = beam(m, pricing, width=None, initial=3)
+    turned = np.where(m.joint == 1, -best.signs, best.signs)
+    pricing.set_hessian(m.hessian.sum(axis=0))
+    start = pricing.solve(turned @ m.gradient)
+    wrong = replace(best, signs=turned, theta=start.theta, cost=start.cost + m.energy.sum())
+    assert wrong.cost > best.cost * 1.01
+    found = turn_joints(m, pricing, wrong)
+    assert np.array_equal(found.signs, best.signs)
+    assert found.cost == pytest.approx(best.cost, rel=1e-4)
 
 
 def test_pruned_nodes_change_nothing():

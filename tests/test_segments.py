@@ -102,3 +102,24 @@ def test_a_minimum_far_from_zero_is_not_cut(noise):
     segments = cut(motion, effort)
     reversals = np.sum(np.diff(np.sign(motion.dq[:, 0])) != 0)
     assert (segments.moving).sum() <= reversals + 2, 'only reversals (and the filter at the ends) may cut'
+
+
+def test_a_jump_of_the_acceleration_is_cut():
+    """Trapezoidal speed: where the acceleration ends, inertia lets the effort jump from 2 to -3 without a minimum."""
+    t = np.arange(600) / 100.0
+    acceleration = np.where(t < 1.5, 1.0, 0.0)
+    speed = np.cumsum(acceleration) / 100.0 + 0.1
+    motion = Motion(t, np.cumsum(speed)[:, None] / 100.0, speed[:, None], acceleration[:, None])
+    effort = np.where(t < 1.5, 3.5, -3.0)[:, None]
+    segments = cut(motion, effort)
+    assert np.abs(segments.start - 150).min() <= 6
+
+
+def test_a_pause_of_the_log_belongs_to_no_motion():
+    motion = smooth_motion(1, 10.0, 100.0, seed=2)
+    keep = (motion.t < 4.0) | (motion.t > 5.5)
+    effort = np.abs(np.sin(2.0 * motion.t))[keep, None]
+    signals = prepare(Log(motion.t[keep], motion.q[keep], effort, np.zeros(1, bool)), cutoff=5.0)
+    segments = find_segments(signals, signals.motion)
+    inside = (signals.motion.t > 4.05) & (signals.motion.t < 5.45)
+    assert not segments.per_sample(segments.moving, len(inside), 1)[inside].any()

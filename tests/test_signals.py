@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from conftest import smooth_motion
+from scipy.interpolate import CubicSpline
 
 from bayesid.errors import InputError
 from bayesid.log import Log
@@ -93,3 +94,40 @@ def test_what_was_done_is_said():
     assert signals.processing["cutoff_hz"] == signals.cutoff
     assert signals.processing["cutoff_chosen_from"] == "data"
     assert prepare(make_log(smooth_motion(2, 4.0, 100.0)), 6.0).processing["cutoff_chosen_from"] == "user"
+
+
+def test_stamps_that_jitter_around_an_even_clock_are_evened_out(monkeypatch):
+    """The controller sampled evenly, only its stamps are off: accelerations must not suffer from that."""
+    motion = smooth_motion(2, 10.0, 250.0, seed=8)
+    rng = np.random.default_rng(3)
+    stamps = motion.t + np.clip(1.2e-3 * rng.standard_normal(len(motion)), -1.9e-3, 1.9e-3)
+    signals = prepare(Log(stamps, motion.q, np.abs(motion.q) + 1.0, np.zeros(2, bool)), cutoff=8.0)
+    assert signals.processing["time_stamps"] == "evened out"
+    monkeypatch.setattr("bayesid.signals._SMOOTHER", 0.0)
+    as_logged = prepare(Log(stamps, motion.q, np.abs(motion.q) + 1.0, np.zeros(2, bool)), cutoff=8.0)
+
+    def error(found):
+        truth = np.stack([np.interp(found.motion.t, motion.t, motion.ddq[:, j]) for j in range(2)], axis=1)
+        return np.std((found.motion.ddq - truth)[100:-100])
+
+    assert error(signals) < 0.3 * error(as_logged)
+    monkeypatch.undo()
+    assert prepare(make_log(motion), cutoff=8.0).processing["time_stamps"] == "as logged"
+
+
+def test_honest_jitter_is_left_alone():
+    """Here the samples were taken when the stamps say."""
+    even = smooth_motion(2, 10.0, 250.0, seed=8)
+    t = np.sort(even.t + np.random.default_rng(4).uniform(-1e-3, 1e-3, len(even)))
+    q = CubicSpline(even.t, even.q)(np.clip(t, even.t[0], even.t[-1]))
+    log = Log(t, q, np.abs(q) + 1.0, np.zeros(2, bool))
+    assert prepare(log, cutoff=8.0).processing["time_stamps"] == "as logged"
+
+
+def test_nothing_is_known_in_a_pause():
+    motion = smooth_motion(1, 10.0, 100.0, seed=2)
+    keep = (motion.t < 4.0) | (motion.t > 5.5)
+    log = Log(motion.t[keep], motion.q[keep], np.abs(motion.q[keep]) + 1.0, np.zeros(1, bool))
+    signals = prepare(log, cutoff=5.0)
+    t = signals.motion.t
+    np.testing.assert_array_equal(signals.measured, (t < 3.99 - 0.1) | (t > 5.51 + 0.1))

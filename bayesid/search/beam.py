@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -94,7 +94,8 @@ def beam(
     signs = moments.known.copy()
     signs[order] = level.signs[0]
     return SearchResult(
-        signs=signs, theta=level.theta, cost=float(level.cost[0]), method="beam", certified=False, lower_bound=None,
+        signs=signs, theta=level.theta, cost=float(level.cost[0]), method="beam", width=width,
+        certified=False, lower_bound=None,
         nodes=pricing.nodes, solves=pricing.solves, tolerance=pricing.tolerance, seconds=time.perf_counter() - began,
     )  # fmt: skip
 
@@ -144,3 +145,26 @@ class _Pricing:
         kept = kept[:width]
         chosen = [i for _, i, _ in kept]
         return _Level(signs[chosen], gradient[chosen], np.array([cost for cost, _, _ in kept]), kept[0][2])
+
+
+def turn_joints(moments: Moments, node_cost: NodeCost, found: SearchResult) -> SearchResult:
+    """The result with all signs of a joint turned round wherever that lowers the cost.
+
+    With friction in the model each joint is nearly symmetric by itself: a beam that loses the right half of that
+    symmetry at its root cannot come back to it one segment at a time.
+    """
+    node_cost.set_hessian(moments.hessian.sum(axis=0))
+    energy = float(moments.energy.sum())
+    joints = np.unique(moments.joint[moments.known == 0])
+    better = True
+    while better:
+        better = False
+        for joint in joints:
+            signs = np.where((moments.joint == joint) & (moments.known == 0), -found.signs, found.signs)
+            solution = node_cost.solve(signs @ moments.gradient)
+            better = energy + solution.cost < found.cost
+            found = replace(found, solves=found.solves + 1, tolerance=max(found.tolerance, solution.tolerance))
+            if better:
+                found = replace(found, signs=signs, theta=solution.theta, cost=energy + solution.cost)
+                break
+    return found

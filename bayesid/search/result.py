@@ -22,6 +22,7 @@ class SearchResult:
         theta: (P,) best feasible parameters under these signs.
         cost: f(theta, signs), efforts in units of their noise.
         method: how it was found.
+        width: of the beam; None if it was unlimited.
         certified: whether no other assignment can cost less.
         lower_bound: proven bound on the cost of every assignment, or None.
         nodes: priced by the unconstrained bound.
@@ -34,6 +35,7 @@ class SearchResult:
     theta: Array
     cost: float
     method: str
+    width: int | None
     certified: bool
     lower_bound: float | None
     nodes: int
