@@ -15,19 +15,20 @@ import numpy as np
 
 from bayesid import terms as catalogue
 from bayesid.coefficients import BaseCoefficients, base_coefficients
-from bayesid.errors import InputError, SolverError
+from bayesid.errors import InputError
+from bayesid.fit import Fit, fit_signed
 from bayesid.log import Log, read_log
 from bayesid.model import Model
 from bayesid.moments import Moments, moments
 from bayesid.motion import Array, Integers, Mask
-from bayesid.noise import Noise, relative_rms, residual_noise
+from bayesid.noise import residual_noise
 from bayesid.robot import Robot, load_robot
 from bayesid.search.beam import NodeCost, beam, turn_joints
 from bayesid.search.result import SearchResult
 from bayesid.segments import Segments, find_segments
-from bayesid.signals import Signals, prepare, signed_effort
+from bayesid.signals import Signals, prepare
 from bayesid.smoothing import sign_probabilities
-from bayesid.solver import MARGIN, ConeLeastSquares, move_inside, solve_precisely
+from bayesid.solver import ConeLeastSquares
 from bayesid.terms.base import Cone
 from bayesid.validation import Validation, validate
 
@@ -48,46 +49,6 @@ _POOR, _WIDER = 0.25, 4
 _MOST_ROUNDS = 4
 _LEAST_MOTION = 1e-3
 """rad; a joint that never leaves this range stands still but for its encoder's noise."""
-
-
-@dataclass(frozen=True)
-class Fit:
-    """Least squares in the cone on signed efforts.
-
-    Attributes:
-        theta: (P,) feasible parameters.
-        beta: (r,) their base coefficients.
-        covariance: (r, r) of the coefficients, from the information matrix with effective sample counts; inf on the
-            diagonal where the log does not excite a coefficient.
-        noise: of the residual, per joint.
-        predicted: (N, n) the model's efforts, N m.
-        relative_residual: (n,) RMS of the residual over RMS of the effort, in motion.
-        condition: condition number of the regressor with columns of unit length.
-        smallest_eigenvalues: (links,) of the pseudo-inertias.
-        tolerance: relative gap the solver reached.
-        moved_inside: whether what leaves no trace was chosen to lie as far inside the cone as the data allow.
-    """
-
-    theta: Array
-    beta: Array
-    covariance: Array
-    noise: Noise
-    predicted: Array
-    relative_residual: Array
-    condition: float
-    smallest_eigenvalues: Array
-    tolerance: float
-    moved_inside: bool
-
-    @property
-    def sd(self) -> Array:
-        """(r,) standard deviations of the coefficients."""
-        return np.sqrt(np.diag(self.covariance))
-
-    @property
-    def on_edge(self) -> Mask:
-        """(links,) whether a link's pseudo-inertia sits on the edge of the feasible set."""
-        return self.smallest_eigenvalues < 10.0 * MARGIN
 
 
 @dataclass(frozen=True)
@@ -187,67 +148,6 @@ def identify(
     )  # fmt: skip
 
 
-def fit_signed(
-    model: Model, coefficients: BaseCoefficients, signals: Signals, signs: Array, moving: Mask
-) -> Fit:
-    """Ordinary identification once the signs are known: weighted least squares in the cone.
-
-    Args:
-        model: the model.
-        coefficients: its base coefficients.
-        signals: the log.
-        signs: (N, n) sign of every sample.
-        moving: (N, n) samples that count.
-
-    Raises:
-        SolverError: Clarabel failed.
-    """
-    unfiltered = signed_effort(signals, signs, filtered=False)  # a filter would blur friction's steps, not the columns'
-    used = moving & _inner(signals)
-    raw = moments(model, coefficients, signals.motion, unfiltered, _stretches(used))
-    sigma = _rms_effort(raw, model.robot.n_joints)
-    for _ in range(2):  # the noise levels follow from a first fit with equal relative weights
-        scaled = raw.scaled(sigma)
-        hessian, gradient = scaled.hessian.sum(axis=0), scaled.gradient.sum(axis=0)
-        solution = solve_precisely(model.cone, coefficients, hessian, gradient, float(scaled.energy.sum()))
-        sigma = _residual_sd(raw, coefficients.project(solution.theta), model.robot.n_joints)
-    theta, moved_inside = _move_inside(model, coefficients, solution.theta)
-    predicted = model.effort(signals.motion, theta)
-    noise = residual_noise(unfiltered - predicted, used, signals.rate)
-    effort = signed_effort(signals, signs)
-    effective = raw.scaled(noise.sigma * np.sqrt(noise.autocorrelation)).hessian.sum(axis=0)
-    covariance, condition = _covariance(effective)
-    return Fit(
-        theta=theta,
-        beta=coefficients.project(theta),
-        covariance=covariance,
-        noise=noise,
-        predicted=predicted,
-        relative_residual=relative_rms(effort - predicted, effort, moving),
-        condition=condition,
-        smallest_eigenvalues=model.cone.smallest_eigenvalues(theta),
-        tolerance=solution.tolerance,
-        moved_inside=moved_inside,
-    )
-
-
-def _move_inside(model: Model, coefficients: BaseCoefficients, theta: Array) -> tuple[Array, bool]:
-    """Parameters farther inside the cone with the same coefficients, and whether any were found; else theta itself."""
-    try:
-        moved = move_inside(model.cone, coefficients, theta)
-    except SolverError:
-        return theta, False
-    better = model.cone.smallest_eigenvalues(moved).min() >= model.cone.smallest_eigenvalues(theta).min()
-    return (moved, True) if better else (theta, False)
-
-
-def _inner(signals: Signals) -> Mask:
-    """(N, 1) samples far enough from both ends for their accelerations to be trusted: half a period of the cut-off."""
-    margin = 0.5 / signals.cutoff
-    t = signals.motion.t
-    return ((t >= t[0] + margin) & (t <= t[-1] - margin))[:, None]
-
-
 # ---------------------------------------------------------------------------------------------------------------
 # Search
 # ---------------------------------------------------------------------------------------------------------------
@@ -278,9 +178,9 @@ def _search(task: _Task, segments: Segments) -> tuple[Segments, SearchResult, in
         fitted = segments[segments.moving]
         raw = task.moments(fitted)
         n = task.model.robot.n_joints
-        result = _search_once(task, raw, _FIRST_GUESS * _rms_effort(raw, n) if sigma is None else sigma, rounds)
+        result = _search_once(task, raw, _FIRST_GUESS * raw.rms_effort(n) if sigma is None else sigma, rounds)
         nodes, solves = nodes + result.nodes, solves + result.solves
-        sigma = _residual_sd(raw, task.coefficients.project(result.theta), n, result.signs)
+        sigma = raw.residual_sd(task.coefficients.project(result.theta), result.signs, n)
         predicted = task.model.effort(task.signals.motion, result.theta)
         cuts = _crossings(fitted, predicted, task.signals.effort, _typical_residual(fitted, result, predicted, task))
         if not cuts or rounds == _MOST_ROUNDS:
@@ -297,8 +197,8 @@ def _search_once(task: _Task, raw: Moments, sigma: Array, rounds: int) -> Search
     note = None if task.progress is None else _stage(task.progress, f"search, round {rounds}")
     found = turn_joints(scaled, pricing, beam(scaled, pricing, task.width, task.initial, note))
     n = task.model.robot.n_joints
-    residual = _residual_sd(raw, task.coefficients.project(found.theta), n, found.signs)
-    if rounds > 1 or np.all(residual < _POOR * _rms_effort(raw, n)):
+    residual = raw.residual_sd(task.coefficients.project(found.theta), found.signs, n)
+    if rounds > 1 or np.all(residual < _POOR * raw.rms_effort(n)):
         return found
     wider = turn_joints(scaled, pricing, beam(scaled, pricing, _WIDER * task.width, task.initial, note))
     best = min(found, wider, key=lambda result: result.cost)
@@ -355,55 +255,6 @@ def _segment_signs(segments: Segments, probability: Array, effort: Array) -> tup
     for k, (j, a, b) in enumerate(zip(segments.joint, segments.start, segments.end, strict=True)):
         share[k] = np.average(probability[a:b, j], weights=np.abs(effort[a:b, j]) + 1e-12)
     return np.where(share >= 0.5, 1, -1), np.maximum(share, 1.0 - share)
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Moments of whole joints
-# ---------------------------------------------------------------------------------------------------------------
-def _stretches(moving: Mask) -> Segments:
-    """One segment of known sign for every stretch in which a joint moves."""
-    joint, start, end = [], [], []
-    for j in range(moving.shape[1]):
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], moving[:, j], [False]]).astype(int)))
-        joint += [j] * (len(edges) // 2)
-        start += edges[0::2].tolist()
-        end += edges[1::2].tolist()
-    ones = np.ones(len(joint), dtype=np.int64)
-    return Segments(np.array(joint), np.array(start), np.array(end), ones, ones.astype(bool))
-
-
-def _per_joint(moments: Moments, values: Array, n: int) -> Array:
-    """(n,) sums of the segments' values (S,) by joint."""
-    return np.bincount(moments.joint, weights=values, minlength=n).astype(np.float64)
-
-
-def _rms_effort(moments: Moments, n: int) -> Array:
-    """(n,) RMS effort of each joint, N m."""
-    return np.sqrt(_per_joint(moments, moments.energy, n) / _per_joint(moments, moments.count.astype(float), n))
-
-
-def _residual_sd(moments: Moments, beta: Array, n: int, signs: Integers | None = None) -> Array:
-    """(n,) RMS residual of each joint under coefficients beta, N m."""
-    signs = moments.known if signs is None else signs
-    cost = moments.hessian @ beta @ beta - 2.0 * signs * (moments.gradient @ beta) + moments.energy
-    floor = 1e-6 * _rms_effort(moments, n)
-    mean = _per_joint(moments, cost, n) / _per_joint(moments, moments.count.astype(float), n)
-    return np.maximum(np.sqrt(np.maximum(mean, 0.0)), floor)
-
-
-def _covariance(information: Array) -> tuple[Array, float]:
-    """Covariance of the coefficients (inf where the data say nothing) and the scaled condition number."""
-    lengths = np.sqrt(np.diag(information))
-    silent = lengths <= 1e-12 * lengths.max()
-    scale = np.where(silent, 0.0, 1.0 / np.where(silent, 1.0, lengths))
-    values, vectors = np.linalg.eigh(scale[:, None] * information * scale + np.diag(silent.astype(float)))
-    blind = values < 1e-12 * values.max()
-    inverse = (vectors[:, ~blind] / values[~blind]) @ vectors[:, ~blind].T
-    covariance = scale[:, None] * inverse * scale
-    unexcited = silent | (np.abs(vectors[:, blind]) > 1e-3).any(axis=1)
-    covariance[unexcited, unexcited] = np.inf
-    condition = np.inf if unexcited.any() else float(np.sqrt(values[-1] / values[0]))
-    return covariance, condition
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -66,6 +66,21 @@ class Moments:
             weight * self.energy, self.count,
         )  # fmt: skip
 
+    def rms_effort(self, n: int) -> Array:
+        """(n,) RMS effort of each of n joints, N m."""
+        return np.sqrt(self._joint_means(self.energy, n))
+
+    def residual_sd(self, beta: Array, signs: Integers, n: int) -> Array:
+        """(n,) RMS residual of each of n joints under coefficients beta (r,) and signs (S,), N m."""
+        cost = self.hessian @ beta @ beta - 2.0 * signs * (self.gradient @ beta) + self.energy
+        floor = 1e-6 * self.rms_effort(n)  # rounding may leave less than nothing
+        return np.maximum(np.sqrt(np.maximum(self._joint_means(cost, n), 0.0)), floor)
+
+    def _joint_means(self, sums: Array, n: int) -> Array:
+        """(n,) sums over segments (S,) per sample of each joint."""
+        total = np.bincount(self.joint, weights=sums, minlength=n)
+        return total / np.bincount(self.joint, weights=self.count, minlength=n)
+
     def cost(self, beta: Array, signs: Array) -> float:
         """f(beta, s) for coefficients beta (r,) and signs (S,)."""
         return float(beta @ self.hessian.sum(axis=0) @ beta - 2 * beta @ (signs @ self.gradient) + self.energy.sum())

@@ -18,7 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from bayesid.identification import Identification, fit_signed, identify
+from bayesid.fit import fit_signed
+from bayesid.identification import Identification, identify
 from bayesid.log import read_log
 from bayesid.motion import Array
 from bayesid.robot import load_robot

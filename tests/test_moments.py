@@ -61,3 +61,16 @@ def test_moments_of_different_segments_do_not_add(case):
     np.testing.assert_allclose(double.gradient, 2 * m.gradient)
     with pytest.raises(ValueError, match="same segments"):
         m + moments(model, coefficients, motion, effort, segments[np.array([0, 1])])
+
+
+def test_residuals_by_joint_equal_those_of_the_rows(case):
+    model, coefficients, motion, effort, segments = case
+    m = moments(model, coefficients, motion, effort, segments)
+    theta = np.random.default_rng(5).normal(size=len(model.parameters))
+    signs, torque = np.array([1, -1, 1, -1, 1]), model.effort(motion, theta)
+    errors: list[list[float]] = [[], [], []]
+    for j, a, b, s in zip(segments.joint, segments.start, segments.end, signs, strict=True):
+        errors[j] += (s * effort[a:b, j] - torque[a:b, j]).tolist()
+    by_hand = [np.sqrt(np.mean(np.square(values))) for values in errors]
+    np.testing.assert_allclose(m.residual_sd(coefficients.project(theta), signs, 3), by_hand, rtol=1e-9)
+    assert m.rms_effort(3)[2] == pytest.approx(np.sqrt(np.mean(effort[np.r_[0:99, 100:101], 2] ** 2)))
