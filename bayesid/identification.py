@@ -23,7 +23,7 @@ from bayesid.moments import Moments, moments
 from bayesid.motion import Array, Integers, Mask
 from bayesid.noise import residual_noise
 from bayesid.robot import Robot, load_robot
-from bayesid.search.beam import NodeCost, beam, turn_joints
+from bayesid.search.beam import NodeCost, beam, keep_incumbent, turn_joints
 from bayesid.search.result import SearchResult
 from bayesid.segments import Segments, find_segments
 from bayesid.signals import Signals, prepare
@@ -47,6 +47,8 @@ _NORMAL_MEDIAN = 1.4826
 _POOR, _WIDER = 0.25, 4
 """A joint whose residual exceeds this share of its effort may be a search gone wrong: it is repeated, so much wider."""
 _MOST_ROUNDS = 4
+_UNDERSHOOT = 0.05
+"""A filter after the rectifier makes |effort| reach below zero, by less than this share of its maximum."""
 _LEAST_MOTION = 1e-3
 """rad; a joint that never leaves this range stands still but for its encoder's noise."""
 
@@ -144,7 +146,7 @@ def identify(
     signs, confidence = _segment_signs(segments, probability, signals.raw_effort)
     return Identification(
         model, coefficients, log, signals, segments, signs, confidence, probability, fit, search, rounds,
-        clock.laps, _warnings(fit, unsplit),
+        clock.laps, _warnings(fit, unsplit, log),
     )  # fmt: skip
 
 
@@ -173,14 +175,16 @@ def _search(task: _Task, segments: Segments) -> tuple[Segments, SearchResult, in
     Also returns the number of searches, and of cuts that the last one still asked for.
     """
     sigma: Array | None = None
+    before: Array | None = None
     nodes = solves = 0
     for rounds in range(1, _MOST_ROUNDS + 1):
         fitted = segments[segments.moving]
         raw = task.moments(fitted)
         n = task.model.robot.n_joints
-        result = _search_once(task, raw, _FIRST_GUESS * raw.rms_effort(n) if sigma is None else sigma, rounds)
+        result = _search_once(task, raw, _FIRST_GUESS * raw.rms_effort(n) if sigma is None else sigma, rounds, before)
         nodes, solves = nodes + result.nodes, solves + result.solves
-        sigma = raw.residual_sd(task.coefficients.project(result.theta), result.signs, n)
+        before = task.coefficients.project(result.theta)
+        sigma = raw.residual_sd(before, result.signs, n)
         predicted = task.model.effort(task.signals.motion, result.theta)
         cuts = _crossings(fitted, predicted, task.signals.effort, _typical_residual(fitted, result, predicted, task))
         if not cuts or rounds == _MOST_ROUNDS:
@@ -189,13 +193,16 @@ def _search(task: _Task, segments: Segments) -> tuple[Segments, SearchResult, in
     raise AssertionError("the loop returns in its last round")
 
 
-def _search_once(task: _Task, raw: Moments, sigma: Array, rounds: int) -> SearchResult:
+def _search_once(task: _Task, raw: Moments, sigma: Array, rounds: int, before: Array | None) -> SearchResult:
     """One beam, with its joints turned where that helps; a wider one too where the residual stays large."""
     scaled = raw.scaled(sigma)
     data = scaled.hessian.sum(axis=0), float(scaled.energy.sum())
     pricing = task.node_cost(task.model.cone, task.coefficients, *data)
     note = None if task.progress is None else _stage(task.progress, f"search, round {rounds}")
-    found = turn_joints(scaled, pricing, beam(scaled, pricing, task.width, task.initial, note))
+    found = beam(scaled, pricing, task.width, task.initial, note)
+    if before is not None:
+        found = keep_incumbent(scaled, pricing, found, before)
+    found = turn_joints(scaled, pricing, found)
     n = task.model.robot.n_joints
     residual = raw.residual_sd(task.coefficients.project(found.theta), found.signs, n)
     if rounds > 1 or np.all(residual < _POOR * raw.rms_effort(n)):
@@ -291,8 +298,11 @@ class _Clock:
         self.laps[stage], self._last = now - self._last, now
 
 
-def _warnings(fit: Fit, unsplit: int) -> tuple[str, ...]:
+def _warnings(fit: Fit, unsplit: int, log: Log) -> tuple[str, ...]:
     found = []
+    for j in np.flatnonzero(log.signed & (log.effort.min(axis=0) > -_UNDERSHOOT * np.abs(log.effort).max(axis=0))):
+        joint = f"the effort of joint {j + 1} is hardly ever negative"
+        found.append(f"{joint}; if it was rectified and then filtered, say --unsigned {j + 1}")
     unexcited = int(np.isinf(fit.sd).sum())
     if unexcited:
         found.append(f"the log does not excite {unexcited} coefficients; their standard deviation is infinite")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # matrices are small: BLAS threads only get into each other's way
+
 import numpy as np
 import pytest
 

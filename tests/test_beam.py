@@ -8,7 +8,7 @@ from conftest import random_motion, small_robot
 from bayesid.coefficients import base_coefficients
 from bayesid.model import Model
 from bayesid.moments import moments
-from bayesid.search.beam import beam, turn_joints
+from bayesid.search.beam import beam, keep_incumbent, turn_joints
 from bayesid.search.result import UnconstrainedBound
 from bayesid.segments import Segments
 from bayesid.simulation import random_parameters
@@ -114,6 +114,18 @@ def test_a_joint_that_is_turned_round_is_turned_back():
     found = turn_joints(m, pricing, wrong)
     assert np.array_equal(found.signs, best.signs)
     assert found.cost == pytest.approx(best.cost, rel=1e-4)
+
+
+def test_what_an_earlier_search_found_is_not_lost():
+    model, coefficients, m = case(2, 10, seed=9, known=(3,))
+    pricing = cone(model, coefficients, m)
+    best = beam(m, pricing, width=None, initial=3)
+    wrong = replace(best, signs=np.where(m.known != 0, m.known, -best.signs), cost=best.cost * 2.0)
+    kept = keep_incumbent(m, pricing, wrong, coefficients.project(best.theta))
+    assert kept.cost <= best.cost * (1 + 1e-4)
+    assert kept.signs[3] == 1
+    same = keep_incumbent(m, pricing, best, -coefficients.project(best.theta))
+    assert np.array_equal(same.signs, best.signs)
 
 
 def test_pruned_nodes_change_nothing():

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import real_log, small_robot
+from conftest import real_log, small_robot, smooth_motion
 from scipy import stats
 
 import bayesid
@@ -500,3 +500,14 @@ def test_real_logs_without_their_signs(name):
     assert right[strong].mean() >= 0.995
     for j in range(log.n_joints):
         assert right[strong[:, j], j].mean() >= 0.985
+
+
+def test_a_rectified_effort_that_undershoots_is_pointed_out():
+    """A filter after the rectifier: hardly ever negative, yet by the rule it counts as signed."""
+    motion = smooth_motion(2, 6.0, 100.0, seed=3)
+    effort = np.abs(motion.ddq) + 0.5
+    effort[7, 1] = -0.01
+    log = Log(motion.t, motion.q, effort, np.array([False, True]))
+    result = identify(small_robot(2, 1), log, terms=["rigid_body"])
+    assert any("--unsigned 2" in warning for warning in result.warnings)
+    assert not any("--unsigned 1" in warning for warning in result.warnings)

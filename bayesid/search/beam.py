@@ -147,6 +147,20 @@ class _Pricing:
         return _Level(signs[chosen], gradient[chosen], np.array([cost for cost, _, _ in kept]), kept[0][2])
 
 
+def keep_incumbent(moments: Moments, node_cost: NodeCost, found: SearchResult, beta: Array) -> SearchResult:
+    """The result, or the signs that earlier coefficients beta (r,) predict where those cost less.
+
+    A narrow beam on re-cut segments may lose what the search before it had found.
+    """
+    predicted = np.where(moments.gradient @ beta >= 0.0, 1, -1)
+    signs = np.where(moments.known != 0, moments.known, predicted)
+    node_cost.set_hessian(moments.hessian.sum(axis=0))
+    solution = node_cost.solve(signs @ moments.gradient)
+    cost = float(moments.energy.sum()) + solution.cost
+    found = replace(found, solves=found.solves + 1, tolerance=max(found.tolerance, solution.tolerance))
+    return replace(found, signs=signs, theta=solution.theta, cost=cost) if cost < found.cost else found
+
+
 def turn_joints(moments: Moments, node_cost: NodeCost, found: SearchResult) -> SearchResult:
     """The result with all signs of a joint turned round wherever that lowers the cost.
 
