@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from bayesid import terms as catalogue
 from bayesid.coefficients import BaseCoefficients, base_coefficients
@@ -98,6 +99,7 @@ class Identification:
         return validate(self.model, self.fit.theta, self.fit.noise, log, cutoff)
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # matrices are small: threads only wait for each other
 def identify(
     robot: Robot | str | Path,
     log: Log | str | Path,
