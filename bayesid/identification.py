@@ -305,6 +305,9 @@ def _warnings(fit: Fit, unsplit: int, log: Log) -> tuple[str, ...]:
     for j in np.flatnonzero(log.signed & (log.effort.min(axis=0) > -_UNDERSHOOT * np.abs(log.effort).max(axis=0))):
         joint = f"the effort of joint {j + 1} is hardly ever negative"
         found.append(f"{joint}; if it was rectified and then filtered, say --unsigned {j + 1}")
+    for j in np.flatnonzero(fit.relative_residual > _POOR):
+        share = f"joint {j + 1} leaves {fit.relative_residual[j]:.0%} of its effort unexplained"
+        found.append(f"{share}: a term is missing or signs are wrong, whatever their confidence; try a wider beam")
     unexcited = int(np.isinf(fit.sd).sum())
     if unexcited:
         found.append(f"the log does not excite {unexcited} coefficients; their standard deviation is infinite")

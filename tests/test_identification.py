@@ -511,3 +511,12 @@ def test_a_rectified_effort_that_undershoots_is_pointed_out():
     result = identify(small_robot(2, 1), log, terms=["rigid_body"])
     assert any("--unsigned 2" in warning for warning in result.warnings)
     assert not any("--unsigned 1" in warning for warning in result.warnings)
+
+
+def test_a_poor_fit_is_said_aloud():
+    """Efforts that have nothing to do with the motion: the confidences rest on a model that does not hold."""
+    robot, motion = small_robot(2, 1), smooth_motion(2, 6.0, 100.0, seed=3)
+    effort = np.abs(np.stack([3.0 * np.sin(11.0 * motion.t), 2.0 * np.sin(13.0 * motion.t + 1.0)], axis=1))
+    log = Log(motion.t, motion.q, effort, np.zeros(2, dtype=bool))
+    warnings = identify(robot, log, terms=["rigid_body"]).warnings
+    assert any("unexplained" in warning for warning in warnings)
