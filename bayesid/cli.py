@@ -18,8 +18,8 @@ import bayesid
 from bayesid import terms as catalogue
 from bayesid.demo import run_demo
 from bayesid.errors import InputError, SolverError
-from bayesid.identification import Progress
 from bayesid.results import VALIDATION_FILES, check_folder, check_place
+from bayesid.signs import METHODS, Progress
 from bayesid.simulation import parse_effect, simulate_log
 from bayesid.terms import RigidBody
 
@@ -82,11 +82,22 @@ def _add_identify(commands: argparse._SubParsersAction[_Parser]) -> None:
     parser.add_argument("--robot", required=True, help="built-in name, DH file (.toml) or URDF file")
     parser.add_argument("--terms", default=",".join(catalogue.DEFAULT), help="of the model (default: %(default)s)")
     parser.add_argument(
-        "--search", choices=("certified", "beam"), default="beam", help="how signs are searched (default: beam)"
-    )
-    parser.add_argument("--beam-width", type=int, default=5, metavar="W", help="nodes kept each step (default: 5)")
+        "--search", choices=METHODS, default=METHODS[0],
+        help="certified: the best signs with a proof; beam: T-PBPR (default: %(default)s)",
+    )  # fmt: skip
     parser.add_argument(
-        "--initial-segments", type=int, default=5, metavar="S0", help="segments enumerated first (default: 5)"
+        "--search-budget", type=float, default=10.0, metavar="S",
+        help="seconds for the proof; a beam stands by where they do not suffice (default: %(default)g)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--beam-width", type=int, default=5, metavar="W", help="of the beam: nodes kept each step (default: 5)"
+    )
+    parser.add_argument(
+        "--initial-segments",
+        type=int,
+        default=5,
+        metavar="S0",
+        help="of the beam: segments enumerated first (default: 5)",
     )
     parser.add_argument("--cutoff", type=float, metavar="HZ", help="of the motion's low-pass (default: from the data)")
     parser.add_argument("--gains", help="N m/A of each joint, for a log of currents: K1,K2,..")
@@ -128,8 +139,6 @@ def _add_simulate(commands: argparse._SubParsersAction[_Parser]) -> None:
 # Commands
 # ---------------------------------------------------------------------------------------------------------------
 def _identify(options: argparse.Namespace) -> None:
-    if options.search == "certified":
-        raise InputError("certified search is not available in this version", "--search", "use --search beam")
     folder = check_folder(options.out or Path(f"bayesid-{options.log.stem}"))
     if options.log.resolve().parent == folder.resolve():
         raise InputError("holds the log, which the result would replace", str(folder), "give --out a new folder")
@@ -139,8 +148,9 @@ def _identify(options: argparse.Namespace) -> None:
     log = bayesid.read_log(options.log, _gains(options.gains), options.unsigned)
     with _Bars(options.quiet) as bars:
         result = bayesid.identify(
-            options.robot, log, terms, options.beam_width, options.initial_segments,
-            options.cutoff, bars.show,
+            options.robot, log, terms, options.search, search_budget=options.search_budget,
+            beam_width=options.beam_width, initial_segments=options.initial_segments,
+            cutoff=options.cutoff, progress=bars.show,
         )  # fmt: skip
     bayesid.save_identification(result, folder)
     for warning in result.warnings:
@@ -209,7 +219,7 @@ def identification_table(result: bayesid.Identification) -> str:
         f"({len(search.signs)} searched), {len(result.coefficients)} coefficients "
         f"({int((fit.sd < 0.1 * np.abs(fit.beta)).sum())} known to 10 %), "
         f"condition number {fit.condition:.0f}",
-        f"search: {search.method}, {search.solves} cone problems, {result.timings['search']:.1f} s; not certified",
+        f"search: {search.method}, {search.solves} cone problems, {result.timings['search']:.1f} s; {_proven(result)}",
         "joint   segments   least sure   |effort| sure to 99 %   relative residual",
     ]
     sure = np.maximum(result.probability, 1.0 - result.probability) >= 0.99
@@ -222,6 +232,17 @@ def identification_table(result: bayesid.Identification) -> str:
             f"   {fit.relative_residual[j]:>17.1%}"
         )
     return "\n".join(lines)
+
+
+def _proven(result: bayesid.Identification) -> str:
+    search = result.search
+    if search.certified:
+        others = len(search.branches) - 1
+        named = f"{others or 'no'} other assignment{'s' * (others != 1)} within {search.within:.0f}"
+        return f"certified: none costs less, {named}, {result.settled_share:.1%} of samples settled"
+    if search.lower_bound is None:
+        return "not certified"
+    return f"not certified: cost {search.cost:.1f}, proven lower bound {search.lower_bound:.1f}"
 
 
 class _Bars:

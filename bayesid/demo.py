@@ -9,12 +9,13 @@ import numpy as np
 
 from bayesid.coefficients import base_coefficients
 from bayesid.excitation import exciting_trajectory, random_trajectory
-from bayesid.identification import Identification, Progress, identify
+from bayesid.identification import Identification, identify
 from bayesid.log import Log
 from bayesid.motion import Array
 from bayesid.noise import relative_rms
 from bayesid.paper import TABLE_II, nominal_parameters, paper_model
 from bayesid.results import check_folder, save_identification
+from bayesid.signs import Progress
 from bayesid.simulation import simulate
 
 _SAMPLES = 667

@@ -11,13 +11,14 @@ Moments of chunks of one log add; those of different logs, with different segmen
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from bayesid.coefficients import BaseCoefficients
 from bayesid.model import Model
-from bayesid.motion import Array, Integers, Motion
+from bayesid.motion import Array, Integers, Mask, Motion
 from bayesid.segments import Segments
 
 
@@ -25,13 +26,17 @@ from bayesid.segments import Segments
 class Moments:
     """Moments of S segments for r coefficients, in units of the noise when `scaled`.
 
+    H is held in K parts. A search wants the strong segments' own H_k; weak segments of one joint may share a part,
+    which keeps the memory of a long log small.
+
     Attributes:
         joint: (S,) 0-based actuator of each segment.
         known: (S,) sign known beforehand, +1 or -1; 0 where it is to be found.
-        hessian: (S, r, r) H_k.
+        hessian: (K, r, r) sum of H_k over the segments of each part; all of one joint, and all known or none.
         gradient: (S, r) g_k.
         energy: (S,) c_k.
         count: (S,) samples.
+        part: (S,) which part of the Hessian the segment belongs to; one each if empty.
     """
 
     joint: Integers
@@ -40,46 +45,77 @@ class Moments:
     gradient: Array
     energy: Array
     count: Integers
+    part: Integers = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+
+    def __post_init__(self) -> None:
+        if not self.part.size:
+            object.__setattr__(self, "part", np.arange(len(self.joint)))
 
     def __len__(self) -> int:
         return len(self.joint)
 
+    @property
+    def alone(self) -> Mask:
+        """(S,) whether the segment has a part of its own."""
+        alone: Mask = np.bincount(self.part, minlength=len(self.hessian))[self.part] == 1
+        return alone
+
+    def hessian_of(self, segments: Integers) -> Array:
+        """(r, r) sum over the parts to which these segments belong."""
+        total: Array = self.hessian[np.unique(self.part[segments])].sum(axis=0)
+        return total
+
     def __add__(self, other: Moments) -> Moments:
         """Moments of the same segments from more of their samples."""
-        if not np.array_equal(self.joint, other.joint) or not np.array_equal(self.known, other.known):
+        if not all(np.array_equal(getattr(self, name), getattr(other, name)) for name in ("joint", "known", "part")):
             raise ValueError("only moments of the same segments add; join those of different logs")
-        return Moments(
-            self.joint, self.known, self.hessian + other.hessian, self.gradient + other.gradient,
-            self.energy + other.energy, self.count + other.count,
+        return replace(
+            self, hessian=self.hessian + other.hessian, gradient=self.gradient + other.gradient,
+            energy=self.energy + other.energy, count=self.count + other.count,
         )  # fmt: skip
 
     def join(self, other: Moments) -> Moments:
         """Moments of two logs of the same model: the segments of one after those of the other."""
         names = ("joint", "known", "hessian", "gradient", "energy", "count")
-        return Moments(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in names))
+        joined = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in names}
+        return Moments(**joined, part=np.concatenate([self.part, len(self.hessian) + other.part]))
+
+    def compact(self, own: int) -> Moments:
+        """The same moments with a part of its own for at most `own` segments of each joint, those with most energy."""
+        part = _parts(self.joint, self.known, np.where(self.alone, self.energy, -np.inf), own)
+        hessian = np.zeros((part.max(initial=-1) + 1, *self.hessian.shape[1:]))
+        first = np.unique(self.part, return_index=True)[1]
+        np.add.at(hessian, part[first], self.hessian)
+        return replace(self, part=part, hessian=hessian)
 
     def scaled(self, sigma: Array) -> Moments:
         """Rows weighted by 1 / sigma (n,), the noise of each joint's effort, N m."""
         weight = 1.0 / sigma[self.joint] ** 2
-        return Moments(
-            self.joint, self.known, weight[:, None, None] * self.hessian, weight[:, None] * self.gradient,
-            weight * self.energy, self.count,
+        of_part = np.zeros(len(self.hessian))
+        of_part[self.part] = weight
+        return replace(
+            self, hessian=of_part[:, None, None] * self.hessian, gradient=weight[:, None] * self.gradient,
+            energy=weight * self.energy,
         )  # fmt: skip
 
     def rms_effort(self, n: int) -> Array:
         """(n,) RMS effort of each of n joints, N m."""
-        return np.sqrt(self._joint_means(self.energy, n))
+        return np.sqrt(self._per_sample(self._joint_sums(self.energy, n)))
 
     def residual_sd(self, beta: Array, signs: Integers, n: int) -> Array:
         """(n,) RMS residual of each of n joints under coefficients beta (r,) and signs (S,), N m."""
-        cost = self.hessian @ beta @ beta - 2.0 * signs * (self.gradient @ beta) + self.energy
+        of_part = np.zeros(len(self.hessian), dtype=np.int64)
+        of_part[self.part] = self.joint
+        explained = np.bincount(of_part, weights=self.hessian @ beta @ beta, minlength=n)
+        cost = explained + self._joint_sums(self.energy - 2.0 * signs * (self.gradient @ beta), n)
         floor = 1e-6 * self.rms_effort(n)  # rounding may leave less than nothing
-        return np.maximum(np.sqrt(np.maximum(self._joint_means(cost, n), 0.0)), floor)
+        return np.maximum(np.sqrt(np.maximum(self._per_sample(cost), 0.0)), floor)
 
-    def _joint_means(self, sums: Array, n: int) -> Array:
-        """(n,) sums over segments (S,) per sample of each joint."""
-        total = np.bincount(self.joint, weights=sums, minlength=n)
-        return total / np.bincount(self.joint, weights=self.count, minlength=n)
+    def _joint_sums(self, values: Array, n: int) -> Array:
+        return np.bincount(self.joint, weights=values, minlength=n).astype(np.float64)
+
+    def _per_sample(self, sums: Array) -> Array:
+        return sums / self._joint_sums(self.count.astype(np.float64), len(sums))
 
     def cost(self, beta: Array, signs: Array) -> float:
         """f(beta, s) for coefficients beta (r,) and signs (S,)."""
@@ -87,7 +123,12 @@ class Moments:
 
 
 def moments(
-    model: Model, coefficients: BaseCoefficients, motion: Motion, effort: Array, segments: Segments
+    model: Model,
+    coefficients: BaseCoefficients,
+    motion: Motion,
+    effort: Array,
+    segments: Segments,
+    own: int | None = None,
 ) -> Moments:
     """Moments of a log, streamed over chunks of its samples.
 
@@ -97,16 +138,50 @@ def moments(
         motion: N samples of motion.
         effort: (N, n) efforts, N m; absolute values for segments of unknown sign.
         segments: where the sign is constant; samples outside of every segment do not count.
+        own: segments of each joint that have a part of their own, those with most energy; all by default.
     """
     size, r = len(segments), len(coefficients)
-    hessian, gradient, energy = np.zeros((size, r, r)), np.zeros((size, r)), np.zeros(size)
+    ranges = list(zip(segments.joint, segments.start, segments.end, strict=True))
+    energy = np.array([np.sum(effort[a:b, j] ** 2) for j, a, b in ranges])
+    part = np.arange(size) if own is None else _parts(segments.joint, segments.known, energy, own)
+    hessian, gradient = np.zeros((part.max(initial=-1) + 1, r, r)), np.zeros((size, r))
     for rows, columns in model.chunks(motion):
         columns = columns[:, :, coefficients.kept]
         for k in np.flatnonzero((segments.start < rows.stop) & (segments.end > rows.start)):
-            j = segments.joint[k]
-            inside = slice(max(segments.start[k], rows.start), min(segments.end[k], rows.stop))
+            j, a, b = ranges[k]
+            inside = slice(max(a, rows.start), min(b, rows.stop))
             y, e = columns[inside.start - rows.start : inside.stop - rows.start, j], effort[inside, j]
-            hessian[k] += y.T @ y
+            hessian[part[k]] += y.T @ y
             gradient[k] += y.T @ e
-            energy[k] += e @ e
-    return Moments(segments.joint, segments.known, hessian, gradient, energy, segments.end - segments.start)
+    count = segments.end - segments.start
+    return Moments(segments.joint, segments.known, hessian, gradient, energy, count, part)
+
+
+def join_moments(pieces: Iterable[Moments], own: int) -> Moments:
+    """Moments of many logs, or of the pieces of a long one, joined one after the other in bounded memory.
+
+    Args:
+        pieces: moments of the same model; at least one.
+        own: segments of each joint that keep a part of their own, those with most energy.
+    """
+    iterator = iter(pieces)
+    joined, bound = next(iterator), 0
+    for piece in iterator:
+        joined = joined.join(piece)
+        if len(joined.hessian) > bound:  # merging now and then costs less than every time
+            joined = joined.compact(own)
+            bound = 2 * len(joined.hessian)
+    return joined.compact(own)
+
+
+def _parts(joint: Integers, known: Integers, energy: Array, own: int) -> Integers:
+    """(S,) a part each for the `own` strongest unknown segments of a joint, one for its others, one for its known."""
+    shared = np.zeros(len(joint), dtype=np.int64)
+    for j in np.unique(joint):
+        here = np.flatnonzero((joint == j) & (known == 0))
+        ranked = here[np.argsort(-energy[here], kind="stable")]
+        strongest = ranked[:own][np.isfinite(energy[ranked[:own]])]
+        shared[here] = -2 * j - 1
+        shared[(joint == j) & (known != 0)] = -2 * j - 2
+        shared[strongest] = strongest
+    return np.unique(shared, return_inverse=True)[1].astype(np.int64)

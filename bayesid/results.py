@@ -168,6 +168,23 @@ def _stored_noise(table: dict[str, Any], n: int) -> Noise:
 # ---------------------------------------------------------------------------------------------------------------
 # Contents
 # ---------------------------------------------------------------------------------------------------------------
+def _ambiguous(identification: Identification) -> list[dict[str, float]] | None:
+    """Joint (from 1), start and end (s) of the segments whose sign the proof does not settle; None without a proof."""
+    settled, found = identification.search.settled, identification.searched
+    if settled is None:
+        return None
+    t = identification.signals.motion.t
+    return [
+        {
+            "joint": int(found.joint[k]) + 1,
+            "start": float(t[found.start[k]]),
+            "end": float(t[found.end[k] - 1]),
+            "n_samples": int(found.end[k] - found.start[k]),
+        }
+        for k in np.flatnonzero(~settled)
+    ]
+
+
 def summary(identification: Identification) -> dict[str, Any]:
     """summary.json of an identification."""
     search, fit = identification.search, identification.fit
@@ -187,6 +204,12 @@ def summary(identification: Identification) -> dict[str, Any]:
             "cost": search.cost,
             "certified": search.certified,
             "lower_bound": search.lower_bound,
+            "gap": None if search.lower_bound is None else search.cost - search.lower_bound,
+            "within": search.within,
+            "assignments": len(search.branches),
+            "missed_mass": search.missed if np.isfinite(search.missed) else None,
+            "settled_share": identification.settled_share,
+            "ambiguous": _ambiguous(identification),
             "seconds": identification.timings["search"],
             "sdp_solves": search.solves,
             "nodes": search.nodes,

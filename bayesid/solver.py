@@ -21,7 +21,7 @@ import cvxpy as cp
 import numpy as np
 from cvxpy.reductions.solvers.conic_solvers.clarabel_conif import dims_to_solver_cones
 from scipy import sparse
-from scipy.linalg import null_space
+from scipy.linalg import null_space, solve_triangular
 
 from bayesid.coefficients import BaseCoefficients
 from bayesid.errors import SolverError
@@ -35,6 +35,8 @@ _RIDGE = 1e-7
 """Weight of rho: a parameter as large as would explain all efforts alone costs this share of their energy."""
 _ATTEMPTS = ((1.0, True), (1.0, False), (10.0, True), (10.0, False), (100.0, True))
 """Factor on the tolerance, and whether Clarabel scales the rows: what is tried after an update that failed."""
+_PRECISE = (1e-10, 1e-9, 1e-8, 1e-7, 1e-6)
+"""Tolerances tried where precision is asked for."""
 _TYPICAL_BODY = from_pseudo_inertia(np.diag([0.03, 0.03, 0.03, 3.0]))
 """A link of 3 kg that spreads 0.1 m along each axis: what a parameter without any data is drawn to."""
 _LEASH = 1e-4
@@ -47,13 +49,15 @@ class Solution:
 
     Attributes:
         theta: (P,) parameters.
-        cost: theta' B' H B theta - 2 g' B theta, without the efforts' own energy.
+        cost: theta' B' H B theta - 2 g' B theta + rho(theta), without the efforts' own energy.
         tolerance: relative duality gap and infeasibility that the solver reached.
+        lower_bound: of the cost of every point of the cone, from a dual point; -inf if there is none.
     """
 
     theta: Array
     cost: float
     tolerance: float
+    lower_bound: float = -np.inf
 
 
 class ConeLeastSquares:
@@ -87,8 +91,14 @@ class ConeLeastSquares:
         self.set_hessian(hessian)
 
     def regularisation(self, theta: Array) -> float:
-        """rho(theta), the pull to typical links; not part of a solution's cost."""
+        """rho(theta), the pull to typical links."""
         return float(_RIDGE * self._energy * np.sum((theta / self._scale - self._typical) ** 2))
+
+    def pull(self) -> tuple[Array, Array]:
+        """Q (r, r) and b (r,) with (beta - b)' Q (beta - b) the least rho of all parameters with coefficients beta."""
+        spread = self._projection * self._scale
+        inverse = np.linalg.inv(spread @ spread.T).astype(np.float64)
+        return _RIDGE * self._energy * inverse, spread @ self._typical
 
     def set_hessian(self, hessian: Array) -> None:
         """Prepares the problem for another H (r, r)."""
@@ -96,7 +106,8 @@ class ConeLeastSquares:
         full = self._scale[:, None] * (self._projection.T @ hessian @ self._projection) * self._scale
         self._unit = max(float(np.max(np.diag(full))), 1e-300)
         self._pull = _RIDGE * self._energy / self._unit
-        self._quadratic = _upper_triangle(2.0 * full / self._unit + 2.0 * self._pull * np.eye(len(full)))
+        quadratic = 2.0 * full / self._unit + 2.0 * self._pull * np.eye(len(full))
+        self._quadratic, self._factor = _upper_triangle(quadratic), np.linalg.cholesky(quadratic)
         self._solver: Any = None
 
     def solve(self, gradient: Array) -> Solution:
@@ -108,7 +119,7 @@ class ConeLeastSquares:
         Raises:
             SolverError: none of them solved the problem.
         """
-        linear = -2.0 * self._scale * (gradient @ self._projection) / self._unit - 2.0 * self._pull * self._typical
+        linear = self._linear(gradient)
         if self._solver is None:
             self._solver = self._new_solver(linear, self._tolerance, equilibrate=True)
         else:
@@ -120,10 +131,50 @@ class ConeLeastSquares:
                 result = self._new_solver(linear, tolerance, equilibrate).solve()
         if result.status != clarabel.SolverStatus.Solved:
             raise SolverError("cone least squares", str(result.status))
+        return self._solution(gradient, linear, result, tolerance)
+
+    def solve_precisely(self, gradient: Array) -> Solution:
+        """The best point for g (r,), to the finest tolerance that Clarabel reaches (named in the solution).
+
+        Raises:
+            SolverError: not even 1e-6 is reached.
+        """
+        linear = self._linear(gradient)
+        for tolerance in _PRECISE:
+            for equilibrate in (True, False):
+                result = self._new_solver(linear, tolerance, equilibrate).solve()
+                if result.status == clarabel.SolverStatus.Solved:
+                    return self._solution(gradient, linear, result, tolerance)
+        raise SolverError("cone least squares", str(result.status))
+
+    def project(self, theta: Array) -> Array:
+        """(r,) coefficients of parameters (P,)."""
+        beta: Array = self._projection @ theta
+        return beta
+
+    def _linear(self, gradient: Array) -> Array:
+        slope: Array = self._scale * (gradient @ self._projection) / self._unit
+        return -2.0 * (slope + self._pull * self._typical)
+
+    def _solution(self, gradient: Array, linear: Array, result: Any, tolerance: float) -> Solution:
         theta = self._scale * np.array(result.x)
         theta[self._nonnegative] = np.maximum(theta[self._nonnegative], 0.0)  # what is below is the solver's tolerance
         beta = self._projection @ theta
-        return Solution(theta, float(beta @ self._hessian @ beta - 2 * gradient @ beta), tolerance)
+        cost = float(beta @ self._hessian @ beta - 2 * gradient @ beta) + self.regularisation(theta)
+        return Solution(theta, cost, tolerance, min(cost, self._lower_bound(linear, np.array(result.z))))
+
+    def _lower_bound(self, linear: Array, dual: Array) -> float:
+        """What weak duality proves about the cost of every feasible point, for any multipliers `dual`.
+
+        For z in the dual cone, min over x in the cone of x'Px/2 + q'x >= min over all x of x'Px/2 + q'x + z'(Ax - b)
+        = -|L^-1 (q + A'z)|^2 / 2 - b'z with P = LL' (Boyd and Vandenberghe 2004, 5.2). The pull makes P positive
+        definite, so this holds however well or badly the solver converged.
+        """
+        offsets, rows, _ = self._rows
+        z = _into_cone(dual, len(self._nonnegative))
+        slope = solve_triangular(self._factor, linear + rows.T @ z, lower=True)
+        value = -0.5 * float(slope @ slope) - float(offsets @ z)
+        return self._unit * (value + self._pull * float(self._typical @ self._typical))
 
     def _new_solver(self, linear: Array, tolerance: float, equilibrate: bool) -> Any:
         settings = clarabel.DefaultSettings()
@@ -179,12 +230,7 @@ def solve_precisely(
     Raises:
         SolverError: not even 1e-6 is reached.
     """
-    for tolerance in (1e-10, 1e-9, 1e-8, 1e-7):
-        try:
-            return ConeLeastSquares(cone, coefficients, hessian, energy, margin, tolerance).solve(gradient)
-        except SolverError:
-            continue
-    return ConeLeastSquares(cone, coefficients, hessian, energy, margin, 1e-6).solve(gradient)
+    return ConeLeastSquares(cone, coefficients, hessian, energy, margin).solve_precisely(gradient)
 
 
 def _typical(cone: Cone) -> Array:
@@ -223,6 +269,20 @@ def _linear_matrix(body: cp.Expression, scale: Array) -> cp.Expression:
     flat = (PSEUDO_INERTIA_BASIS * scale[:, None, None]).reshape(10, 16).T
     matrix = cp.reshape(flat @ body, (4, 4), order="C")
     return (matrix + matrix.T) / 2
+
+
+def _into_cone(dual: Array, n_linear: int) -> Array:
+    """(m,) the nearest multipliers in the cone, which is its own dual: nonnegative, then positive semidefinite blocks.
+
+    Clarabel stacks the columns of a block's upper triangle and stretches off-diagonal entries by sqrt(2).
+    """
+    rows, columns = np.tril_indices(4)
+    stretch = np.where(rows == columns, 1.0, np.sqrt(2.0))
+    blocks = np.zeros((len(dual[n_linear:]) // 10, 4, 4))
+    blocks[:, rows, columns] = blocks[:, columns, rows] = dual[n_linear:].reshape(-1, 10) / stretch
+    values, vectors = np.linalg.eigh(blocks)
+    nearest = (vectors * np.maximum(values, 0.0)[:, None, :]) @ vectors.transpose(0, 2, 1)
+    return np.concatenate([np.maximum(dual[:n_linear], 0.0), (nearest[:, rows, columns] * stretch).ravel()])
 
 
 def _upper_triangle(matrix: Array) -> sparse.csc_matrix:

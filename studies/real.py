@@ -1,6 +1,6 @@
 """Real logs with their signs hidden: the share of signs that come back right.
 
-    python -m studies.real [--data DIR] [--beam-width 5] [--workers 1]
+    python -m studies.real [--data DIR] [--search certified] [--beam-width 5] [--workers 1]
 
 A sample counts when its |effort| is at least 5 % of its joint's maximum; right means the sign of the sample as logged,
 sensor noise and all. `smooth` is the share against the sign of the logged effort after a 20 Hz low-pass: near zero the
@@ -25,6 +25,7 @@ from bayesid.log import read_log
 from bayesid.motion import Array
 from bayesid.robot import load_robot
 from bayesid.signals import lowpass, prepare
+from bayesid.signs import METHODS
 from bayesid.validation import validate
 from studies.runner import Row, run
 
@@ -40,6 +41,7 @@ class Scenario:
 
     data: Path
     log: str
+    search: str = "certified"
     beam_width: int = 5
 
 
@@ -48,7 +50,7 @@ def study(scenario: Scenario) -> Row:
     path = scenario.data / f"{scenario.log}.csv"
     robot, log = load_robot(path.parent / "robot.toml"), read_log(path)
     began = time.perf_counter()
-    result = identify(robot, log.rectified(), beam_width=scenario.beam_width)
+    result = identify(robot, log.rectified(), search=scenario.search, beam_width=scenario.beam_width)
     seconds = time.perf_counter() - began
     rows = _rows(result, log.t)
     moving = result.segments.per_sample(result.segments.moving, *result.probability.shape)[rows] > 0
@@ -114,10 +116,12 @@ def main() -> None:
     """Prints the table."""
     parser = argparse.ArgumentParser(description="Share of right signs on real logs.")
     parser.add_argument("--data", type=Path, default=DATA)
+    parser.add_argument("--search", choices=METHODS, default=METHODS[0])
     parser.add_argument("--beam-width", type=int, default=5)
     parser.add_argument("--workers", type=int, default=1)
     options = parser.parse_args()
-    rows = run(study, [Scenario(options.data, log, options.beam_width) for log in LOGS], options.workers)
+    scenarios = [Scenario(options.data, log, options.search, options.beam_width) for log in LOGS]
+    rows = run(study, scenarios, options.workers)
     print(f"{'log':<17} segs   all %  motion %  smooth %  velocity %  sure %  of these wrong %  search s  total s")
     for row in rows:
         print(

@@ -11,13 +11,14 @@ import bayesid
 from bayesid import identification
 from bayesid.errors import InputError
 from bayesid.excitation import random_trajectory
-from bayesid.identification import Identification, _crossings, identify
+from bayesid.identification import Identification, identify
 from bayesid.log import Log, read_log
 from bayesid.model import Model
 from bayesid.motion import STANDSTILL, Array, Motion
 from bayesid.robot import Robot, load_robot, robot_from_table
 from bayesid.segments import Segments, find_segments
 from bayesid.signals import signed_effort
+from bayesid.signs import crossings
 from bayesid.simulation import random_parameters, simulate
 from bayesid.terms import DEFAULT, make_terms
 
@@ -379,29 +380,29 @@ def test_a_clear_crossing_is_cut_where_the_effort_is_least():
     effort = np.abs(predicted) + 0.05
     effort[47] = 0.01
     sigma = np.array([0.1])
-    assert _crossings(one_joint(0, 101), predicted, effort, sigma) == [(0, 47)]
+    assert crossings(one_joint(0, 101), predicted, effort, sigma) == [(0, 47)]
     cut = one_joint(0, 101).split([(0, 47)])
     assert (cut.start.tolist(), cut.end.tolist()) == ([0, 47], [47, 101])
-    assert _crossings(cut, predicted, effort, sigma) == []
+    assert crossings(cut, predicted, effort, sigma) == []
 
 
 def test_an_unclear_crossing_is_not_cut():
     t = np.linspace(0.0, 1.0, 101)[:, None]
     touches = np.where(t < 0.5, 1.0 - 2.0 * t, 2.0 * t - 1.0) - 0.15
-    assert _crossings(one_joint(0, 101), touches, np.abs(touches), np.array([0.1])) == []
+    assert crossings(one_joint(0, 101), touches, np.abs(touches), np.array([0.1])) == []
     deeper = np.where(t < 0.5, 1.0 - 2.0 * t, 2.0 * t - 1.0) - 0.25
-    assert len(_crossings(one_joint(0, 101), deeper, np.abs(deeper), np.array([0.1]))) == 2
+    assert len(crossings(one_joint(0, 101), deeper, np.abs(deeper), np.array([0.1]))) == 2
 
 
 def test_known_signs_are_not_cut():
     predicted = np.linspace(1.0, -1.0, 101)[:, None]
-    assert _crossings(one_joint(0, 101, known=(1,)), predicted, np.abs(predicted), np.array([0.1])) == []
+    assert crossings(one_joint(0, 101, known=(1,)), predicted, np.abs(predicted), np.array([0.1])) == []
 
 
 def test_where_a_segment_begins_already_it_is_not_cut_again():
     predicted = np.array([1.0, -1.0, -1.0, -1.0])[:, None]
     effort = np.array([0.1, 0.5, 1.0, 1.0])[:, None]
-    assert _crossings(one_joint(0, 4), predicted, effort, np.array([0.1])) == []
+    assert crossings(one_joint(0, 4), predicted, effort, np.array([0.1])) == []
 
 
 def test_each_joint_has_its_own_noise():
@@ -409,7 +410,7 @@ def test_each_joint_has_its_own_noise():
     segments = Segments(
         np.array([0, 1]), np.array([0, 0]), np.array([101, 101]), np.zeros(2, dtype=np.int64), np.ones(2, dtype=bool)
     )
-    assert _crossings(segments, predicted, np.abs(predicted), np.array([0.6, 0.1])) == [(1, 50)]
+    assert crossings(segments, predicted, np.abs(predicted), np.array([0.6, 0.1])) == [(1, 50)]
 
 
 def test_a_cut_that_segmentation_missed_is_found_by_searching_again(truth, unsigned, monkeypatch):

@@ -91,9 +91,13 @@ def test_the_summary_has_the_promised_keys(result, folder):
     assert content["n_segments"] == len(table(folder / "segments.csv"))
     assert content["n_coefficients"] == len(table(folder / "coefficients.csv"))
     assert content["signed_joints"] == [2]
-    assert content["search"]["method"] == "beam"
-    assert content["search"]["certified"] is False
-    assert content["search"]["lower_bound"] is None
+    assert content["search"]["method"] == "certified"
+    assert content["search"]["certified"] is True
+    assert content["search"]["lower_bound"] == pytest.approx(content["search"]["cost"], rel=1e-4)
+    assert content["search"]["gap"] == content["search"]["cost"] - content["search"]["lower_bound"]
+    assert content["search"]["assignments"] >= 1
+    assert 0.0 < content["search"]["missed_mass"] <= 1e-3
+    assert 0.9 < content["search"]["settled_share"] <= 1.0
     assert content["search"]["cost"] > 0.0
     assert content["search"]["sdp_solves"] > 0
     assert content["noise"]["sd"] == result.fit.noise.sigma.tolist()

@@ -71,7 +71,7 @@ def beam(
     began = time.perf_counter()
     known, order = np.flatnonzero(moments.known), _search_order(moments)
     pricing = _Pricing(node_cost)
-    hessian = moments.hessian[known].sum(axis=0)
+    hessian = moments.hessian_of(known)
     energy = float(moments.energy[known].sum())
     level = _Level(
         signs=np.empty((1, 0), dtype=np.int64),
@@ -82,7 +82,7 @@ def beam(
     depth = 0
     while True:
         group = order[depth : depth + (initial if depth == 0 else 1)]
-        hessian = hessian + moments.hessian[group].sum(axis=0)
+        hessian = hessian + moments.hessian_of(group)
         energy += float(moments.energy[group].sum())
         candidates = _expand(level, moments.gradient[group])
         depth += len(group)
@@ -93,16 +93,30 @@ def beam(
             break
     signs = moments.known.copy()
     signs[order] = level.signs[0]
-    return SearchResult(
+    found = SearchResult(
         signs=signs, theta=level.theta, cost=float(level.cost[0]), method="beam", width=width,
         certified=False, lower_bound=None,
         nodes=pricing.nodes, solves=pricing.solves, tolerance=pricing.tolerance, seconds=time.perf_counter() - began,
     )  # fmt: skip
+    if np.all(signs):
+        return found
+    unconstrained = np.linalg.lstsq(hessian, level.gradient[0], rcond=None)[0]
+    return _with_weak_segments(moments, node_cost, found, unconstrained)
+
+
+def _with_weak_segments(moments: Moments, node_cost: NodeCost, found: SearchResult, beta: Array) -> SearchResult:
+    """Segments without a Hessian of their own take the signs that the other ones' coefficients (r,) predict."""
+    predicted = np.where(moments.gradient @ beta >= 0.0, 1, -1)
+    signs = np.where(found.signs != 0, found.signs, predicted)
+    node_cost.set_hessian(moments.hessian.sum(axis=0))
+    solution = node_cost.solve(signs @ moments.gradient)
+    cost = float(moments.energy.sum()) + solution.cost
+    return replace(found, signs=signs, theta=solution.theta, cost=cost, solves=found.solves + 1)
 
 
 def _search_order(moments: Moments) -> Integers:
     """Unknown segments, those with the most energy first: they decide most and are mistaken least."""
-    unknown = np.flatnonzero(moments.known == 0)
+    unknown = np.flatnonzero((moments.known == 0) & moments.alone)
     return unknown[np.argsort(-moments.energy[unknown], kind="stable")]
 
 
@@ -125,9 +139,7 @@ class _Pricing:
         self.solves = 0
         self.tolerance = 0.0
 
-    def select(
-        self, candidates: tuple[Integers, Array], hessian: Array, energy: float, width: int | None
-    ) -> _Level:
+    def select(self, candidates: tuple[Integers, Array], hessian: Array, energy: float, width: int | None) -> _Level:
         signs, gradient = candidates
         bound = energy + UnconstrainedBound(hessian)(gradient)
         self.nodes += len(signs)

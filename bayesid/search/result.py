@@ -7,28 +7,52 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from bayesid.motion import Array, Integers
+from bayesid.motion import Array, Integers, Mask
 
 _RIDGE = 1e-9
 """Curvature added to columns of unit length; a hundredth of the solver's own pull to typical links."""
 
 
 @dataclass(frozen=True)
+class Branch:
+    """One assignment of signs and the best parameters under it.
+
+    Attributes:
+        signs: (S,) +1 or -1 for each segment of the moments.
+        theta: (P,) best feasible parameters.
+        cost: min over the cone of f(theta, signs) + rho(theta), efforts in units of their noise.
+        lower_bound: proven bound on the cost of every assignment that the branch stands for: those with the same signs
+            in the segments that the proof decided one by one, whatever the signs of the weak ones.
+    """
+
+    signs: Integers
+    theta: Array
+    cost: float
+    lower_bound: float
+
+
+@dataclass(frozen=True)
 class SearchResult:
-    """The best assignment that a search found.
+    """The best assignment that a search found, and what it proves about the others.
 
     Attributes:
         signs: (S,) +1 or -1 for each segment of the moments.
         theta: (P,) best feasible parameters under these signs.
-        cost: f(theta, signs), efforts in units of their noise.
+        cost: min over the cone of f(theta, signs) + rho(theta), efforts in units of their noise.
         method: how it was found.
-        width: of the beam; None if it was unlimited.
-        certified: whether no other assignment can cost less.
+        width: of the beam; None if it was unlimited or there was none.
+        certified: whether no other assignment can cost less (by more than 1e-8 of the efforts' energy).
         lower_bound: proven bound on the cost of every assignment, or None.
         nodes: priced by the unconstrained bound.
         solves: cone problems solved.
         tolerance: coarsest relative gap among them.
         seconds: of wall time.
+        branches: the best assignment and all others that may cost at most `within` more, cheapest first; empty if
+            nothing is proven about the others.
+        within: Delta, in units of the cost.
+        missed: bound on the sum of exp(-(cost - best cost) / 2) over all assignments of the segments decided one by
+            one that `branches` leaves out; inf if nothing is proven.
+        settled: (S,) whether all assignments within Delta give the segment the same sign.
     """
 
     signs: Integers
@@ -42,6 +66,10 @@ class SearchResult:
     solves: int
     tolerance: float
     seconds: float
+    branches: tuple[Branch, ...] = ()
+    within: float = 0.0
+    missed: float = np.inf
+    settled: Mask | None = None
 
 
 class UnconstrainedBound:
@@ -49,13 +77,19 @@ class UnconstrainedBound:
 
     Args:
         hessian: (r, r) H.
+        ridge: curvature added to columns of unit length; none is needed where H holds a pull.
     """
 
-    def __init__(self, hessian: Array) -> None:
-        lengths = np.sqrt(np.maximum(np.diag(hessian), 1e-300 + _RIDGE * np.diag(hessian).max()))
-        scaled = hessian / np.outer(lengths, lengths) + _RIDGE * np.eye(len(hessian))
+    def __init__(self, hessian: Array, ridge: float = _RIDGE) -> None:
+        lengths = np.sqrt(np.maximum(np.diag(hessian), 1e-300 + ridge * np.diag(hessian).max()))
+        scaled = hessian / np.outer(lengths, lengths) + ridge * np.eye(len(hessian))
         self._factor = solve_triangular(np.linalg.cholesky(scaled), np.diag(1.0 / lengths), lower=True)
 
     def __call__(self, gradient: Array) -> Array:
         """(m,) minima -g' H^-1 g for the rows of gradient (m, r)."""
-        return -np.sum((gradient @ self._factor.T) ** 2, axis=1)
+        return -np.sum(self.whiten(gradient) ** 2, axis=1)
+
+    def whiten(self, gradient: Array) -> Array:
+        """(m, r) rows W g with |W g|^2 = g' H^-1 g."""
+        white: Array = gradient @ self._factor.T
+        return white

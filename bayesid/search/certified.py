@@ -1,0 +1,219 @@
+"""Certified search: the best signs, a proof that no others cost less, and all others that still matter.
+
+Candidates first. Each joint's rows alone almost decide its pattern up to a flip of the whole joint; the best patterns
+of all joints are combined, priced by the unconstrained bound and settled in the cone in the order of that bound.
+
+Then the proof. With U the cost of the best signs so far and D_j the least cost of joint j's own rows,
+
+1. joint by joint: every pattern of joint j's strong segments with a bound under U + Delta - (sum of the other D_i);
+2. joints together: these lists are joined one after the other and cut by the unconstrained bound of all their rows;
+3. in the cone: a semidefinite program, by its dual bound, for the combinations left;
+4. the weak segments: settled given the rest, and proven by what turning them would cost (`tree`, `flips`).
+
+Dropping rows is a valid bound, so weak segments need not be enumerated.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from bayesid.moments import Moments
+from bayesid.motion import Array, Integers
+from bayesid.search.patterns import Block, Keep, Patterns, join
+from bayesid.search.problem import OutOfTimeError, Problem
+from bayesid.search.result import Branch, SearchResult
+from bayesid.search.tree import Proof, prove
+from bayesid.solver import ConeLeastSquares
+
+_WIDTH, _JOINED = 64, 256
+"""Patterns of each joint, and combinations of all joints, among which candidates are looked for."""
+_STRONG = 0.02
+"""Share of the energy of a joint's strongest segment from which a segment takes part in the search for candidates."""
+_TRIED, _REFINED = 64, 3
+"""Candidates that are solved in the cone at most, and how many of them are settled."""
+_SHARES = (0.1, 0.3, 1.0)
+"""As _STRONG, for the lists of the proof: a smaller share where there would be too many combinations."""
+_LONGEST, _HELD = 50_000, 200_000
+"""Patterns that a joint's list may hold (it decides fewer segments otherwise), and combinations of all joints'."""
+_LEAST = 2_000
+"""Patterns that the list for a joint's least cost may hold."""
+_ALLOWANCE, _WIDEN = 10.0, 1.5
+"""Delta beyond that of a single assignment of the allowed mass, and its growth where too much is left out."""
+_LOG2 = float(np.log(2.0))
+
+
+class _TooManyError(Exception):
+    """There are more combinations than are held."""
+
+
+def certified(
+    moments: Moments,
+    solver: ConeLeastSquares,
+    budget: float = 10.0,
+    missed: float = 1e-3,
+    start: Array | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> SearchResult:
+    """Finds the best signs and proves as much about all others as the budget allows.
+
+    Args:
+        moments: scaled moments of S segments.
+        solver: prepared for the cone and for H and energy of all segments.
+        budget: seconds; the candidates are looked for however few they are.
+        missed: the mass, relative to the best assignment's, that the branches may leave out.
+        start: (P,) parameters of an earlier search; what they predict is a candidate too.
+        progress: called as progress(stages done, stages).
+
+    Raises:
+        SolverError: a cone problem could not be solved.
+    """
+    began = time.perf_counter()
+    problem = Problem(moments, solver, began + budget)
+    best, floor, proof = candidate(problem), 0.0, None
+    if start is not None:
+        earlier = problem.price(problem.settle(moments.known, start).signs)
+        best = min(best, earlier, key=lambda branch: branch.cost)
+    if progress is not None:
+        progress(1, 2)
+    try:
+        least = np.array([_least_cost(problem, block) for block in problem.blocks])
+        floor = float(least.sum()) - problem.slack
+        proof = _prove_enough(problem, best, least, float(np.log(missed)))
+    except OutOfTimeError:
+        pass
+    if progress is not None:
+        progress(2, 2)
+    return _result(problem, best, floor, proof, time.perf_counter() - began)
+
+
+def _result(problem: Problem, best: Branch, floor: float, proof: Proof | None, seconds: float) -> SearchResult:
+    if proof is not None:
+        best = min([best, *proof.branches], key=lambda branch: branch.cost)
+    result = SearchResult(
+        signs=best.signs, theta=best.theta, cost=best.cost, method="certified", width=None,
+        certified=False, lower_bound=max(floor, 0.0),  # the cost is a sum of squares
+        nodes=problem.nodes, solves=problem.solves, tolerance=problem.tolerance, seconds=seconds,
+    )  # fmt: skip
+    if proof is None or not proof.branches:
+        return result
+    agreed = np.array([branch.signs == best.signs for branch in proof.branches])
+    return replace(
+        result,
+        certified=proof.lower_bound >= best.cost - problem.exact,
+        lower_bound=max(floor, 0.0, proof.lower_bound),
+        branches=proof.branches,
+        within=proof.limit - best.cost,
+        missed=float(np.exp(proof.log_missed + 0.5 * best.cost)),
+        settled=np.all(agreed & proof.certain, axis=0),
+    )
+
+
+def combine(problem: Problem, lists: list[Patterns], keep: Callable[[list[int]], Keep]) -> Patterns:
+    """The joints' lists joined one after the other, the shortest first.
+
+    `keep` makes, from the blocks that are still to come, what chooses among the combinations of those so far.
+    """
+    order = [int(i) for i in np.argsort([len(patterns) for patterns in lists], kind="stable")]
+    joined, hessian, energy = lists[order[0]], np.zeros_like(problem.pull), 0.0
+    for position, i in enumerate(order):
+        depth = len(lists[i].segments)
+        hessian = hessian + problem.blocks[i].hessian(depth)
+        energy += problem.blocks[i].energy(depth)
+        if position > 0:
+            problem.combined += len(joined) * len(lists[i])
+            joined = join(joined, lists[i], hessian, energy, keep(order[position + 1 :]))
+    return joined
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Candidates
+# ---------------------------------------------------------------------------------------------------------------
+def candidate(problem: Problem) -> Branch:
+    """The best assignment among combinations of each joint's best patterns, without any proof."""
+
+    def best_of_all(_: list[int]) -> Keep:
+        return lambda bound: np.argsort(bound, kind="stable")[:_JOINED]
+
+    lists = [block.best(_WIDTH, block.strong(_STRONG)) for block in problem.blocks]
+    joined = combine(problem, lists, best_of_all)
+    hessian, energy = problem.decided_moments(joined)
+    problem.set_hessian(hessian)
+    found: list[tuple[float, int, Array]] = []
+    for row in np.argsort(joined.bound, kind="stable")[:_TRIED]:
+        if found and joined.bound[row] - problem.slack >= found[0][0]:
+            break
+        solution = problem.solve(joined.gradient[row])
+        found = sorted([*found, (energy + solution.cost, int(row), solution.theta)], key=lambda one: one[:2])
+    settled = [problem.settle(problem.decided(joined, row), theta) for _, row, theta in found[:_REFINED]]
+    best = min(settled, key=lambda branch: branch.cost)
+    return problem.price(problem.settle(problem.moments.known, best.theta).signs)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Proof
+# ---------------------------------------------------------------------------------------------------------------
+def _prove_enough(problem: Problem, best: Branch, least: Array, log_missed: float) -> Proof | None:
+    """A proof with a Delta so wide that it leaves out no more than it may; None where the bounds are too weak."""
+    within, shares = -2.0 * log_missed + _ALLOWANCE, list(_SHARES)
+    while shares:
+        limit = best.cost + within
+        try:
+            joined = combinations(problem, limit + problem.slack, shares[0], least)
+        except _TooManyError:
+            shares.pop(0)
+            continue
+        proof = None
+        if joined.left_out + 0.5 * (best.cost + problem.slack) <= log_missed - _LOG2:
+            proof = prove(problem, joined, limit, best.theta)
+            best = min([best, *proof.branches], key=lambda branch: branch.cost)
+            if problem.out_of_time or proof.log_missed + 0.5 * best.cost <= log_missed:
+                return proof
+        within *= _WIDEN
+    return None
+
+
+def combinations(problem: Problem, limit: float, share: float, least: Array) -> Patterns:
+    """All combinations of the joints' patterns, of their strong segments, with a bound up to `limit`.
+
+    Args:
+        problem: the problem.
+        limit: of the unconstrained bound.
+        share: of the energy of its strongest segment, from which a joint's segments are decided.
+        least: (blocks,) lower bounds of the joints' own costs.
+
+    Raises:
+        OutOfTimeError: the budget has ended.
+        _TooManyError: there are too many.
+    """
+    lists = []
+    for i, block in enumerate(problem.blocks):
+        own = limit - float(np.delete(least, i).sum())
+        lists.append(block.within(own, block.strong(share), _LONGEST, problem.check, float(least[i])))
+
+    def within(to_come: list[int]) -> Keep:
+        rest, held = float(least[to_come].sum()), 0
+
+        def keep(bound: Array) -> Integers:
+            nonlocal held
+            problem.check()
+            kept = np.flatnonzero(bound + rest <= limit)
+            held += len(kept)
+            if held > _HELD:
+                raise _TooManyError
+            return kept
+
+        return keep
+
+    return combine(problem, lists, within)
+
+
+def _least_cost(problem: Problem, block: Block) -> float:
+    """Lower bound of a joint's own cost: the least one of as many segments as a list can decide."""
+    problem.check()
+    depth = len(block.segments)
+    upper = float(block.best(_WIDTH, depth).bound.min()) + problem.rounding
+    return float(block.within(upper, depth, _LEAST, problem.check).bound.min())

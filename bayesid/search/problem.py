@@ -1,0 +1,144 @@
+"""The sign problem of one set of moments: what every stage of the certified search shares."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from bayesid.moments import Moments
+from bayesid.motion import Array, Integers
+from bayesid.search.flips import Flips
+from bayesid.search.patterns import Block, Patterns
+from bayesid.search.result import Branch, UnconstrainedBound
+from bayesid.solver import ConeLeastSquares, Solution
+
+_SETTLED = 20
+"""Rounds of settling undecided segments and parameters in turn."""
+_ROUNDING = 1e-9
+"""Share of the energy that rounding may take from an unconstrained bound."""
+_EXACT = 1e-8
+"""Share of the energy below which two costs are not told apart."""
+
+
+class OutOfTimeError(Exception):
+    """The budget has ended."""
+
+
+class Problem:
+    """The moments, one block for each joint, and what is prepared once; counts what was done.
+
+    The pull (beta - b)' Q (beta - b) is at least beta' Q beta / 2 - b' Q b. The first part is shared among the joints'
+    own bounds; the second is `slack`, by which they may all be too high (with an allowance for rounding).
+
+    Args:
+        moments: scaled moments of S segments.
+        solver: prepared for the cone and for H and energy of all segments.
+        deadline: of `time.perf_counter`, when the budget ends.
+
+    Attributes:
+        energy: c of all segments.
+        exact: cost below which two assignments are not told apart.
+        slack: to be taken from an unconstrained bound.
+        pull: (r, r) Q.
+        blocks: of the joints that have segments.
+        solves: cone problems solved.
+        combined: combinations of several joints' patterns that were priced.
+        tolerance: coarsest relative gap of a cone problem.
+    """
+
+    def __init__(self, moments: Moments, solver: ConeLeastSquares, deadline: float) -> None:
+        self.pull, centre = solver.pull()
+        joints = np.unique(moments.joint)
+        self.moments, self._solver, self._deadline = moments, solver, deadline
+        self._hessian, self.energy = moments.hessian.sum(axis=0), float(moments.energy.sum())
+        self._unconstrained = UnconstrainedBound(self._hessian + self.pull, ridge=0.0)
+        self.exact = _EXACT * self.energy
+        self.rounding = _ROUNDING * self.energy
+        self.slack = float(centre @ self.pull @ centre) + self.rounding
+        self.blocks = [Block(moments, int(joint), 0.5 / len(joints) * self.pull) for joint in joints]
+        self.solves = self.combined = 0
+        self.tolerance = 0.0
+
+    @property
+    def nodes(self) -> int:
+        """Sign choices priced by the unconstrained bound."""
+        return self.combined + sum(block.nodes for block in self.blocks)
+
+    @property
+    def out_of_time(self) -> bool:
+        """Whether the budget has ended."""
+        return time.perf_counter() > self._deadline
+
+    def check(self) -> None:
+        """Raises OutOfTimeError when the budget has ended."""
+        if self.out_of_time:
+            raise OutOfTimeError
+
+    # -----------------------------------------------------------------------------------------------------------
+    # Partial assignments
+    # -----------------------------------------------------------------------------------------------------------
+    def decided(self, patterns: Patterns, row: int) -> Integers:
+        """(S,) the signs known beforehand and those of one pattern; 0 for all others."""
+        signs = self.moments.known.copy()
+        signs[patterns.segments] = patterns.signs[row]
+        return signs
+
+    def decided_moments(self, patterns: Patterns) -> tuple[Array, float]:
+        """(r, r) H and energy of the segments known beforehand and those that the patterns decide."""
+        rows = np.concatenate([np.flatnonzero(self.moments.known), patterns.segments])
+        return self.moments.hessian_of(rows), float(self.moments.energy[rows].sum())
+
+    def set_hessian(self, hessian: Array) -> None:
+        """Prepares the solver for the H (r, r) of some segments."""
+        self._solver.set_hessian(hessian)
+
+    def solve(self, gradient: Array) -> Solution:
+        """The best parameters for g (r,) and the solver's present H."""
+        return self._counted(self._solver.solve(gradient))
+
+    def project(self, theta: Array) -> Array:
+        """(r,) coefficients of parameters (P,)."""
+        return self._solver.project(theta)
+
+    # -----------------------------------------------------------------------------------------------------------
+    # Full assignments
+    # -----------------------------------------------------------------------------------------------------------
+    def settle(self, decided: Integers, theta: Array) -> Branch:
+        """The undecided segments (0 in `decided`, (S,)) and the parameters settled in turn, starting from theta (P,).
+
+        Neither step can raise the cost. The lower bound is that of the resulting signs alone.
+        """
+        self._solver.set_hessian(self._hessian)
+        signs = self._completed(decided, theta)
+        for _ in range(_SETTLED):
+            solution = self.solve(signs @ self.moments.gradient)
+            after = self._completed(decided, solution.theta)
+            if np.array_equal(after, signs):
+                break
+            signs = after
+        else:
+            solution = self.solve(signs @ self.moments.gradient)
+        return self._branch(signs, solution)
+
+    def price(self, signs: Integers) -> Branch:
+        """The best parameters for given signs (S,), as precisely as the solver can."""
+        self._solver.set_hessian(self._hessian)
+        return self._branch(signs, self._counted(self._solver.solve_precisely(signs @ self.moments.gradient)))
+
+    def flips(self, branch: Branch, free: Integers) -> Flips:
+        """What turning some of the free segments of a branch costs."""
+        beta, gap = self._solver.project(branch.theta), branch.cost - branch.lower_bound
+        return Flips(self.moments, self._unconstrained, branch.signs, beta, gap, free)
+
+    def _completed(self, decided: Integers, theta: Array) -> Integers:
+        predicted = np.where(self.moments.gradient @ self._solver.project(theta) >= 0.0, 1, -1)
+        return np.where(decided != 0, decided, predicted)
+
+    def _branch(self, signs: Integers, solution: Solution) -> Branch:
+        return Branch(signs, solution.theta, self.energy + solution.cost, self.energy + solution.lower_bound)
+
+    def _counted(self, solution: Solution) -> Solution:
+        self.solves += 1
+        self.tolerance = max(self.tolerance, solution.tolerance)
+        return solution
