@@ -32,6 +32,8 @@ POOR = 0.25
 """A joint whose residual exceeds this share of its effort may be a search gone wrong."""
 _WIDER = 4
 """A beam that leaves such a residual is repeated, so much wider."""
+_HASTE = 0.2
+"""And a certified search goes on for this share of its budget."""
 _FIRST_GUESS = 0.05
 """Noise of each joint before any fit, as a share of its RMS effort."""
 _LEAST_NOISE = 1e-3
@@ -156,7 +158,10 @@ class SignSearch:
         stage = f"search, round {rounds}"
         if self.options.method == "certified":
             found = self._certified(scaled, 0.0, earlier, stage)
-            return self._proof(scaled, earlier) if rounds == 1 and self._poor(scaled, found) else found
+            if rounds > 1 or not self._poor(scaled, found):
+                return found
+            better = self._certified(scaled, _HASTE * self.options.budget, [found], stage)
+            return replace(better, nodes=found.nodes + better.nodes, solves=found.solves + better.solves)
         found = self._beam(scaled, self.options.beam_width, earlier, stage)
         if rounds > 1 or not self._poor(scaled, found):
             return found

@@ -33,6 +33,8 @@ MARGIN = 1e-6
 """Smallest eigenvalue left to a pseudo-inertia (kg m^2 to kg): far below any link's, far above rounding."""
 _RIDGE = 1e-7
 """Weight of rho: a parameter as large as would explain all efforts alone costs this share of their energy."""
+_CANCELS = 1e-8
+"""Parameters whose columns cancel to this share leave no trace: the tolerance of the base coefficients, squared."""
 _ATTEMPTS = ((1.0, True), (1.0, False), (10.0, True), (10.0, False), (100.0, True))
 """Factor on the tolerance, and whether Clarabel scales the rows: what is tried after an update that failed."""
 _PRECISE = (1e-10, 1e-9, 1e-8, 1e-7, 1e-6)
@@ -97,13 +99,17 @@ class ConeLeastSquares:
     def pull(self) -> tuple[Array, Array]:
         """Q (r, r) and b (r,) with (beta - b)' Q (beta - b) the least rho of all parameters with coefficients beta."""
         spread = self._projection * self._scale
-        inverse = np.linalg.inv(spread @ spread.T).astype(np.float64)
-        return _RIDGE * self._energy * inverse, spread @ self._typical
+        root = solve_triangular(
+            np.linalg.qr(spread.T, mode="r"), np.eye(len(spread))
+        )  # (spread spread')^-1 = root root'
+        return _RIDGE * self._energy * (root @ root.T), spread @ self._typical
 
     def set_hessian(self, hessian: Array) -> None:
         """Prepares the problem for another H (r, r)."""
         self._hessian = hessian
-        full = self._scale[:, None] * (self._projection.T @ hessian @ self._projection) * self._scale
+        columns = self._projection * self._scale
+        full = columns.T @ hessian @ columns
+        full = 0.5 * (full + full.T)
         self._unit = max(float(np.max(np.diag(full))), 1e-300)
         self._pull = _RIDGE * self._energy / self._unit
         quadratic = 2.0 * full / self._unit + 2.0 * self._pull * np.eye(len(full))
@@ -137,7 +143,7 @@ class ConeLeastSquares:
         """The best point for g (r,), to the finest tolerance that Clarabel reaches (named in the solution).
 
         Raises:
-            SolverError: not even 1e-6 is reached.
+            SolverError: not even what `solve` tries is reached.
         """
         linear = self._linear(gradient)
         for tolerance in _PRECISE:
@@ -145,7 +151,7 @@ class ConeLeastSquares:
                 result = self._new_solver(linear, tolerance, equilibrate).solve()
                 if result.status == clarabel.SolverStatus.Solved:
                     return self._solution(gradient, linear, result, tolerance)
-        raise SolverError("cone least squares", str(result.status))
+        return self.solve(gradient)
 
     def project(self, theta: Array) -> Array:
         """(r,) coefficients of parameters (P,)."""
@@ -228,7 +234,7 @@ def solve_precisely(
     """One cone least squares, to the finest tolerance that Clarabel reaches on it (named in the solution).
 
     Raises:
-        SolverError: not even 1e-6 is reached.
+        SolverError: no tolerance is reached.
     """
     return ConeLeastSquares(cone, coefficients, hessian, energy, margin).solve_precisely(gradient)
 
@@ -247,7 +253,8 @@ def _sizes(cone: Cone, projection: Array, hessian: Array, energy: float) -> Arra
     for body in cone.bodies:
         sizes[body] = _TYPICAL_SIZES
     curvature = np.einsum("rp,rs,sp->p", projection, hessian, projection)
-    shows = curvature > 1e-12 * curvature.max()
+    parts = (np.abs(projection).T @ np.sqrt(np.maximum(np.diag(hessian), 0.0))) ** 2
+    shows = curvature > np.maximum(1e-12 * curvature.max(), _CANCELS * parts)
     sizes[shows] = np.sqrt(energy / curvature[shows])
     return sizes
 

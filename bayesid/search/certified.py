@@ -22,8 +22,9 @@ from dataclasses import replace
 import numpy as np
 
 from bayesid.moments import Moments
-from bayesid.motion import Array, Integers
-from bayesid.search.patterns import Block, Keep, Patterns, join
+from bayesid.motion import Array
+from bayesid.search.combinations import TooManyError, combinations, combine, least_costs, shortest_first
+from bayesid.search.patterns import Keep
 from bayesid.search.problem import OutOfTimeError, Problem
 from bayesid.search.result import Branch, SearchResult
 from bayesid.search.tree import Proof, prove
@@ -35,19 +36,9 @@ _STRONG = 0.02
 """Share of the energy of a joint's strongest segment from which a segment takes part in the search for candidates."""
 _TRIED, _REFINED = 64, 3
 """Candidates that are solved in the cone at most, and how many of them are settled."""
-_SHARES = (0.1, 0.3, 1.0)
-"""As _STRONG, for the lists of the proof: a smaller share where there would be too many combinations."""
-_LONGEST, _HELD = 50_000, 200_000
-"""Patterns that a joint's list may hold (it decides fewer segments otherwise), and combinations of all joints'."""
-_LEAST = 2_000
-"""Patterns that the list for a joint's least cost may hold."""
-_ALLOWANCE, _WIDEN = 10.0, 1.5
-"""Delta beyond that of a single assignment of the allowed mass, and its growth where too much is left out."""
+_ALLOWANCE, _WIDEN = 10.0, 2.0
+"""Delta beyond that of a single assignment of the allowed mass; growth beyond what would have sufficed before."""
 _LOG2 = float(np.log(2.0))
-
-
-class _TooManyError(Exception):
-    """There are more combinations than are held."""
 
 
 def certified(
@@ -80,10 +71,10 @@ def certified(
     if progress is not None:
         progress(1, 2)
     try:
-        least = np.array([_least_cost(problem, block) for block in problem.blocks])
+        least = least_costs(problem)
         floor = float(least.sum()) - problem.slack
         proof = _prove_enough(problem, best, least, float(np.log(missed)))
-    except OutOfTimeError:
+    except (OutOfTimeError, TooManyError):
         pass
     if progress is not None:
         progress(2, 2)
@@ -91,42 +82,25 @@ def certified(
 
 
 def _result(problem: Problem, best: Branch, floor: float, proof: Proof | None, seconds: float) -> SearchResult:
-    if proof is not None:
-        best = min([best, *proof.branches], key=lambda branch: branch.cost)
+    if proof is not None and proof.branches:
+        best = min([proof.branches[0], best], key=lambda branch: branch.cost)
     result = SearchResult(
         signs=best.signs, theta=best.theta, cost=best.cost, method="certified", width=None,
-        certified=False, lower_bound=max(floor, 0.0),  # the cost is a sum of squares
+        certified=False, lower_bound=max(min(floor, best.lower_bound), 0.0),  # the cost is a sum of squares
         nodes=problem.nodes, solves=problem.solves, tolerance=problem.tolerance, seconds=seconds,
     )  # fmt: skip
-    if proof is None or not proof.branches:
-        return result
+    if proof is None or not proof.branches or proof.branches[0].cost > best.cost + problem.exact:
+        return result  # nothing is proven, or rounding has excluded what is there
     agreed = np.array([branch.signs == best.signs for branch in proof.branches])
     return replace(
         result,
-        certified=proof.lower_bound >= best.cost - problem.exact,
-        lower_bound=max(floor, 0.0, proof.lower_bound),
+        certified=proof.runner_up >= best.cost - problem.exact,
+        lower_bound=max(result.lower_bound or 0.0, proof.lower_bound),
         branches=proof.branches,
         within=proof.limit - best.cost,
         missed=float(np.exp(proof.log_missed + 0.5 * best.cost)),
         settled=np.all(agreed & proof.certain, axis=0),
     )
-
-
-def combine(problem: Problem, lists: list[Patterns], keep: Callable[[list[int]], Keep]) -> Patterns:
-    """The joints' lists joined one after the other, the shortest first.
-
-    `keep` makes, from the blocks that are still to come, what chooses among the combinations of those so far.
-    """
-    order = [int(i) for i in np.argsort([len(patterns) for patterns in lists], kind="stable")]
-    joined, hessian, energy = lists[order[0]], np.zeros_like(problem.pull), 0.0
-    for position, i in enumerate(order):
-        depth = len(lists[i].segments)
-        hessian = hessian + problem.blocks[i].hessian(depth)
-        energy += problem.blocks[i].energy(depth)
-        if position > 0:
-            problem.combined += len(joined) * len(lists[i])
-            joined = join(joined, lists[i], hessian, energy, keep(order[position + 1 :]))
-    return joined
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -135,11 +109,11 @@ def combine(problem: Problem, lists: list[Patterns], keep: Callable[[list[int]],
 def candidate(problem: Problem) -> Branch:
     """The best assignment among combinations of each joint's best patterns, without any proof."""
 
-    def best_of_all(_: list[int]) -> Keep:
-        return lambda bound: np.argsort(bound, kind="stable")[:_JOINED]
+    def best_of_all(_: list[int]) -> tuple[Keep, float]:
+        return lambda bound: np.argsort(bound, kind="stable")[:_JOINED], np.inf
 
     lists = [block.best(_WIDTH, block.strong(_STRONG)) for block in problem.blocks]
-    joined = combine(problem, lists, best_of_all)
+    joined = combine(problem, lists, shortest_first(lists), best_of_all)
     hessian, energy = problem.decided_moments(joined)
     problem.set_hessian(hessian)
     found: list[tuple[float, int, Array]] = []
@@ -153,67 +127,17 @@ def candidate(problem: Problem) -> Branch:
     return problem.price(problem.settle(problem.moments.known, best.theta).signs)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Proof
-# ---------------------------------------------------------------------------------------------------------------
-def _prove_enough(problem: Problem, best: Branch, least: Array, log_missed: float) -> Proof | None:
-    """A proof with a Delta so wide that it leaves out no more than it may; None where the bounds are too weak."""
-    within, shares = -2.0 * log_missed + _ALLOWANCE, list(_SHARES)
-    while shares:
+def _prove_enough(problem: Problem, best: Branch, least: Array, log_missed: float) -> Proof:
+    """A proof with a Delta so wide that it leaves out no more than it may, or as far as the budget goes."""
+    within = -2.0 * log_missed + _ALLOWANCE
+    while True:
         limit = best.cost + within
-        try:
-            joined = combinations(problem, limit + problem.slack, shares[0], least)
-        except _TooManyError:
-            shares.pop(0)
-            continue
-        proof = None
-        if joined.left_out + 0.5 * (best.cost + problem.slack) <= log_missed - _LOG2:
-            proof = prove(problem, joined, limit, best.theta)
+        found = combinations(problem, limit, least)
+        excess = found.log_missed + 0.5 * best.cost - (log_missed - _LOG2)
+        if excess <= 0.0 or problem.out_of_time:
+            proof = prove(problem, found, limit, best.theta)
             best = min([best, *proof.branches], key=lambda branch: branch.cost)
-            if problem.out_of_time or proof.log_missed + 0.5 * best.cost <= log_missed:
+            excess = proof.log_missed + 0.5 * best.cost - log_missed
+            if excess <= 0.0 or problem.out_of_time:
                 return proof
-        within *= _WIDEN
-    return None
-
-
-def combinations(problem: Problem, limit: float, share: float, least: Array) -> Patterns:
-    """All combinations of the joints' patterns, of their strong segments, with a bound up to `limit`.
-
-    Args:
-        problem: the problem.
-        limit: of the unconstrained bound.
-        share: of the energy of its strongest segment, from which a joint's segments are decided.
-        least: (blocks,) lower bounds of the joints' own costs.
-
-    Raises:
-        OutOfTimeError: the budget has ended.
-        _TooManyError: there are too many.
-    """
-    lists = []
-    for i, block in enumerate(problem.blocks):
-        own = limit - float(np.delete(least, i).sum())
-        lists.append(block.within(own, block.strong(share), _LONGEST, problem.check, float(least[i])))
-
-    def within(to_come: list[int]) -> Keep:
-        rest, held = float(least[to_come].sum()), 0
-
-        def keep(bound: Array) -> Integers:
-            nonlocal held
-            problem.check()
-            kept = np.flatnonzero(bound + rest <= limit)
-            held += len(kept)
-            if held > _HELD:
-                raise _TooManyError
-            return kept
-
-        return keep
-
-    return combine(problem, lists, within)
-
-
-def _least_cost(problem: Problem, block: Block) -> float:
-    """Lower bound of a joint's own cost: the least one of as many segments as a list can decide."""
-    problem.check()
-    depth = len(block.segments)
-    upper = float(block.best(_WIDTH, depth).bound.min()) + problem.rounding
-    return float(block.within(upper, depth, _LEAST, problem.check).bound.min())
+        within += 2.0 * excess + _WIDEN

@@ -25,6 +25,8 @@ from bayesid.search.result import UnconstrainedBound
 
 _ENUMERATED = 14
 """Segments left by persistency of which all sets are tried."""
+_HANDED_ON, _SWEEPS = 400, 4
+"""Segments up to which charges are handed on, and how often."""
 _AT_ONCE = 1000
 """Rows of K that are made at once: bounds the memory."""
 
@@ -58,16 +60,23 @@ class Flips:
         # beta may be |d| <= sqrt(gap) off the best point, and a_k then by sqrt(gap K_kk).
         self._gain = turned @ beta - np.sqrt(self._gap * self._own)
 
-    @cached_property
+    @property
     def undecided(self) -> Integers:
         """Positions in `free` that persistency does not settle."""
-        left = np.arange(len(self.free))
+        return self._persistency[0]
+
+    @cached_property
+    def _persistency(self) -> tuple[Integers, float]:
+        """Positions that are left, and the least margin (in quarters) with which the others have been settled."""
+        left, least = np.arange(len(self.free)), np.inf
         while left.size:
             margin = self._gain[left] + self._own[left] - 2.0 * self._interference(left, left)
-            if np.all(margin <= 0.0):
+            settled = margin > 0.0
+            if not np.any(settled):
                 break
-            left = left[margin <= 0.0]
-        return left
+            least = min(least, float(margin[settled].min()))
+            left = left[~settled]
+        return left, least
 
     @property
     def alone(self) -> Array:
@@ -90,14 +99,28 @@ class Flips:
     @cached_property
     def best(self) -> tuple[float, Integers]:
         """Lower bound of the change (<= 0) over all sets of flips, and the segments of the set that it belongs to."""
+        change, positions = self._least_change()
+        return min(change, 0.0), self.free[positions if change < 0.0 else []]
+
+    @property
+    def any(self) -> float:
+        """Lower bound of the change over all sets of flips but the empty one; inf where nothing is free."""
+        # Each settled segment that is taken out of a set makes it cheaper by its margin, until only others are left.
+        margin = 4.0 * self._persistency[1]
+        return min(margin + self.best[0], self._least_change()[0])
+
+    def _least_change(self) -> tuple[float, Integers]:
+        """Lower bound over all sets of undecided segments but the empty one, and the positions of that set."""
         left = self.undecided
+        if not left.size:
+            return np.inf, left
         if len(left) > _ENUMERATED:
             slope = self._slopes(left)
-            return 4.0 * float(np.minimum(slope, 0.0).sum()), self.free[left[slope < 0.0]]
-        chosen = (np.arange(2 ** len(left))[:, None] >> np.arange(len(left))) & 1
+            return 4.0 * float(np.minimum(slope, 0.0).sum()), left[slope < 0.0]
+        chosen = (np.arange(1, 2 ** len(left))[:, None] >> np.arange(len(left))) & 1
         change = chosen @ self._gain[left] - np.sum((chosen @ self._white[left]) ** 2, axis=1)
         least = int(np.argmin(change))
-        return 4.0 * min(float(change[least]), 0.0), self.free[left[chosen[least] == 1]]
+        return 4.0 * float(change[least]), left[chosen[least] == 1]
 
     @cached_property
     def _slope(self) -> Array:
@@ -106,17 +129,23 @@ class Flips:
     def _slopes(self, among: Integers) -> Array:
         """(among,) the sum of these over any set of flips bounds its change from below, in quarters.
 
-        What a pair's interference could gain is shared between the two in proportion to what each costs by itself.
+        A pair of flips may gain 2 max(K_kl, 0) together. That is charged to the two in shares that keep as many slopes
+        as possible from being negative (roof duality; Boros and Hammer 2002): first in proportion to what each costs
+        by itself, then by handing charges on from segments that have a negative slope to those that have some left.
         """
         gain, slopes = np.maximum(self._gain[among], 1e-12), np.empty(len(among))
+        handed_on = len(among) <= _HANDED_ON
+        charges = np.empty((len(among), len(among)) if handed_on else (0, 0))
         for start in range(0, len(among), _AT_ONCE):
             chunk = slice(start, start + _AT_ONCE)
             pairs = np.maximum(self._white[among[chunk]] @ self._white[among].T, 0.0)
             rows = np.arange(len(pairs))
             pairs[rows, start + rows] = 0.0
-            share = gain[chunk, None] / (gain[chunk, None] + gain)
-            slopes[chunk] = self._gain[among[chunk]] - self._own[among[chunk]] - 2.0 * np.sum(pairs * share, axis=1)
-        return slopes
+            pairs *= 2.0 * gain[chunk, None] / (gain[chunk, None] + gain)
+            slopes[chunk] = self._gain[among[chunk]] - self._own[among[chunk]] - pairs.sum(axis=1)
+            if handed_on:
+                charges[chunk] = pairs
+        return _handed_on(slopes, charges) if handed_on else slopes
 
     def forced(self, steps: Array) -> Array:
         """(m,) lower bounds of the change if other segments are turned, whatever happens to the free ones.
@@ -141,3 +170,22 @@ class Flips:
             others[rows, start + rows] = 0.0
             changes[chunk] = self._gain[chunk] - self._own[chunk] + others.sum(axis=1)
         return 4.0 * changes
+
+
+def _handed_on(slopes: Array, charges: Array) -> Array:
+    """Slopes (n,) after charges (n, n; row k is charged to k) were handed on to segments with slope to spare."""
+    slopes = slopes.copy()
+    for _ in range(_SWEEPS):
+        if np.all(slopes >= 0.0):
+            break
+        for k in np.flatnonzero(slopes > 0.0):
+            needed = np.minimum(np.maximum(-slopes, 0.0), charges[:, k])
+            total = float(needed.sum())
+            if total <= 0.0:
+                continue
+            needed *= min(1.0, slopes[k] / total)
+            charges[:, k] -= needed
+            charges[k] += needed
+            slopes += needed
+            slopes[k] -= needed.sum()
+    return slopes

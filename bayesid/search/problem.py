@@ -9,14 +9,16 @@ import numpy as np
 from bayesid.moments import Moments
 from bayesid.motion import Array, Integers
 from bayesid.search.flips import Flips
-from bayesid.search.patterns import Block, Patterns
+from bayesid.search.patterns import Patterns, make_blocks
 from bayesid.search.result import Branch, UnconstrainedBound
 from bayesid.solver import ConeLeastSquares, Solution
 
+TINY = 1e-4
+"""Share of the pull in the bounds of undecided rows."""
 _SETTLED = 20
 """Rounds of settling undecided segments and parameters in turn."""
-_ROUNDING = 1e-9
-"""Share of the energy that rounding may take from an unconstrained bound."""
+_ROUNDING = 1e-8
+"""Share of the energy by which rounding, and the ridge against it, may raise an unconstrained bound."""
 _EXACT = 1e-8
 """Share of the energy below which two costs are not told apart."""
 
@@ -29,7 +31,9 @@ class Problem:
     """The moments, one block for each joint, and what is prepared once; counts what was done.
 
     The pull (beta - b)' Q (beta - b) is at least beta' Q beta / 2 - b' Q b. The first part is shared among the joints'
-    own bounds; the second is `slack`, by which they may all be too high (with an allowance for rounding).
+    own bounds, which keeps them well conditioned and lets them add up: all but TINY of it among the rows that are
+    decided, TINY among those that are not. The second part is `slack`, by which the sum may be too high (with an
+    allowance for rounding).
 
     Args:
         moments: scaled moments of S segments.
@@ -49,14 +53,13 @@ class Problem:
 
     def __init__(self, moments: Moments, solver: ConeLeastSquares, deadline: float) -> None:
         self.pull, centre = solver.pull()
-        joints = np.unique(moments.joint)
         self.moments, self._solver, self._deadline = moments, solver, deadline
         self._hessian, self.energy = moments.hessian.sum(axis=0), float(moments.energy.sum())
-        self._unconstrained = UnconstrainedBound(self._hessian + self.pull, ridge=0.0)
+        self._unconstrained = UnconstrainedBound(self._hessian + self.pull, 0.0)
         self.exact = _EXACT * self.energy
         self.rounding = _ROUNDING * self.energy
         self.slack = float(centre @ self.pull @ centre) + self.rounding
-        self.blocks = [Block(moments, int(joint), 0.5 / len(joints) * self.pull) for joint in joints]
+        self.blocks = make_blocks(moments, (0.5 - TINY) * self.pull)
         self.solves = self.combined = 0
         self.tolerance = 0.0
 
@@ -104,6 +107,12 @@ class Problem:
     # -----------------------------------------------------------------------------------------------------------
     # Full assignments
     # -----------------------------------------------------------------------------------------------------------
+    def complete(self, decided: Integers, theta: Array) -> Branch:
+        """The undecided segments (0 in `decided`, (S,)) with the signs that theta (P,) predicts, and the best cost."""
+        self._solver.set_hessian(self._hessian)
+        signs = self._completed(decided, theta)
+        return self._branch(signs, self.solve(signs @ self.moments.gradient))
+
     def settle(self, decided: Integers, theta: Array) -> Branch:
         """The undecided segments (0 in `decided`, (S,)) and the parameters settled in turn, starting from theta (P,).
 

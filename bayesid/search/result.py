@@ -11,6 +11,8 @@ from bayesid.motion import Array, Integers, Mask
 
 _RIDGE = 1e-9
 """Curvature added to columns of unit length; a hundredth of the solver's own pull to typical links."""
+_MOST_RIDGE = 1e-11
+"""What rounding may ask for where H holds a share of the pull already."""
 
 
 @dataclass(frozen=True)
@@ -77,13 +79,13 @@ class UnconstrainedBound:
 
     Args:
         hessian: (r, r) H.
-        ridge: curvature added to columns of unit length; none is needed where H holds a pull.
+        ridge: curvature added to columns of unit length; 0 where H holds a share of the pull.
     """
 
     def __init__(self, hessian: Array, ridge: float = _RIDGE) -> None:
         lengths = np.sqrt(np.maximum(np.diag(hessian), 1e-300 + ridge * np.diag(hessian).max()))
         scaled = hessian / np.outer(lengths, lengths) + ridge * np.eye(len(hessian))
-        self._factor = solve_triangular(np.linalg.cholesky(scaled), np.diag(1.0 / lengths), lower=True)
+        self._factor = solve_triangular(_cholesky(scaled), np.diag(1.0 / lengths), lower=True)
 
     def __call__(self, gradient: Array) -> Array:
         """(m,) minima -g' H^-1 g for the rows of gradient (m, r)."""
@@ -93,3 +95,19 @@ class UnconstrainedBound:
         """(m, r) rows W g with |W g|^2 = g' H^-1 g."""
         white: Array = gradient @ self._factor.T
         return white
+
+
+def _cholesky(matrix: Array) -> Array:
+    """L with L L' = matrix, plus the smallest ridge that rounding asks for.
+
+    Raises:
+        LinAlgError: the matrix is not positive definite but for rounding.
+    """
+    ridge = 0.0
+    while True:
+        try:
+            return np.linalg.cholesky(matrix + ridge * np.eye(len(matrix))).astype(np.float64)
+        except np.linalg.LinAlgError:
+            if ridge >= _MOST_RIDGE:
+                raise
+        ridge = max(1e-15, 10.0 * ridge)

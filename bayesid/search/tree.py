@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayesid.motion import Array, Integers, Mask
+from bayesid.search.combinations import Combinations
 from bayesid.search.flips import Flips
-from bayesid.search.patterns import Patterns, log_sum
+from bayesid.search.patterns import log_sum
 from bayesid.search.problem import Problem
-from bayesid.search.result import Branch, UnconstrainedBound
+from bayesid.search.result import Branch
 
 
 @dataclass(frozen=True)
@@ -20,12 +21,14 @@ class Proof:
     Attributes:
         branches: those that are not excluded, cheapest first.
         certain: (branches, S) segments whose sign cannot differ from the branch's within `limit`.
+        others: (branches,) lower bounds of what a branch stands for but its own signs.
         limit: lower bound of the cost of all other assignments.
         log_missed: log of the sum of exp(-b / 2) over the others, b their bounds.
     """
 
     branches: tuple[Branch, ...]
     certain: Mask
+    others: Array
     limit: float
     log_missed: float
 
@@ -33,6 +36,12 @@ class Proof:
     def lower_bound(self) -> float:
         """Of the cost of every assignment."""
         return min([self.limit, *(branch.lower_bound for branch in self.branches)])
+
+    @property
+    def runner_up(self) -> float:
+        """Lower bound of the cost of every assignment but the cheapest branch's own signs."""
+        bounds = [branch.lower_bound for branch in self.branches[1:]]
+        return min([self.limit, float(self.others[0]), *bounds])
 
 
 @dataclass(frozen=True)
@@ -59,6 +68,7 @@ class _Leaf:
     Attributes:
         branch: the settled assignment; its lower bound is that of its signs alone.
         bound: lower bound of the cost of all completions that are neither excluded nor children's.
+        others: the same of those completions but the branch's own signs.
         certain: (S,) segments whose sign cannot differ within the limit.
         children: nodes that split off.
         excluded: (k,) lower bounds of the completions that were cut off.
@@ -66,13 +76,14 @@ class _Leaf:
 
     branch: Branch
     bound: float
+    others: float
     certain: Mask
     children: list[_Node]
     excluded: Array
 
 
-def prove(problem: Problem, joined: Patterns, limit: float, theta: Array) -> Proof:
-    """What is proven when all assignments that `joined` leaves out cost more than `limit`.
+def prove(problem: Problem, combinations: Combinations, limit: float, theta: Array) -> Proof:
+    """What is proven when all assignments but the combinations given cost more than `limit`.
 
     Undecided segments of a combination are settled together with the parameters. Where `flips` prove that none of them
     can be turned for the better, the combination is a branch. Otherwise those that cannot be turned below the limit are
@@ -82,69 +93,45 @@ def prove(problem: Problem, joined: Patterns, limit: float, theta: Array) -> Pro
 
     Args:
         problem: the problem.
-        joined: combinations of the joints' patterns.
+        combinations: of the joints' patterns.
         limit: cost up to which assignments matter.
         theta: (P,) the best parameters known.
     """
-    lower, thetas = _in_the_cone(problem, joined, limit)
-    left = [int(row) for row in np.flatnonzero(lower <= limit)]
-    decided = [problem.decided(joined, row) for row in left]
+    patterns, log_missed = combinations.patterns, combinations.log_missed
     waiting = [
-        _Node(float(lower[row]), signs, joined.gradient[row], thetas.get(row, theta))
-        for row, signs in zip(left, decided, strict=True)
+        _Node(float(bound), problem.decided(patterns, row), patterns.gradient[row], combinations.thetas.get(row, theta))
+        for row, bound in enumerate(combinations.lower)
     ]
-    log_missed = np.logaddexp(joined.left_out + 0.5 * problem.slack, log_sum(np.delete(lower, left)))
-    branches: list[tuple[Branch, Mask]] = []
+    weak = np.setdiff1d(np.flatnonzero(problem.moments.known == 0), patterns.segments)
+    leaves: list[_Leaf] = []
     while waiting and not problem.out_of_time:
         waiting.sort(key=lambda node: -node.bound)
-        leaf, waiting = _take_best(problem, waiting, limit)
+        leaf, waiting = _take_best(problem, waiting, weak, limit)
         cut = [node.bound for node in waiting if node.bound > limit]
         waiting = [node for node in waiting if node.bound <= limit]
         if leaf.bound <= limit:
-            branches.append((replace(leaf.branch, lower_bound=leaf.bound), leaf.certain))
+            leaves.append(leaf)
         else:
             cut.append(leaf.bound)
-        log_missed = np.logaddexp(log_missed, log_sum(np.concatenate([cut, leaf.excluded])))
-    branches.sort(key=lambda one: one[0].cost)
+        log_missed = float(np.logaddexp(log_missed, log_sum(np.concatenate([cut, leaf.excluded]))))
+    leaves.sort(key=lambda leaf: leaf.branch.cost)
     return Proof(
-        branches=tuple(branch for branch, _ in branches),
-        certain=np.array([certain for _, certain in branches], dtype=bool),
+        branches=tuple(replace(leaf.branch, lower_bound=leaf.bound) for leaf in leaves),
+        certain=np.array([leaf.certain for leaf in leaves], dtype=bool),
+        others=np.array([leaf.others for leaf in leaves]),
         limit=min([limit, *(node.bound for node in waiting)]),
-        log_missed=np.inf if waiting else float(log_missed),
+        log_missed=np.inf if waiting else log_missed,
     )
 
 
-def _in_the_cone(problem: Problem, patterns: Patterns, limit: float) -> tuple[Array, dict[int, Array]]:
-    """(m,) lower bounds in the cone of all combinations, and the parameters of those that were solved.
+def _take_best(problem: Problem, waiting: list[_Node], weak: Integers, limit: float) -> tuple[_Leaf, list[_Node]]:
+    """Grows the last of the nodes, and what is left to do, with the bounds that it proves for the other ones.
 
-    A solved problem bounds the others too: with other signs its cost changes by -2 step' beta, it is strongly convex
-    around its optimum, and the least over all d of d'(H + Q)d - 2 step'(beta + d) is left. So few need be solved.
+    `weak` are the segments that the joints' lists do not decide: any of them may differ between two nodes.
     """
-    hessian, energy = problem.decided_moments(patterns)
-    problem.set_hessian(hessian)
-    white = UnconstrainedBound(hessian + problem.pull, ridge=0.0).whiten(patterns.gradient)
-    lower = patterns.bound - problem.slack
-    solved: dict[int, Array] = {}
-    waiting = lower <= limit
-    while np.any(waiting) and not problem.out_of_time:
-        row = int(np.flatnonzero(waiting)[np.argmin(lower[waiting])])
-        solution = problem.solve(patterns.gradient[row])
-        solved[row] = solution.theta
-        reach = np.sum((white - white[row]) ** 2, axis=1)
-        change = -2.0 * (patterns.gradient - patterns.gradient[row]) @ problem.project(solution.theta)
-        doubt = 2.0 * np.sqrt((solution.cost - solution.lower_bound) * reach)
-        lower = np.maximum(lower, energy + solution.lower_bound + change - reach - doubt)
-        waiting = (lower <= limit) & waiting
-        waiting[row] = False
-    return lower, solved
-
-
-def _take_best(problem: Problem, waiting: list[_Node], limit: float) -> tuple[_Leaf, list[_Node]]:
-    """Grows the last of the nodes, and what is left to do, with the bounds that it proves for the other ones."""
     node, others = waiting[-1], waiting[:-1]
     leaf = _grow(problem, node, limit)
     if others:
-        weak = np.flatnonzero(node.decided == 0)
         steps = 0.5 * np.array([node.gradient - other.gradient for other in others])
         bounds = leaf.branch.lower_bound + problem.flips(leaf.branch, weak).forced(steps)
         others = [replace(other, bound=max(other.bound, float(b))) for other, b in zip(others, bounds, strict=True)]
@@ -152,8 +139,13 @@ def _take_best(problem: Problem, waiting: list[_Node], limit: float) -> tuple[_L
 
 
 def _grow(problem: Problem, node: _Node, limit: float) -> _Leaf:
-    branch = problem.price(problem.settle(node.decided, node.theta).signs)
-    decided, children, excluded = node.decided.copy(), [], []
+    decided = node.decided.copy()
+    branch = problem.complete(decided, node.theta)
+    bound = branch.lower_bound + problem.flips(branch, np.flatnonzero(decided == 0)).best[0]
+    if bound > limit:
+        return _Leaf(branch, bound, bound, decided != 0, [], np.empty(0))
+    branch = problem.price(problem.settle(decided, branch.theta).signs)
+    children, excluded = [], [np.empty(0)]
     while True:
         flips = problem.flips(branch, np.flatnonzero(decided == 0))
         if flips.best[0] >= -problem.exact:
@@ -173,8 +165,9 @@ def _grow(problem: Problem, node: _Node, limit: float) -> _Leaf:
             children.append(_Node(max(node.bound, float(bounds[k])), other, node.gradient, branch.theta))
         decided[flips.free[sure]] = branch.signs[flips.free[sure]]
     bound = max(node.bound, branch.lower_bound + flips.best[0])
-    certain = _certain(problem, branch, decided, limit)
-    return _Leaf(branch, bound, certain, children, np.concatenate([np.empty(0), *excluded]))
+    others = max(node.bound, branch.lower_bound + flips.any)
+    certain = _certain(problem, branch, decided, limit) if bound <= limit else decided != 0
+    return _Leaf(branch, bound, others, certain, children, np.concatenate(excluded))
 
 
 def _certain(problem: Problem, branch: Branch, decided: Integers, limit: float) -> Mask:
