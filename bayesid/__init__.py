@@ -10,7 +10,7 @@ from importlib.metadata import version
 
 from bayesid.errors import BayesidError, InputError, SolverError
 from bayesid.identification import Identification, identify
-from bayesid.log import Log, read_log, write_log
+from bayesid.log import Log, join_logs, read_log, write_log
 from bayesid.results import load_model, save_identification, save_validation
 from bayesid.robot import Robot, load_robot
 from bayesid.validation import Validation, validate
@@ -19,5 +19,6 @@ __version__ = version("bayesid")
 
 __all__ = [
     "BayesidError", "Identification", "InputError", "Log", "Robot", "SolverError", "Validation", "identify",
-    "load_model", "load_robot", "read_log", "save_identification", "save_validation", "validate", "write_log",
+    "join_logs", "load_model", "load_robot", "read_log", "save_identification", "save_validation", "validate",
+    "write_log",
 ]  # fmt: skip

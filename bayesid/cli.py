@@ -26,6 +26,7 @@ from bayesid.terms import RigidBody
 _EXAMPLES = """examples:
   bayesid demo
   bayesid identify log.csv --robot ur10e --out result
+  bayesid identify monday.csv tuesday.csv --robot ur10e --search-budget 30
   bayesid identify currents.csv --robot my_robot.toml --gains 14.9,13.3,11.1,10.6,11.0,11.5
   bayesid validate result another_log.csv
   bayesid simulate --robot panda --duration 20 --noise 0.05 --out log.csv
@@ -78,7 +79,10 @@ def _parser() -> argparse.ArgumentParser:
 
 def _add_identify(commands: argparse._SubParsersAction[_Parser]) -> None:
     parser = commands.add_parser("identify", help="signs, coefficients and feasible parameters from a log")
-    parser.add_argument("log", type=Path, help="CSV: t,q1..qn[,dq1..dqn],tau1..taun (or i1..in with --gains)")
+    parser.add_argument(
+        "logs", type=Path, nargs="+", metavar="log",
+        help="CSV: t,q1..qn[,dq1..dqn],tau1..taun (or i1..in with --gains); several logs of one robot count as one",
+    )  # fmt: skip
     parser.add_argument("--robot", required=True, help="built-in name, DH file (.toml) or URDF file")
     parser.add_argument("--terms", default=",".join(catalogue.DEFAULT), help="of the model (default: %(default)s)")
     parser.add_argument(
@@ -139,13 +143,14 @@ def _add_simulate(commands: argparse._SubParsersAction[_Parser]) -> None:
 # Commands
 # ---------------------------------------------------------------------------------------------------------------
 def _identify(options: argparse.Namespace) -> None:
-    folder = check_folder(options.out or Path(f"bayesid-{options.log.stem}"))
-    if options.log.resolve().parent == folder.resolve():
+    folder = check_folder(options.out or Path(f"bayesid-{options.logs[0].stem}"))
+    if any(path.resolve().parent == folder.resolve() for path in options.logs):
         raise InputError("holds the log, which the result would replace", str(folder), "give --out a new folder")
     terms = [name.strip() for name in options.terms.split(",")]
     if RigidBody.name not in terms:
         raise InputError(f"{RigidBody.name} is missing", "--terms", "add it: a robot has links")
-    log = bayesid.read_log(options.log, _gains(options.gains), options.unsigned)
+    gains = _gains(options.gains)
+    log = bayesid.join_logs([bayesid.read_log(path, gains, options.unsigned) for path in options.logs])
     with _Bars(options.quiet) as bars:
         result = bayesid.identify(
             options.robot, log, terms, options.search, search_budget=options.search_budget,

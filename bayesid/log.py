@@ -26,6 +26,10 @@ _ABSURD = 1e6
 _LONGEST_GAP = 3600.0
 """A log that pauses longer than this, s, is two recordings, or its clock was set in between."""
 _FEWEST_ROWS = 50
+_PAUSE = 3.0
+"""s between two logs that are joined: longer than any filter looks ahead."""
+_SAME_RATE = 0.2
+"""Logs whose rates differ by more than this share are not joined."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +77,12 @@ class Log:
         return Log(self.t, self.q, np.abs(self.effort), np.zeros(self.n_joints, dtype=bool), self.dq, self.source)
 
     @property
+    def period(self) -> float:
+        """Typical time between two rows, s."""
+        steps = np.diff(self.t)
+        return float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
+
+    @property
     def n_joints(self) -> int:
         """Number of joints n."""
         return int(self.q.shape[1])
@@ -108,6 +118,51 @@ def read_log(path: str | Path, gains: Sequence[float] | None = None, unsigned: s
         dq=values[:, columns["dq"]] if columns["dq"] else None,
         source=str(path),
     )
+
+
+def join_logs(logs: Sequence[Log]) -> Log:
+    """Several logs of the same robot as one, with a pause between them: identification leaves pauses out.
+
+    Args:
+        logs: at least one; times start over in each of them.
+
+    Raises:
+        InputError: they do not have the same joints, signed joints or measured velocities, or not the same rate.
+    """
+    first = logs[0]
+    if len(logs) == 1:
+        return first
+    times, end = [], first.t[0] - _PAUSE
+    for log in logs:
+        _check_fit(first, log)
+        times.append(log.t - log.t[0] + end + _PAUSE)
+        end = times[-1][-1]
+    measured = None if first.dq is None else np.concatenate([log.dq for log in logs if log.dq is not None])
+    return Log(
+        t=np.concatenate(times),
+        q=np.concatenate([log.q for log in logs]),
+        effort=np.concatenate([log.effort for log in logs]),
+        signed=first.signed,
+        dq=measured,
+        source=" + ".join(log.source for log in logs),
+    )
+
+
+def _check_fit(first: Log, log: Log) -> None:
+    """Two logs can only be joined where the same is known at the same rate."""
+    if log.n_joints != first.n_joints:
+        said = f"has {log.n_joints} joints, {first.source} has {first.n_joints}"
+        raise InputError(said, log.source, "join logs of one robot")
+    if not np.array_equal(log.signed, first.signed):
+        said = f"other joints are signed than in {first.source}"
+        raise InputError(said, log.source, "say which with --unsigned, or rectify both")
+    if (log.dq is None) != (first.dq is None):
+        said = f"only one of it and {first.source} has measured velocities"
+        raise InputError(said, log.source, "leave the columns dq1..dqn out of the other")
+    rate, expected = 1.0 / log.period, 1.0 / first.period
+    if abs(rate / expected - 1.0) > _SAME_RATE:
+        said = f"{rate:.4g} Hz, {first.source} has {expected:.4g} Hz"
+        raise InputError(said, log.source, "bring the logs to the same rate")
 
 
 def write_log(path: str | Path, log: Log) -> None:

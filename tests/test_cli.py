@@ -131,6 +131,20 @@ def test_identify_leaves_what_is_promised(place, capfd):
     assert out.endswith("written to out/\n")
 
 
+def test_two_logs_count_as_one(place):
+    shutil.copy(place / "log.csv", place / "again.csv")
+    assert run("identify", "log.csv", "again.csv", "--robot", "arm.toml", "--out", "out", "--quiet") == 0
+    summary = json.loads((place / "out" / "summary.json").read_text())
+    assert summary["n_samples"] == 2 * 601
+    assert summary["log"] == "log.csv + again.csv"
+    assert summary["search"]["certified"] is True
+
+
+def test_an_option_that_is_no_budget(place, refused):
+    refused(*identify(), "--search-budget", "-1", says=["--search-budget", "-1"])
+    refused(*identify(), "--search-budget", "nan", says=["--search-budget", "nan"])
+
+
 def test_without_out_the_folder_is_called_after_the_log(place):
     assert run("identify", "log.csv", "--robot", "arm.toml", "--no-posterior", "--seed", 5, "--search", "beam") == 0
     assert {path.name for path in (place / "bayesid-log").iterdir()} == RESULT

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from bayesid.errors import InputError
-from bayesid.log import Log, read_log, write_log
+from bayesid.log import Log, join_logs, read_log, write_log
 
 ROWS = 60
 
@@ -284,3 +284,50 @@ def test_log_checks_its_arrays(change, said):
     assert not Log(**good).q.flags.writeable
     with pytest.raises(ValueError, match=said):
         Log(**good | change)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Several logs as one
+# ---------------------------------------------------------------------------------------------------------------
+def recorded(rows=100, period=0.01, joints=2, start=5.0, velocities=False, signed=(False, False), name="log"):
+    """A log that tells its rows apart."""
+    t = start + period * np.arange(rows)
+    q = np.sin(t[:, None] + np.arange(joints))
+    effort = np.where(signed, q, np.abs(q)) if len(signed) == joints else np.abs(q)
+    known = np.array(signed) if len(signed) == joints else np.zeros(joints, dtype=bool)
+    return Log(t, q, effort, known, np.cos(t[:, None] + np.arange(joints)) if velocities else None, name)
+
+
+@pytest.mark.parametrize("velocities", [False, True])
+def test_logs_join_with_a_pause_between_them(velocities):
+    first, second = recorded(80, start=1.7e9, velocities=velocities), recorded(60, start=-3.0, velocities=velocities)
+    joined = join_logs([first, second, first])
+    assert len(joined) == 220
+    np.testing.assert_array_equal(joined.q, np.concatenate([first.q, second.q, first.q]))
+    np.testing.assert_array_equal(joined.effort, np.concatenate([first.effort, second.effort, first.effort]))
+    steps = np.diff(joined.t)
+    assert (steps[[79, 139]] >= 1.0).all(), "longer than 20 periods, which is a pause, and than any filter"
+    np.testing.assert_allclose(np.delete(steps, [79, 139]), 0.01, rtol=1e-4)
+    assert joined.source == "log + log + log"
+    if velocities:
+        np.testing.assert_array_equal(joined.dq, np.concatenate([first.dq, second.dq, first.dq]))
+
+
+def test_a_single_log_is_not_touched():
+    log = recorded()
+    assert join_logs([log]) is log
+
+
+@pytest.mark.parametrize(
+    ("other", "said"),
+    [
+        (recorded(joints=3, signed=(), name="b.csv"), "b.csv: has 3 joints, log has 2"),
+        (recorded(signed=(True, False), name="b.csv"), "b.csv: other joints are signed"),
+        (recorded(velocities=True, name="b.csv"), "b.csv: only one of it and log has measured velocities"),
+        (recorded(period=0.004, name="b.csv"), "b.csv: 250 Hz, log has 100 Hz"),
+    ],
+)
+def test_logs_that_do_not_belong_together(other, said):
+    with pytest.raises(InputError) as caught:
+        join_logs([recorded(), other])
+    assert said in str(caught.value)
