@@ -27,7 +27,7 @@ from bayesid.search.combinations import TooManyError, combinations, combine, lea
 from bayesid.search.patterns import Keep
 from bayesid.search.problem import OutOfTimeError, Problem
 from bayesid.search.result import Branch, SearchResult
-from bayesid.search.tree import Proof, prove
+from bayesid.search.tree import Proof, prove, settled
 from bayesid.solver import ConeLeastSquares
 
 _WIDTH, _JOINED = 64, 256
@@ -78,29 +78,52 @@ def certified(
         pass
     if progress is not None:
         progress(2, 2)
-    return _result(problem, best, floor, proof, time.perf_counter() - began)
+    result = _result(problem, best, floor, proof, missed)
+    seconds = time.perf_counter() - began
+    return replace(result, nodes=problem.nodes, solves=problem.solves, tolerance=problem.tolerance, seconds=seconds)
 
 
-def _result(problem: Problem, best: Branch, floor: float, proof: Proof | None, seconds: float) -> SearchResult:
+def _result(problem: Problem, best: Branch, floor: float, proof: Proof | None, missed: float) -> SearchResult:
     if proof is not None and proof.branches:
         best = min([proof.branches[0], best], key=lambda branch: branch.cost)
     result = SearchResult(
         signs=best.signs, theta=best.theta, cost=best.cost, method="certified", width=None,
         certified=False, lower_bound=max(min(floor, best.lower_bound), 0.0),  # the cost is a sum of squares
-        nodes=problem.nodes, solves=problem.solves, tolerance=problem.tolerance, seconds=seconds,
+        nodes=0, solves=0, tolerance=0.0, seconds=0.0,
     )  # fmt: skip
     if proof is None or not proof.branches or proof.branches[0].cost > best.cost + problem.exact:
         return result  # nothing is proven, or rounding has excluded what is there
-    agreed = np.array([branch.signs == best.signs for branch in proof.branches])
+    kept, within, log_missed = _what_matters(proof, best.cost, missed)
+    agreed = [
+        settled(problem, branch, decided, best.cost + within) & (branch.signs == best.signs)
+        for branch, decided in zip(proof.branches[:kept], proof.decided[:kept], strict=True)
+    ]
     return replace(
         result,
         certified=proof.runner_up >= best.cost - problem.exact,
         lower_bound=max(result.lower_bound or 0.0, proof.lower_bound),
-        branches=proof.branches,
-        within=proof.limit - best.cost,
-        missed=float(np.exp(proof.log_missed + 0.5 * best.cost)),
-        settled=np.all(agreed & proof.certain, axis=0),
+        branches=proof.branches[:kept],
+        within=within,
+        missed=float(np.exp(log_missed)),
+        settled=np.all(agreed, axis=0),
     )
+
+
+def _what_matters(proof: Proof, cost: float, missed: float) -> tuple[int, float, float]:
+    """How many branches are kept, within which Delta, and the log of the mass left out, relative to the best one's.
+
+    The proof went farther than it had to: its dearest branches are dropped as long as the mass allows.
+    """
+    least = -2.0 * float(np.log(missed))
+    masses = np.array([-0.5 * (branch.lower_bound - cost) for branch in proof.branches])
+    log_missed, kept = proof.log_missed + 0.5 * cost, len(proof.branches)
+    while kept > 1 and proof.branches[kept - 1].lower_bound > cost + least:
+        more = float(np.logaddexp(log_missed, masses[kept - 1]))
+        if more > np.log(missed):
+            break
+        log_missed, kept = more, kept - 1
+    proven = min([proof.limit, *(branch.lower_bound for branch in proof.branches[kept:])]) - cost
+    return kept, min(proven, max(least, proof.branches[kept - 1].cost - cost)), log_missed
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -20,14 +20,14 @@ class Proof:
 
     Attributes:
         branches: those that are not excluded, cheapest first.
-        certain: (branches, S) segments whose sign cannot differ from the branch's within `limit`.
+        decided: (branches, S) segments whose sign is the same in all that a branch stands for.
         others: (branches,) lower bounds of what a branch stands for but its own signs.
         limit: lower bound of the cost of all other assignments.
         log_missed: log of the sum of exp(-b / 2) over the others, b their bounds.
     """
 
     branches: tuple[Branch, ...]
-    certain: Mask
+    decided: Mask
     others: Array
     limit: float
     log_missed: float
@@ -69,7 +69,7 @@ class _Leaf:
         branch: the settled assignment; its lower bound is that of its signs alone.
         bound: lower bound of the cost of all completions that are neither excluded nor children's.
         others: the same of those completions but the branch's own signs.
-        certain: (S,) segments whose sign cannot differ within the limit.
+        decided: (S,) segments whose sign is the same in all of them.
         children: nodes that split off.
         excluded: (k,) lower bounds of the completions that were cut off.
     """
@@ -77,7 +77,7 @@ class _Leaf:
     branch: Branch
     bound: float
     others: float
-    certain: Mask
+    decided: Mask
     children: list[_Node]
     excluded: Array
 
@@ -117,7 +117,7 @@ def prove(problem: Problem, combinations: Combinations, limit: float, theta: Arr
     leaves.sort(key=lambda leaf: leaf.branch.cost)
     return Proof(
         branches=tuple(replace(leaf.branch, lower_bound=leaf.bound) for leaf in leaves),
-        certain=np.array([leaf.certain for leaf in leaves], dtype=bool),
+        decided=np.array([leaf.decided for leaf in leaves], dtype=bool),
         others=np.array([leaf.others for leaf in leaves]),
         limit=min([limit, *(node.bound for node in waiting)]),
         log_missed=np.inf if waiting else log_missed,
@@ -166,17 +166,23 @@ def _grow(problem: Problem, node: _Node, limit: float) -> _Leaf:
         decided[flips.free[sure]] = branch.signs[flips.free[sure]]
     bound = max(node.bound, branch.lower_bound + flips.best[0])
     others = max(node.bound, branch.lower_bound + flips.any)
-    certain = _certain(problem, branch, decided, limit) if bound <= limit else decided != 0
-    return _Leaf(branch, bound, others, certain, children, np.concatenate(excluded))
+    return _Leaf(branch, bound, others, decided != 0, children, np.concatenate(excluded))
 
 
-def _certain(problem: Problem, branch: Branch, decided: Integers, limit: float) -> Mask:
-    """(S,) the segments that are decided or cannot be turned below the limit.
+def settled(problem: Problem, branch: Branch, decided: Mask, limit: float) -> Mask:
+    """(S,) the segments that are decided or cannot be turned below the limit, whatever happens to the other free ones.
 
     Each one found leaves fewer to interfere with the others; where that gets no further, one is turned for a trial.
+
+    Args:
+        problem: the problem.
+        branch: a branch of a proof.
+        decided: (S,) from the proof.
+        limit: of the cost.
     """
-    certain: Mask = decided != 0
+    certain: Mask = decided.copy()
     tried = certain.copy()
+    branch = problem.price(branch.signs)
     while True:
         flips = problem.flips(branch, np.flatnonzero(~certain))
         sure = branch.lower_bound + flips.changes() > limit
