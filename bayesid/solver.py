@@ -35,8 +35,16 @@ _RIDGE = 1e-7
 """Weight of rho: a parameter as large as would explain all efforts alone costs this share of their energy."""
 _CANCELS = 1e-8
 """Parameters whose columns cancel to this share leave no trace: the tolerance of the base coefficients, squared."""
-_ATTEMPTS = ((1.0, True), (1.0, False), (10.0, True), (10.0, False), (100.0, True))
-"""Factor on the tolerance, and whether Clarabel scales the rows: what is tried after an update that failed."""
+_ATTEMPTS = (
+    (1.0, True, 0.99),
+    (1.0, False, 0.99),
+    (1.0, True, 0.8),
+    (10.0, True, 0.99),
+    (10.0, False, 0.8),
+    (100.0, True, 0.8),
+)
+"""Factor on the tolerance, whether Clarabel scales the rows, and the share of the way to the edge of the cone that it
+steps at most (full steps may go back and forth without end): what is tried after an update that failed."""
 _PRECISE = (1e-10, 1e-9, 1e-8, 1e-7, 1e-6)
 """Tolerances tried where precision is asked for."""
 _TYPICAL_BODY = from_pseudo_inertia(np.diag([0.03, 0.03, 0.03, 3.0]))
@@ -127,16 +135,17 @@ class ConeLeastSquares:
         """
         linear = self._linear(gradient)
         if self._solver is None:
-            self._solver = self._new_solver(linear, self._tolerance, equilibrate=True)
+            self._solver = self._new_solver(linear, self._tolerance)
         else:
             self._solver.update(q=linear)
-        result, tolerance = self._solver.solve(), self._tolerance
-        for coarser, equilibrate in _ATTEMPTS:
-            if result.status != clarabel.SolverStatus.Solved:
+        result, tolerance = _attempt(self._solver), self._tolerance
+        for coarser, equilibrate, step in _ATTEMPTS:
+            if isinstance(result, str):
                 tolerance = coarser * self._tolerance
-                result = self._new_solver(linear, tolerance, equilibrate).solve()
-        if result.status != clarabel.SolverStatus.Solved:
-            raise SolverError("cone least squares", str(result.status))
+                result = _attempt(self._new_solver(linear, tolerance, equilibrate, step))
+        if isinstance(result, str):
+            self._solver = None
+            raise SolverError("cone least squares", result)
         return self._solution(gradient, linear, result, tolerance)
 
     def solve_precisely(self, gradient: Array) -> Solution:
@@ -148,8 +157,8 @@ class ConeLeastSquares:
         linear = self._linear(gradient)
         for tolerance in _PRECISE:
             for equilibrate in (True, False):
-                result = self._new_solver(linear, tolerance, equilibrate).solve()
-                if result.status == clarabel.SolverStatus.Solved:
+                result = _attempt(self._new_solver(linear, tolerance, equilibrate))
+                if not isinstance(result, str):
                     return self._solution(gradient, linear, result, tolerance)
         return self.solve(gradient)
 
@@ -182,16 +191,28 @@ class ConeLeastSquares:
         value = -0.5 * float(slope @ slope) - float(offsets @ z)
         return self._unit * (value + self._pull * float(self._typical @ self._typical))
 
-    def _new_solver(self, linear: Array, tolerance: float, equilibrate: bool) -> Any:
+    def _new_solver(self, linear: Array, tolerance: float, equilibrate: bool = True, step: float = 0.99) -> Any:
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         settings.max_threads = 1
         settings.presolve_enable = False  # it would forbid updates
         settings.equilibrate_enable = equilibrate
+        settings.max_step_fraction = step
         settings.static_regularization_constant = 1e-10
         settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
         offsets, rows, cones = self._rows
         return clarabel.DefaultSolver(self._quadratic, linear, rows, offsets, cones, settings)
+
+
+def _attempt(solver: Any) -> Any:
+    """Clarabel's solution, or in words why there is none."""
+    try:
+        result = solver.solve()
+    except BaseException as error:
+        if type(error).__name__ != "PanicException":  # Rust's, raised by pyo3, cannot be imported
+            raise
+        return f"panic: {error}"
+    return result if result.status == clarabel.SolverStatus.Solved else str(result.status)
 
 
 def move_inside(cone: Cone, coefficients: BaseCoefficients, theta: Array) -> Array:
