@@ -223,6 +223,10 @@ def _warnings(fit: Fit, signs: FoundSigns, log: Log) -> tuple[str, ...]:
     if fit.on_edge.any():
         links = ", ".join(str(i + 1) for i in np.flatnonzero(fit.on_edge))
         found.append(f"the parameters of link {links} sit on the edge of the feasible set")
+    search = signs.search
+    if search.lower_bound is not None and not search.certified:
+        gap = f"others may cost up to {search.cost - search.lower_bound:.3g} less than {search.cost:.4g}"
+        found.append(f"the signs are not proven to be the best: {gap}; give more --search-budget")
     if signs.unsplit:
         found.append(f"{signs.unsplit} segments still cross zero after {signs.rounds} searches")
     if fit.tolerance > 1e-8:

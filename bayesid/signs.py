@@ -172,14 +172,12 @@ class SignSearch:
     def _proof(self, scaled: Moments, earlier: list[SearchResult]) -> SearchResult:
         """The certified search; where its budget ends before the proof does, a beam stands by."""
         found = self._certified(scaled, self.options.budget, earlier, "proof")
-        if found.certified:
+        if found.certified or self.options.budget == 0.0:
             return found
         other = self._beam(scaled, self.options.beam_width, [found], "search, beam")
+        best = replace(other, lower_bound=found.lower_bound) if other.cost < found.cost else found
         nodes, solves = found.nodes + other.nodes, found.solves + other.solves
-        if other.cost < found.cost:
-            other = replace(other, method="certified, then beam", lower_bound=found.lower_bound)
-            return replace(other, nodes=nodes, solves=solves)
-        return replace(found, nodes=nodes, solves=solves)
+        return replace(best, method="certified, then beam", width=other.width, nodes=nodes, solves=solves)
 
     def _certified(self, scaled: Moments, budget: float, earlier: list[SearchResult], stage: str) -> SearchResult:
         start = earlier[-1].theta if earlier else None

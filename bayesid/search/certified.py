@@ -93,15 +93,20 @@ def _result(problem: Problem, best: Branch, floor: float, proof: Proof | None, m
     )  # fmt: skip
     if proof is None or not proof.branches or proof.branches[0].cost > best.cost + problem.exact:
         return result  # nothing is proven, or rounding has excluded what is there
+    result = replace(
+        result,
+        certified=proof.runner_up >= best.cost - problem.exact,
+        lower_bound=max(result.lower_bound or 0.0, proof.lower_bound),
+    )
     kept, within, log_missed = _what_matters(proof, best.cost, missed)
+    if within < 0.0:
+        return result  # the budget has ended while something below the best cost was open
     agreed = [
         settled(problem, branch, decided, best.cost + within) & (branch.signs == best.signs)
         for branch, decided in zip(proof.branches[:kept], proof.decided[:kept], strict=True)
     ]
     return replace(
         result,
-        certified=proof.runner_up >= best.cost - problem.exact,
-        lower_bound=max(result.lower_bound or 0.0, proof.lower_bound),
         branches=proof.branches[:kept],
         within=within,
         missed=float(np.exp(log_missed)),
