@@ -4,6 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import random_motion, small_robot
+from sign_problems import synthetic
 
 from bayesid.coefficients import base_coefficients
 from bayesid.model import Model
@@ -147,3 +148,24 @@ def test_pruned_nodes_change_nothing():
     eager[order] = level[0][0]
     assert np.array_equal(lazy.signs, eager)
     assert lazy.solves < 32 + 8 * 5
+
+
+@pytest.mark.parametrize("own", [1, 3])
+def test_a_beam_on_shared_parts_signs_every_segment(own):
+    problem = synthetic(3, 9, joints=2, cone="body", noise=0.1, longest=12, known=2, scale=3.0)
+    solver = problem.solver()
+    found = beam(problem.moments.compact(own), solver, width=None)
+    known = problem.moments.known
+    assert set(found.signs) <= {-1, 1}
+    assert np.all(found.signs[known != 0] == known[known != 0])
+    assert found.cost == pytest.approx(problem.price(found.signs), abs=1e-5 * problem.energy)
+    assert found.cost == pytest.approx(problem.least, abs=1e-4 * problem.energy), "with so little noise it is right"
+
+
+@pytest.mark.parametrize("cone", ["free", "orthant", "body"])
+def test_an_unlimited_beam_finds_the_least_cost_in_every_cone(cone):
+    for seed in range(5):
+        problem = synthetic(seed, 7, joints=2, cone=cone, noise=0.5, longest=8, known=seed % 2)
+        found = beam(problem.moments, problem.solver(), width=None)
+        assert found.cost == pytest.approx(problem.least, abs=1e-5 * problem.energy)
+        assert problem.price(found.signs) <= problem.least + 1e-5 * problem.energy

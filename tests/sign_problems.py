@@ -1,0 +1,194 @@
+"""Small sign problems, and what all their assignments cost, worked out apart from the searches.
+
+The rows of a problem are kept, so that a bound can be checked against the least squares that it stands for. A cost in
+the cone is that of the quadratic program in the parameters theta themselves, the pull included: in closed form without
+a cone, by active sets (`scipy.optimize.nnls`) where parameters are only nonnegative, and by the solver, as precisely as
+it can, where there are bodies.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from conftest import random_motion, small_robot
+from oracles import random_table
+from scipy.optimize import nnls
+
+from bayesid.coefficients import BaseCoefficients, base_coefficients
+from bayesid.inertia import from_pseudo_inertia
+from bayesid.model import Model
+from bayesid.moments import Moments, moments
+from bayesid.robot import robot_from_table
+from bayesid.segments import Segments
+from bayesid.simulation import random_parameters
+from bayesid.solver import ConeLeastSquares
+from bayesid.terms import make_terms
+from bayesid.terms.base import Cone
+
+EXACT = 1e-8  # share of the energy below which the searches do not tell two costs apart
+ROUNDING = 1e-9  # share of the energy that they allow for rounding
+STRONG = 0.1  # of a joint's strongest segment: what a proof decides one by one has at least this energy
+
+
+@dataclass(frozen=True)
+class SignProblem:
+    """Moments, the cone, and the coefficients; the rows of each segment where they are known."""
+
+    cone: Cone
+    coefficients: BaseCoefficients
+    moments: Moments
+    rows: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
+
+    @property
+    def energy(self):
+        return float(self.moments.energy.sum())
+
+    def solver(self, tolerance=1e-6):
+        """A new one, prepared for all data."""
+        hessian = self.moments.hessian.sum(axis=0)
+        return ConeLeastSquares(self.cone, self.coefficients, hessian, self.energy, tolerance=tolerance)
+
+    @property
+    def precision(self):
+        """Of the costs: the solver leaves bodies a little outside of the cone."""
+        return (EXACT if len(self.cone.bodies) else ROUNDING) * self.energy
+
+    def but(self, changed):
+        """The same with other moments."""
+        return SignProblem(self.cone, self.coefficients, changed)
+
+    @cached_property
+    def assignments(self):
+        """(2^unknown, S) all signs that are possible."""
+        known = self.moments.known
+        unknown = np.flatnonzero(known == 0)
+        signs = np.tile(known, (2 ** len(unknown), 1))
+        choices = list(itertools.product((1, -1), repeat=len(unknown)))
+        signs[:, unknown] = np.array(choices, dtype=np.int64).reshape(len(signs), len(unknown))
+        return signs
+
+    @cached_property
+    def costs(self):
+        """(2^unknown,) the cost of each of the assignments: brute force."""
+        return np.array([self.price(signs) for signs in self.assignments])
+
+    @property
+    def least(self):
+        return float(self.costs.min())
+
+    def price(self, signs):
+        """min over the cone of f(theta, signs) + rho(theta)."""
+        if len(self.cone.bodies):
+            return self.energy + self._precise.solve_precisely(signs @ self.moments.gradient).cost
+        root, free = self._root, np.setdiff1d(np.arange(self.cone.size), self.cone.nonnegative)
+        target = np.linalg.solve(root.T, self._slope(signs))
+        columns = np.hstack([root, -root[:, free]])  # a free parameter is the difference of two nonnegative ones
+        distance = nnls(columns, target)[1] if len(free) < self.cone.size else 0.0
+        weight, centre = self.pull
+        return self.energy + float(weight @ centre**2 - target @ target) + distance**2
+
+    @cached_property
+    def pull(self):
+        """(P,) weight w and (P,) centre t with rho(theta) = sum w_k (theta_k - t_k)^2, from differences of rho."""
+        rho, steps = self.solver().regularisation, np.eye(self.cone.size)
+        at_zero = rho(np.zeros(self.cone.size))
+        ahead, behind = (np.array([rho(sign * step) for step in steps]) for sign in (1.0, -1.0))
+        weight = 0.5 * (ahead + behind) - at_zero
+        return weight, 0.25 * (behind - ahead) / weight
+
+    def _slope(self, signs):
+        weight, centre = self.pull
+        return (signs @ self.moments.gradient) @ self.coefficients.projection + weight * centre
+
+    @cached_property
+    def _root(self):
+        projection = self.coefficients.projection
+        quadratic = projection.T @ self.moments.hessian.sum(axis=0) @ projection + np.diag(self.pull[0])
+        return np.linalg.cholesky(quadratic).T
+
+    @cached_property
+    def _precise(self):
+        return self.solver()
+
+
+def synthetic(seed, segments=6, joints=1, cone="orthant", size=4, noise=0.5, spread=1.0, longest=6, known=0, scale=1.0):
+    """Random rows, each segment with a sign of its own and some noise: dense, and of no robot in particular.
+
+    Args:
+        seed: of everything.
+        segments: S.
+        joints: among which the segments are shared out at random.
+        cone: "free", "orthant", "half" (of the parameters nonnegative) or "body" (one, and some nonnegative ones).
+        size: r.
+        noise: relative to each segment's effort.
+        spread: of the columns of different segments; their energies differ by its square.
+        longest: samples of a segment.
+        known: segments of known sign.
+        scale: efforts in units of their noise.
+        load: of the efforts; small ones are of parameters far below a typical link's, to which the pull then is strong.
+    """
+    rng = np.random.default_rng(seed)
+    cones = {
+        "free": Cone.free(size + 1), "orthant": Cone.orthant(size + 1),
+        "half": Cone.orthant(size // 2 + 1) + Cone.free(size - size // 2),
+        "body": Cone.rigid_bodies(1) + Cone.orthant(size),
+    }  # fmt: skip
+    n = cones[cone].size
+    names = tuple(f"b{k}" for k in range(size))
+    projection = np.hstack([np.eye(size), rng.normal(size=(size, n - size))])
+    coefficients = BaseCoefficients(names, names, names, np.arange(size), projection)
+    theta = load * np.abs(rng.normal(size=n))
+    if cone == "body":
+        root = rng.normal(size=(4, 4))
+        theta[:10] = load * from_pseudo_inertia(root @ root.T)
+    rows = []
+    for _ in range(segments):
+        columns = rng.normal(size=(rng.integers(1, longest + 1), size)) * spread ** -rng.uniform()
+        effort = columns @ coefficients.project(theta)
+        error = noise * np.sqrt(np.mean(effort**2)) * rng.normal(size=len(effort))
+        rows.append((scale * columns, scale * (np.sign(effort.sum()) * effort + error)))
+    signs = np.zeros(segments, dtype=np.int64)
+    signs[rng.choice(segments, known, replace=False)] = rng.choice([-1, 1], known)
+    joint = rng.integers(0, joints, segments)
+    return SignProblem(cones[cone], coefficients, moments_of(rows, joint, signs), tuple(rows))
+
+
+def moments_of(rows, joint, known):
+    """Moments of segments of which the rows (Y, e) are given, by their definition."""
+    hessian = np.array([y.T @ y for y, _ in rows])
+    gradient, energy = np.array([y.T @ e for y, e in rows]), np.array([e @ e for _, e in rows])
+    return Moments(np.asarray(joint), np.asarray(known), hessian, gradient, energy, np.array([len(e) for _, e in rows]))
+
+
+def arm(seed, segments=6, joints=2, terms=("rigid_body", "viscous_friction"), noise=0.5, known=0, coupled=False):
+    """|effort| of a physical robot with noise, cut at random: the truth need not be the best."""
+    rng = np.random.default_rng(seed)
+    robot = small_robot(joints, seed)
+    if coupled:
+        robot = robot_from_table(random_table("modified", joints, seed, coupled=True), "test")
+    samples = 8 * segments
+    motion = random_motion(joints, samples, seed)
+    model = Model(robot, make_terms(terms, robot, motion))
+    coefficients = base_coefficients(model)
+    effort = model.effort(motion, random_parameters(model, rng))
+    effort = np.abs(effort + noise * np.sqrt(np.mean(effort**2, axis=0)) * rng.normal(size=effort.shape))
+    cuts = np.sort(rng.choice(np.arange(2, samples - 2), segments - 1, replace=False))
+    start, end = np.concatenate([[0], cuts]), np.concatenate([cuts, [samples]])
+    signs = np.zeros(segments, dtype=np.int64)
+    signs[rng.choice(segments, known, replace=False)] = rng.choice([-1, 1], known)
+    joint = rng.integers(0, joints, segments)
+    cut = Segments(joint, start, end, signs, np.ones(segments, dtype=bool))
+    sigma = np.maximum(noise, 0.05) * np.sqrt(np.mean(effort**2, axis=0))
+    return SignProblem(model.cone, coefficients, moments(model, coefficients, motion, effort, cut).scaled(sigma))
+
+
+def strong(m):
+    """(S,) segments whose signs are known, or that a proof on moments `m` decides one by one."""
+    chosen = m.known != 0
+    for joint in np.unique(m.joint):
+        here = (m.joint == joint) & (m.known == 0) & m.alone
+        chosen |= here & (m.energy >= STRONG * m.energy[here].max(initial=0.0))
+    return chosen

@@ -1,0 +1,147 @@
+"""Combinations of the joints' patterns, against the costs of all assignments."""
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+from sign_problems import EXACT, ROUNDING, arm, strong, synthetic
+
+from bayesid.search import combinations as module
+from bayesid.search.combinations import TooManyError, combinations, least_costs
+from bayesid.search.problem import OutOfTimeError, Problem
+
+
+class Combined:
+    """The combinations of a small problem up to a limit, and the brute force to hold them to."""
+
+    def __init__(self, problem, within):
+        self.problem = problem
+        self.view = Problem(problem.moments, problem.solver(), np.inf)
+        self.limit = problem.least + within
+        self.found = combinations(self.view, self.limit, least_costs(self.view))
+        self.decided = np.concatenate([np.flatnonzero(problem.moments.known), self.found.patterns.segments])
+        signs = problem.assignments[:, self.decided]
+        self.least: dict[tuple, float] = {}
+        for choice, cost in zip(map(tuple, signs.tolist()), problem.costs, strict=True):
+            self.least[choice] = min(cost, self.least.get(choice, np.inf))
+        known = problem.moments.known[problem.moments.known != 0]
+        self.listed = [(*known.tolist(), *choice) for choice in self.found.patterns.signs.tolist()]
+
+    def assert_sound(self):
+        """All that can cost up to the limit is there; the bounds hold; what is missing is bounded."""
+        exact = EXACT * self.problem.energy
+        assert len(set(self.listed)) == len(self.listed)
+        inside = {choice for choice, cost in self.least.items() if cost <= self.limit - exact}
+        assert inside <= set(self.listed)
+        for choice, bound in zip(self.listed, self.found.lower, strict=True):
+            assert bound <= self.least[choice] + exact
+            assert bound <= self.limit
+        missing = [cost for choice, cost in self.least.items() if choice not in set(self.listed)]
+        if missing:
+            assert logsumexp(-0.5 * np.array(missing)) <= self.found.log_missed + exact + 1e-6
+
+
+def random_problems():
+    for cone in ("free", "orthant", "half", "body"):
+        for seed in range(12):
+            rng = np.random.default_rng(seed)
+            yield synthetic(
+                seed, segments=int(rng.integers(3, 7 if cone == "body" else 9)), joints=int(rng.integers(1, 4)),
+                cone=cone, size=int(rng.integers(2, 8)), noise=(0.1, 0.5, 1.0)[seed % 3], longest=(2, 6)[seed % 2],
+                spread=(1.0, 2.0, 10.0)[seed // 4], known=int(rng.integers(0, 3)), scale=(1.0, 10.0)[seed % 2],
+            )  # fmt: skip
+    for seed in range(3):
+        yield arm(seed, 5, 2, ("rigid_body", "viscous_friction"), 0.5)
+
+
+@pytest.fixture(scope="module")
+def problems():
+    return list(random_problems())
+
+
+@pytest.mark.parametrize("within", [1.0, 30.0, 1000.0])
+def test_nothing_that_may_cost_up_to_the_limit_is_left_out(problems, within):
+    for problem in problems:
+        Combined(problem, within).assert_sound()
+
+
+@pytest.mark.parametrize("within", [1.0, 30.0])
+def test_nor_from_coarse_to_fine(problems, within, monkeypatch):
+    monkeypatch.setattr(module, "_FEW", 0)
+    for problem in problems:
+        Combined(problem, within).assert_sound()
+
+
+def test_strong_segments_are_all_decided(problems):
+    for problem in problems:
+        assert set(np.flatnonzero(strong(problem.moments))) == set(Combined(problem, 10.0).decided)
+
+
+def test_where_there_are_too_many_fewer_segments_are_decided(monkeypatch):
+    problem = synthetic(1, 9, joints=2, cone="orthant", noise=1.0, scale=0.5)
+    whole = Combined(problem, 30.0)
+    monkeypatch.setattr(module, "_FEW", 0)
+    fewer = []
+    for held in (200, 100, 50, 20):
+        monkeypatch.setattr(module, "_HELD", held)
+        found = Combined(problem, 30.0)
+        found.assert_sound()
+        fewer.append(len(found.decided))
+    assert fewer == sorted(fewer, reverse=True)
+    assert 0 < fewer[-1] < len(whole.decided)
+    monkeypatch.setattr(module, "_HELD", 0)
+    with pytest.raises(TooManyError):
+        Combined(problem, 30.0)
+
+
+def test_lists_that_are_too_long_decide_fewer_segments(monkeypatch):
+    problem = synthetic(1, 9, joints=2, cone="orthant", noise=1.0, scale=0.5)
+    whole = Combined(problem, 30.0)
+    monkeypatch.setattr(module, "_LONGEST", 4)
+    fewer = Combined(problem, 30.0)
+    fewer.assert_sound()
+    assert 0 < len(fewer.decided) < len(whole.decided)
+
+
+def test_the_cone_excludes_what_unconstrained_bounds_cannot():
+    """Without a cone all signs may be turned round; with it, one of the two is gone."""
+    problem = synthetic(3, 7, cone="orthant", noise=0.1, longest=6, scale=10.0)
+    signs = Combined(problem, 20.0).found.patterns.signs
+    assert not np.any(np.all(signs[:, None] == -signs, axis=2))
+    free = synthetic(3, 7, cone="free", noise=0.1, longest=6, scale=10.0)
+    signs = Combined(free, 20.0).found.patterns.signs
+    assert np.all(np.any(np.all(signs[:, None] == -signs, axis=2), axis=1))
+
+
+def test_least_costs_are_what_each_joints_rows_cost_by_themselves(problems):
+    """The least over all patterns of min over beta of |s e - Y beta|^2 + beta' share beta, from the rows."""
+    for problem in problems:
+        if not problem.rows:
+            continue
+        view, m = Problem(problem.moments, problem.solver(), np.inf), problem.moments
+        for block, found in zip(view.blocks, least_costs(view), strict=True):
+            joint = np.unique(m.joint)[view.blocks.index(block)]
+            here = np.flatnonzero(m.joint == joint)
+            share = block.hessian(0) - m.hessian_of(here[m.known[here] != 0])
+            columns = np.vstack([*(problem.rows[k][0] for k in here), np.linalg.cholesky(share).T])
+            costs = []
+            for signs in np.unique(problem.assignments[:, here], axis=0):
+                efforts = [s * problem.rows[k][1] for s, k in zip(signs, here, strict=True)]
+                target = np.concatenate([*efforts, np.zeros(len(share))])
+                left = columns @ np.linalg.lstsq(columns, target, rcond=None)[0] - target
+                costs.append(left @ left)
+            assert found == pytest.approx(min(costs), abs=ROUNDING * problem.energy)
+
+
+def test_a_least_cost_for_which_the_list_is_too_long_is_still_a_bound(monkeypatch):
+    problem = synthetic(4, 8, cone="free", noise=1.0, longest=2, known=1)
+    view = Problem(problem.moments, problem.solver(), np.inf)
+    exact = least_costs(view)
+    monkeypatch.setattr(module, "_LEAST", 2)
+    assert np.all(least_costs(view) <= exact + ROUNDING * problem.energy)
+    assert np.all(least_costs(view) >= 0.0)
+
+
+def test_work_stops_when_the_budget_has_ended():
+    problem = synthetic(5, 6, joints=2)
+    with pytest.raises(OutOfTimeError):
+        least_costs(Problem(problem.moments, problem.solver(), -np.inf))
