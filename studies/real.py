@@ -5,7 +5,8 @@
 A sample counts when its |effort| is at least 5 % of its joint's maximum; right means the sign of the sample as logged,
 sensor noise and all. `smooth` is the share against the sign of the logged effort after a 20 Hz low-pass: near zero the
 sensor's noise flips single samples. How much that costs is printed below the table: what the sign of that low-passed
-true effort scores by itself against the logged samples in motion. What is missing beyond it is ours.
+true effort scores by itself against the logged samples in motion. What is missing beyond it is ours. `settled` is
+the share of the strong samples in motion on whose sign all assignments agree that still matter (docs/search.md).
 """
 
 from __future__ import annotations
@@ -76,11 +77,22 @@ def study(scenario: Scenario) -> Row:
         "velocity_joints": [_share(velocity[:, j], log.effort[:, j], strong[:, j]) for j in range(log.n_joints)],
         "sure": float(sure[strong].mean()),
         "sure_wrong": 1.0 - _share(signs, log.effort, strong & sure),
+        "certified": result.search.certified,
+        "settled": _settled(result, strong, rows),
         "search_seconds": result.timings["search"],
         "seconds": seconds,
         "solves": result.search.solves,
         "residual": result.fit.relative_residual.tolist(),
     }
+
+
+def _settled(result: Identification, strong: Any, rows: Any) -> float:
+    """Share of the strong samples in motion on whose sign all assignments that matter agree."""
+    settled = result.search.settled
+    if settled is None:
+        return float("nan")
+    laid = result.searched.per_sample(np.where(settled, 1, -1), *result.probability.shape)[rows]
+    return float((laid[strong & (laid != 0.0)] > 0.0).mean())
 
 
 def validation(data: Path) -> Row:
@@ -122,12 +134,15 @@ def main() -> None:
     options = parser.parse_args()
     scenarios = [Scenario(options.data, log, options.search, options.beam_width) for log in LOGS]
     rows = run(study, scenarios, options.workers)
-    print(f"{'log':<17} segs   all %  motion %  smooth %  velocity %  sure %  of these wrong %  search s  total s")
+    print(
+        f"{'log':<17} segs   all %  motion %  smooth %  velocity %  sure %  of these wrong %  search s  total s"
+        "  certified  settled %"
+    )
     for row in rows:
         print(
             f"{row['log']:<17} {row['segments']:>4}  {row['all']:>6.2%} {row['motion']:>8.2%} {row['smooth']:>9.2%}"
             f" {row['velocity']:>10.1%} {row['sure']:>9.1%} {row['sure_wrong']:>15.3%} {row['search_seconds']:>9.1f}"
-            f" {row['seconds']:>8.1f}"
+            f" {row['seconds']:>8.1f} {'yes' if row['certified'] else 'no':>10} {row['settled']:>10.2%}"
         )
     print("\nper joint, beside what sign(velocity) alone scores (in brackets)")
     for row in rows:
