@@ -114,7 +114,9 @@ class SignProblem:
         return self.solver()
 
 
-def synthetic(seed, segments=6, joints=1, cone="orthant", size=4, noise=0.5, spread=1.0, longest=6, known=0, scale=1.0):
+def synthetic(
+    seed, segments=6, joints=1, cone="orthant", size=4, noise=0.5, spread=1.0, longest=6, known=0, scale=1.0, load=1.0
+):
     """Random rows, each segment with a sign of its own and some noise: dense, and of no robot in particular.
 
     Args:

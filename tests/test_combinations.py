@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.special import logsumexp
-from sign_problems import EXACT, ROUNDING, arm, strong, synthetic
+from sign_problems import EXACT, ROUNDING, arm, moments_of, strong, synthetic
 
 from bayesid.search import combinations as module
 from bayesid.search.combinations import TooManyError, combinations, least_costs
@@ -13,9 +13,9 @@ from bayesid.search.problem import OutOfTimeError, Problem
 class Combined:
     """The combinations of a small problem up to a limit, and the brute force to hold them to."""
 
-    def __init__(self, problem, within):
+    def __init__(self, problem, within, tolerance=1e-6):
         self.problem = problem
-        self.view = Problem(problem.moments, problem.solver(), np.inf)
+        self.view = Problem(problem.moments, problem.solver(tolerance), np.inf)
         self.limit = problem.least + within
         self.found = combinations(self.view, self.limit, least_costs(self.view))
         self.decided = np.concatenate([np.flatnonzero(problem.moments.known), self.found.patterns.segments])
@@ -48,6 +48,7 @@ def random_problems():
                 seed, segments=int(rng.integers(3, 7 if cone == "body" else 9)), joints=int(rng.integers(1, 4)),
                 cone=cone, size=int(rng.integers(2, 8)), noise=(0.1, 0.5, 1.0)[seed % 3], longest=(2, 6)[seed % 2],
                 spread=(1.0, 2.0, 10.0)[seed // 4], known=int(rng.integers(0, 3)), scale=(1.0, 10.0)[seed % 2],
+                load=(1.0, 1e-3)[seed % 4 == 3],
             )  # fmt: skip
     for seed in range(3):
         yield arm(seed, 5, 2, ("rigid_body", "viscous_friction"), 0.5)
@@ -69,6 +70,49 @@ def test_nor_from_coarse_to_fine(problems, within, monkeypatch):
     monkeypatch.setattr(module, "_FEW", 0)
     for problem in problems:
         Combined(problem, within).assert_sound()
+
+
+def test_a_coarse_solver_leaves_nothing_out_either(problems):
+    """Its parameters are off the best ones by as much as its gap allows, and its bounds for others weaker by that."""
+    for problem in problems:
+        Combined(problem, 1.0, tolerance=1e-2).assert_sound()
+
+
+def test_what_a_coarse_level_excludes_counts_with_all_its_completions(monkeypatch):
+    """Two segments decide all; four of a third of their energy do not matter at all: all 16 completions cost alike."""
+    rng = np.random.default_rng(6)
+    base = synthetic(6, 2, size=3, cone="free")
+    rows = []
+    for k in range(6):
+        columns = rng.normal(size=(8, 3))
+        effort = columns @ np.array([1.0, -2.0, 0.5])
+        away = np.cos(np.arange(8)) - columns @ np.linalg.lstsq(columns, np.cos(np.arange(8)), rcond=None)[0]
+        energy = (1.0, 0.99, 0.5, 0.5, 0.5, 0.5)[k]
+        chosen = effort + 0.3 * np.linalg.norm(effort) / np.linalg.norm(away) * away if k < 2 else away
+        weight = np.sqrt(energy) / np.linalg.norm(chosen)
+        rows.append((weight * columns, 3.0 * weight * chosen))
+    problem = base.but(moments_of(rows, [0] * 6, [0] * 6))
+    monkeypatch.setattr(module, "_FEW", 0)
+    combined = Combined(problem, 0.0)
+    assert len(combined.decided) == 6
+    assert len(combined.found) < 64
+    combined.assert_sound()
+
+
+def test_parameters_belong_to_their_combination(problems):
+    solved = 0
+    for problem in problems[::3]:
+        combined = Combined(problem, 30.0)
+        solver = problem.solver()
+        solver.set_hessian(problem.moments.hessian[combined.decided].sum(axis=0))
+        for row, theta in combined.found.thetas.items():
+            best = solver.solve(combined.found.patterns.gradient[row])
+            beta, gradient = solver.project(theta), combined.found.patterns.gradient[row]
+            hessian = problem.moments.hessian[combined.decided].sum(axis=0)
+            cost = beta @ hessian @ beta - 2 * gradient @ beta + solver.regularisation(theta)
+            assert cost <= best.cost + 1e-4 * problem.energy
+            solved += 1
+    assert solved > 20
 
 
 def test_strong_segments_are_all_decided(problems):

@@ -36,6 +36,8 @@ _STRONG = 0.02
 """Share of the energy of a joint's strongest segment from which a segment takes part in the search for candidates."""
 _TRIED, _REFINED = 64, 3
 """Candidates that are solved in the cone at most, and how many of them are settled."""
+_TURNS = 20
+"""Single segments that are turned on trial."""
 _ALLOWANCE, _WIDEN = 10.0, 2.0
 """Delta beyond that of a single assignment of the allowed mass; growth beyond what would have sufficed before."""
 _LOG2 = float(np.log(2.0))
@@ -152,7 +154,28 @@ def candidate(problem: Problem) -> Branch:
         found = sorted([*found, (energy + solution.cost, int(row), solution.theta)], key=lambda one: one[:2])
     settled = [problem.settle(problem.decided(joined, row), theta) for _, row, theta in found[:_REFINED]]
     best = min(settled, key=lambda branch: branch.cost)
-    return problem.price(problem.settle(problem.moments.known, best.theta).signs)
+    return _turned(problem, problem.price(problem.settle(problem.moments.known, best.theta).signs))
+
+
+def _turned(problem: Problem, branch: Branch) -> Branch:
+    """The branch with single segments turned where that pays: those that pull the parameters over to their own sign."""
+    unknown = np.flatnonzero(problem.moments.known == 0)
+    for _ in range(_TURNS):
+        flips = problem.flips(branch, unknown)
+        k = int(np.argmin(flips.alone)) if unknown.size else 0
+        if not unknown.size or flips.alone[k] >= -problem.exact:
+            break
+        signs = branch.signs.copy()
+        signs[unknown[k]] *= -1
+        other = problem.settle(
+            np.where(np.arange(len(signs)) == unknown[k], signs, problem.moments.known), branch.theta
+        )
+        other = problem.price(other.signs)
+        if other.cost < branch.cost:
+            branch = other
+        else:
+            unknown = np.delete(unknown, k)
+    return branch
 
 
 def _prove_enough(problem: Problem, best: Branch, least: Array, log_missed: float) -> Proof:

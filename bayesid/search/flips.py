@@ -25,6 +25,8 @@ from bayesid.search.result import UnconstrainedBound
 
 _ENUMERATED = 14
 """Segments left by persistency of which all sets are tried."""
+_MANY = 4000
+"""Segments beyond which interference is bounded without looking at pairs."""
 _HANDED_ON, _SWEEPS = 400, 4
 """Segments up to which charges are handed on, and how often."""
 _AT_ONCE = 1000
@@ -89,12 +91,22 @@ class Flips:
         return int(self.undecided[np.argmax(self._own[self.undecided])])
 
     def _interference(self, rows: Integers, columns: Integers) -> Array:
-        """(rows,) sums over the columns of max(K_kl, 0)."""
+        """(rows,) sums over the columns of max(K_kl, 0), or upper bounds of them where there are very many."""
+        if len(columns) > _MANY:
+            return self._most_interference(rows, columns)
         sums = np.empty(len(rows))
         for start in range(0, len(rows), _AT_ONCE):
             chunk = slice(start, start + _AT_ONCE)
             sums[chunk] = np.maximum(self._white[rows[chunk]] @ self._white[columns].T, 0.0).sum(axis=1)
         return sums
+
+    def _most_interference(self, rows: Integers, columns: Integers) -> Array:
+        """The same by Cauchy and Schwarz, in time linear in the segments: sum |K_kl| <= sqrt(n sum K_kl^2)."""
+        white = self._white[columns]
+        plain = self._white[rows] @ white.sum(axis=0)
+        squares = np.sum((self._white[rows] @ (white.T @ white)) * self._white[rows], axis=1)
+        most: Array = 0.5 * (plain + np.sqrt(len(columns) * np.maximum(squares, 0.0)))
+        return most
 
     @cached_property
     def best(self) -> tuple[float, Integers]:
@@ -133,6 +145,8 @@ class Flips:
         as possible from being negative (roof duality; Boros and Hammer 2002): first in proportion to what each costs
         by itself, then by handing charges on from segments that have a negative slope to those that have some left.
         """
+        if len(among) > _MANY:
+            return self._gain[among] + self._own[among] - 2.0 * self._interference(among, among)
         gain, slopes = np.maximum(self._gain[among], 1e-12), np.empty(len(among))
         handed_on = len(among) <= _HANDED_ON
         charges = np.empty((len(among), len(among)) if handed_on else (0, 0))
@@ -162,6 +176,8 @@ class Flips:
 
     def changes(self) -> Array:
         """(free,) lower bounds of the change over all sets of flips that hold the segment."""
+        if len(self.free) > _MANY:
+            return 4.0 * (self._gain - self._own + self._others_of_many())
         changes = np.empty(len(self.free))
         for start in range(0, len(self.free), _AT_ONCE):
             chunk = slice(start, start + _AT_ONCE)
@@ -170,6 +186,14 @@ class Flips:
             others[rows, start + rows] = 0.0
             changes[chunk] = self._gain[chunk] - self._own[chunk] + others.sum(axis=1)
         return 4.0 * changes
+
+    def _others_of_many(self) -> Array:
+        """(free,) lower bounds of what the flips of all others add, without looking at pairs of settled ones."""
+        everything = np.arange(len(self.free))
+        negative = np.flatnonzero(self._slope < 0.0)
+        few = np.minimum(self._slope[negative] - 2.0 * self._white @ self._white[negative].T, 0.0).sum(axis=1)
+        few[negative] -= np.minimum(self._slope[negative] - 2.0 * self._own[negative], 0.0)
+        return few - 2.0 * self._interference(everything, everything)
 
 
 def _handed_on(slopes: Array, charges: Array) -> Array:
