@@ -550,3 +550,12 @@ def test_a_solver_that_fails_is_an_error_not_a_result():
     problem = synthetic(16, 4, cone="body")
     with pytest.raises(SolverError, match="cone least squares"):
         certified(problem.moments, problem.solver(tolerance=1e-30))
+
+
+def test_no_single_flip_improves_a_candidate():
+    """Without any proof, too: a weak segment may pull the parameters over to its own sign and look settled there."""
+    for seed in range(40):
+        problem = synthetic(seed, 8, cone=("orthant", "free")[seed % 2], size=6, noise=0.8, longest=3, spread=5.0)
+        found = certified(problem.moments, problem.solver(), budget=0.0)
+        single = np.sum(problem.assignments != found.signs, axis=1) == 1
+        assert found.cost <= problem.costs[single].min() + problem.precision + EXACT * problem.energy

@@ -220,3 +220,19 @@ def test_every_bound_holds_on_every_problem(seed, cone, segments, size, longest,
         assert bound <= case.least(case.turned[:, k]) + case.rounding
     if not case.flips.undecided.size:
         assert case.least() >= -EXACT * problem.energy
+
+
+def test_many_segments_are_bounded_without_looking_at_pairs(cases, monkeypatch):
+    """Looser than pair by pair, never above it, and never above brute force."""
+    exact = [(case.flips.best[0], case.flips.changes()) for case in cases]
+    monkeypatch.setattr(flips_module, "_MANY", 1)
+    looser = 0
+    for case, (best, changes) in zip(cases, exact, strict=True):
+        flips = case.view.flips(case.branch, case.free)
+        assert flips.best[0] <= best + case.rounding
+        assert np.all(flips.changes() <= changes + case.rounding)
+        assert flips.best[0] <= case.least(case.some) + case.rounding
+        for position, change in enumerate(flips.changes()):
+            assert change <= case.least(case.turned[:, case.free[position]]) + case.rounding
+        looser += bool(np.any(flips.changes() < changes - case.rounding))
+    assert looser > 10, "or the pairs were looked at after all"

@@ -40,9 +40,7 @@ class Truth:
         return self.model.effort(self.at(t), self.theta)
 
     def log(self, t: Array, noise: float = 0.05, signed: bool | list[bool] = False, seed: int = 0) -> Log:
-        return simulate(
-            self.model, self.theta, self.at(t), rng=np.random.default_rng(seed), noise=noise, signed=signed
-        )
+        return simulate(self.model, self.theta, self.at(t), rng=np.random.default_rng(seed), noise=noise, signed=signed)
 
     def right_signs(self, result: Identification) -> float:
         """Share of the strong samples whose sign is right."""

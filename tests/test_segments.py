@@ -101,7 +101,7 @@ def test_a_minimum_far_from_zero_is_not_cut(noise):
     effort = (5.0 + np.sin(3 * motion.t) + noise * rng.standard_normal(len(motion)))[:, None]
     segments = cut(motion, effort)
     reversals = np.sum(np.diff(np.sign(motion.dq[:, 0])) != 0)
-    assert (segments.moving).sum() <= reversals + 2, 'only reversals (and the filter at the ends) may cut'
+    assert (segments.moving).sum() <= reversals + 2, "only reversals (and the filter at the ends) may cut"
 
 
 def test_a_jump_of_the_acceleration_is_cut():
