@@ -52,9 +52,14 @@ class SignProblem:
         return ConeLeastSquares(self.cone, self.coefficients, hessian, self.energy, tolerance=tolerance)
 
     @property
+    def exact(self):
+        """What the searches do not tell apart, and what the brute force itself may be off."""
+        return EXACT * self.energy + self._priced[1]
+
+    @property
     def precision(self):
-        """Of the costs: the solver leaves bodies a little outside of the cone."""
-        return (EXACT if len(self.cone.bodies) else ROUNDING) * self.energy
+        """Of the brute force: the solver leaves bodies a little outside of the cone."""
+        return (EXACT if len(self.cone.bodies) else ROUNDING) * self.energy + self._priced[1]
 
     def but(self, changed):
         """The same with other moments."""
@@ -70,25 +75,36 @@ class SignProblem:
         signs[:, unknown] = np.array(choices, dtype=np.int64).reshape(len(signs), len(unknown))
         return signs
 
-    @cached_property
+    @property
     def costs(self):
         """(2^unknown,) the cost of each of the assignments: brute force."""
-        return np.array([self.price(signs) for signs in self.assignments])
+        return self._priced[0]
 
     @property
     def least(self):
+        """The cost of the best assignment."""
         return float(self.costs.min())
 
     def price(self, signs):
         """min over the cone of f(theta, signs) + rho(theta)."""
+        return self._price(signs)[0]
+
+    @cached_property
+    def _priced(self):
+        """The costs of all assignments, and how far the worst of them may be off."""
+        costs, doubts = np.array([self._price(signs) for signs in self.assignments]).T
+        return costs, float(doubts.max())
+
+    def _price(self, signs):
         if len(self.cone.bodies):
-            return self.energy + self._precise.solve_precisely(signs @ self.moments.gradient).cost
+            solution = self._precise.solve_precisely(signs @ self.moments.gradient)
+            return self.energy + solution.cost, solution.cost - solution.lower_bound
         root, free = self._root, np.setdiff1d(np.arange(self.cone.size), self.cone.nonnegative)
         target = np.linalg.solve(root.T, self._slope(signs))
         columns = np.hstack([root, -root[:, free]])  # a free parameter is the difference of two nonnegative ones
         distance = nnls(columns, target)[1] if len(free) < self.cone.size else 0.0
         weight, centre = self.pull
-        return self.energy + float(weight @ centre**2 - target @ target) + distance**2
+        return self.energy + float(weight @ centre**2 - target @ target) + distance**2, 0.0
 
     @cached_property
     def pull(self):

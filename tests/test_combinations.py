@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.special import logsumexp
-from sign_problems import EXACT, ROUNDING, arm, moments_of, strong, synthetic
+from sign_problems import ROUNDING, arm, moments_of, strong, synthetic
 
 from bayesid.search import combinations as module
 from bayesid.search.combinations import TooManyError, combinations, least_costs
@@ -30,7 +30,7 @@ class Combined:
 
     def assert_sound(self):
         """All that can cost up to the limit is there; the bounds hold; what is missing is bounded."""
-        exact = EXACT * self.problem.energy
+        exact = self.problem.exact
         assert len(set(self.listed)) == len(self.listed)
         inside = {choice for choice, cost in self.least.items() if cost <= self.limit - exact}
         assert inside <= set(self.listed)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sign_problems import EXACT, synthetic
+from sign_problems import synthetic
 
 from bayesid.search import flips as flips_module
 from bayesid.search.problem import Problem
@@ -115,13 +115,13 @@ def test_where_all_is_decided_the_branch_is_the_best(cases):
     settled = [case for case in cases if not case.flips.undecided.size and case.free.size]
     assert len(settled) > 10, "or nothing is shown"
     for case in settled:
-        assert case.least() >= -EXACT * case.problem.energy
+        assert case.least() >= -case.problem.exact
         assert case.flips.best[0] == 0.0
         assert case.flips.any > 0.0
 
 
 def test_where_other_signs_are_better_something_is_undecided(cases):
-    poor = [case for case in cases if case.least() < -EXACT * case.problem.energy]
+    poor = [case for case in cases if case.least() < -case.problem.exact]
     assert len(poor) > 20
     for case in poor:
         assert case.flips.undecided.size
@@ -219,7 +219,7 @@ def test_every_bound_holds_on_every_problem(seed, cone, segments, size, longest,
     for k, bound in zip(case.free, case.flips.changes(), strict=True):
         assert bound <= case.least(case.turned[:, k]) + case.rounding
     if not case.flips.undecided.size:
-        assert case.least() >= -EXACT * problem.energy
+        assert case.least() >= -problem.exact
 
 
 def test_many_segments_are_bounded_without_looking_at_pairs(cases, monkeypatch):

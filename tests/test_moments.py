@@ -3,7 +3,7 @@ import weakref
 import numpy as np
 import pytest
 from conftest import random_motion, small_robot
-from sign_problems import EXACT, synthetic
+from sign_problems import synthetic
 
 from bayesid import model as model_module
 from bayesid.coefficients import base_coefficients
@@ -295,8 +295,8 @@ def test_the_certified_search_is_right_on_shared_parts(cone, own):
         assert not np.all(compacted.alone)
         found = certified(compacted, problem.solver())
         assert found.lower_bound <= problem.least + problem.precision
-        assert problem.price(found.signs) == pytest.approx(found.cost, abs=EXACT * problem.energy)
-        assert not found.certified or found.cost <= problem.least + 2 * EXACT * problem.energy
+        assert problem.price(found.signs) == pytest.approx(found.cost, abs=problem.exact)
+        assert not found.certified or found.cost <= problem.least + 2 * problem.exact
         assert found.certified
-        inside = problem.costs <= found.cost + found.within - EXACT * problem.energy
+        inside = problem.costs <= found.cost + found.within - problem.exact
         assert np.all(problem.assignments[inside][:, found.settled] == found.signs[found.settled])

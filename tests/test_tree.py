@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import logsumexp
-from sign_problems import EXACT, synthetic
+from sign_problems import synthetic
 
 from bayesid.search.combinations import Combinations
 from bayesid.search.patterns import Patterns
@@ -46,7 +46,7 @@ class Proven:
         given = Combinations(patterns, np.zeros(len(patterns)), log_missed, {})
         theta = self.view.price(problem.assignments[np.argsort(problem.costs)[start]]).theta
         self.proof = prove(self.view, given, self.limit, theta)
-        self.exact, self.rounding = EXACT * problem.energy, problem.precision
+        self.exact, self.rounding = problem.exact, problem.precision
         self.signs = np.array([branch.signs for branch in self.proof.branches]).reshape(-1, len(m))
         pairs = zip(self.proof.branches, self.proof.decided, strict=True)
         certain = [settled(self.view, branch, one, self.proof.limit) for branch, one in pairs]
@@ -175,7 +175,7 @@ def test_every_proof_holds(seed, cone, segments, size, longest, spread, scale, w
         seed, segments, cone=cone, size=size, noise=0.5, longest=longest, spread=spread, scale=scale, known=1
     )
     decided = data.draw(st.lists(st.integers(0, segments - 1), max_size=segments, unique=True))
-    proven = Proven(problem, decided, within + EXACT * problem.energy)
+    proven = Proven(problem, decided, within + problem.exact)
     proven.assert_sound()
 
 
