@@ -101,10 +101,15 @@ class SignProblem:
             return self.energy + solution.cost, solution.cost - solution.lower_bound
         root, free = self._root, np.setdiff1d(np.arange(self.cone.size), self.cone.nonnegative)
         target = np.linalg.solve(root.T, self._slope(signs))
-        columns = np.hstack([root, -root[:, free]])  # a free parameter is the difference of two nonnegative ones
-        distance = nnls(columns, target)[1] if len(free) < self.cone.size else 0.0
         weight, centre = self.pull
-        return self.energy + float(weight @ centre**2 - target @ target) + distance**2, 0.0
+        unconstrained = self.energy + float(weight @ centre**2 - target @ target)
+        if len(free) == self.cone.size:
+            return unconstrained, 0.0
+        columns = np.hstack([root, -root[:, free]])  # a free parameter is the difference of two nonnegative ones
+        columns /= np.linalg.norm(columns, axis=0)  # or nnls may stop early, and its own residual is not to be trusted
+        left = columns @ nnls(columns, target)[0] - target
+        assert np.min(columns.T @ left) >= -1e-9 * np.linalg.norm(target), "nnls has not found the optimum"
+        return unconstrained + float(left @ left), 0.0
 
     @cached_property
     def pull(self):
