@@ -52,3 +52,8 @@ def smooth_motion(n: int, duration: float, rate: float, seed: int = 0) -> Motion
             dq[:, j] += a * w * np.cos(w * t + phase)
             ddq[:, j] -= a * w**2 * np.sin(w * t + phase)
     return Motion(t, q, dq, ddq)
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(0)

@@ -1,0 +1,61 @@
+"""Convergence of several ensembles: R-hat between ensembles, effective sample sizes over walkers. By ArviZ."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesid.motion import Array
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore", FutureWarning)  # ArviZ announces its next version on import
+    import arviz
+
+
+@dataclass(frozen=True)
+class Diagnostics:
+    """Of K quantities.
+
+    Attributes:
+        rhat: (K,) rank-normalised split R-hat (Vehtari et al. 2021), the larger of bulk and tail, between ensembles:
+            every ensemble's walkers together are a chain, split into its earlier and its later half.
+        bulk: (K,) effective sample size of the bulk; every walker is a chain, so that walkers which do not mix count.
+        tail: (K,) the smaller one of the 5 % and 95 % quantiles.
+    """
+
+    rhat: Array
+    bulk: Array
+    tail: Array
+
+    @property
+    def max_rhat(self) -> float:
+        """The worst R-hat."""
+        return float(np.max(self.rhat))
+
+    @property
+    def min_ess(self) -> float:
+        """The worst effective sample size, of bulk or tail."""
+        return float(min(np.min(self.bulk), np.min(self.tail)))
+
+    def passes(self, max_rhat: float, min_ess: float) -> bool:
+        """Whether all quantities have converged this far; NaN has not."""
+        return self.max_rhat <= max_rhat and self.min_ess >= min_ess
+
+
+def diagnose(draws: Array) -> Diagnostics:
+    """Diagnostics of draws (D, E, W, K): D sweeps of E ensembles of W walkers; D >= 4. A constant counts as converged.
+
+    Draws that are not finite give NaN, which passes no test.
+    """
+    sweeps, ensembles, walkers, size = draws.shape
+    pooled = draws.transpose(1, 0, 2, 3).reshape(ensembles, sweeps * walkers, size)
+    single = draws.transpose(1, 2, 0, 3).reshape(ensembles * walkers, sweeps, size)
+    flat = np.ptp(draws, axis=(0, 1, 2)) == 0.0
+    rhat, bulk, tail = np.ones(size), np.full(size, np.inf), np.full(size, np.inf)
+    for k in np.flatnonzero(~flat):
+        rhat[k] = arviz.rhat(pooled[..., k], method="rank")  # type: ignore[no-untyped-call]
+        bulk[k] = arviz.ess(single[..., k], method="bulk")  # type: ignore[no-untyped-call]
+        tail[k] = arviz.ess(single[..., k], method="tail")  # type: ignore[no-untyped-call]
+    return Diagnostics(rhat, bulk, tail)

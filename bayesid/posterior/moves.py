@@ -1,0 +1,234 @@
+"""Moves of an emcee ensemble for a normal distribution cut off by a cone, with unknown signs and noise scales.
+
+Each move leaves the posterior of every walker invariant by itself; walkers of all ensembles move together, so that
+numpy works on long arrays. The unknown signs are drawn given all else at the start of a move and forgotten at its end
+(data augmentation: Tanner and Wong 1987). Given them, theta is normal inside the region and hit-and-run draws exactly
+along each line (Smith 1984; Chen and Schmeiser 1993): nothing is ever rejected.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from emcee.moves import Move
+from emcee.state import State
+
+from bayesid.motion import Array, Integers
+from bayesid.posterior.region import Region, Uniforms, draw_on_line
+from bayesid.posterior.target import Target
+
+
+class Random(Uniforms, Protocol):
+    """The part of numpy's random state that the moves use."""
+
+    def standard_normal(self, size: int | tuple[int, ...]) -> Array:
+        """Normal variables."""
+
+    def standard_gamma(self, shape: Array, size: tuple[int, ...]) -> Array:
+        """Gamma variables of rate one."""
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Directions
+# ---------------------------------------------------------------------------------------------------------------
+class Directions(Protocol):
+    """Lines to search along, chosen without a look at the walkers that move."""
+
+    def draw(self, random: Random) -> Array:
+        """(P, K) directions, in their order."""
+
+
+@dataclass(frozen=True)
+class Rotated:
+    """Directions root Q with Q a random rotation: conjugate for the covariance root root'.
+
+    Attributes:
+        root: (P, d) of a covariance; in (a block of) the parameters.
+    """
+
+    root: Array
+
+    def draw(self, random: Random) -> Array:
+        """(P, d)."""
+        d = self.root.shape[1]
+        q, r = np.linalg.qr(random.standard_normal((d, d)))
+        return self.root @ (q * np.sign(np.diag(r)))
+
+
+@dataclass(frozen=True)
+class Conditional:
+    """Columns of a Cholesky factor of the covariance, its parameters in a new random order every time.
+
+    Column k moves the k-th parameter of that order and, as far as they depend on it, those after it; in a normal
+    distribution a sweep over all columns draws afresh. Blocks keep together, so that later columns move few bodies:
+    the others do not cut such a line short. This is what mixes in the corner of the cone.
+
+    Attributes:
+        covariance: (P, P).
+        block: (P,) label of each parameter's block.
+    """
+
+    covariance: Array
+    block: Integers
+
+    def draw(self, random: Random) -> Array:
+        """(P, P)."""
+        size = len(self.covariance)
+        place = random.random_sample(int(self.block.max()) + 1)[self.block]
+        order = np.lexsort((random.random_sample(size), place))
+        columns = np.zeros((size, size))
+        columns[order] = np.linalg.cholesky(self.covariance[np.ix_(order, order)])
+        return columns
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """The same directions each time, in random order.
+
+    Attributes:
+        columns: (P, K).
+    """
+
+    columns: Array
+
+    def draw(self, random: Random) -> Array:
+        """(P, K)."""
+        return self.columns[:, np.argsort(random.random_sample(self.columns.shape[1]))]
+
+
+@dataclass(frozen=True)
+class Mixed:
+    """All directions of several families, one family after the other."""
+
+    families: tuple[Directions, ...]
+
+    def draw(self, random: Random) -> Array:
+        """(P, K)."""
+        return np.concatenate([family.draw(random) for family in self.families], axis=1)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Moves
+# ---------------------------------------------------------------------------------------------------------------
+class GibbsMove(Move):  # type: ignore[misc]  # emcee carries no types
+    """A move that draws from conditional distributions: every walker accepts."""
+
+    @abstractmethod
+    def update(self, coordinates: Array, random: Random) -> Array:
+        """(W, d) new coordinates of the walkers at (W, d), distributed as the target if those are."""
+
+    def propose(self, model: object, state: State) -> tuple[State, Array]:
+        """Moves all walkers (the interface of emcee.moves.Move)."""
+        coordinates = self.update(state.coords, model.random)  # type: ignore[attr-defined]
+        log_prob, _ = model.compute_log_prob_fn(coordinates)  # type: ignore[attr-defined]
+        moved = State(coordinates, log_prob=log_prob, random_state=state.random_state)
+        return moved, np.ones(len(coordinates), dtype=bool)
+
+
+class InTurn(GibbsMove):
+    """Several such moves, one after the other.
+
+    Args:
+        moves: the moves.
+    """
+
+    def __init__(self, moves: Sequence[GibbsMove]) -> None:
+        self.moves = tuple(moves)
+
+    def update(self, coordinates: Array, random: Random) -> Array:
+        """See GibbsMove."""
+        for move in self.moves:
+            coordinates = move.update(coordinates, random)
+        return coordinates
+
+
+class HitAndRun(GibbsMove):
+    """Draws theta along many lines in turn, given signs and noise scales.
+
+    Args:
+        target: the posterior.
+        directions: the lines.
+        temperature: draws from the conditional density to the power of one over this.
+    """
+
+    def __init__(self, target: Target, directions: Directions, temperature: float = 1.0) -> None:
+        self.target = target
+        self.directions = directions
+        self.temperature = temperature
+
+    def update(self, coordinates: Array, random: Random) -> Array:
+        """See GibbsMove."""
+        likelihood, prior = self.target.likelihood, self.target.prior
+        theta, log_scale = self.target.split(coordinates)
+        beta = theta @ likelihood.projection.T
+        signs = likelihood.draw_signs(beta, log_scale, random.random_sample((len(theta), len(likelihood.unknown))))
+        pull = likelihood.pull(beta, log_scale, signs)
+        gradient = pull @ likelihood.projection + prior.precision * (prior.mean - theta)
+        lines = self.directions.draw(random)
+        seen = likelihood.projection @ lines
+        curvature = np.concatenate([
+            np.einsum("rk,jrl->jkl", seen, likelihood.hessian @ seen),
+            (lines.T @ (prior.precision[:, None] * lines))[None],
+        ])  # fmt: skip
+        weights = np.concatenate([np.exp(-2.0 * log_scale), np.ones((len(theta), 1))], axis=1).T / self.temperature
+        slopes = (gradient @ lines).T / self.temperature
+        steps = sweep(prior.region, theta.T, lines, slopes, curvature, weights, random)
+        return np.concatenate([theta + (lines @ steps).T, log_scale], axis=1)
+
+
+def sweep(
+    region: Region, theta: Array, lines: Array, slopes: Array, curvature: Array, weights: Array, random: Random
+) -> Array:
+    """(K, W) steps along each of K lines in turn, each drawn from a normal distribution inside the region.
+
+    Args:
+        region: where theta stays.
+        theta: (P, W).
+        lines: (P, K).
+        slopes: (K, W) of the log density along the lines, at theta.
+        curvature: (c, K, K) parts of minus the log density's Hessian between the lines.
+        weights: (c, W) of these parts.
+        random: the random state.
+    """
+    slack, matrices = region.slack(theta), region.matrices(theta)
+    rows, entries = region.rows @ lines, region.entries @ lines
+    slopes, steps = slopes.copy(), np.zeros_like(slopes)
+    for k in range(lines.shape[1]):
+        bend = curvature[:, k, k:].T @ weights  # (K - k, W)
+        t = draw_on_line(slack, matrices, rows[:, k], entries[:, :, k], slopes[k], bend[0], random)
+        slopes[k + 1 :] -= t * bend[1:]
+        slack += t * rows[:, k, None]
+        matrices += t * entries[:, :, k, None]
+        steps[k] = t
+    return steps
+
+
+class NoiseScales(GibbsMove):
+    """Draws every joint's noise scale, given theta and the signs.
+
+    With R_j the joint's sum of squared residuals, w = exp(-2 u) has the density w^(n_j / 2) exp(-R_j w / 2) du times
+    the prior's: a gamma proposal, corrected for the prior (Metropolis, independent proposals).
+
+    Args:
+        target: the posterior.
+    """
+
+    def __init__(self, target: Target) -> None:
+        self.target = target
+
+    def update(self, coordinates: Array, random: Random) -> Array:
+        """See GibbsMove."""
+        likelihood, sd = self.target.likelihood, self.target.prior.log_scale_sd
+        theta, log_scale = self.target.split(coordinates)
+        beta = theta @ likelihood.projection.T
+        signs = likelihood.draw_signs(beta, log_scale, random.random_sample((len(theta), len(likelihood.unknown))))
+        residual = likelihood.residual(beta, signs)
+        gamma = random.standard_gamma(0.5 * likelihood.count, residual.shape)
+        proposed = -0.5 * np.log(np.maximum(gamma, 1e-300) / (0.5 * residual))
+        log_ratio = 0.5 * (log_scale**2 - proposed**2) / sd**2
+        accepted = np.log1p(-random.random_sample(log_ratio.shape)) < log_ratio
+        return np.concatenate([theta, np.where(accepted, proposed, log_scale)], axis=1)

@@ -1,0 +1,129 @@
+"""Where the walkers start, and the covariance by which they first choose their lines.
+
+The optimum sits on the cone's edge, where nothing can be read off. The minimum of the same quadratic function with a
+logarithmic barrier,
+
+    phi(theta) = (theta - m)' A (theta - m) / 2 - sum log slack - sum log det P,
+
+lies about as deep inside as the posterior does, and the inverse of phi's Hessian there is near the posterior's
+covariance: one unit of the barrier is what a wall costs a density that may not cross it. phi is self-concordant, so
+Newton's method with a line search finds its minimum from any inner point (Boyd and Vandenberghe 2004, 9.6).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from bayesid.motion import Array, Integers
+from bayesid.posterior.moves import Conditional, HitAndRun, InTurn, NoiseScales, Random
+from bayesid.posterior.region import Region
+from bayesid.posterior.target import Target
+
+_MOST_STEPS = 300
+_PRECISION = 1e-6
+"""Newton decrement at which the minimum is taken for found."""
+_LEAST_STEP = 1e-12
+_HOT, _SWEEPS = 4.0, 3
+"""Temperature at which walkers are spread, and sweeps at it."""
+
+
+@dataclass(frozen=True)
+class Centre:
+    """The minimum of phi.
+
+    Attributes:
+        theta: (P,) strictly inside the region.
+        covariance: (P, P) inverse of phi's Hessian there.
+    """
+
+    theta: Array
+    covariance: Array
+
+
+def find_centre(target: Target, theta: Array, log_scale: Array) -> Centre:
+    """The centre for the signs that theta (P,), for example a branch's optimum, predicts for the unknown segments.
+
+    Args:
+        target: the posterior.
+        theta: (P,), not necessarily feasible.
+        log_scale: (n,) the noise scales u.
+
+    Raises:
+        LinAlgError: the Hessian is singular but for rounding.
+    """
+    precision, linear = target.quadratic(theta, log_scale)
+    return barrier_minimum(target.prior.region, precision, linear, target.prior.inside)
+
+
+def barrier_minimum(region: Region, precision: Array, linear: Array, start: Array) -> Centre:
+    """Minimum of theta' A theta / 2 - linear' theta plus the region's barrier.
+
+    Args:
+        region: with an inner point.
+        precision: (P, P) A, positive definite.
+        linear: (P,).
+        start: (P,) strictly inside.
+    """
+    theta, value = start, _value(region, precision, linear, start)
+    for _ in range(_MOST_STEPS):
+        slope, bend = _barrier(region, theta)
+        factor = cho_factor(precision + bend)
+        gradient = precision @ theta - linear + slope
+        step = -cho_solve(factor, gradient)
+        decrement = -float(gradient @ step)
+        if decrement < _PRECISION:
+            break
+        length, moved = 1.0, _value(region, precision, linear, theta + step)
+        while moved > value - 0.25 * length * decrement and length > _LEAST_STEP:
+            length *= 0.5
+            moved = _value(region, precision, linear, theta + length * step)
+        if moved >= value:
+            break  # rounding
+        theta, value = theta + length * step, moved
+    covariance = cho_solve(cho_factor(precision + _barrier(region, theta)[1]), np.eye(len(theta)))
+    return Centre(theta, 0.5 * (covariance + covariance.T))
+
+
+def _value(region: Region, precision: Array, linear: Array, theta: Array) -> float:
+    if not region.contains(theta[:, None])[0]:
+        return np.inf
+    logs = np.linalg.slogdet(region.full(region.matrices(theta[:, None])[..., 0]))[1]
+    barrier = np.log(region.slack(theta[:, None])).sum() + logs.sum()
+    return float(0.5 * theta @ precision @ theta - linear @ theta - barrier)
+
+
+def _barrier(region: Region, theta: Array) -> tuple[Array, Array]:
+    """Gradient (P,) and Hessian (P, P) of the barrier."""
+    scaled = region.rows / region.slack(theta[:, None])
+    inverse = np.linalg.inv(region.full(region.matrices(theta[:, None])[..., 0]))
+    turned = inverse[:, None] @ region.basis  # (b, P, 4, 4)
+    slope = -scaled.sum(axis=0) - np.einsum("bpii->p", turned)
+    flat = turned.reshape(*turned.shape[:2], 16)
+    flipped = turned.swapaxes(2, 3).reshape(flat.shape)
+    return slope, scaled.T @ scaled + np.einsum("bpi,bqi->pq", flat, flipped, optimize=True)
+
+
+def spread_walkers(target: Target, centre: Centre, directions: Conditional, walkers: int, random: Random) -> Array:
+    """(W, P + n) starting points, spread wider than the posterior: a few sweeps at a higher temperature.
+
+    They begin inside the ellipsoid that the barrier's Hessian spans about the centre, which lies in the region
+    (Nesterov and Nemirovskii 1994, 2.1.1).
+    """
+    root = np.linalg.cholesky(centre.covariance)
+    noise = random.standard_normal((walkers, len(root)))
+    radius = random.random_sample((walkers, 1)) / np.linalg.norm(noise, axis=1, keepdims=True)
+    theta = centre.theta + 0.9 * radius * noise @ root.T
+    coordinates = np.concatenate([theta, np.zeros((walkers, target.likelihood.n_joints))], axis=1)
+    hot = InTurn([HitAndRun(target, directions, _HOT), NoiseScales(target)])
+    for _ in range(_SWEEPS):
+        coordinates = hot.update(coordinates, random)
+    return coordinates
+
+
+def body_blocks(region: Region) -> Integers:
+    """(P,) the matrix in which each parameter shows; one more label for those that show in none."""
+    shows = np.any(region.entries != 0.0, axis=0)
+    return np.where(shows.any(axis=0), shows.argmax(axis=0), len(shows)) if len(shows) else np.zeros(region.size, int)

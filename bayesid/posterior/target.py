@@ -1,0 +1,61 @@
+"""What is sampled: prior times likelihood over coordinates (theta, u)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesid.motion import Array
+from bayesid.posterior.likelihood import Likelihood
+from bayesid.posterior.prior import Prior
+
+
+@dataclass(frozen=True)
+class Target:
+    """The posterior of one branch, over P parameters and n logarithms of noise scales.
+
+    Attributes:
+        prior: of both.
+        likelihood: of both.
+    """
+
+    prior: Prior
+    likelihood: Likelihood
+
+    @property
+    def n_parameters(self) -> int:
+        """P."""
+        return len(self.prior.mean)
+
+    @property
+    def dimension(self) -> int:
+        """P + n."""
+        return self.n_parameters + self.likelihood.n_joints
+
+    def split(self, coordinates: Array) -> tuple[Array, Array]:
+        """Parameters theta (..., P) and u (..., n) of coordinates (..., P + n)."""
+        return coordinates[..., : self.n_parameters], coordinates[..., self.n_parameters :]
+
+    def log_density(self, coordinates: Array) -> Array:
+        """(W,) log posterior of (W, P + n), not normalised; -inf outside of the region."""
+        theta, log_scale = self.split(np.atleast_2d(coordinates))
+        value = self.prior.log_density(theta, log_scale)
+        inside = np.isfinite(value)
+        value[inside] += self.likelihood.log_likelihood(theta[inside], log_scale[inside])
+        return value
+
+    def quadratic(self, theta: Array, log_scale: Array) -> tuple[Array, Array]:
+        """A (P, P) and b (P,) of log p = -theta' A theta / 2 + b' theta + const, given noise scales and all signs.
+
+        Args:
+            theta: (P,) whose predictions decide the unknown signs.
+            log_scale: (n,) the noise scales u.
+        """
+        likelihood, prior = self.likelihood, self.prior
+        scale = log_scale[None]
+        signs = np.where(likelihood.push(theta[None], scale)[:, likelihood.unknown] >= 0.0, 1.0, -1.0)
+        data = likelihood.pull(np.zeros((1, likelihood.hessian.shape[1])), scale, signs)[0]
+        hessian = np.einsum("j,jrs->rs", np.exp(-2.0 * log_scale), likelihood.hessian)
+        precision = likelihood.projection.T @ hessian @ likelihood.projection + np.diag(prior.precision)
+        return 0.5 * (precision + precision.T), likelihood.projection.T @ data + prior.precision * prior.mean
