@@ -2,7 +2,7 @@
 
 import bayesid
 result = bayesid.identify("ur10e", "log.csv")
-result.fit.beta, result.fit.sd, result.sample_signs
+result.posterior.sd, result.sample_signs
 result.validate("another_log.csv").relative_residual
 """
 
@@ -11,7 +11,8 @@ from importlib.metadata import version
 from bayesid.errors import BayesidError, InputError, SolverError
 from bayesid.identification import Identification, identify
 from bayesid.log import Log, join_logs, read_log, write_log
-from bayesid.results import load_model, save_identification, save_validation
+from bayesid.nominal import read_nominal
+from bayesid.results import inference_data, load_model, save_identification, save_validation
 from bayesid.robot import Robot, load_robot
 from bayesid.validation import Validation, validate
 
@@ -19,6 +20,6 @@ __version__ = version("bayesid")
 
 __all__ = [
     "BayesidError", "Identification", "InputError", "Log", "Robot", "SolverError", "Validation", "identify",
-    "join_logs", "load_model", "load_robot", "read_log", "save_identification", "save_validation", "validate",
-    "write_log",
+    "inference_data", "join_logs", "load_model", "load_robot", "read_log", "read_nominal", "save_identification",
+    "save_validation", "validate", "write_log",
 ]  # fmt: skip

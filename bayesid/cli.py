@@ -106,7 +106,15 @@ def _add_identify(commands: argparse._SubParsersAction[_Parser]) -> None:
     parser.add_argument("--cutoff", type=float, metavar="HZ", help="of the motion's low-pass (default: from the data)")
     parser.add_argument("--gains", help="N m/A of each joint, for a log of currents: K1,K2,..")
     parser.add_argument("--unsigned", help="all, none, or joints as in 1,3 (default: those never negative)")
-    parser.add_argument("--no-posterior", action="store_true", help="skip the posterior (this version has none yet)")
+    parser.add_argument("--no-posterior", action="store_true", help="skip sampling; uncertainties leave the cone out")
+    parser.add_argument(
+        "--posterior-budget", type=float, default=60.0, metavar="S",
+        help="seconds that sampling may take; it ends when it has converged (default: %(default)g)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--nominal", type=Path, metavar="CSV",
+        help="parameters known beforehand, from CAD or a data sheet: name,mean,sd, names as in parameters.csv",
+    )  # fmt: skip
     parser.add_argument("--seed", type=_seed, default=0, help="of everything random (default: 0)")
     parser.add_argument("--out", type=Path, help="result folder (default: bayesid-LOG)")
     parser.add_argument("--quiet", action="store_true", help="print nothing but warnings and errors")
@@ -155,7 +163,9 @@ def _identify(options: argparse.Namespace) -> None:
         result = bayesid.identify(
             options.robot, log, terms, options.search, search_budget=options.search_budget,
             beam_width=options.beam_width, initial_segments=options.initial_segments,
-            cutoff=options.cutoff, progress=bars.show,
+            cutoff=options.cutoff, posterior=not options.no_posterior, posterior_budget=options.posterior_budget,
+            seed=options.seed, nominal=None if options.nominal is None else bayesid.read_nominal(options.nominal),
+            progress=bars.show,
         )  # fmt: skip
     bayesid.save_identification(result, folder)
     for warning in result.warnings:
@@ -170,10 +180,12 @@ def _validate(options: argparse.Namespace) -> None:
         check_folder(options.out, VALIDATION_FILES)
     stored = bayesid.load_model(options.result)
     log = bayesid.read_log(options.log, _gains(options.gains), options.unsigned)
-    result = bayesid.validate(stored.model, stored.theta, stored.noise, log, options.cutoff)
-    print("joint   RMS error, N m   relative residual")
-    for j, (error, relative) in enumerate(zip(result.rms_error, result.relative_residual, strict=True), start=1):
-        print(f"{j:>5}   {error:>14.4g}   {relative:>16.1%}")
+    result = bayesid.validate(stored.model, stored.theta, stored.noise, log, options.cutoff, stored.draws)
+    print("joint   RMS error, N m   relative residual   in the 95 % band")
+    figures = zip(result.rms_error, result.relative_residual, result.coverage, strict=True)
+    for j, (error, relative, inside) in enumerate(figures, start=1):
+        print(f"{j:>5}   {error:>14.4g}   {relative:>17.1%}   {inside:>16.1%}")
+    print(f"the band holds {result.band}")
     if options.out is not None:
         print(f"written to {bayesid.save_validation(result, options.out)}/")
 
@@ -222,9 +234,10 @@ def identification_table(result: bayesid.Identification) -> str:
     lines = [
         f"{result.model.robot.name}: {len(result.log)} rows, {len(segments)} segments "
         f"({len(search.signs)} searched), {len(result.coefficients)} coefficients "
-        f"({int((fit.sd < 0.1 * np.abs(fit.beta)).sum())} known to 10 %), "
+        f"({_known(result)} known to 10 %), "
         f"condition number {fit.condition:.0f}",
         f"search: {search.method}, {search.solves} cone problems, {result.timings['search']:.1f} s; {_proven(result)}",
+        _sampled(result),
         "joint   segments   least sure   |effort| sure to 99 %   relative residual",
     ]
     sure = np.maximum(result.probability, 1.0 - result.probability) >= 0.99
@@ -239,6 +252,11 @@ def identification_table(result: bayesid.Identification) -> str:
     return "\n".join(lines)
 
 
+def _known(result: bayesid.Identification) -> int:
+    sd = result.fit.sd if result.posterior is None else result.posterior.sd
+    return int((sd < 0.1 * np.abs(result.coefficients.project(result.theta))).sum())
+
+
 def _proven(result: bayesid.Identification) -> str:
     search = result.search
     if search.certified:
@@ -248,6 +266,18 @@ def _proven(result: bayesid.Identification) -> str:
     if search.lower_bound is None:
         return "not certified"
     return f"not certified: cost {search.cost:.1f}, proven lower bound {search.lower_bound:.1f}"
+
+
+def _sampled(result: bayesid.Identification) -> str:
+    posterior = result.posterior
+    if posterior is None:
+        return "posterior: not sampled"
+    state = "converged" if posterior.converged else "NOT CONVERGED"
+    modes = "" if len(posterior.modes) == 1 else f", {len(posterior.modes)} modes"
+    return (
+        f"posterior: {state}, R-hat {posterior.max_rhat:.3f}, effective sample size {posterior.min_ess:.0f}{modes}, "
+        f"{posterior.seconds:.1f} s"
+    )
 
 
 class _Bars:
@@ -276,7 +306,7 @@ class _Bars:
                 self._bar.close()
             self._stage = stage
             disable = True if self._quiet else None  # None: only on a terminal
-            self._bar = tqdm(total=total, desc=stage, unit=" segments", delay=1.0, disable=disable, leave=False)
+            self._bar = tqdm(total=total, desc=stage, unit="", delay=1.0, disable=disable, leave=False)
         self._bar.update(done - self._bar.n)
 
 

@@ -1,7 +1,13 @@
-"""Ordinary identification: the parameters and their uncertainty once the signs are known."""
+"""Ordinary identification: the parameters and their uncertainty once the signs are known, or known but for chance.
+
+Near zero nobody knows the sign of a noisy sample. Its expected sign takes its place: the equations
+sum y_i (E[s_i] |tau|_i - y_i beta) = 0 are those of the maximum of the likelihood with the signs summed out, where the
+likelier sign would pull every small effort away from zero.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,12 +15,17 @@ import numpy as np
 from bayesid.coefficients import BaseCoefficients
 from bayesid.errors import SolverError
 from bayesid.model import Model
-from bayesid.moments import moments
+from bayesid.moments import Moments, moments
 from bayesid.motion import Array, Mask
-from bayesid.noise import Noise, relative_rms, residual_noise
+from bayesid.noise import Noise, noise_before_fit, relative_rms, residual_noise
 from bayesid.segments import Segments
 from bayesid.signals import Signals, signed_effort
 from bayesid.solver import MARGIN, move_inside, solve_precisely
+
+_MOST_CORRECTED = 30_000
+"""Samples; what a fit takes from the noise of a longer log is not worth the while."""
+_BLIND = 1e-10
+"""Curvature, relative to the largest one, in which a fit to noise alone has no say."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +37,8 @@ class Fit:
         beta: (r,) their base coefficients.
         covariance: (r, r) of the coefficients, from the information matrix with effective sample counts; inf on the
             diagonal where the log does not excite a coefficient.
-        noise: of the residual, per joint.
+        noise: of the efforts, per joint: what was there before the fit took its share.
+        residual: of the residual itself, per joint.
         predicted: (N, n) the model's efforts, N m.
         relative_residual: (n,) RMS of the residual over RMS of the effort, in motion.
         condition: condition number of the regressor with columns of unit length.
@@ -39,6 +51,7 @@ class Fit:
     beta: Array
     covariance: Array
     noise: Noise
+    residual: Noise
     predicted: Array
     relative_residual: Array
     condition: float
@@ -66,15 +79,14 @@ def fit_signed(
         model: the model.
         coefficients: its base coefficients.
         signals: the log.
-        signs: (N, n) sign of every sample.
+        signs: (N, n) expected sign of every sample: +1 or -1 where it is known, between them where it is not.
         moving: (N, n) samples that count.
 
     Raises:
         SolverError: Clarabel failed.
     """
-    unfiltered = signed_effort(signals, signs, filtered=False)  # a filter would blur friction's steps, not the columns'
-    used = moving & _inner(signals)
-    raw = moments(model, coefficients, signals.motion, unfiltered, _stretches(used))
+    used = moving & inner_samples(signals)
+    raw = expected_moments(model, coefficients, signals, signs, _stretches(used))
     sigma = raw.rms_effort(model.robot.n_joints)
     for _ in range(2):  # the noise levels follow from a first fit with equal relative weights
         scaled = raw.scaled(sigma)
@@ -83,8 +95,9 @@ def fit_signed(
         sigma = raw.residual_sd(coefficients.project(solution.theta), raw.known, model.robot.n_joints)
     theta, moved_inside = _move_inside(model, coefficients, solution.theta)
     predicted = model.effort(signals.motion, theta)
-    noise = residual_noise(unfiltered - predicted, used, signals.rate)
-    effort = signed_effort(signals, signs)
+    residual = residual_noise(_nearest(signals, predicted) - predicted, used, signals.rate)
+    noise = _before_fit(model, coefficients, signals, used, sigma, predicted, residual)
+    effort = signed_effort(signals, np.where(signs >= 0.0, 1.0, -1.0))
     effective = raw.scaled(noise.sigma * np.sqrt(noise.autocorrelation)).hessian.sum(axis=0)
     covariance, condition = _covariance(effective)
     return Fit(
@@ -92,6 +105,7 @@ def fit_signed(
         beta=coefficients.project(theta),
         covariance=covariance,
         noise=noise,
+        residual=residual,
         predicted=predicted,
         relative_residual=relative_rms(effort - predicted, effort, moving),
         condition=condition,
@@ -99,6 +113,68 @@ def fit_signed(
         tolerance=solution.tolerance,
         moved_inside=moved_inside,
     )
+
+
+def expected_moments(
+    model: Model, coefficients: BaseCoefficients, signals: Signals, signs: Array, segments: Segments,
+    own: int | None = None,
+) -> Moments:  # fmt: skip
+    """Moments of the unfiltered efforts (a filter would blur friction's steps, not the columns') in expected signs.
+
+    Args:
+        model: the model.
+        coefficients: its r base coefficients.
+        signals: the log.
+        signs: (N, n) expected sign of every sample, -1 to +1.
+        segments: where to sum.
+        own: see `bayesid.moments.moments`.
+    """
+    effort = signed_effort(signals, signs, filtered=False)
+    return moments(model, coefficients, signals.motion, effort, segments, own, square=signals.raw_effort**2)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Noise
+# ---------------------------------------------------------------------------------------------------------------
+def _nearest(signals: Signals, predicted: Array) -> Array:
+    """(N, n) efforts, N m, with the sign of the prediction where they have none of their own."""
+    signs = np.where(predicted >= 0.0, 1.0, -1.0)
+    return np.where(signals.signed, signals.raw_effort, signs * np.abs(signals.raw_effort))
+
+
+def _before_fit(
+    model: Model, coefficients: BaseCoefficients, signals: Signals, used: Mask, sigma: Array, predicted: Array,
+    residual: Noise,
+) -> Noise:  # fmt: skip
+    """The noise of the efforts from that of the residual; of a long log the residual's own."""
+    if len(used) > _MOST_CORRECTED:
+        return residual.with_time_of_model(signals.rate)
+    columns = np.concatenate([rows[:, :, coefficients.kept] for _, rows in model.chunks(signals.motion)])
+    residuals = _refit(np.where(used[:, :, None], columns, 0.0), sigma)
+    signs = np.where(predicted >= 0.0, 1.0, -1.0)[:, :, None]
+
+    def after_fit(noise: Array) -> Array:
+        noisy = predicted[:, :, None] + noise
+        nearest = np.where(signals.signed[:, None], noisy, signs * np.abs(noisy))  # as for the residual itself
+        return residuals(np.where(used[:, :, None], nearest - predicted[:, :, None], 0.0))
+
+    return noise_before_fit(residual, after_fit, used, signals.rate)
+
+
+def _refit(columns: Array, sigma: Array) -> Callable[[Array], Array]:
+    """What least squares without the cone leaves of (N, n, K) efforts, for columns (N, n, r) and sigma (n,)."""
+    rows = (columns / sigma[:, None]).reshape(-1, columns.shape[2])
+    information = rows.T @ rows
+    lengths = np.sqrt(np.maximum(np.diag(information), _BLIND * np.diag(information).max()))
+    inverse = np.linalg.pinv(information / np.outer(lengths, lengths), rcond=_BLIND, hermitian=True)
+    inverse /= np.outer(lengths, lengths)
+
+    def residuals(effort: Array) -> Array:
+        scaled = (effort / sigma[:, None]).reshape(len(rows), -1)
+        left: Array = (scaled - rows @ (inverse @ (rows.T @ scaled))).reshape(effort.shape) * sigma[:, None]
+        return left
+
+    return residuals
 
 
 def _move_inside(model: Model, coefficients: BaseCoefficients, theta: Array) -> tuple[Array, bool]:
@@ -111,7 +187,7 @@ def _move_inside(model: Model, coefficients: BaseCoefficients, theta: Array) -> 
     return (moved, True) if better else (theta, False)
 
 
-def _inner(signals: Signals) -> Mask:
+def inner_samples(signals: Signals) -> Mask:
     """(N, 1) samples far enough from both ends for their accelerations to be trusted: half a period of the cut-off."""
     margin = 0.5 / signals.cutoff
     t = signals.motion.t

@@ -1,14 +1,14 @@
 """The pipeline: from a log of |effort| to signs, coefficients and feasible parameters.
 
 signals -> segments -> moments -> search (repeated while a segment's predicted effort crosses zero) -> signs of all
-samples -> ordinary identification on the signed efforts -> feasible parameters.
+samples -> ordinary identification on the signed efforts -> posterior -> signs of all samples, averaged over its draws.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,23 +17,35 @@ from threadpoolctl import threadpool_limits
 from bayesid import terms as catalogue
 from bayesid.coefficients import BaseCoefficients, base_coefficients
 from bayesid.errors import InputError
-from bayesid.fit import Fit, fit_signed
+from bayesid.fit import Fit, expected_moments, fit_signed, inner_samples
 from bayesid.log import Log, read_log
 from bayesid.model import Model
-from bayesid.motion import Array, Integers, Mask
-from bayesid.noise import residual_noise
+from bayesid.motion import Array, Integers
+from bayesid.nominal import nominal_of
+from bayesid.posterior.inference import Posterior, infer
+from bayesid.posterior.prior import Links, Nominal
+from bayesid.posterior.sampler import SamplerOptions
 from bayesid.robot import Robot, load_robot
 from bayesid.search.result import SearchResult
 from bayesid.segments import Segments, find_segments
+from bayesid.sign_model import Settled, richer_model, settle_signs, weight_against
 from bayesid.signals import Signals, prepare
-from bayesid.signs import METHODS, POOR, FoundSigns, NodeCostFactory, Progress, SearchOptions, SignSearch
+from bayesid.signs import METHODS, POOR, FoundSigns, NodeCostFactory, Progress, SearchOptions
 from bayesid.smoothing import sign_probabilities
-from bayesid.validation import Validation, validate
+from bayesid.validation import ParameterDraws, Validation, validate
 
+LINKS = Links()
+"""What is believed of any link unless told otherwise."""
 _UNDERSHOOT = 0.05
 """A filter after the rectifier makes |effort| reach below zero, by less than this share of its maximum."""
 _LEAST_MOTION = 1e-3
 """rad; a joint that never leaves this range stands still but for its encoder's noise."""
+_POINTWISE = 150
+"""Segments of each joint whose likelihood is kept by itself, for comparisons of models; weaker ones share one."""
+_MOST_SMOOTHED, _FEWEST_SMOOTHED = 24, 4
+"""Draws of the posterior over which the samples' probabilities are averaged."""
+_SMOOTHED = 200_000
+"""Samples times draws, from which on there are fewer draws: a long log leaves little doubt about parameters."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +61,10 @@ class Identification:
         signs: (S,) +1 or -1.
         confidence: (S,) expected share of the segment's |effort| whose sign is right.
         probability: (N, n) P(sign = +) of every sample.
-        fit: parameters and their uncertainty.
+        fit: parameters by least squares, their uncertainty, and the noise.
+        posterior: draws; None if it was not asked for.
+        sign_terms: terms of the model under which the signs were settled.
+        sign_weight: of that model, against the one asked for where they differ.
         searched: the segments in motion, as the last search had them.
         search: that search.
         rounds: searches until no segment's predicted effort crossed zero.
@@ -66,11 +81,19 @@ class Identification:
     confidence: Array
     probability: Array
     fit: Fit
+    posterior: Posterior | None
+    sign_terms: tuple[str, ...]
+    sign_weight: float
     searched: Segments
     search: SearchResult
     rounds: int
     timings: dict[str, float]
     warnings: tuple[str, ...]
+
+    @property
+    def theta(self) -> Array:
+        """(P,) the model's parameters: the posterior's mean, or least squares' where there is no posterior."""
+        return self.fit.theta if self.posterior is None else self.posterior.theta
 
     @property
     def settled_share(self) -> float | None:
@@ -88,7 +111,15 @@ class Identification:
     def validate(self, log: Log | str | Path, cutoff: float | None = None) -> Validation:
         """Predicts another log of the same robot (see `bayesid.validation.validate`)."""
         log = log if isinstance(log, Log) else read_log(log)
-        return validate(self.model, self.fit.theta, self.fit.noise, log, cutoff)
+        return validate(self.model, self.theta, self.fit.noise, log, cutoff, self.parameter_draws)
+
+    @property
+    def parameter_draws(self) -> ParameterDraws | None:
+        """Draws for predictions, or None without a posterior."""
+        if self.posterior is None:
+            return None
+        theta, log_scale = self.posterior.spread()
+        return ParameterDraws(theta, self.posterior.target.likelihood.sigma * np.exp(log_scale))
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # matrices are small: threads only wait for each other
@@ -102,6 +133,11 @@ def identify(
     beam_width: int = 5,
     initial_segments: int = 5,
     cutoff: float | None = None,
+    posterior: bool = True,
+    posterior_budget: float = 60.0,
+    seed: int = 0,
+    links: Links = LINKS,
+    nominal: Mapping[str, tuple[float, float]] | None = None,
     progress: Progress | None = None,
     node_cost: NodeCostFactory | None = None,
 ) -> Identification:
@@ -117,51 +153,115 @@ def identify(
         beam_width: w of T-PBPR, where a beam is used.
         initial_segments: s0 of T-PBPR.
         cutoff: of the motion's low-pass, Hz; from the data by default.
+        posterior: whether to sample it.
+        posterior_budget: seconds that sampling may take; draws that have not converged by then are marked so.
+        seed: of all random numbers.
+        links: what is believed of any link beforehand.
+        nominal: parameters known beforehand (CAD, data sheet): name to mean and standard deviation.
         progress: called as progress(stage, done, total) while a long stage runs.
-
         node_cost: what prices a node of the beam, made from (cone, coefficients, hessian, energy); the cone by default.
 
     Raises:
         InputError: the robot, the log or an option cannot be used.
         SolverError: an optimisation failed.
     """
+    if not 0.0 <= posterior_budget < np.inf:
+        raise InputError(f"a budget of {posterior_budget:g} s", "--posterior-budget", "give 0 or more seconds")
     options = SearchOptions(search, search_budget, missed_mass, beam_width, initial_segments, node_cost)
+    sampling = SamplerOptions(budget=posterior_budget, seed=seed)
     clock = _Clock()
     robot = robot if isinstance(robot, Robot) else load_robot(robot)
     log = log if isinstance(log, Log) else read_log(log)
     _check(robot, log)
     signals = prepare(log, cutoff)
     model = Model(robot, catalogue.make_terms(terms, robot, signals.motion))
-    coefficients = base_coefficients(model)
     segments = find_segments(signals, robot.actuators(signals.motion))
-    _check_amount(segments, coefficients, log)
+    _check_amount(segments, base_coefficients(model), log)
+    known = None if nominal is None else nominal_of(model, nominal)
     clock.lap("prepare")
-    found = SignSearch(model, coefficients, signals, options, progress).run(segments)
+    own = settle_signs(model, signals, segments, options, progress)
     clock.lap("search")
-    segments = found.segments
-    moving = segments.per_sample(segments.moving, *signals.effort.shape) > 0
-    probability = _smooth(model, signals, found, moving)
-    clock.lap("smooth")
-    fit = fit_signed(model, coefficients, signals, np.where(probability >= 0.5, 1.0, -1.0), moving)
-    clock.lap("fit")
-    searched, segments = segments[segments.moving], segments.split(_sign_changes(signals))
+    rival, weight = _second_opinion(own, signals, segments, options, progress)
+    settled, fit, probability = _average(own, rival, weight, signals)
+    clock.lap("second opinion")
+    found, drawn = settled.found, None
+    searched = found.segments[found.segments.moving]
+    if posterior:
+        drawn = _sample(own, rival, settled, fit, probability, signals, sampling, links, known, progress)
+        clock.lap("posterior")
+        if settled is own:
+            probability = _average_over_draws(own, drawn, signals)
+        clock.lap("smooth")
+    segments = found.segments.split(_sign_changes(signals))
     signs, confidence = _segment_signs(segments, probability, signals.raw_effort)
     return Identification(
-        model, coefficients, log, signals, segments, signs, confidence, probability, fit, searched, found.search,
-        found.rounds, clock.laps, _warnings(fit, found, log),
+        model, own.coefficients, log, signals, segments, signs, confidence, probability, fit, drawn,
+        tuple(term.name for term in settled.model.terms), 1.0 - weight if settled is own else weight,
+        searched, found.search, found.rounds, clock.laps, (*_warnings(fit, found, log), *_doubts(drawn, own, settled)),
     )  # fmt: skip
 
 
 # ---------------------------------------------------------------------------------------------------------------
 # Signs of samples and segments
 # ---------------------------------------------------------------------------------------------------------------
-def _smooth(model: Model, signals: Signals, found: FoundSigns, moving: Mask) -> Array:
-    """(N, n) P(sign = +) of every sample, from the search's parameters and the noise of its residual."""
-    signs = found.segments[found.segments.moving].per_sample(found.search.signs, *moving.shape)
-    predicted = model.effort(signals.motion, found.search.theta)
-    noise = residual_noise(np.where(moving, signs * signals.raw_effort - predicted, 0.0), moving, signals.rate)
-    probability = sign_probabilities(np.abs(signals.raw_effort), predicted, moving, noise, signals.rate)
-    return np.where(signals.signed, (signals.raw_effort >= 0.0).astype(float), probability)
+def _second_opinion(
+    own: Settled, signals: Signals, segments: Segments, options: SearchOptions, progress: Progress | None
+) -> tuple[Settled | None, float]:
+    """Signs under the model with all standard effects, where that is worth asking, and its weight."""
+    model = richer_model(own, signals)
+    if model is None:
+        return None, 0.0
+    told = None if progress is None else _under(progress, "standard effects")
+    rival = settle_signs(model, signals, segments, options, told)
+    return rival, weight_against(rival, own)
+
+
+def _under(progress: Progress, heading: str) -> Progress:
+    return lambda stage, done, total: progress(f"{heading}: {stage}", done, total)
+
+
+def _average(own: Settled, rival: Settled | None, weight: float, signals: Signals) -> tuple[Settled, Fit, Array]:
+    """The model by which segments are cut and signed, the fit of the model asked for, and (N, n) P(sign = +)."""
+    if rival is None:
+        return own, own.fit, own.probability
+    probability = weight * rival.probability + (1.0 - weight) * own.probability
+    if weight < 0.5:
+        return own, own.fit, probability
+    signs = 2.0 * probability - 1.0
+    return rival, fit_signed(own.model, own.coefficients, signals, signs, rival.moving), probability
+
+
+def _sample(
+    own: Settled, rival: Settled | None, settled: Settled, fit: Fit, probability: Array, signals: Signals,
+    options: SamplerOptions, links: Links, nominal: Nominal | None, progress: Progress | None,
+) -> Posterior:  # fmt: skip
+    """The posterior of the model asked for; signs that another model has settled are given, all others summed out."""
+    segments, search = settled.found.segments[settled.found.segments.moving], settled.found.search
+    inside = np.flatnonzero(inner_samples(signals))
+    bounds = int(inside[0]), int(inside[-1]) + 1
+    segments = replace(segments, start=np.clip(segments.start, *bounds), end=np.clip(segments.end, *bounds))
+    relative = (2.0 * probability - 1.0) * segments.per_sample(search.signs, *probability.shape)
+    moments = expected_moments(own.model, own.coefficients, signals, relative, segments, _POINTWISE)
+    if settled is rival:
+        moments = replace(moments, known=search.signs)
+        search = replace(search, theta=fit.theta, branches=(), settled=None)
+    told = None if progress is None else _named(progress, "posterior")
+    return infer(moments, own.coefficients, own.model.cone, fit.noise, search, options, links, nominal, told)
+
+
+def _named(progress: Progress, stage: str) -> Callable[[int, int], None]:
+    return lambda done, total: progress(stage, done, total)
+
+
+def _average_over_draws(own: Settled, drawn: Posterior, signals: Signals) -> Array:
+    """(N, n) P(sign = +) of every sample, averaged over draws of parameters and noise."""
+    count = int(np.clip(_SMOOTHED / len(signals.motion), _FEWEST_SMOOTHED, _MOST_SMOOTHED))
+    theta, log_scale = drawn.spread(count)
+    predicted = np.stack([own.model.effort(signals.motion, one) for one in theta], axis=2)
+    noise = own.fit.noise.scaled(np.exp(log_scale.mean(axis=0)))
+    known = own.moving & inner_samples(signals)  # accelerations at both ends are no better known than friction at rest
+    smoothed = sign_probabilities(np.abs(signals.raw_effort), predicted, known, noise, signals.rate)
+    return np.where(signals.signed, (signals.raw_effort >= 0.0).astype(float), smoothed)
 
 
 def _sign_changes(signals: Signals) -> list[tuple[int, int]]:
@@ -233,3 +333,15 @@ def _warnings(fit: Fit, signs: FoundSigns, log: Log) -> tuple[str, ...]:
         found.append(f"the final fit reached a relative gap of {fit.tolerance:g} only")
     return tuple(found)
 
+
+def _doubts(drawn: Posterior | None, own: Settled, settled: Settled) -> tuple[str, ...]:
+    """What is to be said about the posterior, and about the model under which the signs were settled."""
+    found = []
+    if settled is not own:
+        named = [term.name for term in own.model.terms]
+        missing = ", ".join(term.name for term in settled.model.terms if term.name not in named)
+        found.append(f"the model lacks {missing}: with these terms the log is explained far better; signs rest on them")
+    if drawn is not None and not drawn.converged:
+        figures = f"R-hat {drawn.max_rhat:.3f}, effective sample size {drawn.min_ess:.0f}"
+        found.append(f"the posterior has not converged ({figures}); give more --posterior-budget")
+    return tuple(found)

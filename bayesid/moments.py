@@ -129,6 +129,7 @@ def moments(
     effort: Array,
     segments: Segments,
     own: int | None = None,
+    square: Array | None = None,
 ) -> Moments:
     """Moments of a log, streamed over chunks of its samples.
 
@@ -139,10 +140,12 @@ def moments(
         effort: (N, n) efforts, N m; absolute values for segments of unknown sign.
         segments: where the sign is constant; samples outside of every segment do not count.
         own: segments of each joint that have a part of their own, those with most energy; all by default.
+        square: (N, n) expected squares of the efforts where `effort` is an expectation itself; its squares by default.
     """
     size, r = len(segments), len(coefficients)
     ranges = list(zip(segments.joint, segments.start, segments.end, strict=True))
-    energy = np.array([np.sum(effort[a:b, j] ** 2) for j, a, b in ranges])
+    square = effort**2 if square is None else square
+    energy = np.array([np.sum(square[a:b, j]) for j, a, b in ranges])
     part = np.arange(size) if own is None else _parts(segments.joint, segments.known, energy, own)
     hessian, gradient = np.zeros((part.max(initial=-1) + 1, r, r)), np.zeros((size, r))
     for rows, columns in model.chunks(motion):

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.signal import lfilter
 
 from bayesid.motion import Array, Mask
 
@@ -12,6 +14,11 @@ _WHITE_LAG = 0.02
 """s; sensor noise is forgotten after this long, model error is not."""
 _LONGEST = 0.5
 """s; beyond this lag a residual's correlation is not followed."""
+_REPLICATES, _ITERATIONS = 12, 4
+_MOST_CHANGE = 3.0
+"""By which factor one iteration may change a figure, up or down."""
+_LONGEST_MEMORY = 0.5
+"""s; a longer correlation of the noise cannot be told from the motion's own."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +42,26 @@ class Noise:
         """(n,) sd of the whole residual, N m."""
         return np.hypot(self.white, self.coloured)
 
+    def scaled(self, factor: Array) -> Noise:
+        """The same noise, larger by a factor (n,) a joint."""
+        return replace(self, white=factor * self.white, coloured=factor * self.coloured)
+
+    def draw(self, samples: int, replicates: int, rate: float, rng: np.random.Generator) -> Array:
+        """(samples, n, replicates) noise: white plus an Ornstein-Uhlenbeck process, N m."""
+        shape = (samples, len(self.white), replicates)
+        drawn = self.white[:, None] * rng.standard_normal(shape)
+        for j, memory in enumerate(np.exp(-1.0 / (self.correlation * rate))):
+            innovation, start = rng.standard_normal((samples, replicates)), rng.standard_normal((1, replicates))
+            lasting = lfilter([np.sqrt(1.0 - memory**2)], [1.0, -memory], innovation, axis=0, zi=memory * start)[0]
+            drawn[:, j] += self.coloured[j] * lasting
+        return drawn
+
+    def with_time_of_model(self, rate: float) -> Noise:
+        """The same noise; its integrated autocorrelation time follows from white and coloured part."""
+        memory = np.exp(-1.0 / (self.correlation * rate))
+        share = (self.coloured / self.sigma) ** 2
+        return replace(self, autocorrelation=1.0 + 2.0 * share * memory / (1.0 - memory))
+
 
 def residual_noise(residual: Array, used: Mask, rate: float) -> Noise:
     """Splits each joint's residual into a white and an exponentially correlated part.
@@ -46,6 +73,34 @@ def residual_noise(residual: Array, used: Mask, rate: float) -> Noise:
     """
     columns = [_split(residual[:, j], used[:, j], rate) for j in range(residual.shape[1])]
     return Noise(*(np.array(values) for values in zip(*columns, strict=True)))
+
+
+def noise_before_fit(observed: Noise, residuals: Callable[[Array], Array], used: Mask, rate: float) -> Noise:
+    """The noise whose residuals look like the observed ones *after a fit*, by indirect inference.
+
+    A fit takes for itself what it can of the noise, and of slow noise most; so residuals look smaller and whiter than
+    the noise is. Replicates of a noise are put through the same fit, and its figures are changed until the replicates'
+    residuals have the observed figures on average (Gourieroux, Monfort and Renault 1993).
+
+    Args:
+        observed: figures of the residual.
+        residuals: from noise (N, n, K) to the residuals (N, n, K) of a fit to it, N m.
+        used: (N, n) which samples count.
+        rate: Hz.
+    """
+    found = observed
+    for _ in range(_ITERATIONS):
+        rng = np.random.default_rng(0)  # the same replicates every time: the iteration has a fixed point
+        left = residuals(found.draw(len(used), _REPLICATES, rate, rng))
+        seen = [residual_noise(left[..., k], used, rate) for k in range(_REPLICATES)]
+        figures = {}
+        for name in ("white", "coloured", "correlation"):
+            mean = np.exp(np.mean([np.log(getattr(noise, name)) for noise in seen], axis=0))
+            change = np.clip(getattr(observed, name) / mean, 1.0 / _MOST_CHANGE, _MOST_CHANGE)
+            figures[name] = getattr(found, name) * change
+        figures["correlation"] = np.minimum(figures["correlation"], _LONGEST_MEMORY)
+        found = replace(found, **figures)
+    return found.with_time_of_model(rate)
 
 
 def _split(residual: Array, used: Mask, rate: float) -> tuple[float, float, float, float]:

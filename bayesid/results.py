@@ -14,9 +14,10 @@ import tempfile
 import tomllib
 from collections.abc import Callable, Iterator, Sequence, Set
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import tomli_w
@@ -26,12 +27,15 @@ from bayesid.export import urdf
 from bayesid.identification import Identification
 from bayesid.log import Log, write_log
 from bayesid.model import Model
-from bayesid.motion import Array, Motion, frozen
+from bayesid.motion import Array, Mask, Motion, frozen
 from bayesid.noise import Noise
 from bayesid.robot import robot_from_table, robot_table
 from bayesid.signals import Signals
 from bayesid.terms import CATALOGUE, make_term
-from bayesid.validation import Validation
+from bayesid.validation import ParameterDraws, Validation
+
+if TYPE_CHECKING:
+    from arviz import InferenceData  # ArviZ takes half a second to import: only where there is something to keep in it
 
 _MARKER = "summary.json"
 IDENTIFICATION_FILES = frozenset({
@@ -50,12 +54,14 @@ class StoredModel:
     Attributes:
         model: robot and terms.
         theta: (P,) parameters.
-        noise: of the residual on the log the model was identified from.
+        noise: of the efforts of the log the model was identified from.
+        draws: of the posterior; None if it was not sampled.
     """
 
     model: Model
     theta: Array
     noise: Noise
+    draws: ParameterDraws | None = None
 
 
 def save_identification(identification: Identification, folder: str | Path, with_log: bool = False) -> Path:
@@ -79,10 +85,13 @@ def save_identification(identification: Identification, folder: str | Path, with
         )
         _write_table(place / "coefficients.csv", coefficient_rows(identification))
         _write_table(place / "parameters.csv", parameter_rows(identification))
-        fit = identification.fit
-        stored = StoredModel(identification.model, fit.theta, fit.noise)
+        stored = StoredModel(identification.model, identification.theta, identification.fit.noise)
         (place / "model.toml").write_text(tomli_w.dumps(_model_table(stored)))
-        (place / "robot.urdf").write_text(urdf(identification.model, fit.theta))
+        (place / "robot.urdf").write_text(urdf(identification.model, identification.theta))
+        if identification.posterior is not None:
+            from bayesid.posterior.inference_data import write
+
+            write(inference_data(identification), place / "posterior.nc")
         if with_log:
             write_log(place / "log.csv", identification.log)
 
@@ -100,8 +109,8 @@ def save_validation(validation: Validation, folder: str | Path) -> Path:
     def write(place: Path) -> None:
         _write_json(place / "summary.json", validation_summary(validation))
         _write_signed_log(place / "signed_log.csv", validation.log, validation.signals, validation.probability)
-        names = ["t", *_numbered("tau", n), *_numbered("predicted", n)]
-        efforts = np.hstack([validation.measured, validation.predicted])
+        names = ["t", *(name for prefix in ("tau", "predicted", "lower", "upper") for name in _numbered(prefix, n))]
+        efforts = np.hstack([validation.measured, validation.predicted, validation.lower, validation.upper])
         _write_columns(place / "prediction.csv", names, validation.signals.motion.t, efforts, ".8g")
 
     return _write_aside(check_folder(folder, VALIDATION_FILES), write)
@@ -122,7 +131,8 @@ def load_model(folder: str | Path) -> StoredModel:
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise InputError(f"cannot be read ({error})", str(path), remedy) from None
     try:
-        return _stored_model(table, str(path))
+        stored = _stored_model(table, str(path))
+        return replace(stored, draws=_stored_draws(stored.model, path.with_name("posterior.nc")))
     except InputError:
         raise
     except KeyError as error:
@@ -144,6 +154,14 @@ def _stored_model(table: dict[str, Any], where: str) -> StoredModel:
     _check_shapes(model)
     theta = frozen([table["values"][name] for name in names], (len(names),), "values")
     return StoredModel(model, theta, _stored_noise(table["noise"], robot.n_joints))
+
+
+def _stored_draws(model: Model, path: Path) -> ParameterDraws | None:
+    if not path.exists():
+        return None
+    from bayesid.posterior.inference_data import read_draws
+
+    return ParameterDraws(*read_draws(path, [parameter.name for parameter in model.parameters]))
 
 
 def _check_shapes(model: Model) -> None:
@@ -215,14 +233,21 @@ def summary(identification: Identification) -> dict[str, Any]:
             "nodes": search.nodes,
             "rounds": identification.rounds,
         },
-        "posterior": None,
+        "signs": {
+            "model": list(identification.sign_terms),
+            "weight": identification.sign_weight,
+        },
+        "posterior": _posterior_summary(identification),
         "noise": {
-            "assumed": "white sensor noise plus exponentially correlated model error, per joint",
+            "assumed": "white sensor noise plus exponentially correlated model error, per joint, before the fit "
+            "took its share; samples count by the integrated autocorrelation time",
             "sd": fit.noise.sigma.tolist(),
             "white_sd": fit.noise.white.tolist(),
             "coloured_sd": fit.noise.coloured.tolist(),
             "correlation_time_s": fit.noise.correlation.tolist(),
             "samples_that_count_as_one": fit.noise.autocorrelation.tolist(),
+            "effective_samples": _effective_samples(identification).tolist(),
+            "residual_sd": fit.residual.sigma.tolist(),
         },
         "fit": {
             "relative_residual": fit.relative_residual.tolist(),
@@ -231,11 +256,76 @@ def summary(identification: Identification) -> dict[str, Any]:
             "parameters_moved_inside": fit.moved_inside,
             "smallest_eigenvalues": fit.smallest_eigenvalues.tolist(),
             "links_on_edge": (np.flatnonzero(fit.on_edge) + 1).tolist(),
-            "standard_deviations": "information matrix with effective sample counts; the cone is not accounted for",
+            "standard_deviations": "information matrix with effective sample counts; the cone is not accounted for"
+            if identification.posterior is None
+            else "of the posterior",
         },
         "timings": identification.timings,
         "warnings": list(identification.warnings),
     }
+
+
+def _effective_samples(identification: Identification) -> Array:
+    """(n,) samples in motion over the autocorrelation time of the noise."""
+    segments, noise = identification.searched, identification.fit.noise
+    count = np.bincount(segments.joint, weights=segments.end - segments.start, minlength=len(noise.autocorrelation))
+    effective: Array = count / noise.autocorrelation
+    return effective
+
+
+def _posterior_summary(identification: Identification) -> dict[str, Any] | None:
+    posterior = identification.posterior
+    if posterior is None:
+        return None
+    draws, prior = posterior.draws, posterior.target.prior
+    return {
+        "converged": posterior.converged,
+        "max_rhat": posterior.max_rhat,
+        "min_ess": posterior.min_ess,
+        "max_rhat_of_parameters": max(one.draws.parameters.max_rhat for one in posterior.modes),
+        "draws": int(np.prod(draws.theta.shape[:3])),
+        "ensembles": posterior.options.ensembles,
+        "walkers": posterior.options.walkers,
+        "seed": posterior.options.seed,
+        "seconds": posterior.seconds,
+        "prior": "normal about a typical link inside the feasible set and its windows; see docs/posterior.md",
+        "prior_sd": dict(zip((one.name for one in identification.model.parameters), prior.sd.tolist(), strict=True)),
+        "noise_scale": np.exp(draws.log_scale).mean(axis=(0, 1, 2)).tolist(),
+        "modes": [
+            {"weight": one.weight, "log_evidence_se": None if one.evidence is None else one.evidence.standard_error}
+            for one in posterior.modes
+        ],
+        "assignments": posterior.branch_mass.tolist(),
+        "assignments_elsewhere": posterior.elsewhere,
+    }
+
+
+def inference_data(identification: Identification) -> InferenceData:
+    """The posterior as an `arviz.InferenceData`: what posterior.nc holds.
+
+    Raises:
+        ValueError: no posterior was sampled.
+    """
+    posterior = identification.posterior
+    if posterior is None:
+        raise ValueError("no posterior was sampled")
+    from bayesid.posterior.inference_data import Labels, make_inference_data
+
+    segments, t = identification.searched, identification.signals.motion.t
+    labels = Labels(
+        coefficients=identification.coefficients,
+        parameters=identification.model.parameters,
+        joints=[f"A{j}" for j in range(1, identification.model.robot.n_joints + 1)],
+        start=t[segments.start],
+        end=t[segments.end - 1],
+    )
+    content = summary(identification)
+    told = {key: content[key] for key in ("robot", "log", "terms", "noise", "signs")}
+    chosen = {key: content["posterior"][key] for key in ("converged", "max_rhat", "min_ess", "seed", "modes")}
+    versions = {f"{name}_version": version(name) for name in ("bayesid", "numpy", "emcee", "arviz")}
+    return make_inference_data(
+        posterior.draws, posterior.target, posterior.moments, labels, {**told, **chosen, **versions}
+    )
 
 
 def validation_summary(validation: Validation) -> dict[str, Any]:
@@ -245,6 +335,8 @@ def validation_summary(validation: Validation) -> dict[str, Any]:
         "n_samples": len(validation.log),
         "rms_error": validation.rms_error.tolist(),
         "relative_residual": validation.relative_residual.tolist(),
+        "coverage_95": validation.coverage.tolist(),
+        "band": validation.band,
         "signed_joints": (np.flatnonzero(validation.log.signed) + 1).tolist(),
         "signs": "measured where the log is signed, else the likelier sign under the model",
         "processing": validation.signals.processing,
@@ -252,49 +344,58 @@ def validation_summary(validation: Validation) -> dict[str, Any]:
 
 
 def coefficient_rows(identification: Identification) -> list[dict[str, object]]:
-    """coefficients.csv: one row a base coefficient."""
-    coefficients, fit = identification.coefficients, identification.fit
-    rows = []
-    for name, expression, unit, mean, sd in zip(
-        coefficients.names, coefficients.expressions, coefficients.units, fit.beta, fit.sd, strict=True
-    ):
-        rows.append(
-            {
-                "name": name,
-                "expression": expression,
-                "mean": mean,
-                "sd": sd,
-                "rsd_percent": 100.0 * sd / abs(mean) if mean else np.inf,
-                "q2.5": mean - _NORMAL_95 * sd,
-                "q97.5": mean + _NORMAL_95 * sd,
-                "unit": unit,
-            }
-        )
-    return rows
+    """coefficients.csv: one row a base coefficient, by the posterior if there is one."""
+    coefficients, fit, posterior = identification.coefficients, identification.fit, identification.posterior
+    if posterior is None:
+        mean, sd = fit.beta, fit.sd
+        low, high = mean - _NORMAL_95 * sd, mean + _NORMAL_95 * sd
+    else:
+        mean, sd = coefficients.project(posterior.theta), posterior.sd
+        low, high = posterior.interval(0.95)
+    return [
+        {
+            "name": coefficients.names[k],
+            "expression": coefficients.expressions[k],
+            "mean": mean[k],
+            "sd": sd[k],
+            "rsd_percent": 100.0 * sd[k] / abs(mean[k]) if mean[k] else np.inf,
+            "q2.5": low[k],
+            "q97.5": high[k],
+            "unit": coefficients.units[k],
+        }
+        for k in range(len(coefficients))
+    ]
 
 
 def parameter_rows(identification: Identification) -> list[dict[str, object]]:
-    """parameters.csv: one row a standard parameter; `sd` only where the data alone decide it."""
+    """parameters.csv: one row a standard parameter; without a posterior `sd` only where the data alone decide it."""
+    posterior = identification.posterior
+    if posterior is None:
+        sd, by_data = _data_sd(identification)
+    else:
+        sd, by_data = posterior.parameter_sd, posterior.decided_by_data
+    return [
+        {
+            "name": parameter.name,
+            "unit": parameter.unit,
+            "joint": parameter.joint,
+            "mean": identification.theta[k],
+            "sd": sd[k] if np.isfinite(sd[k]) else "",
+            "decided_by": "data" if by_data[k] else "prior",
+        }
+        for k, parameter in enumerate(identification.model.parameters)
+    ]
+
+
+def _data_sd(identification: Identification) -> tuple[Array, Mask]:
+    """(P,) standard deviations by the information matrix, NaN where (P,) the data do not decide a parameter alone."""
     coefficients, fit = identification.coefficients, identification.fit
     lift = np.linalg.pinv(coefficients.projection)
     decided = np.abs(lift @ coefficients.projection - np.eye(len(fit.theta))).max(axis=1) < 1e-9
     finite = np.isfinite(fit.sd)
     variance = np.einsum("pr,rs,ps->p", lift[:, finite], fit.covariance[np.ix_(finite, finite)], lift[:, finite])
-    blind = (np.abs(lift[:, ~finite]) > 1e-12).any(axis=1)
-    rows = []
-    for k, parameter in enumerate(identification.model.parameters):
-        by_data = bool(decided[k] and not blind[k])
-        rows.append(
-            {
-                "name": parameter.name,
-                "unit": parameter.unit,
-                "joint": parameter.joint,
-                "mean": fit.theta[k],
-                "sd": np.sqrt(variance[k]) if by_data else "",
-                "decided_by": "data" if by_data else "prior",
-            }
-        )
-    return rows
+    by_data: Mask = decided & ~(np.abs(lift[:, ~finite]) > 1e-12).any(axis=1)
+    return np.where(by_data, np.sqrt(variance), np.nan), by_data
 
 
 def _model_table(stored: StoredModel) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import lfilter
 
 from bayesid.coefficients import base_coefficients
 from bayesid.errors import InputError
@@ -34,9 +35,10 @@ def simulate(
     *,
     rng: np.random.Generator,
     noise: float = 0.05,
+    colour: float = 0.0,
     signed: bool | Sequence[bool] = False,
 ) -> Log:
-    """A log of a motion, positions exact, efforts with white Gaussian noise and rectified where they are not signed.
+    """A log of a motion, positions exact, efforts with Gaussian noise and rectified where they are not signed.
 
     A controller rectifies what it measures, so the noise is added first; an absolute value near zero is then biased.
 
@@ -46,15 +48,18 @@ def simulate(
         motion: N samples of motion.
         rng: draws the noise.
         noise: standard deviation of the noise relative to the RMS of each joint's effort.
+        colour: correlation of the noise from one sample to the next, AR(1); 0 is white.
         signed: whether the efforts keep their sign, for all joints or each (n,).
 
     Raises:
-        ValueError: the noise is negative or not finite.
+        ValueError: the noise is negative or not finite, or its colour not in [0, 1).
     """
     if not 0.0 <= noise < np.inf:
         raise ValueError(f"the noise must be a finite share of the effort, not {noise}")
+    if not 0.0 <= colour < 1.0:
+        raise ValueError(f"the noise's correlation must lie in [0, 1), not {colour}")
     effort = model.effort(motion, theta)
-    effort = effort + noise * _rms(effort) * rng.standard_normal(effort.shape)
+    effort = effort + noise * _rms(effort) * _ar1(rng.standard_normal(effort.shape), colour)
     keeps = np.broadcast_to(np.asarray(signed, dtype=bool), motion.n_joints)
     effort = np.where(keeps, effort, np.abs(effort))
     return Log(motion.t, motion.q, effort, keeps, source=f"simulated {model.robot.name}")
@@ -79,6 +84,13 @@ def random_parameters(model: Model, rng: np.random.Generator) -> Array:
     shares[cone.nonnegative] = rng.uniform(0.05, 0.25, len(cone.nonnegative))
     theta[others] = shares[others] * _whole(_rms(columns @ theta), _rms(columns[:, :, others]))
     return theta
+
+
+def _ar1(white: Array, colour: float) -> Array:
+    """(N, n) stationary noise of unit variance from white noise (N, n): x_i = c x_(i-1) + sqrt(1 - c^2) e_i."""
+    scale = np.sqrt(1.0 - colour**2)
+    shaped: Array = lfilter([scale], [1.0, -colour], white, axis=0, zi=(1.0 - scale) * white[:1])[0]
+    return shaped
 
 
 def _rms(values: Array) -> Array:

@@ -6,10 +6,11 @@ their neighbours. For each joint,
 
     e_i = |mu_i + n_i|,   mu_i = p_i + b_i,
 
-p_i the model's effort, n_i white noise, b_i the model's error: an Ornstein-Uhlenbeck process, wider at standstill,
-where it must hold all of the static friction. Given b, both signs of e_i are possible with the likelihoods
-N(e_i; mu_i) and N(-e_i; mu_i). b is one number, so on a grid the posterior is exact (Rabiner 1989, eqs. 19 to 27), and
-with it P(sign_i = +): a sign-marginalised likelihood in which the residual's autocorrelation is part of the model.
+p_i the model's effort, n_i white noise with the tails of Student's t, b_i the model's error: an Ornstein-Uhlenbeck
+process, wider at standstill, where it must hold all of the static friction. Given b, both signs of e_i are possible
+with the likelihoods t(e_i - mu_i) and t(-e_i - mu_i). b is one number, so on a grid the posterior is exact (Rabiner
+1989, eqs. 19 to 27), and with it P(sign_i = +): a sign-marginalised likelihood in which the residual's autocorrelation
+is part of the model.
 """
 
 from __future__ import annotations
@@ -27,8 +28,12 @@ _REACH = 4.0
 """Half-width of the grid in standard deviations of b."""
 _REST_TIME = 0.2
 """s; how fast static friction may build up."""
+_TAILS = 4.0
+"""Degrees of freedom of the white noise: real residuals have outliers that a normal distribution thinks impossible."""
 _BLOCK, _OVERLAP = 20_000, 1_000
 """Samples smoothed at once, and how far a block looks into its neighbours: memory stays bounded on long logs."""
+_DRAWS = 4
+"""Draws smoothed at once."""
 
 
 def sign_probabilities(effort: Array, predicted: Array, moving: Mask, noise: Noise, rate: float) -> Array:
@@ -36,19 +41,22 @@ def sign_probabilities(effort: Array, predicted: Array, moving: Mask, noise: Noi
 
     Args:
         effort: (N, n) unfiltered |effort|, N m.
-        predicted: (N, n) the model's effort, N m.
+        predicted: (N, n) the model's effort, N m; or (N, n, K) of K draws of the model, over which to average.
         moving: (N, n) False at standstill.
         noise: of the residual in motion.
         rate: Hz.
     """
-    process = _process(effort, predicted, moving, noise, rate)
-    probability = np.empty_like(effort)
+    draws = predicted if predicted.ndim == 3 else predicted[:, :, None]
+    process = _process(effort, draws.mean(axis=2), moving, noise, rate)
+    probability = np.zeros_like(effort)
     for start in range(0, len(effort), _BLOCK):
         stop = min(start + _BLOCK, len(effort))
         around = slice(max(0, start - _OVERLAP), min(len(effort), stop + _OVERLAP))
-        block = _smooth(effort[around], predicted[around], moving[around], process)
-        probability[start:stop] = block[start - around.start : stop - around.start]
-    return probability
+        for k in range(0, draws.shape[2], _DRAWS):
+            some = draws[around, :, k : k + _DRAWS]
+            block = _smooth(effort[around], some, moving[around], process)
+            probability[start:stop] += block[start - around.start : stop - around.start].sum(axis=2)
+    return probability / draws.shape[2]
 
 
 @dataclass(frozen=True)
@@ -57,7 +65,7 @@ class _Process:
 
     Attributes:
         grid: (n, G) values of b, N m.
-        white: (n, 1) sd of the white noise, N m.
+        white: (n,) scale of the white noise, N m.
         step: (2, n, G, G) transition probabilities, at standstill and in motion.
         prior: (n, G) stationary distribution in motion.
     """
@@ -69,14 +77,38 @@ class _Process:
 
 
 def _process(effort: Array, predicted: Array, moving: Mask, noise: Noise, rate: float) -> _Process:
-    mismatch = np.where(moving, 0.0, effort - np.abs(predicted))
-    at_rest = np.sqrt((mismatch**2).sum(axis=0) / np.maximum((~moving).sum(axis=0), 1))
-    rest = np.maximum(at_rest, noise.coloured)
+    rest = np.maximum(_doubt_at_rest(effort, predicted, moving), noise.coloured)
     grid = (_REACH * rest)[:, None] * np.linspace(-1.0, 1.0, _GRID)
-    rest_step = _transitions(grid, rest, np.full(len(rest), np.exp(-1.0 / (_REST_TIME * rate))))
     step = _transitions(grid, noise.coloured, np.exp(-1.0 / (noise.correlation * rate)))
-    prior = np.exp(-0.5 * (grid / noise.coloured[:, None]) ** 2)
-    return _Process(grid, noise.white[:, None], np.stack([rest_step, step]), prior / prior.sum(axis=1, keepdims=True))
+    rest_step = _transitions(grid, rest, np.full(len(rest), np.exp(-1.0 / (_REST_TIME * rate))))
+    return _Process(grid, noise.white, np.stack([rest_step, step]), _stationary(grid, noise.coloured))
+
+
+def _doubt_at_rest(effort: Array, predicted: Array, moving: Mask) -> Array:
+    """(n,) sd of the model's error at standstill, N m: what |effort| shows of it, and what it cannot show.
+
+    Friction that has turned round already, or not yet, leaves |effort| nearly as it was. The change of the model's
+    effort from the last sample before a standstill to the first one after it tells how much that is.
+    """
+    mismatch = np.where(moving, 0.0, effort - np.abs(predicted))
+    seen = np.sqrt((mismatch**2).sum(axis=0) / np.maximum((~moving).sum(axis=0), 1))
+    jump = np.zeros(len(seen))
+    for j in range(len(seen)):
+        edges = np.flatnonzero(np.diff(moving[:, j].astype(int)))
+        before, after = edges[:-1][~moving[edges[:-1] + 1, j]], edges[1:][moving[edges[1:] + 1, j]] + 1
+        if before.size and after.size:
+            first = np.searchsorted(after, before, side="right")
+            pairs = first < len(after)
+            change = predicted[after[first[pairs]], j] - predicted[before[pairs], j]
+            jump[j] = np.sqrt(np.mean(change**2)) if change.size else 0.0
+    return np.maximum(seen, 0.5 * jump)
+
+
+def _stationary(grid: Array, sd: Array) -> Array:
+    """(n, G) normal distribution on the grid."""
+    density = np.exp(-0.5 * (grid / sd[:, None]) ** 2)
+    normal: Array = density / density.sum(axis=1, keepdims=True)
+    return normal
 
 
 def _transitions(grid: Array, sd: Array, memory: Array) -> Array:
@@ -89,37 +121,40 @@ def _transitions(grid: Array, sd: Array, memory: Array) -> Array:
 
 
 def _smooth(effort: Array, predicted: Array, moving: Mask, process: _Process) -> Array:
-    """(N, n) P(sign = +) by one forward and one backward pass."""
-    n_samples, n = effort.shape
+    """(N, n, K) P(sign = +) for K predictions (N, n, K), by one forward and one backward pass."""
+    n_samples, n, draws = predicted.shape
     joints, all_moving, state = np.arange(n), np.all(moving, axis=1), moving.astype(np.int64)
 
     def step(i: int) -> Array:
         return process.step[1] if all_moving[i] else process.step[state[i], joints]
 
-    forward = np.empty((n_samples, *process.grid.shape))
-    belief = process.prior
+    forward = np.empty((n_samples, n, draws, process.grid.shape[1]))
+    belief = np.repeat(process.prior[:, None], draws, axis=1)
     for i in range(n_samples):
         if i:
-            belief = (belief[:, None, :] @ step(i))[:, 0]
+            belief = belief @ step(i)
         belief = belief * _likelihoods(effort[i], predicted[i], process)[0]
-        belief /= belief.sum(axis=1, keepdims=True)
+        belief /= belief.sum(axis=2, keepdims=True)
         forward[i] = belief
-    probability = np.empty((n_samples, n))
+    probability = np.empty(predicted.shape)
     future = np.ones_like(belief)
     for i in range(n_samples - 1, -1, -1):
         likelihood, plus = _likelihoods(effort[i], predicted[i], process)
         both = forward[i] * future
-        probability[i] = (both * plus).sum(axis=1) / both.sum(axis=1)
-        future = (step(i) @ (likelihood * future)[:, :, None])[:, :, 0]
-        future /= future.sum(axis=1, keepdims=True)
+        probability[i] = (both * plus).sum(axis=2) / both.sum(axis=2)
+        future = (likelihood * future) @ step(i).swapaxes(1, 2)
+        future /= future.sum(axis=2, keepdims=True)
     return probability
 
 
 def _likelihoods(effort: Array, predicted: Array, process: _Process) -> tuple[Array, Array]:
-    """(n, G) likelihood of one |effort| for every b, up to a factor, and P(sign = + | b)."""
-    mean = predicted[:, None] + process.grid
-    quadratic = -0.5 * ((effort[:, None] - np.abs(mean)) / process.white) ** 2  # the likelier of the two signs
-    odds = np.exp(-2.0 * effort[:, None] * np.abs(mean) / process.white**2)  # of the other one against it
-    likelihood = np.maximum(np.exp(quadratic - quadratic.max(axis=1, keepdims=True)), _IMPOSSIBLE) * (1.0 + odds)
+    """(n, K, G) likelihood of one |effort| (n,) for every draw (n, K) and b, up to a factor, and P(sign = + | b)."""
+    mean = predicted[:, :, None] + process.grid[:, None]
+    seen, white = effort[:, None, None], np.sqrt(_TAILS) * process.white[:, None, None]
+    likelier = 1.0 + ((seen - np.abs(mean)) / white) ** 2  # of the two signs
+    other = 1.0 + ((seen + np.abs(mean)) / white) ** 2
+    odds = (likelier / other) ** (0.5 * (_TAILS + 1.0))
+    least = likelier.min(axis=2, keepdims=True)
+    likelihood = (least / likelier) ** (0.5 * (_TAILS + 1.0)) * (1.0 + odds)
     plus = np.where(mean >= 0.0, 1.0, odds) / (1.0 + odds)
     return likelihood, plus

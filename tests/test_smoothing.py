@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.stats import t
 
 from bayesid import smoothing
 from bayesid.noise import Noise
@@ -20,7 +21,7 @@ def by_monte_carlo(effort, predicted, white, coloured, memory, draws=400_000, se
     for i, (e, p) in enumerate(zip(effort, predicted, strict=True)):
         if i:
             b = memory * b + coloured * np.sqrt(1 - memory**2) * rng.standard_normal(draws)
-        up, down = np.exp(-0.5 * ((e - p - b) / white) ** 2), np.exp(-0.5 * ((-e - p - b) / white) ** 2)
+        up, down = t(4).pdf((e - p - b) / white), t(4).pdf((-e - p - b) / white)
         log_weight += np.log(up + down)
         plus.append(up / (up + down))
     weight = np.exp(log_weight - log_weight.max())
@@ -43,9 +44,9 @@ def test_against_monte_carlo(seed):
 
 def test_neighbours_decide_what_a_sample_cannot():
     """The model errs for 0.4 s, where it goes below zero; the effort's own course, away from zero, tells the sign."""
-    t = np.arange(200) / RATE
-    truth = np.where(t < 1.0, 2.0, -1.5) * np.abs(np.cos(np.pi * t / 2)) + np.where(t < 1.0, 0.5, -0.6)
-    predicted = truth - 2.6 * np.exp(-(((t - 0.5) / 0.15) ** 2))
+    time = np.arange(200) / RATE
+    truth = np.where(time < 1.0, 2.0, -1.5) * np.abs(np.cos(np.pi * time / 2)) + np.where(time < 1.0, 0.5, -0.6)
+    predicted = truth - 2.6 * np.exp(-(((time - 0.5) / 0.15) ** 2))
     lost = (predicted < 0.0) & (truth > 0.0)
     assert lost.sum() > 10
     moving = np.ones((200, 1), dtype=bool)

@@ -9,10 +9,6 @@ import numpy as np
 
 from bayesid.motion import Array
 
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore", FutureWarning)  # ArviZ announces its next version on import
-    import arviz
-
 
 @dataclass(frozen=True)
 class Diagnostics:
@@ -49,6 +45,10 @@ def diagnose(draws: Array) -> Diagnostics:
 
     Draws that are not finite give NaN, which passes no test.
     """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)  # ArviZ announces its next version on import
+        import arviz  # here, for it takes half a second that no other command should wait
+
     sweeps, ensembles, walkers, size = draws.shape
     pooled = draws.transpose(1, 0, 2, 3).reshape(ensembles, sweeps * walkers, size)
     single = draws.transpose(1, 2, 0, 3).reshape(ensembles * walkers, sweeps, size)

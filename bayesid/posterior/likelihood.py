@@ -22,7 +22,6 @@ from scipy.special import expit
 from bayesid.coefficients import BaseCoefficients
 from bayesid.moments import Moments
 from bayesid.motion import Array, Integers
-from bayesid.search.result import Branch, SearchResult
 
 
 @dataclass(frozen=True)
@@ -132,22 +131,10 @@ class Likelihood:
         return np.where(uniform < expit(2.0 * push), 1.0, -1.0)
 
 
-def fixed_signs(search: SearchResult, branch: Branch) -> Integers:
-    """(S,) the signs that a branch fixes, 0 for those to sum out.
-
-    Fixed are signs on which all assignments within Delta agree, and those in which the branches differ: so no
-    assignment belongs to two branches. Without a proof nothing is fixed.
-    """
-    if search.settled is None:
-        return np.zeros_like(branch.signs)
-    differ = np.any([other.signs != branch.signs for other in search.branches], axis=0)
-    return np.where(search.settled | differ, branch.signs, 0)
-
-
 def make_likelihood(
     moments: Moments, coefficients: BaseCoefficients, sigma: Array, autocorrelation: Array, fixed: Integers
 ) -> Likelihood:
-    """The likelihood of a log, or of one branch of its sign assignments.
+    """The likelihood of a log.
 
     Args:
         moments: of S segments, not scaled.

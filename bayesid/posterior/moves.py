@@ -16,6 +16,7 @@ from typing import Protocol
 import numpy as np
 from emcee.moves import Move
 from emcee.state import State
+from scipy.special import wrightomega
 
 from bayesid.motion import Array, Integers
 from bayesid.posterior.region import Region, Uniforms, draw_on_line
@@ -211,7 +212,9 @@ class NoiseScales(GibbsMove):
     """Draws every joint's noise scale, given theta and the signs.
 
     With R_j the joint's sum of squared residuals, w = exp(-2 u) has the density w^(n_j / 2) exp(-R_j w / 2) du times
-    the prior's: a gamma proposal, corrected for the prior (Metropolis, independent proposals).
+    the prior's. With the tangent of the log prior at the mode u* in its place, exp(-u u* / sd^2), it is a gamma density
+    of w. That is proposed, and corrected by what is left of the prior, exp(-(u - u*)^2 / (2 sd^2)) (Metropolis,
+    independent proposals): no walker sticks, however far u* lies from the prior's mean.
 
     Args:
         target: the posterior.
@@ -222,13 +225,16 @@ class NoiseScales(GibbsMove):
 
     def update(self, coordinates: Array, random: Random) -> Array:
         """See GibbsMove."""
-        likelihood, sd = self.target.likelihood, self.target.prior.log_scale_sd
+        likelihood, variance = self.target.likelihood, self.target.prior.log_scale_sd**2
         theta, log_scale = self.target.split(coordinates)
         beta = theta @ likelihood.projection.T
         signs = likelihood.draw_signs(beta, log_scale, random.random_sample((len(theta), len(likelihood.unknown))))
         residual = likelihood.residual(beta, signs)
-        gamma = random.standard_gamma(0.5 * likelihood.count, residual.shape)
+        # the mode: n + u* / sd^2 = R exp(-2 u*)
+        tilted = wrightomega(2.0 * variance * likelihood.count + np.log(2.0 * variance * residual)) / (2.0 * variance)
+        mode = variance * (tilted - likelihood.count)
+        gamma = random.standard_gamma(0.5 * tilted, residual.shape)
         proposed = -0.5 * np.log(np.maximum(gamma, 1e-300) / (0.5 * residual))
-        log_ratio = 0.5 * (log_scale**2 - proposed**2) / sd**2
+        log_ratio = 0.5 * ((log_scale - mode) ** 2 - (proposed - mode) ** 2) / variance
         accepted = np.log1p(-random.random_sample(log_ratio.shape)) < log_ratio
         return np.concatenate([theta, np.where(accepted, proposed, log_scale)], axis=1)

@@ -26,6 +26,8 @@ _MOST_STEPS = 300
 _PRECISION = 1e-6
 """Newton decrement at which the minimum is taken for found."""
 _LEAST_STEP = 1e-12
+_MOST_RIDGE = 1e-9
+"""What rounding may ask for, relative to a unit diagonal."""
 _HOT, _SWEEPS = 4.0, 3
 """Temperature at which walkers are spread, and sweeps at it."""
 
@@ -70,9 +72,8 @@ def barrier_minimum(region: Region, precision: Array, linear: Array, start: Arra
     theta, value = start, _value(region, precision, linear, start)
     for _ in range(_MOST_STEPS):
         slope, bend = _barrier(region, theta)
-        factor = cho_factor(precision + bend)
         gradient = precision @ theta - linear + slope
-        step = -cho_solve(factor, gradient)
+        step = -_inverse(precision + bend) @ gradient
         decrement = -float(gradient @ step)
         if decrement < _PRECISION:
             break
@@ -83,8 +84,27 @@ def barrier_minimum(region: Region, precision: Array, linear: Array, start: Arra
         if moved >= value:
             break  # rounding
         theta, value = theta + length * step, moved
-    covariance = cho_solve(cho_factor(precision + _barrier(region, theta)[1]), np.eye(len(theta)))
-    return Centre(theta, 0.5 * (covariance + covariance.T))
+    return Centre(theta, _inverse(precision + _barrier(region, theta)[1]))
+
+
+def _inverse(matrix: Array) -> Array:
+    """Of a positive definite matrix whose rows may differ by many orders of magnitude.
+
+    Raises:
+        LinAlgError: it is singular by more than rounding.
+    """
+    scale = 1.0 / np.sqrt(np.diag(matrix))
+    ridge = 0.0
+    while True:
+        try:
+            factor = cho_factor(scale[:, None] * matrix * scale + ridge * np.eye(len(matrix)))
+            break
+        except np.linalg.LinAlgError:
+            if ridge >= _MOST_RIDGE:
+                raise
+        ridge = max(1e-15, 10.0 * ridge)
+    inverse: Array = scale[:, None] * cho_solve(factor, np.eye(len(matrix))) * scale
+    return 0.5 * (inverse + inverse.T)
 
 
 def _value(region: Region, precision: Array, linear: Array, theta: Array) -> float:

@@ -1,0 +1,394 @@
+"""The posterior as an `arviz.InferenceData`: what ArviZ plots, summarises and compares, and the file that keeps it.
+
+Groups and their dimensions, every one with named coordinates:
+
+- posterior (chain, draw): `beta` (coefficient), `theta` (parameter), `noise` (joint; sd of the residual, N m).
+- sample_stats (chain, draw): `lp` (log density, not normalised), `walker`, `sweep` (index among all sweeps of the run).
+- log_likelihood (chain, draw, segment): `effort`, see `pointwise`. Held in single precision.
+- observed_data (segment): `effort` (RMS, N m) and `effort_energy` (sum of squares), beside each segment's joint, times,
+  samples and sign.
+- constant_data: the reference noise and its autocorrelation, the prior, and B of beta = B theta.
+
+A chain is an ensemble. An entry of `segment` is a part of the moments' Hessian: one segment, or all the weak segments
+of a joint that share a part, whose likelihoods cannot be told apart draw by draw.
+
+`az.ess` of these draws is what it should be (see `_walker_major`), but `az.rhat` compares early with late walkers
+instead of early with late sweeps: whether the run has converged is in the attributes.
+"""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import h5py
+import numpy as np
+import xarray
+from scipy.sparse import csr_array
+
+from bayesid.coefficients import BaseCoefficients
+from bayesid.errors import InputError
+from bayesid.moments import Moments
+from bayesid.motion import Array, Integers
+from bayesid.posterior.likelihood import Likelihood
+from bayesid.posterior.sampler import Draws
+from bayesid.posterior.target import Target
+from bayesid.terms.base import Parameter
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore", FutureWarning)  # ArviZ announces its next version on import
+    import arviz
+
+MOST = 4096
+"""Draws that are kept, in all."""
+_ENGINE: Final = "h5netcdf"
+"""What writes netCDF here; ArviZ itself requires it, and h5py with it."""
+_LIBRARY = "bayesid"
+_BLOCK = 2**22
+"""Numbers that the pointwise likelihood may hold at once in one array (32 MB)."""
+_EFFORT = "N m"
+_REMEDY = "give the posterior that bayesid wrote, or identify again to write it anew"
+
+
+@dataclass(frozen=True)
+class Labels:
+    """What things are called, and when the segments were.
+
+    Attributes:
+        coefficients: the r base coefficients; their names, units and expressions.
+        parameters: (P,) with names and units.
+        joints: (n,) one each, all different.
+        start: (S,) s, where each segment of the moments begins.
+        end: (S,) s, where it ends.
+    """
+
+    coefficients: BaseCoefficients
+    parameters: Sequence[Parameter]
+    joints: Sequence[str]
+    start: Array
+    end: Array
+
+
+def make_inference_data(
+    draws: Draws, target: Target, moments: Moments, labels: Labels, attributes: Mapping[str, object], most: int = MOST
+) -> arviz.InferenceData:
+    """All that is known after sampling, as one object.
+
+    Args:
+        draws: from the target.
+        target: the posterior that they are of.
+        moments: of the S segments in the target's likelihood, not scaled. Each part of their Hessian takes 4 bytes a
+            draw: `moments.compact` bounds their number.
+        labels: names, units and times.
+        attributes: of the run: model, noise assumption, versions, seed, diagnostics. True and False become 1 and 0,
+            what is neither text nor a number becomes JSON.
+        most: draws to keep in all. Whole sweeps are left out, evenly, but never all of them.
+
+    Raises:
+        ValueError: if the moments, labels and target are not of the same segments, joints, coefficients, parameters.
+    """
+    _require_same_sizes(target, moments, labels)
+    every, kept = _kept_sweeps(draws.theta.shape, most)
+    theta, log_scale, beta, density = (
+        _walker_major(values[kept]) for values in (draws.theta, draws.log_scale, draws.beta, draws.log_density)
+    )
+    chains, size = density.shape
+    drawn: dict[str, object] = {"chain": np.arange(chains), "draw": np.arange(size)}
+    segment = _segment_coordinates(target.likelihood, moments, labels)
+    terms = pointwise(
+        target.likelihood, moments, theta.reshape(chains * size, -1), log_scale.reshape(chains * size, -1)
+    )
+    sampled, walkers = ("chain", "draw"), draws.theta.shape[2]
+    run = {
+        "inference_library": _LIBRARY, "ensembles": chains, "walkers": walkers, "sweeps": draws.sweeps,
+        "kept_every": every, "draw_order": "all kept sweeps of an ensemble's first walker, then of the next",
+    }  # fmt: skip
+    return arviz.InferenceData(
+        attrs={key: _plain(value) for key, value in {**run, **attributes}.items()},
+        posterior=xarray.Dataset(
+            {
+                "beta": ((*sampled, "coefficient"), beta, {"long_name": "base coefficients"}),
+                "theta": ((*sampled, "parameter"), theta, {"long_name": "standard parameters"}),
+                "noise": (
+                    (*sampled, "joint"), target.likelihood.sigma * np.exp(log_scale),
+                    {"long_name": "sd of the residual", "units": _EFFORT},
+                ),
+            },
+            coords={**drawn, **_coefficient_coordinates(labels), **_parameter_coordinates(labels), **_joints(labels)},
+        ),
+        sample_stats=xarray.Dataset(
+            {
+                "lp": (sampled, density, {"long_name": "log density, not normalised"}),
+                "walker": (sampled, np.tile(np.repeat(np.arange(walkers, dtype=np.int32), len(kept)), (chains, 1))),
+                "sweep": (sampled, np.tile(kept.astype(np.int32), (chains, walkers))),
+            },
+            coords=drawn,
+        ),
+        log_likelihood=xarray.Dataset(
+            {"effort": ((*sampled, "segment"), terms.reshape(chains, size, -1).astype(np.float32))},
+            coords={**drawn, **segment},
+            attrs={"long_name": "log likelihood of each segment, its unknown sign summed out, tempered by the "
+                                "autocorrelation; segments that share a part of the Hessian are one entry"},
+        ),
+        observed_data=_observed(moments, segment),
+        constant_data=_constants(target, moments, labels),
+    )  # fmt: skip
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Draws
+# ---------------------------------------------------------------------------------------------------------------
+def _kept_sweeps(shape: tuple[int, ...], most: int) -> tuple[int, Integers]:
+    """The step and the sweeps kept of draws (D, E, W, ...), the last one among them; even steps, as the ESS wants."""
+    sweeps, ensembles, walkers = shape[:3]
+    every = -(-sweeps // max(1, most // (ensembles * walkers)))
+    return every, np.arange((sweeps - 1) % every, sweeps, every)
+
+
+def _walker_major(values: Array) -> Array:
+    """(E, W D, ...) of values (D, E, W, ...): all sweeps of a chain's first walker, then all of its second.
+
+    Laid end to end, walkers that know nothing of each other leave at lag t a share 1 - t / D of a walker's own
+    autocorrelation: just what the variance of a mean over D sweeps has. So `az.ess` is right, even for walkers that
+    never move (W). Interleaved (all walkers of the first sweep, then of the second), neighbours are independent; the
+    autocorrelation sits W lags away, where the estimator has long stopped looking, and the ESS comes out as D W.
+    """
+    moved = np.moveaxis(values, 0, 2)
+    return np.ascontiguousarray(moved).reshape(moved.shape[0], -1, *moved.shape[3:])
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Segments
+# ---------------------------------------------------------------------------------------------------------------
+def pointwise(likelihood: Likelihood, moments: Moments, theta: Array, log_scale: Array) -> Array:
+    """(W, K) log likelihood of each of the K parts of the moments' Hessian, signs summed out.
+
+    Of a segment k of joint j, with N_k samples, autocorrelation time tau, w = exp(-2 u) and moments over sigma^2 tau:
+
+        -(N_k / tau) (u + log(2 pi sigma^2) / 2) - w (beta' H_k beta + c_k) / 2 + log(cosh(w g_k' beta)),
+
+    the mean over both signs of the normal density to the power 1 / tau, or s_k w g_k' beta for the last term where the
+    sign is fixed. A part that several segments share has the sum of theirs. The sum over all parts is
+    `likelihood.log_likelihood` less log 2 for each unknown sign and sum_j (n_j / 2) log(2 pi sigma_j^2).
+
+    Args:
+        likelihood: of S segments.
+        moments: of the same segments, not scaled.
+        theta: (W, P) parameters.
+        log_scale: (W, n) logarithms of the noise scales.
+    """
+    autocorrelation = _autocorrelation(likelihood, moments)
+    scaled = moments.scaled(likelihood.sigma * np.sqrt(autocorrelation))
+    size, r = len(scaled.hessian), scaled.hessian.shape[2]
+    joint = _joint_of_parts(moments)
+    side_by_side = scaled.hessian.transpose(1, 0, 2).reshape(r, size * r)
+    energy = _sums(moments, scaled.energy)
+    count = _sums(moments, moments.count) / autocorrelation[joint]
+    normal = 0.5 * np.log(2.0 * np.pi * likelihood.sigma[joint] ** 2)
+    members = csr_array((np.ones(len(moments)), (np.arange(len(moments)), moments.part)), (len(moments), size))
+    rows = max(1, _BLOCK // max(1, size * r + len(moments)))
+    terms = np.empty((len(theta), size))
+    for first in range(0, len(theta), rows):
+        here = slice(first, first + rows)
+        beta, scale = theta[here] @ likelihood.projection.T, log_scale[here]
+        curvature = np.einsum("wkr,wr->wk", (beta @ side_by_side).reshape(-1, size, r), beta)
+        signs = likelihood.pointwise(theta[here], scale) - np.log(2.0) * (likelihood.fixed == 0)
+        quadratic = 0.5 * np.exp(-2.0 * scale[:, joint]) * (curvature + energy)
+        terms[here] = signs @ members - quadratic - count * (scale[:, joint] + normal)
+    return terms
+
+
+def _autocorrelation(likelihood: Likelihood, moments: Moments) -> Array:
+    """(n,) integrated autocorrelation time of each joint's residual, samples; NaN for a joint without segments."""
+    samples = np.bincount(moments.joint, weights=moments.count, minlength=likelihood.n_joints)
+    return samples / np.where(samples > 0, likelihood.count, np.nan)
+
+
+def _sums(moments: Moments, values: Array | Integers) -> Array:
+    """(K,) sums of the segments' values (S,) over each part."""
+    return np.bincount(moments.part, weights=values, minlength=len(moments.hessian)).astype(np.float64)
+
+
+def _joint_of_parts(moments: Moments) -> Integers:
+    """(K,) the joint of each part."""
+    joint = np.zeros(len(moments.hessian), dtype=np.int64)
+    joint[moments.part] = moments.joint
+    return joint
+
+
+def _segment_coordinates(likelihood: Likelihood, moments: Moments, labels: Labels) -> dict[str, object]:
+    """The K entries of the dimension `segment` and what belongs to each: joint, times, samples, sign.
+
+    An entry of several segments begins with the first and ends with the last one; its sign is 0 unless all have the
+    same fixed one.
+    """
+    size = len(moments.hessian)
+    start, end = np.full(size, np.inf), np.full(size, -np.inf)
+    np.minimum.at(start, moments.part, labels.start)
+    np.maximum.at(end, moments.part, labels.end)
+    number = np.bincount(moments.part, minlength=size)
+    signs = _sums(moments, likelihood.fixed)
+    joint = [labels.joints[j] for j in _joint_of_parts(moments)]
+    known = _sums(moments, np.abs(moments.known)) > 0
+    names = [
+        f"{j} {a:.2f}-{b:.2f} s" if m == 1 else f"{j} {m} segments of {'known' if k else 'unknown'} sign"
+        for j, a, b, m, k in zip(joint, start, end, number, known, strict=True)
+    ]
+    described: dict[str, tuple[object, dict[str, str]]] = {
+        "segment": (_distinct(names), {}),
+        "joint": (joint, {}),
+        "start": (start, {"units": "s"}),
+        "end": (end, {"units": "s"}),
+        "n_samples": (_sums(moments, moments.count).astype(np.int64), {}),
+        "n_segments": (number, {"long_name": "segments in this entry"}),
+        "n_unknown": (
+            _sums(moments, likelihood.fixed == 0).astype(np.int64), {"long_name": "of them with a sign summed out"}
+        ),
+        "fixed_sign": (
+            np.where(np.abs(signs) == number, np.sign(signs), 0.0).astype(np.int64), {"long_name": "0 if summed out"}
+        ),
+    }  # fmt: skip
+    return {name: ("segment", values, notes) for name, (values, notes) in described.items()}
+
+
+def _distinct(names: Sequence[str]) -> list[str]:
+    """The names, those that came before with a number behind: joined logs have segments at the same times."""
+    seen: dict[str, int] = {}
+    distinct = []
+    for name in names:
+        seen[name] = seen.get(name, 0) + 1
+        distinct.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
+    return distinct
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Everything else
+# ---------------------------------------------------------------------------------------------------------------
+def _coefficient_coordinates(labels: Labels) -> dict[str, object]:
+    return {
+        "coefficient": ("coefficient", list(labels.coefficients.names)),
+        "coefficient_unit": ("coefficient", list(labels.coefficients.units)),
+        "coefficient_expression": ("coefficient", list(labels.coefficients.expressions)),
+    }
+
+
+def _parameter_coordinates(labels: Labels) -> dict[str, object]:
+    return {
+        "parameter": ("parameter", [parameter.name for parameter in labels.parameters]),
+        "parameter_unit": ("parameter", [parameter.unit for parameter in labels.parameters]),
+    }
+
+
+def _joints(labels: Labels) -> dict[str, object]:
+    return {"joint": ("joint", list(labels.joints))}
+
+
+def _observed(moments: Moments, segment: Mapping[str, object]) -> xarray.Dataset:
+    """RMS effort and energy of each entry of `segment`."""
+    energy = _sums(moments, moments.energy)
+    rms = np.sqrt(energy / np.maximum(_sums(moments, moments.count), 1.0))
+    return xarray.Dataset(
+        {
+            "effort": ("segment", rms, {"long_name": "RMS effort", "units": _EFFORT}),
+            "effort_energy": ("segment", energy, {"long_name": "sum of squared efforts", "units": "N2 m2"}),
+        },
+        coords=segment,
+    )
+
+
+def _constants(target: Target, moments: Moments, labels: Labels) -> xarray.Dataset:
+    """Noise, prior and projection."""
+    prior, likelihood = target.prior, target.likelihood
+    return xarray.Dataset(
+        {
+            "sigma_ref": ("joint", likelihood.sigma, {"long_name": "reference noise", "units": _EFFORT}),
+            "autocorrelation": (
+                "joint", _autocorrelation(likelihood, moments),
+                {"long_name": "integrated autocorrelation time of the residual", "units": "samples"},
+            ),
+            "log_noise_sd": ("joint", prior.log_scale_sd, {"long_name": "prior sd of log(noise / sigma_ref)"}),
+            "prior_mean": ("parameter", prior.mean, {"long_name": "before the cut to what is physical"}),
+            "prior_sd": ("parameter", prior.sd, {"long_name": "before the cut to what is physical"}),
+            "projection": (("coefficient", "parameter"), likelihood.projection, {"long_name": "beta = B theta"}),
+        },
+        coords={**_coefficient_coordinates(labels), **_parameter_coordinates(labels), **_joints(labels)},
+    )  # fmt: skip
+
+
+def _plain(value: object) -> str | int | float:
+    """What a netCDF attribute can hold: text, a number of 64 bits, 1 or 0 for a truth value, and JSON of all else."""
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if isinstance(value, bool):
+        return int(value)
+    if isinstance(value, str | float) or (isinstance(value, int) and abs(value) < 2**63):
+        return value
+    return json.dumps(value, default=lambda part: part.tolist() if hasattr(part, "tolist") else str(part))
+
+
+def _require_same_sizes(target: Target, moments: Moments, labels: Labels) -> None:
+    likelihood = target.likelihood
+    pairs = {
+        "segments": (len(likelihood.joint), len(moments)),
+        "starts": (len(moments), len(labels.start)),
+        "ends": (len(moments), len(labels.end)),
+        "joints": (likelihood.n_joints, len(labels.joints)),
+        "coefficients": (likelihood.projection.shape[0], len(labels.coefficients)),
+        "parameters": (target.n_parameters, len(labels.parameters)),
+    }
+    for what, (ours, theirs) in pairs.items():
+        if ours != theirs:
+            raise ValueError(f"{what}: {ours} of one and {theirs} of the other do not belong together")
+    if not np.array_equal(likelihood.joint, moments.joint):
+        raise ValueError("the moments and the likelihood have their segments in different joints")
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Files
+# ---------------------------------------------------------------------------------------------------------------
+def write(data: arviz.InferenceData, path: Path | str) -> None:
+    """Writes netCDF, compressed, over whatever is there. What a crash leaves half-written is the caller's business."""
+    groups = [(name, getattr(data, name)) for name in data.groups()]
+    xarray.Dataset(attrs=data.attrs).to_netcdf(path, mode="w", engine=_ENGINE)
+    for name, group in groups:
+        # ArviZ's own to_netcdf leaves the bytes of floats unshuffled, and they hardly shrink.
+        packed = {
+            key: {"zlib": True, "shuffle": True, "complevel": 4}
+            for key, values in group.variables.items()
+            if values.dtype.kind in "fiu"
+        }
+        group.to_netcdf(path, mode="a", group=name, engine=_ENGINE, encoding=packed)
+
+
+def read_draws(path: Path | str, parameters: Sequence[str] | None = None) -> tuple[Array, Array]:
+    """Parameters theta (K, P) and noise (K, n), N m, of all draws in a file, chain after chain.
+
+    Args:
+        path: a file that `write` has written.
+        parameters: (P,) names that the parameters must have; none are wanted by default.
+
+    Raises:
+        InputError: if the file is missing, damaged, not a posterior of bayesid or one of another model.
+    """
+    where = str(path)
+    if not Path(path).is_file():
+        raise InputError("there is no such file", where, _REMEDY)
+    try:
+        with h5py.File(path) as file:  # h5netcdf would print a traceback of its own for a file it cannot open
+            library = file.attrs.get("inference_library")
+            group = file["posterior"]
+            theta, noise = group["theta"][()], group["noise"][()]
+            names, joints = (group[name].asstr()[()].tolist() for name in ("parameter", "joint"))
+    except Exception as error:  # HDF5 raises anything at all at a damaged file
+        raise InputError("not the netCDF file of a posterior, or damaged", where, _REMEDY) from error
+    if library != _LIBRARY or theta.shape[2:] != (len(names),) or noise.shape != (*theta.shape[:2], len(joints)):
+        raise InputError("the posterior of another program", where, _REMEDY)
+    if not (np.isfinite(theta).all() and np.isfinite(noise).all()):
+        raise InputError("some draws are not finite numbers", where, _REMEDY)
+    if parameters is not None and names != list(parameters):
+        raise InputError("the posterior of another model, with other parameters", where, _REMEDY)
+    return theta.reshape(-1, len(names)), noise.reshape(-1, len(joints))

@@ -1,0 +1,104 @@
+"""Under which model the signs are settled: the one asked for, or that one with the standard effects it leaves out.
+
+A model without friction explains |effort| of a friction-dominated joint best with wrong signs: friction that only
+changes its sign looks like a constant once rectified. No noise level tells that; another model does. So where a model
+without some standard effect (`bayesid.terms.DEFAULT`) leaves a residual that lasts from sample to sample, the signs are
+searched with these effects too, and both models speak, each with its weight (Bayesian model averaging).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import expit
+
+from bayesid import terms as catalogue
+from bayesid.coefficients import BaseCoefficients, base_coefficients
+from bayesid.fit import Fit, fit_signed, inner_samples
+from bayesid.model import Model
+from bayesid.motion import Array, Mask
+from bayesid.noise import residual_noise
+from bayesid.segments import Segments
+from bayesid.signals import Signals
+from bayesid.signs import FoundSigns, Progress, SearchOptions, SignSearch
+from bayesid.smoothing import sign_probabilities
+
+_LASTING = 0.5
+"""Coloured over white noise of a residual from which on it is worth another model's opinion."""
+_LARGEST_WEIGHT = 0.95
+"""The model that was asked for keeps a say: neither is the truth, whatever their odds."""
+
+
+@dataclass(frozen=True)
+class Settled:
+    """Signs under one model.
+
+    Attributes:
+        model: robot and terms.
+        coefficients: its r base coefficients.
+        found: by the search.
+        moving: (N, n) samples in motion.
+        probability: (N, n) P(sign = +) of every sample, the parameters taken as known.
+        fit: parameters and noise under these signs.
+    """
+
+    model: Model
+    coefficients: BaseCoefficients
+    found: FoundSigns
+    moving: Mask
+    probability: Array
+    fit: Fit
+
+
+def settle_signs(
+    model: Model, signals: Signals, segments: Segments, options: SearchOptions, progress: Progress | None = None
+) -> Settled:
+    """Searches the signs under a model, smooths them and fits the model to them.
+
+    Args:
+        model: robot and terms.
+        signals: the log.
+        segments: where its signs are constant.
+        options: how to search.
+        progress: called as progress(stage, done, total).
+
+    Raises:
+        SolverError: an optimisation failed.
+    """
+    coefficients = base_coefficients(model)
+    found = SignSearch(model, coefficients, signals, options, progress).run(segments)
+    moving = found.segments.per_sample(found.segments.moving, *signals.effort.shape) > 0
+    signs = found.segments[found.segments.moving].per_sample(found.search.signs, *moving.shape)
+    predicted = model.effort(signals.motion, found.search.theta)
+    noise = residual_noise(np.where(moving, signs * signals.raw_effort - predicted, 0.0), moving, signals.rate)
+    known = moving & inner_samples(signals)
+    smoothed = sign_probabilities(np.abs(signals.raw_effort), predicted, known, noise, signals.rate)
+    probability = np.where(signals.signed, (signals.raw_effort >= 0.0).astype(float), smoothed)
+    fit = fit_signed(model, coefficients, signals, 2.0 * probability - 1.0, moving)
+    return Settled(model, coefficients, found, moving, probability, fit)
+
+
+def richer_model(settled: Settled, signals: Signals) -> Model | None:
+    """The model with all standard effects, if it lacks some and its residual lasts; else None."""
+    names = [term.name for term in settled.model.terms]
+    missing = [name for name in catalogue.DEFAULT if name not in names]
+    residual = settled.fit.residual
+    if not missing or signals.signed.all() or np.all(residual.coloured < _LASTING * residual.white):
+        return None
+    model = settled.model
+    for term in catalogue.make_terms(missing, model.robot, signals.motion):
+        model = model.extend(term)
+    return model
+
+
+def weight_against(rival: Settled, own: Settled) -> float:
+    """Weight of a richer model against the one it extends, by the Bayesian information criterion on effective samples.
+
+    Each joint's samples are divided by the longer autocorrelation time of the two residuals.
+    """
+    time = np.maximum(rival.fit.residual.autocorrelation, own.fit.residual.autocorrelation)
+    count = own.moving.sum(axis=0) / time
+    gain = float(count @ (2.0 * np.log(own.fit.residual.sigma / rival.fit.residual.sigma)))
+    price = (len(rival.coefficients) - len(own.coefficients)) * float(np.log(count.sum()))
+    return min(_LARGEST_WEIGHT, float(expit(0.5 * (gain - price))))

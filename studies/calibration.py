@@ -1,0 +1,188 @@
+"""Do confidences and standard deviations mean what they say? Simulated logs, where the truth is known.
+
+    python -m studies.calibration [--trials 256] [--workers N] [--seed 0]        (also: bayesid study calibration)
+
+Robots, noise of 2 to 15 % of each joint's RMS effort, white and coloured (AR(1), 0.9 from sample to sample at 100 Hz),
+logs of 3 s and of 15 s, new parameters, motion and noise for each. Of all signs given a confidence in a bin, the table
+tells the share that is right, for samples (the sign of the noisy effort as a signed sensor would have logged it) and
+for segments (the sign of the sum of these); of all coefficients, how many 95 % intervals hold the true value.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayesid import terms as catalogue
+from bayesid.coefficients import base_coefficients
+from bayesid.excitation import exciting_trajectory
+from bayesid.identification import Identification, identify
+from bayesid.log import Log
+from bayesid.model import Model
+from bayesid.motion import Array, Mask
+from bayesid.robot import load_robot
+from bayesid.simulation import random_parameters, simulate
+from bayesid.terms import RigidBody, make_terms
+from studies.runner import Row, run
+
+ROBOTS = ("kr5", "ur10e", "panda", "tx40")
+NOISES = (0.02, 0.05, 0.10, 0.15)
+COLOURS = (0.0, 0.9)
+DURATIONS = (3.0, 15.0)
+EDGES = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
+"""Where the bins of confidence begin; the last one ends at 1."""
+_RATE = 100.0
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One simulated log.
+
+    Attributes:
+        robot: built-in name.
+        noise: relative to each joint's RMS effort.
+        colour: its correlation from sample to sample.
+        duration: s.
+        seed: of parameters, motion, noise and sampler.
+    """
+
+    robot: str
+    noise: float
+    colour: float
+    duration: float
+    seed: int
+
+
+def scenarios(trials: int, seed: int = 0) -> list[Scenario]:
+    """So many, each kind about equally often."""
+    kinds = [
+        Scenario(robot, noise, colour, duration, 0)
+        for noise in NOISES
+        for duration in DURATIONS
+        for robot in ROBOTS
+        for colour in COLOURS
+    ]
+    order = np.random.default_rng(seed).permutation(len(kinds))
+    return [replace(kinds[order[k % len(kinds)]], seed=seed + k) for k in range(trials)]
+
+
+def study(scenario: Scenario) -> Row:
+    """Simulates a log, identifies the robot without its signs and scores what is claimed."""
+    _, theta, signed = _log(scenario)
+    began = time.perf_counter()
+    result = identify(scenario.robot, signed.rectified(), seed=scenario.seed)
+    seconds = time.perf_counter() - began
+    assert result.posterior is not None
+    truth = result.coefficients.project(theta)
+    low, high = result.posterior.interval(0.95)
+    confidence = np.maximum(result.probability, 1.0 - result.probability)
+    right = result.sample_signs == np.sign(signed.effort)
+    of_segments = _segment_truth(result, signed.effort) == result.signs
+    return {
+        "robot": scenario.robot,
+        "noise": scenario.noise,
+        "colour": scenario.colour,
+        "duration": scenario.duration,
+        "samples": _bins(confidence, right),
+        "segments": _bins(result.confidence, of_segments),
+        "inside": int(np.sum((low <= truth) & (truth <= high))),
+        "coefficients": len(truth),
+        "certified": result.search.certified,
+        "modes": len(result.posterior.modes),
+        "converged": result.posterior.converged,
+        "seconds": seconds,
+        "right": float(right.mean()),
+    }
+
+
+def _log(scenario: Scenario) -> tuple[Model, Array, Log]:
+    """The model, its true parameters and the log with its signs; its grid is the pipeline's own."""
+    rng = np.random.default_rng(scenario.seed)
+    robot = load_robot(scenario.robot)
+    bodies = Model(robot, (RigidBody(),))
+    trajectory = exciting_trajectory(bodies, base_coefficients(bodies), scenario.duration, seed=scenario.seed)
+    motion = trajectory.motion(np.arange(int(scenario.duration * _RATE) + 1) / _RATE)
+    model = Model(robot, make_terms(catalogue.DEFAULT, robot, motion))
+    theta = random_parameters(model, rng)
+    log = simulate(model, theta, motion, rng=rng, noise=scenario.noise, colour=scenario.colour, signed=True)
+    return model, theta, log
+
+
+def _segment_truth(result: Identification, effort: Array) -> Array:
+    segments = result.segments
+    ranges = zip(segments.joint, segments.start, segments.end, strict=True)
+    return np.array([1 if effort[a:b, j].sum() >= 0.0 else -1 for j, a, b in ranges])
+
+
+def _bins(confidence: Array, right: Mask) -> list[list[float]]:
+    """For each bin: how many, how many of them right, sum of their confidences."""
+    place = np.clip(np.searchsorted(EDGES, confidence.ravel(), side="right") - 1, 0, len(EDGES) - 1)
+    columns = (np.ones(right.size), right.ravel(), confidence.ravel())
+    return np.stack([np.bincount(place, weights=column, minlength=len(EDGES)) for column in columns], axis=1).tolist()
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Summary
+# ---------------------------------------------------------------------------------------------------------------
+def calibration_error(bins: Array) -> float:
+    """Expected calibration error of bins (B, 3) of count, right and sum of confidences."""
+    return float(np.abs(bins[:, 1] - bins[:, 2]).sum() / bins[:, 0].sum())
+
+
+def report(rows: Sequence[Row]) -> str:
+    """The tables."""
+    lines = [f"{len(rows)} logs, {np.mean([row['right'] for row in rows]):.2%} of the samples' signs right"]
+    for kind in ("samples", "segments"):
+        lines += ["", f"of {kind} given a confidence in the bin, the share that is right (count)", _header()]
+        for name, chosen in _groups(rows):
+            bins = np.sum([row[kind] for row in chosen], axis=0)
+            shares = [f"{right / count:7.2%} {int(count):>7}" if count else f"{'':15}" for count, right, _ in bins]
+            lines.append(f"{name:<16} {calibration_error(bins):7.4f}  " + "  ".join(shares))
+    lines += ["", "95 % intervals that hold the true coefficient; of the single logs the 10 % and 50 % quantile"]
+    for name, chosen in _groups(rows):
+        share = sum(row["inside"] for row in chosen) / sum(row["coefficients"] for row in chosen)
+        low, middle = np.quantile([row["inside"] / row["coefficients"] for row in chosen], [0.1, 0.5])
+        lines.append(f"{name:<16} {share:7.1%}  {low:7.1%} {middle:7.1%}")
+    count = len(rows)
+    lines += [
+        "",
+        f"certified {sum(row['certified'] for row in rows)} of {count}, "
+        f"converged {sum(row['converged'] for row in rows)} of {count}, "
+        f"more than one mode {sum(row['modes'] > 1 for row in rows)}; "
+        f"seconds a log: median {np.median([row['seconds'] for row in rows]):.1f}, "
+        f"most {max(row['seconds'] for row in rows):.1f}",
+    ]
+    return "\n".join(lines)
+
+
+def _header() -> str:
+    names = [f"[{low:g}, {high:g})" for low, high in zip(EDGES, (*EDGES[1:], 1.0), strict=True)]
+    return f"{'':<16} {'ECE':>7}  " + "  ".join(f"{name:>15}" for name in names)
+
+
+def _groups(rows: Sequence[Row]) -> list[tuple[str, Sequence[Row]]]:
+    groups: list[tuple[str, Sequence[Row]]] = [("all", rows)]
+    for key, values, form in (
+        ("colour", COLOURS, "AR(1) {:g}"), ("duration", DURATIONS, "{:g} s"), ("noise", NOISES, "noise {:.0%}"),
+        ("robot", ROBOTS, "{}"),
+    ):  # fmt: skip
+        groups += [(form.format(value), [row for row in rows if row[key] == value]) for value in values]
+    return [(name, chosen) for name, chosen in groups if chosen]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Prints the tables."""
+    parser = argparse.ArgumentParser(description="Calibration of confidences and standard deviations.")
+    parser.add_argument("--trials", type=int, default=256)
+    parser.add_argument("--workers", type=int)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args(arguments)
+    print(report(run(study, scenarios(options.trials, options.seed), options.workers)))
+
+
+if __name__ == "__main__":
+    main()
