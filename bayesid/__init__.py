@@ -2,7 +2,7 @@
 
 import bayesid
 result = bayesid.identify("ur10e", "log.csv")
-result.posterior.sd, result.sample_signs
+result.beta, result.sd, result.sample_signs
 result.validate("another_log.csv").relative_residual
 """
 

@@ -53,12 +53,15 @@ class Experiment:
         return int(np.sum((self.result.signs != self.true_signs) & self.strong))
 
 
-def run_experiment(seed: int = 0, noise: float = NOISE, progress: Progress | None = None) -> Experiment:
+def run_experiment(
+    seed: int = 0, noise: float = NOISE, posterior: bool = False, progress: Progress | None = None
+) -> Experiment:
     """A new exciting trajectory, new noise, and the identification without signs.
 
     Args:
         seed: of trajectory and noise.
         noise: relative to each joint's RMS effort.
+        posterior: whether to sample it.
         progress: see `identify`.
     """
     model, theta = paper_model(), nominal_parameters()
@@ -66,19 +69,19 @@ def run_experiment(seed: int = 0, noise: float = NOISE, progress: Progress | Non
     t = np.linspace(0.0, _DURATION, _SAMPLES)
     motion = exciting_trajectory(model, coefficients, _DURATION, seed=seed).motion(t)
     log = simulate(model, theta, motion, rng=np.random.default_rng(seed), noise=noise)
-    result = identify(model.robot, log, terms=["rigid_body"], progress=progress)
+    result = identify(model.robot, log, terms=["rigid_body"], posterior=posterior, seed=seed, progress=progress)
     true_signs, strong = _truth(result, model.effort(motion, theta))
     rows = np.array([row.row for row in TABLE_II]) @ np.linalg.pinv(coefficients.projection)
     new = random_trajectory(model.robot.n_joints, _DURATION, seed=seed + 1).motion(t)
     expected = model.robot.inverse_dynamics(new, theta)
-    error = model.robot.inverse_dynamics(new, result.fit.theta) - expected
+    error = model.robot.inverse_dynamics(new, result.theta) - expected
     return Experiment(
         log=log,
         result=result,
         true_signs=true_signs,
         strong=strong,
-        estimates=rows @ result.fit.beta,
-        sd=np.sqrt(np.einsum("ir,rs,is->i", rows, result.fit.covariance, rows)),
+        estimates=rows @ result.beta,
+        sd=np.sqrt(np.einsum("ir,rs,is->i", rows, result.covariance, rows)),
         torque_error=relative_rms(error, expected, np.ones_like(expected, dtype=bool)),
     )
 
@@ -99,7 +102,7 @@ def run_demo(folder: Path, seed: int = 0, progress: Progress | None = None) -> s
         InputError: the folder cannot be written.
     """
     check_folder(folder)
-    experiment = run_experiment(seed, progress=progress)
+    experiment = run_experiment(seed, posterior=True, progress=progress)
     save_identification(experiment.result, folder, with_log=True)
     texts = (_signs_text(experiment), _table_text(experiment), _error_text(experiment))
     return "\n".join([*texts, f"written to {folder}/"])
@@ -132,8 +135,7 @@ def _table_text(experiment: Experiment) -> str:
             f"{row.number:>2} {row.expression:<{width}}  {row.nominal:7.4f} {row.published:7.4f} {estimate:7.4f} "
             f"{sd:7.4f}  {relative}"
         )
-    fit = experiment.result.fit
-    lines.append(f"{len(fit.beta)} coefficients in all; coefficients.csv holds the others\n")
+    lines.append(f"{len(experiment.result.coefficients)} coefficients in all; coefficients.csv holds the others\n")
     return "\n".join(lines)
 
 

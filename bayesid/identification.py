@@ -28,7 +28,7 @@ from bayesid.posterior.sampler import SamplerOptions
 from bayesid.robot import Robot, load_robot
 from bayesid.search.result import SearchResult
 from bayesid.segments import Segments, find_segments
-from bayesid.sign_model import Settled, richer_model, settle_signs, weight_against
+from bayesid.sign_model import Settled, richer_model, settle_signs, structural_doubt, weight_against
 from bayesid.signals import Signals, prepare
 from bayesid.signs import METHODS, POOR, FoundSigns, NodeCostFactory, Progress, SearchOptions
 from bayesid.smoothing import sign_probabilities
@@ -42,7 +42,7 @@ _LEAST_MOTION = 1e-3
 """rad; a joint that never leaves this range stands still but for its encoder's noise."""
 _POINTWISE = 150
 """Segments of each joint whose likelihood is kept by itself, for comparisons of models; weaker ones share one."""
-_MOST_SMOOTHED, _FEWEST_SMOOTHED = 24, 4
+_MOST_SMOOTHED = 24
 """Draws of the posterior over which the samples' probabilities are averaged."""
 _SMOOTHED = 200_000
 """Samples times draws, from which on there are fewer draws: a long log leaves little doubt about parameters."""
@@ -65,6 +65,7 @@ class Identification:
         posterior: draws; None if it was not asked for.
         sign_terms: terms of the model under which the signs were settled.
         sign_weight: of that model, against the one asked for where they differ.
+        sign_doubt: (n,) probability that signs are guesses because the model is not the robot's.
         searched: the segments in motion, as the last search had them.
         search: that search.
         rounds: searches until no segment's predicted effort crossed zero.
@@ -84,6 +85,7 @@ class Identification:
     posterior: Posterior | None
     sign_terms: tuple[str, ...]
     sign_weight: float
+    sign_doubt: Array
     searched: Segments
     search: SearchResult
     rounds: int
@@ -94,6 +96,21 @@ class Identification:
     def theta(self) -> Array:
         """(P,) the model's parameters: the posterior's mean, or least squares' where there is no posterior."""
         return self.fit.theta if self.posterior is None else self.posterior.theta
+
+    @property
+    def beta(self) -> Array:
+        """(r,) the base coefficients of these parameters."""
+        return self.coefficients.project(self.theta)
+
+    @property
+    def covariance(self) -> Array:
+        """(r, r) of the coefficients: the posterior's, or the information matrix's inverse where there is none."""
+        return self.fit.covariance if self.posterior is None else self.posterior.covariance
+
+    @property
+    def sd(self) -> Array:
+        """(r,) standard deviations of the coefficients."""
+        return np.sqrt(np.diag(self.covariance))
 
     @property
     def settled_share(self) -> float | None:
@@ -192,12 +209,15 @@ def identify(
         if settled is own:
             probability = _average_over_draws(own, drawn, signals)
         clock.lap("smooth")
+    doubt = structural_doubt(settled, signals)
+    probability = (1.0 - doubt) * probability + 0.5 * doubt
     segments = found.segments.split(_sign_changes(signals))
     signs, confidence = _segment_signs(segments, probability, signals.raw_effort)
     return Identification(
         model, own.coefficients, log, signals, segments, signs, confidence, probability, fit, drawn,
         tuple(term.name for term in settled.model.terms), 1.0 - weight if settled is own else weight,
-        searched, found.search, found.rounds, clock.laps, (*_warnings(fit, found, log), *_doubts(drawn, own, settled)),
+        doubt, searched, found.search, found.rounds, clock.laps,
+        (*_warnings(fit, found, log), *_doubts(drawn, own, settled, doubt)),
     )  # fmt: skip
 
 
@@ -255,8 +275,9 @@ def _named(progress: Progress, stage: str) -> Callable[[int, int], None]:
 
 def _average_over_draws(own: Settled, drawn: Posterior, signals: Signals) -> Array:
     """(N, n) P(sign = +) of every sample, averaged over draws of parameters and noise."""
-    count = int(np.clip(_SMOOTHED / len(signals.motion), _FEWEST_SMOOTHED, _MOST_SMOOTHED))
+    count = int(np.clip(_SMOOTHED / len(signals.motion), 1, _MOST_SMOOTHED))
     theta, log_scale = drawn.spread(count)
+    theta = theta if count > 1 else drawn.theta[None]
     predicted = np.stack([own.model.effort(signals.motion, one) for one in theta], axis=2)
     noise = own.fit.noise.scaled(np.exp(log_scale.mean(axis=0)))
     known = own.moving & inner_samples(signals)  # accelerations at both ends are no better known than friction at rest
@@ -334,13 +355,19 @@ def _warnings(fit: Fit, signs: FoundSigns, log: Log) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _doubts(drawn: Posterior | None, own: Settled, settled: Settled) -> tuple[str, ...]:
+def _doubts(drawn: Posterior | None, own: Settled, settled: Settled, doubt: Array) -> tuple[str, ...]:
     """What is to be said about the posterior, and about the model under which the signs were settled."""
     found = []
     if settled is not own:
         named = [term.name for term in own.model.terms]
         missing = ", ".join(term.name for term in settled.model.terms if term.name not in named)
         found.append(f"the model lacks {missing}: with these terms the log is explained far better; signs rest on them")
+    if doubt.any():
+        joints = ", ".join(str(j + 1) for j in np.flatnonzero(doubt))
+        most = 1.0 - 0.5 * doubt.max()
+        most = 1.0 - 0.5 * doubt.max()
+        lowered = f"confidences of joint {joints} are lowered, to {most:.2f} at worst"
+        found.append(f"the model's own error is large: {lowered}")
     if drawn is not None and not drawn.converged:
         figures = f"R-hat {drawn.max_rhat:.3f}, effective sample size {drawn.min_ess:.0f}"
         found.append(f"the posterior has not converged ({figures}); give more --posterior-budget")

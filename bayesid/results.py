@@ -236,6 +236,7 @@ def summary(identification: Identification) -> dict[str, Any]:
         "signs": {
             "model": list(identification.sign_terms),
             "weight": identification.sign_weight,
+            "doubt": identification.sign_doubt.tolist(),
         },
         "posterior": _posterior_summary(identification),
         "noise": {
@@ -345,13 +346,11 @@ def validation_summary(validation: Validation) -> dict[str, Any]:
 
 def coefficient_rows(identification: Identification) -> list[dict[str, object]]:
     """coefficients.csv: one row a base coefficient, by the posterior if there is one."""
-    coefficients, fit, posterior = identification.coefficients, identification.fit, identification.posterior
-    if posterior is None:
-        mean, sd = fit.beta, fit.sd
+    coefficients, mean, sd = identification.coefficients, identification.beta, identification.sd
+    if identification.posterior is None:
         low, high = mean - _NORMAL_95 * sd, mean + _NORMAL_95 * sd
     else:
-        mean, sd = coefficients.project(posterior.theta), posterior.sd
-        low, high = posterior.interval(0.95)
+        low, high = identification.posterior.interval(0.95)
     return [
         {
             "name": coefficients.names[k],

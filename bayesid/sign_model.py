@@ -26,6 +26,12 @@ from bayesid.smoothing import sign_probabilities
 
 _LASTING = 0.5
 """Coloured over white noise of a residual from which on it is worth another model's opinion."""
+_TOLERATED, _UNPROVEN = 0.3, 0.1
+"""Model error, as a share of the effort, that casts no doubt on signs: with a proof, and without one."""
+_HOPELESS = 0.7
+"""So much more, and a sign is a guess in half of the cases."""
+_INFECTED = 0.6
+"""Share of the worst joint's model error that all joints are suspected of: parameters are common to them."""
 _LARGEST_WEIGHT = 0.95
 """The model that was asked for keeps a say: neither is the truth, whatever their odds."""
 
@@ -102,3 +108,20 @@ def weight_against(rival: Settled, own: Settled) -> float:
     gain = float(count @ (2.0 * np.log(own.fit.residual.sigma / rival.fit.residual.sigma)))
     price = (len(rival.coefficients) - len(own.coefficients)) * float(np.log(count.sum()))
     return min(_LARGEST_WEIGHT, float(expit(0.5 * (gain - price))))
+
+
+def structural_doubt(settled: Settled, signals: Signals) -> Array:
+    """(n,) probability, per joint, that signs are guesses because the model is not the robot's.
+
+    A model that leaves a large lasting error of its own finds wrong signs that suit it, joints at a time, and every
+    probability that is conditional on the model follows it. What such a model still gets right was measured on effects
+    that it does not hold (`studies.calibration --misfit`): it depends on the size of the lasting error relative to the
+    effort, and on whether a proof was had.
+    """
+    square = np.where(settled.moving, signals.raw_effort**2, 0.0).sum(axis=0)
+    effort = np.sqrt(square / np.maximum(settled.moving.sum(axis=0), 1))
+    error = settled.fit.noise.coloured / np.maximum(effort, 1e-300)
+    suspected = np.maximum(error, _INFECTED * error.max())
+    tolerated = _TOLERATED if settled.found.search.certified else _UNPROVEN
+    doubt: Array = np.clip((suspected - tolerated) / _HOPELESS, 0.0, 1.0)
+    return np.where(signals.signed, 0.0, 0.5 * doubt)

@@ -1,18 +1,23 @@
 """Do confidences and standard deviations mean what they say? Simulated logs, where the truth is known.
 
-    python -m studies.calibration [--trials 256] [--workers N] [--seed 0]        (also: bayesid study calibration)
+    python -m studies.calibration [--trials 256] [--workers N] [--seed 0] [--misfit]
+    bayesid study calibration [...]
 
 Robots, noise of 2 to 15 % of each joint's RMS effort, white and coloured (AR(1), 0.9 from sample to sample at 100 Hz),
 logs of 3 s and of 15 s, new parameters, motion and noise for each. Of all signs given a confidence in a bin, the table
 tells the share that is right, for samples (the sign of the noisy effort as a signed sensor would have logged it) and
 for segments (the sign of the sum of these); of all coefficients, how many 95 % intervals hold the true value.
+
+With --misfit the logs hold an effect that no term of the catalogue does, a spring, torque ripple or an offset that
+changes with position, of 0.2 to 1 times each joint's RMS effort: no coefficient is right then, and confidences must say
+that the signs may not be either.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,6 +41,13 @@ DURATIONS = (3.0, 15.0)
 EDGES = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
 """Where the bins of confidence begin; the last one ends at 1."""
 _RATE = 100.0
+MISFITS: dict[str, Callable[[Array], Array]] = {
+    "spring": lambda q: q,
+    "ripple": lambda q: np.sin(20.0 * q + 1.0),
+    "steps": lambda q: np.sign(np.sin(3.0 * q)),
+}
+LEVELS = (0.2, 0.35, 0.5, 0.75, 1.0)
+"""Of a misfit, relative to the joint's RMS effort."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +60,8 @@ class Scenario:
         colour: its correlation from sample to sample.
         duration: s.
         seed: of parameters, motion, noise and sampler.
+        misfit: an effect outside of the model; empty for none.
+        level: its size relative to each joint's RMS effort.
     """
 
     robot: str
@@ -55,19 +69,28 @@ class Scenario:
     colour: float
     duration: float
     seed: int
+    misfit: str = ""
+    level: float = 0.0
 
 
-def scenarios(trials: int, seed: int = 0) -> list[Scenario]:
+def scenarios(trials: int, seed: int = 0, misfit: bool = False) -> list[Scenario]:
     """So many, each kind about equally often."""
-    kinds = [
+    if misfit:
+        kinds = [Scenario(r, 0.03, 0.0, 12.0, 0, name, level) for name in MISFITS for level in LEVELS for r in ROBOTS]
+    else:
+        kinds = _ordinary()
+    order = np.random.default_rng(seed).permutation(len(kinds))
+    return [replace(kinds[order[k % len(kinds)]], seed=seed + k) for k in range(trials)]
+
+
+def _ordinary() -> list[Scenario]:
+    return [
         Scenario(robot, noise, colour, duration, 0)
         for noise in NOISES
         for duration in DURATIONS
         for robot in ROBOTS
         for colour in COLOURS
     ]
-    order = np.random.default_rng(seed).permutation(len(kinds))
-    return [replace(kinds[order[k % len(kinds)]], seed=seed + k) for k in range(trials)]
 
 
 def study(scenario: Scenario) -> Row:
@@ -87,6 +110,7 @@ def study(scenario: Scenario) -> Row:
         "noise": scenario.noise,
         "colour": scenario.colour,
         "duration": scenario.duration,
+        "level": scenario.level,
         "samples": _bins(confidence, right),
         "segments": _bins(result.confidence, of_segments),
         "inside": int(np.sum((low <= truth) & (truth <= high))),
@@ -109,6 +133,10 @@ def _log(scenario: Scenario) -> tuple[Model, Array, Log]:
     model = Model(robot, make_terms(catalogue.DEFAULT, robot, motion))
     theta = random_parameters(model, rng)
     log = simulate(model, theta, motion, rng=rng, noise=scenario.noise, colour=scenario.colour, signed=True)
+    if scenario.misfit:
+        effect = MISFITS[scenario.misfit](motion.q)
+        size = scenario.level * np.sqrt(np.mean(log.effort**2, axis=0) / np.mean(effect**2, axis=0))
+        log = replace(log, effort=log.effort + size * effect)
     return model, theta, log
 
 
@@ -168,7 +196,7 @@ def _groups(rows: Sequence[Row]) -> list[tuple[str, Sequence[Row]]]:
     groups: list[tuple[str, Sequence[Row]]] = [("all", rows)]
     for key, values, form in (
         ("colour", COLOURS, "AR(1) {:g}"), ("duration", DURATIONS, "{:g} s"), ("noise", NOISES, "noise {:.0%}"),
-        ("robot", ROBOTS, "{}"),
+        ("robot", ROBOTS, "{}"), ("level", LEVELS, "misfit {:.0%}"),
     ):  # fmt: skip
         groups += [(form.format(value), [row for row in rows if row[key] == value]) for value in values]
     return [(name, chosen) for name, chosen in groups if chosen]
@@ -180,8 +208,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--trials", type=int, default=256)
     parser.add_argument("--workers", type=int)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--misfit", action="store_true", help="logs with an effect that the model does not hold")
     options = parser.parse_args(arguments)
-    print(report(run(study, scenarios(options.trials, options.seed), options.workers)))
+    print(report(run(study, scenarios(options.trials, options.seed, options.misfit), options.workers)))
 
 
 if __name__ == "__main__":

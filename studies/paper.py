@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -36,12 +37,12 @@ def study(seed: int) -> Row:
     }
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Prints Table II with its spread, and the figures beside the paper's."""
     parser = argparse.ArgumentParser(description="The paper's experiment over many seeds.")
     parser.add_argument("--trials", type=int, default=100)
     parser.add_argument("--workers", type=int)
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     rows = run(study, range(options.trials), options.workers)
     right = sum(row["wrong"] == 0 for row in rows)
     error = np.median([row["torque_error"] for row in rows], axis=0)

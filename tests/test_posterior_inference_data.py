@@ -12,7 +12,7 @@ from bayesid.coefficients import BaseCoefficients
 from bayesid.errors import InputError
 from bayesid.moments import Moments
 from bayesid.posterior.diagnostics import Diagnostics, diagnose
-from bayesid.posterior.inference_data import Labels, inference_data, pointwise, read_draws, write
+from bayesid.posterior.inference_data import Labels, make_inference_data, pointwise, read_draws, write
 from bayesid.posterior.likelihood import make_likelihood
 from bayesid.posterior.prior import Prior
 from bayesid.posterior.sampler import Draws

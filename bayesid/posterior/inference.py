@@ -11,6 +11,7 @@ and weighed with its evidence.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -19,9 +20,11 @@ import numpy as np
 from scipy.special import log_expit, logsumexp
 
 from bayesid.coefficients import BaseCoefficients
+from bayesid.errors import SolverError
 from bayesid.moments import Moments
-from bayesid.motion import Array, Mask
+from bayesid.motion import Array, Integers, Mask
 from bayesid.noise import Noise
+from bayesid.posterior.diagnostics import Diagnostics
 from bayesid.posterior.evidence import Evidence, EvidenceOptions, branch_weights, log_evidence
 from bayesid.posterior.likelihood import make_likelihood
 from bayesid.posterior.modes import Mode, find_modes
@@ -38,6 +41,8 @@ _OF_PRIOR = 0.1
 """Share of the prior's variance that the data must leave at most, where they are said to decide a parameter."""
 _NEGLIGIBLE = 1e-3
 """A mode of less mass leaves no draws."""
+_GOLDEN = 0.5 * (5.0**0.5 - 1.0)
+"""Multiples of the golden section spread evenly over the circle, however many they are."""
 
 
 @dataclass(frozen=True)
@@ -107,10 +112,9 @@ class Posterior:
         return mean
 
     @property
-    def sd(self) -> Array:
-        """(r,) standard deviations of the coefficients."""
-        spread: Array = self.draws.beta.std(axis=(0, 1, 2))
-        return spread
+    def covariance(self) -> Array:
+        """(r, r) of the coefficients."""
+        return np.atleast_2d(np.cov(self.draws.beta.reshape(-1, self.draws.beta.shape[-1]), rowvar=False))
 
     @property
     def parameter_sd(self) -> Array:
@@ -138,9 +142,7 @@ class Posterior:
 
     def spread(self, count: int = _SPREAD) -> tuple[Array, Array]:
         """(K, P) parameters and (K, n) noise scales u of at most `count` draws, evenly spread over all of them."""
-        every = self.draws.coordinates
-        chosen = np.linspace(0, len(every) - 1, min(count, len(every))).astype(int)
-        return self.target.split(every[chosen])
+        return self.target.split(self.draws.coordinates[_evenly(self.draws, count)])
 
 
 def infer(
@@ -168,7 +170,7 @@ def infer(
         progress: called as progress(sweeps done, sweeps expected).
 
     Raises:
-        SolverError: a cone problem could not be solved.
+        SolverError: a cone problem could not be solved, or the evidence of several modes not be found.
     """
     began = time.perf_counter()
     unknown = np.zeros(len(moments), dtype=np.int64)
@@ -184,7 +186,7 @@ def infer(
         sampled.append(sample(target, mode.theta, share, progress))
     weighed = _weigh(target, modes, sampled, options.seed)
     draws = _pool(weighed)
-    theta, log_scale = target.split(draws.coordinates[:: max(1, len(draws.coordinates) // (4 * _SPREAD))])
+    theta, log_scale = target.split(draws.coordinates[_evenly(draws, 4 * _SPREAD)])
     mass = _branch_mass(target, theta, log_scale, search)
     return Posterior(
         target=target,
@@ -204,7 +206,10 @@ def _weigh(target: Target, modes: tuple[Mode, ...], sampled: list[Draws], seed: 
     """The modes with their masses, heaviest first."""
     if len(modes) == 1:
         return (SampledMode(modes[0], sampled[0], None, 1.0),)
-    evidences = [log_evidence(target, draws, EvidenceOptions(seed=seed)) for draws in sampled]
+    try:
+        evidences = [log_evidence(target, draws, EvidenceOptions(seed=seed)) for draws in sampled]
+    except RuntimeError as error:  # what splitting says when its levels do not end
+        raise SolverError("evidence of the modes", str(error)) from error
     weights = branch_weights(np.array([evidence.log_value for evidence in evidences]))
     weighed = [
         SampledMode(mode, draws, evidence, float(weight))
@@ -214,38 +219,76 @@ def _weigh(target: Target, modes: tuple[Mode, ...], sampled: list[Draws], seed: 
 
 
 def _pool(modes: tuple[SampledMode, ...]) -> Draws:
-    """All modes' draws as one, each mode with as many sweeps as its weight asks for."""
+    """All modes' draws as one: first those of the heaviest mode, then of the others, as many as their weights ask for.
+
+    The sweep at which one mode follows on another differs by one between walkers, so that shares finer than a sweep are
+    held.
+    """
     if len(modes) == 1:
         return modes[0].draws
-    heavy = [one for one in modes if one.weight >= _NEGLIGIBLE]
-    total = min(one.draws.sweeps / one.weight for one in heavy)
-    parts = []
-    for one in heavy:
-        count = max(1, round(total * one.weight))
-        parts.append((one.draws, np.linspace(0, one.draws.sweeps - 1, count).astype(int)))
+    heavy = [one.draws for one in modes if one.weight >= _NEGLIGIBLE]
+    weight = np.array([one.weight for one in modes if one.weight >= _NEGLIGIBLE])
+    sweeps = np.array([draws.sweeps for draws in heavy])
+    total = max(1, int(np.min(sweeps * weight.sum() / weight)))
+    ensembles, walkers = heavy[0].log_density.shape[1:]
+    late = (np.arange(ensembles * walkers).reshape(walkers, ensembles).T + 0.5) / (ensembles * walkers)
+    shares = np.cumsum(np.append(0.0, weight / weight.sum()))
+    bounds = np.floor(total * shares[:, None, None] + late).astype(int)  # where each walker's modes begin and end
+    bounds[-1] = total
+    sweep = np.arange(total)[:, None, None]
+    mode = np.sum(sweep >= bounds[1:-1, None], axis=0)
+    begin = np.take_along_axis(bounds, mode, axis=0)
+    count = np.take_along_axis(bounds, mode + 1, axis=0) - begin
+    chosen = (2 * (sweep - begin) + 1) * sweeps[mode] // (2 * count)  # of the mode's own sweeps
+    first = np.cumsum(np.append(0, sweeps[:-1]))
+    place = (first[mode] + chosen, *np.ogrid[:ensembles, :walkers])
 
     def joined(name: str) -> Array:
-        return np.concatenate([getattr(draws, name)[chosen] for draws, chosen in parts])
+        every: Array = np.concatenate([getattr(draws, name) for draws in heavy])
+        return every[place]
 
     return replace(
-        heavy[0].draws,
+        heavy[0],
         theta=joined("theta"),
         log_scale=joined("log_scale"),
         beta=joined("beta"),
         log_density=joined("log_density"),
+        diagnostics=_worst([one.draws.diagnostics for one in modes]),
+        parameters=_worst([one.draws.parameters for one in modes]),
         converged=all(one.draws.converged for one in modes),
         seconds=sum(one.draws.seconds for one in modes),
     )
 
 
+def _worst(diagnostics: list[Diagnostics]) -> Diagnostics:
+    """The worst of any mode, of each quantity; NaN where there is one."""
+    return Diagnostics(
+        np.max([one.rhat for one in diagnostics], axis=0),
+        np.min([one.bulk for one in diagnostics], axis=0),
+        np.min([one.tail for one in diagnostics], axis=0),
+    )
+
+
+def _evenly(draws: Draws, count: int) -> Integers:
+    """(K,) indices into `coordinates` of at most `count` different draws: all sweeps, ensembles and walkers alike.
+
+    A constant stride through the list would fall into step with the walkers, and take the draws of very few of them.
+    """
+    sweeps, chains = draws.sweeps, int(np.prod(draws.log_density.shape[1:]))
+    stride = round(_GOLDEN * chains)
+    while math.gcd(stride, chains) != 1:
+        stride += 1
+    k = np.arange(min(count, sweeps * chains))
+    return k * sweeps // len(k) * chains + k * stride % chains
+
+
 def _branch_mass(target: Target, theta: Array, log_scale: Array, search: SearchResult) -> Array:
-    """(B,) mass of each assignment of the segments that the search's list decides."""
-    if search.settled is None or not search.branches:
+    """(B,) mass of each assignment on the search's list, in the segments that it decides one by one."""
+    if search.decided is None or not search.branches:
         return np.empty(0)
-    signs = np.array([branch.signs for branch in search.branches])
-    decided = (search.settled | np.any(signs != signs[0], axis=0)) & (target.likelihood.fixed == 0)
-    push = target.likelihood.push(theta, log_scale)[:, decided]
-    of_plus, of_minus = log_expit(2.0 * push), log_expit(-2.0 * push)
-    log_mass = [np.where(row > 0, of_plus, of_minus).sum(axis=1) for row in signs[:, decided]]
-    mass: Array = np.exp(logsumexp(np.array(log_mass), axis=1) - np.log(len(theta)))
-    return mass
+    push, open_ = target.likelihood.push(theta, log_scale), target.likelihood.fixed == 0
+    log_mass = []
+    for branch, decided in zip(search.branches, search.decided & open_, strict=True):
+        of_signs = log_expit(2.0 * branch.signs[decided] * push[:, decided]).sum(axis=1)
+        log_mass.append(logsumexp(of_signs) - np.log(len(theta)))
+    return np.exp(log_mass)

@@ -113,6 +113,7 @@ def _result(problem: Problem, best: Branch, floor: float, proof: Proof | None, m
         within=within,
         missed=float(np.exp(log_missed)),
         settled=np.all(agreed, axis=0),
+        decided=proof.decided[:kept],
     )
 
 

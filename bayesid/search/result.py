@@ -55,6 +55,7 @@ class SearchResult:
         missed: bound on the sum of exp(-(cost - best cost) / 2) over all assignments of the segments decided one by
             one that `branches` leaves out; inf if nothing is proven.
         settled: (S,) whether all assignments within Delta give the segment the same sign.
+        decided: (B, S) segments that each branch decides one by one; it stands for all signs of the others.
     """
 
     signs: Integers
@@ -72,6 +73,7 @@ class SearchResult:
     within: float = 0.0
     missed: float = np.inf
     settled: Mask | None = None
+    decided: Mask | None = None
 
 
 class UnconstrainedBound:

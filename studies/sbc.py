@@ -1,0 +1,353 @@
+"""Simulation-based calibration of the posterior sampler (Talts, Betancourt, Simpson, Vehtari and Gelman 2018).
+
+python -m studies.sbc [--trials 200] [--workers N] [--seed 0] [--flaw noise]
+
+Every trial draws parameters and noise scales from a stated prior, simulates data from them, samples the posterior and
+takes the rank of each true value among L draws. If prior, likelihood and sampler are what they say, each rank is
+uniform on 0 ... L, whatever the prior and the model.
+
+- Truth: an arm of two joints with all default terms, 28 parameters and 14 coefficients; its prior is that of
+  `make_prior` for a reference arm, the same in all trials. Its draws come by rejection, exact, on eigenvalues and
+  without the code under test.
+- Data: each segment's rows are turned by one random sign, + and - equally likely whatever the effort is, so the mixture
+  that the likelihood sums over is true to the letter. Joint 2 is measured every other sample and held, noise and all:
+  its autocorrelation time is exactly 2, and counting two of its samples as one is no approximation. The noise is about
+  as large as the efforts, so that cone, prior and signs matter; the reference noise is a fixed number.
+- Signs: with all of them unknown the posterior has many modes, between which no short chain crosses, and a trial may
+  not be left out for that: ranks of trials picked by their data need not be uniform. So 70 % of the segments, chosen
+  before there are data, come with their signs: that is more data, not a selection. They leave one mode. The others,
+  weak and strong alike, are summed out, and in a usual trial a third of them stays in doubt. What is calibrated is thus
+  one mode; the search for modes and their weights is not.
+- Draws: one of each walker, L = 127 of 128, at a random one of its kept sweeps. Walkers do not see each other, so these
+  are independent without any thinning, and distributed as all draws together, those right after the warm-up among
+  them: a warm-up that is too short shows. All walkers start from the prior's inner point, which knows no data.
+- Verdict: with U uniform on [0, 1], x = (rank + U) / (L + 1) is exactly uniform, and so is |2 x - 1|. The exact test of
+  Kolmogorov and Smirnov finds draws that are off with the first and draws too narrow or too wide with the second. The
+  smallest p of all quantities and both tests is corrected after Bonferroni, which holds however they depend on each
+  other. Trials whose sampler did not converge are counted, and count in the ranks like all others.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+
+import numpy as np
+from scipy import stats
+
+from bayesid.coefficients import BaseCoefficients, base_coefficients
+from bayesid.excitation import random_trajectory
+from bayesid.inertia import pseudo_inertia
+from bayesid.model import Model
+from bayesid.moments import moments
+from bayesid.motion import Array, Integers, Mask, Motion
+from bayesid.posterior.likelihood import make_likelihood
+from bayesid.posterior.prior import Links, Prior, make_prior
+from bayesid.posterior.sampler import Draws, SamplerOptions, sample
+from bayesid.posterior.target import Target
+from bayesid.robot import robot_from_table
+from bayesid.segments import Segments
+from bayesid.simulation import random_parameters
+from bayesid.terms import DEFAULT, make_terms
+from studies.runner import Row, run
+
+LINKS = Links()
+SIGMA = np.array([10.0, 30.0])
+"""N m, the reference noise."""
+AUTOCORRELATION = np.array([1.0, 2.0])
+LAST = 127
+"""L, the largest rank."""
+FLAWS = ("", "noise", "prior", "tempering")
+"""Mistakes that calibration should find: half the reference noise, the prior's mean off by one sd, held samples counted
+as if each were new."""
+_SAMPLES, _RATE = 240, 60.0
+_SEGMENT = 4
+"""Samples."""
+_OPEN, _OF = 3, 10
+"""Of ten segments in a row, three whose signs are summed out."""
+_OPTIONS = SamplerOptions(ensembles=4, walkers=(LAST + 1) // 4, budget=600.0)
+_DOUBT = 0.01
+_PROPOSALS = 20_000
+_MOST_BINS, _FEWEST_IN_BIN = 16, 5
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What all trials share
+# ---------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Setting:
+    """The model, its prior and the motion, the same in all trials.
+
+    Attributes:
+        model: an arm of two joints.
+        coefficients: its base coefficients.
+        motion: N samples, each followed by itself.
+        segments: S segments, all of the same length.
+        summed: (S,) whether a segment's sign is summed out.
+        prior: stated before any data.
+    """
+
+    model: Model
+    coefficients: BaseCoefficients
+    motion: Motion
+    segments: Segments
+    summed: Mask
+    prior: Prior
+
+
+@cache
+def setting() -> Setting:
+    """The one setting, made once a process."""
+    joints = [
+        {"a": 0.0, "alpha": np.pi / 2, "d": 0.4, "theta": 0.0},
+        {"a": 0.35, "alpha": 0.0, "d": 0.0, "theta": 0.0},
+    ]
+    robot = robot_from_table({"name": "arm", "convention": "standard", "joints": joints}, "arm")
+    instants = np.repeat(np.arange(0, _SAMPLES, 2), 2) / _RATE
+    motion = random_trajectory(2, _SAMPLES / _RATE, seed=4, harmonics=3).motion(instants)
+    model = Model(robot, make_terms(DEFAULT, robot, motion))
+    coefficients = base_coefficients(model)
+    start = np.tile(np.arange(0, _SAMPLES, _SEGMENT), 2)
+    size = len(start)
+    joint, known = np.repeat([0, 1], size // 2), np.zeros(size, dtype=np.int64)
+    segments = Segments(joint, start, start + _SEGMENT, known, np.ones(size, dtype=bool))
+    usual = model.effort(motion, random_parameters(model, np.random.default_rng(0)))
+    reference = make_likelihood(
+        moments(model, coefficients, motion, usual, segments), coefficients, SIGMA, AUTOCORRELATION, known
+    )
+    summed = np.arange(size) % _OF < _OPEN
+    return Setting(model, coefficients, motion, segments, summed, make_prior(model.cone, reference, LINKS))
+
+
+def draw_prior(rng: np.random.Generator) -> tuple[Array, Array]:
+    """Parameters (P,) and logarithms of the noise scales (n,) from the prior, by rejection."""
+    prior, cone = setting().prior, setting().model.cone
+    log_scale = prior.log_scale_sd * rng.standard_normal(len(prior.log_scale_sd))
+    while True:
+        theta = prior.mean + prior.sd * rng.standard_normal(cone.size)
+        theta[cone.nonnegative] = np.abs(theta[cone.nonnegative])  # their means are zero
+        for body in cone.bodies:
+            theta[body] = _draw_body(prior.mean[body], prior.sd[body], rng)
+        if LINKS.total_mass[0] < theta[cone.bodies[:, 9]].sum() < LINKS.total_mass[1]:
+            return theta, log_scale
+
+
+def _draw_body(mean: Array, sd: Array, rng: np.random.Generator) -> Array:
+    """(10,) parameters of a body: one of some 25 000 proposals is physical."""
+    while True:
+        proposed = mean + sd * rng.standard_normal((_PROPOSALS, 10))
+        diagonal, mass = proposed[:, [0, 3, 5]], proposed[:, 9]
+        trace = diagonal.sum(axis=1) / 2
+        proposed = proposed[(diagonal.max(axis=1) < trace) & (mass > 0.0) & (trace < LINKS.largest_radius**2 * mass)]
+        physical = proposed[np.linalg.eigvalsh(pseudo_inertia(proposed))[:, 0] > 0.0]
+        if len(physical):
+            return physical[0]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# One trial
+# ---------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Scenario:
+    """A trial.
+
+    Attributes:
+        seed: of all trials.
+        trial: which one.
+        flaw: one of FLAWS, that the sampled posterior has and the data do not.
+    """
+
+    seed: int
+    trial: int
+    flaw: str = ""
+
+
+def study(scenario: Scenario) -> Row:
+    """The ranks of one trial."""
+    began = time.perf_counter()
+    rng = np.random.default_rng([scenario.seed, scenario.trial])
+    truth, log_scale = draw_prior(rng)
+    effort, signs = _simulate(truth, log_scale, rng)
+    target = _target(effort, signs, scenario.flaw)
+    unknown = target.likelihood.unknown
+    draws = sample(target, target.prior.inside, replace(_OPTIONS, seed=int(rng.integers(2**31))))
+    theta, scale = _independent(draws, rng)
+    plus = target.likelihood.plus_probability(theta, scale)[:, unknown]
+    among = _quantities(target, theta, scale, np.where(rng.random(plus.shape) < plus, 1.0, -1.0))
+    true = _quantities(target, truth[None], log_scale[None], signs[None, unknown].astype(float))
+    chance = plus.mean(axis=0)
+    return {
+        "trial": scenario.trial,
+        "ranks": {name: int(np.sum(among[name] < true[name])) for name in true},
+        "doubtful": float(np.mean((chance > _DOUBT) & (chance < 1.0 - _DOUBT))),
+        "converged": draws.converged,
+        "max_rhat": draws.diagnostics.max_rhat,
+        "min_ess": draws.diagnostics.min_ess,
+        "sweeps": draws.sweeps,
+        "seconds": time.perf_counter() - began,
+    }
+
+
+def _simulate(theta: Array, log_scale: Array, rng: np.random.Generator) -> tuple[Array, Integers]:
+    """Efforts (N, n), every segment turned by its sign, and the signs (S,)."""
+    given = setting()
+    signs = rng.choice([-1, 1], len(given.segments))
+    noise = rng.standard_normal((len(given.motion), len(SIGMA)))
+    noise[1::2, 1] = noise[::2, 1]
+    effort = given.model.effort(given.motion, theta) + np.exp(log_scale) * SIGMA * noise
+    return given.segments.per_sample(signs, *effort.shape) * effort, signs
+
+
+def _target(effort: Array, signs: Integers, flaw: str) -> Target:
+    """The posterior of efforts (N, n), given the signs (S,) of the segments that are not summed out."""
+    given, prior = setting(), setting().prior
+    sigma = 0.5 * SIGMA if flaw == "noise" else SIGMA
+    autocorrelation = np.ones_like(AUTOCORRELATION) if flaw == "tempering" else AUTOCORRELATION
+    if flaw == "prior":
+        prior = replace(prior, mean=prior.mean + prior.sd)
+    fixed = np.where(given.summed, 0, signs)
+    known = np.where(given.segments.joint == 0, fixed, 0)  # so that both ways to give a sign are used
+    segments = replace(given.segments, known=known)
+    moment = moments(given.model, given.coefficients, given.motion, effort, segments, own=5)
+    return Target(prior, make_likelihood(moment, given.coefficients, sigma, autocorrelation, fixed - known))
+
+
+def _independent(draws: Draws, rng: np.random.Generator) -> tuple[Array, Array]:
+    """L independent draws: parameters (L, P) and logarithms of the noise scales (L, n)."""
+    shape = draws.log_density.shape
+    at = (rng.integers(shape[0], size=shape[1:]), *np.indices(shape[1:]))
+    theta, log_scale = draws.theta[at], draws.log_scale[at]
+    return theta.reshape(LAST + 1, -1)[:LAST], log_scale.reshape(LAST + 1, -1)[:LAST]
+
+
+def _quantities(target: Target, theta: Array, log_scale: Array, signs: Array) -> dict[str, Array]:
+    """(W,) values of all that is ranked.
+
+    Coefficients (friction and offsets are coefficients by themselves); rotor inertias and masses, which the data show
+    in part; noise scales; how well signs and efforts agree; log likelihood and log density, which tell mistakes that no
+    single parameter tells (Modrak et al. 2023).
+
+    Args:
+        target: the posterior.
+        theta: (W, P) parameters.
+        log_scale: (W, n) logarithms of the noise scales.
+        signs: (W, w) of the segments that are summed out.
+    """
+    given, likelihood = setting(), target.likelihood
+    values = dict(zip(given.coefficients.names, given.coefficients.project(theta).T, strict=True))
+    bodies = given.model.cone.bodies
+    others = np.append(np.setdiff1d(np.arange(theta.shape[1]), bodies), bodies[:, 9])
+    for k in np.setdiff1d(others, given.coefficients.kept):
+        values[given.model.parameters[k].name] = theta[:, k]
+    for j, column in enumerate(log_scale.T, start=1):
+        values[f"log noise {j}"] = column
+    values["signs agree"] = np.sum(signs * likelihood.push(theta, log_scale)[:, likelihood.unknown], axis=1)
+    values["log likelihood"] = likelihood.log_likelihood(theta, log_scale)
+    values["log density"] = target.log_density(np.concatenate([theta, log_scale], axis=1))
+    return values
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# All trials
+# ---------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Calibration:
+    """Whether the ranks of K quantities in T trials are uniform.
+
+    Attributes:
+        names: (K,) the quantities.
+        ranks: (T, K) 0 ... L.
+        extra: (T, K) uniform variables on [0, 1].
+    """
+
+    names: tuple[str, ...]
+    ranks: Integers
+    extra: Array
+
+    @classmethod
+    def of(cls, rows: Sequence[Row]) -> Calibration:
+        """From the rows of a study."""
+        ranks = np.array([list(row["ranks"].values()) for row in rows])
+        extra = np.random.default_rng(0).random(ranks.shape)
+        return cls(tuple(rows[0]["ranks"]), ranks, extra)
+
+    @property
+    def bins(self) -> int:
+        """Bins of equal size for the test by chi-square, at least five trials expected in each."""
+        bins = _MOST_BINS
+        while bins > 2 and len(self.ranks) < _FEWEST_IN_BIN * bins:
+            bins //= 2
+        return bins
+
+    @property
+    def chi_square(self) -> Array:
+        """(K,) p of the ranks' counts in bins."""
+        binned = self.ranks * self.bins // (LAST + 1)
+        return np.array([stats.chisquare(np.bincount(column, minlength=self.bins)).pvalue for column in binned.T])
+
+    @cached_property
+    def shift(self) -> Array:
+        """(K,) p of x = (rank + U) / (L + 1) against the uniform distribution: draws that are off."""
+        return _uniform(self._fraction)
+
+    @cached_property
+    def spread(self) -> Array:
+        """(K,) p of |2 x - 1|: draws too narrow or too wide."""
+        return _uniform(np.abs(2.0 * self._fraction - 1.0))
+
+    @property
+    def _fraction(self) -> Array:
+        return (self.ranks + self.extra) / (LAST + 1)
+
+    @property
+    def p(self) -> float:
+        """Of all quantities together: if all is well, it is below a level with at most that probability."""
+        return float(min(1.0, 2.0 * len(self.names) * min(self.shift.min(), self.spread.min())))
+
+
+def _uniform(values: Array) -> Array:
+    """(K,) exact p of columns (T, K) on [0, 1]."""
+    return np.array([stats.kstest(column, "uniform", method="exact").pvalue for column in values.T])
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Prints the ranks of all quantities, and whether they are uniform."""
+    parser = argparse.ArgumentParser(description="Simulation-based calibration of the posterior sampler.")
+    parser.add_argument("--trials", type=int, default=200)
+    parser.add_argument("--workers", type=int)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--flaw", choices=FLAWS, default="", help="a mistake in the posterior, to see it found")
+    options = parser.parse_args(arguments)
+    scenarios = [Scenario(options.seed, trial, options.flaw) for trial in range(options.trials)]
+    began = time.perf_counter()
+    rows = run(study, scenarios, options.workers)
+    found = Calibration.of(rows)
+    print(f"{'quantity':<16}  mean rank  chi2 p  KS p shift  KS p spread    ({LAST / 2} expected; {found.bins} bins)")
+    columns = zip(found.names, found.ranks.mean(axis=0), found.chi_square, found.shift, found.spread, strict=True)
+    for name, mean, chi_square, shift, spread in columns:
+        print(f"{name:<16}  {mean:9.1f}  {chi_square:6.4f}  {shift:10.4f}  {spread:11.4f}")
+    error = (LAST + 1) / np.sqrt(12.0 * len(rows))
+    print(f"\nstandard error of a mean rank: {error:.1f}")
+    for name, values in (("chi-square", found.chi_square), ("shift", found.shift), ("spread", found.spread)):
+        below, together = int(np.sum(values < 0.05)), stats.kstest(values, "uniform").pvalue
+        corrected = min(1.0, len(values) * values.min())
+        print(
+            f"{name + ':':<12} {below:2d} of {len(values)} p below 5 %, smallest {values.min():.2g}, after Bonferroni "
+            f"{corrected:.2g}; p uniform, were they independent: {together:.2g}"
+        )
+    print(f"all quantities, shift and spread, after Bonferroni: p = {found.p:.2g}")
+    late = [row["trial"] for row in rows if not row["converged"]]
+    print(f"not converged: {len(late)} of {len(rows)} trials{f', {late}' if late else ''} (they are in the table)")
+    print(f"worst R-hat {max(row['max_rhat'] for row in rows):.4f}, least ESS {min(r['min_ess'] for r in rows):.0f}")
+    doubtful = np.array([row["doubtful"] for row in rows])
+    low, middle, high = doubtful.min(), doubtful.mean(), doubtful.max()
+    print(f"signs summed out that stay in doubt (1 % < P(+) < 99 %): {middle:.0%}, {low:.0%} to {high:.0%} a trial")
+    seconds = np.median([row["seconds"] for row in rows])
+    print(f"seconds a trial, median: {seconds:.2f}; {time.perf_counter() - began:.0f} s in all")
+
+
+if __name__ == "__main__":
+    main()
