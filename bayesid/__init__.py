@@ -12,8 +12,9 @@ from bayesid.errors import BayesidError, InputError, SolverError
 from bayesid.identification import Identification, identify
 from bayesid.log import Log, join_logs, read_log, write_log
 from bayesid.nominal import read_nominal
-from bayesid.results import inference_data, load_model, save_identification, save_validation
+from bayesid.results import load_model, save_identification, save_validation
 from bayesid.robot import Robot, load_robot
+from bayesid.tables import inference_data
 from bayesid.validation import Validation, validate
 
 __version__ = version("bayesid")

@@ -204,7 +204,7 @@ def identify(
     found, drawn = settled.found, None
     searched = found.segments[found.segments.moving]
     if posterior:
-        drawn = _sample(own, rival, settled, fit, probability, signals, sampling, links, known, progress)
+        drawn = _sample(own, settled, fit, signals, sampling, links, known, progress)
         clock.lap("posterior")
         if settled is own:
             probability = _average_over_draws(own, drawn, signals)
@@ -228,7 +228,7 @@ def _second_opinion(
     own: Settled, signals: Signals, segments: Segments, options: SearchOptions, progress: Progress | None
 ) -> tuple[Settled | None, float]:
     """Signs under the model with all standard effects, where that is worth asking, and its weight."""
-    model = richer_model(own, signals)
+    model = None if options.node_cost is not None else richer_model(own, signals)  # a price may know its own model only
     if model is None:
         return None, 0.0
     told = None if progress is None else _under(progress, "standard effects")
@@ -247,22 +247,22 @@ def _average(own: Settled, rival: Settled | None, weight: float, signals: Signal
     probability = weight * rival.probability + (1.0 - weight) * own.probability
     if weight < 0.5:
         return own, own.fit, probability
-    signs = 2.0 * probability - 1.0
+    signs = 2.0 * rival.probability - 1.0  # a doubt about the model is none about single signs: it would bias the fit
     return rival, fit_signed(own.model, own.coefficients, signals, signs, rival.moving), probability
 
 
 def _sample(
-    own: Settled, rival: Settled | None, settled: Settled, fit: Fit, probability: Array, signals: Signals,
-    options: SamplerOptions, links: Links, nominal: Nominal | None, progress: Progress | None,
+    own: Settled, settled: Settled, fit: Fit, signals: Signals, options: SamplerOptions, links: Links,
+    nominal: Nominal | None, progress: Progress | None,
 ) -> Posterior:  # fmt: skip
     """The posterior of the model asked for; signs that another model has settled are given, all others summed out."""
     segments, search = settled.found.segments[settled.found.segments.moving], settled.found.search
     inside = np.flatnonzero(inner_samples(signals))
     bounds = int(inside[0]), int(inside[-1]) + 1
     segments = replace(segments, start=np.clip(segments.start, *bounds), end=np.clip(segments.end, *bounds))
-    relative = (2.0 * probability - 1.0) * segments.per_sample(search.signs, *probability.shape)
+    relative = (2.0 * settled.probability - 1.0) * segments.per_sample(search.signs, *settled.probability.shape)
     moments = expected_moments(own.model, own.coefficients, signals, relative, segments, _POINTWISE)
-    if settled is rival:
+    if settled is not own:
         moments = replace(moments, known=search.signs)
         search = replace(search, theta=fit.theta, branches=(), settled=None)
     told = None if progress is None else _named(progress, "posterior")

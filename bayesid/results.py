@@ -15,9 +15,8 @@ import tomllib
 from collections.abc import Callable, Iterator, Sequence, Set
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import tomli_w
@@ -27,15 +26,13 @@ from bayesid.export import urdf
 from bayesid.identification import Identification
 from bayesid.log import Log, write_log
 from bayesid.model import Model
-from bayesid.motion import Array, Mask, Motion, frozen
+from bayesid.motion import Array, Motion, frozen
 from bayesid.noise import Noise
 from bayesid.robot import robot_from_table, robot_table
 from bayesid.signals import Signals
+from bayesid.tables import coefficient_rows, inference_data, parameter_rows, summary, validation_summary
 from bayesid.terms import CATALOGUE, make_term
 from bayesid.validation import ParameterDraws, Validation
-
-if TYPE_CHECKING:
-    from arviz import InferenceData  # ArviZ takes half a second to import: only where there is something to keep in it
 
 _MARKER = "summary.json"
 IDENTIFICATION_FILES = frozenset({
@@ -44,7 +41,6 @@ IDENTIFICATION_FILES = frozenset({
 })  # fmt: skip
 """What a result folder may hold; log.csv is the demo's."""
 VALIDATION_FILES = frozenset({"summary.json", "signed_log.csv", "prediction.csv"})
-_NORMAL_95 = 1.959963984540054
 
 
 @dataclass(frozen=True)
@@ -181,220 +177,6 @@ def _stored_noise(table: dict[str, Any], n: int) -> Noise:
     if min(np.min(values) for values in vars(noise).values()) <= 0.0:
         raise ValueError("the noise is not positive")
     return noise
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Contents
-# ---------------------------------------------------------------------------------------------------------------
-def _ambiguous(identification: Identification) -> list[dict[str, float]] | None:
-    """Joint (from 1), start and end (s) of the segments whose sign the proof does not settle; None without a proof."""
-    settled, found = identification.search.settled, identification.searched
-    if settled is None:
-        return None
-    t = identification.signals.motion.t
-    return [
-        {
-            "joint": int(found.joint[k]) + 1,
-            "start": float(t[found.start[k]]),
-            "end": float(t[found.end[k] - 1]),
-            "n_samples": int(found.end[k] - found.start[k]),
-        }
-        for k in np.flatnonzero(~settled)
-    ]
-
-
-def summary(identification: Identification) -> dict[str, Any]:
-    """summary.json of an identification."""
-    search, fit = identification.search, identification.fit
-    return {
-        "robot": identification.model.robot.name,
-        "log": identification.log.source,
-        "terms": [term.name for term in identification.model.terms],
-        "n_samples": len(identification.log),
-        "n_segments": len(identification.segments),
-        "n_segments_searched": len(search.signs),
-        "n_coefficients": len(identification.coefficients),
-        "signed_joints": (np.flatnonzero(identification.log.signed) + 1).tolist(),
-        "processing": identification.signals.processing,
-        "search": {
-            "method": search.method,
-            "beam_width": search.width,
-            "cost": search.cost,
-            "certified": search.certified,
-            "lower_bound": search.lower_bound,
-            "gap": None if search.lower_bound is None else search.cost - search.lower_bound,
-            "within": search.within if search.branches else None,
-            "assignments": len(search.branches) or None,
-            "missed_mass": search.missed if np.isfinite(search.missed) else None,
-            "settled_share": identification.settled_share,
-            "ambiguous": _ambiguous(identification),
-            "seconds": identification.timings["search"],
-            "sdp_solves": search.solves,
-            "nodes": search.nodes,
-            "rounds": identification.rounds,
-        },
-        "signs": {
-            "model": list(identification.sign_terms),
-            "weight": identification.sign_weight,
-            "doubt": identification.sign_doubt.tolist(),
-        },
-        "posterior": _posterior_summary(identification),
-        "noise": {
-            "assumed": "white sensor noise plus exponentially correlated model error, per joint, before the fit "
-            "took its share; samples count by the integrated autocorrelation time",
-            "sd": fit.noise.sigma.tolist(),
-            "white_sd": fit.noise.white.tolist(),
-            "coloured_sd": fit.noise.coloured.tolist(),
-            "correlation_time_s": fit.noise.correlation.tolist(),
-            "samples_that_count_as_one": fit.noise.autocorrelation.tolist(),
-            "effective_samples": _effective_samples(identification).tolist(),
-            "residual_sd": fit.residual.sigma.tolist(),
-        },
-        "fit": {
-            "relative_residual": fit.relative_residual.tolist(),
-            "condition_number": fit.condition,
-            "relative_gap": fit.tolerance,
-            "parameters_moved_inside": fit.moved_inside,
-            "smallest_eigenvalues": fit.smallest_eigenvalues.tolist(),
-            "links_on_edge": (np.flatnonzero(fit.on_edge) + 1).tolist(),
-            "standard_deviations": "information matrix with effective sample counts; the cone is not accounted for"
-            if identification.posterior is None
-            else "of the posterior",
-        },
-        "timings": identification.timings,
-        "warnings": list(identification.warnings),
-    }
-
-
-def _effective_samples(identification: Identification) -> Array:
-    """(n,) samples in motion over the autocorrelation time of the noise."""
-    segments, noise = identification.searched, identification.fit.noise
-    count = np.bincount(segments.joint, weights=segments.end - segments.start, minlength=len(noise.autocorrelation))
-    effective: Array = count / noise.autocorrelation
-    return effective
-
-
-def _posterior_summary(identification: Identification) -> dict[str, Any] | None:
-    posterior = identification.posterior
-    if posterior is None:
-        return None
-    draws, prior = posterior.draws, posterior.target.prior
-    return {
-        "converged": posterior.converged,
-        "max_rhat": posterior.max_rhat,
-        "min_ess": posterior.min_ess,
-        "max_rhat_of_parameters": max(one.draws.parameters.max_rhat for one in posterior.modes),
-        "draws": int(np.prod(draws.theta.shape[:3])),
-        "ensembles": posterior.options.ensembles,
-        "walkers": posterior.options.walkers,
-        "seed": posterior.options.seed,
-        "seconds": posterior.seconds,
-        "prior": "normal about a typical link inside the feasible set and its windows; see docs/posterior.md",
-        "prior_sd": dict(zip((one.name for one in identification.model.parameters), prior.sd.tolist(), strict=True)),
-        "noise_scale": np.exp(draws.log_scale).mean(axis=(0, 1, 2)).tolist(),
-        "modes": [
-            {"weight": one.weight, "log_evidence_se": None if one.evidence is None else one.evidence.standard_error}
-            for one in posterior.modes
-        ],
-        "assignments": posterior.branch_mass.tolist(),
-        "assignments_elsewhere": posterior.elsewhere,
-    }
-
-
-def inference_data(identification: Identification) -> InferenceData:
-    """The posterior as an `arviz.InferenceData`: what posterior.nc holds.
-
-    Raises:
-        ValueError: no posterior was sampled.
-    """
-    posterior = identification.posterior
-    if posterior is None:
-        raise ValueError("no posterior was sampled")
-    from bayesid.posterior.inference_data import Labels, make_inference_data
-
-    segments, t = identification.searched, identification.signals.motion.t
-    labels = Labels(
-        coefficients=identification.coefficients,
-        parameters=identification.model.parameters,
-        joints=[f"A{j}" for j in range(1, identification.model.robot.n_joints + 1)],
-        start=t[segments.start],
-        end=t[segments.end - 1],
-    )
-    content = summary(identification)
-    told = {key: content[key] for key in ("robot", "log", "terms", "noise", "signs")}
-    chosen = {key: content["posterior"][key] for key in ("converged", "max_rhat", "min_ess", "seed", "modes")}
-    versions = {f"{name}_version": version(name) for name in ("bayesid", "numpy", "emcee", "arviz")}
-    return make_inference_data(
-        posterior.draws, posterior.target, posterior.moments, labels, {**told, **chosen, **versions}
-    )
-
-
-def validation_summary(validation: Validation) -> dict[str, Any]:
-    """summary.json of a validation."""
-    return {
-        "log": validation.log.source,
-        "n_samples": len(validation.log),
-        "rms_error": validation.rms_error.tolist(),
-        "relative_residual": validation.relative_residual.tolist(),
-        "coverage_95": validation.coverage.tolist(),
-        "band": validation.band,
-        "signed_joints": (np.flatnonzero(validation.log.signed) + 1).tolist(),
-        "signs": "measured where the log is signed, else the likelier sign under the model",
-        "processing": validation.signals.processing,
-    }
-
-
-def coefficient_rows(identification: Identification) -> list[dict[str, object]]:
-    """coefficients.csv: one row a base coefficient, by the posterior if there is one."""
-    coefficients, mean, sd = identification.coefficients, identification.beta, identification.sd
-    if identification.posterior is None:
-        low, high = mean - _NORMAL_95 * sd, mean + _NORMAL_95 * sd
-    else:
-        low, high = identification.posterior.interval(0.95)
-    return [
-        {
-            "name": coefficients.names[k],
-            "expression": coefficients.expressions[k],
-            "mean": mean[k],
-            "sd": sd[k],
-            "rsd_percent": 100.0 * sd[k] / abs(mean[k]) if mean[k] else np.inf,
-            "q2.5": low[k],
-            "q97.5": high[k],
-            "unit": coefficients.units[k],
-        }
-        for k in range(len(coefficients))
-    ]
-
-
-def parameter_rows(identification: Identification) -> list[dict[str, object]]:
-    """parameters.csv: one row a standard parameter; without a posterior `sd` only where the data alone decide it."""
-    posterior = identification.posterior
-    if posterior is None:
-        sd, by_data = _data_sd(identification)
-    else:
-        sd, by_data = posterior.parameter_sd, posterior.decided_by_data
-    return [
-        {
-            "name": parameter.name,
-            "unit": parameter.unit,
-            "joint": parameter.joint,
-            "mean": identification.theta[k],
-            "sd": sd[k] if np.isfinite(sd[k]) else "",
-            "decided_by": "data" if by_data[k] else "prior",
-        }
-        for k, parameter in enumerate(identification.model.parameters)
-    ]
-
-
-def _data_sd(identification: Identification) -> tuple[Array, Mask]:
-    """(P,) standard deviations by the information matrix, NaN where (P,) the data do not decide a parameter alone."""
-    coefficients, fit = identification.coefficients, identification.fit
-    lift = np.linalg.pinv(coefficients.projection)
-    decided = np.abs(lift @ coefficients.projection - np.eye(len(fit.theta))).max(axis=1) < 1e-9
-    finite = np.isfinite(fit.sd)
-    variance = np.einsum("pr,rs,ps->p", lift[:, finite], fit.covariance[np.ix_(finite, finite)], lift[:, finite])
-    by_data: Mask = decided & ~(np.abs(lift[:, ~finite]) > 1e-12).any(axis=1)
-    return np.where(by_data, np.sqrt(variance), np.nan), by_data
 
 
 def _model_table(stored: StoredModel) -> dict[str, Any]:

@@ -1,9 +1,12 @@
 import csv
+import io
 import json
 import shutil
 import subprocess
 import sys
 import tomllib
+from contextlib import redirect_stdout
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,12 +15,14 @@ from oracles import urdf_text
 
 import bayesid
 from bayesid import cli
+from bayesid.demo import run_experiment
 from bayesid.errors import SolverError
 
 RESULT = {
     "summary.json", "segments.csv", "signed_log.csv", "coefficients.csv", "parameters.csv", "model.toml", "robot.urdf",
 }  # fmt: skip
-"""What section 7 of the design promises, without posterior.nc and report.html."""
+"""What section 7 of the design promises, without report.html, and without posterior.nc where there are no draws."""
+QUICK = "--quiet", "--no-posterior"
 COMMANDS = ("identify", "validate", "simulate", "demo")
 ARM = """
 name = "arm"
@@ -55,7 +60,10 @@ def shop(tmp_path_factory):
     (place / "arm.toml").write_text(ARM)
     options = ("--duration", 6, "--noise", 0.03, "--seed", 2, "--effect", "viscous_friction:1:0.3")
     assert run("simulate", "--robot", place / "arm.toml", "--out", place / "log.csv", *options) == 0
-    assert run("identify", place / "log.csv", "--robot", place / "arm.toml", "--out", place / "result", "--quiet") == 0
+    told = io.StringIO()
+    with redirect_stdout(told):
+        assert run(*identify(place / "log.csv", place / "arm.toml", place / "result"), "--seed", 7) == 0
+    (place / "terminal.txt").write_text(told.getvalue())
     return place
 
 
@@ -121,19 +129,27 @@ def test_help_of_every_command(command, capfd):
     assert err == ""
 
 
-def test_identify_leaves_what_is_promised(place, capfd):
-    assert run(*identify()) == 0
-    out, _ = capfd.readouterr()
-    assert {path.name for path in (place / "out").iterdir()} == RESULT
+def test_identify_leaves_what_is_promised(place, capfd, monkeypatch):
+    """With as few draws as there can be, which never satisfy: said aloud, and no failure."""
+    monkeypatch.setattr("bayesid.posterior.diagnostics.Diagnostics.passes", lambda *_: False)
+    assert run(*identify(), "--posterior-budget", 0) == 0
+    out, err = capfd.readouterr()
+    assert {path.name for path in (place / "out").iterdir()} == RESULT | {"posterior.nc"}
     assert {path.name for path in place.iterdir()} == {"arm.toml", "log.csv", "out"}
-    assert out.count("\n") == 7
+    assert out.count("\n") == 8
     assert "arm: 601 rows" in out
+    assert "posterior: NOT CONVERGED, R-hat " in out
+    (warning,) = [line for line in err.splitlines() if "converged" in line]
+    assert warning.startswith("warning: the posterior has not converged (R-hat ")
+    assert "--posterior-budget" in warning
+    posterior = json.loads((place / "out" / "summary.json").read_text())["posterior"]
+    assert posterior["converged"] is False
     assert out.endswith("written to out/\n")
 
 
 def test_two_logs_count_as_one(place):
     shutil.copy(place / "log.csv", place / "again.csv")
-    assert run("identify", "log.csv", "again.csv", "--robot", "arm.toml", "--out", "out", "--quiet") == 0
+    assert run("identify", "log.csv", "again.csv", "--robot", "arm.toml", "--out", "out", *QUICK) == 0
     summary = json.loads((place / "out" / "summary.json").read_text())
     assert summary["n_samples"] == 2 * 601
     assert summary["log"] == "log.csv + again.csv"
@@ -143,6 +159,67 @@ def test_two_logs_count_as_one(place):
 def test_an_option_that_is_no_budget(place, refused):
     refused(*identify(), "--search-budget", "-1", says=["--search-budget", "-1"])
     refused(*identify(), "--search-budget", "nan", says=["--search-budget", "nan"])
+
+
+def test_no_time_to_sample_is_said_aloud(place, capfd):
+    assert run(*identify(), "--quiet", "--posterior-budget", 0) == 0
+    assert "has not converged" in capfd.readouterr().err
+
+
+def test_without_a_posterior_none_is_written(place, capfd):
+    assert run(*identify(), "--no-posterior") == 0
+    assert {path.name for path in (place / "out").iterdir()} == RESULT
+    out = capfd.readouterr().out
+    assert out.splitlines()[2] == "posterior: not sampled"
+    assert json.loads((place / "out" / "summary.json").read_text())["posterior"] is None
+
+
+def test_the_terminal_tells_of_the_posterior_what_the_summary_does(shop, capfd):
+    result = json.loads((shop / "result" / "summary.json").read_text())["posterior"]
+    told = (shop / "terminal.txt").read_text().splitlines()[2]
+    figures = f"R-hat {result['max_rhat']:.3f}, effective sample size {result['min_ess']:.0f}"
+    assert told == f"posterior: converged, {figures}, {result['seconds']:.1f} s"
+    assert result["converged"] is True
+    assert result["seed"] == 7
+
+
+def test_the_same_seed_gives_the_same_files(shop, place):
+    """Sampled twice until it has converged."""
+    assert run(*identify(), "--quiet", "--seed", 7) == 0
+    for name in ("coefficients.csv", "parameters.csv", "segments.csv", "signed_log.csv", "model.toml", "robot.urdf"):
+        assert (place / "out" / name).read_bytes() == (shop / "result" / name).read_bytes(), name
+
+
+def test_nominal_values_are_believed(place):
+    """The first link's mass leaves no trace in the efforts; a parameters.csv with an sd in one line alone will do."""
+    (place / "cad.csv").write_text("name,unit,mean,sd\nm1,kg,27.0,0.5\nm2,kg,3.0,\n")
+    assert run(*identify(), "--quiet", "--posterior-budget", 0, "--nominal", "cad.csv") == 0
+    found = {row["name"]: row for row in rows(place / "out" / "parameters.csv")}
+    assert float(found["m1"]["mean"]) == pytest.approx(27.0, abs=0.5)
+    assert float(found["m1"]["sd"]) == pytest.approx(0.5, rel=0.5)
+    prior = json.loads((place / "out" / "summary.json").read_text())["posterior"]["prior_sd"]
+    assert (prior["m1"], prior["m2"]) == (0.5, 10.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("name,mean,sd\nm9,1.0,0.1\n", ["'m9'"]), ("name,mean,sd\nm2,1.0,-0.1\n", ["m2"]),
+        ("name,mean,sd\nm2,heavy,0.1\n", ["cad.csv, line 2", "'heavy'"]), ("name,value\nm2,1.0\n", ["cad.csv", "sd"]),
+        ("", ["cad.csv", "columns"]), (None, ["cad.csv", "read"]),
+    ],
+)  # fmt: skip
+def test_nominal_values_that_cannot_be_used(place, refused, text, says):
+    if text is not None:
+        (place / "cad.csv").write_text(text)
+    refused(*identify(), "--nominal", "cad.csv", says=says)
+
+
+def test_damaged_draws_are_not_taken_for_none(shop, place, refused):
+    shutil.copytree(shop / "result", place / "result")
+    whole = (place / "result" / "posterior.nc").read_bytes()
+    (place / "result" / "posterior.nc").write_bytes(whole[:5000])
+    refused("validate", "result", "log.csv", "--out", "out", says=["posterior.nc", "damaged"])
 
 
 def test_without_out_the_folder_is_called_after_the_log(place):
@@ -166,7 +243,7 @@ def rows(path):
 
 @pytest.mark.parametrize("options", [(), ("--cutoff", 12, "--beam-width", 3, "--initial-segments", 3)])
 def test_quiet_prints_nothing(place, capfd, options):
-    assert run(*identify(), "--quiet", *options) == 0
+    assert run(*identify(), *QUICK, *options) == 0
     out, err = capfd.readouterr()
     assert out == ""
     assert all(line.startswith("warning: ") for line in err.splitlines())
@@ -174,7 +251,7 @@ def test_quiet_prints_nothing(place, capfd, options):
 
 def test_warnings_go_to_stderr_and_into_the_summary(shop, place, capfd):
     """Rotor inertias and offsets of a robot that has none are on the edge, or the links are."""
-    assert run(*identify(), "--quiet", "--terms", "rigid_body, viscous_friction") == 0
+    assert run(*identify(), *QUICK, "--terms", "rigid_body, viscous_friction") == 0
     err = capfd.readouterr().err
     summary = json.loads((place / "out" / "summary.json").read_text())
     assert err == "".join(f"warning: {warning}\n" for warning in summary["warnings"])
@@ -190,19 +267,25 @@ def test_options_reach_the_identification(place, monkeypatch):
 
     monkeypatch.setattr(bayesid, "identify", spy)
     options = "--unsigned", "1,3", "--beam-width", 7, "--initial-segments", 4, "--cutoff", "11.5"
-    options += "--search", "beam", "--search-budget", 2.5
+    options += "--search", "beam", "--search-budget", 2.5, "--posterior-budget", 3.5, "--seed", 8
+    options += "--nominal", "cad.csv"
+    (place / "cad.csv").write_text("name,mean,sd\nm2,1.5,0.25\n")
     assert run(*identify(), "--terms", "rigid_body,torque_offset", *options) == 130
     assert (seen["robot"], seen["terms"]) == ("arm.toml", ["rigid_body", "torque_offset"])
     assert (seen["beam_width"], seen["initial_segments"], seen["cutoff"]) == (7, 4, 11.5)
     assert (seen["search"], seen["search_budget"]) == ("beam", 2.5)
+    assert (seen["posterior"], seen["posterior_budget"], seen["seed"]) == (True, 3.5, 8)
+    assert seen["nominal"] == {"m2": (1.5, 0.25)}
     assert seen["log"].signed.tolist() == [False, True, False]
+    assert run(*identify(), "--no-posterior") == 130
+    assert (seen["posterior"], seen["posterior_budget"], seen["seed"], seen["nominal"]) == (False, 60.0, 0, None)
 
 
 def test_currents_need_gains(place, refused):
     text = (place / "log.csv").read_text().replace("tau", "i")
     (place / "currents.csv").write_text(text)
     refused(*identify("currents.csv"), says=["currents.csv", "gains"])
-    assert run(*identify("currents.csv"), "--gains", "2,2,2", "--quiet") == 0
+    assert run(*identify("currents.csv"), "--gains", "2,2,2", *QUICK) == 0
     effort, measured = rows(place / "out" / "signed_log.csv"), rows(place / "currents.csv")
     assert all(abs(float(a["tau2"])) == 2 * float(b["i2"]) for a, b in zip(effort, measured, strict=True))
 
@@ -211,7 +294,12 @@ def test_validate_prints_a_table(shop, place, capfd):
     assert run("validate", shop / "result", shop / "log_signed.csv") == 0
     out, err = capfd.readouterr()
     assert err == ""
-    assert len(out.splitlines()) == 4
+    *figures, held = out.splitlines()
+    assert "in the 95 % band" in figures[0]
+    assert held == "the band holds parameters and noise, by the posterior"
+    assert [line.split()[0] for line in figures[1:]] == ["1", "2", "3"]
+    shares = [float(line.rstrip("%").split()[-1]) for line in figures[1:]]
+    assert all(90.0 < share < 99.0 for share in shares), "its own log"
     assert set(everything(place)) == {place.joinpath(name).relative_to(place) for name in ("arm.toml", "log.csv")}
 
 
@@ -243,23 +331,27 @@ def test_simulate_does_what_the_seed_says(place):
     assert a != c
 
 
-def test_a_urdf_robot(place):
+def test_a_urdf_robot(place, capfd):
     """Two joints that turn and one that slides, fixed joints between them."""
     (place / "odd.urdf").write_text(urdf_text())
     assert run("simulate", "--robot", "odd.urdf", "--duration", 6, "--out", "odd.csv") == 0
-    assert run(*identify("odd_signed.csv", "odd.urdf"), "--quiet") == 0
+    assert run(*identify("odd_signed.csv", "odd.urdf"), *QUICK) == 0
     assert run("validate", "out", "odd.csv") == 0
+    assert capfd.readouterr().out.endswith("the band holds noise alone\n")
 
 
-def test_demo_is_the_papers_experiment(place, capfd):
+def test_demo_is_the_papers_experiment(place, capfd, monkeypatch):
+    """With as few draws as there can be."""
+    monkeypatch.setattr("bayesid.demo.identify", partial(bayesid.identify, posterior_budget=0.0))
     assert run("demo", "--seed", 1) == 0
     out, _ = capfd.readouterr()
-    assert {path.name for path in (place / "bayesid-demo").iterdir()} == RESULT | {"log.csv"}
+    assert {path.name for path in (place / "bayesid-demo").iterdir()} == RESULT | {"log.csv", "posterior.nc"}
     assert "0 of " in out
     assert "segments above 5 % have the wrong sign" in out
     assert sum(line.lstrip()[:2].strip().isdigit() for line in out.splitlines()) >= 27
     with pytest.MonkeyPatch.context() as patch:  # a second demo replaces the first
         patch.setattr("bayesid.results.write_log", lambda path, log: path.write_text("new"))
+        patch.setattr("bayesid.demo.run_experiment", lambda *_, **named: run_experiment(1))
         assert run("demo", "--seed", 1) == 0
     assert (place / "bayesid-demo" / "log.csv").read_text() == "new"
 
@@ -435,6 +527,7 @@ BAD_OPTIONS = [
     *((f"--beam-width={value}", ["--beam-width", value]) for value in ("0", "-2", "1.5", "wide")),
     *((f"--initial-segments={value}", ["--initial-segments", value]) for value in ("0", "-2", "13", "1.5", "few")),
     *((f"--seed={value}", ["--seed", value]) for value in ("-1", "1.5", "lucky")),
+    *((f"--posterior-budget={value}", ["--posterior-budget", value]) for value in ("-1", "nan", "inf", "long")),
     ("--robots=ur10e", ["--robots"]),
 ]  # fmt: skip
 
@@ -509,7 +602,7 @@ def test_simulate_needs_a_place_for_a_file(place, refused):
 def test_an_earlier_result_is_replaced_whole(shop, place):
     shutil.copytree(shop / "result", place / "out")
     (place / "out" / "report.html").write_text("of the earlier result")
-    assert run(*identify(), "--terms", "rigid_body,viscous_friction", "--quiet") == 0
+    assert run(*identify(), "--terms", "rigid_body,viscous_friction", *QUICK) == 0
     assert {path.name for path in (place / "out").iterdir()} == RESULT
     assert json.loads((place / "out" / "summary.json").read_text())["terms"] == ["rigid_body", "viscous_friction"]
     assert {path.name for path in place.iterdir()} == {"arm.toml", "log.csv", "out"}
@@ -525,7 +618,7 @@ def test_a_run_that_fails_leaves_the_earlier_result(shop, place, refused, monkey
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("bayesid.results._write_segments", fail)
-    assert run(*identify(), "--quiet") == 2
+    assert run(*identify(), *QUICK) == 2
     assert "No space left on device" in capfd.readouterr().err
     assert everything(place) == before
 

@@ -1,8 +1,10 @@
 import csv
 import json
+import shutil
 import tomllib
 from dataclasses import replace
 
+import arviz as az
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -10,6 +12,7 @@ from conftest import small_robot
 from oracles import urdf_text
 from scipy import linalg, stats
 
+import bayesid
 from bayesid import results
 from bayesid.errors import InputError
 from bayesid.excitation import random_trajectory
@@ -17,17 +20,10 @@ from bayesid.identification import identify
 from bayesid.log import read_log
 from bayesid.model import Model
 from bayesid.motion import Motion
-from bayesid.results import (
-    check_folder,
-    coefficient_rows,
-    load_model,
-    parameter_rows,
-    save_identification,
-    save_validation,
-    summary,
-)
+from bayesid.results import check_folder, load_model, save_identification, save_validation
 from bayesid.robot import load_robot, robot_from_urdf
 from bayesid.simulation import random_parameters, simulate
+from bayesid.tables import coefficient_rows, inference_data, parameter_rows, summary
 from bayesid.terms import DEFAULT, make_terms
 
 PROMISED = {
@@ -53,7 +49,18 @@ def table(path):
 def result():
     """Joint 2 keeps its sign; time counts from 1970."""
     robot = small_robot(3)
-    return identify(robot, simulated(robot, signed=[False, True, False], start=1.7e9))
+    return identify(robot, simulated(robot, signed=[False, True, False], start=1.7e9), posterior=False)
+
+
+@pytest.fixture(scope="module")
+def sampled(result):
+    """The same log, its posterior sampled."""
+    return identify(result.model.robot, result.log, seed=3)
+
+
+@pytest.fixture(scope="module")
+def sampled_folder(sampled, tmp_path_factory):
+    return save_identification(sampled, tmp_path_factory.mktemp("sampled") / "result")
 
 
 @pytest.fixture(scope="session")
@@ -103,6 +110,14 @@ def test_the_summary_has_the_promised_keys(result, folder):
     assert content["noise"]["sd"] == result.fit.noise.sigma.tolist()
     assert all(seconds >= 0.0 for seconds in content["timings"].values())
     assert content["warnings"] == list(result.warnings)
+    assert content["posterior"] is None
+    assert content["signs"] == {"model": list(DEFAULT), "weight": 1.0, "doubt": [0.0, 0.0, 0.0]}
+    assert content["noise"]["residual_sd"] == result.fit.residual.sigma.tolist()
+    speed = np.abs(result.signals.motion.dq)
+    moving = (speed > 0.01 * speed.max(axis=0)).sum(axis=0)
+    np.testing.assert_allclose(
+        content["noise"]["effective_samples"], moving / content["noise"]["samples_that_count_as_one"], rtol=0.02
+    )
 
 
 def test_a_summary_without_finite_numbers_is_json_too(result, tmp_path):
@@ -189,7 +204,7 @@ def test_the_coefficients_are_those_of_the_fit(result, folder):
 
 
 def test_a_coefficient_of_zero_has_no_relative_deviation(result):
-    rows = coefficient_rows(replace(result, fit=replace(result.fit, beta=np.zeros_like(result.fit.beta))))
+    rows = coefficient_rows(replace(result, fit=replace(result.fit, theta=np.zeros_like(result.fit.theta))))
     assert all(row["rsd_percent"] == np.inf for row in rows)
 
 
@@ -246,6 +261,139 @@ def test_what_the_log_does_not_excite_is_left_to_the_prior(result):
 
 
 # ---------------------------------------------------------------------------------------------------------------
+# With a posterior
+# ---------------------------------------------------------------------------------------------------------------
+def draws_in(folder):
+    """(K, P), (K, r) and (K, n) as ArviZ reads them, and the file's attributes."""
+    data = az.from_netcdf(folder / "posterior.nc")
+    theta, beta, noise = (data.posterior[name].values for name in ("theta", "beta", "noise"))
+    return *(values.reshape(-1, values.shape[-1]) for values in (theta, beta, noise)), data
+
+
+def test_a_sampled_result_has_its_draws_beside_it(sampled_folder):
+    assert {path.name for path in sampled_folder.iterdir()} == PROMISED | {"posterior.nc"}
+
+
+def test_coefficients_are_those_of_the_draws(sampled, sampled_folder):
+    """Of those in the file, of which some may have been left out: within a tenth of an sd, quantiles a fifth."""
+    _, beta, _, data = draws_in(sampled_folder)
+    rows = table(sampled_folder / "coefficients.csv")
+    assert data.posterior.coefficient.values.tolist() == [row["name"] for row in rows]
+    found = {key: np.array([float(row[key]) for row in rows]) for key in ("mean", "sd", "rsd_percent", "q2.5", "q97.5")}
+    every = sampled.posterior.draws.beta.reshape(-1, len(rows))
+    np.testing.assert_allclose(found["mean"], every.mean(axis=0), rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(found["sd"], every.std(axis=0), rtol=1e-3)
+    np.testing.assert_allclose(found["rsd_percent"], 100.0 * found["sd"] / np.abs(found["mean"]), rtol=1e-6)
+    for key, share in (("q2.5", 0.025), ("q97.5", 0.975)):
+        np.testing.assert_allclose(found[key], np.quantile(every, share, axis=0), rtol=1e-7, atol=1e-12)
+        assert np.abs(found[key] - np.quantile(beta, share, axis=0)).max() < 0.2 * found["sd"].max()
+    assert np.abs((beta.mean(axis=0) - found["mean"]) / found["sd"]).max() < 0.1
+    assert np.all((found["q2.5"] < found["mean"]) & (found["mean"] < found["q97.5"]))
+
+
+def test_the_model_of_a_sampled_result_is_the_mean_and_feasible(sampled, sampled_folder):
+    theta, _, noise, _ = draws_in(sampled_folder)
+    loaded = load_model(sampled_folder)
+    mean = sampled.posterior.draws.theta.reshape(-1, theta.shape[1]).mean(axis=0)
+    np.testing.assert_allclose(loaded.theta, mean, rtol=1e-9, atol=1e-12)
+    assert np.abs((theta.mean(axis=0) - mean) / theta.std(axis=0)).max() < 0.3, "links' own parameters mix slowly"
+    assert loaded.model.cone.contains(loaded.theta)
+    assert loaded.model.cone.smallest_eigenvalues(loaded.theta).min() > 0.0
+    np.testing.assert_array_equal(loaded.draws.theta, theta)
+    np.testing.assert_array_equal(loaded.draws.sigma, noise)
+    rows = table(sampled_folder / "parameters.csv")
+    np.testing.assert_allclose([float(row["mean"]) for row in rows], loaded.theta, rtol=1e-8, atol=1e-12)
+    expected = sampled.posterior.draws.theta.reshape(-1, theta.shape[1]).std(axis=0)
+    np.testing.assert_allclose([float(row["sd"]) for row in rows], expected, rtol=1e-8)
+
+
+def test_what_decides_a_parameter_of_a_sampled_result(sampled, sampled_folder):
+    """At most a tenth of the prior's variance left, in the normal distribution of prior and least squares."""
+    rows = table(sampled_folder / "parameters.csv")
+    prior = json.loads((sampled_folder / "summary.json").read_text())["posterior"]["prior_sd"]
+    assert list(prior) == [row["name"] for row in rows]
+    sd, projection = np.array(list(prior.values())), sampled.coefficients.projection
+    precision = projection.T @ np.linalg.solve(sampled.fit.covariance, projection) + np.diag(sd**-2.0)
+    left = np.diag(np.linalg.inv(precision)) / sd**2
+    clear = (left < 0.05) | (left > 0.2)
+    assert clear.mean() > 0.7
+    for row, share in zip(rows, left, strict=True):
+        if not 0.05 < share < 0.2:
+            assert row["decided_by"] == ("data" if share < 0.1 else "prior"), row["name"]
+    assert {row["decided_by"] for row in rows} == {"data", "prior"}
+    decided = {row["name"]: row["decided_by"] for row in rows}
+    assert decided["Fv1"] == decided["offset3"] == "data"
+    assert decided["m1"] == "prior"
+
+
+def test_the_summary_of_a_sampled_result(sampled, sampled_folder):
+    content = strict((sampled_folder / "summary.json").read_text())
+    told, draws = content["posterior"], sampled.posterior.draws
+    assert set(told) == {
+        "converged", "max_rhat", "min_ess", "max_rhat_of_parameters", "draws", "ensembles", "walkers", "seed",
+        "seconds", "prior", "prior_sd", "noise_scale", "modes", "assignments", "assignments_elsewhere",
+    }  # fmt: skip
+    assert told["converged"] is True
+    assert 0.99 < told["max_rhat"] <= 1.01
+    assert told["min_ess"] >= 400.0
+    assert told["draws"] == draws.theta[..., 0].size == draws.sweeps * told["ensembles"] * told["walkers"]
+    assert told["seed"] == 3
+    np.testing.assert_allclose(told["noise_scale"], np.exp(draws.log_scale).reshape(-1, 3).mean(axis=0))
+    assert sum(mode["weight"] for mode in told["modes"]) == pytest.approx(1.0)
+    assert len(told["assignments"]) == content["search"]["assignments"]
+    assert sum(told["assignments"]) + told["assignments_elsewhere"] == pytest.approx(1.0)
+    assert content["signs"] == {"model": list(DEFAULT), "weight": 1.0, "doubt": sampled.sign_doubt.tolist()}
+    assert content["fit"]["standard_deviations"] == "of the posterior"
+    assert {"posterior", "smooth"} <= set(content["timings"])
+
+
+def test_the_file_of_draws_says_where_it_comes_from(sampled, sampled_folder):
+    _, _, noise, data = draws_in(sampled_folder)
+    assert (data.attrs["robot"], data.attrs["converged"], data.attrs["seed"]) == ("arm3", 1, 3)
+    assert json.loads(data.attrs["terms"]) == list(DEFAULT)
+    assert data.attrs["bayesid_version"] == bayesid.__version__
+    assert {"numpy_version", "emcee_version", "arviz_version"} <= set(data.attrs)
+    assert data.posterior.joint.values.tolist() == ["A1", "A2", "A3"]
+    assert data.posterior.sizes["chain"] * data.posterior.sizes["draw"] <= 4096
+    np.testing.assert_allclose(data.constant_data.sigma_ref, sampled.fit.noise.sigma)
+    np.testing.assert_allclose(noise.mean(axis=0), sampled.fit.noise.sigma, rtol=0.2)
+    start = data.observed_data.start.values
+    assert start.min() >= 1.7e9
+    assert data.observed_data.end.values.max() <= sampled.log.t[-1]
+
+
+def test_without_draws_there_is_nothing_to_keep(result):
+    with pytest.raises(ValueError, match="no posterior"):
+        inference_data(result)
+
+
+@pytest.mark.parametrize("damage", ["cut", "text", "empty", "other"])
+def test_damaged_draws_are_bad_input(sampled_folder, tmp_path, damage):
+    """One line that names the file, not a model without its draws."""
+    place = shutil.copytree(sampled_folder, tmp_path / "r")
+    path, whole = place / "posterior.nc", (sampled_folder / "posterior.nc").read_bytes()
+    if damage == "other":
+        content = tomllib.loads((place / "model.toml").read_text())
+        content["terms"] = [term for term in content["terms"] if term["name"] != "torque_offset"]
+        (place / "model.toml").write_text(results.tomli_w.dumps(content))
+    else:
+        path.write_bytes({"cut": whole[: len(whole) // 2], "text": b"draws", "empty": b""}[damage])
+    with pytest.raises(InputError) as refusal:
+        load_model(place)
+    assert refusal.value.where == str(path)
+    assert "\n" not in str(refusal.value)
+    path.unlink()
+    assert load_model(place).draws is None
+
+
+def test_an_earlier_sampled_result_leaves_no_draws_behind(result, sampled_folder, tmp_path):
+    """Its posterior.nc beside another model would be read as that model's."""
+    place = shutil.copytree(sampled_folder, tmp_path / "r")
+    save_identification(result, place)
+    assert {path.name for path in place.iterdir()} == PROMISED
+
+
+# ---------------------------------------------------------------------------------------------------------------
 # Models that come back
 # ---------------------------------------------------------------------------------------------------------------
 @pytest.fixture(scope="session", params=["dh", "tx40", "urdf"])
@@ -253,7 +401,7 @@ def stored(request, result, tmp_path_factory):
     """An identification, its folder and what is read from it; signed logs are identified in no time."""
     if request.param != "dh":
         robot = load_robot("tx40") if request.param == "tx40" else robot_from_urdf(urdf_text(), "test")
-        result = identify(robot, simulated(robot, signed=True))
+        result = identify(robot, simulated(robot, signed=True), posterior=False)
     folder = save_identification(result, tmp_path_factory.mktemp("stored") / request.param)
     return result, folder, load_model(folder)
 
@@ -261,6 +409,7 @@ def stored(request, result, tmp_path_factory):
 def test_a_model_comes_back_the_same(stored):
     result, _, loaded = stored
     assert loaded.model.robot.same_kinematics(result.model.robot)
+    assert loaded.draws is None
     np.testing.assert_array_equal(loaded.model.robot.coupling, result.model.robot.coupling)
     assert loaded.model.robot.name == result.model.robot.name
     assert loaded.model.terms == result.model.terms
@@ -456,11 +605,15 @@ def test_a_validation_folder(validation, tmp_path):
     np.testing.assert_allclose(content["rms_error"], validation.rms_error)
     np.testing.assert_allclose(content["relative_residual"], validation.relative_residual)
     rows = table(place / "prediction.csv")
-    assert list(rows[0]) == ["t", "tau1", "tau2", "tau3", "predicted1", "predicted2", "predicted3"]
+    assert list(rows[0]) == ["t", *(f"{name}{j}" for name in ("tau", "predicted", "lower", "upper") for j in (1, 2, 3))]
     values = np.array([[float(value) for value in row.values()] for row in rows])
     np.testing.assert_array_equal(values[:, 0], validation.signals.motion.t)
     np.testing.assert_allclose(values[:, 1:4], validation.measured, rtol=1e-7)
-    np.testing.assert_allclose(values[:, 4:], validation.predicted, rtol=1e-7)
+    np.testing.assert_allclose(values[:, 4:7], validation.predicted, rtol=1e-7)
+    np.testing.assert_allclose(values[:, 7:10], validation.lower, rtol=1e-7)
+    np.testing.assert_allclose(values[:, 10:], validation.upper, rtol=1e-7)
+    np.testing.assert_allclose(content["coverage_95"], validation.coverage)
+    assert content["band"] == "noise alone"
     assert len(table(place / "signed_log.csv")) == 601
     save_validation(validation, place)
     assert list(tmp_path.iterdir()) == [place]

@@ -53,6 +53,56 @@ def test_noise_is_white_gaussian_and_of_the_size_asked_for(noise):
     assert min(stats.kstest(column, "norm").pvalue for column in z.T) > 1e-4
 
 
+@pytest.mark.parametrize("colour", [0.5, 0.9])
+def test_coloured_noise_has_the_size_of_white_noise_and_the_memory_asked_for(colour):
+    """AR(1): variance as in the white case from the first sample on, correlation colour^k at lag k."""
+    model, motion = paper_model(), motion_of(6, 20_000)
+    clean = model.effort(motion, nominal_parameters())
+    log = simulate(
+        model, nominal_parameters(), motion, rng=np.random.default_rng(12), noise=0.2, colour=colour, signed=True
+    )
+    z = (log.effort - clean) / (0.2 * rms(clean))
+    count = len(z) * (1.0 - colour**2) / (1.0 + colour**2)  # what the squares of an AR(1) process are worth (Bartlett)
+    assert np.abs((z**2).mean(axis=0) - 1.0).max() < 4.5 * np.sqrt(2.0 / count)
+    for lag in (1, 2, 5):
+        expected = colour**lag
+        found = (z[lag:] * z[:-lag]).mean(axis=0) / (z**2).mean(axis=0)
+        assert np.abs(found - expected).max() < 4.5 / np.sqrt(count)
+    innovation = z[1:] - colour * z[:-1]
+    assert np.abs((innovation[1:] * innovation[:-1]).mean(axis=0)).max() < 4.5 * (1.0 - colour**2) / np.sqrt(len(z))
+
+
+def test_coloured_noise_is_stationary_from_its_first_sample():
+    model = paper_model()
+    motion = motion_of(6, 60)
+    clean = model.effort(motion, nominal_parameters())
+    logs = (
+        simulate(
+            model, nominal_parameters(), motion, rng=np.random.default_rng(seed), noise=0.1, colour=0.9, signed=True
+        )
+        for seed in range(400)
+    )
+    z = np.array([(log.effort - clean) / (0.1 * rms(clean)) for log in logs])
+    for sample in (0, 3, 59):
+        lowest, highest = stats.chi2.ppf([1e-5, 1 - 1e-5], 2400)
+        assert lowest < (z[:, sample] ** 2).sum() < highest
+
+
+def test_no_colour_is_white():
+    model, motion = paper_model(), motion_of(6)
+    plain, white = (
+        simulate(model, nominal_parameters(), motion, rng=np.random.default_rng(1), **options)
+        for options in ({}, {"colour": 0.0})
+    )
+    np.testing.assert_array_equal(plain.effort, white.effort)
+
+
+@pytest.mark.parametrize("colour", [1.0, -0.1, 1.5, np.nan])
+def test_a_colour_that_is_none(colour):
+    with pytest.raises(ValueError, match="correlation"):
+        simulate(paper_model(), nominal_parameters(), motion_of(6), rng=np.random.default_rng(0), colour=colour)
+
+
 def test_an_unsigned_log_is_the_absolute_value_of_the_signed_one():
     model, motion = paper_model(), motion_of(6)
     signed, unsigned = (

@@ -100,3 +100,49 @@ def test_probabilities_are_calibrated():
         sd = np.sqrt(found[inside].mean() * (1 - found[inside].mean()) / count)
         assert count > 50
         assert share == pytest.approx(found[inside].mean(), abs=4 * 1.5 * sd + 0.005), (low, high)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Many draws of the model, standstill, tails
+# ---------------------------------------------------------------------------------------------------------------
+def test_many_predictions_give_the_average_of_each():
+    """Six, more than are smoothed at once; in motion the hidden process does not depend on the predictions."""
+    rng = np.random.default_rng(11)
+    truth = np.cumsum(rng.standard_normal((120, 2)), axis=0) * 0.2
+    predicted = truth[:, :, None] + 1.2 * rng.standard_normal((1, 2, 6))
+    moving, own = np.ones((120, 2), dtype=bool), noise(0.2, 0.3, 0.05, 2)
+    single = [sign_probabilities(np.abs(truth), predicted[:, :, k], moving, own, RATE) for k in range(6)]
+    found = sign_probabilities(np.abs(truth), predicted, moving, own, RATE)
+    np.testing.assert_allclose(found, np.mean(single, axis=0), atol=1e-12)
+    assert np.std(single, axis=0).max() > 0.2, "the draws disagree somewhere"
+
+
+@pytest.mark.parametrize("rest", [1, 2, 3])
+def test_friction_that_turns_round_during_a_short_standstill_leaves_its_samples_unsure(rest):
+    """|effort| agrees with |prediction| at every sample, whenever friction turns; the jump alone gives it away."""
+    moving = np.ones((101 + rest, 1), dtype=bool)
+    moving[60 : 60 + rest] = False
+    sure = {}
+    for after in (-0.8, 1.4):
+        predicted = np.concatenate([np.full(60, 1.2), np.full(rest, 0.1), np.full(41, after)])[:, None]
+        found = sign_probabilities(np.abs(predicted), predicted, moving, noise(0.03, 0.03, 0.1), RATE)[:, 0]
+        sure[after] = np.maximum(found, 1.0 - found)[60 : 60 + rest].min()
+        np.testing.assert_array_equal(found[:60] > 0.99, True)
+        np.testing.assert_array_equal(found[60 + rest :] > 0.99, after > 0.0)
+        np.testing.assert_array_equal(found[60 + rest :] < 0.01, after < 0.0)
+    assert sure[1.4] > 0.99, "where friction does not turn nothing is in doubt"
+    assert sure[-0.8] < (0.97 if rest == 1 else 0.7)
+    assert 1.0 - sure[-0.8] > 8.0 * (1.0 - sure[1.4])
+
+
+@pytest.mark.parametrize("outlier", [0.9, 1.5, 3.0])
+def test_an_outlier_is_no_proof_of_its_sign(outlier):
+    """Without coloured noise every sample stands alone: Student's t, four degrees. A normal would be certain."""
+    predicted, effort = np.full((80, 1), 0.3), np.full((80, 1), 0.3)
+    effort[40] = outlier
+    own = noise(0.1, 1e-6, 0.1)
+    found = sign_probabilities(effort, predicted, np.ones((80, 1), dtype=bool), own, RATE)[:, 0]
+    up, down = t(4).pdf((outlier - 0.3) / 0.1), t(4).pdf((outlier + 0.3) / 0.1)
+    assert found[40] == pytest.approx(up / (up + down), abs=1e-4)
+    assert found[40] < 0.97
+    assert np.delete(found, 40).min() > 0.99

@@ -13,7 +13,7 @@ from bayesid.noise import Noise
 from bayesid.robot import load_robot
 from bayesid.simulation import random_parameters, simulate
 from bayesid.terms import DEFAULT, make_terms
-from bayesid.validation import validate
+from bayesid.validation import ParameterDraws, validate
 
 NOISE = 0.03
 T = np.arange(601) / 100.0
@@ -83,7 +83,7 @@ def test_the_errors_are_those_of_the_samples_in_motion(model, theta, noise, new)
 
 def test_an_identified_model_predicts_a_new_log(model, theta, new):
     log = simulate(model, theta, motion_of(0), rng=np.random.default_rng(5), noise=NOISE)
-    result = identify(model.robot, log).validate(hidden(new))
+    result = identify(model.robot, log, posterior=False).validate(hidden(new))
     assert np.all(result.relative_residual < 1.5 * NOISE)
 
 
@@ -173,8 +173,89 @@ def test_a_log_of_another_robot_is_refused(model, theta, noise):
 
 def test_an_identification_reads_the_log_itself(model, theta, new, tmp_path):
     log = simulate(model, theta, motion_of(0), rng=np.random.default_rng(5), noise=NOISE, signed=True)
-    result = identify(model.robot, log)
+    result = identify(model.robot, log, posterior=False)
     bayesid.write_log(tmp_path / "new.csv", new)
     found, expected = result.validate(str(tmp_path / "new.csv")), result.validate(new)
     np.testing.assert_array_equal(found.relative_residual, expected.relative_residual)
     assert result.validate(new, cutoff=15.0).signals.cutoff == 15.0
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Bands
+# ---------------------------------------------------------------------------------------------------------------
+def in_motion(result):
+    speed = np.abs(result.signals.motion.dq)
+    return speed > 0.01 * speed.max(axis=0)
+
+
+@pytest.mark.parametrize(("colour", "time"), [(0.0, 1.0), (0.8, 1.8 / 0.2)])
+def test_the_band_of_the_true_model_holds_what_it_promises(model, theta, noise, colour, time):
+    """The right noise, white or AR(1): 95 % of four logs' samples, as many of which count as the noise's memory allows.
+
+    Memory of indicators is shorter than that of the noise itself: the error is no larger than this.
+    """
+    inside, count = np.zeros(3), np.zeros(3)
+    size = NOISE * rms(model.effort(motion_of(21), theta))
+    own = replace(noise, white=0.8 * size, coloured=0.6 * size)
+    for seed in range(4):
+        log = simulate(
+            model, theta, motion_of(21), rng=np.random.default_rng(seed), noise=NOISE, colour=colour, signed=True
+        )
+        result = validate(model, theta, own, log)
+        assert result.band == "noise alone"
+        np.testing.assert_allclose(result.upper - result.predicted, np.tile(1.959964 * size, (601, 1)), rtol=1e-6)
+        np.testing.assert_allclose(result.predicted - result.lower, np.tile(1.959964 * size, (601, 1)), rtol=1e-6)
+        within = (log.effort >= result.lower) & (log.effort <= result.upper) & in_motion(result)
+        np.testing.assert_allclose(result.coverage, within.sum(axis=0) / in_motion(result).sum(axis=0))
+        inside, count = inside + within.sum(axis=0), count + in_motion(result).sum(axis=0) / time
+    error = np.sqrt(0.05 * 0.95 / count)
+    assert np.all(np.abs(inside / (time * count) - 0.95) < 4.0 * error)
+    assert np.all(4.0 * error < 0.06), "a band of 99.5 or 85 % would be seen"
+
+
+def test_a_band_is_of_the_unfiltered_efforts(model, theta, noise, new):
+    """The filtered ones are quieter: nearly all of them lie in it."""
+    result = validate(model, theta, replace(noise, white=0.98 * noise.white), new)
+    moving = in_motion(result)
+    filtered = (result.measured >= result.lower) & (result.measured <= result.upper)
+    more = (filtered & moving).sum(axis=0) / moving.sum(axis=0) - result.coverage
+    assert more.min() > 0.01
+    assert more.mean() > 0.025
+
+
+def test_a_band_widens_with_the_doubt_about_parameters(model, theta, noise, new):
+    """One doubtful parameter: sd^2 of the noise plus column^2 times its variance, at every sample."""
+    names = [parameter.name for parameter in model.parameters]
+    k, rng = names.index("Fv2"), np.random.default_rng(3)
+    draws = np.tile(theta, (200, 1))
+    draws[:, k] += 0.4 + 0.3 * theta[k] * rng.standard_normal(200)
+    sigma = np.abs(rng.normal(1.0, 0.2, (200, 3))) * noise.sigma
+    result = validate(model, theta, noise, new, draws=ParameterDraws(draws, sigma))
+    assert result.band == "parameters and noise, by the posterior"
+    column = model.columns(result.signals.motion)[:, :, k]
+    sd = np.sqrt((column * draws[:, k].std()) ** 2 + (sigma**2).mean(axis=0))
+    np.testing.assert_allclose(result.upper - result.lower, 2.0 * 1.959964 * sd, rtol=1e-6)
+    np.testing.assert_allclose(0.5 * (result.upper + result.lower), result.predicted, atol=1e-9)
+    alone = validate(model, theta, noise, new)
+    assert (result.upper - alone.upper)[:, 1].max() > 0.5 * noise.sigma[1]
+    np.testing.assert_array_equal(result.relative_residual, alone.relative_residual)
+
+
+def test_an_identified_models_band_holds_a_new_log(model, theta, effort, new):
+    """Six noisy seconds: the band of another motion, its noise the same in N m, holds 95 % of its samples."""
+    size = 4.0 * NOISE * rms(model.effort(motion_of(0), theta))
+    log = simulate(model, theta, motion_of(0), rng=np.random.default_rng(5), noise=4.0 * NOISE, signed=True)
+    sampled = identify(model.robot, log)
+    draws = sampled.parameter_draws
+    np.testing.assert_allclose(draws.sigma.mean(axis=0), size, rtol=0.2)
+    noisy = effort + size * np.random.default_rng(22).standard_normal(effort.shape)
+    result = sampled.validate(replace(new, effort=noisy))
+    assert result.band == "parameters and noise, by the posterior"
+    binomial = np.sqrt(0.05 * 0.95 / in_motion(result).sum(axis=0))
+    np.testing.assert_array_less(np.abs(result.coverage - 0.95), 4.0 * binomial)
+    certain = ParameterDraws(np.tile(sampled.theta, (len(draws.theta), 1)), draws.sigma)
+    narrow = validate(sampled.model, sampled.theta, sampled.fit.noise, replace(new, effort=noisy), draws=certain)
+    wider = (result.upper - result.lower) / (narrow.upper - narrow.lower)
+    assert wider.min() > 1.0
+    assert np.all(wider.max(axis=0) > 1.01)
+    np.testing.assert_array_equal(result.predicted, narrow.predicted)

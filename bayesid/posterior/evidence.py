@@ -21,7 +21,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.special import gammaln, log_expit, logsumexp
+from scipy.optimize import brentq
+from scipy.special import expit, gammaln, logsumexp
 
 from bayesid.motion import Array, Integers, Mask
 from bayesid.posterior.moves import Conditional, Random, sweep
@@ -33,7 +34,9 @@ from bayesid.posterior.target import Target
 _MOST_LEVELS = 2000
 _ROUNDING = 1e-9
 """A level lies this share behind the last walker that stays."""
-_BRIDGE_STEPS, _BRIDGE_PRECISION = 1000, 1e-10
+_BRIDGE_PRECISION = 1e-10
+_WIDE = 50.0
+"""Nats beyond all ratios at which Bennett's equation has one sign for sure, whatever the numbers of draws."""
 
 
 @dataclass(frozen=True)
@@ -277,12 +280,12 @@ def bridge(of_target: Array, of_other: Array) -> float:
         of_other: (N,) the same at draws of the other.
     """
     shift = np.log(len(of_target) / len(of_other))
-    ratio = float(np.median(np.concatenate([of_target, of_other])))
-    for _ in range(_BRIDGE_STEPS):
-        up = logsumexp(log_expit(of_other - ratio + shift)) - np.log(len(of_other))
-        down = logsumexp(log_expit(ratio - shift - of_target)) - np.log(len(of_target))
-        change = float(up - down - shift)
-        ratio += change
-        if abs(change) < _BRIDGE_PRECISION:
-            break
-    return ratio
+
+    def excess(ratio: float) -> float:
+        up = np.mean(expit(of_other - ratio + shift)) * len(of_other)
+        down = np.mean(expit(ratio - shift - of_target)) * len(of_target)
+        return float(up - down)  # falls from N to -M
+
+    values = np.concatenate([of_target, of_other])
+    low, high = float(values.min()) - _WIDE, float(values.max()) + _WIDE
+    return float(brentq(excess, low, high, xtol=_BRIDGE_PRECISION))

@@ -123,7 +123,8 @@ def sample(
                 break
         draws = _quantities(target, sampler, options)
         diagnostics = diagnose(draws)
-        converged = diagnostics.passes(options.max_rhat, _wanted_ess(options))
+        enough = done >= options.first_look  # fewer sweeps can look like anything
+        converged = enough and diagnostics.passes(options.max_rhat, _wanted_ess(options))
         if converged or late() or done >= options.most_sweeps:
             return _result(target, sampler, options, diagnostics, converged, began)
         look = min(int(np.ceil(_GROWTH * done)), options.most_sweeps)

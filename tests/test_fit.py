@@ -1,0 +1,170 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import small_robot, smooth_motion
+
+from bayesid import fit
+from bayesid.coefficients import base_coefficients
+from bayesid.fit import expected_moments, fit_signed, inner_samples
+from bayesid.model import Model
+from bayesid.noise import Noise, residual_noise
+from bayesid.segments import Segments
+from bayesid.signals import Signals
+from bayesid.terms import make_terms
+
+RATE = 100.0
+VALUES = {"J1xx": 0.9, "J1yy": 0.7, "J1zz": 1.1, "m1": 3.0, "mc1x": 0.05, "mc1y": -0.04, "Fv1": 0.8, "offset1": 0.3}
+"""Far inside the cone: in this arm with one joint nothing but J1zz > 0 and Fv1 > 0 limits the coefficients."""
+
+
+class Arm:
+    """One joint, its motion, and the efforts without noise."""
+
+    def __init__(self, duration=6.0):
+        robot, self.motion = small_robot(1), smooth_motion(1, duration, RATE, seed=3)
+        self.model = Model(robot, make_terms(["rigid_body", "viscous_friction", "torque_offset"], robot, self.motion))
+        self.coefficients = base_coefficients(self.model)
+        names = [parameter.name for parameter in self.model.parameters]
+        self.theta = np.array([VALUES.get(name, 0.0) for name in names])
+        self.beta = self.coefficients.project(self.theta)
+        self.effort = self.model.effort(self.motion, self.theta)
+        self.size = float(np.sqrt(np.mean(self.effort**2)))
+
+    def signals(self, effort, signed=False):
+        """The log as it would be after filters that cost nothing: the motion is exact."""
+        every = np.ones(len(effort), dtype=bool)
+        return Signals(self.motion, effort, effort, np.array([signed]), RATE, 20.0, {}, every)
+
+    def fit(self, effort, signs, signed=False):
+        moving = np.ones_like(effort, dtype=bool)
+        return fit_signed(self.model, self.coefficients, self.signals(effort, signed), signs, moving)
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return Arm()
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Expected signs
+# ---------------------------------------------------------------------------------------------------------------
+def z_scores(estimates, truth):
+    """(r,) of the mean of estimates (K, r)."""
+    estimates = np.array(estimates)
+    return (estimates.mean(axis=0) - truth) / (estimates.std(axis=0, ddof=1) / np.sqrt(len(estimates)))
+
+
+def test_expected_signs_do_not_bias_and_likelier_signs_do(arm):
+    """Noise as large as the effort. |x| = a of x ~ N(mu, sigma^2) has the expected sign tanh(a mu / sigma^2)."""
+    expected, likelier = [], []
+    for seed in range(30):
+        noise = arm.size * np.random.default_rng(seed).standard_normal(arm.effort.shape)
+        rectified = np.abs(arm.effort + noise)
+        expected.append(arm.fit(rectified, np.tanh(rectified * arm.effort / arm.size**2)).beta)
+        if seed < 10:
+            likelier.append(arm.fit(rectified, np.sign(arm.effort)).beta)
+    assert np.abs(z_scores(expected, arm.beta)).max() < 4.5  # t of 29 degrees, five coefficients: once in 2000 times
+    assert np.abs(z_scores(likelier, arm.beta)).max() > 8.0
+    inertia = arm.coefficients.names.index("J1zz")
+    assert np.mean(likelier, axis=0)[inertia] > 1.15 * VALUES["J1zz"]
+    assert np.mean(expected, axis=0)[inertia] == pytest.approx(VALUES["J1zz"], rel=0.03)
+
+
+def test_known_signs_are_ordinary_least_squares(arm):
+    """Against numpy, in the samples that count; the unfiltered efforts are fitted."""
+    noise = 0.2 * arm.size * np.random.default_rng(1).standard_normal(arm.effort.shape)
+    signs = np.random.default_rng(2).choice([-1.0, 1.0], arm.effort.shape)  # of no consequence: the log has its own
+    found = arm.fit(arm.effort + noise, signs, signed=True)
+    inside = inner_samples(arm.signals(arm.effort))[:, 0]
+    assert inside.sum() == len(inside) - 2 * int(np.ceil(0.5 / 20.0 * RATE))
+    columns = arm.model.columns(arm.motion)[:, 0, arm.coefficients.kept]
+    expected = np.linalg.lstsq(columns[inside], (arm.effort + noise)[inside, 0], rcond=None)[0]
+    assert np.abs((found.beta - expected) / found.sd).max() < 0.01
+    half = arm.fit(np.abs(arm.effort), 0.5 * np.sign(arm.effort))
+    np.testing.assert_allclose(half.beta, 0.5 * arm.beta, atol=1e-3)
+
+
+def test_expected_moments_have_the_squares_of_the_raw_efforts():
+    """E[s]^2 r^2 is less than r^2, and the energy is that of what was measured; nothing is filtered."""
+    arm = Arm(2.0)
+    rng = np.random.default_rng(4)
+    raw, signs = np.abs(rng.standard_normal((200, 1))), rng.uniform(-1.0, 1.0, (200, 1))
+    signals = replace(arm.signals(raw), effort=np.full((200, 1), 7.0))
+    ones = np.ones(2, dtype=np.int64)
+    segments = Segments(0 * ones, np.array([0, 90]), np.array([80, 200]), 0 * ones, ones.astype(bool))
+    found = expected_moments(arm.model, arm.coefficients, signals, signs, segments)
+    columns = arm.model.columns(arm.motion)[:, 0, arm.coefficients.kept]
+    for k, rows in enumerate((slice(0, 80), slice(90, 200))):
+        assert found.energy[k] == pytest.approx(np.sum(raw[rows] ** 2))
+        np.testing.assert_allclose(found.gradient[k], columns[rows].T @ (signs * raw)[rows, 0])
+        np.testing.assert_allclose(found.hessian[k], columns[rows].T @ columns[rows])
+    shared = expected_moments(arm.model, arm.coefficients, signals, signs, segments, own=0)
+    assert len(shared.hessian) == 1
+    measured = replace(signals, raw_effort=signs * raw, signed=np.array([True]))
+    own = expected_moments(arm.model, arm.coefficients, measured, -np.ones((200, 1)), segments)
+    np.testing.assert_allclose(own.gradient, found.gradient)
+    np.testing.assert_allclose(own.energy[1], np.sum((signs * raw)[90:] ** 2))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Noise
+# ---------------------------------------------------------------------------------------------------------------
+COLOURED = Noise(np.array([0.2]), np.array([0.6]), np.array([-0.01 / np.log(0.9)]), np.ones(1))
+
+
+def noisy_fit(arm, seed, signed=True):
+    effort = arm.effort + COLOURED.draw(len(arm.effort), 1, RATE, np.random.default_rng(seed))[:, :, 0]
+    return arm.fit(effort if signed else np.abs(effort), np.sign(arm.effort), signed)
+
+
+def test_the_noise_is_what_there_was_and_the_residual_what_is_left():
+    """Two seconds, five coefficients: the residual is smaller and faster than the noise; `noise` makes up for it."""
+    arm, truth = Arm(2.0), COLOURED.with_time_of_model(RATE)
+    fits = [noisy_fit(arm, seed) for seed in range(16)]
+    sizes = {name: np.array([getattr(one, name).sigma[0] for one in fits]) for name in ("noise", "residual")}
+    times = {
+        name: np.log([getattr(one, name).with_time_of_model(RATE).autocorrelation[0] for one in fits])
+        for name in ("noise", "residual")
+    }
+    error = {name: values.std(ddof=1) / 4.0 for name, values in sizes.items()}
+    assert sizes["residual"].mean() < truth.sigma[0] - 3.0 * error["residual"]
+    assert sizes["noise"].mean() == pytest.approx(truth.sigma[0], abs=3.5 * error["noise"] + 0.06)
+    assert np.all(sizes["noise"] > sizes["residual"])
+    assert times["residual"].mean() < np.log(0.75 * truth.autocorrelation[0])
+    spread = times["noise"].std(ddof=1) / 4.0
+    assert times["noise"].mean() == pytest.approx(np.log(truth.autocorrelation[0]), abs=3.5 * spread)
+
+
+def test_the_residual_is_that_of_the_nearer_sign(arm):
+    """Of a rectified effort the sign is the prediction's; a measured effort has its own."""
+    for signed in (True, False):
+        found = noisy_fit(arm, 3, signed)
+        effort = arm.effort + COLOURED.draw(len(arm.effort), 1, RATE, np.random.default_rng(3))[:, :, 0]
+        used = inner_samples(arm.signals(effort))
+        nearest = effort if signed else np.sign(found.predicted) * np.abs(effort)
+        expected = residual_noise(nearest - found.predicted, used, RATE)
+        for name in ("white", "coloured", "correlation", "autocorrelation"):
+            np.testing.assert_allclose(getattr(found.residual, name), getattr(expected, name), rtol=1e-9)
+
+
+def test_a_long_log_is_not_corrected(arm, monkeypatch):
+    short = noisy_fit(arm, 5)
+    monkeypatch.setattr(fit, "_MOST_CORRECTED", len(arm.effort) - 1)
+    long = noisy_fit(arm, 5)
+    expected = long.residual.with_time_of_model(RATE)
+    for name in ("white", "coloured", "correlation", "autocorrelation"):
+        np.testing.assert_array_equal(getattr(long.noise, name), getattr(expected, name))
+        np.testing.assert_array_equal(getattr(long.residual, name), getattr(short.residual, name))
+    assert np.abs(short.noise.sigma / long.noise.sigma - 1.0) > 0.01
+    monkeypatch.setattr(fit, "_MOST_CORRECTED", len(arm.effort))
+    np.testing.assert_array_equal(noisy_fit(arm, 5).noise.sigma, short.noise.sigma)
+
+
+def test_standard_deviations_rest_on_the_noise_before_the_fit(arm):
+    """The information matrix with effective samples, one joint: sd^2 = sigma^2 t (Y'Y)^-1."""
+    found = noisy_fit(arm, 6)
+    columns = arm.model.columns(arm.motion)[:, 0, arm.coefficients.kept]
+    rows = columns[inner_samples(arm.signals(arm.effort))[:, 0]]
+    variance = found.noise.sigma[0] ** 2 * found.noise.autocorrelation[0] * np.diag(np.linalg.inv(rows.T @ rows))
+    np.testing.assert_allclose(found.sd, np.sqrt(variance), rtol=1e-6)
