@@ -28,6 +28,8 @@ _REACH = 4.0
 """Half-width of the grid in standard deviations of b."""
 _REST_TIME = 0.2
 """s; how fast static friction may build up."""
+_TURNS = 0.1
+"""Probability, per sample at standstill, that friction turns round at once."""
 _TAILS = 4.0
 """Degrees of freedom of the white noise: real residuals have outliers that a normal distribution thinks impossible."""
 _BLOCK, _OVERLAP = 20_000, 1_000
@@ -81,6 +83,7 @@ def _process(effort: Array, predicted: Array, moving: Mask, noise: Noise, rate: 
     grid = (_REACH * rest)[:, None] * np.linspace(-1.0, 1.0, _GRID)
     step = _transitions(grid, noise.coloured, np.exp(-1.0 / (noise.correlation * rate)))
     rest_step = _transitions(grid, rest, np.full(len(rest), np.exp(-1.0 / (_REST_TIME * rate))))
+    rest_step = (1.0 - _TURNS) * rest_step + _TURNS * _stationary(grid, rest)[:, None]
     return _Process(grid, noise.white, np.stack([rest_step, step]), _stationary(grid, noise.coloured))
 
 
@@ -123,7 +126,9 @@ def _transitions(grid: Array, sd: Array, memory: Array) -> Array:
 def _smooth(effort: Array, predicted: Array, moving: Mask, process: _Process) -> Array:
     """(N, n, K) P(sign = +) for K predictions (N, n, K), by one forward and one backward pass."""
     n_samples, n, draws = predicted.shape
-    joints, all_moving, state = np.arange(n), np.all(moving, axis=1), moving.astype(np.int64)
+    moves = moving.copy()
+    moves[1:] &= moving[:-1]  # a standstill is left as it is entered: by a wide step
+    joints, all_moving, state = np.arange(n), np.all(moves, axis=1), moves.astype(np.int64)
 
     def step(i: int) -> Array:
         return process.step[1] if all_moving[i] else process.step[state[i], joints]

@@ -185,7 +185,8 @@ def test_what_does_not_belong_together_is_refused():
     with pytest.raises(ValueError, match="starts"):
         make_inference_data(problem.draws(), problem.target, problem.moments, short, {})
     with pytest.raises(ValueError, match="joints"):
-        make_inference_data(problem.draws(), problem.target, problem.moments, replace(problem.labels, joints=["A1"]), {})
+        one = replace(problem.labels, joints=["A1"])
+        make_inference_data(problem.draws(), problem.target, problem.moments, one, {})
     other = replace(problem.moments, joint=problem.moments.joint[::-1])
     with pytest.raises(ValueError, match="different joints"):
         make_inference_data(problem.draws(), problem.target, other, problem.labels, {})

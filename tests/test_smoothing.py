@@ -146,3 +146,16 @@ def test_an_outlier_is_no_proof_of_its_sign(outlier):
     assert found[40] == pytest.approx(up / (up + down), abs=1e-4)
     assert found[40] < 0.97
     assert np.delete(found, 40).min() > 0.99
+
+
+@pytest.mark.parametrize("turned", [True, False])
+def test_a_single_sample_at_standstill_is_never_certain(turned):
+    """Friction may have turned round in it, or not yet: a steady error would have to jump by 20 sd and back for that."""
+    predicted = np.concatenate([np.full(30, 1.0), [-1.0 if turned else 1.0], np.full(30, -1.0)])
+    moving = np.ones(61, dtype=bool)
+    moving[30] = False
+    arguments = np.ones((61, 1)), predicted[:, None], moving[:, None]
+    found = sign_probabilities(*arguments, noise(0.05, 0.1, 0.1), RATE)[:, 0]
+    assert found[:29].min() > 0.99
+    assert found[32:].max() < 0.01
+    assert 1e-4 < found[30] < 1.0 - 1e-4
