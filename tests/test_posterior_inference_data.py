@@ -184,8 +184,8 @@ def test_what_does_not_belong_together_is_refused():
     short = replace(problem.labels, start=problem.labels.start[1:])
     with pytest.raises(ValueError, match="starts"):
         make_inference_data(problem.draws(), problem.target, problem.moments, short, {})
+    one = replace(problem.labels, joints=["A1"])
     with pytest.raises(ValueError, match="joints"):
-        one = replace(problem.labels, joints=["A1"])
         make_inference_data(problem.draws(), problem.target, problem.moments, one, {})
     other = replace(problem.moments, joint=problem.moments.joint[::-1])
     with pytest.raises(ValueError, match="different joints"):

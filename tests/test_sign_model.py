@@ -10,7 +10,7 @@ from bayesid.excitation import random_trajectory
 from bayesid.identification import identify
 from bayesid.model import Model
 from bayesid.segments import find_segments
-from bayesid.sign_model import richer_model, settle_signs, weight_against
+from bayesid.sign_model import richer_model, settle_signs, structural_doubt, weight_against
 from bayesid.signals import prepare
 from bayesid.signs import SearchOptions
 from bayesid.simulation import random_parameters, simulate
@@ -241,3 +241,49 @@ def test_the_weight_by_hand():
     own, rival = fake([1.1, 2.0], [3.0, 5.0], 4), fake([1.0, 1.9], [2.0, 6.0], 12)
     assert weight_against(rival, own) == pytest.approx(0.3872, abs=2e-4)
     assert weight_against(fake([0.1, 1.9], [2.0, 6.0], 12), own) == 0.95
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Doubt about a poor model
+# ---------------------------------------------------------------------------------------------------------------
+def with_error(share, certified, signed=(False, False)):
+    """Efforts of RMS 2 and 5 N m, and a model whose lasting error is these shares of them."""
+    effort = np.array([2.0, 5.0]) * np.sqrt(2.0) * np.sin(np.linspace(0.0, 20.0 * np.pi, 2001))[:-1, None]
+    effort[1000:] *= 3.0  # standstill, which does not count
+    moving = np.arange(2000)[:, None] < np.array([1000, 1000])
+    settled = SimpleNamespace(
+        moving=moving,
+        fit=SimpleNamespace(noise=SimpleNamespace(coloured=np.array(share) * [2.0, 5.0])),
+        found=SimpleNamespace(search=SimpleNamespace(certified=certified)),
+    )
+    return structural_doubt(settled, SimpleNamespace(raw_effort=effort, signed=np.array(signed)))
+
+
+def test_a_small_error_casts_no_doubt_but_where_nothing_is_proven():
+    assert (with_error([0.1, 0.29], True) == 0.0).all()
+    np.testing.assert_allclose(with_error([0.02, 0.09], False), 0.0)
+    np.testing.assert_allclose(with_error([0.2, 0.24], False), 0.5 * np.array([0.1, 0.14]) / 0.7, rtol=1e-6)
+
+
+def test_a_large_error_makes_signs_guesses_in_all_joints_but_signed_ones():
+    np.testing.assert_allclose(with_error([0.65, 0.1], True), 0.5 * np.array([0.35, 0.09]) / 0.7, rtol=1e-6)
+    np.testing.assert_allclose(with_error([3.0, 0.1], True), 0.5)
+    np.testing.assert_allclose(with_error([3.0, 0.1], True, (False, True)), [0.5, 0.0])
+
+
+def test_an_effect_that_no_term_holds_lowers_confidences():
+    """A spring of the joint's own size: many signs are wrong, and none of the confidences may be high."""
+    robot = small_robot(3, 2)
+    motion = random_trajectory(3, duration=8.0, seed=3).motion(np.arange(801) / 100.0)
+    model = Model(robot, make_terms(DEFAULT, robot, motion))
+    rng = np.random.default_rng(3)
+    signed = simulate(model, random_parameters(model, rng), motion, rng=rng, noise=0.02, signed=True)
+    spring = motion.q * rms(signed.effort) / rms(motion.q)
+    log = replace(signed, effort=signed.effort + spring)
+    result = identify(robot, log.rectified(), search_budget=2.0, posterior=False)
+    confidence = np.maximum(result.probability, 1.0 - result.probability)
+    wrong = result.sample_signs != np.sign(log.effort)
+    sure = confidence >= 0.99
+    assert sure.sum() == 0 or wrong[sure].mean() <= 0.005
+    assert result.sign_doubt.max() > 0.05
+    assert any("the model's own error is large" in warning for warning in result.warnings)

@@ -150,7 +150,7 @@ def test_an_outlier_is_no_proof_of_its_sign(outlier):
 
 @pytest.mark.parametrize("turned", [True, False])
 def test_a_single_sample_at_standstill_is_never_certain(turned):
-    """Friction may have turned round in it, or not yet: a steady error would have to jump by 20 sd and back for that."""
+    """Friction may have turned round in it, or not yet; a steady error would have to jump by 20 sd and back."""
     predicted = np.concatenate([np.full(30, 1.0), [-1.0 if turned else 1.0], np.full(30, -1.0)])
     moving = np.ones(61, dtype=bool)
     moving[30] = False
