@@ -17,7 +17,8 @@ class Diagnostics:
     Attributes:
         rhat: (K,) rank-normalised split R-hat (Vehtari et al. 2021), the larger of bulk and tail, between ensembles:
             every ensemble's walkers together are a chain, split into its earlier and its later half.
-        bulk: (K,) effective sample size of the bulk; every walker is a chain, so that walkers which do not mix count.
+        bulk: (K,) effective sample size of the bulk; every walker is a chain, so that walkers which do not mix count. At
+            most the number of draws, which it is for a constant.
         tail: (K,) the smaller one of the 5 % and 95 % quantiles.
     """
 
@@ -58,4 +59,5 @@ def diagnose(draws: Array) -> Diagnostics:
         rhat[k] = arviz.rhat(pooled[..., k], method="rank")  # type: ignore[no-untyped-call]
         bulk[k] = arviz.ess(single[..., k], method="bulk")  # type: ignore[no-untyped-call]
         tail[k] = arviz.ess(single[..., k], method="tail")  # type: ignore[no-untyped-call]
-    return Diagnostics(rhat, bulk, tail)
+    count = float(sweeps * ensembles * walkers)  # of a few sweeps, estimates may exceed the number of draws
+    return Diagnostics(rhat, np.minimum(bulk, count), np.minimum(tail, count))
