@@ -59,7 +59,7 @@ class Identification:
         signals: the log on an even grid of N instants.
         segments: S segments over all samples of all joints.
         signs: (S,) +1 or -1.
-        confidence: (S,) expected share of the segment's |effort| whose sign is right.
+        confidence: (S,) expected share of the segment's energy, its squared efforts, whose sign is right.
         probability: (N, n) P(sign = +) of every sample.
         fit: parameters by least squares, their uncertainty, and the noise.
         posterior: draws; None if it was not asked for.
@@ -293,10 +293,10 @@ def _sign_changes(signals: Signals) -> list[tuple[int, int]]:
 
 
 def _segment_signs(segments: Segments, probability: Array, effort: Array) -> tuple[Integers, Array]:
-    """(S,) signs and (S,) confidences: each segment's mean probability, weighted with |effort|."""
+    """(S,) signs and (S,) confidences: each segment's mean probability, weighted with the squared effort."""
     share = np.empty(len(segments))
     for k, (j, a, b) in enumerate(zip(segments.joint, segments.start, segments.end, strict=True)):
-        share[k] = np.average(probability[a:b, j], weights=np.abs(effort[a:b, j]) + 1e-12)
+        share[k] = np.average(probability[a:b, j], weights=effort[a:b, j] ** 2 + 1e-24)
     return np.where(share >= 0.5, 1, -1), np.maximum(share, 1.0 - share)
 
 

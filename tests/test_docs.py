@@ -37,7 +37,7 @@ ROOT = Path(__file__).parents[1]
 PAGES = [page for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))) if page.is_file()]
 ROBOTS = {"README.md": "ur10e"}
 """Whose logs a page's commands read; robot.toml of docs/logs-and-robots.md if not here."""
-SAMPLED = ("posterior.md", "python.md")
+SAMPLED = ("posterior.md", "python.md", "extending.md")
 """Pages whose examples need draws that have converged; elsewhere as few as there can be do."""
 GAINS = np.array([14.9, 13.3, 11.1])
 """N m/A, as on docs/logs-and-robots.md."""
