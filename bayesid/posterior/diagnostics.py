@@ -17,8 +17,8 @@ class Diagnostics:
     Attributes:
         rhat: (K,) rank-normalised split R-hat (Vehtari et al. 2021), the larger of bulk and tail, between ensembles:
             every ensemble's walkers together are a chain, split into its earlier and its later half.
-        bulk: (K,) effective sample size of the bulk; every walker is a chain, so that walkers which do not mix count. At
-            most the number of draws, which it is for a constant.
+        bulk: (K,) effective sample size of the bulk; every walker is a chain, so that walkers which do not mix count.
+            At most the number of draws, which it is for a constant.
         tail: (K,) the smaller one of the 5 % and 95 % quantiles.
     """
 
