@@ -183,7 +183,8 @@ def _move_inside(model: Model, coefficients: BaseCoefficients, theta: Array) -> 
         moved = move_inside(model.cone, coefficients, theta)
     except SolverError:
         return theta, False
-    better = model.cone.smallest_eigenvalues(moved).min() >= model.cone.smallest_eigenvalues(theta).min()
+    least, before = (model.cone.smallest_eigenvalues(point).min(initial=np.inf) for point in (moved, theta))
+    better = least >= before
     return (moved, True) if better else (theta, False)
 
 

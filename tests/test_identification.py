@@ -172,6 +172,24 @@ def test_without_noise_nothing_divides_by_zero(truth):
 # ---------------------------------------------------------------------------------------------------------------
 # With draws
 # ---------------------------------------------------------------------------------------------------------------
+def test_without_noise_there_are_draws_too(truth):
+    """No effort counts as known to better than a thousandth of its size: neither sampler nor start may break down."""
+    result = bayesid.identify(truth.model.robot, truth.log(grid(), noise=0.0))
+    assert result.posterior.converged
+    assert truth.right_signs(result) == 1.0
+    rms = result.posterior.moments.rms_effort(3)
+    assert (result.posterior.noise.sigma > 0.99e-3 * rms).all()
+    assert (np.exp(result.posterior.draws.log_scale.mean(axis=(0, 1, 2))) > 0.5).all()
+
+
+def test_a_model_without_bodies_has_draws_too():
+    terms = ("viscous_friction", "coulomb_friction", "torque_offset")
+    truth = arm(2, terms=terms)
+    result = bayesid.identify(truth.model.robot, truth.log(grid()), terms)
+    assert result.posterior.converged
+    assert np.abs((result.beta - result.coefficients.project(truth.theta)) / result.sd).max() < 5.0
+
+
 @pytest.fixture(scope="module")
 def drawn(truth) -> tuple[Identification, list[tuple[str, int, int]]]:
     """The same log, its posterior sampled, and what was told meanwhile."""

@@ -37,6 +37,8 @@ from bayesid.terms.base import Cone
 
 _SPREAD = 256
 """Draws, spread over all, from which probabilities of signs are averaged."""
+_LEAST_NOISE = 1e-3
+"""Noise that no effort is free of, as a share of its RMS: added to what the residual shows."""
 _OF_PRIOR = 0.1
 """Share of the prior's variance that the data must leave at most, where they are said to decide a parameter."""
 _NEGLIGIBLE = 1e-3
@@ -69,7 +71,7 @@ class Posterior:
     Attributes:
         target: what was sampled.
         moments: of the segments, not scaled.
-        noise: the reference noise: sizes, colour, effective samples.
+        noise: the reference noise: sizes, colour, effective samples; at least a thousandth of the efforts.
         modes: heaviest first; their weights sum to 1.
         draws: of all modes together, each with its share; diagnostics are the worst of any mode.
         plus: (S,) P(sign = +) of each segment, averaged over the draws.
@@ -173,6 +175,9 @@ def infer(
         SolverError: a cone problem could not be solved, or the evidence of several modes not be found.
     """
     began = time.perf_counter()
+    floor = _LEAST_NOISE * moments.rms_effort(len(noise.sigma))
+    noise = noise.scaled(np.hypot(noise.sigma, floor) / noise.sigma)
+    moments = replace(moments, energy=(1.0 + _LEAST_NOISE**2) * moments.energy)  # the same floor, for sampled scales
     unknown = np.zeros(len(moments), dtype=np.int64)
     likelihood = make_likelihood(moments, coefficients, noise.sigma, noise.autocorrelation, unknown)
     target = Target(make_prior(cone, likelihood, links, nominal), likelihood)

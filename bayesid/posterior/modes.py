@@ -24,6 +24,8 @@ _MOST_BRANCHES = 32
 _MOST_MODES = 6
 _DEPTH = 10.0
 """Nats below the best mode's centre under which a mode does not matter: exp(-10) is 5e-5."""
+_HOPELESS = 50.0
+"""Nats by which a best fit may lie below the best one of all; the centres inside the region may differ less."""
 _VALLEY = 3.0
 """Nats that a valley between two modes is deep, at least."""
 _STEPS = 12
@@ -72,19 +74,19 @@ def find_modes(target: Target, moments: Moments, solver: ConeLeastSquares, searc
 
 def _starts(moments: Moments, solver: ConeLeastSquares, search: SearchResult) -> list[tuple[Integers, Array]]:
     """Signs and parameters of the search's branches and of its best assignment with each joint turned round."""
-    found = search.branches[:_MOST_BRANCHES] or (Branch(search.signs, search.theta, search.cost, -np.inf),)
-    starts = [(branch.signs, branch.theta) for branch in found]
+    listed = search.branches[:_MOST_BRANCHES] or (Branch(search.signs, search.theta, search.cost, -np.inf),)
+    starts = [branch.signs for branch in listed]
     for joint in np.unique(moments.joint[moments.known == 0]):
         turned = (moments.joint == joint) & (moments.known == 0)
         starts.append(_settle(moments, solver, np.where(turned, -search.signs, search.signs)))
-    distinct: dict[bytes, tuple[Integers, Array]] = {}
-    for signs, theta in starts:
-        distinct.setdefault(signs.tobytes(), (signs, theta))
-    return list(distinct.values())
+    distinct = {signs.tobytes(): signs for signs in starts}.values()
+    solutions = [solver.solve(signs @ moments.gradient) for signs in distinct]
+    most = min(solution.cost for solution in solutions) + 2.0 * _HOPELESS
+    return [(signs, found.theta) for signs, found in zip(distinct, solutions, strict=True) if found.cost <= most]
 
 
-def _settle(moments: Moments, solver: ConeLeastSquares, signs: Integers) -> tuple[Integers, Array]:
-    """Signs and their best parameters, each adapted to the other a few times."""
+def _settle(moments: Moments, solver: ConeLeastSquares, signs: Integers) -> Integers:
+    """Signs that their own best parameters predict, after a few rounds of adapting one to the other."""
     for _ in range(_SETTLED):
         theta = solver.solve(signs @ moments.gradient).theta
         predicted = np.where(moments.gradient @ solver.project(theta) >= 0.0, 1, -1)
@@ -92,7 +94,7 @@ def _settle(moments: Moments, solver: ConeLeastSquares, signs: Integers) -> tupl
         if np.array_equal(settled, signs):
             break
         signs = settled
-    return signs, theta
+    return signs
 
 
 def _mode(target: Target, signs: Integers, theta: Array) -> Mode:

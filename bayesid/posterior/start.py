@@ -118,12 +118,11 @@ def _value(region: Region, precision: Array, linear: Array, theta: Array) -> flo
 def _barrier(region: Region, theta: Array) -> tuple[Array, Array]:
     """Gradient (P,) and Hessian (P, P) of the barrier."""
     scaled = region.rows / region.slack(theta[:, None])
-    inverse = np.linalg.inv(region.full(region.matrices(theta[:, None])[..., 0]))
-    turned = inverse[:, None] @ region.basis  # (b, P, 4, 4)
-    slope = -scaled.sum(axis=0) - np.einsum("bpii->p", turned)
-    flat = turned.reshape(*turned.shape[:2], 16)
-    flipped = turned.swapaxes(2, 3).reshape(flat.shape)
-    return slope, scaled.T @ scaled + np.einsum("bpi,bqi->pq", flat, flipped, optimize=True)
+    root = np.linalg.inv(np.linalg.cholesky(region.full(region.matrices(theta[:, None])[..., 0])))
+    seen = root[:, None] @ region.basis @ root.swapaxes(1, 2)[:, None]  # (b, P, 4, 4), symmetric
+    slope = -scaled.sum(axis=0) - np.einsum("bpii->p", seen)
+    flat = seen.swapaxes(0, 1).reshape(len(theta), -1)
+    return slope, scaled.T @ scaled + flat @ flat.T  # sums of squares: positive semidefinite however rounding goes
 
 
 def spread_walkers(target: Target, centre: Centre, directions: Conditional, walkers: int, random: Random) -> Array:
