@@ -236,7 +236,7 @@ def stretch(problem: Problem, seconds: float) -> Outcome:
     ]
     states = [emcee.State(start) for start in starts]
     clock, steps = Clock(), 0
-    while clock.wall < seconds:
+    while not steps or clock.wall < seconds:
         for k, ensemble in enumerate(ensembles):
             states[k] = ensemble.run_mcmc(
                 states[k], _STRETCH_BLOCK // _STRETCH_THIN, thin_by=_STRETCH_THIN, skip_initial_state_check=True

@@ -355,7 +355,7 @@ def test_the_file_of_draws_says_where_it_comes_from(sampled, sampled_folder):
     assert {"numpy_version", "emcee_version", "arviz_version"} <= set(data.attrs)
     assert data.posterior.joint.values.tolist() == ["A1", "A2", "A3"]
     assert data.posterior.sizes["chain"] * data.posterior.sizes["draw"] <= 4096
-    np.testing.assert_allclose(data.constant_data.sigma_ref, sampled.fit.noise.sigma)
+    np.testing.assert_allclose(data.constant_data.sigma_ref, sampled.posterior.noise.sigma)
     np.testing.assert_allclose(noise.mean(axis=0), sampled.fit.noise.sigma, rtol=0.2)
     start = data.observed_data.start.values
     assert start.min() >= 1.7e9
