@@ -114,9 +114,8 @@ def structural_doubt(settled: Settled, signals: Signals) -> Array:
     """(n,) probability, per joint, that signs are guesses because the model is not the robot's.
 
     A model that leaves a large lasting error of its own finds wrong signs that suit it, joints at a time, and every
-    probability that is conditional on the model follows it. What such a model still gets right was measured on effects
-    that it does not hold (`studies.calibration --misfit`): it depends on the size of the lasting error relative to the
-    effort, and on whether a proof was had.
+    probability that is conditional on the model follows it. A rule of thumb, in the size of the lasting error relative
+    to the effort and in whether a proof was had; `studies.calibration --misfit` shows what it does.
     """
     square = np.where(settled.moving, signals.raw_effort**2, 0.0).sum(axis=0)
     effort = np.sqrt(square / np.maximum(settled.moving.sum(axis=0), 1))
