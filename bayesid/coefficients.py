@@ -55,9 +55,19 @@ class BaseCoefficients:
         return beta @ np.linalg.pinv(self.projection).T
 
 
-def base_coefficients(model: Model, seed: int = 0) -> BaseCoefficients:
-    """The base coefficients of a model's structure, found on a random motion."""
-    columns = _random_columns(model, np.random.default_rng(seed))
+def base_coefficients(model: Model, seed: int = 0, earlier: Model | None = None) -> BaseCoefficients:
+    """The base coefficients of a model's structure, found on a random motion.
+
+    Args:
+        model: the model.
+        seed: of the random motion.
+        earlier: a model with some of the parameters, of which something is known already. What the two together can
+            show is kept: a payload can be told from the last link by a robot that was known without it.
+    """
+    rng = np.random.default_rng(seed)
+    columns = _random_columns(model, rng)
+    if earlier is not None:
+        columns = np.vstack([columns, _random_columns(earlier, rng) @ embedding(earlier, model)])
     kept, weights = _independent_columns(columns)
     names = [model.parameters[k].name for k in kept]
     lengths = model.robot.lengths
@@ -69,6 +79,19 @@ def base_coefficients(model: Model, seed: int = 0) -> BaseCoefficients:
         kept=kept,
         projection=weights,
     )
+
+
+def embedding(part: Model, whole: Model) -> Array:
+    """(p, P) 0 and 1: takes the P parameters of a model to the p parameters, by name, of a model that is a part of it.
+
+    Raises:
+        ValueError: the whole lacks one of the parameters.
+    """
+    names = [parameter.name for parameter in whole.parameters]
+    chosen = np.zeros((len(part.parameters), len(names)))
+    for row, parameter in zip(chosen, part.parameters, strict=True):
+        row[names.index(parameter.name)] = 1.0
+    return chosen
 
 
 def _random_columns(model: Model, rng: np.random.Generator) -> Array:

@@ -14,13 +14,14 @@ import numpy as np
 
 from bayesid.coefficients import BaseCoefficients
 from bayesid.errors import SolverError
+from bayesid.knowledge import Information
 from bayesid.model import Model
 from bayesid.moments import Moments, moments
 from bayesid.motion import Array, Mask
 from bayesid.noise import Noise, noise_before_fit, relative_rms, residual_noise
 from bayesid.segments import Segments
 from bayesid.signals import Signals, signed_effort
-from bayesid.solver import MARGIN, move_inside, solve_precisely
+from bayesid.solver import MARGIN, Solution, move_inside, solve_precisely
 
 _MOST_CORRECTED = 30_000
 """Samples; what a fit takes from the noise of a longer log is not worth the while."""
@@ -37,6 +38,7 @@ class Fit:
         beta: (r,) their base coefficients.
         covariance: (r, r) of the coefficients, from the information matrix with effective sample counts; inf on the
             diagonal where the log does not excite a coefficient.
+        information: (r, r) that matrix, what was known before included.
         noise: of the efforts, per joint: what was there before the fit took its share.
         residual: of the residual itself, per joint.
         predicted: (N, n) the model's efforts, N m.
@@ -50,6 +52,7 @@ class Fit:
     theta: Array
     beta: Array
     covariance: Array
+    information: Array
     noise: Noise
     residual: Noise
     predicted: Array
@@ -71,8 +74,9 @@ class Fit:
 
 
 def fit_signed(
-    model: Model, coefficients: BaseCoefficients, signals: Signals, signs: Array, moving: Mask
-) -> Fit:
+    model: Model, coefficients: BaseCoefficients, signals: Signals, signs: Array, moving: Mask,
+    known: Information | None = None,
+) -> Fit:  # fmt: skip
     """Ordinary identification once the signs are known: weighted least squares in the cone.
 
     Args:
@@ -81,29 +85,27 @@ def fit_signed(
         signals: the log.
         signs: (N, n) expected sign of every sample: +1 or -1 where it is known, between them where it is not.
         moving: (N, n) samples that count.
+        known: of the r coefficients, from earlier logs.
 
     Raises:
         SolverError: Clarabel failed.
     """
     used = moving & inner_samples(signals)
     raw = expected_moments(model, coefficients, signals, signs, _stretches(used))
-    sigma = raw.rms_effort(model.robot.n_joints)
-    for _ in range(2):  # the noise levels follow from a first fit with equal relative weights
-        scaled = raw.scaled(sigma)
-        hessian, gradient = scaled.hessian.sum(axis=0), scaled.gradient.sum(axis=0)
-        solution = solve_precisely(model.cone, coefficients, hessian, gradient, float(scaled.energy.sum()))
-        sigma = raw.residual_sd(coefficients.project(solution.theta), raw.known, model.robot.n_joints)
+    solution, sigma = _solve(model, coefficients, signals, raw, used, known)
     theta, moved_inside = _move_inside(model, coefficients, solution.theta)
     predicted = model.effort(signals.motion, theta)
     residual = residual_noise(_nearest(signals, predicted) - predicted, used, signals.rate)
-    noise = _before_fit(model, coefficients, signals, used, sigma, predicted, residual)
+    noise = _before_fit(model, coefficients, signals, used, sigma, predicted, residual, known)
     effort = signed_effort(signals, np.where(signs >= 0.0, 1.0, -1.0))
     effective = raw.scaled(noise.sigma * np.sqrt(noise.autocorrelation)).hessian.sum(axis=0)
+    effective = effective if known is None else effective + known.hessian
     covariance, condition = _covariance(effective)
     return Fit(
         theta=theta,
         beta=coefficients.project(theta),
         covariance=covariance,
+        information=effective,
         noise=noise,
         residual=residual,
         predicted=predicted,
@@ -113,6 +115,31 @@ def fit_signed(
         tolerance=solution.tolerance,
         moved_inside=moved_inside,
     )
+
+
+def _solve(
+    model: Model, coefficients: BaseCoefficients, signals: Signals, raw: Moments, used: Mask,
+    known: Information | None,
+) -> tuple[Solution, Array]:  # fmt: skip
+    """The best parameters in the cone, and (n,) the residuals' sd, N m.
+
+    The noise levels follow from a first fit with equal relative weights. Where something is known beforehand, samples
+    count by the residual's autocorrelation: only then can the two be weighed against each other.
+    """
+    sigma, n = raw.rms_effort(model.robot.n_joints), model.robot.n_joints
+    known, rounds = (Information.none(len(coefficients)), 2) if known is None else (known, 3)
+    as_one = np.ones(n)
+    for i in range(rounds):
+        scaled = raw.scaled(sigma * np.sqrt(as_one))
+        hessian = scaled.hessian.sum(axis=0) + known.hessian
+        gradient = scaled.gradient.sum(axis=0) + known.gradient
+        energy = float(scaled.energy.sum()) + known.energy
+        solution = solve_precisely(model.cone, coefficients, hessian, gradient, energy)
+        sigma = raw.residual_sd(coefficients.project(solution.theta), raw.known, n)
+        if known.energy and i + 1 < rounds:
+            predicted = model.effort(signals.motion, solution.theta)
+            as_one = residual_noise(_nearest(signals, predicted) - predicted, used, signals.rate).autocorrelation
+    return solution, sigma
 
 
 def expected_moments(
@@ -144,13 +171,14 @@ def _nearest(signals: Signals, predicted: Array) -> Array:
 
 def _before_fit(
     model: Model, coefficients: BaseCoefficients, signals: Signals, used: Mask, sigma: Array, predicted: Array,
-    residual: Noise,
+    residual: Noise, known: Information | None,
 ) -> Noise:  # fmt: skip
     """The noise of the efforts from that of the residual; of a long log the residual's own."""
     if len(used) > _MOST_CORRECTED:
         return residual.with_time_of_model(signals.rate)
     columns = np.concatenate([rows[:, :, coefficients.kept] for _, rows in model.chunks(signals.motion)])
-    residuals = _refit(np.where(used[:, :, None], columns, 0.0), sigma)
+    given = np.zeros((len(coefficients),) * 2) if known is None else known.hessian
+    residuals = _refit(np.where(used[:, :, None], columns, 0.0), sigma, given)
     signs = np.where(predicted >= 0.0, 1.0, -1.0)[:, :, None]
 
     def after_fit(noise: Array) -> Array:
@@ -161,10 +189,10 @@ def _before_fit(
     return noise_before_fit(residual, after_fit, used, signals.rate)
 
 
-def _refit(columns: Array, sigma: Array) -> Callable[[Array], Array]:
-    """What least squares without the cone leaves of (N, n, K) efforts, for columns (N, n, r) and sigma (n,)."""
+def _refit(columns: Array, sigma: Array, given: Array) -> Callable[[Array], Array]:
+    """What least squares without the cone leaves of (N, n, K) efforts, for columns (N, n, r), sigma (n,), given (r, r)."""
     rows = (columns / sigma[:, None]).reshape(-1, columns.shape[2])
-    information = rows.T @ rows
+    information = rows.T @ rows + given
     lengths = np.sqrt(np.maximum(np.diag(information), _BLIND * np.diag(information).max()))
     inverse = np.linalg.pinv(information / np.outer(lengths, lengths), rcond=_BLIND, hermitian=True)
     inverse /= np.outer(lengths, lengths)

@@ -18,6 +18,7 @@ from bayesid import terms as catalogue
 from bayesid.coefficients import BaseCoefficients, base_coefficients
 from bayesid.errors import InputError
 from bayesid.fit import Fit, expected_moments, fit_signed, inner_samples
+from bayesid.knowledge import Information, Knowledge
 from bayesid.log import Log, read_log
 from bayesid.model import Model
 from bayesid.motion import Array, Integers
@@ -28,7 +29,7 @@ from bayesid.posterior.sampler import SamplerOptions
 from bayesid.robot import Robot, load_robot
 from bayesid.search.result import SearchResult
 from bayesid.segments import Segments, find_segments
-from bayesid.sign_model import Settled, richer_model, settle_signs, structural_doubt, weight_against
+from bayesid.sign_model import Prior, Settled, restored, richer_model, settle_signs, structural_doubt, weight_against
 from bayesid.signals import Signals, prepare
 from bayesid.signs import METHODS, POOR, FoundSigns, NodeCostFactory, Progress, SearchOptions
 from bayesid.smoothing import sign_probabilities
@@ -113,6 +114,13 @@ class Identification:
         return np.sqrt(np.diag(self.covariance))
 
     @property
+    def knowledge(self) -> Knowledge:
+        """What the log has told about the coefficients, for another log: the posterior as a normal distribution."""
+        if self.posterior is None:
+            return Knowledge(self.model, self.theta, self.fit.information)
+        return Knowledge(self.model, self.theta, np.linalg.pinv(self.covariance, hermitian=True))
+
+    @property
     def settled_share(self) -> float | None:
         """Share of the samples in motion on whose sign all assignments within Delta agree; None without a proof."""
         if self.search.settled is None:
@@ -184,8 +192,10 @@ def identify(
     """
     if not 0.0 <= posterior_budget < np.inf:
         raise InputError(f"a budget of {posterior_budget:g} s", "--posterior-budget", "give 0 or more seconds")
-    options = SearchOptions(search, search_budget, missed_mass, beam_width, initial_segments, node_cost)
-    sampling = SamplerOptions(budget=posterior_budget, seed=seed)
+    options = _Options(
+        SearchOptions(search, search_budget, missed_mass, beam_width, initial_segments, node_cost),
+        SamplerOptions(budget=posterior_budget, seed=seed) if posterior else None, links, progress,
+    )  # fmt: skip
     clock = _Clock()
     robot = robot if isinstance(robot, Robot) else load_robot(robot)
     log = log if isinstance(log, Log) else read_log(log)
@@ -194,17 +204,88 @@ def identify(
     model = Model(robot, catalogue.make_terms(terms, robot, signals.motion))
     segments = find_segments(signals, robot.actuators(signals.motion))
     _check_amount(segments, base_coefficients(model), log)
-    known = None if nominal is None else nominal_of(model, nominal)
+    given = None if nominal is None else nominal_of(model, nominal)
     clock.lap("prepare")
-    own = settle_signs(model, signals, segments, options, progress)
+    own = settle_signs(model, signals, segments, options.search, progress)
     clock.lap("search")
-    rival, weight = _second_opinion(own, signals, segments, options, progress)
+    rival, weight = _second_opinion(own, signals, segments, options.search, progress)
     settled, fit, probability = _average(own, rival, weight, signals)
     clock.lap("second opinion")
-    found, drawn = settled.found, None
-    searched = found.segments[found.segments.moving]
-    if posterior:
-        drawn = _sample(own, settled, fit, signals, sampling, links, known, progress)
+    weight = 1.0 - weight if settled is own else weight
+    return _finish(own, _Signs(settled, fit, probability, weight), log, signals, options, clock, given=given)
+
+
+@threadpool_limits.wrap(limits=1, user_api="blas")
+def identify_again(
+    model: Model,
+    log: Log,
+    knowledge: Knowledge,
+    theta: Array,
+    cutoff: float | None = None,
+    search: SearchOptions = SearchOptions(budget=3.0),
+    sampling: SamplerOptions | None = None,
+    links: Links = LINKS,
+    progress: Progress | None = None,
+) -> Identification:
+    """Identifies an extended model from a log, given what an earlier log has told.
+
+    Signs are searched from scratch, and settled once more under the parameters given: those that agree better with log
+    and knowledge are kept.
+
+    Args:
+        model: robot, terms and distortions.
+        log: a log.
+        knowledge: of some of the parameters.
+        theta: (P,) parameters from which signs are settled too.
+        cutoff: of the motion's low-pass, Hz; from the data by default.
+        search: how signs are searched.
+        sampling: of the posterior; none by default.
+        links: what is believed of any link beforehand.
+        progress: called as progress(stage, done, total) while a long stage runs.
+
+    Raises:
+        SolverError: an optimisation failed.
+    """
+    options, clock = _Options(search, sampling, links, progress), _Clock()
+    signals = restored(model, prepare(log, cutoff))
+    rows = model.before_sensors
+    segments = find_segments(signals, model.robot.actuators(signals.motion))
+    clock.lap("prepare")
+    own = settle_signs(rows, signals, segments, search, progress, Prior(knowledge, theta))
+    clock.lap("search")
+    found = _finish(own, _Signs(own, own.fit, own.probability, 1.0), log, signals, options, clock, own.known)
+    return replace(found, model=model, signals=prepare(log, cutoff))
+
+
+@dataclass(frozen=True)
+class _Options:
+    """What a user may choose, but for robot, log and model."""
+
+    search: SearchOptions
+    sampling: SamplerOptions | None
+    links: Links
+    progress: Progress | None
+
+
+@dataclass(frozen=True)
+class _Signs:
+    """The model by which segments are cut and signed, the fit of the model asked for, P(sign = +), and its weight."""
+
+    settled: Settled
+    fit: Fit
+    probability: Array
+    weight: float
+
+
+def _finish(
+    own: Settled, signs: _Signs, log: Log, signals: Signals, options: _Options, clock: _Clock,
+    known: Information | None = None, given: Nominal | None = None,
+) -> Identification:  # fmt: skip
+    """Posterior, doubts, and the signs of segments."""
+    settled, fit, probability, drawn = signs.settled, signs.fit, signs.probability, None
+    found = settled.found
+    if options.sampling is not None:
+        drawn = _sample(own, signs, signals, options, known, given)
         clock.lap("posterior")
         if settled is own:
             probability = _average_over_draws(own, drawn, signals)
@@ -212,11 +293,11 @@ def identify(
     doubt = structural_doubt(settled, signals)
     probability = (1.0 - doubt) * probability + 0.5 * doubt
     segments = found.segments.split(_sign_changes(signals))
-    signs, confidence = _segment_signs(segments, probability, signals.raw_effort)
+    of_segments, confidence = _segment_signs(segments, probability, signals.raw_effort)
     return Identification(
-        model, own.coefficients, log, signals, segments, signs, confidence, probability, fit, drawn,
-        tuple(term.name for term in settled.model.terms), 1.0 - weight if settled is own else weight,
-        doubt, searched, found.search, found.rounds, clock.laps,
+        own.model, own.coefficients, log, signals, segments, of_segments, confidence, probability, fit, drawn,
+        tuple(term.name for term in settled.model.terms), signs.weight, doubt,
+        found.segments[found.segments.moving], found.search, found.rounds, clock.laps,
         (*_warnings(fit, found, log), *_doubts(drawn, own, settled, doubt)),
     )  # fmt: skip
 
@@ -252,21 +333,27 @@ def _average(own: Settled, rival: Settled | None, weight: float, signals: Signal
 
 
 def _sample(
-    own: Settled, settled: Settled, fit: Fit, signals: Signals, options: SamplerOptions, links: Links,
-    nominal: Nominal | None, progress: Progress | None,
+    own: Settled, signs: _Signs, signals: Signals, options: _Options, known: Information | None,
+    given: Nominal | None,
 ) -> Posterior:  # fmt: skip
     """The posterior of the model asked for; signs that another model has settled are given, all others summed out."""
+    settled, fit = signs.settled, signs.fit
     segments, search = settled.found.segments[settled.found.segments.moving], settled.found.search
     inside = np.flatnonzero(inner_samples(signals))
     bounds = int(inside[0]), int(inside[-1]) + 1
     segments = replace(segments, start=np.clip(segments.start, *bounds), end=np.clip(segments.end, *bounds))
     relative = (2.0 * settled.probability - 1.0) * segments.per_sample(search.signs, *settled.probability.shape)
     moments = expected_moments(own.model, own.coefficients, signals, relative, segments, _POINTWISE)
+    if settled is not own or known is not None:
+        search = replace(search, theta=fit.theta, branches=(), settled=None)
     if settled is not own:
         moments = replace(moments, known=search.signs)
-        search = replace(search, theta=fit.theta, branches=(), settled=None)
-    told = None if progress is None else _named(progress, "posterior")
-    return infer(moments, own.coefficients, own.model.cone, fit.noise, search, options, links, nominal, told)
+    told = None if options.progress is None else _named(options.progress, "posterior")
+    assert options.sampling is not None
+    return infer(
+        moments, own.coefficients, own.model.cone, fit.noise, search, options.sampling, options.links, given, told,
+        known=known,
+    )  # fmt: skip
 
 
 def _named(progress: Progress, stage: str) -> Callable[[int, int], None]:

@@ -47,12 +47,14 @@ class Motion:
         q: (N, n) joint positions, rad (m for a prismatic joint).
         dq: (N, n) joint velocities, rad/s.
         ddq: (N, n) joint accelerations, rad/s^2.
+        origin: when the recording began, s; the first instant, unless this is a part of a longer motion.
     """
 
     t: Array
     q: Array
     dq: Array
     ddq: Array
+    origin: float = np.nan
 
     def __post_init__(self) -> None:
         q = frozen(self.q, (None, None), "q")
@@ -60,6 +62,8 @@ class Motion:
         object.__setattr__(self, "t", frozen(self.t, (q.shape[0],), "t"))
         object.__setattr__(self, "dq", frozen(self.dq, q.shape, "dq"))
         object.__setattr__(self, "ddq", frozen(self.ddq, q.shape, "ddq"))
+        if np.isnan(self.origin):
+            object.__setattr__(self, "origin", float(self.t[0]) if len(self.t) else 0.0)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -75,4 +79,8 @@ class Motion:
         return STANDSTILL * np.maximum(np.abs(self.dq).max(axis=0), _SLOWEST)
 
     def __getitem__(self, rows: slice | Integers | Mask) -> Motion:
-        return Motion(self.t[rows], self.q[rows], self.dq[rows], self.ddq[rows])
+        return Motion(self.t[rows], self.q[rows], self.dq[rows], self.ddq[rows], self.origin)
+
+    def joints(self, chosen: list[int]) -> Motion:
+        """The motion of some (0-based) joints alone."""
+        return Motion(self.t, self.q[:, chosen], self.dq[:, chosen], self.ddq[:, chosen], self.origin)

@@ -21,9 +21,13 @@ from typing import Any
 import numpy as np
 import tomli_w
 
+from bayesid.coefficients import base_coefficients
+from bayesid.distortions import CATALOGUE as DISTORTIONS
+from bayesid.distortions import make_distortion
 from bayesid.errors import InputError
 from bayesid.export import urdf
 from bayesid.identification import Identification
+from bayesid.knowledge import Knowledge
 from bayesid.log import Log, write_log
 from bayesid.model import Model
 from bayesid.motion import Array, Motion, frozen
@@ -51,13 +55,20 @@ class StoredModel:
         model: robot and terms.
         theta: (P,) parameters.
         noise: of the efforts of the log the model was identified from.
+        precision: (r, r) inverse covariance of the base coefficients; zero where nothing is known.
         draws: of the posterior; None if it was not sampled.
     """
 
     model: Model
     theta: Array
     noise: Noise
+    precision: Array
     draws: ParameterDraws | None = None
+
+    @property
+    def knowledge(self) -> Knowledge:
+        """What the folder's log has told about the coefficients."""
+        return Knowledge(self.model, self.theta, self.precision)
 
 
 def save_identification(identification: Identification, folder: str | Path, with_log: bool = False) -> Path:
@@ -81,7 +92,8 @@ def save_identification(identification: Identification, folder: str | Path, with
         )
         _write_table(place / "coefficients.csv", coefficient_rows(identification))
         _write_table(place / "parameters.csv", parameter_rows(identification))
-        stored = StoredModel(identification.model, identification.theta, identification.fit.noise)
+        precision = identification.knowledge.precision
+        stored = StoredModel(identification.model, identification.theta, identification.fit.noise, precision)
         (place / "model.toml").write_text(tomli_w.dumps(_model_table(stored)))
         (place / "robot.urdf").write_text(urdf(identification.model, identification.theta))
         if identification.posterior is not None:
@@ -143,13 +155,36 @@ def _stored_model(table: dict[str, Any], where: str) -> StoredModel:
     for name, _ in terms:
         if name not in CATALOGUE:
             raise InputError(f"unknown term {name!r}", where, "read it with the version that wrote it")
-    model = Model(robot, tuple(make_term(name, shape) for name, shape in terms))
+    distortions = [(one["name"], one["shape"]) for one in table.get("distortions", [])]
+    for name, _ in distortions:
+        if name not in DISTORTIONS:
+            raise InputError(f"unknown distortion {name!r}", where, "read it with the version that wrote it")
+    model = Model(
+        robot,
+        tuple(make_term(name, shape) for name, shape in terms),
+        tuple(make_distortion(name, shape) for name, shape in distortions),
+    )
     names = [parameter.name for parameter in model.parameters]
     if len(set(names)) < len(names):
         raise ValueError("a term comes twice")
     _check_shapes(model)
     theta = frozen([table["values"][name] for name in names], (len(names),), "values")
-    return StoredModel(model, theta, _stored_noise(table["noise"], robot.n_joints))
+    noise = _stored_noise(table["noise"], robot.n_joints)
+    return StoredModel(model, theta, noise, _stored_precision(table.get("knowledge"), model))
+
+
+def _stored_precision(table: dict[str, Any] | None, model: Model) -> Array:
+    """(r, r); zero where the file says nothing (a nominal model)."""
+    kept = base_coefficients(model).names
+    if table is None:
+        return np.zeros((len(kept), len(kept)))
+    if list(table["coefficients"]) != list(kept):
+        raise ValueError("the knowledge is of other coefficients than the model's")
+    precision = frozen(table["precision"], (len(kept), len(kept)), "knowledge, precision,")
+    values = np.linalg.eigvalsh(precision / max(float(np.abs(precision).max()), 1e-300))
+    if not np.allclose(precision, precision.T, rtol=1e-6) or values[0] < -1e-9:
+        raise ValueError("the knowledge's precision is not that of a normal distribution")
+    return precision
 
 
 def _stored_draws(model: Model, path: Path) -> ParameterDraws | None:
@@ -163,9 +198,10 @@ def _stored_draws(model: Model, path: Path) -> ParameterDraws | None:
 def _check_shapes(model: Model) -> None:
     """Every actuator has its own shape numbers, and a robot at rest has finite columns."""
     n = model.robot.n_joints
-    for term in model.terms:
-        for key, values in term.shape.items():
-            frozen(values, (n,), key)
+    for one in (*model.terms, *model.distortions):
+        for key, values in one.shape.items():
+            frozen(values, (None,), key)
+        one.check(n)
     zero = np.zeros((1, n))
     with np.errstate(all="ignore"):
         if not np.isfinite(model.columns(Motion(zero[:, 0], zero, zero, zero))).all():
@@ -185,12 +221,17 @@ def _model_table(stored: StoredModel) -> dict[str, Any]:
     return {
         "robot": robot_table(stored.model.robot),
         "terms": [{"name": term.name, "shape": dict(term.shape)} for term in stored.model.terms],
+        "distortions": [{"name": one.name, "shape": dict(one.shape)} for one in stored.model.distortions],
         "values": dict(zip(names, stored.theta.tolist(), strict=True)),
         "noise": {
             "white": noise.white.tolist(),
             "coloured": noise.coloured.tolist(),
             "correlation": noise.correlation.tolist(),
             "autocorrelation": noise.autocorrelation.tolist(),
+        },
+        "knowledge": {
+            "coefficients": list(base_coefficients(stored.model).names),
+            "precision": stored.precision.tolist(),
         },
     }
 

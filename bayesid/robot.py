@@ -76,7 +76,7 @@ class Robot:
         if self.transmission is None:
             return motion
         c = self.coupling.T
-        return Motion(motion.t, motion.q @ c, motion.dq @ c, motion.ddq @ c)
+        return Motion(motion.t, motion.q @ c, motion.dq @ c, motion.ddq @ c, motion.origin)
 
     def regressor(self, motion: Motion) -> Array:
         """(N, n, 10 n) Y with actuator efforts e = Y pi, pi the link parameters stacked from base to tip.
@@ -110,6 +110,23 @@ class Robot:
         samples = zip(motion.q, motion.dq, motion.ddq, strict=True)
         torque = np.array([pin.rnea(model, data, q, dq, ddq) for q, dq, ddq in samples])
         return torque if self.transmission is None else torque @ np.linalg.inv(self.coupling)
+
+    def tool_jacobian(self, motion: Motion, in_base: bool) -> Array:
+        """(N, 6, n) velocity and angular velocity of the last link's frame per unit of actuator speed.
+
+        Args:
+            motion: the motion of the joints.
+            in_base: whether they are given along the axes of the base, not of the link.
+        """
+        model, data, last = self._pinocchio, self._pinocchio.createData(), self.n_joints
+        flange = pin.SE3(self.joints[-1].link_frame)
+        jacobian = np.empty((len(motion), 6, self.n_joints))
+        for row, q in zip(jacobian, motion.q, strict=True):
+            pin.computeJointJacobians(model, data, q)
+            tool = data.oMi[last] * flange
+            seen_from = pin.SE3(np.eye(3), -tool.translation) if in_base else tool.inverse()
+            row[:] = seen_from.action @ pin.getJointJacobian(model, data, last, pin.WORLD)
+        return jacobian @ np.linalg.inv(self.coupling)
 
     def same_kinematics(self, other: Robot) -> bool:
         """Whether the two robots move and are geared alike (to 1e-6): a model of one then serves the other."""

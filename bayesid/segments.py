@@ -83,7 +83,7 @@ def find_segments(signals: Signals, actuators: Motion) -> Segments:
     rows = []
     for j in range(actuators.n_joints):
         speed = actuators.dq[:, j]
-        moving = signals.measured & (np.abs(speed) > actuators.standstill_speed[j])
+        moving = signals.measured[:, j] & (np.abs(speed) > actuators.standstill_speed[j])
         edges = {int(i) for i in np.flatnonzero(np.diff(moving)) + 1}
         if not signals.signed[j]:
             cuts = _reversals(speed) | _minima(signals.effort[:, j]) | _jerks(actuators.ddq[:, j], half_period)

@@ -8,7 +8,7 @@ searched with these effects too, and both models speak, each with its weight (Ba
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import expit
@@ -16,11 +16,12 @@ from scipy.special import expit
 from bayesid import terms as catalogue
 from bayesid.coefficients import BaseCoefficients, base_coefficients
 from bayesid.fit import Fit, fit_signed, inner_samples
+from bayesid.knowledge import Information, Knowledge
 from bayesid.model import Model
 from bayesid.motion import Array, Mask
 from bayesid.noise import residual_noise
 from bayesid.segments import Segments
-from bayesid.signals import Signals
+from bayesid.signals import Signals, signed_effort
 from bayesid.signs import FoundSigns, Progress, SearchOptions, SignSearch
 from bayesid.smoothing import sign_probabilities
 
@@ -47,6 +48,7 @@ class Settled:
         moving: (N, n) samples in motion.
         probability: (N, n) P(sign = +) of every sample, the parameters taken as known.
         fit: parameters and noise under these signs.
+        known: of the coefficients, before the log.
     """
 
     model: Model
@@ -55,11 +57,26 @@ class Settled:
     moving: Mask
     probability: Array
     fit: Fit
+    known: Information | None = None
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known before the log.
+
+    Attributes:
+        knowledge: of the parameters, from an earlier log.
+        theta: (P,) parameters under which signs are settled too, without a search.
+    """
+
+    knowledge: Knowledge
+    theta: Array
 
 
 def settle_signs(
-    model: Model, signals: Signals, segments: Segments, options: SearchOptions, progress: Progress | None = None
-) -> Settled:
+    model: Model, signals: Signals, segments: Segments, options: SearchOptions, progress: Progress | None = None,
+    prior: Prior | None = None,
+) -> Settled:  # fmt: skip
     """Searches the signs under a model, smooths them and fits the model to them.
 
     Args:
@@ -68,21 +85,61 @@ def settle_signs(
         segments: where its signs are constant.
         options: how to search.
         progress: called as progress(stage, done, total).
+        prior: what is known before the log.
 
     Raises:
         SolverError: an optimisation failed.
     """
-    coefficients = base_coefficients(model)
-    found = SignSearch(model, coefficients, signals, options, progress).run(segments)
+    plain = base_coefficients(model)
+    found = SignSearch(model, plain, signals, options, progress).run(segments)
     moving = found.segments.per_sample(found.segments.moving, *signals.effort.shape) > 0
     signs = found.segments[found.segments.moving].per_sample(found.search.signs, *moving.shape)
     predicted = model.effort(signals.motion, found.search.theta)
-    noise = residual_noise(np.where(moving, signs * signals.raw_effort - predicted, 0.0), moving, signals.rate)
-    known = moving & inner_samples(signals)
-    smoothed = sign_probabilities(np.abs(signals.raw_effort), predicted, known, noise, signals.rate)
-    probability = np.where(signals.signed, (signals.raw_effort >= 0.0).astype(float), smoothed)
-    fit = fit_signed(model, coefficients, signals, 2.0 * probability - 1.0, moving)
-    return Settled(model, coefficients, found, moving, probability, fit)
+    probability = _smoothed(signals, predicted, signs * signals.raw_effort, moving)
+    if prior is None:
+        fit = fit_signed(model, plain, signals, 2.0 * probability - 1.0, moving)
+        return Settled(model, plain, found, moving, probability, fit)
+    coefficients = prior.knowledge.coefficients(model)
+    known = prior.knowledge.information(model, coefficients)
+    start = model.effort(signals.motion, prior.theta)
+    other = _smoothed(signals, start, np.sign(start) * np.abs(signals.raw_effort), moving)
+    candidates = [_agreed(model, coefficients, signals, one, moving, known) for one in (probability, other)]
+    probability, fit = min(candidates, key=lambda one: _disagreement(one[1], moving, known))
+    return Settled(model, coefficients, found, moving, probability, fit, known)
+
+
+def restored(model: Model, signals: Signals) -> Signals:
+    """The log as it would be without what the model says of its sensors."""
+    magnitude, told = model.unread(np.abs(signals.raw_effort))
+    raw = np.where(signals.signed, np.sign(signals.raw_effort), 1.0) * magnitude
+    changed = replace(signals, raw_effort=raw, measured=signals.measured & told)
+    return replace(changed, effort=signed_effort(changed, np.ones_like(raw)))
+
+
+def _agreed(
+    model: Model, coefficients: BaseCoefficients, signals: Signals, probability: Array, moving: Mask,
+    known: Information,
+) -> tuple[Array, Fit]:  # fmt: skip
+    """Signs and fit, settled once more under the fit to them and to what is known."""
+    fit = fit_signed(model, coefficients, signals, 2.0 * probability - 1.0, moving, known)
+    nearest = np.sign(fit.predicted) * np.abs(signals.raw_effort)
+    probability = _smoothed(signals, fit.predicted, nearest, moving)
+    return probability, fit_signed(model, coefficients, signals, 2.0 * probability - 1.0, moving, known)
+
+
+def _disagreement(fit: Fit, moving: Mask, known: Information) -> float:
+    """Minus the logarithm of how probable residuals and parameters are, up to a constant."""
+    count = moving.sum(axis=0) / fit.residual.autocorrelation
+    return float(count @ np.log(fit.residual.sigma)) + 0.5 * known.misfit(fit.beta)
+
+
+def _smoothed(signals: Signals, predicted: Array, signed: Array, moving: Mask) -> Array:
+    """(N, n) P(sign = +) of every sample, from the model's efforts (N, n) and the signed ones."""
+    signed = np.where(signals.signed, signals.raw_effort, signed)
+    noise = residual_noise(np.where(moving, signed - predicted, 0.0), moving, signals.rate)
+    inside = moving & inner_samples(signals)
+    smoothed = sign_probabilities(np.abs(signals.raw_effort), predicted, inside, noise, signals.rate)
+    return np.where(signals.signed, (signals.raw_effort >= 0.0).astype(float), smoothed)
 
 
 def richer_model(settled: Settled, signals: Signals) -> Model | None:

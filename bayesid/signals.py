@@ -41,7 +41,8 @@ class Signals:
         rate: sampling rate of the grid, Hz.
         cutoff: cut-off of the motion's low-pass, Hz.
         processing: what was done to the log, for summary.json.
-        measured: (N,) False where the log pauses and for half a period of the cut-off around: nothing is known there.
+        measured: (N, n) False where the log pauses and for half a period of the cut-off around, or where a sensor cannot
+            tell: nothing is known there.
     """
 
     motion: Motion
@@ -105,7 +106,7 @@ def prepare(log: Log, cutoff: float | None = None) -> Signals:
         rate=rate,
         cutoff=cutoff,
         processing=processing,
-        measured=_measured(grid, t, 0.5 / cutoff),
+        measured=np.repeat(_measured(grid, t, 0.5 / cutoff)[:, None], log.n_joints, axis=1),
     )
 
 

@@ -181,6 +181,14 @@ def actuator_efforts(torques, transmission):
     return np.linalg.solve(gears.T, torques.T).T * np.abs(np.diag(gears))
 
 
+def gear(table, values):
+    """Joint speeds (or accelerations) to those of the motors, divided by the gear ratios."""
+    if "transmission" not in table:
+        return values
+    gears = np.array(table["transmission"])
+    return values @ gears.T / np.abs(np.diag(gears))
+
+
 def assert_close(found, expected, relative):
     """Equal to a share of the largest value expected."""
     np.testing.assert_allclose(found, expected, rtol=0, atol=relative * np.abs(expected).max())

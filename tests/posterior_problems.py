@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from bayesid.knowledge import Information
 from bayesid.posterior.likelihood import Likelihood
 from bayesid.posterior.prior import Prior
 from bayesid.posterior.region import Region
@@ -83,3 +84,8 @@ def samples_of(moves, coordinates, sweeps, random, burn=50):
         if k >= burn:
             kept.append(coordinates)
     return np.array(kept)
+
+
+def told(columns, effort):
+    """What rows (N, r) with efforts (N,), in units of their noise, tell when all their signs are known."""
+    return Information(columns.T @ columns, columns.T @ effort, float(effort @ effort))

@@ -2,17 +2,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from posterior_problems import whole_space
+from posterior_problems import told, whole_space
 from scipy.special import expit
 from test_posterior_modes import LOG_SCALE_SD, make_log, near_symmetric, unproven
 
+from bayesid.knowledge import Information
 from bayesid.posterior import inference
 from bayesid.posterior.diagnostics import Diagnostics
 from bayesid.posterior.evidence import Evidence
 from bayesid.posterior.inference import Posterior, SampledMode, _pool, infer
-from bayesid.posterior.likelihood import Likelihood
-from bayesid.posterior.modes import Mode
-from bayesid.posterior.prior import Links, Prior
+from bayesid.posterior.likelihood import Likelihood, make_likelihood
+from bayesid.posterior.modes import Mode, find_modes
+from bayesid.posterior.prior import Links, Nominal, Prior
 from bayesid.posterior.sampler import Draws, SamplerOptions, sample
 from bayesid.posterior.target import Target
 from bayesid.search.result import Branch, SearchResult
@@ -24,7 +25,8 @@ AVERAGED = 1024  # draws, at least, from which probabilities are averaged
 
 def infer_from(log, search=None, options=FEW, progress=None):
     search = search or log.search()
-    return infer(log.moments, log.coefficients, log.cone, log.noise, search, options, Links(), log.nominal, progress)
+    return infer(log.moments, log.coefficients, log.cone, log.noise, search, options, Links(), log.nominal, progress,
+                 log.earlier)  # fmt: skip
 
 
 def listing(log, assignments, decided):
@@ -300,6 +302,150 @@ def test_pooled_diagnostics_are_the_worst():
     assert pooled.diagnostics.min_ess == 500.0
     assert pooled.seconds == 4.0
     assert _pool((given(1.0, 0, 24),)).converged
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What an earlier log has told
+# ---------------------------------------------------------------------------------------------------------------
+HASTY = SamplerOptions(walkers=4, budget=0.0)
+
+
+def test_an_earlier_log_counts_as_if_its_segments_were_there():
+    common = {"joint": (0, 1, 1, 0, 1), "sigma": (0.6, 1.1), "time": (1.5, 2.5), "mean": (0.1, 0.4, -0.2),
+              "sd": (0.8, 1.2, 1.0), "cone": Cone.free(1) + Cone.orthant(2),
+              "projection": [[1.0, 0.0, 0.5], [0.0, 1.0, -2.0]]}  # fmt: skip
+    log = make_log((0.7, 0.5, 0.2), rows=(5, 7, 4, 6, 5), known=(0, 1, 0, 1, 0), seed=11, **common)
+    earlier = make_log((0.7, 0.5, 0.2), rows=(9, 3, 8, 5, 6), known=(1,) * 5, seed=12, **common)
+    noise = infer_from(log, options=HASTY).noise
+    scaled = earlier.moments.scaled(noise.sigma * np.sqrt(noise.autocorrelation))
+    known = Information(scaled.hessian.sum(axis=0), earlier.known @ scaled.gradient, float(scaled.energy.sum()))
+    target = infer_from(replace(log, earlier=known), options=HASTY).target
+    joined = make_likelihood(
+        log.moments.join(earlier.moments), log.coefficients, noise.sigma, noise.autocorrelation, np.zeros(10, dtype=int)
+    )
+    theta = np.random.default_rng(2).standard_normal((50, 3))
+    theta[:, 1:] = np.abs(theta[:, 1:])
+    points = np.hstack([theta, np.zeros((50, 2))])
+    found, exact = (np.diff(one.log_density(points)) for one in (target, Target(target.prior, joined)))
+    assert np.allclose(found, exact, rtol=1e-9, atol=1e-9)
+    without = np.diff(replace(target, known=None).log_density(points))
+    assert np.abs(found - without).max() > 10.0
+
+
+def test_the_draws_are_the_closed_form_of_both_logs():
+    """Two free parameters and all signs known: normal given the noise scale, which a sum over a grid integrates out."""
+    log = make_log((1.0, -0.6), rows=(4, 5), known=(1, 1), mean=(0.3, 0.1), sd=(0.9, 1.4), sigma=(0.8,), seed=21,
+                   time=(1.4,))  # fmt: skip
+    log = replace(log, sigma=np.array([0.5]))  # the noise is larger than its reference
+    rng = np.random.default_rng(3)
+    rows = rng.standard_normal((5, 2)) + np.array([1.2, -0.4])
+    log = replace(log, earlier=told(rows, rows @ np.array([0.2, 0.5]) + rng.standard_normal(5)))
+    posterior = infer_from(log)
+    assert posterior.converged
+
+    columns, effort = (np.concatenate(parts) for parts in zip(*log.rows, strict=True))
+    effort = np.repeat(log.known, [len(e) for _, e in log.rows]) * effort
+    unit = posterior.noise.sigma[0] ** 2 * 1.4
+    assert unit == pytest.approx(0.5**2 * 1.4, rel=1e-4)
+    fence, mean = np.diag(1.0 / log.nominal.sd**2), log.nominal.mean
+    grid, logs, centres, squares = np.linspace(-1.5, 2.5, 2001), [], [], []
+    for u in grid:
+        weight = np.exp(-2.0 * u) / unit
+        precision = weight * columns.T @ columns + log.earlier.hessian + fence
+        pull = weight * columns.T @ effort + log.earlier.gradient + fence @ mean
+        covariance = np.linalg.inv(precision)
+        centre = covariance @ pull
+        logs.append(
+            0.5 * pull @ centre + 0.5 * np.linalg.slogdet(covariance)[1] - 0.5 * weight * effort @ effort
+            - len(effort) / 1.4 * u - 0.5 * (u / LOG_SCALE_SD) ** 2
+        )  # fmt: skip
+        centres.append(centre)
+        squares.append(covariance + np.outer(centre, centre))
+    share = np.exp(np.array(logs) - max(logs))
+    share /= share.sum()
+    mean, square = share @ np.array(centres), np.tensordot(share, np.array(squares), 1)
+
+    draws = posterior.draws.theta
+    assert np.all(np.abs(posterior.theta - mean) < 4.5 * errors(posterior, draws))
+    products = (draws - mean)[..., :, None] * (draws - mean)[..., None, :]
+    wanted = square - np.outer(mean, mean)
+    assert np.all(np.abs(products.mean(axis=(0, 1, 2)) - wanted) < 4.5 * errors(posterior, products))
+    scale = posterior.draws.log_scale[..., 0]
+    assert abs(scale.mean() - share @ grid) < 4.5 * errors(posterior, scale)
+    without = infer_from(replace(log, earlier=None))
+    assert np.all(np.abs(without.theta - mean) > 20.0 * errors(without, without.draws.theta))
+
+
+def test_an_earlier_log_weighs_two_modes_as_quadrature_weighs_them():
+    log = near_symmetric(0.4)
+    rows = np.array([[0.7, 0.2], [-0.3, 0.9]])
+    log = replace(log, earlier=told(rows, np.array([-0.8, 1.0])))
+    axes = (cells(-3.2, 3.2, 100), cells(0.0, 1.6, 40), cells(-0.9, 1.2, 16), cells(-1.2, 1.9, 16))
+    exact, alone = Enumerated(log, *axes), Enumerated(replace(log, earlier=None), *axes)
+    share, other = (one.weight[one.theta[:, 0] > 0.0].sum() for one in (exact, alone))
+    assert 0.05 < share < 0.4
+    assert other > 0.5  # the earlier log has turned the odds
+    posterior = infer_from(log)
+    assert posterior.converged
+    assert len(posterior.modes) == 2
+    of_plus = next(one.weight for one in posterior.modes if one.mode.theta[0] > 0.0)
+    doubt = np.hypot(*(one.evidence.standard_error for one in posterior.modes))
+    assert abs(np.log(of_plus / (1.0 - of_plus)) - np.log(share / (1.0 - share))) < 4.5 * doubt
+    assert doubt < 0.15
+    assert np.allclose(posterior.plus, exact.plus, atol=0.03 + 4.5 * doubt * share * (1.0 - share))
+
+
+@pytest.mark.parametrize(("ratio", "decided"), [(8.0, False), (10.5, True)])
+def test_what_only_an_earlier_log_shows_is_decided_by_data(ratio, decided):
+    log = make_log((0.9, 0.5, -0.8), rows=(30, 40, 20), known=(1, 0, 0), sigma=(0.3,), sees=((1.0, 0.0, 0.4),),
+                   mean=(0.5, 0.2, 0.0), sd=(1.0, 0.4, 1.5))  # fmt: skip
+    without = infer_from(log, options=HASTY)
+    assert np.array_equal(without.decided_by_data, [True, False, True])
+    precision = ratio / 0.4**2
+    known = Information(np.diag([0.0, precision, 0.0]), np.array([0.0, 3.0 * precision, 0.0]), 9.0 * precision)
+    posterior = infer_from(replace(log, earlier=known), options=replace(HASTY, walkers=64))
+    assert np.array_equal(posterior.decided_by_data, [True, decided, True])
+    assert posterior.theta[1] == pytest.approx((3.0 * ratio + 0.2) / (ratio + 1.0), abs=0.05)
+    assert posterior.parameter_sd[1] == pytest.approx(0.4 / np.sqrt(ratio + 1.0), rel=0.15)
+
+
+def test_modes_and_sizes_are_found_with_what_an_earlier_log_has_told(monkeypatch):
+    log = make_log((1.0, 0.8, 30.0), rows=(8, 9), known=(1, 1), sigma=(0.4,), sees=((1.0, 0.5, 0.0),), seed=2)
+    free = Nominal(np.array([0.0, 0.0, np.nan]), np.array([1.0, 2.0, np.nan]))  # nothing is stated of the third
+    rows = np.array([[0.5, 3.0, 0.4], [0.0, -1.0, 2.0], [1.0, 0.0, 5.0]])
+    log = replace(log, nominal=free, earlier=told(rows, rows @ np.array([1.0, 0.8, 30.0]) + np.array([0.3, -0.2, 0.1])))
+    seen = []
+
+    def spied(target, moments, solver, search):
+        seen.append((moments, solver))
+        return find_modes(target, moments, solver, search)
+
+    monkeypatch.setattr(inference, "find_modes", spied)
+    posterior = infer_from(log, replace(log, earlier=None).search(), HASTY)
+    ((moments, solver),) = seen
+    both = replace(log, sigma=posterior.noise.sigma).solver  # for the moments and what is known, added
+    gradient = log.known @ moments.gradient + log.earlier.gradient
+    hessian = moments.hessian.sum(axis=0) + log.earlier.hessian
+    found = solver.solve_precisely(gradient)
+    assert np.allclose(found.theta, np.linalg.solve(hessian, gradient), rtol=1e-4)
+    assert solver.regularisation(found.theta) == pytest.approx(both.regularisation(found.theta), rel=1e-5)
+    curvature = np.sum(rows[:, 2] ** 2)
+    assert posterior.target.prior.sd[2] == pytest.approx(np.sqrt(log.earlier.energy / curvature))
+    assert posterior.decided_by_data[2]
+
+
+@pytest.mark.parametrize("make", [nonnegative, near_symmetric])
+def test_nothing_told_changes_no_bit(make):
+    log = make()
+    options = SamplerOptions(walkers=8, most_sweeps=30)
+    runs = [
+        infer_from(replace(log, earlier=known), options=options)
+        for known in (None, Information.none(len(log.projection)))
+    ]
+    for name in ("theta", "log_scale", "beta", "log_density"):
+        assert np.array_equal(*(getattr(run.draws, name) for run in runs))
+    assert [one.weight for one in runs[0].modes] == [one.weight for one in runs[1].modes]
+    assert np.array_equal(runs[0].branch_mass, runs[1].branch_mass)
 
 
 # ---------------------------------------------------------------------------------------------------------------

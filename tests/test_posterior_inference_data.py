@@ -10,6 +10,7 @@ from posterior_problems import whole_space
 
 from bayesid.coefficients import BaseCoefficients
 from bayesid.errors import InputError
+from bayesid.knowledge import Information
 from bayesid.moments import Moments
 from bayesid.posterior.diagnostics import Diagnostics, diagnose
 from bayesid.posterior.inference_data import Labels, make_inference_data, pointwise, read_draws, write
@@ -114,6 +115,24 @@ def test_groups_dimensions_and_names(data):
     assert np.allclose(data.constant_data.autocorrelation, AUTOCORRELATION)
     assert np.allclose(data.constant_data.prior_sd, 2.0)
     assert np.allclose(data.constant_data.projection, PROJECTION)
+
+
+def test_what_an_earlier_log_has_told_is_kept(tmp_path):
+    problem = Problem()
+    root = np.array([[2.0, 0.3, 0.0], [0.0, 1.0, -0.7]])
+    known = Information(root.T @ root, np.array([0.4, -1.0, 0.2]), 3.5)
+    assert not any(str(name).startswith("earlier") for name in problem.data().constant_data)
+    without = problem.data().sample_stats.lp.values
+    problem.target = replace(problem.target, known=known)
+    draws = Problem().draws()
+    write(problem.data(problem.of(draws.theta, draws.log_scale)), tmp_path / "posterior.nc")
+    made = az.from_netcdf(tmp_path / "posterior.nc")
+    kept, beta = made.constant_data, made.posterior.beta.values
+    misfit = np.einsum("cdr,rs,cds->cd", beta, kept.earlier_hessian.values, beta)
+    misfit += float(kept.earlier_energy) - 2.0 * beta @ kept.earlier_gradient.values
+    assert np.allclose(made.sample_stats.lp.values, without - 0.5 * misfit, rtol=1e-12)
+    assert kept.earlier_gradient.values.tolist() == known.gradient.tolist()
+    assert misfit.min() > 0.0
 
 
 def test_segments_are_named_and_measured(data):

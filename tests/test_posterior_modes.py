@@ -7,7 +7,9 @@ from scipy.special import logsumexp
 from sign_problems import moments_of
 
 from bayesid.coefficients import BaseCoefficients
+from bayesid.knowledge import Information
 from bayesid.noise import Noise
+from bayesid.posterior import modes as searched
 from bayesid.posterior.likelihood import make_likelihood
 from bayesid.posterior.modes import find_modes
 from bayesid.posterior.prior import Links, Nominal, make_prior
@@ -32,6 +34,7 @@ class Log:
     sigma: np.ndarray
     time: np.ndarray  # samples that count as one
     projection: np.ndarray
+    earlier: Information | None = None  # what an earlier log has told
 
     @property
     def moments(self):
@@ -52,17 +55,18 @@ class Log:
 
     @property
     def solver(self):
-        scaled = self.scaled
-        return ConeLeastSquares(self.cone, self.coefficients, scaled.hessian.sum(axis=0), float(scaled.energy.sum()))
+        scaled, earlier = self.scaled, self.earlier or Information.none(len(self.projection))
+        hessian, energy = scaled.hessian.sum(axis=0) + earlier.hessian, float(scaled.energy.sum()) + earlier.energy
+        return ConeLeastSquares(self.cone, self.coefficients, hessian, energy)
 
     @property
     def target(self):
         none = np.zeros(len(self.joint), dtype=np.int64)
         likelihood = make_likelihood(self.moments, self.coefficients, self.sigma, self.time, none)
-        return Target(make_prior(self.cone, likelihood, Links(), self.nominal), likelihood)
+        return Target(make_prior(self.cone, likelihood, Links(), self.nominal), likelihood, self.earlier)
 
     def search(self):
-        return certified(self.scaled, self.solver, budget=20.0)
+        return certified(self.scaled, replace(self, earlier=None).solver, budget=20.0)
 
     def modes(self, search=None):
         return find_modes(self.target, self.scaled, self.solver, search or self.search())
@@ -80,9 +84,13 @@ class Log:
         return values
 
     def log_prior(self, theta, log_scale):
-        """(M,) inside the cone."""
+        """(M,) inside the cone; what an earlier log has told included."""
         square = ((theta - self.nominal.mean) / self.nominal.sd) ** 2
-        return -0.5 * square.sum(axis=1) - 0.5 * np.sum((log_scale / LOG_SCALE_SD) ** 2, axis=1)
+        value = -0.5 * square.sum(axis=1) - 0.5 * np.sum((log_scale / LOG_SCALE_SD) ** 2, axis=1)
+        if self.earlier is not None:
+            beta, known = theta @ self.projection.T, self.earlier
+            value -= 0.5 * np.einsum("mr,rs,ms->m", beta, known.hessian, beta) - beta @ known.gradient
+        return value
 
     def log_density(self, theta, log_scale=None):
         """(M,) of the posterior, not normalised, all signs summed out."""
@@ -181,6 +189,47 @@ def test_ten_nats_below_the_best_do_not_matter(depth):
     values = log.log_density(points)
     assert abs(values[points[:, 0] > 0].max() - values[points[:, 0] < 0].max() - depth) < 1.0
     assert len(log.modes()) == (2 if depth < 10.0 else 1)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("depth", [8.0, 12.0])
+def test_an_earlier_log_settles_a_symmetry_as_far_as_it_goes(depth, side):
+    log = alone(1.5)
+    lean = side * depth / (2.0 * abs(log.modes()[0].theta[0]))  # what decides between the sides, by 2 g theta
+    log = replace(log, earlier=Information(np.array([[0.3]]), np.array([lean]), 0.0))
+    points = np.linspace(-4.0, 4.0, 4001)[:, None]
+    values = log.log_density(points)
+    assert abs(values[side * points[:, 0] > 0].max() - values[side * points[:, 0] < 0].max() - depth) < 1.0
+    modes = log.modes()
+    assert len(modes) == (2 if depth < 10.0 else 1)
+    assert modes[0].theta[0] * side > 0.0
+    exact = log.log_density(np.array([mode.theta for mode in modes]))
+    assert np.allclose(np.diff([mode.log_density for mode in modes]), np.diff(exact), atol=1e-8)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("weight", [100.0, 1e6])  # the other side costs too much; it is given up by its own signs
+def test_a_side_that_an_earlier_log_rules_out_is_not_even_tried(side, weight, monkeypatch):
+    log = make_log((1.5,), rows=(6, 5, 7, 6), sd=(2.0,), sigma=(0.1,), seed=1)
+    tried, honest = [], searched._mode
+
+    def counted(target, signs, theta):
+        tried.append(theta[0])
+        return honest(target, signs, theta)
+
+    monkeypatch.setattr(searched, "_mode", counted)
+    for search in (log.search(), unproven(log.search())):
+        assert len(log.modes(search)) == 2
+        told = replace(log, earlier=Information(np.array([[weight]]), np.array([side * 1.4 * weight]), weight * 1.4**2))
+        tried.clear()
+        modes = told.modes(search)
+        assert len(modes) == len(tried) == 1
+        assert tried[0] * side > 0.0
+        predicted = np.array([np.sign(side * y[:, 0] @ e) for y, e in log.rows])
+        assert np.array_equal(modes[0].signs, predicted)
+        precision = sum(float(y[:, 0] @ y[:, 0]) for y, _ in log.rows) / 0.01 + weight + 0.25
+        slope = sum(abs(float(y[:, 0] @ e)) for y, e in log.rows) / 0.01 + 1.4 * weight
+        assert modes[0].theta[0] == pytest.approx(side * slope / precision, rel=1e-6)
 
 
 @pytest.mark.parametrize(("size", "lean", "deep"), [(0.7, 0.1, False), (0.8, 0.1, True), (0.8, 10.0, False)])

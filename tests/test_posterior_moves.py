@@ -1,6 +1,8 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from posterior_problems import disc, quadrature, samples_of, simulate, target_in, whole_space
+from posterior_problems import disc, quadrature, samples_of, simulate, target_in, told, whole_space
 from scipy import stats
 
 from bayesid.inertia import from_pseudo_inertia
@@ -37,6 +39,35 @@ def test_without_a_cone_the_draws_are_the_exact_normal_distribution(family, rng)
     products = np.einsum("dwi,dwj->wij", centred, centred) / len(draws)
     error = products.std(axis=0, ddof=1) / np.sqrt(200)
     assert np.all(np.abs(products.mean(axis=0) - covariance) < 4.5 * error)
+
+
+@pytest.mark.parametrize("temperature", [1.0, 3.0])
+def test_what_an_earlier_log_has_told_pulls_whatever_the_noise_scale(temperature, rng):
+    make, log_scale = target_in(whole_space(3), np.zeros(3), prior_sd=0.8), np.array([0.9, -0.6])
+    target = simulate(make, np.array([1.0, -0.5, 0.2]), log_scale, rng, rows=24, segments=6, known=1.0)
+    columns = rng.standard_normal((9, 3)) * np.array([3.0, 1.0, 0.0]) + rng.standard_normal((9, 1))
+    target = replace(target, known=told(columns, columns @ np.array([-0.6, 0.9, 1.5]) + rng.standard_normal(9)))
+    data, weight = target.likelihood, np.exp(-2.0 * log_scale)
+    precision = np.tensordot(weight, data.hessian, 1) + target.known.hessian + np.eye(3) / 0.8**2
+    mean = np.linalg.solve(precision, weight @ data.settled + target.known.gradient)
+    covariance = temperature * np.linalg.inv(precision)
+    move = HitAndRun(target, Rotated(np.linalg.cholesky(covariance)), temperature)
+    start = np.concatenate([np.zeros((200, 3)), np.tile(log_scale, (200, 1))], axis=1)
+    draws = samples_of(move, start, 100, np.random.RandomState(1), burn=30)
+    assert_matches(draws[..., :3], mean, np.sqrt(np.diag(covariance)))
+    centred = draws[..., :3] - mean
+    products = np.einsum("dwi,dwj->wij", centred, centred) / len(draws)
+    assert np.all(np.abs(products.mean(axis=0) - covariance) < 4.5 * products.std(axis=0, ddof=1) / np.sqrt(200))
+
+
+def test_what_an_earlier_log_has_told_and_a_cone_match_quadrature(rng):
+    theta = np.array([0.85, -0.25])
+    target = simulate(target_in(disc(), np.zeros(2)), theta, np.zeros(1), rng, rows=20, segments=5, known=0.6)
+    columns = rng.standard_normal((6, 2)) + np.array([0.0, 1.5])
+    target = replace(target, known=told(columns, columns @ np.array([0.5, 0.4]) + rng.standard_normal(6)))
+    _, mean, sd = quadrature(target, [np.linspace(-1, 1, 150), np.linspace(-0.3, 1, 150), np.linspace(-1.2, 1.2, 80)])
+    draws = samples_of(moves_of(target, 2), np.zeros((200, 3)), 200, np.random.RandomState(0))
+    assert_matches(draws, mean, sd)
 
 
 def test_sweep_follows_the_slopes(rng, monkeypatch):

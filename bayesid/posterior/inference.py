@@ -7,6 +7,8 @@ Every unknown sign is summed out. So the mass of an assignment b of the search's
 the mass of its part of the cone included (Rao and Blackwell: no sign is ever drawn for it). What all of the list leave
 is the mass of assignments that the draws have come across elsewhere. Where modes do not mix, each is sampled by itself
 and weighed with its evidence.
+
+What an earlier log has told counts as data: it is a factor of its own beside prior and likelihood.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from scipy.special import log_expit, logsumexp
 
 from bayesid.coefficients import BaseCoefficients
 from bayesid.errors import SolverError
+from bayesid.knowledge import Information
 from bayesid.moments import Moments
 from bayesid.motion import Array, Integers, Mask
 from bayesid.noise import Noise
@@ -129,6 +132,7 @@ class Posterior:
         """(P,) whether the data, not the prior, decide a parameter: nine tenths of its precision are theirs.
 
         Judged from the normal distribution without the cone, for the cone alone decides nothing that was measured.
+        What an earlier log has told counts as data.
         """
         precision, _ = self.target.quadratic(self.theta, self.draws.log_scale.mean(axis=(0, 1, 2)))
         sd = self.target.prior.sd
@@ -157,6 +161,7 @@ def infer(
     links: Links,
     nominal: Nominal | None = None,
     progress: Callable[[int, int], None] | None = None,
+    known: Information | None = None,
 ) -> Posterior:
     """Samples the posterior of a log.
 
@@ -170,6 +175,7 @@ def infer(
         links: what is believed of any link.
         nominal: parameters known beforehand.
         progress: called as progress(sweeps done, sweeps expected).
+        known: of the r coefficients, from an earlier log. Its c says what effort it explains: sizes are judged by it.
 
     Raises:
         SolverError: a cone problem could not be solved, or the evidence of several modes not be found.
@@ -180,9 +186,12 @@ def infer(
     moments = replace(moments, energy=(1.0 + _LEAST_NOISE**2) * moments.energy)  # the same floor, for sampled scales
     unknown = np.zeros(len(moments), dtype=np.int64)
     likelihood = make_likelihood(moments, coefficients, noise.sigma, noise.autocorrelation, unknown)
-    target = Target(make_prior(cone, likelihood, links, nominal), likelihood)
+    target = Target(make_prior(cone, likelihood, links, nominal, known=known), likelihood, known)
     scaled = moments.scaled(noise.sigma * np.sqrt(noise.autocorrelation))
-    solver = ConeLeastSquares(cone, coefficients, scaled.hessian.sum(axis=0), float(scaled.energy.sum()))
+    hessian, energy = scaled.hessian.sum(axis=0), float(scaled.energy.sum())
+    if known is not None:
+        hessian, energy = hessian + known.hessian, energy + known.energy
+    solver = ConeLeastSquares(cone, coefficients, hessian, energy)
     modes = find_modes(target, scaled, solver, search)
     sampled = []
     for k, mode in enumerate(modes):

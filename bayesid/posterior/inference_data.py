@@ -7,7 +7,9 @@ Groups and their dimensions, every one with named coordinates:
 - log_likelihood (chain, draw, segment): `effort`, see `pointwise`. Held in single precision.
 - observed_data (segment): `effort` (RMS, N m) and `effort_energy` (sum of squares), beside each segment's joint, times,
   samples and sign.
-- constant_data: the reference noise and its autocorrelation, the prior, and B of beta = B theta.
+- constant_data: the reference noise and its autocorrelation, the prior, and B of beta = B theta. Where an earlier log
+  has told something, also its `earlier_hessian` H and `earlier_gradient` g: in `lp`, minus (beta' H beta - 2 g' beta +
+  c) / 2 with c its `earlier_energy`.
 
 A chain is an ensemble. An entry of `segment` is a part of the moments' Hessian: one segment, or all the weak segments
 of a joint that share a part, whose likelihoods cannot be told apart draw by draw.
@@ -32,6 +34,7 @@ from scipy.sparse import csr_array
 
 from bayesid.coefficients import BaseCoefficients
 from bayesid.errors import InputError
+from bayesid.knowledge import Information
 from bayesid.moments import Moments
 from bayesid.motion import Array, Integers
 from bayesid.posterior.likelihood import Likelihood
@@ -301,7 +304,7 @@ def _observed(moments: Moments, segment: Mapping[str, object]) -> xarray.Dataset
 
 
 def _constants(target: Target, moments: Moments, labels: Labels) -> xarray.Dataset:
-    """Noise, prior and projection."""
+    """Noise, prior and projection, and what an earlier log has told."""
     prior, likelihood = target.prior, target.likelihood
     return xarray.Dataset(
         {
@@ -314,9 +317,18 @@ def _constants(target: Target, moments: Moments, labels: Labels) -> xarray.Datas
             "prior_mean": ("parameter", prior.mean, {"long_name": "before the cut to what is physical"}),
             "prior_sd": ("parameter", prior.sd, {"long_name": "before the cut to what is physical"}),
             "projection": (("coefficient", "parameter"), likelihood.projection, {"long_name": "beta = B theta"}),
+            **({} if target.known is None else _earlier(target.known)),
         },
         coords={**_coefficient_coordinates(labels), **_parameter_coordinates(labels), **_joints(labels)},
     )  # fmt: skip
+
+
+def _earlier(known: Information) -> dict[str, object]:
+    return {
+        "earlier_hessian": (("coefficient", "other_coefficient"), known.hessian, {"long_name": "H of an earlier log"}),
+        "earlier_gradient": ("coefficient", known.gradient, {"long_name": "g of an earlier log"}),
+        "earlier_energy": ((), known.energy, {"long_name": "c of an earlier log"}),
+    }
 
 
 def _plain(value: object) -> str | int | float:

@@ -3,7 +3,8 @@
 All unknown signs are summed out, so a walker passes from an assignment of signs to its neighbours by itself. What it
 does not cross is the valley between assignments that differ in much, above all between the two sides of a joint's
 near-symmetry: all its signs turned, and the parameters of the rest bent to suit. The assignments to start from are
-those that the search could not rule out, and the best ones with each joint turned round.
+those that the search could not rule out, and the best ones with each joint turned round. What an earlier log has told
+pulls at all of them alike: it may leave one side alone.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bayesid.knowledge import Information
 from bayesid.moments import Moments
 from bayesid.motion import Array, Integers
 from bayesid.posterior.start import find_centre
@@ -54,14 +56,14 @@ def find_modes(target: Target, moments: Moments, solver: ConeLeastSquares, searc
     Args:
         target: the posterior.
         moments: in units of the target's reference noise.
-        solver: for these moments.
+        solver: for these moments and what the target knows from an earlier log, added.
         search: what has been found about the signs.
 
     Raises:
         SolverError: a cone problem could not be solved.
     """
     modes = sorted(
-        (_mode(target, signs, theta) for signs, theta in _starts(moments, solver, search)),
+        (_mode(target, signs, theta) for signs, theta in _starts(moments, target.known, solver, search)),
         key=lambda mode: -mode.log_density,
     )
     kept: list[Mode] = []
@@ -72,23 +74,31 @@ def find_modes(target: Target, moments: Moments, solver: ConeLeastSquares, searc
     return tuple(kept[:_MOST_MODES])
 
 
-def _starts(moments: Moments, solver: ConeLeastSquares, search: SearchResult) -> list[tuple[Integers, Array]]:
+def _starts(
+    moments: Moments, known: Information | None, solver: ConeLeastSquares, search: SearchResult
+) -> list[tuple[Integers, Array]]:
     """Signs and parameters of the search's branches and of its best assignment with each joint turned round."""
     listed = search.branches[:_MOST_BRANCHES] or (Branch(search.signs, search.theta, search.cost, -np.inf),)
     starts = [branch.signs for branch in listed]
     for joint in np.unique(moments.joint[moments.known == 0]):
         turned = (moments.joint == joint) & (moments.known == 0)
-        starts.append(_settle(moments, solver, np.where(turned, -search.signs, search.signs)))
+        starts.append(_settle(moments, known, solver, np.where(turned, -search.signs, search.signs)))
     distinct = {signs.tobytes(): signs for signs in starts}.values()
-    solutions = [solver.solve(signs @ moments.gradient) for signs in distinct]
+    solutions = [solver.solve(_gradient(moments, known, signs)) for signs in distinct]
     most = min(solution.cost for solution in solutions) + 2.0 * _HOPELESS
     return [(signs, found.theta) for signs, found in zip(distinct, solutions, strict=True) if found.cost <= most]
 
 
-def _settle(moments: Moments, solver: ConeLeastSquares, signs: Integers) -> Integers:
+def _gradient(moments: Moments, known: Information | None, signs: Integers) -> Array:
+    """(r,) of everything: the moments under these signs, and what is known besides."""
+    gradient: Array = signs @ moments.gradient
+    return gradient if known is None else gradient + known.gradient
+
+
+def _settle(moments: Moments, known: Information | None, solver: ConeLeastSquares, signs: Integers) -> Integers:
     """Signs that their own best parameters predict, after a few rounds of adapting one to the other."""
     for _ in range(_SETTLED):
-        theta = solver.solve(signs @ moments.gradient).theta
+        theta = solver.solve(_gradient(moments, known, signs)).theta
         predicted = np.where(moments.gradient @ solver.project(theta) >= 0.0, 1, -1)
         settled = np.where(moments.known != 0, moments.known, predicted)
         if np.array_equal(settled, signs):

@@ -163,17 +163,22 @@ class HitAndRun(GibbsMove):
 
     def update(self, coordinates: Array, random: Random) -> Array:
         """See GibbsMove."""
-        likelihood, prior = self.target.likelihood, self.target.prior
+        likelihood, prior, known = self.target.likelihood, self.target.prior, self.target.known
         theta, log_scale = self.target.split(coordinates)
         beta = theta @ likelihood.projection.T
         signs = likelihood.draw_signs(beta, log_scale, random.random_sample((len(theta), len(likelihood.unknown))))
         pull = likelihood.pull(beta, log_scale, signs)
+        if known is not None:
+            pull += known.gradient - beta @ known.hessian
         gradient = pull @ likelihood.projection + prior.precision * (prior.mean - theta)
         lines = self.directions.draw(random)
         seen = likelihood.projection @ lines
+        unscaled = lines.T @ (prior.precision[:, None] * lines)
+        if known is not None:
+            unscaled += seen.T @ known.hessian @ seen
         curvature = np.concatenate([
             np.einsum("rk,jrl->jkl", seen, likelihood.hessian @ seen),
-            (lines.T @ (prior.precision[:, None] * lines))[None],
+            unscaled[None],
         ])  # fmt: skip
         weights = np.concatenate([np.exp(-2.0 * log_scale), np.ones((len(theta), 1))], axis=1).T / self.temperature
         slopes = (gradient @ lines).T / self.temperature

@@ -9,7 +9,8 @@ Parameters theta and logarithms u of the noise scales are independent before the
 - A body's ten parameters are centred on a typical link, with sd M for the mass, M R for first moments, M R^2 for
   inertias, for M and R of `Links`. Where CAD values are known, they and their sd take the place of these.
 - A parameter of an actuator (friction, rotor inertia, offset) is (half-)normal about zero; its sd is the size at which
-  it would by itself explain the effort of its joints: it cannot well be larger.
+  it would by itself explain the effort of its joints: it cannot well be larger. Where the log does not show it but an
+  earlier one did, the same holds for what that one has told, and 1 is the least.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from functools import cached_property
 import numpy as np
 
 from bayesid.inertia import from_pseudo_inertia
+from bayesid.knowledge import Information
 from bayesid.motion import Array
 from bayesid.posterior.likelihood import Likelihood
 from bayesid.posterior.region import Region
@@ -112,6 +114,7 @@ def make_prior(
     links: Links = Links(),
     nominal: Nominal | None = None,
     log_scale_sd: float = 0.5,
+    known: Information | None = None,
 ) -> Prior:
     """The stated prior for a model.
 
@@ -121,13 +124,14 @@ def make_prior(
         links: what is believed of any link.
         nominal: parameters known beforehand.
         log_scale_sd: of the logarithm of each joint's noise.
+        known: from an earlier log; it sets the sizes of what this one does not show, and is no part of the prior.
     """
-    mean, sd = np.zeros(cone.size), _sizes(likelihood)
+    mean, sd = np.zeros(cone.size), _sizes(likelihood, known)
     for body in cone.bodies:
         mean[body], sd[body] = links.centre, links.sd
     if nominal is not None:
-        known = np.isfinite(nominal.mean)
-        mean, sd = np.where(known, nominal.mean, mean), np.where(known, nominal.sd, sd)
+        stated = np.isfinite(nominal.mean)
+        mean, sd = np.where(stated, nominal.mean, mean), np.where(stated, nominal.sd, sd)
     region = Region.of(cone, *_windows(cone, links))
     return Prior(region, mean, sd, np.full(likelihood.n_joints, log_scale_sd), _inner_point(cone, links, sd))
 
@@ -144,13 +148,19 @@ def _inner_point(cone: Cone, links: Links, sd: Array) -> Array:
     return point
 
 
-def _sizes(likelihood: Likelihood) -> Array:
+def _sizes(likelihood: Likelihood, known: Information | None) -> Array:
     """(P,) the size of each parameter that would alone explain the effort of the joints in which it shows."""
     shows = np.einsum("rp,jrs,sp->jp", likelihood.projection, likelihood.hessian, likelihood.projection)
     curvature = shows.sum(axis=0)
     energy = likelihood.energy @ (shows > 1e-9 * curvature)
     visible = curvature > 1e-12 * curvature.max(initial=1e-300)
-    return np.sqrt(np.where(visible, energy, 1.0) / np.where(visible, curvature, 1.0))
+    sizes = np.sqrt(np.where(visible, energy, 1.0) / np.where(visible, curvature, 1.0))
+    if known is None:
+        return sizes
+    earlier = np.einsum("rp,rs,sp->p", likelihood.projection, known.hessian, likelihood.projection)
+    shown = ~visible & (earlier > 1e-12 * earlier.max(initial=1e-300))
+    sizes[shown] = np.sqrt(np.maximum(known.energy / earlier[shown], 1.0))
+    return sizes
 
 
 def _windows(cone: Cone, links: Links) -> tuple[Array, Array]:

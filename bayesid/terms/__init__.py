@@ -1,26 +1,40 @@
-"""The catalogue of effects that a model can hold."""
+"""The catalogue of effects that a model can hold: every term in a file of this folder."""
 
 from __future__ import annotations
 
+import importlib
+import inspect
+import pkgutil
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 from bayesid.errors import InputError
 from bayesid.motion import Motion
 from bayesid.robot import Robot
-from bayesid.terms.base import ActuatorTerm, Cone, Parameter, Term
-from bayesid.terms.friction import CoulombFriction, ViscousFriction
-from bayesid.terms.offset import TorqueOffset
+from bayesid.terms.base import ActuatorTerm, Cone, Parameter, Scene, Term
+from bayesid.terms.coulomb_friction import CoulombFriction
 from bayesid.terms.rigid_body import RigidBody
-from bayesid.terms.rotor import RotorInertia
+from bayesid.terms.rotor_inertia import RotorInertia
+from bayesid.terms.torque_offset import TorqueOffset
+from bayesid.terms.viscous_friction import ViscousFriction
 
 __all__ = [
     "CATALOGUE", "DEFAULT", "ActuatorTerm", "Cone", "CoulombFriction", "Parameter", "RigidBody",
-    "RotorInertia", "Term", "TorqueOffset", "ViscousFriction", "make_term", "make_terms",
+    "RotorInertia", "Scene", "Term", "TorqueOffset", "ViscousFriction", "make_term", "make_terms",
 ]  # fmt: skip
 
-CATALOGUE: Mapping[str, type[RigidBody] | type[ActuatorTerm]] = {
-    term.name: term for term in (RigidBody, ViscousFriction, CoulombFriction, TorqueOffset, RotorInertia)
-}
+
+def _terms_of_this_folder() -> dict[str, type[RigidBody] | type[ActuatorTerm]]:
+    found: dict[str, Any] = {}
+    for module in pkgutil.iter_modules(__path__):
+        path = f"{__name__}.{module.name}"
+        classes = [one for one in vars(importlib.import_module(path)).values() if inspect.isclass(one)]
+        own = [one for one in classes if one.__module__ == path and isinstance(vars(one).get("name"), str)]
+        found.update({vars(one)["name"]: one for one in own})
+    return found
+
+
+CATALOGUE: Mapping[str, type[RigidBody] | type[ActuatorTerm]] = _terms_of_this_folder()
 DEFAULT = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset", "rotor_inertia")
 
 
@@ -28,7 +42,7 @@ def make_terms(names: Iterable[str], robot: Robot, motion: Motion) -> tuple[Term
     """The named terms, their shapes taken from the motion they will be fitted to.
 
     Raises:
-        InputError: a name is not in the catalogue, or comes twice.
+        InputError: a name is not in the catalogue, comes twice, or needs a shape that no motion tells.
     """
     names = list(names)
     for name in names:
@@ -42,4 +56,5 @@ def make_terms(names: Iterable[str], robot: Robot, motion: Motion) -> tuple[Term
 
 def make_term(name: str, shape: Mapping[str, Iterable[float]]) -> Term:
     """A term from its catalogue name and shape, as model.toml keeps them."""
-    return CATALOGUE[name](**{key: tuple(values) for key, values in shape.items()})
+    numbers: dict[str, Any] = {key: tuple(values) for key, values in shape.items()}
+    return CATALOGUE[name](**numbers)

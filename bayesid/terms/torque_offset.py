@@ -11,14 +11,17 @@ from bayesid.motion import Array, Motion
 from bayesid.terms.base import ActuatorTerm
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TorqueOffset(ActuatorTerm):
     """A constant, of either sign: a sensor's or drive's zero error, or friction that differs by direction."""
 
     name: ClassVar[str] = "torque_offset"
     physics: ClassVar[str] = "A constant torque: a zero error of sensor or drive, or friction that prefers a direction."
-    symbol: ClassVar[str] = "offset"
-    units: ClassVar[tuple[str, str]] = ("N m", "N")
+    reference: ClassVar[str] = "Gautier, IEEE ICRA 1997, eq. 5"
+    variable: ClassVar[str] = "time"
+    told_by: ClassVar[str] = "moving both ways through many positions"
+    symbols: ClassVar[tuple[str, ...]] = ("offset",)
+    units: ClassVar[tuple[tuple[str, str], ...]] = (("N m", "N"),)
 
     def effect(self, actuators: Motion) -> Array:
         """One."""

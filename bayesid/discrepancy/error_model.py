@@ -1,0 +1,123 @@
+"""The error of a model as a time series: white noise plus an exponentially correlated part, and its likelihood.
+
+x_i = w_i + c_i with c_i = phi c_(i-1) + eta_i is an ARMA(1, 1) process, (1 - phi L) x = (1 - theta L) eps with
+
+    theta / (1 + theta^2) = phi sw^2 / (sc^2 (1 - phi^2) + sw^2 (1 + phi^2)),   var eps = phi sw^2 / theta
+
+(Box and Jenkins 1976, section 3.4). So one recursive filter whitens residuals and columns alike, and the likelihood is
+that of independent innovations: samples count for what they are worth, no autocorrelation time has to be guessed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.signal import lfilter
+
+from bayesid.motion import Array, Mask
+
+_SHARES = (0.0, 0.03, 0.1, 0.25, 0.5, 0.8, 0.97)
+_MEMORIES = (0.02, 0.05, 0.12, 0.3, 0.8)
+"""Shares of the coloured part, and correlation times, s, from which the fit starts."""
+_LONGEST = 3.0
+"""s; a longer correlation is a constant."""
+_REFINED = 40
+"""Evaluations of the local search."""
+
+
+@dataclass(frozen=True)
+class ErrorModel:
+    """White noise and an Ornstein-Uhlenbeck process, in one joint.
+
+    Attributes:
+        white: sd of the part that changes from sample to sample, N m.
+        coloured: sd of the part that lasts, N m.
+        correlation: its correlation time, s.
+        rate: Hz.
+    """
+
+    white: float
+    coloured: float
+    correlation: float
+    rate: float
+
+    @property
+    def sigma(self) -> float:
+        """Sd of both, N m."""
+        return float(np.hypot(self.white, self.coloured))
+
+    def whiten(self, values: Array) -> Array:
+        """(N, ...) innovations of values (N, ...), in units of their standard deviation."""
+        share = (self.coloured / self.sigma) ** 2
+        memory, theta, variance = _arma(share, self.correlation, self.rate)
+        return lfilter([1.0, -memory], [1.0, -theta], values, axis=0) / (self.sigma * np.sqrt(variance))
+
+    def log_likelihood(self, residual: Array, used: Mask) -> float:
+        """Of residuals (N,), zero where they are not used."""
+        share = (self.coloured / self.sigma) ** 2
+        memory, theta, variance = _arma(share, self.correlation, self.rate)
+        square, count = _innovations(residual, used, memory, theta)
+        scale = self.sigma**2 * variance
+        return -0.5 * (count * np.log(2.0 * np.pi * scale) + square / scale)
+
+
+def fit_error(
+    residual: Array, used: Mask, rate: float, limits: tuple[float, float] | None = None
+) -> tuple[ErrorModel, float]:
+    """The likeliest error model of residuals (N,), zero where they are not used, and its log likelihood.
+
+    Args:
+        residual: (N,) N m.
+        used: (N,) samples that count.
+        rate: Hz.
+        limits: largest white and coloured part, N m; none by default.
+    """
+
+    def judged(share: float, correlation: float) -> tuple[float, float]:
+        """Sigma^2 and log likelihood of a share of the coloured part and a correlation time."""
+        memory, theta, variance = _arma(share, correlation, rate)
+        square, count = _innovations(residual, used, memory, theta)
+        sigma2 = square / (max(count, 1) * variance) + 1e-300
+        if limits is not None:
+            parts = (limits[0] ** 2 / max(1.0 - share, 1e-12), limits[1] ** 2 / max(share, 1e-12))
+            sigma2 = min(sigma2, *parts)
+        scale = sigma2 * variance
+        return sigma2, -0.5 * (count * np.log(2.0 * np.pi * scale) + square / scale)
+
+    def cost(point: Array) -> float:
+        return -judged(*_from_point(point))[1]
+
+    grid = [(share, time) for share in _SHARES for time in _MEMORIES[: 1 if share == 0.0 else None]]
+    best = max(grid, key=lambda at: judged(*at)[1])
+    found = minimize(cost, _to_point(*best), method="Nelder-Mead", options={"maxfev": _REFINED, "xatol": 0.02})
+    share, correlation = max((best, _from_point(found.x)), key=lambda at: judged(*at)[1])
+    sigma2, value = judged(share, correlation)
+    return ErrorModel(np.sqrt(sigma2 * (1.0 - share)), np.sqrt(sigma2 * share), correlation, rate), value
+
+
+def _to_point(share: float, correlation: float) -> Array:
+    share = min(max(share, 1e-3), 0.999)
+    return np.array([np.log(share / (1.0 - share)), np.log(correlation)])
+
+
+def _from_point(point: Array) -> tuple[float, float]:
+    share = 1.0 / (1.0 + np.exp(-min(max(point[0], -12.0), 7.0)))
+    return float(share), float(np.exp(min(max(point[1], np.log(0.005)), np.log(_LONGEST))))
+
+
+def _arma(share: float, correlation: float, rate: float) -> tuple[float, float, float]:
+    """Phi, theta and the innovations' variance for a total variance of one."""
+    memory = float(np.exp(-1.0 / (correlation * rate)))
+    white = 1.0 - share
+    total = share * (1.0 - memory**2) + white * (1.0 + memory**2)
+    ratio = memory * white / total
+    theta = 2.0 * ratio / (1.0 + np.sqrt(max(1.0 - 4.0 * ratio**2, 0.0)))
+    return memory, theta, total / (1.0 + theta**2)
+
+
+def _innovations(residual: Array, used: Mask, memory: float, theta: float) -> tuple[float, int]:
+    """Sum of squares, and number, of the innovations of the used samples."""
+    innovation = lfilter([1.0, -memory], [1.0, -theta], residual)[used]
+    return float(innovation @ innovation), len(innovation)

@@ -1,0 +1,80 @@
+"""Efforts that lag behind the motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from bayesid.distortions.base import Distortion, Rows
+from bayesid.motion import Array, Motion
+from bayesid.robot import Robot
+from bayesid.terms.base import Scene
+
+
+@dataclass(frozen=True, kw_only=True)
+class Delay(Distortion):
+    """Efforts are those of the motion `lag` seconds ago, in all actuators alike or in one.
+
+    Args:
+        lag: (1,) s.
+    """
+
+    lag: tuple[float, ...]
+
+    name: ClassVar[str] = "delay"
+    physics: ClassVar[str] = "Efforts are logged later than positions: another bus cycle, a filter in the drive."
+    reference: ClassVar[str] = "Gautier, IEEE ICRA 1997, section 3 on synchronous sampling"
+    variable: ClassVar[str] = "time"
+    told_by: ClassVar[str] = "fast changes of acceleration"
+    symbol: ClassVar[str] = "lag"
+    unit: ClassVar[str] = "s"
+    memory: ClassVar[bool] = True
+    typical: ClassVar[float] = 0.02
+    count: ClassVar[int] = 1
+
+    @classmethod
+    def variants(cls, scene: Scene) -> Iterator[Self]:
+        """Neutral, in all actuators and in each by itself."""
+        yield cls(lag=(0.0,))
+        for j in range(1, scene.robot.n_joints + 1):
+            yield cls(joints=(j,), lag=(0.0,))
+
+    def columns(self, rows: Rows, robot: Robot, motion: Motion) -> Array:
+        """Rows of the motion some time ago."""
+        late = rows(robot, _shifted(motion, self.lag[0]))
+        if not self.joints:
+            return late
+        columns, own = rows(robot, motion).copy(), self.own(robot.n_joints)
+        columns[:, own] = late[:, own]
+        return columns
+
+    def change(self, scene: Scene) -> tuple[Array, Array]:
+        """To first order: minus the effort's derivative."""
+        own = self.own(scene.robot.n_joints)
+        spline = CubicSpline(scene.motion.t, scene.effort[:, own])
+        shift, columns = np.zeros(scene.effort.shape), np.zeros((*scene.effort.shape, 1))
+        shift[:, own] = spline(scene.motion.t - self.lag[0]) - scene.effort[:, own]
+        columns[:, own, 0] = -spline(scene.motion.t - self.lag[0], 1)
+        return shift, columns
+
+    def moved(self, step: Array) -> Self:
+        """Another lag."""
+        return replace(self, lag=(self.lag[0] + float(step[0]),))
+
+    @property
+    def numbers(self) -> Mapping[str, tuple[float, str]]:
+        """The lag."""
+        return {f"lag{self.joints[0] if self.joints else ''}": (self.lag[0], "s")}
+
+
+def _shifted(motion: Motion, lag: float) -> Motion:
+    """The motion `lag` seconds ago; before its beginning it is continued by its first cubic."""
+    if lag == 0.0 or len(motion) < 2:
+        return motion
+    at = motion.t - lag
+    q, dq, ddq = (CubicSpline(motion.t, values)(at) for values in (motion.q, motion.dq, motion.ddq))
+    return Motion(at, q, dq, ddq, motion.origin)

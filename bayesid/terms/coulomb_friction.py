@@ -1,0 +1,55 @@
+"""Coulomb friction."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+
+from bayesid.motion import Array, Motion
+from bayesid.terms.base import ActuatorTerm, Scene
+
+
+@dataclass(frozen=True, kw_only=True)
+class DryTerm(ActuatorTerm):
+    """Base of the effects in which the direction of motion enters, smoothed as tanh(u' / v).
+
+    Args:
+        smoothing: (m,) v of each actuator, rad/s: the speed below which a log cannot tell friction's direction.
+    """
+
+    smoothing: tuple[float, ...]
+
+    @classmethod
+    def for_motion(cls, actuators: Motion) -> Self:
+        """Smoothed over what counts as standstill in this log."""
+        return cls(smoothing=tuple(actuators.standstill_speed.tolist()))
+
+    @classmethod
+    def shapes(cls, scene: Scene, joint: int) -> Iterator[Mapping[str, float]]:
+        """Smoothed over what counts as standstill in this log."""
+        yield {"smoothing": float(scene.actuators.standstill_speed[joint])}
+
+    def direction(self, actuators: Motion) -> Array:
+        """(N, m) the smoothed direction of motion, between -1 and 1."""
+        return np.tanh(actuators.dq / np.array(self.smoothing))
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoulombFriction(DryTerm):
+    """Fc tanh(u' / v), Fc >= 0."""
+
+    name: ClassVar[str] = "coulomb_friction"
+    physics: ClassVar[str] = "Dry friction: a torque of constant size against the direction of motion."
+    reference: ClassVar[str] = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, section 2.1"
+    variable: ClassVar[str] = "velocity"
+    told_by: ClassVar[str] = "moving both ways at several speeds, with many reversals"
+    symbols: ClassVar[tuple[str, ...]] = ("Fc",)
+    units: ClassVar[tuple[tuple[str, str], ...]] = (("N m", "N"),)
+    nonnegative: ClassVar[bool] = True
+
+    def effect(self, actuators: Motion) -> Array:
+        """The direction of motion."""
+        return self.direction(actuators)

@@ -1,0 +1,45 @@
+"""A spring that balances gravity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from bayesid.motion import Array, Motion
+from bayesid.terms.base import ActuatorTerm
+
+
+@dataclass(frozen=True, kw_only=True)
+class GravitySpring(ActuatorTerm):
+    """ks sin(u) + kc cos(u), free: a spring between two points off the axis, of zero free length."""
+
+    name: ClassVar[str] = "gravity_spring"
+    physics: ClassVar[str] = "A balancing spring between two points off the axis: a sine of the actuator's position."
+    reference: ClassVar[str] = "Balancing with springs of zero free length: Carwardine 1931; Khalil and Dombre 2002"
+    variable: ClassVar[str] = "position"
+    told_by: ClassVar[str] = "moving the joint slowly over a large range in several postures of the joints before it"
+    symbols: ClassVar[tuple[str, ...]] = ("ks", "kc")
+    units: ClassVar[tuple[tuple[str, str], ...]] = (("N m", "N"), ("N m", "N"))
+
+    def effect(self, actuators: Motion) -> Array:
+        """Sine and cosine of the position."""
+        return np.stack([np.sin(actuators.q), np.cos(actuators.q)], axis=2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StiffGravitySpring(ActuatorTerm):
+    """The same with a free length: its torque (1 - l0 / l(u)) sin(u - u0) to the second harmonic."""
+
+    name: ClassVar[str] = "gravity_spring.free_length"
+    physics: ClassVar[str] = "A balancing spring with a free length: two harmonics of the actuator's position."
+    reference: ClassVar[str] = "Law of cosines for the spring's length, expanded to the second harmonic"
+    variable: ClassVar[str] = "position"
+    told_by: ClassVar[str] = GravitySpring.told_by
+    symbols: ClassVar[tuple[str, ...]] = ("ks1_", "kc1_", "ks2_", "kc2_")
+    units: ClassVar[tuple[tuple[str, str], ...]] = (("N m", "N"),) * 4
+
+    def effect(self, actuators: Motion) -> Array:
+        """Sines and cosines of the position and of its double."""
+        return np.stack([wave(h * actuators.q) for h in (1.0, 2.0) for wave in (np.sin, np.cos)], axis=2)

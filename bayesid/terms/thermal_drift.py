@@ -1,0 +1,120 @@
+"""Friction and offsets that change as a joint warms up."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from bayesid.motion import Array, Motion
+from bayesid.terms.base import ActuatorTerm, Scene
+from bayesid.terms.coulomb_friction import DryTerm
+
+_TIMES = (0.2, 0.5, 1.2)
+"""Time constants tried, as shares of the log's length."""
+_TOLD_BY = "repeating the same motion from cold to warm"
+_REFERENCE = "First-order warming; Simoni, Beschi, Legnani, Visioli, Friction modeling with temperature effects, 2015"
+
+
+def _since_start(actuators: Motion, time: tuple[float, ...]) -> Array:
+    """(N, m) 1 - exp(-(t - t0) / T): 0 when the recording begins, 1 when the joint is warm."""
+    return 1.0 - np.exp(-(actuators.t[:, None] - actuators.origin) / np.array(time))
+
+
+def _times(scene: Scene) -> list[float]:
+    return [share * float(scene.motion.t[-1] - scene.motion.origin) for share in _TIMES]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThermalDrift(DryTerm):
+    """(F0 + F1 (1 - exp(-t / T))) tanh(u' / v): dry friction that changes from cold to warm.
+
+    Args:
+        time: (m,) T of each actuator, s.
+    """
+
+    time: tuple[float, ...]
+
+    name: ClassVar[str] = "thermal_drift"
+    physics: ClassVar[str] = "Dry friction that changes as gear and lubricant warm up."
+    reference: ClassVar[str] = _REFERENCE
+    variable: ClassVar[str] = "time"
+    told_by: ClassVar[str] = _TOLD_BY
+    symbols: ClassVar[tuple[str, ...]] = ("Fcold", "Fwarm")
+    units: ClassVar[tuple[tuple[str, str], ...]] = (("N m", "N"), ("N m", "N"))
+
+    @classmethod
+    def for_motion(cls, actuators: Motion) -> ThermalDrift:
+        """Not from a motion alone."""
+        return super(DryTerm, cls).for_motion(actuators)
+
+    @classmethod
+    def shapes(cls, scene: Scene, joint: int) -> Iterator[Mapping[str, float]]:
+        """Over the time constant."""
+        smoothing = float(scene.actuators.standstill_speed[joint])
+        yield from ({"smoothing": smoothing, "time": time} for time in _times(scene))
+
+    def effect(self, actuators: Motion) -> Array:
+        """Direction of motion, at first and as it warms."""
+        direction = self.direction(actuators)
+        return np.stack([direction, _since_start(actuators, self.time) * direction], axis=2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViscousThermalDrift(ActuatorTerm):
+    """(f0 + f1 (1 - exp(-t / T))) u': viscous friction that changes from cold to warm.
+
+    Args:
+        time: (m,) T of each actuator, s.
+    """
+
+    time: tuple[float, ...]
+
+    name: ClassVar[str] = "thermal_drift.viscous"
+    physics: ClassVar[str] = "Viscous friction that changes as the lubricant warms up."
+    reference: ClassVar[str] = _REFERENCE
+    variable: ClassVar[str] = "time"
+    told_by: ClassVar[str] = _TOLD_BY
+    symbols: ClassVar[tuple[str, ...]] = ("fcold", "fwarm")
+    units: ClassVar[tuple[tuple[str, str], ...]] = (("N m s/rad", "N s/m"),) * 2
+
+    @classmethod
+    def shapes(cls, scene: Scene, joint: int) -> Iterator[Mapping[str, float]]:
+        """Over the time constant."""
+        yield from ({"time": time} for time in _times(scene))
+
+    def effect(self, actuators: Motion) -> Array:
+        """The speed, at first and as it warms."""
+        return np.stack([actuators.dq, _since_start(actuators, self.time) * actuators.dq], axis=2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrictionThermalDrift(ThermalDrift):
+    """Both: dry and viscous friction that change from cold to warm."""
+
+    name: ClassVar[str] = "thermal_drift.both"
+    physics: ClassVar[str] = "Dry and viscous friction that change as gear and lubricant warm up."
+    symbols: ClassVar[tuple[str, ...]] = ("Fcold2_", "Fwarm2_", "fcold2_", "fwarm2_")
+    units: ClassVar[tuple[tuple[str, str], ...]] = (("N m", "N"), ("N m", "N"), *ViscousThermalDrift.units)
+
+    def effect(self, actuators: Motion) -> Array:
+        """Direction and speed, at first and as they warm."""
+        warm, both = _since_start(actuators, self.time), (self.direction(actuators), actuators.dq)
+        return np.stack([factor * one for one in both for factor in (np.ones_like(warm), warm)], axis=2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OffsetThermalDrift(ViscousThermalDrift):
+    """o0 + o1 (1 - exp(-t / T)): a sensor's or drive's zero that drifts."""
+
+    name: ClassVar[str] = "thermal_drift.offset"
+    physics: ClassVar[str] = "A zero of sensor or drive that drifts as it warms up."
+    symbols: ClassVar[tuple[str, ...]] = ("ocold", "owarm")
+    units: ClassVar[tuple[tuple[str, str], ...]] = (("N m", "N"), ("N m", "N"))
+
+    def effect(self, actuators: Motion) -> Array:
+        """One, at first and as it warms."""
+        warm = _since_start(actuators, self.time)
+        return np.stack([np.ones_like(warm), warm], axis=2)

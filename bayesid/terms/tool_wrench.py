@@ -1,0 +1,95 @@
+"""A constant force on the tool."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+from bayesid.motion import Array, Motion
+from bayesid.robot import Robot
+from bayesid.terms.base import Cone, Parameter, Scene
+
+_FORCE = (("x", "N"), ("y", "N"), ("z", "N"))
+_COUPLE = (("rx", "N m"), ("ry", "N m"), ("rz", "N m"))
+
+
+@dataclass(frozen=True)
+class ToolWrench:
+    """A force that the environment applies to the last link's frame, constant along the base's axes; free."""
+
+    name: ClassVar[str] = "tool_wrench"
+    physics: ClassVar[str] = "A constant force from outside on the tool, such as a hose that pulls or a contact."
+    reference: ClassVar[str] = "Principle of virtual work: -J' F"
+    variable: ClassVar[str] = "position"
+    told_by: ClassVar[str] = "moving the tool slowly through space, and turning it in place"
+    memory: ClassVar[bool] = False
+    in_base: ClassVar[bool] = True
+    parts: ClassVar[tuple[tuple[str, str], ...]] = _FORCE
+    symbol: ClassVar[str] = "wb"
+
+    @classmethod
+    def for_motion(cls, actuators: Motion) -> Self:
+        """The same for every log."""
+        return cls()
+
+    @classmethod
+    def variants(cls, scene: Scene) -> Iterator[Self]:
+        """One."""
+        yield cls()
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """It acts on all of them."""
+        return ()
+
+    @property
+    def shape(self) -> Mapping[str, list[float]]:
+        """No nonlinear numbers."""
+        return {}
+
+    def check(self, n_joints: int) -> None:
+        """Suits every robot."""
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """Force, and couple if there is one, on the last link."""
+        n = robot.n_joints
+        return tuple(Parameter(f"{self.symbol}{axis}{n}", unit, n) for axis, unit in self.parts)
+
+    def cone(self, robot: Robot) -> Cone:
+        """Free."""
+        return Cone.free(len(self.parts))
+
+    def columns(self, robot: Robot, motion: Motion) -> Array:
+        """(N, n, 3 or 6) what the actuators supply against it."""
+        return -robot.tool_jacobian(motion, self.in_base).swapaxes(1, 2)[:, :, : len(self.parts)]
+
+
+@dataclass(frozen=True)
+class BaseWrench(ToolWrench):
+    """A force and a couple along the base's axes; free."""
+
+    name: ClassVar[str] = "tool_wrench.couple"
+    physics: ClassVar[str] = "A constant force and couple from outside on the tool, along the axes of the base."
+    parts: ClassVar[tuple[tuple[str, str], ...]] = (*_FORCE, *_COUPLE)
+    symbol: ClassVar[str] = "wc"
+
+
+@dataclass(frozen=True)
+class FollowingForce(ToolWrench):
+    """A force that turns with the tool; free."""
+
+    name: ClassVar[str] = "tool_wrench.following"
+    physics: ClassVar[str] = "A constant force that turns with the tool, such as a jet or a preloaded contact."
+    in_base: ClassVar[bool] = False
+    symbol: ClassVar[str] = "wt"
+
+
+@dataclass(frozen=True)
+class FollowingWrench(FollowingForce):
+    """A force and a couple that turn with the tool; free."""
+
+    name: ClassVar[str] = "tool_wrench.following_couple"
+    physics: ClassVar[str] = "A constant force and couple that turn with the tool."
+    parts: ClassVar[tuple[tuple[str, str], ...]] = (*_FORCE, *_COUPLE)
+    symbol: ClassVar[str] = "wf"
