@@ -19,18 +19,20 @@ import bayesid
 from bayesid import terms as catalogue
 from bayesid.demo import run_demo
 from bayesid.errors import InputError, SolverError
+from bayesid.report.words import paragraph
 from bayesid.results import VALIDATION_FILES, check_folder, check_place
 from bayesid.signs import METHODS, Progress
 from bayesid.simulation import parse_effect, simulate_log
 from bayesid.terms import RigidBody
 
-STUDIES = ("calibration", "sbc", "paper", "real")
+STUDIES = ("calibration", "discrepancy", "sbc", "paper", "real")
 _EXAMPLES = """examples:
   bayesid demo
   bayesid identify log.csv --robot ur10e --out result
   bayesid identify monday.csv tuesday.csv --robot ur10e --search-budget 30
   bayesid identify currents.csv --robot my_robot.toml --gains 14.9,13.3,11.1,10.6,11.0,11.5
   bayesid validate result another_log.csv
+  bayesid discrepancy result another_log.csv --holdout a_third_log.csv --out extended
   bayesid simulate --robot panda --duration 20 --noise 0.05 --out log.csv
   bayesid study calibration --trials 32
 """
@@ -72,6 +74,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Parser)
     _add_identify(commands)
     _add_validate(commands)
+    _add_discrepancy(commands)
     _add_simulate(commands)
     demo = commands.add_parser("demo", help="the paper's experiment, simulated, end to end")
     demo.add_argument("--out", type=Path, default=Path("bayesid-demo"), help="result folder (default: %(default)s)")
@@ -139,6 +142,31 @@ def _add_validate(commands: argparse._SubParsersAction[_Parser]) -> None:
     parser.set_defaults(command=_validate)
 
 
+def _add_discrepancy(commands: argparse._SubParsersAction[_Parser]) -> None:
+    parser = commands.add_parser("discrepancy", help="what a result's model lacks to explain another log")
+    parser.add_argument("result", type=Path, help="folder that `bayesid identify` or `bayesid discrepancy` wrote")
+    parser.add_argument("log", type=Path, help="CSV log of the same robot")
+    parser.add_argument(
+        "--holdout", type=Path, metavar="LOG", help="another log, to score by (default: stretches of the log)"
+    )
+    parser.add_argument("--gains", help="N m/A of each joint, for logs of currents: K1,K2,..")
+    parser.add_argument("--unsigned", help="all, none, or joints as in 1,3 (default: those never negative)")
+    parser.add_argument("--cutoff", type=float, metavar="HZ", help="of the motion's low-pass (default: from the data)")
+    parser.add_argument(
+        "--search-budget", type=float, default=3.0, metavar="S",
+        help="seconds for the proof of the signs under the extended model (default: %(default)g)",
+    )  # fmt: skip
+    parser.add_argument("--no-posterior", action="store_true", help="skip sampling of the extended model")
+    parser.add_argument(
+        "--posterior-budget", type=float, default=60.0, metavar="S",
+        help="seconds that sampling may take; it ends when it has converged (default: %(default)g)",
+    )  # fmt: skip
+    parser.add_argument("--seed", type=_seed, default=0, help="of everything random (default: 0)")
+    parser.add_argument("--out", type=Path, help="folder of the extended model (default: bayesid-discrepancy-LOG)")
+    parser.add_argument("--quiet", action="store_true", help="print nothing but warnings and errors")
+    parser.set_defaults(command=_discrepancy)
+
+
 def _add_simulate(commands: argparse._SubParsersAction[_Parser]) -> None:
     parser = commands.add_parser("simulate", help="a log of |effort| from a robot with random feasible parameters")
     parser.add_argument("--robot", required=True, help="built-in name, DH file (.toml) or URDF file")
@@ -195,6 +223,29 @@ def _validate(options: argparse.Namespace) -> None:
     print(f"the band holds {result.band}")
     if options.out is not None:
         print(f"written to {bayesid.save_validation(result, options.out)}/")
+
+
+def _discrepancy(options: argparse.Namespace) -> None:
+    folder = check_folder(options.out or Path(f"bayesid-discrepancy-{options.log.stem}"))
+    for path in (options.result, options.log, *([] if options.holdout is None else [options.holdout])):
+        if path.resolve() == folder.resolve() or path.resolve().parent == folder.resolve():
+            said = f"holds {path.name}, which the result would replace"
+            raise InputError(said, str(folder), "give --out a new folder")
+    stored, gains = bayesid.load_model(options.result), _gains(options.gains)
+    logs = [options.log] if options.holdout is None else [options.log, options.holdout]
+    log, *holdout = [bayesid.read_log(path, gains, options.unsigned) for path in logs]
+    with _Bars(options.quiet) as bars:
+        result = bayesid.find_discrepancy(
+            stored, log, holdout[0] if holdout else None, cutoff=options.cutoff, search_budget=options.search_budget,
+            posterior=not options.no_posterior, posterior_budget=options.posterior_budget, seed=options.seed,
+            progress=bars.show,
+        )  # fmt: skip
+    bayesid.save_discrepancy(result, folder)
+    for warning in result.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+    if not options.quiet:
+        print(discrepancy_table(result))
+        print(f"written to {folder}/")
 
 
 def _simulate(options: argparse.Namespace) -> None:
@@ -289,6 +340,20 @@ def _sampled(result: bayesid.Identification) -> str:
         f"posterior: {state}, R-hat {posterior.max_rhat:.3f}, effective sample size {posterior.min_ess:.0f}{modes}, "
         f"{posterior.seconds:.1f} s"
     )
+
+
+def discrepancy_table(result: bayesid.Discrepancy) -> str:
+    """The tables that end `bayesid discrepancy`."""
+    lines = [paragraph(result), "", f"gap on {result.holdout}, RMS in N m:", "joint     before      after      floor"]
+    gaps = zip(result.before, result.after, result.floor.rms, strict=True)
+    lines += [f"{j:>5}   {b:>8.4g}   {a:>8.4g}   {f:>8.4g}" for j, (b, a, f) in enumerate(gaps, start=1)]
+    if result.found:
+        lines += ["", f"{'effect':<24} {'joints':<8} log10 Bayes factor   probability   not told from"]
+    for one in result.found:
+        joints = ",".join(map(str, one.joints)) or "all"
+        figures = f"{one.verdict.gain / np.log(10.0):>18.1f}   {one.verdict.probability:>11.3f}"
+        lines.append(f"{one.effect:<24} {joints:<8} {figures}   {', '.join(one.verdict.equivalent)}".rstrip())
+    return "\n".join(lines)
 
 
 class _Bars:

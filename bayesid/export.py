@@ -1,13 +1,13 @@
 """An identified model as a URDF, for simulators, planners and controllers.
 
 A URDF holds the kinematics, the links' inertias, and viscous and Coulomb friction. What it has no place for (gravity,
-rotor inertia, offsets, motor couplings) is written into a comment at its head.
+rotor inertia, offsets, springs, delays, motor couplings) is written into a comment at its head.
 """
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,19 +15,24 @@ from numpy.typing import ArrayLike
 from bayesid import inertia
 from bayesid.model import Model
 from bayesid.motion import Array, frozen
-from bayesid.robot import Joint
+from bayesid.robot import Joint, Robot
+from bayesid.terms import ActuatorTerm, Parameter, RigidBody, Term
+from bayesid.terms.payload import Payload
 
 _JOINT_ATTRIBUTES = {"viscous_friction": "damping", "coulomb_friction": "friction"}
 """Terms that a URDF joint can hold, and their attributes in its <dynamics>."""
 _LIMITS = {"lower": "-1000", "upper": "1000", "effort": "1000000", "velocity": "1000"}
 """A URDF demands limits; none are identified, so they are set where they never act."""
+_Part = tuple[Term, Array]
+"""A term and its own part of theta."""
 
 
 def urdf(model: Model, theta: Array) -> str:
     """URDF text of the model's robot with the link and friction parameters of theta.
 
     URDF's link frame is its joint's frame, so links given in another frame (standard Denavit-Hartenberg) are moved
-    there. Joints are called joint1..jointn, links link1..linkn, from base to tip.
+    there. Joints are called joint1..jointn, links link1..linkn, from base to tip. A payload becomes part of the last
+    link, and friction of several terms in one joint is added up.
 
     Args:
         model: a model with a rigid_body term.
@@ -36,27 +41,47 @@ def urdf(model: Model, theta: Array) -> str:
     Raises:
         ValueError: theta has another shape, the model no rigid bodies, or a link no positive mass.
     """
-    theta = frozen(theta, (len(model.parameters),), "theta")
-    by_term = _by_term(model, theta)
-    if "rigid_body" not in by_term:
-        raise ValueError("a URDF needs link parameters: the model has no rigid_body term")
-    links = by_term["rigid_body"].reshape(-1, 10)
+    parts = _parts(model, frozen(theta, (len(model.parameters),), "theta"))
+    links, friction = _links(model.robot, parts), _friction(model, parts)
     root = ET.Element("robot", name=model.robot.name)
-    root.append(ET.Comment("\n    ".join(["", *_remarks(model, by_term)]) + "\n  "))
+    root.append(ET.Comment("\n    ".join(["", *_remarks(model, parts)]) + "\n  "))
     ET.SubElement(root, "link", name="base")
     for i, joint in enumerate(model.robot.joints):
-        dynamics = {attribute: by_term[term][i] for term, attribute in _held(model).items() if term in by_term}
         root.append(_link(_name(model, "link", i), joint, links[i]))
-        root.append(_joint(model, i, dynamics))
+        root.append(_joint(model, i, friction[i]))
     ET.indent(root)
     return f'<?xml version="1.0"?>\n{ET.tostring(root, encoding="unicode")}\n'
 
 
-def _by_term(model: Model, theta: Array) -> dict[str, Array]:
-    """Each term's own part of theta."""
+def _parts(model: Model, theta: Array) -> list[_Part]:
+    """The terms, each with its own part of theta."""
     sizes = [len(term.parameters(model.robot)) for term in model.terms]
-    parts = np.split(theta, np.cumsum(sizes)[:-1])
-    return {term.name: part for term, part in zip(model.terms, parts, strict=True)}
+    return list(zip(model.terms, np.split(theta, np.cumsum(sizes)[:-1]), strict=True))
+
+
+def _links(robot: Robot, parts: Sequence[_Part]) -> Array:
+    """(n, 10) parameters of the links, a payload's added to the last link's: both are given in its frame."""
+    if all(term.name != RigidBody.name for term, _ in parts):
+        raise ValueError("a URDF needs link parameters: the model has no rigid_body term")
+    links = np.zeros((robot.n_joints, 10))
+    for term, values in parts:
+        if term.name == RigidBody.name:
+            links += values.reshape(-1, 10)
+        elif term.name == Payload.name:
+            links[-1] += values
+    return links
+
+
+def _friction(model: Model, parts: Sequence[_Part]) -> list[dict[str, float]]:
+    """For each joint the attributes of its <dynamics>, summed over the terms that act in it."""
+    friction: list[dict[str, float]] = [{} for _ in model.robot.joints]
+    held = _held(model)
+    for term, values in parts:
+        if term.name in held:
+            for parameter, value in zip(term.parameters(model.robot), values.tolist(), strict=True):
+                own, attribute = friction[parameter.joint - 1], held[term.name]
+                own[attribute] = own.get(attribute, 0.0) + value
+    return friction
 
 
 def _held(model: Model) -> Mapping[str, str]:
@@ -64,21 +89,40 @@ def _held(model: Model) -> Mapping[str, str]:
     return _JOINT_ATTRIBUTES if model.robot.transmission is None else {}
 
 
-def _remarks(model: Model, by_term: Mapping[str, Array]) -> list[str]:
+def _remarks(model: Model, parts: Sequence[_Part]) -> list[str]:
     """Lines on what the URDF leaves out."""
+    loaded = any(term.name == Payload.name for term, _ in parts)
+    payload = f" {_name(model, 'link', model.robot.n_joints - 1)} includes the payload." if loaded else ""
     lines = [
-        "Identified by bayesid. Not in this URDF:",
+        f"Identified by bayesid.{payload} Not in this URDF:",
         f"gravity = {_numbers(model.robot.gravity)} m/s^2 in the base frame",
         "joint limits (not identified, set wide)",
     ]
     if model.robot.transmission is not None:
         rows = "; ".join(_numbers(row) for row in model.robot.transmission)
         lines.append(f"motor speeds = [{rows}] * joint speeds; the parameters below are the motors'")
-    for term in model.terms:
-        if term.name != "rigid_body" and term.name not in _held(model):
-            pairs = zip(term.parameters(model.robot), by_term[term.name], strict=True)
-            lines += [f"{term.name}: {each.name} = {_numbers(value)} {each.unit}" for each, value in pairs]
+    shown = {RigidBody.name, Payload.name, *_held(model)}
+    for term, values in parts:
+        if term.name not in shown:
+            pairs = zip(term.parameters(model.robot), values, strict=True)
+            lines += [_remark(term.name, each.name, value, each.unit) for each, value in pairs]
+            lines += [_remark(term.name, each.name, value, each.unit) for each, value in _shape(term, model.robot)]
+    for distortion in model.distortions:
+        lines += [_remark(distortion.name, key, value, unit) for key, (value, unit) in distortion.numbers.items()]
     return lines
+
+
+def _remark(effect: str, name: str, value: float, unit: str) -> str:
+    return f"{effect}: {name} = {_numbers(value)} {unit}"
+
+
+def _shape(term: Term, robot: Robot) -> Iterator[tuple[Parameter, float]]:
+    """The nonlinear numbers that people want to know, joint by joint: the parameters mean nothing without them."""
+    if isinstance(term, ActuatorTerm):
+        for key, unit in term.shape_units.items():
+            for j, value in zip(term.own(robot.n_joints), getattr(term, key), strict=True):
+                own = unit.replace("rad", "m") if robot.joints[j].prismatic else unit
+                yield Parameter(f"{key}{j + 1}", own, j + 1), value
 
 
 def _link(name: str, joint: Joint, parameters: Array) -> ET.Element:

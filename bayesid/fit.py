@@ -190,7 +190,10 @@ def _before_fit(
 
 
 def _refit(columns: Array, sigma: Array, given: Array) -> Callable[[Array], Array]:
-    """What least squares without the cone leaves of (N, n, K) efforts, for columns (N, n, r), sigma (n,), given (r, r)."""
+    """What least squares without the cone leaves of (N, n, K) efforts.
+
+    For columns (N, n, r), sigma (n,) and what is given beforehand (r, r).
+    """
     rows = (columns / sigma[:, None]).reshape(-1, columns.shape[2])
     information = rows.T @ rows + given
     lengths = np.sqrt(np.maximum(np.diag(information), _BLIND * np.diag(information).max()))

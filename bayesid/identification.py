@@ -21,7 +21,8 @@ from bayesid.fit import Fit, expected_moments, fit_signed, inner_samples
 from bayesid.knowledge import Information, Knowledge
 from bayesid.log import Log, read_log
 from bayesid.model import Model
-from bayesid.motion import Array, Integers
+from bayesid.motion import Array, Integers, Mask
+from bayesid.noise import Noise
 from bayesid.nominal import nominal_of
 from bayesid.posterior.inference import Posterior, infer
 from bayesid.posterior.prior import Links, Nominal
@@ -37,6 +38,8 @@ from bayesid.validation import ParameterDraws, Validation, validate
 
 LINKS = Links()
 """What is believed of any link unless told otherwise."""
+QUICK = SearchOptions(budget=3.0)
+"""Search of signs that an earlier log helps to settle."""
 _UNDERSHOOT = 0.05
 """A filter after the rectifier makes |effort| reach below zero, by less than this share of its maximum."""
 _LEAST_MOTION = 1e-3
@@ -114,11 +117,32 @@ class Identification:
         return np.sqrt(np.diag(self.covariance))
 
     @property
+    def noise(self) -> Noise:
+        """Of the efforts, per joint."""
+        return self.fit.noise
+
+    @property
+    def parameter_sd(self) -> tuple[Array, Mask]:
+        """(P,) standard deviations of the parameters, and (P,) whether the data decide them.
+
+        Without a posterior they come from the information matrix, NaN where a parameter is not decided by itself.
+        """
+        if self.posterior is not None:
+            return self.posterior.parameter_sd, self.posterior.decided_by_data
+        fit, projection = self.fit, self.coefficients.projection
+        lift = np.linalg.pinv(projection)
+        decided = np.abs(lift @ projection - np.eye(len(fit.theta))).max(axis=1) < 1e-9
+        finite = np.isfinite(fit.sd)
+        variance = np.einsum("pr,rs,ps->p", lift[:, finite], fit.covariance[np.ix_(finite, finite)], lift[:, finite])
+        by_data: Mask = decided & ~(np.abs(lift[:, ~finite]) > 1e-12).any(axis=1)
+        return np.where(by_data, np.sqrt(variance), np.nan), by_data
+
+    @property
     def knowledge(self) -> Knowledge:
         """What the log has told about the coefficients, for another log: the posterior as a normal distribution."""
         if self.posterior is None:
             return Knowledge(self.model, self.theta, self.fit.information)
-        return Knowledge(self.model, self.theta, np.linalg.pinv(self.covariance, hermitian=True))
+        return Knowledge(self.model, self.theta, _inverse(self.covariance))
 
     @property
     def settled_share(self) -> float | None:
@@ -222,7 +246,7 @@ def identify_again(
     knowledge: Knowledge,
     theta: Array,
     cutoff: float | None = None,
-    search: SearchOptions = SearchOptions(budget=3.0),
+    search: SearchOptions = QUICK,
     sampling: SamplerOptions | None = None,
     links: Links = LINKS,
     progress: Progress | None = None,
@@ -300,6 +324,13 @@ def _finish(
         found.segments[found.segments.moving], found.search, found.rounds, clock.laps,
         (*_warnings(fit, found, log), *_doubts(drawn, own, settled, doubt)),
     )  # fmt: skip
+
+
+def _inverse(covariance: Array) -> Array:
+    """Of a covariance in mixed units: scaled first, so that what is known best is not taken for rounding."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    inverse: Array = np.outer(scale, scale) * np.linalg.pinv(np.outer(scale, scale) * covariance, hermitian=True)
+    return inverse
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -26,7 +26,7 @@ class Information:
     energy: float
 
     def misfit(self, beta: Array) -> float:
-        """beta' H beta - 2 g' beta + c of coefficients (r,)."""
+        """The quadratic form of coefficients (r,)."""
         return float(beta @ self.hessian @ beta - 2.0 * self.gradient @ beta + self.energy)
 
     @classmethod

@@ -26,7 +26,7 @@ class Model:
     Attributes:
         robot: the robot.
         terms: the terms; their parameters are stacked in this order.
-        distortions: of rows and readings; each acts on what those before it have made.
+        distortions: of rows first, of readings last; each acts on what those of its kind before it have made.
     """
 
     robot: Robot
@@ -65,7 +65,7 @@ class Model:
 
     def chunks(self, motion: Motion) -> Iterator[tuple[slice, Array]]:
         """Rows and their columns, at most CHUNK samples at a time; effects with a memory see some samples around."""
-        memory = any(one.memory for one in (*self.terms, *self.distortions))
+        memory = any(term.memory for term in self.terms) or any(one.memory for one in self.distortions)
         for start in range(0, len(motion), CHUNK):
             rows = slice(start, min(start + CHUNK, len(motion)))
             first = max(0, start - _LOOK_BACK) if memory else start

@@ -22,6 +22,8 @@ import numpy as np
 import tomli_w
 
 from bayesid.coefficients import base_coefficients
+from bayesid.discrepancy.summary import discrepancy_summary
+from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.distortions import CATALOGUE as DISTORTIONS
 from bayesid.distortions import make_distortion
 from bayesid.errors import InputError
@@ -41,7 +43,7 @@ from bayesid.validation import ParameterDraws, Validation
 _MARKER = "summary.json"
 IDENTIFICATION_FILES = frozenset({
     "summary.json", "segments.csv", "signed_log.csv", "coefficients.csv", "parameters.csv", "model.toml", "robot.urdf",
-    "posterior.nc", "report.html", "log.csv",
+    "posterior.nc", "report.html", "log.csv", "discrepancy.json", "discrepancy.html",
 })  # fmt: skip
 """What a result folder may hold; log.csv is the demo's."""
 VALIDATION_FILES = frozenset({"summary.json", "signed_log.csv", "prediction.csv"})
@@ -85,25 +87,45 @@ def save_identification(identification: Identification, folder: str | Path, with
     """
 
     def write(place: Path) -> None:
-        _write_json(place / "summary.json", summary(identification))
-        _write_segments(place / "segments.csv", identification)
-        _write_signed_log(
-            place / "signed_log.csv", identification.log, identification.signals, identification.probability
-        )
-        _write_table(place / "coefficients.csv", coefficient_rows(identification))
-        _write_table(place / "parameters.csv", parameter_rows(identification))
-        precision = identification.knowledge.precision
-        stored = StoredModel(identification.model, identification.theta, identification.fit.noise, precision)
-        (place / "model.toml").write_text(tomli_w.dumps(_model_table(stored)))
-        (place / "robot.urdf").write_text(urdf(identification.model, identification.theta))
-        if identification.posterior is not None:
-            from bayesid.posterior.inference_data import write
-
-            write(inference_data(identification), place / "posterior.nc")
+        _write_identification(place, identification)
         if with_log:
             write_log(place / "log.csv", identification.log)
 
     return _write_aside(check_folder(folder), write)
+
+
+def save_discrepancy(discrepancy: Discrepancy, folder: str | Path) -> Path:
+    """Writes discrepancy.json, a report of it, and the result folder of the extended model.
+
+    Raises:
+        InputError: the folder cannot be written, or holds other files than an earlier result.
+        ValueError: the model has no rigid bodies to make a URDF of.
+    """
+
+    def write(place: Path) -> None:
+        from bayesid.report.discrepancy_page import discrepancy_page  # matplotlib takes a second to import
+
+        _write_identification(place, discrepancy.identification)
+        _write_json(place / "discrepancy.json", discrepancy_summary(discrepancy))
+        (place / "discrepancy.html").write_text(discrepancy_page(discrepancy), encoding="utf-8")
+
+    return _write_aside(check_folder(folder), write)
+
+
+def _write_identification(place: Path, identification: Identification) -> None:
+    _write_json(place / "summary.json", summary(identification))
+    _write_segments(place / "segments.csv", identification)
+    _write_signed_log(place / "signed_log.csv", identification.log, identification.signals, identification.probability)
+    _write_table(place / "coefficients.csv", coefficient_rows(identification))
+    _write_table(place / "parameters.csv", parameter_rows(identification))
+    precision = identification.knowledge.precision
+    stored = StoredModel(identification.model, identification.theta, identification.noise, precision)
+    (place / "model.toml").write_text(tomli_w.dumps(_model_table(stored)))
+    (place / "robot.urdf").write_text(urdf(identification.model, identification.theta))
+    if identification.posterior is not None:
+        from bayesid.posterior.inference_data import write
+
+        write(inference_data(identification), place / "posterior.nc")
 
 
 def save_validation(validation: Validation, folder: str | Path) -> Path:

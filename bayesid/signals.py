@@ -41,8 +41,8 @@ class Signals:
         rate: sampling rate of the grid, Hz.
         cutoff: cut-off of the motion's low-pass, Hz.
         processing: what was done to the log, for summary.json.
-        measured: (N, n) False where the log pauses and for half a period of the cut-off around, or where a sensor cannot
-            tell: nothing is known there.
+        measured: (N, n) False where the log pauses, for half a period of the cut-off around, or where a sensor
+            cannot tell: nothing is known there.
     """
 
     motion: Motion

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayesid.identification import Identification
-from bayesid.motion import Array, Mask
+from bayesid.motion import Array
 from bayesid.validation import Validation
 
 if TYPE_CHECKING:
@@ -40,7 +40,8 @@ def summary(identification: Identification) -> dict[str, Any]:
     return {
         "robot": identification.model.robot.name,
         "log": identification.log.source,
-        "terms": [term.name for term in identification.model.terms],
+        "terms": list(dict.fromkeys(term.name for term in identification.model.terms)),
+        "distortions": [distortion.name for distortion in identification.model.distortions],
         "n_samples": len(identification.log),
         "n_segments": len(identification.segments),
         "n_segments_searched": len(search.signs),
@@ -199,11 +200,7 @@ def coefficient_rows(identification: Identification) -> list[dict[str, object]]:
 
 def parameter_rows(identification: Identification) -> list[dict[str, object]]:
     """parameters.csv: one row a standard parameter; without a posterior `sd` only where the data alone decide it."""
-    posterior = identification.posterior
-    if posterior is None:
-        sd, by_data = _data_sd(identification)
-    else:
-        sd, by_data = posterior.parameter_sd, posterior.decided_by_data
+    sd, by_data = identification.parameter_sd
     return [
         {
             "name": parameter.name,
@@ -215,14 +212,3 @@ def parameter_rows(identification: Identification) -> list[dict[str, object]]:
         }
         for k, parameter in enumerate(identification.model.parameters)
     ]
-
-
-def _data_sd(identification: Identification) -> tuple[Array, Mask]:
-    """(P,) standard deviations by the information matrix, NaN where (P,) the data do not decide a parameter alone."""
-    coefficients, fit = identification.coefficients, identification.fit
-    lift = np.linalg.pinv(coefficients.projection)
-    decided = np.abs(lift @ coefficients.projection - np.eye(len(fit.theta))).max(axis=1) < 1e-9
-    finite = np.isfinite(fit.sd)
-    variance = np.einsum("pr,rs,ps->p", lift[:, finite], fit.covariance[np.ix_(finite, finite)], lift[:, finite])
-    by_data: Mask = decided & ~(np.abs(lift[:, ~finite]) > 1e-12).any(axis=1)
-    return np.where(by_data, np.sqrt(variance), np.nan), by_data

@@ -6,12 +6,26 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
-from oracles import assert_close, parameters_of, random_clouds, random_motion, random_table, turn, urdf_text
+from oracles import (
+    assert_close,
+    dh_chain,
+    parameters_of,
+    random_clouds,
+    random_motion,
+    random_table,
+    turn,
+    urdf_text,
+)
+from oracles import (
+    joint_torques as torques_of_points,
+)
 
+from bayesid.distortions import CATALOGUE as DISTORTIONS
+from bayesid.distortions import make_distortion
 from bayesid.export import _roll_pitch_yaw, urdf
 from bayesid.model import Model
 from bayesid.robot import BUILT_IN, Joint, Robot, load_robot, robot_from_table, robot_from_urdf
-from bayesid.terms import DEFAULT, RigidBody, ViscousFriction, make_terms
+from bayesid.terms import CATALOGUE, DEFAULT, ActuatorTerm, RigidBody, ViscousFriction, make_term, make_terms
 
 MOVES = {name: load_robot(name) for name in BUILT_IN} | {
     "standard": robot_from_table(random_table("standard", 6, seed=1), "test"),
@@ -100,6 +114,130 @@ def test_terms_may_be_absent_or_come_in_another_order():
     found = [element.attrib for element in root.findall("joint/dynamics")]
     assert found == [{"damping": str(value)} for value in (0.1, 0.2, 0.0, 0.4, 0.5, 0.6)]
     assert ET.fromstring(urdf(Model(robot, (RigidBody(),)), bodies)).find("joint/dynamics") is None
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Models with effects in some joints
+# ---------------------------------------------------------------------------------------------------------------
+SPEED = 0.4  # rad/s, of the tanh that stands for the direction of motion
+DAMPING = [1.5, 0.0, 2.0 + 0.25, 0.0, 0.75, 0.0]  # N m s/rad, of the terms below
+DRY = [0.0, 6.0, 4.0 + 1.0, 3.0 + 2.0, 0.0, 7.0]  # N m
+
+
+def loaded_arm(convention):
+    """A robot's table and a model: a payload, and friction of several terms in some joints, in no order."""
+    table = random_table(convention, 6, seed=8)
+    terms = [
+        ("coulomb_friction", {"joints": [3], "smoothing": [SPEED]}, [4.0]),
+        ("viscous_friction", {"joints": [5, 1, 3]}, [0.75, 1.5, 2.0]),
+        ("payload", {}, parameters_of([PAYLOAD])),
+        ("coulomb_friction", {"joints": [6, 4], "smoothing": [SPEED] * 2}, [7.0, 3.0]),
+        ("rigid_body", {}, parameters_of(random_clouds(6, seed=8))),
+        ("viscous_friction", {"joints": [3]}, [0.25]),
+        ("coulomb_friction", {"joints": [2, 3, 4], "smoothing": [SPEED] * 3}, [6.0, 1.0, 2.0]),
+    ]
+    model = Model(robot_from_table(table, "test"), tuple(make_term(name, shape) for name, shape, _ in terms))
+    return table, model, np.concatenate([values for *_, values in terms])
+
+
+PAYLOAD = random_clouds(1, seed=30)[0]
+
+
+def by_hand(table, motion):
+    """Torques of point masses, those of the payload on the last link, with viscous friction."""
+    *clouds, (points, masses) = random_clouds(6, seed=8)
+    last = np.concatenate([points, PAYLOAD[0]]), np.concatenate([masses, PAYLOAD[1]])
+    rigid = torques_of_points(dh_chain(table), [*clouds, last], np.array(table["gravity"]), motion)
+    return rigid + DAMPING * motion.dq
+
+
+@pytest.mark.parametrize("convention", ["standard", "modified"])
+def test_payload_and_friction_of_some_joints_in_pinocchio(convention):
+    table, model, theta = loaded_arm(convention)
+    loaded = pin.buildModelFromXML(urdf(model, theta))
+    loaded.gravity.linear = model.robot.gravity
+    data, motion = loaded.createData(), random_motion(6, 20)
+    rigid = [pin.rnea(loaded, data, *sample) for sample in zip(motion.q, motion.dq, motion.ddq, strict=True)]
+    np.testing.assert_allclose(loaded.damping, DAMPING, rtol=1e-15)
+    np.testing.assert_allclose(loaded.friction, DRY, rtol=1e-15)
+    found = np.array(rigid) + loaded.damping * motion.dq
+    assert_close(found, by_hand(table, motion), 1e-11)
+    assert_close(found + loaded.friction * np.tanh(motion.dq / SPEED), model.effort(motion, theta), 1e-12)
+
+
+@pytest.mark.parametrize("convention", ["standard", "modified"])
+def test_payload_and_friction_of_some_joints_in_mujoco(convention):
+    table, model, theta = loaded_arm(convention)
+    options = '<mujoco><compiler balanceinertia="false" inertiafromgeom="false" discardvisual="true"/></mujoco>'
+    loaded = mujoco.MjModel.from_xml_string(urdf(model, theta).replace("</robot>", f"{options}</robot>"))
+    np.testing.assert_allclose(loaded.dof_frictionloss, DRY, rtol=1e-15)
+    loaded.dof_frictionloss[:], loaded.opt.gravity[:] = 0.0, model.robot.gravity
+    data, motion, found = mujoco.MjData(loaded), random_motion(6, 20), []
+    for sample in zip(motion.q, motion.dq, motion.ddq, strict=True):
+        data.qpos[:], data.qvel[:], data.qacc[:] = sample
+        mujoco.mj_inverse(loaded, data)
+        found.append(data.qfrc_inverse.copy())
+    assert_close(np.array(found), by_hand(table, motion), 1e-9)
+
+
+def test_joints_without_a_friction_term_have_no_friction_and_the_payload_is_announced():
+    _, model, theta = loaded_arm("standard")
+    text = urdf(model, theta)
+    found = [joint.find("dynamics") for joint in ET.fromstring(text).findall("joint")]
+    kinds = [{"damping"}, {"friction"}, {"damping", "friction"}, {"friction"}, {"damping"}, {"friction"}]
+    assert [set(element.attrib) for element in found] == kinds
+    assert "link6 includes the payload" in text
+    assert "mcxp6" not in text
+    assert "Fc" not in text
+
+
+def comment_of(text):
+    """The lines at the head, of text that is an XML document."""
+    ET.fromstring(text)
+    return [line.strip() for line in text[text.index("<!--") : text.index("-->")].splitlines()]
+
+
+@pytest.mark.parametrize("table", ["standard", "coupled"])
+@pytest.mark.parametrize("name", [name for name, kind in CATALOGUE.items() if kind is not RigidBody])
+def test_every_other_term_is_told_at_the_head_with_its_numbers(table, name):
+    robot, rng = MOVES[table], np.random.default_rng(9)
+    shapes = {
+        "smoothing": 0.05, "speed": 0.125, "harmonic": 23.5, "width": 0.375, "time": 17.5, "start": -0.25, "side": -1.0,
+    }  # fmt: skip
+    of_joints = issubclass(CATALOGUE[name], ActuatorTerm)
+    needed = [key for key in CATALOGUE[name].__dataclass_fields__ if key not in ("joints", "links")]
+    shape = {key: [shapes[key]] for key in needed} | ({"joints": [3]} if of_joints else {})
+    if name == "load_dependent_friction":
+        shape["links"] = rng.uniform(size=10 * robot.n_joints).tolist()
+    term, bodies = make_term(name, shape), parameters_of(random_clouds(robot.n_joints))
+    parameters = term.parameters(robot)
+    values = rng.uniform(0.1, 2.0, len(parameters))
+    lines = comment_of(urdf(Model(robot, (RigidBody(), term)), np.concatenate([bodies, values])))
+    told = {f"{name}: {p.name} = {float(v)!r} {p.unit}" for p, v in zip(parameters, values, strict=True)}
+    in_the_robot = name == "payload" or (name in ("viscous_friction", "coulomb_friction") and table != "coupled")
+    assert not told & set(lines) if in_the_robot else told <= set(lines)
+    own, unit = shapes.keys() & set(needed) - {"smoothing", "side"}, "m" if robot.joints[2].prismatic else "rad"
+    units = {"speed": f"{unit}/s", "harmonic": f"1/{unit}", "width": unit, "time": "s", "start": unit}
+    assert {f"{name}: {key}3 = {shapes[key]} {units[key]}" for key in own} <= set(lines)
+
+
+def test_distortions_are_told_at_the_head():
+    robot = MOVES["standard"]
+    numbers = {
+        "gain_error": ({"gain": [1.125, 0.75], "joints": [2, 5]}, ["gain2 = 1.125 1", "gain5 = 0.75 1"]),
+        "delay": ({"lag": [0.0125]}, ["lag = 0.0125 s"]),
+        "base_tilt": ({"angle": [0.25, -0.0625]}, ["tilt1 = 0.25 rad", "tilt2 = -0.0625 rad"]),
+        "clipping": ({"limit": [50.5], "joints": [1]}, ["limit1 = 50.5 N m"]),
+        "dead_zone": ({"width": [0.5] * 6}, [f"width{j} = 0.5 N m" for j in range(1, 7)]),
+        "dead_zone.shrinking": ({"width": [0.75], "joints": [6]}, ["width6 = 0.75 N m"]),
+    }
+    assert set(numbers) == set(DISTORTIONS)
+    made = tuple(make_distortion(name, shape) for name, (shape, _) in numbers.items())
+    bodies = parameters_of(random_clouds(6))
+    plain, distorted = (urdf(Model(robot, (RigidBody(),), some), bodies) for some in ((), made))
+    told = [f"{name}: {line}" for name, (_, lines) in numbers.items() for line in lines]
+    assert comment_of(distorted) == [*comment_of(plain)[:-1], *told, ""]
+    assert distorted[distorted.index("-->") :] == plain[plain.index("-->") :]
 
 
 def test_branches_keep_their_order():

@@ -1,0 +1,1 @@
+"""What a model lacks to explain a log: compare, name, add, show."""

@@ -15,7 +15,7 @@ _LEAST_MOTION = 1e-3
 _FEWEST = 200
 """Samples in motion of a joint that moves at all."""
 _BELIEVED = 1.05
-"""A model whose |effort| is no nearer to the measured one than a constant, by this factor, in any joint is another's."""
+"""A model that is so much farther from the measured |effort| than a constant, in all joints, is another robot's."""
 
 
 def check_log(robot: Robot, log: Log) -> None:

@@ -15,7 +15,7 @@ from bayesid.segments import find_segments
 from bayesid.signals import Signals
 from bayesid.smoothing import sign_probabilities
 
-_GOOD = 0.2
+GOOD = 0.2
 """An earlier model that left less than this share of a joint's effort tells the noise floor."""
 _CLEARLY_MOVING = 2.5
 """Speed, in units of standstill, from which friction's direction is beyond doubt."""
@@ -104,7 +104,7 @@ def noise_floor(trial: Trial, residual: Array, earlier: Noise) -> Floor:
     """
     repeated = _between_periods(trial)
     effort = np.sqrt((trial.magnitude**2 * trial.used).sum(axis=0) / np.maximum(trial.used.sum(axis=0), 1))
-    good = earlier.sigma < _GOOD * effort
+    good = earlier.sigma < GOOD * effort
     fast = _fast_part(residual, trial.used)
     white = np.where(good, np.maximum(earlier.white, np.minimum(fast, 1.5 * earlier.white)), fast)
     coloured = np.where(good, earlier.coloured, fast)
@@ -162,7 +162,9 @@ class Excess:
     range: tuple[float, float]
 
 
-def where_it_shows(trial: Trial, residual: Array, predicted: Array, floor: Array, joints: Sequence[int]) -> list[Excess]:
+def where_it_shows(
+    trial: Trial, residual: Array, predicted: Array, floor: Array, joints: Sequence[int]
+) -> list[Excess]:
     """The variable that orders each joint's residual best: whose bins' means explain the largest share of it.
 
     Args:

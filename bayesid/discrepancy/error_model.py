@@ -25,6 +25,8 @@ _LONGEST = 3.0
 """s; a longer correlation is a constant."""
 _REFINED = 40
 """Evaluations of the local search."""
+_STEP = 0.5
+"""Its first step, in the logarithms of the shares' ratio and of the correlation time."""
 
 
 @dataclass(frozen=True)
@@ -89,9 +91,13 @@ def fit_error(
     def cost(point: Array) -> float:
         return -judged(*_from_point(point))[1]
 
-    grid = [(share, time) for share in _SHARES for time in _MEMORIES[: 1 if share == 0.0 else None]]
+    # where both limits bind the likelihood has a kink in the share, on which a simplex would get stuck
+    corner = () if limits is None else (limits[1] ** 2 / max(limits[0] ** 2 + limits[1] ** 2, 1e-300),)
+    grid = [(share, time) for share in (*_SHARES, *corner) for time in _MEMORIES[: 1 if share == 0.0 else None]]
     best = max(grid, key=lambda at: judged(*at)[1])
-    found = minimize(cost, _to_point(*best), method="Nelder-Mead", options={"maxfev": _REFINED, "xatol": 0.02})
+    simplex = _to_point(*best) + np.array([[0.0, 0.0], [_STEP, 0.0], [0.0, _STEP]])  # the default is flat at a share of 1/2
+    options = {"maxfev": _REFINED, "xatol": 0.02, "initial_simplex": simplex}
+    found = minimize(cost, simplex[0], method="Nelder-Mead", options=options)
     share, correlation = max((best, _from_point(found.x)), key=lambda at: judged(*at)[1])
     sigma2, value = judged(share, correlation)
     return ErrorModel(np.sqrt(sigma2 * (1.0 - share)), np.sqrt(sigma2 * share), correlation, rate), value

@@ -2,12 +2,13 @@
 
 With signs settled, the efforts of joint j are  e_j = Y_j beta + Z_j alpha + d_j + error,  the error as in
 `bayesid.discrepancy.error_model`, whitened by W_j. The earlier log says what beta is (`bayesid.knowledge`), alpha is
-normal about zero with the sd of its effect (on one side of zero where its sign is known), so with A the matrix of both
+normal about zero with the sd of its effect (on one side of zero where its sign is known); with A the matrix of both
 
-    log p(e) = sum_j log p(W_j (e_j - d_j - A_j x)) - (x - x0)' L (x - x0) / 2 + log det(D)^1/2 - log det(H)^1/2 + const
+    log p(e) = sum_j log p(W_j (e_j - d_j - A_j x)) - (x - x0)' L (x - x0) / 2 + log det(D) / 2 - log det(H) / 2 + c
 
-at the best x, H = L + sum_j A_j' W_j' W_j A_j (MacKay 2003, chapter 28; exact for normal errors of given covariance). The
-error's own parameters are those of the highest likelihood; where they exceed the noise floor, each joint pays log N.
+at the best x, H = L + sum_j A_j' W_j' W_j A_j (MacKay 2003, chapter 28; exact for normal errors of given covariance).
+The error's own parameters are those of the highest likelihood; where they exceed the noise floor, each joint pays
+log N.
 """
 
 from __future__ import annotations
@@ -15,9 +16,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import cho_solve, solve_triangular
+from scipy.linalg import solve_triangular
 from scipy.special import log_ndtr
 
 from bayesid.discrepancy.error_model import ErrorModel, fit_error
@@ -59,6 +61,7 @@ class Data:
         used: (N, n) samples that count.
         information: of the r coefficients, from earlier logs.
         floor: (n,) RMS of the noise, N m.
+        sharp: (n,) whether the floor holds all of the noise (see `bayesid.discrepancy.compare.Floor`).
         limits: (n, 2) largest white and coloured part of the error that is nothing but noise, N m.
         rate: Hz.
     """
@@ -68,6 +71,7 @@ class Data:
     used: Mask
     information: Information
     floor: Array
+    sharp: Mask
     limits: Array
     rate: float
 
@@ -153,38 +157,17 @@ class Bench:
             known: another explanation of the same data, whose error models are kept where `extra` does not act.
         """
         effects = self.effects if extra is None else (*self.effects, extra)
-        data, (n, r) = self.data, (self.data.effort.shape[1], self.data.columns.shape[2])
+        information, r = self.data.information, self.data.columns.shape[2]
         precision = np.concatenate([np.zeros(r), *(1.0 / one.sd**2 for one in effects)])
-        hessian, gradient = np.diag(precision), np.zeros(len(precision))
-        hessian[:r, :r] += data.information.hessian
-        gradient[:r] += data.information.gradient
-        m = len(precision) - (0 if extra is None else len(extra.sd))
-        for j, error in enumerate(errors):
-            white, products = self.whitened(j, error)
-            hessian[:m, :m] += products[:-1, :-1]
-            gradient[:m] += products[:-1, -1]
-            if extra is not None and j in extra.joints:
-                used = data.used[:, j]
-                more = error.whiten(extra.rows[j] * used[:, None]) * used[:, None] if j in extra.rows else None
-                shift = error.whiten(extra.shift[j] * used) * used if j in extra.shift else None
-                if shift is not None:
-                    gradient[:m] -= white[:, :-1].T @ shift
-                if more is not None:
-                    cross = white[:, :-1].T @ more
-                    hessian[:m, m:] += cross
-                    hessian[m:, :m] += cross.T
-                    hessian[m:, m:] += more.T @ more
-                    gradient[m:] += more.T @ (white[:, -1] if shift is None else white[:, -1] - shift)
-        best, root, volume = _solve(hessian, gradient)
+        best, root, volume = _solve(*self._normal_equations(errors, precision, extra))
         residual = self._residual(best, extra)
-        judged, noise, anything = _judge(data, residual, None if extra is None else extra.joints, known)
+        judged, noise, anything = _judge(self.data, residual, None if extra is None else extra.joints, known)
         beta, rest, spread = best[:r], best[r:], np.sqrt(np.sum(root**2, axis=0))[r:]
-        misfit = data.information.misfit(beta) + float(rest @ (precision[r:] * rest))
+        misfit = information.misfit(beta) + float(rest @ (precision[r:] * rest))
         positive = np.concatenate([np.empty(0, dtype=bool), *(one.positive for one in effects)]).astype(bool)
         sides = float(np.sum(np.log(2.0) + log_ndtr(rest[positive] / spread[positive])))
         prior = 0.5 * float(np.log(precision[r:]).sum()) - 0.5 * misfit + sides
-        bounds = np.cumsum([0, *(len(one.sd) for one in effects)])
-        cuts = [slice(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+        cuts = [slice(a, b) for a, b in pairwise(np.cumsum([0, *(len(one.sd) for one in effects)]).tolist())]
         return Explanation(
             beta=beta,
             amplitudes=tuple(rest[cut] for cut in cuts),
@@ -197,6 +180,35 @@ class Bench:
             root=root,
         )
 
+    def _normal_equations(
+        self, errors: Sequence[ErrorModel], precision: Array, extra: Columns | None
+    ) -> tuple[Array, Array]:
+        """H and g of coefficients and amplitudes, from prior, earlier log and all joints."""
+        information, r = self.data.information, self.data.columns.shape[2]
+        hessian, gradient = np.diag(precision), np.zeros(len(precision))
+        hessian[:r, :r] += information.hessian
+        gradient[:r] += information.gradient
+        m = len(precision) - (0 if extra is None else len(extra.sd))
+        for j, error in enumerate(errors):
+            white, products = self.whitened(j, error)
+            hessian[:m, :m] += products[:-1, :-1]
+            gradient[:m] += products[:-1, -1]
+            if extra is None or j not in extra.joints:
+                continue
+            used, effort = self.data.used[:, j], white[:, -1]
+            if j in extra.shift:
+                shift = error.whiten(extra.shift[j] * used) * used
+                gradient[:m] -= white[:, :-1].T @ shift
+                effort = effort - shift
+            if j in extra.rows:
+                more = error.whiten(extra.rows[j] * used[:, None]) * used[:, None]
+                cross = white[:, :-1].T @ more
+                hessian[:m, m:] += cross
+                hessian[m:, :m] += cross.T
+                hessian[m:, m:] += more.T @ more
+                gradient[m:] += more.T @ effort
+        return hessian, gradient
+
     def settle(self, start: Explanation, extra: Columns | None = None) -> Explanation:
         """`explain` once more with the error models that it has found."""
         first = self.explain(start.errors, extra, start)
@@ -206,10 +218,11 @@ class Bench:
         """(N, n) what the best coefficients and amplitudes leave, N m."""
         m = self._systems[0][0].shape[1]
         residual = np.stack([effort - columns @ best[:m] for columns, effort in self._systems], axis=1)
-        for j in () if extra is None else extra.joints:
-            if j in extra.rows:
-                residual[:, j] -= extra.rows[j] @ best[m:]
-            residual[:, j] -= extra.shift.get(j, 0.0)
+        if extra is not None:
+            for j in extra.joints:
+                residual[:, j] -= extra.shift.get(j, 0.0)
+                if j in extra.rows:
+                    residual[:, j] -= extra.rows[j] @ best[m:]
         return residual * self.data.used
 
 

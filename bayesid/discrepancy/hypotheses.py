@@ -156,5 +156,6 @@ def _of_distortion(source: Distortion, scene: Scene, used: Mask, make: _Make) ->
     acting = [j for j in range(scene.robot.n_joints) if np.any(columns[:, j]) or np.any(shift[used[:, j], j])]
     rows = {j: columns[:, j] for j in acting} if columns.shape[2] else {}
     shifts = {j: shift[:, j] for j in acting if np.any(shift[:, j])}
-    sd = np.broadcast_to(np.array(source.typical, dtype=float), columns.shape[2:]).copy() if columns.shape[2] else np.zeros(0)
+    typical = np.array(source.typical, dtype=float) if columns.shape[2] else np.zeros(0)
+    sd = np.broadcast_to(typical, columns.shape[2:]).copy()
     return Hypothesis(source, Columns(rows, shifts, sd, np.zeros(len(sd), dtype=bool)), make)

@@ -14,12 +14,12 @@ from bayesid import terms
 from bayesid.discrepancy.error_model import ErrorModel
 from bayesid.discrepancy.evidence import LN10, Bench, Columns, Data, Explanation, Screen
 from bayesid.discrepancy.hypotheses import Hypothesis, effect_names
-from bayesid.motion import Array
+from bayesid.motion import Array, Mask
 
 THRESHOLD = 2.0
 """Log10 of the Bayes factor that an effect needs to be added."""
 WORTH = 0.05
-"""Share of the noise floor's mean square by which an effect must lower a joint's residual: smaller ones are left out."""
+"""Share of the noise floor's mean square by which an effect must lower a joint's residual to be added."""
 SHARE = 0.1
 """And by this share of what is left."""
 EQUIVALENT = 1.0
@@ -28,6 +28,8 @@ _SURE = 12.0
 """Log10 from which on single joints' effects are added several at a time."""
 _SHORT_LIST = 10
 _MOST = 40
+_GIVEN = ("joints", "smoothing", "links")
+"""Of a term's shape, what no log is asked for."""
 _REFINED = 12
 """Evaluations in the search for a nonlinear number."""
 _VISIBLE = 2.0 * LN10
@@ -63,6 +65,12 @@ class Score:
     def counts(self) -> bool:
         """Whether it is certain enough, and large enough to be worth a term."""
         return self.gain > THRESHOLD * LN10 and self.worth > WORTH
+
+    @property
+    def size(self) -> int:
+        """Numbers that it takes."""
+        free = sum(len(one.columns.sd) for one in (self.hypothesis, *self.company))
+        return free + sum(key not in _GIVEN for key in self.hypothesis.source.shape)
 
     @property
     def standard(self) -> bool:
@@ -115,7 +123,9 @@ class Selection:
     scores: tuple[Score, ...]
 
 
-def explain_with(data: Data, chosen: Sequence[Hypothesis], start: Explanation | None = None) -> tuple[Bench, Explanation]:
+def explain_with(
+    data: Data, chosen: Sequence[Hypothesis], start: Explanation | None = None
+) -> tuple[Bench, Explanation]:
     """The explanation by some effects, error models found with it."""
     bench = Bench(data, [one.columns for one in chosen])
     errors = bench_errors(data) if start is None else start.errors
@@ -154,7 +164,7 @@ def select(
         open_ = [[h for h in group if allowed(h) and (h.effect, h.joints) not in dropped] for group in library]
         scores = assess(bench, now, open_, company=True)
         first = scores if first is None else first
-        best = _added_together([one for one in plain_first(scores) if one.counts], found)
+        best = _added_together([one for one in plain_first(scores, data.sharp) if one.counts], found)
         if not best:
             break
         found += [one for score in best for one in (refined(bench, now, score.hypothesis, library), *score.company)]
@@ -198,10 +208,9 @@ def assess(
         company: whether standard effects of one joint may come together.
     """
     screen = Screen(bench, now.errors)
-    forms = {(h.effect, h.joints): set() for group in library for h in group}
-    for group in library:
-        for one in group:
-            forms[one.effect, one.joints].add(one.source.name)
+    forms: dict[tuple[str, tuple[int, ...]], set[str]] = {}
+    for one in (one for group in library for one in group):
+        forms.setdefault((one.effect, one.joints), set()).add(one.source.name)
     best: dict[tuple[str, tuple[int, ...]], tuple[Score, float]] = {}
     for group in library:
         if not group:
@@ -235,27 +244,28 @@ def _worth(before: Array, after: Array) -> Array:
     return (before - after) / np.maximum(1.0, SHARE / WORTH * before)
 
 
-def plain_first(scores: Sequence[Score]) -> list[Score]:
+def plain_first(scores: Sequence[Score], sharp: Mask) -> list[Score]:
     """The scores, best first, but a standard effect before others of its joint that leave hardly less than it does.
 
-    A real joint's friction is never exactly what a term says. An elaborate effect that fits it a little better is not
-    what is missing, however certain the little is.
+    Only where the floor is not sharp (n,), for the earlier model was a poor one there: the friction of a real joint is
+    never exactly what a term says, and an elaborate effect that fits it a little better is not what is missing,
+    however certain the little is.
     """
     ordered: list[Score] = []
     for one in scores:
-        at = len(ordered)
-        while at and one.standard and one.counts and _hardly_better(ordered[at - 1], one):
+        at, blunt = len(ordered), not all(sharp[j] for j in one.hypothesis.columns.joints)
+        while at and blunt and one.standard and one.counts and _hardly_better(ordered[at - 1], one):
             at -= 1
         ordered.insert(at, one)
     return ordered
 
 
 def _hardly_better(other: Score, standard: Score) -> bool:
-    """Whether another effect of the same joints is no standard one, and worth little more."""
+    """Whether another effect of the same joints is no standard one, takes more numbers, and is worth little more."""
     if other.standard or other.hypothesis.joints != standard.hypothesis.joints:
         return False
-    assert other.left is not None
-    assert standard.left is not None
+    if other.size <= standard.size or other.left is None or standard.left is None:
+        return False
     return bool(np.max(_worth(standard.left, other.left)) < WORTH)
 
 
@@ -315,7 +325,7 @@ def exchange(
         bench, without = explain_with(data, others, now)
         taken = {(h.effect, h.joints) for h in others}
         rivals = [[h for h in group if (h.effect, h.joints) not in taken] for group in touching(library, one)]
-        best = plain_first(assess(bench, without, rivals, 6))
+        best = plain_first(assess(bench, without, rivals, 6), data.sharp)
         if best and best[0].counts:
             same = (best[0].hypothesis.source.name, best[0].hypothesis.joints) == (one.source.name, one.joints)
             best_form = one if same else refined(bench, without, best[0].hypothesis, library)
@@ -372,7 +382,7 @@ def weigh(data: Data, library: Library, selection: Selection, one: Hypothesis) -
     bench, without = explain_with(data, others, selection.explanation)
     taken = {(h.effect, h.joints) for h in others}
     rivals = [[h for h in group if (h.effect, h.joints) not in taken] for group in touching(library, one)]
-    scores = plain_first(assess(bench, without, rivals))
+    scores = plain_first(assess(bench, without, rivals), data.sharp)
     own = next((s for s in scores if s.key == (one.effect, one.joints)), None)
     gain = selection.explanation.log_evidence - without.log_evidence if own is None else own.gain
     share = (1.0 - _NOTHING - _ELSE) / len(effect_names())

@@ -81,9 +81,10 @@ class BaseTilt(Distortion):
 
 
 def _first_link(scene: Scene) -> Array:
-    """(N, n, 2) sine and cosine of the first joint: where gravity lies along its axis, only a tilt shows link 1's weight.
+    """(N, n, 2) sine and cosine of the first joint.
 
-    How large that is, no earlier log has told. Zero where the first joint is mounted otherwise.
+    Where gravity lies along its axis, only a tilt shows the weight of link 1; how large it is, no log has told.
+    Zero where the first joint is mounted otherwise.
     """
     joint, columns = scene.robot.joints[0], np.zeros((*scene.effort.shape, 2))
     along = joint.placement[:3, :3] @ joint.axis

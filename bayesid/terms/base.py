@@ -165,6 +165,8 @@ class ActuatorTerm:
     """Of the k parameters of an actuator."""
     units: ClassVar[tuple[tuple[str, str], ...]]
     """Of each parameter: in a joint that turns, and in one that slides."""
+    shape_units: ClassVar[Mapping[str, str]] = {}
+    """Of the nonlinear numbers that people want to know."""
     nonnegative: ClassVar[bool] = False
     memory: ClassVar[bool] = False
 

@@ -38,6 +38,7 @@ class CableDrag(ActuatorTerm):
     reference: ClassVar[str] = "Hooke's law for a body that carries no compression"
     variable: ClassVar[str] = "position"
     told_by: ClassVar[str] = _TOLD_BY
+    shape_units: ClassVar[Mapping[str, str]] = {"start": "rad"}
     symbols: ClassVar[tuple[str, ...]] = ("kd",)
     units: ClassVar[tuple[tuple[str, str], ...]] = (("N m/rad", "N/m"),)
     nonnegative: ClassVar[bool] = True
@@ -69,6 +70,7 @@ class CableFriction(DryTerm):
     reference: ClassVar[str] = "Coulomb friction under a normal force that grows with the bending"
     variable: ClassVar[str] = "position"
     told_by: ClassVar[str] = _TOLD_BY
+    shape_units: ClassVar[Mapping[str, str]] = {"start": "rad"}
     symbols: ClassVar[tuple[str, ...]] = ("Fd",)
     units: ClassVar[tuple[tuple[str, str], ...]] = (("N m/rad", "N/m"),)
     nonnegative: ClassVar[bool] = True
@@ -104,6 +106,7 @@ class CableStiffening(ActuatorTerm):
     reference: ClassVar[str] = "Duffing's spring"
     variable: ClassVar[str] = "position"
     told_by: ClassVar[str] = _TOLD_BY
+    shape_units: ClassVar[Mapping[str, str]] = {"start": "rad"}
     symbols: ClassVar[tuple[str, ...]] = ("kd3_", "kd1_")
     units: ClassVar[tuple[tuple[str, str], ...]] = (("N m/rad^3", "N/m^3"), ("N m/rad", "N/m"))
 

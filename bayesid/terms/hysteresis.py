@@ -31,6 +31,7 @@ class Hysteresis(ActuatorTerm):
     reference: ClassVar[str] = "Al-Bender, Lampaert, Swevers, The generalized Maxwell-slip model, IEEE TAC 2005"
     variable: ClassVar[str] = "position"
     told_by: ClassVar[str] = "small strokes back and forth, of a few hundredths of a radian"
+    shape_units: ClassVar[Mapping[str, str]] = {"width": "rad"}
     symbols: ClassVar[tuple[str, ...]] = ("Fh",)
     units: ClassVar[tuple[tuple[str, str], ...]] = (("N m", "N"),)
     nonnegative: ClassVar[bool] = True

@@ -31,6 +31,7 @@ class StribeckFriction(DryTerm):
     reference: ClassVar[str] = "Bo and Pavelescu, Wear 1982; Armstrong-Helouvry et al., Automatica 1994, eq. 3"
     variable: ClassVar[str] = "velocity"
     told_by: ClassVar[str] = "creeping both ways, far below the usual speeds"
+    shape_units: ClassVar[Mapping[str, str]] = {"speed": "rad/s"}
     symbols: ClassVar[tuple[str, ...]] = ("Fk", "Fs")
     units: ClassVar[tuple[tuple[str, str], ...]] = (("N m", "N"), ("N m", "N"))
     nonnegative: ClassVar[bool] = True

@@ -42,6 +42,7 @@ class ThermalDrift(DryTerm):
     reference: ClassVar[str] = _REFERENCE
     variable: ClassVar[str] = "time"
     told_by: ClassVar[str] = _TOLD_BY
+    shape_units: ClassVar[Mapping[str, str]] = {"time": "s"}
     symbols: ClassVar[tuple[str, ...]] = ("Fcold", "Fwarm")
     units: ClassVar[tuple[tuple[str, str], ...]] = (("N m", "N"), ("N m", "N"))
 
@@ -77,6 +78,7 @@ class ViscousThermalDrift(ActuatorTerm):
     reference: ClassVar[str] = _REFERENCE
     variable: ClassVar[str] = "time"
     told_by: ClassVar[str] = _TOLD_BY
+    shape_units: ClassVar[Mapping[str, str]] = {"time": "s"}
     symbols: ClassVar[tuple[str, ...]] = ("fcold", "fwarm")
     units: ClassVar[tuple[tuple[str, str], ...]] = (("N m s/rad", "N s/m"),) * 2
 

@@ -35,6 +35,7 @@ class TorqueRipple(ActuatorTerm):
     reference: ClassVar[str] = "Ghorbel, Gandhi, Alpeter, On the kinematic error in harmonic drive gears, 2001"
     variable: ClassVar[str] = "position"
     told_by: ClassVar[str] = "moving slowly over a large range, at several speeds"
+    shape_units: ClassVar[Mapping[str, str]] = {"harmonic": "1/rad"}
     symbols: ClassVar[tuple[str, ...]] = ("rs", "rc")
     units: ClassVar[tuple[tuple[str, str], ...]] = (("N m", "N"), ("N m", "N"))
 

@@ -1,0 +1,151 @@
+"""The data of one comparison: what chooses effects, what scores them, and what stays the same meanwhile."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from bayesid.coefficients import BaseCoefficients
+from bayesid.discrepancy.checks import check_holdout
+from bayesid.discrepancy.compare import Floor, Trial, make_trial, noise_floor
+from bayesid.discrepancy.evidence import Data, Explanation
+from bayesid.discrepancy.extension import Extension
+from bayesid.discrepancy.hypotheses import Hypothesis
+from bayesid.fit import fit_signed
+from bayesid.knowledge import Information, Knowledge
+from bayesid.log import Log
+from bayesid.model import Model
+from bayesid.motion import Array, Mask
+from bayesid.noise import Noise
+from bayesid.robot import Robot
+from bayesid.sign_model import restored
+from bayesid.signals import prepare
+from bayesid.terms.base import Scene
+
+_BLOCKS, _HELD_BACK = 8, (2, 5)
+"""Without a holdout log these of so many equal stretches of the log are held back."""
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """Data that choose nothing: another log, or stretches of the log.
+
+    Attributes:
+        trial: they are part of.
+        used: (N, n) of its samples.
+        name: for people.
+    """
+
+    trial: Trial
+    used: Mask
+    name: str
+
+
+def make_unseen(model: Model, log: Log, later: Log | None, trial: Trial, cutoff: float | None) -> Unseen:
+    """Another log, or stretches of the log.
+
+    Raises:
+        InputError: the other log is of another robot, or holds the log itself.
+    """
+    if later is not None:
+        check_holdout(model.robot, log, later)
+        other = make_trial(model, prepare(later, cutoff))
+        return Unseen(other, other.used, later.source)
+    block = np.minimum(np.arange(len(trial.used)) * _BLOCKS // len(trial.used), _BLOCKS - 1)
+    held = np.isin(block, _HELD_BACK)[:, None]
+    named = f"stretches {' and '.join(str(k + 1) for k in _HELD_BACK)} of {_BLOCKS} of {log.source}"
+    return Unseen(trial, trial.used & held, named)
+
+
+@dataclass(frozen=True)
+class Case:
+    """What stays the same while effects are chosen."""
+
+    knowledge: Knowledge
+    coefficients: BaseCoefficients
+    noise: Noise
+    trial: Trial
+    unseen: Unseen
+
+    @property
+    def model(self) -> Model:
+        """As it was."""
+        return self.knowledge.model
+
+    @cached_property
+    def columns(self) -> Array:
+        """(N, n, r) of the base coefficients."""
+        return self.model.columns(self.trial.signals.motion)[:, :, self.coefficients.kept]
+
+    @cached_property
+    def information(self) -> Information:
+        """What is known of them."""
+        return self.knowledge.information(self.model, self.coefficients)
+
+    @cached_property
+    def before(self) -> Array:
+        """(N, n) the model's efforts, N m."""
+        return self.model.effort(self.trial.signals.motion, self.knowledge.theta)
+
+    @cached_property
+    def choosing(self) -> Mask:
+        """(N, n) samples that choose."""
+        own = self.unseen.trial is self.trial
+        return self.trial.used & ~self.unseen.used if own else self.trial.used
+
+    def data(self, predicted: Array, probability: Array | None = None) -> Data:
+        """The log with its signs settled under a prediction (N, n), N m, unless their probabilities are given."""
+        probability = self.trial.probability(predicted) if probability is None else probability
+        expected = (2.0 * probability - 1.0) * self.trial.magnitude
+        expected = np.where(self.trial.signals.signed, self.trial.signals.raw_effort, expected)
+        floor = self.floor(predicted)
+        return Data(
+            columns=self.columns * self.choosing[:, :, None],
+            effort=expected * self.choosing,
+            used=self.choosing,
+            information=self.information,
+            floor=floor.rms,
+            sharp=floor.sharp,
+            limits=floor.limits,
+            rate=self.trial.signals.rate,
+        )
+
+    def floor(self, predicted: Array) -> Floor:
+        """The noise floor, as far as this prediction shows it."""
+        residual = np.where(self.trial.used, self.trial.nearest(predicted) - predicted, 0.0)
+        return noise_floor(self.trial, residual, self.noise)
+
+    def predicted(self, chosen: Sequence[Hypothesis], explanation: Explanation) -> Array:
+        """(N, n) efforts of an explanation, N m."""
+        effort = self.columns @ explanation.beta
+        for one, amplitude in zip(chosen, explanation.amplitudes, strict=True):
+            for j, rows in one.columns.rows.items():
+                effort[:, j] += rows @ amplitude
+            for j, shift in one.columns.shift.items():
+                effort[:, j] += shift
+        return effort
+
+    def refitted(self, extension: Extension, predicted: Array) -> Extension:
+        """The extended model with feasible parameters, from the samples that choose and what was known before."""
+        model, knowledge = extension.model.before_sensors, extension.knowledge
+        coefficients = knowledge.coefficients(model)
+        signals = restored(extension.model, self.trial.signals)
+        signs = 2.0 * self.trial.probability(predicted) - 1.0
+        known = knowledge.information(model, coefficients)
+        fit = fit_signed(model, coefficients, signals, signs, self.choosing & signals.measured, known)
+        return replace(extension, theta=fit.theta)
+
+    def scene(self, predicted: Array) -> Scene:
+        """What effects may look at."""
+        theta, motion = self.knowledge.theta, self.trial.signals.motion
+
+        def effort_with(robot: Robot) -> Array:
+            return replace(self.model, robot=robot).effort(motion, theta)
+
+        links = theta[: 10 * self.model.robot.n_joints]
+        return Scene(
+            self.model.robot, motion, self.trial.actuators, predicted, self.trial.magnitude, links, effort_with
+        )

@@ -1,0 +1,174 @@
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from bayesid.discrepancy.error_model import ErrorModel, fit_error
+
+RATE = 50.0
+MODELS = {
+    "both": ErrorModel(0.3, 0.5, 0.1, RATE),
+    "mostly white": ErrorModel(1.4, 0.6, 0.3, RATE),
+    "mostly coloured": ErrorModel(0.02, 0.4, 0.06, RATE),
+    "white": ErrorModel(0.7, 0.0, 0.1, RATE),
+    "coloured": ErrorModel(0.0, 2.5, 0.08, RATE),
+}
+FORGOTTEN = 150
+"""Samples after which the filter has forgotten how it began: theta^2 is below 0.73 in all of these models."""
+
+
+def covariance(error, count):
+    """White on the diagonal, and exp(-|dt| / T)."""
+    apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count))) / error.rate
+    return error.white**2 * np.eye(count) + error.coloured**2 * np.exp(-apart / error.correlation)
+
+
+def draws(error, count, replicates, seed):
+    """(count, replicates) by Cholesky."""
+    noise = np.random.default_rng(seed).standard_normal((count, replicates))
+    return np.linalg.cholesky(covariance(error, count)) @ noise
+
+
+def density(error, values):
+    return multivariate_normal(np.zeros(len(values)), covariance(error, len(values))).logpdf(values)
+
+
+@pytest.fixture(params=MODELS)
+def error(request):
+    return MODELS[request.param]
+
+
+def everything(count):
+    return np.ones(count, dtype=bool)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Likelihood
+# ---------------------------------------------------------------------------------------------------------------
+def test_likelihood_is_that_of_the_dense_normal_once_the_beginning_is_forgotten(error):
+    """p(later | earlier) = p(all) / p(earlier); what is left of the beginning is below theta^300 = 1e-20."""
+    residual = draws(error, 500, 1, 3)[:, 0] * np.linspace(0.5, 1.7, 500)  # of the wrong size, which no formula minds
+    later = np.arange(500) >= FORGOTTEN
+    expected = density(error, residual) - density(error, residual[:FORGOTTEN])
+    assert error.log_likelihood(residual, later) == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_beginning_costs_what_a_beginning_at_rest_does(error):
+    """The filter begins as if nothing had been before, with x0 for an innovation: of variance sigma^2, not v.
+
+    The mean of the difference over draws is the divergence (sum of c_i / v - 1 - log(c_i / v)) / 2 over the variances
+    c_i of the filter's outputs in the draws, here bounded by the first one's and theta's memory.
+    """
+    values = draws(error, 200, 300, 4)
+    found = [density(error, one) - error.log_likelihood(one, everything(200)) for one in values.T]
+    innovation = np.mean([np.var(error.whiten(values)[100:])])
+    first = error.sigma**2 / np.mean((error.whiten(np.eye(1)) ** -2))  # c_0 / v
+    expected = 0.5 * (first - 1.0 - np.log(first))
+    spread = np.std(found) / np.sqrt(len(found))
+    assert innovation == pytest.approx(1.0, abs=4.5 * np.sqrt(2.0 / (100 * 300)))
+    assert expected - 5.0 * spread - 1e-9 <= np.mean(found) <= 4.0 * expected + 5.0 * spread + 1e-9
+
+
+def test_samples_that_do_not_count_do_not_count():
+    """Only their innovations are left out: the others' are those of the whole residual."""
+    error = MODELS["both"]
+    residual = draws(error, 300, 1, 5)[:, 0]
+    used = np.random.default_rng(6).random(300) < 0.7
+    parts = [error.log_likelihood(residual, mask) for mask in (used, ~used)]
+    assert sum(parts) == pytest.approx(error.log_likelihood(residual, everything(300)), rel=1e-12)
+    assert min(np.abs(parts)) > 10.0
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Whitening
+# ---------------------------------------------------------------------------------------------------------------
+def test_whitened_noise_is_white_and_of_unit_size(error):
+    """1200 x 50 innovations: lags of a white sequence are zero to 1 / sqrt(M), its variance one to sqrt(2 / M)."""
+    white = error.whiten(draws(error, 1200 + FORGOTTEN, 50, 7))[FORGOTTEN:]
+    assert np.mean(white**2) == pytest.approx(1.0, abs=4.5 * np.sqrt(2.0 / white.size))
+    for lag in (1, 2, 3, 5, 8, 13, 40):
+        assert np.mean(white[lag:] * white[:-lag]) == pytest.approx(0.0, abs=4.5 / np.sqrt(white.size))
+
+
+def test_whitening_is_linear_and_acts_on_every_column():
+    error = MODELS["both"]
+    values = np.random.default_rng(8).normal(size=(80, 2, 3))
+    found = error.whiten(values)
+    for j, k in np.ndindex(2, 3):
+        np.testing.assert_allclose(found[:, j, k], error.whiten(values[:, j, k]), rtol=1e-12)
+    np.testing.assert_allclose(error.whiten(2.0 * values[:, 0] - values[:, 1]), 2.0 * found[:, 0] - found[:, 1])
+
+
+def test_white_noise_is_divided_by_its_size():
+    values = np.random.default_rng(9).normal(size=40)
+    np.testing.assert_allclose(ErrorModel(0.7, 0.0, 0.1, RATE).whiten(values), values / 0.7, rtol=1e-12)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Fit
+# ---------------------------------------------------------------------------------------------------------------
+FITTED = {
+    "both": ErrorModel(0.3, 0.5, 0.1, RATE),
+    "mostly white": ErrorModel(1.0, 0.5, 0.3, RATE),
+    "mostly coloured": ErrorModel(0.1, 0.8, 0.25, RATE),
+}
+
+
+@pytest.mark.parametrize("name", FITTED)
+def test_fit_finds_what_was_drawn(name):
+    """Forty draws of 1500 samples: means of the logarithms within their own standard error, and 4 % for the bias."""
+    truth = FITTED[name]
+    values = draws(truth, 1500, 40, 10)
+    found = [fit_error(one, everything(1500), RATE)[0] for one in values.T]
+    for part in ("white", "coloured", "correlation"):
+        ratio = np.log([getattr(one, part) / getattr(truth, part) for one in found])
+        assert np.mean(ratio) == pytest.approx(0.0, abs=4.5 * np.std(ratio) / np.sqrt(40) + 0.04), part
+        assert np.std(ratio) < 0.6, part
+
+
+@pytest.mark.parametrize("limits", [None, (0.25, 0.9), (0.6, 0.3), (0.2, 0.2)])
+@pytest.mark.parametrize("name", FITTED)
+def test_fit_is_the_likeliest_of_all_within_the_limits(name, limits):
+    """Against 16 x 16 x 12 points; a hundredth of a nat is nothing beside the thresholds of a selection (2.3)."""
+    residual = draws(FITTED[name], 800, 1, 11)[:, 0]
+    used = everything(800)
+    found, value = fit_error(residual, used, RATE, limits)
+    assert value == pytest.approx(found.log_likelihood(residual, used), rel=1e-9)
+    largest = limits or (3.0, 3.0)
+    assert found.white <= largest[0] * (1.0 + 1e-9)
+    assert found.coloured <= largest[1] * (1.0 + 1e-9)
+    best = max(
+        ErrorModel(white, coloured, correlation, RATE).log_likelihood(residual, used)
+        for white in largest[0] * np.linspace(0.02, 1.0, 16)
+        for coloured in largest[1] * np.linspace(0.02, 1.0, 16)
+        for correlation in np.geomspace(0.01, 2.0, 12)
+    )
+    assert value > best - 0.01
+
+
+def test_limits_bind_only_where_they_are_exceeded():
+    residual = draws(FITTED["both"], 800, 1, 12)[:, 0]
+    free, value = fit_error(residual, everything(800), RATE)
+    wide = fit_error(residual, everything(800), RATE, (1.1 * free.white, 1.1 * free.coloured))[1]
+    assert wide == pytest.approx(value, abs=0.01)
+    narrow = [fit_error(residual, everything(800), RATE, limits)[1] for limits in ((0.15, 2.0), (2.0, 0.25))]
+    assert max(narrow) < value - 5.0
+
+
+def test_fit_looks_at_used_samples_only():
+    """In their place are zeros; a tenth of the samples, in stretches, may not change what is found by much."""
+    truth, count = FITTED["mostly white"], 1500
+    used = np.arange(count) % 300 >= 30
+    values = draws(truth, count, 20, 13)
+    whole = [fit_error(one, everything(count), RATE)[0] for one in values.T]
+    parts = [fit_error(np.where(used, one, 0.0), used, RATE)[0] for one in values.T]
+    for part in ("white", "coloured"):
+        ratio = [np.log(getattr(a, part) / getattr(b, part)) for a, b in zip(parts, whole, strict=True)]
+        assert np.mean(ratio) == pytest.approx(0.0, abs=4.5 * np.std(ratio) / np.sqrt(20) + 0.03), part
+    spoiled = np.where(used, values[:, 0], 0.0)
+    assert fit_error(spoiled, used, RATE)[1] == pytest.approx(parts[0].log_likelihood(spoiled, used), rel=1e-9)
+
+
+def test_nothing_left_is_no_error():
+    found, value = fit_error(np.zeros(100), everything(100), RATE)
+    assert found.sigma < 1e-100
+    assert np.isfinite(value)
