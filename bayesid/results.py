@@ -12,7 +12,7 @@ import os
 import shutil
 import tempfile
 import tomllib
-from collections.abc import Callable, Iterator, Sequence, Set
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,11 +21,11 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from bayesid.coefficients import base_coefficients
+from bayesid.coefficients import BaseCoefficients, base_coefficients
 from bayesid.discrepancy.summary import discrepancy_summary
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.distortions import CATALOGUE as DISTORTIONS
-from bayesid.distortions import make_distortion
+from bayesid.distortions import Distortion, make_distortion
 from bayesid.errors import InputError
 from bayesid.export import urdf
 from bayesid.identification import Identification
@@ -37,7 +37,7 @@ from bayesid.noise import Noise
 from bayesid.robot import robot_from_table, robot_table
 from bayesid.signals import Signals
 from bayesid.tables import coefficient_rows, inference_data, parameter_rows, summary, validation_summary
-from bayesid.terms import CATALOGUE, make_term
+from bayesid.terms import CATALOGUE, Term, make_term
 from bayesid.validation import ParameterDraws, Validation
 
 _MARKER = "summary.json"
@@ -46,6 +46,10 @@ IDENTIFICATION_FILES = frozenset({
     "posterior.nc", "report.html", "log.csv", "discrepancy.json", "discrepancy.html",
 })  # fmt: skip
 """What a result folder may hold; log.csv is the demo's."""
+_ROUNDING = 1e-6
+"""Of an entry of a precision, relative to its row's and column's diagonal entries."""
+_NOTHING = 1e-12
+"""Share of the largest diagonal entry below which one is rounding itself."""
 VALIDATION_FILES = frozenset({"summary.json", "signed_log.csv", "prediction.csv"})
 
 
@@ -118,7 +122,7 @@ def _write_identification(place: Path, identification: Identification) -> None:
     _write_signed_log(place / "signed_log.csv", identification.log, identification.signals, identification.probability)
     _write_table(place / "coefficients.csv", coefficient_rows(identification))
     _write_table(place / "parameters.csv", parameter_rows(identification))
-    precision = identification.knowledge.precision
+    precision = _of_base(identification.model, identification.coefficients, identification.knowledge.precision)
     stored = StoredModel(identification.model, identification.theta, identification.noise, precision)
     (place / "model.toml").write_text(tomli_w.dumps(_model_table(stored)))
     (place / "robot.urdf").write_text(urdf(identification.model, identification.theta))
@@ -167,29 +171,21 @@ def load_model(folder: str | Path) -> StoredModel:
         raise
     except KeyError as error:
         raise InputError(f"key {error} is missing", str(path), remedy) from None
-    except (AttributeError, TypeError, ValueError) as error:
+    except (AttributeError, OverflowError, TypeError, ValueError) as error:
         raise InputError(f"does not hold what bayesid writes ({error})", str(path), remedy) from None
 
 
 def _stored_model(table: dict[str, Any], where: str) -> StoredModel:
     robot = robot_from_table(table["robot"], f"{where}, robot")
-    terms = [(term["name"], term.get("shape", {})) for term in table["terms"]]
-    for name, _ in terms:
-        if name not in CATALOGUE:
-            raise InputError(f"unknown term {name!r}", where, "read it with the version that wrote it")
-    distortions = [(one["name"], one["shape"]) for one in table.get("distortions", [])]
-    for name, _ in distortions:
-        if name not in DISTORTIONS:
-            raise InputError(f"unknown distortion {name!r}", where, "read it with the version that wrote it")
     model = Model(
         robot,
-        tuple(make_term(name, shape) for name, shape in terms),
-        tuple(make_distortion(name, shape) for name, shape in distortions),
+        tuple(make_term(*one) for one in _named(table["terms"], "term", CATALOGUE, where)),
+        tuple(make_distortion(*one) for one in _named(table.get("distortions", []), "distortion", DISTORTIONS, where)),
     )
+    _check_shapes(model)
     names = [parameter.name for parameter in model.parameters]
     if len(set(names)) < len(names):
         raise ValueError("a term comes twice")
-    _check_shapes(model)
     theta = frozen([table["values"][name] for name in names], (len(names),), "values")
     noise = _stored_noise(table["noise"], robot.n_joints)
     return StoredModel(model, theta, noise, _stored_precision(table.get("knowledge"), model))
@@ -203,10 +199,36 @@ def _stored_precision(table: dict[str, Any] | None, model: Model) -> Array:
     if list(table["coefficients"]) != list(kept):
         raise ValueError("the knowledge is of other coefficients than the model's")
     precision = frozen(table["precision"], (len(kept), len(kept)), "knowledge, precision,")
-    values = np.linalg.eigvalsh(precision / max(float(np.abs(precision).max()), 1e-300))
-    if not np.allclose(precision, precision.T, rtol=1e-6) or values[0] < -1e-9:
+    scale = _scale(precision)
+    scaled = precision / scale[:, None] / scale
+    if np.abs(scaled - scaled.T).max() > _ROUNDING or np.linalg.eigvalsh(scaled)[0] < -_ROUNDING:
         raise ValueError("the knowledge's precision is not that of a normal distribution")
     return precision
+
+
+def _scale(precision: Array) -> Array:
+    """(r,) what brings the diagonal to one, up to entries that are rounding: coefficients have units of all kinds."""
+    diagonal = np.abs(np.diag(precision))
+    scale: Array = np.sqrt(np.maximum(diagonal, _NOTHING * float(diagonal.max()))) + np.finfo(float).tiny
+    return scale
+
+
+def _of_base(model: Model, coefficients: BaseCoefficients, precision: Array) -> Array:
+    """(r, r) precision of the model's own base coefficients, from that (R, R) of others that tell as much or more.
+
+    With an earlier log a payload can be told from the last link, which the model without that log cannot say: what is
+    more is integrated out.
+    """
+    own = base_coefficients(model)
+    if own.names == coefficients.names:
+        return precision
+    turn = own.projection @ np.linalg.pinv(coefficients.projection)
+    across, more = np.linalg.pinv(turn), np.linalg.svd(turn)[2][len(turn) :].T
+    scale = _scale(more.T @ precision @ more)
+    kept, mixed = across.T @ precision @ across, across.T @ precision @ more / scale
+    inner = np.linalg.pinv(more.T @ precision @ more / scale[:, None] / scale, rcond=_NOTHING, hermitian=True)
+    reduced: Array = kept - mixed @ inner @ mixed.T
+    return 0.5 * (reduced + reduced.T)
 
 
 def _stored_draws(model: Model, path: Path) -> ParameterDraws | None:
@@ -217,16 +239,34 @@ def _stored_draws(model: Model, path: Path) -> ParameterDraws | None:
     return ParameterDraws(*read_draws(path, [parameter.name for parameter in model.parameters]))
 
 
+def _named(
+    rows: Sequence[Mapping[str, Any]], kind: str, known: Container[str], where: str
+) -> list[tuple[str, Mapping[str, Any]]]:
+    """Names and shapes of terms or distortions."""
+    for row in rows:
+        if row["name"] not in known:
+            raise InputError(f"unknown {kind} {row['name']!r}", where, "read it with the version that wrote it")
+    named = [(row["name"], row.get("shape", {})) for row in rows]
+    for name, shape in named:
+        if any(type(j) is not int for j in shape.get("joints", [])):
+            raise ValueError(f"the joints of {name} are not whole numbers")
+    return named
+
+
 def _check_shapes(model: Model) -> None:
     """Every actuator has its own shape numbers, and a robot at rest has finite columns."""
     n = model.robot.n_joints
-    for one in (*model.terms, *model.distortions):
+    effects: tuple[Term | Distortion, ...] = (*model.terms, *model.distortions)
+    for one in effects:
         for key, values in one.shape.items():
             frozen(values, (None,), key)
         one.check(n)
-    zero = np.zeros((1, n))
+    for sensor in model.distortions:
+        if sensor.of_sensor and any(min(values) < 0.0 for values in sensor.shape.values()):
+            raise ValueError(f"a number of {sensor.name} is negative")
+    rest = np.zeros((2, n))
     with np.errstate(all="ignore"):
-        if not np.isfinite(model.columns(Motion(zero[:, 0], zero, zero, zero))).all():
+        if not np.isfinite(model.columns(Motion(np.arange(2.0), rest, rest, rest))).all():
             raise ValueError("a joint's axis or a term's shape cannot be used")
 
 

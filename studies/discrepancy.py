@@ -2,16 +2,21 @@
 
     python -m studies.discrepancy [--trials 300] [--workers N] [--seed 0] [--figure FILE]
     bayesid study discrepancy [...]
+    python -m studies.discrepancy --real
 
 A healthy robot's log gives the model; another log of the robot, with an effect hidden in it, and a third one to score
 by are compared with it. Signs are hidden in all three. Printed: what was named first against what was hidden, by size
 (RMS of the effect over that of the noise); false alarms; pairs; effects from outside the catalogue; gaps; signs; time.
+
+With --real the robot is a UR10e (logs of $BAYESID_DATA or ../shared/data): a payload of 2.8 kg that its model does not
+know of, and a model that was made without any friction. Signs are hidden there too, but for the refit to compare with.
 """
 
 from __future__ import annotations
 
 import argparse
 import importlib.util
+import os
 import sys
 import tempfile
 import time
@@ -24,11 +29,16 @@ from typing import Any
 
 import numpy as np
 
+from bayesid.discrepancy.case import BLOCKS, HELD_BACK
+from bayesid.discrepancy.evidence import LN10
 from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
 from bayesid.errors import InputError
 from bayesid.identification import identify
+from bayesid.log import read_log
 from studies.runner import Row, run
 
+DATA = Path(os.environ.get("BAYESID_DATA", Path(__file__).parents[2] / "shared" / "data"))
+FRICTIONLESS = ("rigid_body", "torque_offset", "rotor_inertia")
 CLEAR = 3.0
 """Size from which on an effect is expected to be named."""
 SIZES = (0.5, 1.0, 2.0, 3.0, 5.0, 10.01)
@@ -219,6 +229,44 @@ def half_power(size: Any, first: Any) -> float:
     return float(cuts[int(np.argmin(mistakes))])
 
 
+# ---------------------------------------------------------------------------------------------------------------
+# Real logs
+# ---------------------------------------------------------------------------------------------------------------
+def real() -> str:
+    """The payload, and the friction, that a UR10e's model lacks."""
+    unloaded = identify("ur10e", read_log(DATA / "ur10e" / "c_unloaded.csv").rectified(), posterior=False)
+    loaded = read_log(DATA / "ur10e" / "c_loaded.csv")
+    found = find_discrepancy(unloaded, loaded.rectified(), posterior=False)
+    lines = ["model of c_unloaded, log c_loaded (2.8 kg on the flange)", *_told(found)]
+    mass, sd, _ = next((one.parameters["mp6"] for one in found.found if one.effect == "payload"), (np.nan, np.nan, ""))
+    refit = identify("ur10e", loaded, posterior=False)
+    used, predicted = _held_back(found), refit.model.effort(refit.signals.motion, refit.theta)
+    ratio = found.after / found.trial.gap(predicted, used)
+    lines += [f"payload {mass:.2f} +- {sd:.2f} kg", f"gap over that of a signed refit: {ratio.round(2)}", ""]
+    rough = identify(
+        "ur10e", read_log(DATA / "ur10e" / "a_50s.csv").rectified(), FRICTIONLESS, posterior=False
+    )
+    found = find_discrepancy(rough, read_log(DATA / "ur10e" / "a_50s.csv").rectified(), posterior=False)
+    return "\n".join([*lines, f"model of a_50s with {', '.join(FRICTIONLESS)}, log a_50s", *_told(found)])
+
+
+def _held_back(found: Discrepancy) -> Any:
+    """(N, n) samples of the log that chose nothing."""
+    block = np.minimum(np.arange(len(found.trial.used)) * BLOCKS // len(found.trial.used), BLOCKS - 1)
+    return found.trial.used & np.isin(block, HELD_BACK)[:, None]
+
+
+def _told(found: Discrepancy) -> list[str]:
+    gaps = [f"{name} {values.round(2)}" for name, values in (
+        ("before", found.before), ("after", found.after), ("floor", found.floor.rms)
+    )]  # fmt: skip
+    lines = [f"{found.status}, {found.seconds:.0f} s; unexplained {found.unexplained}", f"gap, N m: {', '.join(gaps)}"]
+    for one in found.found:
+        joints, equivalent = ",".join(map(str, one.joints)) or "all", ", ".join(one.verdict.equivalent)
+        lines.append(f"  {one.effect:<24} {joints:<4} log10 BF {one.verdict.gain / LN10:7.1f}  {equivalent}".rstrip())
+    return lines
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Prints the tables."""
     parser = argparse.ArgumentParser(description="Blind cases of missing effects.")
@@ -226,7 +274,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--workers", type=int)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--figure", type=Path, help="where to draw the power curve")
+    parser.add_argument("--real", action="store_true", help="a UR10e's logs instead")
     options = parser.parse_args(arguments)
+    if options.real:
+        print(real())
+        return
     cases = [tuple(case) for case in generator().plan(options.trials, options.seed)]
     rows = run(study, cases, options.workers)
     print(report(rows))

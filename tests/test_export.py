@@ -1,5 +1,5 @@
 import xml.etree.ElementTree as ET
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import product
 
 import mujoco
@@ -205,7 +205,7 @@ def test_every_other_term_is_told_at_the_head_with_its_numbers(table, name):
         "smoothing": 0.05, "speed": 0.125, "harmonic": 23.5, "width": 0.375, "time": 17.5, "start": -0.25, "side": -1.0,
     }  # fmt: skip
     of_joints = issubclass(CATALOGUE[name], ActuatorTerm)
-    needed = [key for key in CATALOGUE[name].__dataclass_fields__ if key not in ("joints", "links")]
+    needed = {one.name for one in fields(CATALOGUE[name])} - {"joints", "links"}
     shape = {key: [shapes[key]] for key in needed} | ({"joints": [3]} if of_joints else {})
     if name == "load_dependent_friction":
         shape["links"] = rng.uniform(size=10 * robot.n_joints).tolist()
@@ -216,7 +216,7 @@ def test_every_other_term_is_told_at_the_head_with_its_numbers(table, name):
     told = {f"{name}: {p.name} = {float(v)!r} {p.unit}" for p, v in zip(parameters, values, strict=True)}
     in_the_robot = name == "payload" or (name in ("viscous_friction", "coulomb_friction") and table != "coupled")
     assert not told & set(lines) if in_the_robot else told <= set(lines)
-    own, unit = shapes.keys() & set(needed) - {"smoothing", "side"}, "m" if robot.joints[2].prismatic else "rad"
+    own, unit = needed - {"smoothing", "side"}, "m" if robot.joints[2].prismatic else "rad"
     units = {"speed": f"{unit}/s", "harmonic": f"1/{unit}", "width": unit, "time": "s", "start": unit}
     assert {f"{name}: {key}3 = {shapes[key]} {units[key]}" for key in own} <= set(lines)
 

@@ -25,7 +25,7 @@ from bayesid.sign_model import restored
 from bayesid.signals import prepare
 from bayesid.terms.base import Scene
 
-_BLOCKS, _HELD_BACK = 8, (2, 5)
+BLOCKS, HELD_BACK = 8, (2, 5)
 """Without a holdout log these of so many equal stretches of the log are held back."""
 
 
@@ -54,9 +54,9 @@ def make_unseen(model: Model, log: Log, later: Log | None, trial: Trial, cutoff:
         check_holdout(model.robot, log, later)
         other = make_trial(model, prepare(later, cutoff))
         return Unseen(other, other.used, later.source)
-    block = np.minimum(np.arange(len(trial.used)) * _BLOCKS // len(trial.used), _BLOCKS - 1)
-    held = np.isin(block, _HELD_BACK)[:, None]
-    named = f"stretches {' and '.join(str(k + 1) for k in _HELD_BACK)} of {_BLOCKS} of {log.source}"
+    block = np.minimum(np.arange(len(trial.used)) * BLOCKS // len(trial.used), BLOCKS - 1)
+    held = np.isin(block, HELD_BACK)[:, None]
+    named = f"stretches {' and '.join(str(k + 1) for k in HELD_BACK)} of {BLOCKS} of {log.source}"
     return Unseen(trial, trial.used & held, named)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,8 @@ GOOD = 0.2
 """An earlier model that left less than this share of a joint's effort tells the noise floor."""
 _CLEARLY_MOVING = 2.5
 """Speed, in units of standstill, from which friction's direction is beyond doubt."""
+_MOST, _PIECES, _SEAM = 10_000, 8, 10
+"""Samples of a log that effects are chosen on, in so many stretches, and how many at their ends do not count."""
 _BINS = 12
 _SAME = 1e-3
 """Share of a joint's range within which a repeated motion comes back."""
@@ -72,6 +74,23 @@ def make_trial(model: Model, signals: Signals) -> Trial:
     moving = segments.per_sample(segments.moving, *signals.effort.shape) > 0
     moving &= np.abs(actuators.dq) > _CLEARLY_MOVING * actuators.standstill_speed
     return Trial(signals, actuators, moving & inner_samples(signals))
+
+
+def shortened(trial: Trial) -> Trial:
+    """The trial itself or, of a long log, stretches that stand for it: every effect costs as much as all samples."""
+    count = len(trial.used)
+    if count <= _MOST:
+        return trial
+    length = _MOST // _PIECES
+    starts = np.linspace(0, count - length, _PIECES).astype(int)
+    rows = np.concatenate([np.arange(start, start + length) for start in starts])
+    seam = np.isin(np.arange(len(rows)) % length, np.arange(_SEAM)) | (np.arange(len(rows)) % length >= length - _SEAM)
+    old = trial.signals
+    signals = replace(
+        old, motion=old.motion[rows], effort=old.effort[rows], raw_effort=old.raw_effort[rows],
+        measured=old.measured[rows] & ~seam[:, None],
+    )  # fmt: skip
+    return Trial(signals, trial.actuators[rows], trial.used[rows] & ~seam[:, None])
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -91,9 +91,7 @@ def fit_error(
     def cost(point: Array) -> float:
         return -judged(*_from_point(point))[1]
 
-    # where both limits bind the likelihood has a kink in the share, on which a simplex would get stuck
-    corner = () if limits is None else (limits[1] ** 2 / max(limits[0] ** 2 + limits[1] ** 2, 1e-300),)
-    grid = [(share, time) for share in (*_SHARES, *corner) for time in _MEMORIES[: 1 if share == 0.0 else None]]
+    grid = [(share, time) for share in _SHARES for time in _MEMORIES[: 1 if share == 0.0 else None]]
     best = max(grid, key=lambda at: judged(*at)[1])
     simplex = _to_point(*best) + np.array([[0.0, 0.0], [_STEP, 0.0], [0.0, _STEP]])  # the default is flat at a share of 1/2
     options = {"maxfev": _REFINED, "xatol": 0.02, "initial_simplex": simplex}

@@ -18,6 +18,7 @@ _USUAL = 0.3
 """Prior standard deviation of an effect's largest effort, as a share of the joint's RMS effort."""
 _BODY = np.array([0.03] * 6 + [0.15] * 3 + [1.0])
 """Prior standard deviations of the ten parameters of a body of 1 kg, kg m^2, kg m and kg."""
+_OF_ALL = ("base_tilt", "delay")
 _MASSES = (0.1, 0.5, 3.0)
 """kg, tried for a payload."""
 
@@ -64,6 +65,11 @@ def kind_of(effect: str) -> type[Term] | type[Distortion]:
     if effect in distortions.CATALOGUE:
         return distortions.CATALOGUE[effect]
     return terms.CATALOGUE[effect]
+
+
+def acts_on_all(effect: str) -> bool:
+    """Whether an effect is the whole robot's, or may be."""
+    return not issubclass(kind_of(effect), terms.ActuatorTerm | Distortion) or effect in _OF_ALL
 
 
 def hypotheses(model: Model, scene: Scene, used: Mask) -> Iterator[list[Hypothesis]]:

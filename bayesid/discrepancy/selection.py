@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -13,7 +13,7 @@ from scipy.special import logsumexp
 from bayesid import terms
 from bayesid.discrepancy.error_model import ErrorModel
 from bayesid.discrepancy.evidence import LN10, Bench, Columns, Data, Explanation, Screen
-from bayesid.discrepancy.hypotheses import Hypothesis, effect_names
+from bayesid.discrepancy.hypotheses import Hypothesis, acts_on_all, effect_names
 from bayesid.motion import Array, Mask
 
 THRESHOLD = 2.0
@@ -403,6 +403,16 @@ def weigh(data: Data, library: Library, selection: Selection, one: Hypothesis) -
     )
 
 
-def not_testable(scores: Iterable[Score]) -> list[tuple[str, tuple[int, ...]]]:
-    """Effects and joints that this log could not show even if they were of a usual size."""
-    return sorted(one.key for one in scores if one.visible < _VISIBLE and one.gain < THRESHOLD * LN10)
+def not_testable(scores: Sequence[Score], n_joints: int) -> list[tuple[str, tuple[int, ...]]]:
+    """Effects and joints that this log could not show even if they were of a usual size.
+
+    Args:
+        scores: of all that could be tried.
+        n_joints: of the robot; an effect that has no score in some joint could not be tried there.
+    """
+    tried = {one.key: one for one in scores}
+    single = {(j,) for j in range(1, n_joints + 1)}
+    places = {effect: {()} if acts_on_all(effect) else single for effect in effect_names()}
+    untried = {(effect, joints) for effect, where in places.items() for joints in where} - set(tried)
+    unseen = {key for key, one in tried.items() if one.visible < _VISIBLE and one.gain < THRESHOLD * LN10}
+    return sorted(untried | unseen)

@@ -14,7 +14,7 @@ from bayesid.coefficients import base_coefficients
 from bayesid.discrepancy.case import Case, make_unseen
 from bayesid.discrepancy.checks import check_log, check_same_robot
 from bayesid.discrepancy.choice import Choice, Chosen, exceeds, unexplained
-from bayesid.discrepancy.compare import GOOD, Excess, Floor, Trial, make_trial, where_it_shows
+from bayesid.discrepancy.compare import GOOD, Excess, Floor, Trial, make_trial, shortened, where_it_shows
 from bayesid.discrepancy.hypotheses import Hypothesis
 from bayesid.discrepancy.selection import Score, Verdict, not_testable, weigh
 from bayesid.distortions.base import Distortion
@@ -77,7 +77,7 @@ class Discrepancy:
         vetoed: effects that would have been added but made the fit to unseen data no better.
         not_testable: effect and joints that this log could not show.
         identification: of the extended model on the log.
-        trial: the log.
+        trial: the log, stretches of it if it is long.
         predicted_before: (N, n) by the model as it was, N m.
         predicted_after: (N, n) by the extended model, N m.
         warnings: what the user should know.
@@ -137,7 +137,7 @@ def find_discrepancy(
     later = None if holdout is None else holdout if isinstance(holdout, Log) else read_log(holdout)
     model = earlier.knowledge.model
     check_log(model.robot, log)
-    trial = make_trial(model, prepare(log, cutoff))
+    trial = shortened(make_trial(model, prepare(log, cutoff)))
     unseen = make_unseen(model, log, later, trial, cutoff)
     case = Case(earlier.knowledge, base_coefficients(model), earlier.noise, trial, unseen)
     check_same_robot(case.before, trial, log)
@@ -184,7 +184,7 @@ def _discrepancy(case: Case, chosen: Chosen, again: Identification) -> Discrepan
         unexplained=left,
         scores=chosen.selection.scores,
         vetoed=chosen.vetoed,
-        not_testable=tuple(not_testable(chosen.selection.scores)),
+        not_testable=tuple(not_testable(chosen.selection.scores, len(before))),
         identification=again,
         trial=trial,
         predicted_before=case.before,

@@ -27,7 +27,7 @@ class Delay(Distortion):
 
     name: ClassVar[str] = "delay"
     physics: ClassVar[str] = "Efforts are logged later than positions: another bus cycle, a filter in the drive."
-    reference: ClassVar[str] = "Gautier, IEEE ICRA 1997, section 3 on synchronous sampling"
+    reference: ClassVar[str] = "Swevers, Verdonck, De Schutter, Dynamic model identification for robots, 2007"
     variable: ClassVar[str] = "time"
     told_by: ClassVar[str] = "fast changes of acceleration"
     symbol: ClassVar[str] = "lag"

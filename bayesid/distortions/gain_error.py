@@ -26,7 +26,7 @@ class GainError(Distortion):
 
     name: ClassVar[str] = "gain_error"
     physics: ClassVar[str] = "A wrong torque constant, gear ratio or amplifier: all efforts of a joint are scaled."
-    reference: ClassVar[str] = "Gautier and Briot, Global identification of joint drive gains, IJRR 2014"
+    reference: ClassVar[str] = "Gautier and Briot, Global identification of joint drive gains, 2014"
     variable: ClassVar[str] = "load"
     told_by: ClassVar[str] = "the same motion with a known payload"
     symbol: ClassVar[str] = "gain"

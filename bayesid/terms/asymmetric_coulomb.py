@@ -17,7 +17,7 @@ class AsymmetricCoulomb(DryTerm):
 
     name: ClassVar[str] = "asymmetric_coulomb"
     physics: ClassVar[str] = "Dry friction of different size in the two directions: a worm gear, a preloaded seal."
-    reference: ClassVar[str] = "Armstrong-Helouvry, Control of Machines with Friction, 1991, section 4.2"
+    reference: ClassVar[str] = "Armstrong-Helouvry, Control of Machines with Friction, 1991"
     variable: ClassVar[str] = "velocity"
     told_by: ClassVar[str] = "moving both ways at equal speeds through the same positions"
     symbols: ClassVar[tuple[str, ...]] = ("Fp", "Fm")

@@ -43,7 +43,7 @@ class CoulombFriction(DryTerm):
 
     name: ClassVar[str] = "coulomb_friction"
     physics: ClassVar[str] = "Dry friction: a torque of constant size against the direction of motion."
-    reference: ClassVar[str] = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, section 2.1"
+    reference: ClassVar[str] = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994"
     variable: ClassVar[str] = "velocity"
     told_by: ClassVar[str] = "moving both ways at several speeds, with many reversals"
     symbols: ClassVar[tuple[str, ...]] = ("Fc",)

@@ -17,7 +17,7 @@ class GravitySpring(ActuatorTerm):
 
     name: ClassVar[str] = "gravity_spring"
     physics: ClassVar[str] = "A balancing spring between two points off the axis: a sine of the actuator's position."
-    reference: ClassVar[str] = "Balancing with springs of zero free length: Carwardine 1931; Khalil and Dombre 2002"
+    reference: ClassVar[str] = "Balancing with springs of zero free length: Herder, Energy-Free Systems, 2001"
     variable: ClassVar[str] = "position"
     told_by: ClassVar[str] = "moving the joint slowly over a large range in several postures of the joints before it"
     symbols: ClassVar[tuple[str, ...]] = ("ks", "kc")

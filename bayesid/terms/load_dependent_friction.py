@@ -27,7 +27,7 @@ class LoadDependentFriction(DryTerm):
 
     name: ClassVar[str] = "load_dependent_friction"
     physics: ClassVar[str] = "Dry friction in gears and bearings that grows with the torque they carry."
-    reference: ClassVar[str] = "Hamon, Gautier, Garrec, Dynamic identification with load-dependent friction, IROS 2010"
+    reference: ClassVar[str] = "Hamon, Gautier, Garrec, Dry friction depending on load and velocity, IROS 2010"
     variable: ClassVar[str] = "load"
     told_by: ClassVar[str] = "moving both ways, loaded and unloaded, at equal speeds"
     symbols: ClassVar[tuple[str, ...]] = ("Fl",)

@@ -21,7 +21,7 @@ class Payload:
 
     name: ClassVar[str] = "payload"
     physics: ClassVar[str] = "A body held by the flange: inertia, Coriolis, centrifugal and gravity torques."
-    reference: ClassVar[str] = "Atkeson, An, Hollerbach, IJRR 1986, section on loads"
+    reference: ClassVar[str] = "Atkeson, An, Hollerbach, Inertial parameters of manipulator loads and links, 1986"
     variable: ClassVar[str] = "load"
     told_by: ClassVar[str] = "turning the wrist while the arm is stretched and at rest, then accelerating it"
     memory: ClassVar[bool] = False

@@ -15,7 +15,7 @@ class RotorInertia(ActuatorTerm):
 
     name: ClassVar[str] = "rotor_inertia"
     physics: ClassVar[str] = "The motor's rotor, geared up: a torque proportional to the actuator's own acceleration."
-    reference: ClassVar[str] = "Khalil and Dombre, Modeling, Identification and Control of Robots, 2002, section 9.5.3"
+    reference: ClassVar[str] = "Khalil and Dombre, Modeling, Identification and Control of Robots, 2002"
     variable: ClassVar[str] = "acceleration"
     told_by: ClassVar[str] = "accelerating one joint hard while the others rest, in several postures"
     symbols: ClassVar[tuple[str, ...]] = ("Ia",)

@@ -28,7 +28,7 @@ class StribeckFriction(DryTerm):
 
     name: ClassVar[str] = "stribeck_friction"
     physics: ClassVar[str] = "Dry friction that is larger at low speed, until the lubricant's film carries."
-    reference: ClassVar[str] = "Bo and Pavelescu, Wear 1982; Armstrong-Helouvry et al., Automatica 1994, eq. 3"
+    reference: ClassVar[str] = "Bo and Pavelescu, Wear 1982; Armstrong-Helouvry et al., Automatica 1994"
     variable: ClassVar[str] = "velocity"
     told_by: ClassVar[str] = "creeping both ways, far below the usual speeds"
     shape_units: ClassVar[Mapping[str, str]] = {"speed": "rad/s"}

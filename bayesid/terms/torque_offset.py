@@ -17,7 +17,7 @@ class TorqueOffset(ActuatorTerm):
 
     name: ClassVar[str] = "torque_offset"
     physics: ClassVar[str] = "A constant torque: a zero error of sensor or drive, or friction that prefers a direction."
-    reference: ClassVar[str] = "Gautier, IEEE ICRA 1997, eq. 5"
+    reference: ClassVar[str] = "Gautier, Dynamic identification of robots with power model, IEEE ICRA 1997"
     variable: ClassVar[str] = "time"
     told_by: ClassVar[str] = "moving both ways through many positions"
     symbols: ClassVar[tuple[str, ...]] = ("offset",)

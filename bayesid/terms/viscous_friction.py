@@ -15,7 +15,7 @@ class ViscousFriction(ActuatorTerm):
 
     name: ClassVar[str] = "viscous_friction"
     physics: ClassVar[str] = "Lubricant drag: a torque proportional to the actuator's speed and against it."
-    reference: ClassVar[str] = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994, section 2.1"
+    reference: ClassVar[str] = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994"
     variable: ClassVar[str] = "velocity"
     told_by: ClassVar[str] = "moving at several constant speeds, slow and fast"
     symbols: ClassVar[tuple[str, ...]] = ("Fv",)
