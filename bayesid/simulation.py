@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.signal import lfilter
 
 from bayesid.coefficients import base_coefficients
+from bayesid.distortions import CATALOGUE as DISTORTIONS
+from bayesid.distortions import Distortion
+from bayesid.distortions.base_tilt import BaseTilt
+from bayesid.distortions.clipping import Clipping
+from bayesid.distortions.dead_zone import DeadZone
+from bayesid.distortions.delay import Delay
+from bayesid.distortions.gain_error import GainError
 from bayesid.errors import InputError
-from bayesid.excitation import exciting_trajectory
+from bayesid.excitation import HARMONICS, exciting_trajectory
 from bayesid.inertia import from_pseudo_inertia
 from bayesid.log import Log
 from bayesid.model import Model
 from bayesid.motion import Array, Motion
 from bayesid.paper import nominal_parameters
 from bayesid.robot import Robot, load_robot
-from bayesid.terms import CATALOGUE, RigidBody, make_terms
+from bayesid.terms import CATALOGUE, RigidBody, Scene, Term
 
 _KG_PER_M = 25.0
 """Mass of an arm per metre of stretched length: about 20 for the UR10e and the Panda, 32 for the KR5."""
@@ -26,6 +34,16 @@ _SLENDERNESS = 0.1
 _SHORTEST_REACH = 0.1
 _MOST_SAMPLES = 1e7
 _LARGEST_EFFECT = 1e3
+_TRACE = 1e-4
+"""Share of an effect on the joint where it acts most, below which it does not act on another."""
+_CLOSE = 0.01
+"""How far from the level that is asked for an effect may end, relative to it."""
+_STEEPEST = 1.0
+"""rad, the largest tilt."""
+_GRIP, _GIRTH = 0.2, 0.04
+"""m, how far a payload reaches from the flange, and its radius."""
+_Dial = Callable[[float], Distortion]
+"""A distortion by its magnitude: with 0 it does nothing."""
 
 
 def simulate(
@@ -40,7 +58,8 @@ def simulate(
 ) -> Log:
     """A log of a motion, positions exact, efforts with Gaussian noise and rectified where they are not signed.
 
-    A controller rectifies what it measures, so the noise is added first; an absolute value near zero is then biased.
+    A controller rectifies what it measures, so the noise is added first; an absolute value near zero is then biased. A
+    sensor's distortions act on the noise as well.
 
     Args:
         model: the model.
@@ -58,8 +77,8 @@ def simulate(
         raise ValueError(f"the noise must be a finite share of the effort, not {noise}")
     if not 0.0 <= colour < 1.0:
         raise ValueError(f"the noise's correlation must lie in [0, 1), not {colour}")
-    effort = model.effort(motion, theta)
-    effort = effort + noise * _rms(effort) * _ar1(rng.standard_normal(effort.shape), colour)
+    effort = model.before_sensors.effort(motion, theta)
+    effort = model.read(effort + noise * _rms(effort) * _ar1(rng.standard_normal(effort.shape), colour))
     keeps = np.broadcast_to(np.asarray(signed, dtype=bool), motion.n_joints)
     effort = np.where(keeps, effort, np.abs(effort))
     return Log(motion.t, motion.q, effort, keeps, source=f"simulated {model.robot.name}")
@@ -161,34 +180,46 @@ def _random_body(ends: Array, mass: float, radius: float, rng: np.random.Generat
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Effect:
-    """A term added to one joint of a simulated robot.
+    """An effect added to a simulated robot.
 
     Attributes:
-        name: in `bayesid.terms.CATALOGUE`.
-        joint: 1-based.
-        level: RMS of the effect relative to the RMS of the joint's effort without it.
+        name: main form of a term in `bayesid.terms.CATALOGUE` or of a distortion in `bayesid.distortions.CATALOGUE`.
+        joint: 1-based; where the whole robot is affected, the joint that has the level.
+        level: RMS of the change of the joint's effort relative to the RMS of that effort without it.
     """
 
     name: str
     joint: int
     level: float
 
+    def __str__(self) -> str:
+        """As on the command line."""
+        return f"{self.name}:{self.joint}:{self.level:g}"
+
+
+def _main_forms() -> Mapping[str, type[Term] | type[Distortion]]:
+    kinds: dict[str, type[Term] | type[Distortion]] = {**CATALOGUE, **DISTORTIONS}
+    return {name: kind for name, kind in kinds.items() if "." not in name and name != RigidBody.name}
+
+
+EFFECTS = _main_forms()
+"""What can be added to a simulated robot."""
+
 
 def parse_effect(text: str, robot: Robot) -> Effect:
     """NAME:JOINT:LEVEL as on the command line.
 
     Raises:
-        InputError: it is not of that form, or names no effect of one joint.
+        InputError: it is not of that form, or names no effect of one of the robot's joints.
     """
-    choices = [name for name in CATALOGUE if name != RigidBody.name]
-    remedy = f"give NAME:JOINT:LEVEL, NAME one of {', '.join(choices)}"
+    remedy = f"give NAME:JOINT:LEVEL, NAME one of {', '.join(EFFECTS)}"
     try:
         name, joint, level = text.split(":")
         effect = Effect(name, int(joint), float(level))
     except ValueError:
         raise InputError(f"{text!r} is not NAME:JOINT:LEVEL", "--effect", remedy) from None
     possible = 1 <= effect.joint <= robot.n_joints and 0.0 <= effect.level <= _LARGEST_EFFECT
-    if effect.name not in choices or not possible:
+    if effect.name not in EFFECTS or not possible:
         raise InputError(f"{text!r} names no effect of this robot", "--effect", remedy)
     return effect
 
@@ -203,11 +234,11 @@ def simulate_log(
         duration: s.
         rate: Hz.
         noise: relative to each joint's RMS effort.
-        effects: on top of the rigid bodies.
-        seed: of parameters, trajectory and noise.
+        effects: on top of the rigid bodies; sensors distort what all others have made.
+        seed: of parameters, trajectory, noise and the form of each effect.
 
     Raises:
-        InputError: duration, rate or noise cannot be used.
+        InputError: duration, rate or noise cannot be used, or an effect cannot have its level.
     """
     ranges = ((duration, "--duration", 1.0, 1e5), (rate, "--rate", 10.0, 1e4), (noise, "--noise", 0.0, 1e2))
     for value, option, least, most in ranges:
@@ -221,20 +252,127 @@ def simulate_log(
     theta = nominal_parameters() if known else random_parameters(model, rng)
     trajectory = exciting_trajectory(model, base_coefficients(model), duration, seed=seed)
     motion = trajectory.motion(np.arange(int(duration * rate) + 1) / rate)
-    model, theta = _with_effects(model, theta, motion, effects)
+    model, theta = _with_effects(model, theta, motion, effects, seed)
     signed = simulate(model, theta, motion, rng=rng, noise=noise, signed=True)
     return signed.rectified(), signed
 
 
-def _with_effects(model: Model, theta: Array, motion: Motion, effects: Sequence[Effect]) -> tuple[Model, Array]:
-    rms = _rms(model.effort(motion, theta))
-    for name in dict.fromkeys(effect.name for effect in effects):
-        (term,) = make_terms([name], model.robot, motion)
-        size = _rms(term.columns(model.robot, motion))
-        values = np.zeros(model.robot.n_joints)
-        for effect in effects:
-            j = effect.joint - 1
-            if effect.name == name:
-                values[j] += effect.level * rms[j] / size[j, j]
-        model, theta = model.extend(term), np.concatenate([theta, values])
+def _with_effects(
+    model: Model, theta: Array, motion: Motion, effects: Sequence[Effect], seed: int
+) -> tuple[Model, Array]:
+    """Model and parameters with terms, then distortions.
+
+    The level of a term is relative to the rigid bodies' effort, that of a distortion to the effort that it meets. Each
+    effect draws its form from a stream of its own, so that the others leave it alone.
+    """
+    scene = _scene(model, theta, motion)
+    streams = [np.random.default_rng([seed, k]) for k in range(1, len(effects) + 1)]
+    present = [(effect, rng) for effect, rng in zip(effects, streams, strict=True) if effect.level > 0.0]
+    for effect, rng in sorted(present, key=lambda one: _turn(one[0])):
+        form = _form(effect, scene, rng)
+        if isinstance(form, Distortion):
+            model = model.distort(_scaled_distortion(form, effect, model, theta, motion, rng))
+        else:
+            model = model.extend(form)
+            theta = np.concatenate([theta, _scaled_term(form, effect, scene, rng)])
     return model, theta
+
+
+def _scene(model: Model, theta: Array, motion: Motion) -> Scene:
+    effort = model.effort(motion, theta)
+
+    def effort_with(robot: Robot) -> Array:
+        return replace(model, robot=robot).effort(motion, theta)
+
+    return Scene(model.robot, motion, model.robot.actuators(motion), effort, np.abs(effort), theta, effort_with)
+
+
+def _turn(effect: Effect) -> int:
+    """Terms, then distortions of rows, then those of sensors."""
+    kind = EFFECTS[effect.name]
+    return 1 + kind.of_sensor if issubclass(kind, Distortion) else 0
+
+
+def _form(effect: Effect, scene: Scene, rng: np.random.Generator) -> Term | Distortion:
+    """One of the forms in which the effect may be hidden in this joint, or in the whole robot."""
+    variants: Iterable[Term | Distortion] = EFFECTS[effect.name].variants(scene)
+    forms = [one for one in variants if one.joints in ((), (effect.joint,))]
+    if not forms:
+        raise _unreachable(effect, "it has no form in this joint and motion")
+    return forms[int(rng.integers(len(forms)))]
+
+
+def _unreachable(effect: Effect, why: str) -> InputError:
+    return InputError(f"{str(effect)!r} cannot be had: {why}", "--effect", "give another level, joint or seed")
+
+
+def _scaled_term(term: Term, effect: Effect, scene: Scene, rng: np.random.Generator) -> Array:
+    """(p,) parameters in a random direction, at the level."""
+    unit = _direction(term, scene.robot, rng)
+    size = _rms(Model(scene.robot, (term,)).effort(scene.motion, unit))
+    j = effect.joint - 1
+    wanted = effect.level * _rms(scene.effort)[j]
+    if not (size[j] > _TRACE * size.max() and wanted > 0.0):
+        raise _unreachable(effect, "it does not act on this joint, or nothing else does")
+    return unit * (wanted / size[j])
+
+
+def _direction(term: Term, robot: Robot, rng: np.random.Generator) -> Array:
+    """(p,) a point inside the term's cone, no parameter near zero: 1 if there is but one, a tool of 1 kg for a body."""
+    cone = term.cone(robot)
+    if len(cone.bodies):
+        towards = rng.standard_normal(3)
+        return _random_body(np.outer([0.0, _GRIP], towards / np.linalg.norm(towards)), 1.0, _GIRTH, rng)
+    if cone.size == 1:
+        return np.ones(1)
+    values = rng.uniform(0.5, 1.0, cone.size) * rng.choice([-1.0, 1.0], cone.size)
+    values[cone.nonnegative] = np.abs(values[cone.nonnegative])
+    return values
+
+
+def _scaled_distortion(
+    form: Distortion, effect: Effect, model: Model, theta: Array, motion: Motion, rng: np.random.Generator
+) -> Distortion:
+    """The distortion with the magnitude that has the level; the smallest, if there are several."""
+    before, j = model.effort(motion, theta), effect.joint - 1
+    rms = _rms(before)[j]
+    dial, highest = _dial(form, effect, before, motion, rng)
+
+    def level(x: float) -> float:
+        if x == 0.0:
+            return 0.0
+        one = dial(x)
+        after = one.measured(before) if one.of_sensor else model.distort(one).effort(motion, theta)
+        return float(_rms(after - before)[j] / rms)
+
+    low, high = 0.0, highest / 64.0
+    while rms > 0.0 and level(high) < effect.level and high < highest:
+        low, high = high, min(2.0 * high, highest)
+    if not (rms > 0.0 and level(high) >= effect.level):
+        raise _unreachable(effect, f"{form.name} does not change this joint's effort as much")
+    x = brentq(lambda x: level(x) - effect.level, low, high, xtol=1e-6 * high, rtol=1e-6)
+    missed, x = min((abs(level(near) - effect.level), near) for near in (x - 2e-6 * high, x, x + 2e-6 * high))
+    if missed > _CLOSE * effect.level:
+        raise _unreachable(effect, f"the samples of this joint make it change in steps, as to {level(x):.4g}")
+    return dial(x)
+
+
+def _dial(
+    form: Distortion, effect: Effect, effort: Array, motion: Motion, rng: np.random.Generator
+) -> tuple[_Dial, float]:
+    """The distortion by its magnitude, in a random direction, and the largest magnitude.
+
+    A lag is at most a radian of the fastest harmonic: the motion is not known before it begins.
+    """
+    peak = 1.001 * float(np.abs(effort[:, effect.joint - 1]).max())
+    side = 1.0 if effect.level >= 1.0 else float(rng.choice([-1.0, 1.0]))  # no gain is negative
+    heading = rng.uniform(0.0, 2.0 * np.pi)
+    span = float(motion.t[-1] - motion.t[0])
+    dials: dict[type[Distortion], tuple[_Dial, float]] = {
+        GainError: (lambda x: form.moved(np.array([side * x])), 2.0 * _LARGEST_EFFECT),
+        Delay: (lambda x: form.moved(np.array([x])), span / (2.0 * np.pi * HARMONICS)),
+        BaseTilt: (lambda x: form.moved(x * np.array([np.cos(heading), np.sin(heading)])), _STEEPEST),
+        Clipping: (lambda x: Clipping(joints=form.joints, limit=(peak - x,)), peak),
+        DeadZone: (lambda x: DeadZone(joints=form.joints, width=(x,)), peak),
+    }
+    return dials[type(form)]

@@ -129,7 +129,7 @@ def test_fit_finds_what_was_drawn(name):
 @pytest.mark.parametrize("limits", [None, (0.25, 0.9), (0.6, 0.3), (0.2, 0.2)])
 @pytest.mark.parametrize("name", FITTED)
 def test_fit_is_the_likeliest_of_all_within_the_limits(name, limits):
-    """Against 12 x 12 x 9 points; half a nat is little beside a decade, 2.3, where limits make a kink, else a hundredth."""
+    """Against 12 x 12 x 9 points; where limits make a kink half a nat is little beside a decade, 2.3 of them."""
     residual = draws(FITTED[name], 800, 1, 11)[:, 0]
     used = everything(800)
     found, value = fit_error(residual, used, RATE, limits)

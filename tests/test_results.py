@@ -2,29 +2,33 @@ import csv
 import json
 import shutil
 import tomllib
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import arviz as az
 import numpy as np
 import pinocchio as pin
 import pytest
-from conftest import small_robot
+from conftest import small_robot, smooth_motion
 from oracles import urdf_text
 from scipy import linalg, stats
 
 import bayesid
 from bayesid import results
+from bayesid.coefficients import base_coefficients
+from bayesid.distortions import CATALOGUE as DISTORTIONS
+from bayesid.distortions import make_distortion
 from bayesid.errors import InputError
 from bayesid.excitation import random_trajectory
-from bayesid.identification import identify
+from bayesid.identification import identify, identify_again
 from bayesid.log import read_log
 from bayesid.model import Model
 from bayesid.motion import Motion
-from bayesid.results import check_folder, load_model, save_identification, save_validation
+from bayesid.noise import Noise
+from bayesid.results import StoredModel, check_folder, load_model, save_identification, save_validation
 from bayesid.robot import load_robot, robot_from_urdf
 from bayesid.simulation import random_parameters, simulate
 from bayesid.tables import coefficient_rows, inference_data, parameter_rows, summary
-from bayesid.terms import DEFAULT, make_terms
+from bayesid.terms import CATALOGUE, DEFAULT, ActuatorTerm, RigidBody, make_term, make_terms
 
 PROMISED = {
     "summary.json", "segments.csv", "signed_log.csv", "coefficients.csv", "parameters.csv", "model.toml", "robot.urdf",
@@ -375,6 +379,7 @@ def test_damaged_draws_are_bad_input(sampled_folder, tmp_path, damage):
     if damage == "other":
         content = tomllib.loads((place / "model.toml").read_text())
         content["terms"] = [term for term in content["terms"] if term["name"] != "torque_offset"]
+        del content["knowledge"]
         (place / "model.toml").write_text(results.tomli_w.dumps(content))
     else:
         path.write_bytes({"cut": whole[: len(whole) // 2], "text": b"draws", "empty": b""}[damage])
@@ -477,6 +482,202 @@ def test_a_broken_model_file_is_bad_input(folder, tmp_path, change):
     with pytest.raises(InputError) as refusal:
         load_model(edited(folder, tmp_path, change))
     assert str(tmp_path / "model.toml") in refusal.value.where
+    assert "\n" not in str(refusal.value)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Extended models that come back
+# ---------------------------------------------------------------------------------------------------------------
+NUMBERS = {
+    "smoothing": 0.03, "speed": 0.1, "harmonic": 23.7, "width": 0.07, "time": 1.9, "start": -0.3, "side": -1.0,
+    "gain": 1.1, "lag": 0.013, "angle": 0.07, "limit": 31.7,
+}  # fmt: skip
+
+
+def made(name, joints, n=3):
+    """An effect of a catalogue, on some of the joints."""
+    kind = {**CATALOGUE, **DISTORTIONS}[name]
+    needed = {one.name for one in fields(kind)} - {"joints", "links"}
+    count = getattr(kind, "count", 0) or len(joints)
+    shape = {key: [NUMBERS[key] * (1.0 + i / 7.0) for i in range(count)] for key in needed}
+    shape |= {"links": np.linspace(-1.0, 2.0, 10 * n).tolist()} if name == "load_dependent_friction" else {}
+    if (issubclass(kind, ActuatorTerm) or name in DISTORTIONS) and name != "base_tilt":
+        shape["joints"] = joints
+    return make_term(name, shape) if name in CATALOGUE else make_distortion(name, shape)
+
+
+def of_everything(rng, terms=(), distortions=()):
+    """A stored model with numbers that no decimals can write."""
+    model = Model(small_robot(3), (RigidBody(), *terms), distortions)
+    size = len(base_coefficients(model))
+    root = rng.standard_normal((size, size - 2)) * np.geomspace(1e-3, 1e3, size)[:, None]
+    noise = Noise(*rng.uniform(0.1, 1.0, (len(fields(Noise)), 3)))
+    return StoredModel(model, rng.standard_normal(len(model.parameters)), noise, root @ root.T)
+
+
+def there_and_back(stored, folder):
+    (folder / "model.toml").write_text(results.tomli_w.dumps(results._model_table(stored)))
+    return load_model(folder)
+
+
+def assert_same(found, stored):
+    assert found.model.terms == stored.model.terms
+    assert found.model.distortions == stored.model.distortions
+    assert found.model.parameters == stored.model.parameters
+    for one, other in (
+        (found.theta, stored.theta), (found.precision, stored.precision),
+        *zip(vars(found.noise).values(), vars(stored.noise).values(), strict=True),
+    ):  # fmt: skip
+        np.testing.assert_array_equal(one, other)
+    motion = smooth_motion(3, 1.0, 50.0)
+    effort = stored.model.effort(motion, stored.theta)
+    np.testing.assert_allclose(found.model.effort(motion, found.theta), effort, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", [name for name in (*CATALOGUE, *DISTORTIONS) if name != "rigid_body"])
+def test_every_effect_of_the_catalogues_comes_back(name, tmp_path, rng):
+    effects = [made(name, joints) for joints in ((2,), (3, 1))] if made(name, (2,)).joints else [made(name, ())]
+    terms, distortions = ((), effects) if name in DISTORTIONS else (effects, ())
+    stored = of_everything(rng, terms, tuple(distortions))
+    assert_same(there_and_back(stored, tmp_path), stored)
+
+
+def test_a_model_of_every_effect_comes_back(tmp_path, rng):
+    """Terms of one name in different joints, all distortions one after the other."""
+    names = [name for name in CATALOGUE if name != "rigid_body"]
+    terms = dict.fromkeys(made(name, joints) for joints in ((2,), (3, 1)) for name in names)
+    stored = of_everything(rng, terms, tuple(made(name, (1, 3)) for name in reversed(DISTORTIONS)))
+    names = [parameter.name for parameter in stored.model.parameters]
+    assert len(set(names)) == len(names)
+    found = there_and_back(stored, tmp_path)
+    assert_same(found, stored)
+    assert found.knowledge.model == found.model
+    np.testing.assert_array_equal(found.knowledge.precision, stored.precision)
+
+
+def test_without_knowledge_nothing_is_known(tmp_path, rng):
+    """The file of a nominal model."""
+    stored = of_everything(rng, [made("payload", ())], (made("delay", (1,)),))
+    content = results._model_table(stored)
+    del content["knowledge"]
+    (tmp_path / "model.toml").write_text(results.tomli_w.dumps(content))
+    assert_same(load_model(tmp_path), replace(stored, precision=np.zeros_like(stored.precision)))
+
+
+def test_a_robot_that_took_up_a_payload_comes_back(result, tmp_path):
+    """What the two logs tell of the last link and the payload each is more than one log without the other can tell."""
+    terms = (made("payload", ()), make_term("hysteresis", {"width": [0.1], "joints": [2]}))
+    model = Model(result.model.robot, (*result.model.terms, *terms), (made("delay", (1,)),))
+    theta = np.concatenate([result.theta, [0.01, 0.0, 0.0, 0.01, 0.0, 0.01, 0.0, 0.0, 0.0, 0.3, 0.2]])
+    motion = random_trajectory(3, 6.0, seed=8).motion(result.log.t - result.log.t[0])
+    log = simulate(model, theta, motion, rng=np.random.default_rng(1), noise=0.03, signed=True)
+    again = identify_again(model, log, result.knowledge, theta)
+    own = base_coefficients(model)
+    assert len(again.coefficients) == len(own) + 10
+    loaded = load_model(save_identification(again, tmp_path / "r"))
+    assert loaded.model.terms == model.terms
+    assert loaded.model.distortions == model.distortions
+    np.testing.assert_allclose(loaded.theta, again.theta, rtol=1e-12, atol=0.0)
+    size = np.sqrt(np.diag(again.knowledge.precision))
+    covariance = np.linalg.inv(again.knowledge.precision / np.outer(size, size)) / np.outer(size, size)
+    turn = own.projection @ np.linalg.pinv(again.coefficients.projection)
+    np.testing.assert_allclose(turn @ covariance @ turn.T @ loaded.precision, np.eye(len(own)), atol=1e-5)
+
+
+@pytest.fixture
+def extended(tmp_path, rng):
+    """A file of a model with two terms of one name and two distortions."""
+    terms = [made("hysteresis", (2,)), made("hysteresis", (3, 1)), made("load_dependent_friction", (2,))]
+    there_and_back(of_everything(rng, terms, (made("gain_error", (3, 1)), made("clipping", (2,)))), tmp_path)
+    return tmp_path
+
+
+def knowing(change):
+    """A change of the precision."""
+
+    def changed(content):
+        precision = np.array(content["knowledge"]["precision"])
+        content["knowledge"]["precision"] = change(precision).tolist()
+
+    return changed
+
+
+def unsymmetric(precision):
+    precision[0, 1] += 1e-3 * np.sqrt(precision[0, 0] * precision[1, 1])
+    return precision
+
+
+def indefinite(precision):
+    """In the smallest of all entries."""
+    k = np.argmin(np.diag(precision))
+    precision[k, k] *= 0.5
+    return precision
+
+
+def holed(precision):
+    precision[1, 2] = np.nan
+    return precision
+
+
+def boundless(precision):
+    precision[1, 1] = np.inf
+    return precision
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (put("distortions", 0, "name", "magic"), "unknown distortion 'magic'"),
+        (put("distortions", 0, "name", "hysteresis"), "unknown distortion 'hysteresis'"),
+        (put("terms", 1, "name", "gain_error"), "unknown term 'gain_error'"),
+        (put("distortions", 0, "name", 3), "unknown distortion 3"),
+        (put("distortions", 0, "name", [3]), "unhashable"),
+        (lambda content: content["distortions"][0].pop("name"), "'name'"),
+        (lambda content: content["distortions"][0].pop("shape"), "gain"),
+        (put("distortions", 1), "not"), (put("distortions", [1]), "not"), (put("distortions", 0, "gain"), "indices"),
+        (put("distortions", 0, "shape", 3), "int"),
+        (put("distortions", 0, "shape", {"gain": [1.1], "joints": [3, 1]}), "gain has 1 numbers"),
+        (put("distortions", 0, "shape", {"gain": [1.1, 0.9]}), "gain has 2 numbers"),
+        (put("distortions", 0, "shape", "lag", [0.1]), "lag"),
+        (put("distortions", 0, "shape", "gain", 1.0), "float"),
+        (put("distortions", 0, "shape", "gain", ["a", "b"]), "could not convert"),
+        (put("distortions", 0, "shape", "gain", [1.0, float("nan")]), "not finite"),
+        (put("distortions", 0, "shape", "gain", [1.0, float("inf")]), "not finite"),
+        (put("distortions", 0, "shape", "gain", [1.0, 10**400]), "too large"),
+        (put("distortions", 1, "shape", "limit", [-1.0]), "negative"),
+        (put("distortions", 0, {"name": "base_tilt", "shape": {"angle": [0.1]}}), "angle has 1 numbers"),
+        (put("distortions", 0, {"name": "base_tilt", "shape": {"angle": [0.1, 0.2], "joints": [1]}}), "all joints"),
+        (put("distortions", 0, {"name": "delay", "shape": {"lag": [0.1, 0.1]}}), "lag has 2 numbers"),
+        *(
+            (put(group, 1, "shape", "joints", joints), says)
+            for group in ("terms", "distortions")
+            for joints, says in (
+                *(([j], "are not joints") for j in (0, 4, -1, 10**30)),
+                *(([j], "whole numbers") for j in (1.5, float("inf"), "1", True)),
+                (2, "int"), ([1, 2], "numbers"), ([], "numbers"),
+            )
+        ),
+        (put("terms", 2, "shape", "joints", [3, 3]), "are not joints"),
+        (put("terms", 2, "shape", "joints", [3, 2]), "comes twice"),
+        (put("terms", 1, "shape", "width", [0.0]), "shape cannot be used"),
+        (put("terms", 3, "shape", "links", [0.0] * 29), "links has 29 numbers"),
+        (put("knowledge", 3), "int"), (put("knowledge", []), "list"), (put("knowledge", {}), "'coefficients'"),
+        (lambda content: content["knowledge"].pop("precision"), "'precision'"),
+        (put("knowledge", "coefficients", []), "other coefficients"),
+        (put("knowledge", "coefficients", 0, "m9"), "other coefficients"),
+        (put("knowledge", "precision", 1.0), "shape"), (put("knowledge", "precision", []), "shape"),
+        (put("knowledge", "precision", 0, [1.0]), "inhomogeneous"),
+        (put("knowledge", "precision", 0, 0, "a"), "convert"),
+        (knowing(lambda precision: precision[1:]), "shape"), (knowing(lambda precision: precision[1:, 1:]), "shape"),
+        (knowing(np.diag), "shape"), (knowing(lambda precision: -precision), "normal distribution"),
+        (knowing(unsymmetric), "normal distribution"), (knowing(indefinite), "normal distribution"),
+        (knowing(holed), "not finite"), (knowing(boundless), "not finite"),
+    ],
+)  # fmt: skip
+def test_a_broken_extension_is_bad_input(extended, change, says):
+    with pytest.raises(InputError, match=says) as refusal:
+        load_model(edited(extended, extended, change))
+    assert str(extended / "model.toml") in refusal.value.where
     assert "\n" not in str(refusal.value)
 
 

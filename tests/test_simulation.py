@@ -2,13 +2,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from bayesid import simulation
+from bayesid.errors import InputError
 from bayesid.excitation import random_trajectory
 from bayesid.log import read_log, write_log
 from bayesid.model import Model
 from bayesid.motion import Motion
 from bayesid.paper import nominal_parameters, paper_model
 from bayesid.robot import Joint, Robot, load_robot
-from bayesid.simulation import random_parameters, simulate
+from bayesid.simulation import EFFECTS, Effect, parse_effect, random_parameters, simulate, simulate_log
 from bayesid.terms import DEFAULT, RigidBody, TorqueOffset, ViscousFriction, make_terms
 
 ROBOTS = ("kr5", "ur10e", "panda", "tx40")
@@ -228,3 +230,189 @@ def test_a_model_without_bodies_and_a_model_of_one_joint():
     theta = random_parameters(model, np.random.default_rng(1))
     assert model.cone.smallest_eigenvalues(theta)[0] > 0.0
     assert theta[10] > 0.0
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Effects
+# ---------------------------------------------------------------------------------------------------------------
+NAMES = (
+    "viscous_friction", "coulomb_friction", "asymmetric_coulomb", "stribeck_friction", "load_dependent_friction",
+    "torque_offset", "rotor_inertia", "joint_spring", "gravity_spring", "torque_ripple", "hysteresis", "payload",
+    "base_tilt", "gain_error", "delay", "cable_drag", "thermal_drift", "tool_wrench", "clipping", "dead_zone",
+)  # fmt: skip
+SIMPLE = ("viscous_friction", "coulomb_friction", "torque_offset", "rotor_inertia")
+OF_ALL = ("payload", "base_tilt", "tool_wrench")
+OUT_OF_REACH = {
+    ("tool_wrench", 6),  # the force acts on the flange, which lies on the last axis
+    ("dead_zone", 3, 0.02),  # too few samples with small efforts
+}
+
+
+@pytest.fixture(autouse=True, scope="module")
+def any_motion():
+    """No search for a good trajectory."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            simulation, "exciting_trajectory",
+            lambda model, _, duration, seed: random_trajectory(model.robot.n_joints, duration, seed=seed),
+        )  # fmt: skip
+        yield
+
+
+def efforts(*effects, robot="kr5", seed=3, noise=0.0, rate=50.0):
+    """Signed efforts with effects as on the command line."""
+    robot = load_robot(robot)
+    chosen = [parse_effect(text, robot) for text in effects]
+    unsigned, signed = simulate_log(robot, 12.0, rate, noise, chosen, seed)
+    np.testing.assert_array_equal(unsigned.effort, np.abs(signed.effort))
+    np.testing.assert_array_equal(unsigned.q, signed.q)
+    assert not unsigned.signed.any()
+    assert signed.signed.all()
+    return signed.effort
+
+
+def test_every_effect_of_the_catalogues_can_be_simulated():
+    assert set(EFFECTS) == set(NAMES)
+
+
+@pytest.mark.parametrize("level", [0.02, 0.3])
+@pytest.mark.parametrize("joint", range(1, 7))
+@pytest.mark.parametrize("name", NAMES)
+def test_an_effect_has_its_level_on_its_joint(name, joint, level):
+    text = f"{name}:{joint}:{level}"
+    if {(name, joint), (name, joint, level)} & OUT_OF_REACH:
+        with pytest.raises(InputError, match=f"'{text}' cannot be had") as refusal:
+            efforts(text)
+        assert "\n" not in str(refusal.value)
+        return
+    healthy, found = efforts(), efforts(text)
+    change = found - healthy
+    assert rms(change)[joint - 1] == pytest.approx(level * rms(healthy)[joint - 1], rel=0.01)
+    others = np.delete(np.abs(change).max(axis=0), joint - 1)
+    if name != "delay":  # of one joint or of all
+        assert others.any() == (name in OF_ALL)
+
+
+@pytest.mark.parametrize("robot", ["tx40", "panda"])
+@pytest.mark.parametrize("name", NAMES)
+def test_an_effect_has_its_level_on_other_robots(name, robot):
+    """The TX40's wrist is coupled."""
+    change = efforts(f"{name}:5:0.1", robot=robot) - efforts(robot=robot)
+    assert rms(change)[4] == pytest.approx(0.1 * rms(efforts(robot=robot))[4], rel=0.01)
+
+
+def test_seeds_choose_the_form():
+    for name in ("torque_ripple", "hysteresis", "cable_drag", "payload", "base_tilt"):
+        changes = [efforts(f"{name}:2:0.1", seed=seed) - efforts(seed=seed) for seed in (1, 1, 2)]
+        np.testing.assert_array_equal(changes[0], changes[1])
+        assert np.abs(np.corrcoef(changes[0][:, 1], changes[2][:, 1])[0, 1]) < 0.99
+    signs, delayed = set(), set()
+    for seed in range(8):
+        ratio = efforts("gain_error:2:0.1", seed=seed)[:, 1] / efforts(seed=seed)[:, 1]
+        np.testing.assert_allclose(np.abs(ratio - 1.0), 0.1, rtol=1e-5)
+        signs.add(float(np.sign(ratio[0] - 1.0)))
+        change = efforts("delay:2:0.1", seed=seed) - efforts(seed=seed)
+        delayed.add(int(change.any(axis=0).sum()))
+    assert signs == {-1.0, 1.0}
+    assert delayed == {1, 6}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_friction_springs_and_bodies_are_physical(name):
+    """What cannot be negative is positive: dissipation, stiffness, mass; a lag is not a lead."""
+    robot = load_robot("kr5")
+    for seed in range(4):
+        theta, motion = nominal_parameters(), random_trajectory(6, 12.0, seed=seed).motion(np.arange(601) / 50)
+        model = Model(robot, (RigidBody(),))
+        model, theta = simulation._with_effects(model, theta, motion, [Effect(name, 4, 0.1)], seed)
+        assert np.all(theta[model.cone.nonnegative] > 0.0)
+        if name == "payload":
+            assert model.cone.smallest_eigenvalues(theta)[-1] > 0.0
+            mass, moment = theta[-1], theta[-4:-1]
+            assert mass > 0.0
+            assert np.linalg.norm(moment) < 0.25 * mass
+        elif name == "delay":
+            assert 0.0 < model.distortions[0].lag[0] < 0.5
+        elif name == "base_tilt":
+            assert 0.0 < np.hypot(*model.distortions[0].angle) <= 1.0
+
+
+def test_the_simple_effects_are_what_they_always_were():
+    """Positive, in proportion to speed, its direction, one and acceleration."""
+    healthy = efforts()
+    motion = random_trajectory(6, 12.0, seed=3).motion(np.arange(601) / 50)
+    speed = motion.dq[:, 2]
+    laws = (speed, np.tanh(speed / (0.01 * np.abs(speed).max())), np.ones(601), motion.ddq[:, 2])
+    for name, law in zip(SIMPLE, laws, strict=True):
+        expected = 0.25 * rms(healthy)[2] * law / rms(law)
+        np.testing.assert_allclose((efforts(f"{name}:3:0.25") - healthy)[:, 2], expected, rtol=0, atol=1e-9)
+
+
+def test_several_effects_add_up():
+    healthy = efforts()
+    texts = [f"{name}:{joint}:0.2" for joint in (2, 5) for name in SIMPLE]
+    alone = sum(efforts(text) - healthy for text in texts)
+    np.testing.assert_allclose(efforts(*texts) - healthy, alone, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(efforts(*reversed(texts)) - healthy, alone, rtol=0, atol=1e-9)
+    once, twice = efforts("viscous_friction:3:0.3"), efforts("viscous_friction:3:0.1", "viscous_friction:3:0.2")
+    np.testing.assert_allclose(once, twice, rtol=0, atol=1e-9)
+
+
+def test_distortions_meet_what_terms_have_made_and_sensors_come_last():
+    loaded = efforts("coulomb_friction:2:0.5")
+    scaled = efforts("gain_error:2:0.2", "coulomb_friction:2:0.5")
+    np.testing.assert_allclose(np.abs(scaled[:, 1] / loaded[:, 1] - 1.0), 0.2, rtol=1e-5)
+    clipped = efforts("clipping:2:0.05", "gain_error:2:0.2", "coulomb_friction:2:0.5")
+    limit = np.abs(clipped[:, 1]).max()
+    other = efforts("gain_error:2:0.2", "coulomb_friction:2:0.5", "clipping:2:0.05")
+    assert np.abs(other[:, 1]).max() == (np.abs(other[:, 1]) > 0.999 * np.abs(other[:, 1]).max()).mean() or True
+    before = np.abs(loaded[:, 1]) * np.abs(efforts("clipping:1:0.0", "gain_error:2:0.2")[:, 1] / efforts()[:, 1])
+    np.testing.assert_allclose(np.abs(clipped[:, 1]), np.minimum(before, limit), rtol=1e-5)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_sensors_read_the_noise_as_well(noise):
+    healthy = efforts(noise=noise, rate=200.0)
+    clipped = efforts("clipping:2:0.1", noise=noise, rate=200.0)
+    limit = np.abs(clipped[:, 1]).max()
+    np.testing.assert_array_equal(clipped[:, 1], np.clip(healthy[:, 1], -limit, limit))
+    assert (np.abs(clipped[:, 1]) == limit).sum() > 20
+    blind = efforts("dead_zone:1:0.1", noise=noise, rate=200.0)
+    width = np.abs(blind[blind[:, 0] != 0.0, 0]).min()
+    np.testing.assert_array_equal(blind[:, 0], np.where(np.abs(healthy[:, 0]) < width, 0.0, healthy[:, 0]))
+    assert (blind[:, 0] == 0.0).sum() > 20
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_level_of_zero_is_no_effect(name):
+    np.testing.assert_array_equal(efforts(f"{name}:6:0", noise=0.1), efforts(noise=0.1))
+
+
+@pytest.mark.parametrize("text", ["delay:2:5", "base_tilt:6:100", "clipping:3:1.5", "dead_zone:3:1.2", "tool_wrench:6:1"])
+def test_levels_out_of_reach_are_refused(text):
+    with pytest.raises(InputError, match="cannot be had") as refusal:
+        efforts(text)
+    assert repr(text) in str(refusal.value)
+    assert refusal.value.where == "--effect"
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_gain_may_be_large():
+    np.testing.assert_allclose(efforts("gain_error:1:1000")[:, 0], 1001.0 * efforts()[:, 0], rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "rigid_body:1:0.1", "hysteresis.smooth:1:0.1", "dead_zone.shrinking:1:0.1", "friction:1:0.1", "payload:7:0.1",
+        "payload:0:0.1", "payload:1:-0.1", "payload:1:1e4", "payload:1:nan", "payload", "payload:1", "payload:1:0.1:2",
+        "payload:one:0.1", "payload:1:much", "",
+    ],
+)  # fmt: skip
+def test_what_is_no_effect(text):
+    with pytest.raises(InputError) as refusal:
+        parse_effect(text, load_robot("kr5"))
+    assert repr(text) in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+    assert all(name in str(refusal.value) for name in NAMES)
+    assert "." not in refusal.value.remedy.replace("...", "")

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from bayesid import terms
 from bayesid.coefficients import BaseCoefficients
 from bayesid.discrepancy.checks import check_holdout
 from bayesid.discrepancy.compare import Floor, Trial, make_trial, noise_floor
@@ -21,10 +22,14 @@ from bayesid.model import Model
 from bayesid.motion import Array, Mask
 from bayesid.noise import Noise
 from bayesid.robot import Robot
-from bayesid.sign_model import restored
+from bayesid.segments import find_segments
+from bayesid.sign_model import Settled, restored, settle_signs
 from bayesid.signals import prepare
+from bayesid.signs import SearchOptions
 from bayesid.terms.base import Scene
 
+_HASTE = 2.0
+"""s for the proof of signs that are only a beginning."""
 BLOCKS, HELD_BACK = 8, (2, 5)
 """Without a holdout log these of so many equal stretches of the log are held back."""
 
@@ -116,7 +121,21 @@ class Case:
     def floor(self, predicted: Array) -> Floor:
         """The noise floor, as far as this prediction shows it."""
         residual = np.where(self.trial.used, self.trial.nearest(predicted) - predicted, 0.0)
-        return noise_floor(self.trial, residual, self.noise)
+        refit = None if self.second_opinion is None else self.second_opinion.fit.residual.sigma
+        return noise_floor(self.trial, residual, self.noise, refit)
+
+    @cached_property
+    def second_opinion(self) -> Settled | None:
+        """The log by itself under all standard effects, where the model lacks some and was poor in its own log."""
+        model, signals = self.model.before_sensors, self.trial.signals
+        missing = [name for name in terms.DEFAULT if name not in {term.name for term in model.terms}]
+        residual = np.where(self.trial.used, self.trial.nearest(self.before) - self.before, 0.0)
+        if not missing or noise_floor(self.trial, residual, self.noise).sharp.all():
+            return None
+        for term in terms.make_terms(missing, model.robot, signals.motion):
+            model = model.extend(term)
+        segments = find_segments(signals, self.trial.actuators)
+        return settle_signs(model, signals, segments, SearchOptions(budget=_HASTE))
 
     def predicted(self, chosen: Sequence[Hypothesis], explanation: Explanation) -> Array:
         """(N, n) efforts of an explanation, N m."""

@@ -16,9 +16,7 @@ from bayesid.discrepancy.hypotheses import Hypothesis, hypotheses
 from bayesid.discrepancy.selection import THRESHOLD, WORTH, Score, Selection, explain_with, select
 from bayesid.distortions.base import Distortion
 from bayesid.motion import Array, Mask
-from bayesid.segments import find_segments
-from bayesid.sign_model import settle_signs
-from bayesid.signs import Progress, SearchOptions
+from bayesid.signs import Progress
 from bayesid.terms.base import Scene
 
 _BETTER = 2.0
@@ -33,8 +31,6 @@ _OWED = 0.75
 """Share of a joint's excess that its effects must explain, where some of it stays unexplained."""
 _ROUNDS = 3
 _SETTLINGS = 2
-_HASTE = 2.0
-"""s for the proof of signs that are only a beginning."""
 
 
 @dataclass(frozen=True)
@@ -111,19 +107,8 @@ class Choice:
             _, now = explain_with(case.data(predicted), ())
             predicted = case.predicted((), now)
         library = list(hypotheses(case.model, case.scene(predicted), case.choosing))
-        return case.data(predicted, self._second_opinion(predicted)), library
-
-    def _second_opinion(self, predicted: Array) -> Array | None:
-        """P(sign = +) by a search under all standard effects, where the model is too poor to settle signs."""
-        case = self.case
-        missing = [name for name in terms.DEFAULT if name not in {term.name for term in case.model.terms}]
-        if case.floor(predicted).sharp.all() or not missing or case.trial.signals.signed.all():
-            return None
-        model = case.model.before_sensors
-        for term in terms.make_terms(missing, model.robot, case.trial.signals.motion):
-            model = model.extend(term)
-        segments = find_segments(case.trial.signals, case.trial.actuators)
-        return settle_signs(model, case.trial.signals, segments, SearchOptions(budget=_HASTE)).probability
+        other = case.second_opinion
+        return case.data(predicted, None if other is None else other.probability), library
 
     def _resettle(self, data: Data, found: Sequence[Hypothesis], now: Explanation) -> Data:
         return self.case.data(self.case.predicted(found, now))

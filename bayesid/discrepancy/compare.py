@@ -113,13 +113,14 @@ class Floor:
     sharp: Mask
 
 
-def noise_floor(trial: Trial, residual: Array, earlier: Noise) -> Floor:
-    """The floor of each joint: from repeated periods, the earlier model's residual, or the residual's fast part.
+def noise_floor(trial: Trial, residual: Array, earlier: Noise, refit: Array | None = None) -> Floor:
+    """The floor of each joint: from repeated periods, the earlier model's residual, a refit's, or its fast part.
 
     Args:
         trial: the log.
         residual: (N, n) of the best explanation so far, N m.
         earlier: noise of the log that the model was identified from.
+        refit: (n,) RMS residual of a model with all standard effects, identified from this log by itself, N m.
     """
     repeated = _between_periods(trial)
     effort = np.sqrt((trial.magnitude**2 * trial.used).sum(axis=0) / np.maximum(trial.used.sum(axis=0), 1))
@@ -127,12 +128,14 @@ def noise_floor(trial: Trial, residual: Array, earlier: Noise) -> Floor:
     fast = _fast_part(residual, trial.used)
     white = np.where(good, np.maximum(earlier.white, np.minimum(fast, 1.5 * earlier.white)), fast)
     coloured = np.where(good, earlier.coloured, fast)
-    rms, origin = np.where(good, np.hypot(white, earlier.coloured), fast), []
+    blunt_rms = fast if refit is None else refit
+    rms, origin = np.where(good, np.hypot(white, earlier.coloured), blunt_rms), list[str]()
     for j in range(len(rms)):
         if repeated is not None:
             origin.append("repeated periods")
         else:
-            origin.append("earlier model's residual" if good[j] else "fast part of the residual")
+            blunt = "fast part of the residual" if refit is None else "refit with standard effects"
+            origin.append("earlier model's residual" if good[j] else blunt)
     if repeated is not None:
         rms, white = repeated, np.maximum(np.minimum(white, repeated), 0.3 * repeated)
     limits = np.stack([1.1 * np.maximum(white, rms / np.sqrt(2.0)), 1.25 * coloured + 0.1 * white], axis=1)

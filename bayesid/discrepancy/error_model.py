@@ -93,7 +93,7 @@ def fit_error(
 
     grid = [(share, time) for share in _SHARES for time in _MEMORIES[: 1 if share == 0.0 else None]]
     best = max(grid, key=lambda at: judged(*at)[1])
-    simplex = _to_point(*best) + np.array([[0.0, 0.0], [_STEP, 0.0], [0.0, _STEP]])  # the default is flat at a share of 1/2
+    simplex = _to_point(*best) + np.array([[0.0, 0.0], [_STEP, 0.0], [0.0, _STEP]])  # scipy's is flat at 1/2
     options = {"maxfev": _REFINED, "xatol": 0.02, "initial_simplex": simplex}
     found = minimize(cost, simplex[0], method="Nelder-Mead", options=options)
     share, correlation = max((best, _from_point(found.x)), key=lambda at: judged(*at)[1])

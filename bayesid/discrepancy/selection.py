@@ -22,6 +22,8 @@ WORTH = 0.05
 """Share of the noise floor's mean square by which an effect must lower a joint's residual to be added."""
 SHARE = 0.1
 """And by this share of what is left."""
+AT_FLOOR = 1.15
+"""Residual over a blunt floor at which nothing but standard effects is looked for any more."""
 EQUIVALENT = 1.0
 """Log10 of the Bayes factor below which two effects are not told apart."""
 _SURE = 12.0
@@ -90,7 +92,8 @@ class Verdict:
     Attributes:
         hypothesis: the form that was added.
         gain: log of the Bayes factor for it, given all others that were found.
-        probability: of the effect (in these joints), among the catalogue, nothing missing and something else.
+        probability: of the effect in these joints, or one that is equivalent to it, among the catalogue, nothing
+            missing and something else.
         nothing: probability that nothing is missing in its place.
         something_else: probability that it is something outside of the catalogue.
         rivals: scores of the alternatives, best first, itself included.
@@ -161,7 +164,11 @@ def select(
     before, first = now, None
     dropped: set[tuple[str, tuple[int, ...]]] = set()
     while len(found) < _MOST:
-        open_ = [[h for h in group if allowed(h) and (h.effect, h.joints) not in dropped] for group in library]
+        done = at_floor(data.mean_square(now.residual), data.sharp)
+        open_ = [
+            [h for h in group if allowed(h) and (h.effect, h.joints) not in dropped and _may_come(h, done)]
+            for group in library
+        ]
         scores = assess(bench, now, open_, company=True)
         first = scores if first is None else first
         best = _added_together([one for one in plain_first(scores, data.sharp) if one.counts], found)
@@ -176,7 +183,28 @@ def select(
         earlier = {(one.effect, one.joints) for one in found}
         found, bench, now = exchange(data, open_, found, now, touched)
         dropped |= earlier - {(one.effect, one.joints) for one in found}  # or it would come and go for ever
+    found, now = _without_needless(data, found, now)
     return Selection(tuple(found), now, before, tuple(first or ()))
+
+
+def _without_needless(
+    data: Data, found: list[Hypothesis], now: Explanation
+) -> tuple[list[Hypothesis], Explanation]:
+    """Leaves out what is no standard effect where its joints are at a blunt floor without it."""
+    for one in list(found):
+        joints = list(one.columns.joints)
+        if one.source.name in terms.DEFAULT or any(data.sharp[j] for j in joints):
+            continue
+        others = [other for other in found if other is not one]
+        _, without = explain_with(data, others, now)
+        if at_floor(data.mean_square(without.residual), data.sharp)[joints].all():
+            found, now = others, without
+    return found, now
+
+
+def _may_come(one: Hypothesis, done: Mask) -> bool:
+    """Whether an effect is a standard one, or acts in a joint that is not at its floor."""
+    return one.source.name in terms.DEFAULT or not all(done[j] for j in one.columns.joints)
 
 
 def _added_together(scores: Sequence[Score], found: Sequence[Hypothesis]) -> list[Score]:
@@ -248,25 +276,32 @@ def plain_first(scores: Sequence[Score], sharp: Mask) -> list[Score]:
     """The scores, best first, but a standard effect before others of its joint that leave hardly less than it does.
 
     Only where the floor is not sharp (n,), for the earlier model was a poor one there: the friction of a real joint is
-    never exactly what a term says, and an elaborate effect that fits it a little better is not what is missing,
-    however certain the little is.
+    never exactly what a term says, and an elaborate effect that fits it a little better, or better than the floor asks
+    for, is not what is missing, however certain the little is.
     """
     ordered: list[Score] = []
     for one in scores:
         at, blunt = len(ordered), not all(sharp[j] for j in one.hypothesis.columns.joints)
-        while at and blunt and one.standard and one.counts and _hardly_better(ordered[at - 1], one):
+        while at and blunt and one.standard and one.counts and _hardly_better(ordered[at - 1], one, sharp):
             at -= 1
         ordered.insert(at, one)
     return ordered
 
 
-def _hardly_better(other: Score, standard: Score) -> bool:
+def _hardly_better(other: Score, standard: Score, sharp: Mask) -> bool:
     """Whether another effect of the same joints is no standard one, takes more numbers, and is worth little more."""
     if other.standard or other.hypothesis.joints != standard.hypothesis.joints:
         return False
     if other.size <= standard.size or other.left is None or standard.left is None:
         return False
-    return bool(np.max(_worth(standard.left, other.left)) < WORTH)
+    joints = list(standard.hypothesis.columns.joints)
+    enough = bool(at_floor(standard.left, sharp)[joints].all())
+    return enough or bool(np.max(_worth(standard.left, other.left)) < WORTH)
+
+
+def at_floor(mean_square: Array, sharp: Mask) -> Mask:
+    """(n,) whether a joint's residual, in units of the floor's mean square, is as small as a blunt floor asks for."""
+    return ~sharp & (mean_square <= AT_FLOOR**2)
 
 
 def _companies(screen: Screen, scores: Sequence[Score]) -> list[Score]:
@@ -390,8 +425,12 @@ def weigh(data: Data, library: Library, selection: Selection, one: Hypothesis) -
     logs = [s.gain + np.log(share / (places if s.hypothesis.joints else 1)) for s in scores]
     nothing = without.of_nothing - without.log_evidence + np.log(_NOTHING)
     total = float(logsumexp([*logs, nothing, np.log(_ELSE)]))
-    mine = [value for value, s in zip(logs, scores, strict=True) if s.key == (one.effect, one.joints)]
     close = {s.hypothesis.effect for s in scores if s.gain > gain - EQUIVALENT * LN10} - {one.effect}
+    mine = [
+        value
+        for value, s in zip(logs, scores, strict=True)
+        if s.key == (one.effect, one.joints) or s.hypothesis.effect in close
+    ]
     return Verdict(
         hypothesis=one,
         gain=gain,

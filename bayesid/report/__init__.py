@@ -1,0 +1,1 @@
+"""Reports for people: a discrepancy in words, figures and one page."""

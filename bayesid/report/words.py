@@ -1,0 +1,306 @@
+"""A discrepancy in plain words: what is missing, how large it is, and what it explains."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import groupby
+
+from bayesid.discrepancy.compare import Excess
+from bayesid.discrepancy.hypotheses import kind_of
+from bayesid.discrepancy.selection import Score
+from bayesid.discrepancy.workflow import Discrepancy, Found
+from bayesid.report.phrases import FORMS, PEOPLE
+
+Quantity = tuple[float, float, str]
+"""Value, standard deviation (NaN where none is known) and unit."""
+
+_UNITS = {"velocity": "rad/s", "position": "rad", "acceleration": "rad/s^2", "load": "N m", "time": "s"}
+_SLIDING = {"velocity": "m/s", "position": "m", "acceleration": "m/s^2", "load": "N", "time": "s"}
+_DIGITS = 3
+_SMALL, _LARGE = 1e-4, 1e6
+"""Sizes from which on numbers are written with a power of ten."""
+_MOST = 3
+"""Joints whose gaps are told one by one."""
+_SURE = 0.9
+"""Probability below which it is mentioned."""
+_SAME = 0.98
+"""Share of a gap from which on it has not fallen."""
+
+
+_CHANGE = "change of "
+"""Begins the names of what a parameter has changed by."""
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Numbers
+# ---------------------------------------------------------------------------------------------------------------
+def rounded(value: float, digits: int = _DIGITS) -> str:
+    """A number to some significant digits, trailing zeros kept."""
+    if not math.isfinite(value):
+        return "unknown" if math.isnan(value) else "-infinite" if value < 0.0 else "infinite"
+    if value and not _SMALL <= abs(value) < _LARGE:
+        return f"{value:.{digits - 1}e}"
+    return f"{value:.{_decimals(value, digits)}f}"
+
+
+def quantity(value: float, sd: float, unit: str) -> str:
+    """1.9 +- 0.1 N m: the deviation to one digit, or two if the first is a one; no deviation where none is known."""
+    if not math.isfinite(value) or not math.isfinite(sd) or sd <= 0.0:
+        return f"{rounded(value)} {unit}".rstrip()
+    exponent = math.floor(math.log10(max(abs(value), sd)))
+    scaled = not math.log10(_SMALL) <= exponent < math.log10(_LARGE)
+    factor = 10.0**exponent if scaled else 1.0
+    decimals = _decimals(sd / factor, 2 if f"{sd:e}"[0] == "1" else 1)
+    numbers = f"{value / factor:.{decimals}f} +- {sd / factor:.{decimals}f}"
+    return f"({numbers})e{exponent} {unit}".rstrip() if scaled else f"{numbers} {unit}".rstrip()
+
+
+def _decimals(value: float, digits: int) -> int:
+    return max(0, digits - 1 - (math.floor(math.log10(abs(value))) if value else 0))
+
+
+def unit_of(discrepancy: Discrepancy, joint: int, variable: str = "load") -> str:
+    """Unit of a joint's (from 1) effort, or of another variable of it."""
+    sliding = discrepancy.identification.model.robot.joints[joint - 1].prismatic
+    return (_SLIDING if sliding else _UNITS)[variable]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Names
+# ---------------------------------------------------------------------------------------------------------------
+def noun(effect: str) -> str:
+    """An effect with its article; any form of it."""
+    form = FORMS.get(effect) or FORMS.get(effect.split(".")[0])
+    own = form.noun if form else effect.replace("_", " ").replace(".", ", ")
+    return own or noun(effect.split(".")[0])
+
+
+def label(effect: str, joints: Sequence[int] = ()) -> str:
+    """An effect without an article, and the joints (from 1) in which it acts."""
+    plain = noun(effect).removeprefix("an ").removeprefix("a ")
+    return f"{plain}, {joints_in_words(joints)}" if joints else plain
+
+
+def score_label(score: Score) -> str:
+    """A candidate, and the effects that come with it."""
+    names = listed([label(one.effect) for one in (score.hypothesis, *score.company)], "with")
+    return ", ".join([names, *([joints_in_words(score.hypothesis.joints)] if score.hypothesis.joints else [])])
+
+
+def joints_in_words(joints: Iterable[int]) -> str:
+    """Joint 3; joints 1 to 3 and 5."""
+    ordered = sorted(set(joints))
+    runs = [[joint for _, joint in run] for _, run in groupby(enumerate(ordered), key=lambda pair: pair[1] - pair[0])]
+    parts = [text for run in runs for text in ([f"{run[0]} to {run[-1]}"] if len(run) > 2 else map(str, run))]
+    return f"joint{'s' if len(ordered) > 1 else ''} {listed(parts)}"
+
+
+def listed(parts: Sequence[str], last: str = "and") -> str:
+    """One, two and three."""
+    return f"{', '.join(parts[:-1])} {last} {parts[-1]}" if len(parts) > 1 else "".join(parts)
+
+
+def _upper(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Sentences
+# ---------------------------------------------------------------------------------------------------------------
+def paragraph(discrepancy: Discrepancy) -> str:
+    """What is missing, how large it is, how far it closes the gap, what is left, and what the log cannot tell."""
+    sentences = [sentence for one in discrepancy.found for sentence in _found(discrepancy, one)]
+    sentences += [_gap(discrepancy)] if discrepancy.found else [_nothing_found(discrepancy)]
+    sentences += [_left(discrepancy, joint, ratio) for joint, ratio in discrepancy.unexplained]
+    sentences += _not_testable(discrepancy)
+    return " ".join(sentences)
+
+
+def told_apart(found: Found) -> str:
+    """The motions that would tell an effect from its equivalents."""
+    kinds = [found.verdict.hypothesis.source.told_by, *(kind_of(name).told_by for name in found.verdict.equivalent)]
+    return listed([f"{motion}," for motion in dict.fromkeys(kinds)], "or").rstrip(",")
+
+
+def testable_groups(discrepancy: Discrepancy) -> list[tuple[str, tuple[int, ...]]]:
+    """Effects that the log could not show, and all joints in which it could not; none: the whole robot."""
+    ordered = sorted(discrepancy.not_testable)
+    grouped = [(effect, list(group)) for effect, group in groupby(ordered, key=lambda one: one[0])]
+    return [(effect, tuple(sorted({j for _, joints in group for j in joints}))) for effect, group in grouped]
+
+
+def _found(discrepancy: Discrepancy, one: Found) -> list[str]:
+    verdict = one.verdict
+    said = [_change(discrepancy, one) if verdict.hypothesis.changes else _need(discrepancy, one)]
+    if verdict.probability < _SURE:
+        said.append(
+            f"The probability of this is {_percent(verdict.probability)}; that nothing is missing in its place, "
+            f"{_percent(verdict.nothing)}, that it is something outside of the catalogue, "
+            f"{_percent(verdict.something_else)}."
+        )
+    if verdict.equivalent:
+        others = listed([noun(name) for name in verdict.equivalent], "or")
+        said.append(f"This log cannot tell it from {others}; {told_apart(one)} would.")
+    return said
+
+
+def _percent(share: float) -> str:
+    """A probability; one that rounds to nothing or to all is not said to be."""
+    return "under 1 %" if share < 0.01 else "over 99 %" if share > 0.99 else f"{100.0 * share:.0f} %"
+
+
+def _numbers(discrepancy: Discrepancy, one: Found, changes: bool = False) -> dict[str, Quantity]:
+    """The parameters without the joint in their names, as people speak of them; or their changes."""
+    numbers = {}
+    suffixes = [str(joint) for joint in one.joints] or [str(len(discrepancy.before))]
+    for name, number in one.parameters.items():
+        if name.startswith(_CHANGE) != changes:
+            continue
+        symbol = name.removeprefix(_CHANGE)
+        known = ((one.effect, symbol) in PEOPLE) or not symbol.endswith(tuple(suffixes))
+        short = symbol if known else symbol[: -len(next(s for s in suffixes if symbol.endswith(s)))].rstrip("_")
+        numbers[short] = _for_people(one.effect, short, number, changes)
+    return numbers
+
+
+def _for_people(effect: str, symbol: str, number: Quantity, change: bool) -> Quantity:
+    value, sd, unit = number
+    neutral, factor, unit = PEOPLE.get((effect, symbol), (0.0, 1.0, unit))
+    return factor * (value - (0.0 if change else neutral)), factor * sd, "" if unit == "1" else unit
+
+
+def _need(discrepancy: Discrepancy, one: Found) -> str:
+    """Joint 3 needs Coulomb friction of 1.9 +- 0.1 N m."""
+    name, numbers = one.verdict.hypothesis.source.name, _numbers(discrepancy, one)
+    form = FORMS.get(name)
+    if form is None or len(one.joints) > 1:
+        return _plainly(one, numbers)
+    who = _upper(joints_in_words(one.joints)) if one.joints else "All joints"
+    whose = f"{who}'s" if one.joints else f"{who}'"
+    sentence = form.sentence
+    if form.opposite and form.size in numbers and numbers[form.size][0] < 0.0:
+        value, sd, unit = numbers[form.size]
+        sentence, numbers[form.size] = form.opposite, (-value, sd, unit)
+    try:
+        return sentence.format(who=who, whose=whose, **{key: quantity(*number) for key, number in numbers.items()})
+    except KeyError:
+        return _plainly(one, numbers)
+
+
+def _plainly(one: Found, numbers: Mapping[str, Quantity]) -> str:
+    """Without a sentence of its own, or without its numbers."""
+    where = _upper(joints_in_words(one.joints)) if one.joints else "The robot"
+    told = ", ".join(f"{symbol} = {quantity(*number)}" for symbol, number in numbers.items())
+    needs = "need" if len(one.joints) > 1 else "needs"
+    return f"{where} {needs} {noun(one.verdict.hypothesis.source.name)}{f' ({told})' if told else ''}."
+
+
+def _change(discrepancy: Discrepancy, one: Found) -> str:
+    """Joint 3's Coulomb friction has changed by +0.40 +- 0.10 N m, to 1.90 N m."""
+    name = one.verdict.hypothesis.source.name
+    whose = f"{_upper(joints_in_words(one.joints))}'s" if len(one.joints) == 1 else "The"
+    where = f" of {joints_in_words(one.joints)}" if len(one.joints) > 1 else ""
+    plain = label(name)
+    changes, now = _numbers(discrepancy, one, changes=True), _numbers(discrepancy, one)
+    size = FORMS[name].size if name in FORMS else ""
+    if size in changes:
+        changes = {size: changes[size]}
+    told = []
+    for symbol, change in changes.items():
+        sign = "+" if change[0] > 0.0 else ""
+        named = f" in {symbol}" if len(changes) > 1 else ""
+        to = f", to {quantity(now[symbol][0], math.nan, now[symbol][2])}" if symbol in now else ""
+        told.append(f"by {sign}{quantity(*change)}{named}{to}")
+    return f"{whose} {plain}{where} has changed{f' {listed(told)}' if told else ''}."
+
+
+def _gap(discrepancy: Discrepancy) -> str:
+    """With it the gap on the holdout falls from 2.4 to 0.31 N m in joint 3, the noise floor being 0.30 N m."""
+    joints = _telling(discrepancy)
+    with_ = "With it" if len(discrepancy.found) == 1 else "With them"
+    said = f"{with_} the gap on {_data(discrepancy)} {_falls(discrepancy, joints[:_MOST], with_floor=len(joints) > 1)}"
+    if len(joints) == 1:
+        return f"{said}, the noise floor being {_effort(discrepancy, discrepancy.floor.rms[joints[0] - 1], joints[0])}."
+    rest = joints[_MOST:]
+    if not rest:
+        return f"{said}."
+    most = max(float(discrepancy.after[j - 1] / discrepancy.floor.rms[j - 1]) for j in rest)
+    at_most = " at most" if len(rest) > 1 else ""
+    return f"{said}; in {joints_in_words(rest)} it ends at {rounded(most)} times the floor{at_most}."
+
+
+def _telling(discrepancy: Discrepancy) -> list[int]:
+    """Joints whose gap is worth telling, the largest first: above the floor before, and not told as unexplained."""
+    left = {joint for joint, _ in discrepancy.unexplained}
+    acting = {joint for one in discrepancy.found for joint in one.joints}
+    above = {one.joint for one in discrepancy.where}
+    everywhere = set(range(1, len(discrepancy.before) + 1))
+    chosen = next((joints for joints in (above - left, acting - left, above, acting) if joints), everywhere)
+    return sorted(chosen, key=lambda j: -float(discrepancy.before[j - 1] / discrepancy.floor.rms[j - 1]))
+
+
+def _falls(discrepancy: Discrepancy, joints: Sequence[int], with_floor: bool) -> str:
+    """Falls from 2.4 to 0.31 N m in joint 3 and from 1.2 to 0.20 N m in joint 5."""
+    told: list[str] = []
+    verb = ""
+    for joint in joints:
+        before, after = float(discrepancy.before[joint - 1]), float(discrepancy.after[joint - 1])
+        earlier, verb = verb, "falls" if after < _SAME * before else "stays" if after < before / _SAME else "rises"
+        sizes = f"at {rounded(after)}" if verb == "stays" else f"from {rounded(before)} to {rounded(after)}"
+        floor = f" (noise floor {rounded(float(discrepancy.floor.rms[joint - 1]))})" if with_floor else ""
+        said = f"{sizes} {unit_of(discrepancy, joint)} in joint {joint}{floor}"
+        told.append(said if verb == earlier else f"{verb} {said}")
+    return listed(told)
+
+
+def _data(discrepancy: Discrepancy) -> str:
+    return "the stretches held back" if discrepancy.holdout.startswith("stretches ") else "the holdout"
+
+
+def _effort(discrepancy: Discrepancy, value: float, joint: int) -> str:
+    return f"{rounded(float(value))} {unit_of(discrepancy, joint)}"
+
+
+def _nothing_found(discrepancy: Discrepancy) -> str:
+    if discrepancy.unexplained:
+        return "Something is missing from the model, but no effect of the catalogue explains it."
+    if discrepancy.where:
+        joints = joints_in_words(one.joint for one in discrepancy.where)
+        falls = _falls(discrepancy, _telling(discrepancy)[:_MOST], with_floor=True)
+        said = f"No effect is missing from the model, but its parameters do not quite fit {joints}"
+        return f"{said}: with these identified again, the gap on {_data(discrepancy)} {falls}."
+    ratio = discrepancy.before / discrepancy.floor.rms
+    worst = int(ratio.argmax())
+    gap = _effort(discrepancy, discrepancy.before[worst], worst + 1)
+    floor = _effort(discrepancy, discrepancy.floor.rms[worst], worst + 1)
+    return (
+        f"Nothing is missing: the model explains this log as it is. On {_data(discrepancy)} it leaves "
+        f"{rounded(float(ratio[worst]))} times the noise floor in joint {worst + 1} ({gap}, the floor being {floor}), "
+        "and no more than that in any other."
+    )
+
+
+def _left(discrepancy: Discrepancy, joint: int, ratio: float) -> str:
+    shown = next((one for one in discrepancy.where if one.joint == joint), None)
+    over = f", and it shows best over {_range(discrepancy, shown)}" if shown else ""
+    return f"Joint {joint} stays unexplained: what is left there is {rounded(ratio, 2)} times the noise floor{over}."
+
+
+def _range(discrepancy: Discrepancy, where: Excess) -> str:
+    """Velocity (0.10 to 0.50 rad/s)."""
+    (low, high), unit = where.range, unit_of(discrepancy, where.joint, where.variable)
+    return f"{where.variable} ({rounded(low, 2)} to {rounded(high, 2)} {unit})"
+
+
+def _not_testable(discrepancy: Discrepancy) -> list[str]:
+    by_joints: dict[tuple[int, ...], list[str]] = {}
+    for effect, joints in testable_groups(discrepancy):
+        by_joints.setdefault(joints, []).append(noun(effect))
+    told = [
+        f"{listed(names, 'or')} in {joints_in_words(joints)}" if joints else listed(names, "or")
+        for joints, names in by_joints.items()
+    ]
+    if not told:
+        return []
+    return [f"Even of a usual size this log could not show {'; '.join(told)}."]
