@@ -18,7 +18,7 @@ from bayesid import terms as catalogue
 from bayesid.coefficients import BaseCoefficients, base_coefficients
 from bayesid.errors import InputError
 from bayesid.fit import Fit, expected_moments, fit_signed, inner_samples
-from bayesid.knowledge import Information, Knowledge
+from bayesid.knowledge import Information, Knowledge, of_base
 from bayesid.log import Log, read_log
 from bayesid.model import Model
 from bayesid.motion import Array, Integers, Mask
@@ -140,9 +140,8 @@ class Identification:
     @property
     def knowledge(self) -> Knowledge:
         """What the log has told about the coefficients, for another log: the posterior as a normal distribution."""
-        if self.posterior is None:
-            return Knowledge(self.model, self.theta, self.fit.information)
-        return Knowledge(self.model, self.theta, _inverse(self.covariance))
+        precision = self.fit.information if self.posterior is None else _inverse(self.covariance)
+        return Knowledge(self.model, self.theta, of_base(self.model, self.coefficients, precision))
 
     @property
     def settled_share(self) -> float | None:

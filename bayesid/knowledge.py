@@ -10,6 +10,9 @@ from bayesid.coefficients import BaseCoefficients, base_coefficients, embedding
 from bayesid.model import Model
 from bayesid.motion import Array
 
+_NOTHING = 1e-12
+"""Share of the largest diagonal entry below which one is rounding itself."""
+
 
 @dataclass(frozen=True)
 class Information:
@@ -72,3 +75,28 @@ class Knowledge:
         pulled = self.precision @ steps
         middle = np.diag(1.0 / sd**2) + steps.T @ pulled
         return replace(self, precision=self.precision - pulled @ np.linalg.solve(middle, pulled.T))
+
+
+def of_base(model: Model, coefficients: BaseCoefficients, precision: Array) -> Array:
+    """(r, r) precision of the model's own base coefficients, from that (R, R) of others that tell as much or more.
+
+    With an earlier log a payload can be told from the last link, which the model without that log cannot say: what is
+    more is integrated out.
+    """
+    own = base_coefficients(model)
+    if own.names == coefficients.names:
+        return precision
+    turn = own.projection @ np.linalg.pinv(coefficients.projection)
+    across, more = np.linalg.pinv(turn), np.linalg.svd(turn)[2][len(turn) :].T
+    scale = scale_of(more.T @ precision @ more)
+    kept, mixed = across.T @ precision @ across, across.T @ precision @ more / scale
+    inner = np.linalg.pinv(more.T @ precision @ more / scale[:, None] / scale, rcond=_NOTHING, hermitian=True)
+    reduced: Array = kept - mixed @ inner @ mixed.T
+    return 0.5 * (reduced + reduced.T)
+
+
+def scale_of(precision: Array) -> Array:
+    """(r,) what brings the diagonal to one, up to entries that are rounding: coefficients have units of all kinds."""
+    diagonal = np.abs(np.diag(precision))
+    scale: Array = np.sqrt(np.maximum(diagonal, _NOTHING * float(diagonal.max()))) + np.finfo(float).tiny
+    return scale

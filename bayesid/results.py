@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from bayesid.coefficients import BaseCoefficients, base_coefficients
+from bayesid.coefficients import base_coefficients
 from bayesid.discrepancy.summary import discrepancy_summary
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.distortions import CATALOGUE as DISTORTIONS
@@ -29,7 +29,7 @@ from bayesid.distortions import Distortion, make_distortion
 from bayesid.errors import InputError
 from bayesid.export import urdf
 from bayesid.identification import Identification
-from bayesid.knowledge import Knowledge
+from bayesid.knowledge import Knowledge, scale_of
 from bayesid.log import Log, write_log
 from bayesid.model import Model
 from bayesid.motion import Array, Motion, frozen
@@ -48,8 +48,6 @@ IDENTIFICATION_FILES = frozenset({
 """What a result folder may hold; log.csv is the demo's."""
 _ROUNDING = 1e-6
 """Of an entry of a precision, relative to its row's and column's diagonal entries."""
-_NOTHING = 1e-12
-"""Share of the largest diagonal entry below which one is rounding itself."""
 VALIDATION_FILES = frozenset({"summary.json", "signed_log.csv", "prediction.csv"})
 
 
@@ -122,8 +120,8 @@ def _write_identification(place: Path, identification: Identification) -> None:
     _write_signed_log(place / "signed_log.csv", identification.log, identification.signals, identification.probability)
     _write_table(place / "coefficients.csv", coefficient_rows(identification))
     _write_table(place / "parameters.csv", parameter_rows(identification))
-    precision = _of_base(identification.model, identification.coefficients, identification.knowledge.precision)
-    stored = StoredModel(identification.model, identification.theta, identification.noise, precision)
+    knowledge = identification.knowledge
+    stored = StoredModel(identification.model, identification.theta, identification.noise, knowledge.precision)
     (place / "model.toml").write_text(tomli_w.dumps(_model_table(stored)))
     (place / "robot.urdf").write_text(urdf(identification.model, identification.theta))
     if identification.posterior is not None:
@@ -199,36 +197,11 @@ def _stored_precision(table: dict[str, Any] | None, model: Model) -> Array:
     if list(table["coefficients"]) != list(kept):
         raise ValueError("the knowledge is of other coefficients than the model's")
     precision = frozen(table["precision"], (len(kept), len(kept)), "knowledge, precision,")
-    scale = _scale(precision)
+    scale = scale_of(precision)
     scaled = precision / scale[:, None] / scale
     if np.abs(scaled - scaled.T).max() > _ROUNDING or np.linalg.eigvalsh(scaled)[0] < -_ROUNDING:
         raise ValueError("the knowledge's precision is not that of a normal distribution")
     return precision
-
-
-def _scale(precision: Array) -> Array:
-    """(r,) what brings the diagonal to one, up to entries that are rounding: coefficients have units of all kinds."""
-    diagonal = np.abs(np.diag(precision))
-    scale: Array = np.sqrt(np.maximum(diagonal, _NOTHING * float(diagonal.max()))) + np.finfo(float).tiny
-    return scale
-
-
-def _of_base(model: Model, coefficients: BaseCoefficients, precision: Array) -> Array:
-    """(r, r) precision of the model's own base coefficients, from that (R, R) of others that tell as much or more.
-
-    With an earlier log a payload can be told from the last link, which the model without that log cannot say: what is
-    more is integrated out.
-    """
-    own = base_coefficients(model)
-    if own.names == coefficients.names:
-        return precision
-    turn = own.projection @ np.linalg.pinv(coefficients.projection)
-    across, more = np.linalg.pinv(turn), np.linalg.svd(turn)[2][len(turn) :].T
-    scale = _scale(more.T @ precision @ more)
-    kept, mixed = across.T @ precision @ across, across.T @ precision @ more / scale
-    inner = np.linalg.pinv(more.T @ precision @ more / scale[:, None] / scale, rcond=_NOTHING, hermitian=True)
-    reduced: Array = kept - mixed @ inner @ mixed.T
-    return 0.5 * (reduced + reduced.T)
 
 
 def _stored_draws(model: Model, path: Path) -> ParameterDraws | None:

@@ -29,7 +29,6 @@ from typing import Any
 
 import numpy as np
 
-from bayesid.discrepancy.case import BLOCKS, HELD_BACK
 from bayesid.discrepancy.evidence import LN10
 from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
 from bayesid.errors import InputError
@@ -240,20 +239,13 @@ def real() -> str:
     lines = ["model of c_unloaded, log c_loaded (2.8 kg on the flange)", *_told(found)]
     mass, sd, _ = next((one.parameters["mp6"] for one in found.found if one.effect == "payload"), (np.nan, np.nan, ""))
     refit = identify("ur10e", loaded, posterior=False)
-    used, predicted = _held_back(found), refit.model.effort(refit.signals.motion, refit.theta)
-    ratio = found.after / found.trial.gap(predicted, used)
+    ratio = found.after / found.unseen.gap(refit.model.effort(found.unseen.signals.motion, refit.theta))
     lines += [f"payload {mass:.2f} +- {sd:.2f} kg", f"gap over that of a signed refit: {ratio.round(2)}", ""]
     rough = identify(
         "ur10e", read_log(DATA / "ur10e" / "a_50s.csv").rectified(), FRICTIONLESS, posterior=False
     )
     found = find_discrepancy(rough, read_log(DATA / "ur10e" / "a_50s.csv").rectified(), posterior=False)
     return "\n".join([*lines, f"model of a_50s with {', '.join(FRICTIONLESS)}, log a_50s", *_told(found)])
-
-
-def _held_back(found: Discrepancy) -> Any:
-    """(N, n) samples of the log that chose nothing."""
-    block = np.minimum(np.arange(len(found.trial.used)) * BLOCKS // len(found.trial.used), BLOCKS - 1)
-    return found.trial.used & np.isin(block, HELD_BACK)[:, None]
 
 
 def _told(found: Discrepancy) -> list[str]:

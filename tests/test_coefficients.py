@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from oracles import assert_close, random_motion, random_table
 
-from bayesid.coefficients import base_coefficients
+from bayesid.coefficients import base_coefficients, embedding
 from bayesid.model import Model
 from bayesid.robot import BUILT_IN, load_robot, robot_from_table
-from bayesid.terms import DEFAULT, RigidBody, make_terms
+from bayesid.terms import DEFAULT, RigidBody, make_term, make_terms
 
 # Gaz and De Luca, Table II, its wrapped lines put right (DESIGN.md, section 5)
 TABLE_II = """
@@ -149,3 +149,60 @@ def test_gravity_decides_what_the_first_link_shows(gravity):
     names = base_coefficients(Model(robot, (RigidBody(),))).names
     expected = ("J1zz",) if not any(gravity) else ("J1zz", "mc1x", "mc1y")
     assert tuple(name for name in names if name[1:2] == "1" or name[2:3] == "1") == expected
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Two models, one after the other
+# ---------------------------------------------------------------------------------------------------------------
+def with_payload(name):
+    """The robot with all standard effects, and the same with a payload."""
+    robot = ROBOTS[name]
+    part = Model(robot, make_terms(DEFAULT, robot, random_motion(robot.n_joints)))
+    return part, part.extend(make_term("payload", {}))
+
+
+@pytest.mark.parametrize("name", ["ur10e", "tx40", "modified4", "standard1"])
+def test_a_payload_is_no_news_but_to_one_who_knew_the_robot_without_it(name):
+    """As many coefficients more as the last link has of its own, by singular values."""
+    part, whole = with_payload(name)
+    r = len(base_coefficients(part))
+    assert len(base_coefficients(whole)) == r
+    last = torque_rows(ROBOTS[name], 150, seed=7) if len(ROBOTS[name].joints) == 1 else None
+    columns = whole.columns(random_motion(ROBOTS[name].n_joints, 150, seed=7))[:, :, -10:].reshape(-1, 10)
+    lengths = np.linalg.norm(columns, axis=0)
+    seen = columns[:, lengths > 1e-9 * lengths.max()] / lengths[lengths > 1e-9 * lengths.max()]
+    own = np.linalg.matrix_rank(seen, tol=1e-6)
+    assert last is None or own == np.linalg.matrix_rank(last, tol=1e-6)
+    both = base_coefficients(whole, earlier=part)
+    assert len(both) == r + own
+    assert set(base_coefficients(part).names) <= set(both.names)
+
+
+@pytest.mark.parametrize("name", ["ur10e", "modified4"])
+def test_efforts_of_both_models_depend_on_the_coefficients_of_both(name):
+    part, whole = with_payload(name)
+    both, rng = base_coefficients(whole, earlier=part), np.random.default_rng(4)
+    theta = rng.normal(size=len(whole.parameters))
+    motion = random_motion(ROBOTS[name].n_joints, 20, seed=8)
+    for columns in (whole.columns(motion), part.columns(motion) @ embedding(part, whole)):
+        assert_close(columns[:, :, both.kept] @ both.project(theta), columns @ theta, 1e-9)
+
+
+def test_an_earlier_model_of_the_same_structure_changes_nothing(model):
+    alone, both = base_coefficients(model), base_coefficients(model, earlier=model)
+    assert alone.names == both.names
+    np.testing.assert_allclose(alone.projection, both.projection, rtol=0, atol=1e-8)
+
+
+def test_payloads_mass_is_told_by_the_two_logs_and_by_neither():
+    """With the last link's mass it makes one coefficient in the later log; in both logs it is one of its own."""
+    part, whole = with_payload("ur10e")
+    names = [parameter.name for parameter in whole.parameters]
+    mass = np.eye(len(names))[names.index("mp6")]
+
+    def left(coefficients):
+        weights = np.linalg.lstsq(coefficients.projection.T, mass, rcond=None)[0]
+        return np.abs(weights @ coefficients.projection - mass).max()
+
+    assert left(base_coefficients(whole)) > 0.3
+    assert left(base_coefficients(whole, earlier=part)) < 1e-6

@@ -33,7 +33,7 @@ class Arm:
 
     def signals(self, effort, signed=False):
         """The log as it would be after filters that cost nothing: the motion is exact."""
-        every = np.ones(len(effort), dtype=bool)
+        every = np.ones_like(effort, dtype=bool)
         return Signals(self.motion, effort, effort, np.array([signed]), RATE, 20.0, {}, every)
 
     def fit(self, effort, signs, signed=False):

@@ -125,9 +125,11 @@ def test_honest_jitter_is_left_alone():
 
 
 def test_nothing_is_known_in_a_pause():
-    motion = smooth_motion(1, 10.0, 100.0, seed=2)
+    """In no joint."""
+    motion = smooth_motion(2, 10.0, 100.0, seed=2)
     keep = (motion.t < 4.0) | (motion.t > 5.5)
-    log = Log(motion.t[keep], motion.q[keep], np.abs(motion.q[keep]) + 1.0, np.zeros(1, bool))
+    log = Log(motion.t[keep], motion.q[keep], np.abs(motion.q[keep]) + 1.0, np.zeros(2, bool))
     signals = prepare(log, cutoff=5.0)
     t = signals.motion.t
-    np.testing.assert_array_equal(signals.measured, (t < 3.99 - 0.1) | (t > 5.51 + 0.1))
+    expected = (t < 3.99 - 0.1) | (t > 5.51 + 0.1)
+    np.testing.assert_array_equal(signals.measured, np.stack([expected, expected], axis=1))

@@ -1,3 +1,5 @@
+from functools import cache
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -244,8 +246,8 @@ SIMPLE = ("viscous_friction", "coulomb_friction", "torque_offset", "rotor_inerti
 OF_ALL = ("payload", "base_tilt", "tool_wrench")
 OUT_OF_REACH = {
     ("tool_wrench", 6),  # the force acts on the flange, which lies on the last axis
-    ("dead_zone", 3, 0.02),  # too few samples with small efforts
-}
+    ("base_tilt", 4, 0.3), ("base_tilt", 6, 0.3),  # the wrist is light
+}  # fmt: skip
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -259,6 +261,7 @@ def any_motion():
         yield
 
 
+@cache
 def efforts(*effects, robot="kr5", seed=3, noise=0.0, rate=50.0):
     """Signed efforts with effects as on the command line."""
     robot = load_robot(robot)
@@ -268,6 +271,7 @@ def efforts(*effects, robot="kr5", seed=3, noise=0.0, rate=50.0):
     np.testing.assert_array_equal(unsigned.q, signed.q)
     assert not unsigned.signed.any()
     assert signed.signed.all()
+    signed.effort.setflags(write=False)
     return signed.effort
 
 
@@ -275,7 +279,7 @@ def test_every_effect_of_the_catalogues_can_be_simulated():
     assert set(EFFECTS) == set(NAMES)
 
 
-@pytest.mark.parametrize("level", [0.02, 0.3])
+@pytest.mark.parametrize("level", [0.05, 0.3])
 @pytest.mark.parametrize("joint", range(1, 7))
 @pytest.mark.parametrize("name", NAMES)
 def test_an_effect_has_its_level_on_its_joint(name, joint, level):
@@ -293,12 +297,14 @@ def test_an_effect_has_its_level_on_its_joint(name, joint, level):
         assert others.any() == (name in OF_ALL)
 
 
-@pytest.mark.parametrize("robot", ["tx40", "panda"])
+@pytest.mark.parametrize(("robot", "joint"), [("tx40", 5), ("panda", 6)])
 @pytest.mark.parametrize("name", NAMES)
-def test_an_effect_has_its_level_on_other_robots(name, robot):
-    """The TX40's wrist is coupled."""
-    change = efforts(f"{name}:5:0.1", robot=robot) - efforts(robot=robot)
-    assert rms(change)[4] == pytest.approx(0.1 * rms(efforts(robot=robot))[4], rel=0.01)
+def test_an_effect_has_its_level_on_other_robots(name, robot, joint):
+    """The TX40's wrist is coupled; its flange lies on the axes of the wrist."""
+    if (name, robot) == ("tool_wrench", "tx40"):
+        joint = 3
+    change = efforts(f"{name}:{joint}:0.1", robot=robot) - efforts(robot=robot)
+    assert rms(change)[joint - 1] == pytest.approx(0.1 * rms(efforts(robot=robot))[joint - 1], rel=0.01)
 
 
 def test_seeds_choose_the_form():
@@ -359,15 +365,19 @@ def test_several_effects_add_up():
 
 
 def test_distortions_meet_what_terms_have_made_and_sensors_come_last():
-    loaded = efforts("coulomb_friction:2:0.5")
-    scaled = efforts("gain_error:2:0.2", "coulomb_friction:2:0.5")
-    np.testing.assert_allclose(np.abs(scaled[:, 1] / loaded[:, 1] - 1.0), 0.2, rtol=1e-5)
-    clipped = efforts("clipping:2:0.05", "gain_error:2:0.2", "coulomb_friction:2:0.5")
-    limit = np.abs(clipped[:, 1]).max()
-    other = efforts("gain_error:2:0.2", "coulomb_friction:2:0.5", "clipping:2:0.05")
-    assert np.abs(other[:, 1]).max() == (np.abs(other[:, 1]) > 0.999 * np.abs(other[:, 1]).max()).mean() or True
-    before = np.abs(loaded[:, 1]) * np.abs(efforts("clipping:1:0.0", "gain_error:2:0.2")[:, 1] / efforts()[:, 1])
-    np.testing.assert_allclose(np.abs(clipped[:, 1]), np.minimum(before, limit), rtol=1e-5)
+    """In whatever order they are asked for."""
+    rough = efforts("coulomb_friction:2:0.5")[:, 1]
+    for texts in (("gain_error:2:0.2", "coulomb_friction:2:0.5"), ("coulomb_friction:2:0.5", "gain_error:2:0.2")):
+        gain = efforts(*texts)[:, 1] / rough
+        np.testing.assert_allclose(gain, gain[0], rtol=1e-9)
+        assert abs(gain[0] - 1.0) == pytest.approx(0.2, rel=1e-4)
+        for several in (("clipping:2:0.05", *texts), (*texts, "clipping:2:0.05")):
+            clipped = efforts(*several)[:, 1]
+            limit = np.abs(clipped).max()
+            gain = np.median(clipped / rough)
+            np.testing.assert_allclose(clipped, np.clip(gain * rough, -limit, limit), rtol=1e-9)
+            assert abs(gain - 1.0) == pytest.approx(0.2, rel=1e-4)
+            assert rms(clipped - gain * rough) == pytest.approx(0.05 * rms(gain * rough), rel=0.01)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.05])
@@ -388,7 +398,13 @@ def test_a_level_of_zero_is_no_effect(name):
     np.testing.assert_array_equal(efforts(f"{name}:6:0", noise=0.1), efforts(noise=0.1))
 
 
-@pytest.mark.parametrize("text", ["delay:2:5", "base_tilt:6:100", "clipping:3:1.5", "dead_zone:3:1.2", "tool_wrench:6:1"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "delay:2:5", "base_tilt:6:100", "clipping:3:1.5", "dead_zone:3:1.2", "tool_wrench:6:1",
+        "dead_zone:2:0.001",  # so few efforts are so small that one sample more makes a difference
+    ],
+)  # fmt: skip
 def test_levels_out_of_reach_are_refused(text):
     with pytest.raises(InputError, match="cannot be had") as refusal:
         efforts(text)
@@ -415,4 +431,4 @@ def test_what_is_no_effect(text):
     assert repr(text) in str(refusal.value)
     assert "\n" not in str(refusal.value)
     assert all(name in str(refusal.value) for name in NAMES)
-    assert "." not in refusal.value.remedy.replace("...", "")
+    assert "." not in refusal.value.remedy

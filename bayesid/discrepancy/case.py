@@ -11,7 +11,7 @@ import numpy as np
 from bayesid import terms
 from bayesid.coefficients import BaseCoefficients
 from bayesid.discrepancy.checks import check_holdout
-from bayesid.discrepancy.compare import Floor, Trial, make_trial, noise_floor
+from bayesid.discrepancy.compare import Floor, Trial, make_trial, noise_floor, shortened
 from bayesid.discrepancy.evidence import Data, Explanation
 from bayesid.discrepancy.extension import Extension
 from bayesid.discrepancy.hypotheses import Hypothesis
@@ -19,7 +19,7 @@ from bayesid.fit import fit_signed
 from bayesid.knowledge import Information, Knowledge
 from bayesid.log import Log
 from bayesid.model import Model
-from bayesid.motion import Array, Mask
+from bayesid.motion import Array
 from bayesid.noise import Noise
 from bayesid.robot import Robot
 from bayesid.segments import find_segments
@@ -36,33 +36,34 @@ BLOCKS, HELD_BACK = 8, (2, 5)
 
 @dataclass(frozen=True)
 class Unseen:
-    """Data that choose nothing: another log, or stretches of the log.
+    """Data that choose nothing.
 
     Attributes:
-        trial: they are part of.
-        used: (N, n) of its samples.
+        trial: another log, or held-back stretches of the log.
         name: for people.
+        apart: whether it is another log.
     """
 
     trial: Trial
-    used: Mask
     name: str
+    apart: bool
 
 
-def make_unseen(model: Model, log: Log, later: Log | None, trial: Trial, cutoff: float | None) -> Unseen:
-    """Another log, or stretches of the log.
+def divide(model: Model, log: Log, later: Log | None, trial: Trial, cutoff: float | None) -> tuple[Trial, Unseen]:
+    """The data that choose, and those that score: another log or, without one, stretches of the log.
 
     Raises:
         InputError: the other log is of another robot, or holds the log itself.
     """
     if later is not None:
         check_holdout(model.robot, log, later)
-        other = make_trial(model, prepare(later, cutoff))
-        return Unseen(other, other.used, later.source)
+        other = shortened(make_trial(model, prepare(later, cutoff)))
+        return trial, Unseen(other, later.source, apart=True)
     block = np.minimum(np.arange(len(trial.used)) * BLOCKS // len(trial.used), BLOCKS - 1)
     held = np.isin(block, HELD_BACK)[:, None]
     named = f"stretches {' and '.join(str(k + 1) for k in HELD_BACK)} of {BLOCKS} of {log.source}"
-    return Unseen(trial, trial.used & held, named)
+    choosing, scoring = (replace(trial, used=trial.used & which) for which in (~held, held))
+    return choosing, Unseen(scoring, named, apart=False)
 
 
 @dataclass(frozen=True)
@@ -95,12 +96,6 @@ class Case:
         """(N, n) the model's efforts, N m."""
         return self.model.effort(self.trial.signals.motion, self.knowledge.theta)
 
-    @cached_property
-    def choosing(self) -> Mask:
-        """(N, n) samples that choose."""
-        own = self.unseen.trial is self.trial
-        return self.trial.used & ~self.unseen.used if own else self.trial.used
-
     def data(self, predicted: Array, probability: Array | None = None) -> Data:
         """The log with its signs settled under a prediction (N, n), N m, unless their probabilities are given."""
         probability = self.trial.probability(predicted) if probability is None else probability
@@ -108,9 +103,9 @@ class Case:
         expected = np.where(self.trial.signals.signed, self.trial.signals.raw_effort, expected)
         floor = self.floor(predicted)
         return Data(
-            columns=self.columns * self.choosing[:, :, None],
-            effort=expected * self.choosing,
-            used=self.choosing,
+            columns=self.columns * self.trial.used[:, :, None],
+            effort=expected * self.trial.used,
+            used=self.trial.used,
             information=self.information,
             floor=floor.rms,
             sharp=floor.sharp,
@@ -154,7 +149,7 @@ class Case:
         signals = restored(extension.model, self.trial.signals)
         signs = 2.0 * self.trial.probability(predicted) - 1.0
         known = knowledge.information(model, coefficients)
-        fit = fit_signed(model, coefficients, signals, signs, self.choosing & signals.measured, known)
+        fit = fit_signed(model, coefficients, signals, signs, self.trial.used & signals.measured, known)
         return replace(extension, theta=fit.theta)
 
     def scene(self, predicted: Array) -> Scene:

@@ -19,10 +19,10 @@ from bayesid.motion import Array, Mask
 from bayesid.signs import Progress
 from bayesid.terms.base import Scene
 
-_BETTER = 2.0
-"""Standard errors by which an effect must shrink the squared residuals of data that it has not seen."""
+_BETTER = 3.0
+"""How many times more an effect must help on unseen data than harm."""
 _STRETCHES = 24
-"""Over which this standard error is taken."""
+"""Of the unseen data, in each of which it may do either."""
 _VETOES = 4
 """Effects that fail on unseen data before the search for others is given up."""
 _ABOVE, _ABOVE_BLUNT = 1.25, 1.6
@@ -89,7 +89,7 @@ class Choice:
         """Leaves out effects of joints that stay unexplained, unless they explain most of what was to be explained."""
         for joint in self._unexplained(selection):
             here = [one for one in selection.hypotheses if one.columns.joints == {joint}]
-            used = self.case.unseen.used[:, joint]
+            used = self.case.unseen.trial.used[:, joint]
             others = [one for one in selection.hypotheses if one not in here]
             _, without = explain_with(data, others, selection.explanation)
             before = np.mean(self._left(others, without)[used, joint] ** 2)
@@ -106,7 +106,7 @@ class Choice:
         for _ in range(_SETTLINGS):
             _, now = explain_with(case.data(predicted), ())
             predicted = case.predicted((), now)
-        library = list(hypotheses(case.model, case.scene(predicted), case.choosing))
+        library = list(hypotheses(case.model, case.scene(predicted), case.trial.used))
         other = case.second_opinion
         return case.data(predicted, None if other is None else other.probability), library
 
@@ -124,7 +124,7 @@ class Choice:
 
     def _fails(self, data: Data, found: Sequence[Hypothesis]) -> Hypothesis | None:
         """The first effect that does not help on unseen data, given those before it."""
-        unseen = self.case.unseen
+        used = self.case.unseen.trial.used
         _, now = explain_with(data, ())
         left = self._left((), now)
         for count in range(1, len(found) + 1):
@@ -132,7 +132,7 @@ class Choice:
             after = self._left(found[:count], now)
             acts = sorted(found[count - 1].columns.joints)
             standard = found[count - 1].source.name in terms.DEFAULT
-            if not _survives(left[:, acts], after[:, acts], unseen.used[:, acts], data.floor[acts], standard):
+            if not _survives(left[:, acts], after[:, acts], used[:, acts], data.floor[acts], standard):
                 return found[count - 1]
             left = after
         return None
@@ -183,17 +183,18 @@ def _relinearised(one: Hypothesis, scene: Scene) -> Hypothesis:
 def _survives(before: Array, after: Array, used: Mask, floor: Array, standard: bool) -> bool:
     """Whether unseen data bear an effect out, by the fall of their squared residuals in units of the noise floor's.
 
-    In sum over its joints they must fall by more than twice the standard error (over stretches of the log), and in one
-    of them by half of what an effect must be worth to be chosen at all. What every robot has need only do no harm.
+    Over stretches of the log it must help three times as much as it harms (for a normal distribution of the stretches'
+    means that is two standard errors), and in one of its joints it must be half of what an effect must be worth to be
+    chosen at all. What every robot has need only do no harm.
     """
     fall = (before**2 - after**2) * used / floor**2
     seen = used.any(axis=1)
     blocks = np.array([block.sum() for block in np.array_split(fall[seen].sum(axis=1), _STRETCHES)])
-    error = blocks.std() / np.sqrt(len(blocks))
+    helps, harms = float(np.maximum(blocks, 0.0).sum()), float(np.maximum(-blocks, 0.0).sum())
     if standard:
-        return bool(blocks.mean() > -error)
+        return helps - harms > -float(blocks.std()) * np.sqrt(len(blocks))
     worth = fall.sum(axis=0) / np.maximum(used.sum(axis=0), 1)
-    return bool(blocks.mean() > _BETTER * error and worth.max() > 0.5 * WORTH)
+    return helps > _BETTER * harms and bool(worth.max() > 0.5 * WORTH)
 
 
 def exceeds(gap: float, floor: Floor, joint: int) -> bool:

@@ -24,6 +24,8 @@ _MOST, _PIECES, _SEAM = 10_000, 8, 10
 _BINS = 12
 _SAME = 1e-3
 """Share of a joint's range within which a repeated motion comes back."""
+_STILL = 1e-4
+"""rad; a joint that stands still comes back within its encoder's noise."""
 _SHORTEST = 1.0
 """s; a repeated motion lasts longer than this."""
 
@@ -60,9 +62,9 @@ class Trial:
         smoothed = sign_probabilities(self.magnitude, predicted, self.used, noise, self.signals.rate)
         return np.where(self.signals.signed, (self.signals.raw_effort >= 0.0).astype(float), smoothed)
 
-    def gap(self, predicted: Array, used: Mask | None = None) -> Array:
+    def gap(self, predicted: Array) -> Array:
         """(n,) RMS of what a prediction leaves of the unfiltered efforts, N m; signs unknown count as predicted."""
-        used = self.used if used is None else used
+        used = self.used
         residual = np.where(used, self.nearest(predicted) - predicted, 0.0)
         return np.sqrt((residual**2).sum(axis=0) / np.maximum(used.sum(axis=0), 1))
 
@@ -153,9 +155,9 @@ def _fast_part(residual: Array, used: Mask) -> Array:
 def _between_periods(trial: Trial) -> Array | None:
     """(n,) sd of the efforts between repetitions of the same motion, N m; None where nothing is repeated."""
     q, count = trial.signals.motion.q, len(trial.signals.motion)
-    tolerance = _SAME * np.ptp(q, axis=0)
+    tolerance = np.maximum(_SAME * np.ptp(q, axis=0), _STILL)
     shortest = int(_SHORTEST * trial.signals.rate)
-    probe = np.abs(q[shortest : count // 2] - q[0]) < 5.0 * tolerance
+    probe = np.abs(q[shortest : count // 2 + 1] - q[0]) < 5.0 * tolerance
     for lag in np.flatnonzero(probe.all(axis=1)) + shortest:
         if np.all(np.abs(q[lag:] - q[:-lag]).max(axis=0) < tolerance):
             both = trial.used[lag:] & trial.used[:-lag]

@@ -11,7 +11,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from bayesid.coefficients import base_coefficients
-from bayesid.discrepancy.case import Case, make_unseen
+from bayesid.discrepancy.case import Case, divide
 from bayesid.discrepancy.checks import check_log, check_same_robot
 from bayesid.discrepancy.choice import Choice, Chosen, exceeds, unexplained
 from bayesid.discrepancy.compare import GOOD, Excess, Floor, Trial, make_trial, shortened, where_it_shows
@@ -77,7 +77,8 @@ class Discrepancy:
         vetoed: effects that would have been added but made the fit to unseen data no better.
         not_testable: effect and joints that this log could not show.
         identification: of the extended model on the log.
-        trial: the log, stretches of it if it is long.
+        trial: the log, stretches of it if it is long; without the held-back ones among the used samples.
+        unseen: the data that scored.
         predicted_before: (N, n) by the model as it was, N m.
         predicted_after: (N, n) by the extended model, N m.
         warnings: what the user should know.
@@ -97,6 +98,7 @@ class Discrepancy:
     not_testable: tuple[tuple[str, tuple[int, ...]], ...]
     identification: Identification
     trial: Trial
+    unseen: Trial
     predicted_before: Array
     predicted_after: Array
     warnings: tuple[str, ...]
@@ -138,9 +140,9 @@ def find_discrepancy(
     model = earlier.knowledge.model
     check_log(model.robot, log)
     trial = shortened(make_trial(model, prepare(log, cutoff)))
-    unseen = make_unseen(model, log, later, trial, cutoff)
-    case = Case(earlier.knowledge, base_coefficients(model), earlier.noise, trial, unseen)
-    check_same_robot(case.before, trial, log)
+    choosing, unseen = divide(model, log, later, trial, cutoff)
+    case = Case(earlier.knowledge, base_coefficients(model), earlier.noise, choosing, unseen)
+    check_same_robot(case.before, choosing, log)
     chosen = Choice(case, progress).run()
     again = identify_again(
         chosen.extension.model, log, chosen.extension.knowledge, chosen.extension.theta, cutoff,
@@ -157,10 +159,10 @@ def _discrepancy(case: Case, chosen: Chosen, again: Identification) -> Discrepan
     unseen, trial = case.unseen, case.trial
     motion = unseen.trial.signals.motion
     extended, theta = again.model, again.theta
-    if unseen.trial is trial:  # those stretches must not have had a say
+    if not unseen.apart:  # those stretches must not have had a say
         theta = case.refitted(chosen.extension, extended.effort(motion, again.theta)).theta
-    before = unseen.trial.gap(case.model.effort(motion, case.knowledge.theta), unseen.used)
-    after = unseen.trial.gap(extended.effort(motion, theta), unseen.used)
+    before = unseen.trial.gap(case.model.effort(motion, case.knowledge.theta))
+    after = unseen.trial.gap(extended.effort(motion, theta))
     after_here = extended.effort(trial.signals.motion, again.theta)
     floor = case.floor(after_here)
     left = unexplained(trial, after_here, floor, chosen.selection.explanation)
@@ -187,6 +189,7 @@ def _discrepancy(case: Case, chosen: Chosen, again: Identification) -> Discrepan
         not_testable=tuple(not_testable(chosen.selection.scores, len(before))),
         identification=again,
         trial=trial,
+        unseen=unseen.trial,
         predicted_before=case.before,
         predicted_after=after_here,
         warnings=(*_warnings(case, floor), *again.warnings),

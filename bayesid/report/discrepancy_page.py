@@ -13,11 +13,13 @@ from bayesid.discrepancy.evidence import LN10
 from bayesid.discrepancy.hypotheses import kind_of
 from bayesid.discrepancy.selection import THRESHOLD, Score
 from bayesid.discrepancy.workflow import Discrepancy, Found
-from bayesid.report.figures import candidate_figure, effort_figure, gap_figure, inline_svg, residual_figure
+from bayesid.report.figures import BARS, candidate_figure, effort_figure, gap_figure, inline_svg, residual_figure
 from bayesid.report.page_style import STYLE
 from bayesid.report.words import (
+    best_first,
     joints_in_words,
     label,
+    listed,
     paragraph,
     quantity,
     rounded,
@@ -38,8 +40,7 @@ _NONE = '<span class="none" aria-label="none">&ndash;</span>'
 
 def discrepancy_page(discrepancy: Discrepancy) -> str:
     """The report of a comparison, in HTML: opens in a browser from anywhere, light or dark, and prints."""
-    robot = discrepancy.identification.model.robot.name
-    title = f"What the model of {robot} lacks"
+    title = "What the model lacks"
     sections = [
         _gap(discrepancy),
         _found(discrepancy),
@@ -56,14 +57,14 @@ def discrepancy_page(discrepancy: Discrepancy) -> str:
         '<meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
         '<meta name="color-scheme" content="light dark">',
-        f"<title>{escape(title)}</title>",
+        f"<title>{title}: {escape(discrepancy.identification.model.robot.name)}</title>",
         f"<style>{STYLE}</style>",
         "</head>",
         "<body>",
         "<main>",
         "<header>",
-        f"<h1>{escape(title)}</h1>",
-        f'<p class="status {escape(discrepancy.status)}">{escape(_STATUS.get(discrepancy.status, discrepancy.status))}</p>',
+        f"<h1>{title}</h1>",
+        f'<p class="status {discrepancy.status}">{_STATUS[discrepancy.status]}</p>',
         f'<p class="lead">{typeset(paragraph(discrepancy))}</p>',
         _about(discrepancy),
         _warnings(discrepancy),
@@ -122,7 +123,7 @@ def _gap(discrepancy: Discrepancy) -> str:
         f"joint {j + 1}: {rounded(float(b))} before, {rounded(float(a))} after, floor {rounded(float(f))}"
         for j, (b, a, f) in enumerate(zip(discrepancy.before, discrepancy.after, floor.rms, strict=True))
     )
-    svg = inline_svg(gap_figure(discrepancy), "gap", escape(f"Bars of the gap of each joint in N m: {alt}"))
+    svg = inline_svg(gap_figure(discrepancy), "gap", f"Bars of the gap of each joint in N m: {alt}")
     picture = _figure(svg, "The same in units of each joint's noise floor.")
     return _section("gap", "The gap", _table(told, headings, rows) + _figures([picture]))
 
@@ -145,9 +146,9 @@ def _found(discrepancy: Discrepancy) -> str:
             _joints(one.joints),
             _parameters(one),
             _number(one.verdict.gain / LN10),
-            _number(one.verdict.probability),
-            _number(one.verdict.nothing),
-            _number(one.verdict.something_else),
+            _probability(one.verdict.probability),
+            _probability(one.verdict.nothing),
+            _probability(one.verdict.something_else),
             escape(", ".join(label(name) for name in one.verdict.equivalent)) or _NONE,
             typeset(told_apart(one)) if one.verdict.equivalent else _NONE,
         ]
@@ -160,9 +161,9 @@ def _parameters(one: Found) -> str:
     if not one.parameters:
         return _NONE
     items = [
-        f'<li><span class="name">{escape(name)}</span> <data value="{value!r}">{typeset(quantity(value, sd, unit))}</data></li>'
-        for name, (value, sd, unit) in ((name, (float(v), float(s), u)) for name, (v, s, u) in one.parameters.items())
-    ]  # fmt: skip
+        f'<li><span class="name">{escape(name)}</span> {_data(value, quantity(float(value), float(sd), unit))}</li>'
+        for name, (value, sd, unit) in one.parameters.items()
+    ]
     return '<ul class="numbers">' + "".join(items) + "</ul>"
 
 
@@ -181,11 +182,11 @@ def _where(discrepancy: Discrepancy) -> str:
             f"{_number(low)} to {_number(high, unit)}",
         ])  # fmt: skip
         alt = (
-            f"Residual of joint {one.joint} over {one.variable}, of the model as it was and of the extended model. As it "
-            f"was, it exceeds the noise floor by {rounded(one.excess)} {unit_of(discrepancy, one.joint)}, most of it "
-            f"between {rounded(low)} and {rounded(high)} {unit}."
+            f"Residual of joint {one.joint} over {one.variable}, of the model as it was and of the extended model. As "
+            f"it was, it exceeds the noise floor by {rounded(one.excess)} {unit_of(discrepancy, one.joint)}, most of "
+            f"it between {rounded(low)} and {rounded(high)} {unit}."
         )
-        svg = inline_svg(residual_figure(discrepancy, one.joint), f"residual{one.joint}", escape(alt))
+        svg = inline_svg(residual_figure(discrepancy, one.joint), f"residual{one.joint}", alt)
         pictures.append(_figure(svg, f"Joint {one.joint}: measured minus modelled effort over {one.variable}."))
     told = (
         "Joints in which the model as it was exceeds the noise floor on the log, by how much (root mean square), over "
@@ -203,12 +204,12 @@ def _efforts(discrepancy: Discrepancy) -> str:
     pictures = []
     for j in range(len(discrepancy.before)):
         alt = f"Effort of joint {j + 1} over time: measured, by the model as it was, and by the extended model."
-        svg = inline_svg(effort_figure(discrepancy, j + 1), f"effort{j + 1}", escape(alt))
+        svg = inline_svg(effort_figure(discrepancy, j + 1), f"effort{j + 1}", alt)
         pictures.append(_figure(svg, f"Joint {j + 1}."))
     unsigned = np.flatnonzero(~np.asarray(discrepancy.trial.signals.signed)) + 1
     signs = (
-        f" The log has no signs in {joints_in_words(unsigned.tolist())}: there measured efforts have those of the extended "
-        "model."
+        f" The log has no signs in {joints_in_words(unsigned.tolist())}: there measured efforts have those of the "
+        "extended model."
         if len(unsigned)
         else ""
     )
@@ -221,22 +222,28 @@ def _candidates(discrepancy: Discrepancy) -> str:
     if not scores:
         return _section("candidates", "Candidates", "<p>No candidates were scored.</p>")
     found = {(one.effect, one.joints) for one in discrepancy.found}
-    rows = [[f"{i}", *_candidate(score, score.key in found)] for i, score in enumerate(scores[:_CANDIDATES], start=1)]
+    rows = [
+        [f"{i}", *_candidate(score, score.key in found)]
+        for i, score in enumerate(best_first(scores)[:_CANDIDATES], start=1)
+    ]
     told = (
-        f"The best {len(rows)} of {len(scores)} candidates, each added to the model as it was by itself. To be added, an "
-        f"effect needs a log10 Bayes factor of {THRESHOLD:g} and must be worth it; one that explains the same as a better "
-        "one is worth nothing afterwards. The last columns hold what an effect of a usual size would have reached, and by "
-        "how much it lowers a joint's mean squared residual, in units of the noise floor's."
+        f"The best {len(rows)} of {len(scores)} candidates, each added by itself to the model as it was. To be added, "
+        f"an effect needs a log10 Bayes factor of {THRESHOLD:g} and must be worth it; what explains the same as a "
+        "better one no longer does once that is added. The last columns hold what an effect of a usual size would have "
+        "reached, and the effect's worth: by how much it lowers a joint's mean squared residual, in units of the noise "
+        "floor's or, where much more is left, of a part of that."
     )
     headings = ["Rank", "Effect", "Joints", "log10 Bayes factor", "Added", "Of a usual size", "Worth"]
-    alt = "; ".join(f"{score_label(score)}: {rounded(score.gain / LN10)}" for score in scores[:12])
-    svg = inline_svg(candidate_figure(discrepancy), "candidates", escape(f"Bars of log10 Bayes factors: {alt}"))
-    picture = _figure(svg, "The first twelve; blue: added. The dashed line is what an effect needs to be added.")
+    alt = "; ".join(f"{score_label(score)}: {rounded(score.gain / LN10)}" for score in best_first(scores)[:BARS])
+    svg = inline_svg(candidate_figure(discrepancy), "candidates", f"Bars of log10 Bayes factors: {alt}")
+    picture = _figure(
+        svg, f"The first {min(BARS, len(scores))}; blue: added. The dashed line is what an effect needs to be added."
+    )
     return _section("candidates", "Candidates", _figures([picture]) + _table(told, headings, rows))
 
 
 def _candidate(score: Score, added: bool) -> list[str]:
-    others = "".join(f" with {label(one.effect)}" for one in score.company)
+    others = f" with {listed([label(one.effect) for one in score.company])}" if score.company else ""
     return [
         _effect(score.hypothesis.effect, score.hypothesis.source.name, bool(score.hypothesis.changes)) + escape(others),
         _joints(score.hypothesis.joints),
@@ -251,7 +258,7 @@ def _left_out(discrepancy: Discrepancy) -> str:
     if not discrepancy.vetoed:
         return ""
     items = "".join(f"<li>{escape(label(effect, joints))}</li>" for effect, joints in discrepancy.vetoed)
-    said = "These explain the log, but not data that had no say in choosing them, or too little of what was to be explained."
+    said = "They explain the log, but no data that had no say in choosing them, or too little of what was missing."
     return _section("left-out", "Left out", f"<p>{said}</p><ul>{items}</ul>")
 
 
@@ -260,7 +267,7 @@ def _not_testable(discrepancy: Discrepancy) -> str:
     if not groups:
         return ""
     rows = [[escape(label(effect)), _joints(joints), typeset(kind_of(effect).told_by)] for effect, joints in groups]
-    told = "Effects that this log could not show even if they were of a usual size, and the motion that would show them."
+    told = "Effects that this log could not show even if they were of a usual size, and motions that would show them."
     table = _table(told, ["Effect", "Joints", "Motion that would show it"], rows)
     return _section("not-testable", "What this log cannot tell", table)
 
@@ -270,12 +277,14 @@ def _not_testable(discrepancy: Discrepancy) -> str:
 # ---------------------------------------------------------------------------------------------------------------
 def typeset(text: str) -> str:
     """Escaped, with the signs that plain text lacks."""
-    text = escape(text).replace(" +- ", " &plusmn; ").replace("^2", "&sup2;").replace("^3", "&sup3;")
+    text = escape(text).replace(" +- ", "&nbsp;&plusmn;&nbsp;").replace("^2", "&sup2;").replace("^3", "&sup3;")
+    text = re.sub(r"\b(N|kg) (m|s)\b", r"\1&nbsp;\2", text)
     return re.sub(r"(?<![\w)])-(?=\d)", "&minus;", text)
 
 
 def _section(name: str, title: str, content: str) -> str:
-    return f'<section id="{name}" aria-labelledby="{name}-title"><h2 id="{name}-title">{escape(title)}</h2>{content}</section>'
+    head = f'<h2 id="{name}-title">{escape(title)}</h2>'
+    return f'<section id="{name}" aria-labelledby="{name}-title">{head}{content}</section>'
 
 
 def _table(told: str, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -302,11 +311,17 @@ def _figures(pictures: Iterable[str]) -> str:
 
 def _number(value: float, unit: str = "") -> str:
     """For people to three digits, for machines exactly."""
-    value = float(value)
     if np.isnan(value):
         return _NONE
-    shown = "unlimited" if np.isposinf(value) else rounded(value)
-    return f'<data value="{value!r}">{typeset(f"{shown} {unit}".rstrip())}</data>'
+    return _data(value, f"unlimited {unit}" if np.isposinf(value) else f"{rounded(float(value))} {unit}")
+
+
+def _probability(value: float) -> str:
+    return _data(value, f"{value:.3f}")
+
+
+def _data(value: float, told: str) -> str:
+    return f'<data value="{float(value)!r}">{typeset(told.rstrip())}</data>'
 
 
 def _joints(joints: Sequence[int]) -> str:

@@ -1,13 +1,15 @@
 """The figures of a discrepancy, as matplotlib figures without a window or a global state, and as SVG for a page.
 
-All ink is one grey that a page replaces by the colour of its text; the other colours are seen on white and on black, and
-by the colour-blind (orange and blue, after Okabe and Ito).
+All ink is one grey that a page replaces by the colour of its text; the other colours, orange and blue, are seen on
+white and on black, and by the colour-blind.
 """
 
 from __future__ import annotations
 
 import io
 import re
+from html import escape
+from typing import Any, Literal
 
 import matplotlib as mpl
 import numpy as np
@@ -19,15 +21,16 @@ from bayesid.discrepancy.evidence import LN10
 from bayesid.discrepancy.selection import THRESHOLD
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.motion import Array
-from bayesid.report.words import rounded, score_label, unit_of
+from bayesid.report.words import best_first, rounded, score_label, unit_of
 
 INK, BEFORE, AFTER = "#767676", "#cc6a1a", "#2b83c6"
+_AS_IT_WAS, _EXTENDED = "model as it was", "extended"
 _WIDTH = 5.4
 """in; two fit side by side on a page, one on a telephone."""
-_SIZE = 9.0
+_SIZE = 10.0
 _POINTS = 1500
 _BINS = 24
-_BARS = 12
+BARS = 12
 _RASTER = 20_000
 """Samples from which on curves are stored as an image."""
 _DPI = 160
@@ -48,7 +51,7 @@ def residual_figure(discrepancy: Discrepancy, joint: int) -> Figure:
     value = variables(trial, discrepancy.predicted_before, j)[variable][used]
     figure = _figure(2.6)
     axes = figure.subplots(1, 2, sharex=True, sharey=True)
-    sides = ((discrepancy.predicted_before, BEFORE, "model as it was"), (discrepancy.predicted_after, AFTER, "extended"))
+    sides = (discrepancy.predicted_before, BEFORE, _AS_IT_WAS), (discrepancy.predicted_after, AFTER, _EXTENDED)
     for ax, (predicted, colour, title) in zip(axes, sides, strict=True):
         _residual(ax, value, (trial.nearest(predicted) - predicted)[used, j], colour)
         floor = float(discrepancy.floor.rms[j])
@@ -69,8 +72,8 @@ def effort_figure(discrepancy: Discrepancy, joint: int) -> Figure:
     ax = figure.subplots()
     curves = (
         (trial.nearest(discrepancy.predicted_after), INK, 2.4, "measured"),
-        (discrepancy.predicted_before, BEFORE, 1.0, "model as it was"),
-        (discrepancy.predicted_after, AFTER, 1.0, "extended"),
+        (discrepancy.predicted_before, BEFORE, 1.0, _AS_IT_WAS),
+        (discrepancy.predicted_after, AFTER, 1.0, _EXTENDED),
     )
     for effort, colour, width, name in curves:
         ax.plot(time, effort[:, j], color=colour, linewidth=width, label=name, rasterized=raster)
@@ -89,11 +92,12 @@ def gap_figure(discrepancy: Discrepancy) -> Figure:
     place = np.arange(n)
     figure = _figure(0.9 + 0.36 * n)
     ax = figure.subplots()
-    sides = ((discrepancy.before, BEFORE, -0.2, "model as it was"), (discrepancy.after, AFTER, 0.2, "extended"))
+    sides = (discrepancy.before, BEFORE, -0.2, _AS_IT_WAS), (discrepancy.after, AFTER, 0.2, _EXTENDED)
     for gap, colour, shift, name in sides:
-        bars = ax.barh(place + shift, gap / floor, height=0.36, color=colour, label=name)
-        told = [f"{rounded(float(g))} {unit_of(discrepancy, j + 1)}" for j, g in enumerate(gap)]
-        ax.bar_label(bars, told, padding=3, fontsize=_SIZE - 1.5, color=INK)
+        ax.barh(place + shift, gap / floor, height=0.36, color=colour, label=name)
+        for j, ratio in enumerate((gap / floor).tolist()):
+            told = f"{rounded(float(gap[j]))} {unit_of(discrepancy, j + 1)}"
+            _beside(ax, max(ratio, 1.0), j + shift, told)  # clear of the floor's line
     ax.axvline(1.0, color=INK, linewidth=1.2, linestyle="--", label="noise floor")
     ax.set_yticks(place, [f"joint {j + 1}" for j in place])
     ax.invert_yaxis()
@@ -106,14 +110,15 @@ def gap_figure(discrepancy: Discrepancy) -> Figure:
 
 def candidate_figure(discrepancy: Discrepancy) -> Figure:
     """The best effects by the log10 of their Bayes factors, before anything was added; those that were are blue."""
-    best = discrepancy.scores[:_BARS]
+    best = best_first(discrepancy.scores)[:BARS]
     found = {(one.effect, one.joints) for one in discrepancy.found}
     gains = np.array([score.gain / LN10 for score in best])
     figure = _figure(0.9 + 0.24 * max(len(best), 1))
     ax = figure.subplots()
     colours = [AFTER if score.key in found else INK for score in best]
-    bars = ax.barh(np.arange(len(best)), gains, height=0.7, color=colours)
-    ax.bar_label(bars, [rounded(gain) for gain in gains.tolist()], padding=3, fontsize=_SIZE - 1.5, color=INK)
+    ax.barh(np.arange(len(best)), gains, height=0.7, color=colours)
+    for i, gain in enumerate(gains.tolist()):
+        _beside(ax, max(gain, 0.0), i, rounded(gain))
     ax.axvline(THRESHOLD, color=BEFORE, linewidth=1.2, linestyle="--", label=f"needed to be added: {THRESHOLD:g}")
     ax.axvline(0.0, color=INK, linewidth=0.8)
     ax.set_yticks(np.arange(len(best)), [score_label(score) for score in best])
@@ -139,8 +144,14 @@ def _residual(ax: Axes, value: Array, residual: Array, colour: str) -> None:
     ax.errorbar(centre, mean, yerr=2.0 * error, color=INK, linewidth=1.4, marker="o", markersize=3.0, capsize=2.0)
 
 
+def _beside(ax: Axes, x: float, y: float, told: str) -> None:
+    """What a bar says, to the right of it."""
+    look: dict[str, Any] = {"fontsize": _SIZE - 1.5, "color": INK, "va": "center_baseline"}
+    ax.annotate(told, (x, y), (4.0, 0.0), textcoords="offset points", **look)
+
+
 def binned(value: Array, residual: Array) -> tuple[Array, Array, Array]:
-    """(b,) means of the variable and of the residual over equally many samples each, and the latter's standard error."""
+    """(b,) means of the variable and the residual over equally many samples each, and the latter's standard error."""
     order = np.array_split(np.argsort(value, kind="stable"), min(_BINS, max(1, len(value) // 2)))
     full = [rows for rows in order if len(rows) > 1]
     centre, mean = (np.array([one[rows].mean() for rows in full]) for one in (value, residual))
@@ -148,7 +159,7 @@ def binned(value: Array, residual: Array) -> tuple[Array, Array, Array]:
     return centre, mean, error
 
 
-def _dress(ax: Axes, grid: str = "both") -> None:
+def _dress(ax: Axes, grid: Literal["both", "x"] = "both") -> None:
     """One ink for all that is not data."""
     ax.set_facecolor("none")
     ax.spines[["top", "right"]].set_visible(False)
@@ -163,9 +174,8 @@ def _dress(ax: Axes, grid: str = "both") -> None:
 def _legend(figure: Figure, ax: Axes) -> None:
     """Above the axes, in one row."""
     handles, names = ax.get_legend_handles_labels()
-    figure.legend(
-        handles, names, loc="outside upper center", ncols=len(names), frameon=False, fontsize=_SIZE - 1.0, labelcolor=INK
-    )
+    look: dict[str, Any] = {"frameon": False, "fontsize": _SIZE - 1.0, "labelcolor": INK}
+    figure.legend(handles, names, loc="outside upper center", ncols=len(names), **look)
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -177,7 +187,7 @@ def inline_svg(figure: Figure, name: str, told: str) -> str:
     Args:
         figure: of this file.
         name: begins its identifiers, so that those of several figures do not clash.
-        told: what it shows, for those who do not see it; plain text without markup.
+        told: what it shows, for those who do not see it.
     """
     text = io.StringIO()
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "bayesid"}):
@@ -190,7 +200,7 @@ def inline_svg(figure: Figure, name: str, told: str) -> str:
     body = re.sub(r'(url\(|href=")#', rf"\g<1>#{name}-", body).replace("xlink:href", "href")
     body = re.sub(r"font-family: [^;\"]*;? ?", "", body).replace(INK, "currentColor")
     body = re.sub(r' d="([^"]*)"', lambda found: f' d="{_shortened(found[1])}"', body)
-    return f'<svg role="img" aria-label="{told}" {box[0] if box else ""}>{body.strip()}'
+    return f'<svg role="img" aria-label="{escape(told)}" {box[0] if box else ""}>{body.strip()}'
 
 
 def _shortened(path: str) -> str:

@@ -32,9 +32,11 @@ h2 { font-size: 1.25rem; margin: 2.5rem 0 0.75rem; padding-top: 0.75rem; border-
 .table { overflow-x: auto; margin: 0 0 1.25rem; }
 table { border-collapse: collapse; width: 100%; font-size: 0.9rem; font-variant-numeric: tabular-nums; }
 caption { caption-side: top; text-align: left; color: var(--soft); padding: 0 0 0.5rem; max-width: 52rem; }
-th, td { text-align: left; vertical-align: top; padding: 0.35rem 0.75rem 0.35rem 0; border-bottom: 1px solid var(--line); }
+th, td { text-align: left; vertical-align: top; padding: 0.35rem 0.75rem 0.35rem 0;
+  border-bottom: 1px solid var(--line); }
 thead th { color: var(--soft); font-weight: 600; vertical-align: bottom; }
 tbody th { font-weight: 600; }
+tbody td, tbody th { max-width: 18rem; }
 data { white-space: nowrap; }
 .numbers { list-style: none; margin: 0; padding: 0; }
 .numbers .name { color: var(--soft); }
@@ -52,7 +54,8 @@ footer { margin-top: 3rem; color: var(--soft); font-size: 0.85rem; border-top: 1
   h1 { font-size: 1.4rem; }
   .lead { font-size: 1rem; }
   .about div { flex-direction: column; gap: 0; }
-  caption { max-width: calc(100vw - 2rem); position: sticky; left: 0; }
+  table { width: max-content; min-width: 100%; }
+  caption { max-width: calc(100vw - 3rem); }
 }
 @media print {
   :root { --ink: #000000; --soft: #444444; --line: #bbbbbb; --page: #ffffff; --good: #1a6fb5; --bad: #b3560f;

@@ -54,9 +54,7 @@ FORMS: Mapping[str, Form] = {
         "{who} needs torque ripple of {harmonic} waves a turn: {rs} in the sine and {rc} in the cosine.",
         "torque ripple",
     ),
-    "hysteresis": Form(
-        "{who} needs presliding friction of {Fh} that builds up over {width}.", "presliding hysteresis"
-    ),
+    "hysteresis": Form("{who} needs presliding friction of {Fh} that builds up over {width}.", "presliding hysteresis"),
     "hysteresis.smooth": Form("{who} needs presliding friction of {Fhs} that builds up gradually over {width}."),
     "hysteresis.elastic": Form("{who} needs presliding friction of {Fhe} with an elastic return, over {width}."),
     "hysteresis.layers": Form(

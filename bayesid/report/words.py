@@ -51,13 +51,14 @@ def quantity(value: float, sd: float, unit: str) -> str:
     exponent = math.floor(math.log10(max(abs(value), sd)))
     scaled = not math.log10(_SMALL) <= exponent < math.log10(_LARGE)
     factor = 10.0**exponent if scaled else 1.0
-    decimals = _decimals(sd / factor, 2 if f"{sd:e}"[0] == "1" else 1)
+    decimals = _decimals(sd / factor, 2 if f"{sd:.1e}"[0] == "1" else 1)
     numbers = f"{value / factor:.{decimals}f} +- {sd / factor:.{decimals}f}"
     return f"({numbers})e{exponent} {unit}".rstrip() if scaled else f"{numbers} {unit}".rstrip()
 
 
 def _decimals(value: float, digits: int) -> int:
-    return max(0, digits - 1 - (math.floor(math.log10(abs(value))) if value else 0))
+    """Behind the point, for some significant digits of a number that is rounded to them."""
+    return max(0, digits - 1 - int(f"{value:.{digits - 1}e}".split("e")[1]))
 
 
 def unit_of(discrepancy: Discrepancy, joint: int, variable: str = "load") -> str:
@@ -83,9 +84,15 @@ def label(effect: str, joints: Sequence[int] = ()) -> str:
 
 
 def score_label(score: Score) -> str:
-    """A candidate, and the effects that come with it."""
-    names = listed([label(one.effect) for one in (score.hypothesis, *score.company)], "with")
-    return ", ".join([names, *([joints_in_words(score.hypothesis.joints)] if score.hypothesis.joints else [])])
+    """A candidate, how many effects come with it, and its joints."""
+    others = f" and {len(score.company)} more" if score.company else ""
+    where = f", {joints_in_words(score.hypothesis.joints)}" if score.hypothesis.joints else ""
+    return f"{label(score.hypothesis.effect)}{others}{where}"
+
+
+def best_first(scores: Iterable[Score]) -> list[Score]:
+    """Candidates by their Bayes factors."""
+    return sorted(scores, key=lambda score: -score.gain)
 
 
 def joints_in_words(joints: Iterable[int]) -> str:

@@ -1,0 +1,293 @@
+"""The workflow from end to end: blind cases, the command, and what it must refuse."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+
+import blind
+import numpy as np
+import pytest
+from conftest import real_log, small_robot, smooth_motion
+
+import bayesid
+from bayesid.cli import main
+from bayesid.discrepancy.case import BLOCKS, HELD_BACK
+from bayesid.discrepancy.evidence import LN10
+from bayesid.log import Log, read_log, write_log
+from bayesid.model import Model
+from bayesid.robot import robot_table
+from bayesid.simulation import random_parameters, simulate
+from bayesid.terms import make_terms
+
+TERMS = ("rigid_body", "viscous_friction")
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Blind cases: MuJoCo plays the robot, the effect is written independently, the truth is read last
+# ---------------------------------------------------------------------------------------------------------------
+def blind_case(folder, seed, effect, size, style="bare"):
+    truth = blind.make_case(folder, seed, effect, size, robot="random", style=style)
+    terms = (folder / "terms.txt").read_text().strip().split(",")
+    healthy = bayesid.identify(folder / "robot.toml", folder / "baseline.csv", terms=terms, posterior=False)
+    return healthy, truth
+
+
+@pytest.mark.parametrize(
+    ("effect", "style", "seed"),
+    [
+        ("coulomb_friction", "bare", 3),
+        ("rotor_inertia", "standard", 14),
+        ("payload", "bare", 5),
+        ("base_tilt", "standard", 7),
+        ("clipping", "bare", 11),
+        ("torque_ripple", "standard", 4),
+    ],
+)
+def test_hidden_effect_is_named_and_added(tmp_path, effect, style, seed):
+    healthy, truth = blind_case(tmp_path / "case", seed, effect, 5.0, style)
+    found = bayesid.find_discrepancy(
+        healthy, tmp_path / "case" / "log.csv", tmp_path / "case" / "holdout.csv", posterior=False
+    )
+    assert found.status == "explained"
+    first = found.found[0]
+    assert effect in (first.effect, *first.verdict.equivalent)
+    assert first.joints == truth.joints[0]
+    assert first.verdict.gain > 2.0 * LN10
+    assert first.verdict.probability > 0.9
+    assert np.max(found.before / truth.floor) > 1.5
+    assert np.max(found.after / truth.floor) < 1.15
+    strong = np.abs(truth.log_efforts) > 0.05 * np.abs(truth.log_efforts).max(axis=0)
+    assert np.mean((found.identification.sample_signs == truth.log_signs)[strong]) > 0.995
+
+
+def test_nothing_hidden_nothing_named(tmp_path):
+    healthy, truth = blind_case(tmp_path / "case", 21, None, 0.0, "standard")
+    found = bayesid.find_discrepancy(healthy, tmp_path / "case" / "log.csv", posterior=False)
+    assert found.status == "no_discrepancy"
+    assert not found.found
+    assert not found.unexplained
+    assert not found.where
+    np.testing.assert_allclose(found.floor.rms, truth.noise, rtol=0.1)
+    np.testing.assert_allclose(found.after / truth.noise, 1.0, atol=0.15)  # a quarter of 2400 samples, or less
+
+
+def test_outside_of_the_catalogue_is_unexplained(tmp_path):
+    healthy, truth = blind_case(tmp_path / "case", 30, "outside", 6.0)
+    found = bayesid.find_discrepancy(
+        healthy, tmp_path / "case" / "log.csv", tmp_path / "case" / "holdout.csv", posterior=False
+    )
+    assert found.status == "unexplained"
+    (joint,) = truth.joints[0]
+    assert [j for j, _ in found.unexplained] == [joint]
+    assert [one.joint for one in found.where] == [joint]
+    assert not found.found
+
+
+def test_two_effects_in_one_joint_are_both_found(tmp_path):
+    folder = tmp_path / "case"
+    for seed in range(40, 60):
+        truth = blind.make_case(folder, seed, ("coulomb_friction", "gain_error"), 5.0, robot="random", style="bare")
+        if truth.joints[0] == truth.joints[1]:
+            break
+    healthy = bayesid.identify(folder / "robot.toml", folder / "baseline.csv", terms=["rigid_body"], posterior=False)
+    found = bayesid.find_discrepancy(healthy, folder / "log.csv", folder / "holdout.csv", posterior=False)
+    named = {one.joints: set() for one in found.found}
+    for one in found.found:
+        named[one.joints] |= {one.effect, *one.verdict.equivalent}
+    assert set(named) == {truth.joints[0]}
+    assert {"coulomb_friction", "gain_error"} <= named[truth.joints[0]]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# A robot of three joints whose second one has grown a spring and lost friction
+# ---------------------------------------------------------------------------------------------------------------
+def arm_log(seed, extra=None, signed=False, duration=14.0):
+    """The same arm, whatever the seed; `extra` changes its effort (N, n)."""
+    robot = small_robot(3, seed=2)
+    motion = smooth_motion(3, duration, 100.0, seed=seed)
+    model = Model(robot, make_terms(TERMS, robot, motion))
+    theta = random_parameters(model, np.random.default_rng(5))
+    log = simulate(model, theta, motion, rng=np.random.default_rng(seed), noise=0.02, signed=True)
+    effort = log.effort if extra is None else log.effort + extra(motion)
+    return Log(log.t, log.q, effort if signed else np.abs(effort), np.full(3, signed), source=f"log{seed}")
+
+
+def spring(motion):
+    return np.array([0.0, 7.0, 0.0]) * motion.q
+
+
+@pytest.fixture(scope="module")
+def healthy():
+    return bayesid.identify(small_robot(3, seed=2), arm_log(1), terms=TERMS, posterior=False)
+
+
+@pytest.mark.parametrize("signed", [False, True])
+def test_parameters_and_their_deviations_are_those_of_the_hidden_effect(healthy, signed):
+    found = bayesid.find_discrepancy(healthy, arm_log(2, spring, signed), arm_log(3, spring, signed), posterior=False)
+    (one,) = found.found
+    assert (one.effect, one.joints) == ("joint_spring", (2,))
+    value, sd, unit = one.parameters["k2"]
+    assert unit == "N m/rad"
+    assert 0.0 < sd < 0.3
+    assert abs(value - 7.0) < 4.0 * sd
+
+
+def test_what_the_model_has_already_is_a_change(healthy):
+    def worn(motion):
+        return np.array([0.0, 0.0, 0.4]) * motion.dq
+
+    found = bayesid.find_discrepancy(healthy, arm_log(2, worn), arm_log(3, worn), posterior=False)
+    (one,) = found.found
+    assert (one.effect, one.joints) == ("viscous_friction", (3,))
+    change, sd, _ = one.parameters["change of Fv3"]
+    assert abs(change - 0.4) < 5.0 * sd + 0.01
+    names = [parameter.name for parameter in found.identification.model.parameters]
+    assert names == [parameter.name for parameter in healthy.model.parameters]
+
+
+def test_held_back_stretches_choose_nothing(healthy):
+    """Nonsense in them changes the gaps, and nothing of what was found, but for their edges."""
+    log = arm_log(2, spring)
+    held = np.isin(np.minimum(np.arange(len(log)) * BLOCKS // len(log), BLOCKS - 1), HELD_BACK)
+    inner = held & np.roll(held, 30) & np.roll(held, -30)
+    nonsense = replace(log, effort=np.where(inner[:, None], log.effort[::-1] * 1.5, log.effort))
+    plain, odd = (bayesid.find_discrepancy(healthy, one, posterior=False) for one in (log, nonsense))
+    assert [(one.effect, one.joints) for one in plain.found] == [(one.effect, one.joints) for one in odd.found]
+    assert plain.found[0].verdict.gain == pytest.approx(odd.found[0].verdict.gain, rel=0.05)
+    assert np.all(odd.after > 2.0 * plain.after)
+    assert plain.holdout == "stretches 3 and 6 of 8 of log2"
+
+
+def test_an_effect_that_unseen_data_do_not_bear_out_is_left_out(healthy):
+    """The spring is in the log, but not in the holdout."""
+    found = bayesid.find_discrepancy(healthy, arm_log(2, spring), arm_log(3), posterior=False)
+    assert ("joint_spring", (2,)) in found.vetoed
+    assert all(one.effect != "joint_spring" for one in found.found)
+    assert found.status == "unexplained"
+
+
+def test_what_a_log_cannot_show_is_not_testable(healthy):
+    log = arm_log(2)
+    still = replace(log, q=log.q * [1.0, 1.0, 0.0] + [0.0, 0.0, 0.4])
+    robot = healthy.model.robot
+    motion = smooth_motion(3, 14.0, 100.0, seed=2)
+    frozen_ = replace(motion, q=still.q, dq=motion.dq * [1, 1, 0], ddq=motion.ddq * [1, 1, 0])
+    effort = healthy.model.effort(frozen_, healthy.theta) + 0.1 * np.random.default_rng(0).normal(size=motion.q.shape)
+    found = bayesid.find_discrepancy(healthy, replace(still, effort=np.abs(effort)), posterior=False)
+    assert ("viscous_friction", (3,)) in found.not_testable
+    assert ("hysteresis", (3,)) in found.not_testable
+    assert ("viscous_friction", (1,)) not in found.not_testable
+    assert robot.n_joints == 3
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# The command
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def folder(healthy, tmp_path_factory):
+    place = tmp_path_factory.mktemp("logs")
+    bayesid.save_identification(healthy, place / "healthy")
+    write_log(place / "log.csv", arm_log(2, spring))
+    write_log(place / "holdout.csv", arm_log(3, spring))
+    write_log(place / "short.csv", arm_log(2, spring, duration=1.2))
+    return place
+
+
+def test_command_leaves_report_and_extended_model(folder, capsys):
+    out = folder / "extended"
+    arguments = ["discrepancy", str(folder / "healthy"), str(folder / "log.csv"), "--no-posterior", "--out", str(out)]
+    assert main([*arguments, "--holdout", str(folder / "holdout.csv")]) == 0
+    printed = capsys.readouterr().out
+    assert "joint_spring" in printed
+    told = json.loads((out / "discrepancy.json").read_text())
+    assert told["status"] == "explained"
+    assert [(one["effect"], one["joints"]) for one in told["found"]] == [("joint_spring", [2])]
+    assert told["found"][0]["parameters"]["k2"]["unit"] == "N m/rad"
+    assert told["where"][0]["joint"] == 2
+    assert told["where"][0]["variable"] == "position"
+    assert told["gap"]["holdout"].endswith("holdout.csv")
+    assert told["gap"]["after"][1] < 0.5 * told["gap"]["before"][1]
+    assert told["unexplained"] == []
+    page = (out / "discrepancy.html").read_text()
+    assert "joint_spring" in page or "spring" in page
+    stored = bayesid.load_model(out)
+    assert "joint_spring" in [term.name for term in stored.model.terms]
+    check = bayesid.validate(stored.model, stored.theta, stored.noise, arm_log(4, spring))
+    assert check.rms_error[1] < 1.3 * stored.noise.sigma[1]
+    again = bayesid.find_discrepancy(stored, arm_log(5, spring), posterior=False)
+    assert again.status == "no_discrepancy"
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda f: {"holdout": f / "log.csv"}, "same motion as the log"),
+        (lambda f: {"result": f / "nowhere"}, "holds no model.toml"),
+        (lambda f: {"log": f / "short.csv"}, "samples in motion"),
+        (lambda f: {"log": f / "two.csv"}, "the log has 2 joints"),
+        (lambda f: {"log": f / "other.csv"}, "the robot that the model was identified from"),
+        (lambda f: {"log": f / "still.csv"}, "constant"),
+        (lambda f: {"out": f}, "holds"),
+        (lambda f: {"result": f / "broken"}, "model.toml"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(folder, tmp_path, capsys, change, said):
+    write_other_logs(folder)
+    options = {"result": folder / "healthy", "log": folder / "log.csv", "out": tmp_path / "out", **change(folder)}
+    arguments = ["discrepancy", str(options["result"]), str(options["log"]), "--no-posterior", "--out"]
+    holdout = ["--holdout", str(options["holdout"])] if "holdout" in options else []
+    assert main([*arguments, str(options["out"]), *holdout]) == 2
+    error = capsys.readouterr().err.strip()
+    assert said in error
+    assert "\n" not in error
+    assert not (tmp_path / "out").exists()
+
+
+def write_other_logs(folder):
+    if (folder / "two.csv").exists():
+        return
+    log, rng = arm_log(2), np.random.default_rng(3)
+    write_log(folder / "two.csv", Log(log.t, log.q[:, :2], log.effort[:, :2], log.signed[:2]))
+    noise = np.abs(rng.normal(size=log.effort.shape)) * log.effort.max(axis=0)
+    write_log(folder / "other.csv", replace(log, effort=noise))
+    write_log(folder / "still.csv", replace(log, q=np.zeros_like(log.q)))
+    shutil.copytree(folder / "healthy", folder / "broken")
+    (folder / "broken" / "model.toml").write_text("robot = 3\n")
+
+
+def test_nominal_model_says_what_it_does_not_know(folder, tmp_path):
+    """A model.toml without knowledge is one whose parameters nobody has measured."""
+    shutil.copytree(folder / "healthy", tmp_path / "nominal")
+    path = tmp_path / "nominal" / "model.toml"
+    text = path.read_text()
+    path.write_text(text[: text.index("[knowledge]")])
+    found = bayesid.find_discrepancy(bayesid.load_model(tmp_path / "nominal"), arm_log(2), posterior=False)
+    assert any("nothing is known" in warning for warning in found.warnings)
+
+
+def test_robot_survives_the_round_trip(folder):
+    assert robot_table(bayesid.load_model(folder / "healthy").model.robot)["name"] == "arm3"
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Real logs
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.long
+def test_ur10e_payload():
+    model = bayesid.identify("ur10e", read_log(real_log("ur10e/c_unloaded.csv")).rectified(), posterior=False)
+    log = read_log(real_log("ur10e/c_loaded.csv")).rectified()
+    found = bayesid.find_discrepancy(model, log, posterior=False)
+    assert found.found[0].effect == "payload"
+    assert abs(found.found[0].parameters["mp6"][0] / 2.8 - 1.0) < 0.15
+
+
+@pytest.mark.long
+def test_ur10e_friction():
+    log = read_log(real_log("ur10e/a_50s.csv")).rectified()
+    terms = ("rigid_body", "torque_offset", "rotor_inertia")
+    rough = bayesid.identify("ur10e", log, terms=terms, posterior=False)
+    found = bayesid.find_discrepancy(rough, log, posterior=False)
+    named = {(one.effect, one.joints) for one in found.found}
+    assert named == {(name, (j,)) for name in ("coulomb_friction", "viscous_friction") for j in range(1, 7)}
