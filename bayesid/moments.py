@@ -99,8 +99,8 @@ class Moments:
         )  # fmt: skip
 
     def rms_effort(self, n: int) -> Array:
-        """(n,) RMS effort of each of n joints, N m."""
-        return np.sqrt(self._per_sample(self._joint_sums(self.energy, n)))
+        """(n,) RMS effort of each of n joints, N m; 1 where there are no samples."""
+        return np.sqrt(self._per_sample(self._joint_sums(self.energy, n), 1.0))
 
     def residual_sd(self, beta: Array, signs: Integers, n: int) -> Array:
         """(n,) RMS residual of each of n joints under coefficients beta (r,) and signs (S,), N m."""
@@ -109,13 +109,15 @@ class Moments:
         explained = np.bincount(of_part, weights=self.hessian @ beta @ beta, minlength=n)
         cost = explained + self._joint_sums(self.energy - 2.0 * signs * (self.gradient @ beta), n)
         floor = 1e-6 * self.rms_effort(n)  # rounding may leave less than nothing
-        return np.maximum(np.sqrt(np.maximum(self._per_sample(cost), 0.0)), floor)
+        return np.maximum(np.sqrt(np.maximum(self._per_sample(cost, 1.0), 0.0)), floor)
 
     def _joint_sums(self, values: Array, n: int) -> Array:
         return np.bincount(self.joint, weights=values, minlength=n).astype(np.float64)
 
-    def _per_sample(self, sums: Array) -> Array:
-        return sums / self._joint_sums(self.count.astype(np.float64), len(sums))
+    def _per_sample(self, sums: Array, otherwise: float) -> Array:
+        """(n,) sums over the joints' numbers of samples, and another value where there are none."""
+        count = self._joint_sums(self.count.astype(np.float64), len(sums))
+        return np.where(count > 0.0, sums / np.maximum(count, 1.0), otherwise)
 
     def cost(self, beta: Array, signs: Array) -> float:
         """f(beta, s) for coefficients beta (r,) and signs (S,)."""

@@ -19,6 +19,8 @@ from bayesid.motion import Array, Integers, Mask, Motion
 
 _ORDER = 4
 """Butterworth order; run forwards and backwards, so the attenuation is that of twice the order."""
+_ENCODER = 1e-3
+"""rad; a joint that never leaves this range shows its encoder's noise, which says nothing about the motion."""
 _SLOWEST = 5.0
 """Hz; no cut-off is chosen below it: friction's steps are faster than any motion."""
 _EVENED = 51
@@ -171,7 +173,10 @@ def choose_cutoff(q: Array, dq: Array | None, rate: float) -> float:
     Torques hold harmonics of the motion (products of velocities), hence a filter well above the motion's own bandwidth
     (Gautier, Khalil, "Exciting trajectories", 1992, take five to ten times).
     """
-    velocity = np.gradient(q, 1.0 / rate, axis=0) if dq is None else dq
+    moves = np.ptp(q, axis=0) > _ENCODER
+    if not moves.any():
+        return min(_SLOWEST, 0.4 * rate)
+    velocity = np.gradient(q[:, moves], 1.0 / rate, axis=0) if dq is None else dq[:, moves]
     frequency, power = signal.periodogram(velocity - velocity.mean(axis=0), fs=rate, axis=0)
     share = np.cumsum(power, axis=0) / np.maximum(power.sum(axis=0), 1e-300)
     bandwidth = max(float(frequency[np.searchsorted(s, 0.95)]) for s in share.T)

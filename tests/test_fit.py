@@ -3,15 +3,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import small_robot, smooth_motion
+from scipy import stats
 
 from bayesid import fit
 from bayesid.coefficients import base_coefficients
 from bayesid.fit import expected_moments, fit_signed, inner_samples
+from bayesid.knowledge import Information, Knowledge
 from bayesid.model import Model
+from bayesid.moments import Moments
 from bayesid.noise import Noise, residual_noise
 from bayesid.segments import Segments
 from bayesid.signals import Signals
-from bayesid.terms import make_terms
+from bayesid.simulation import random_parameters
+from bayesid.terms import make_term, make_terms
 
 RATE = 100.0
 VALUES = {"J1xx": 0.9, "J1yy": 0.7, "J1zz": 1.1, "m1": 3.0, "mc1x": 0.05, "mc1y": -0.04, "Fv1": 0.8, "offset1": 0.3}
@@ -36,9 +40,9 @@ class Arm:
         every = np.ones_like(effort, dtype=bool)
         return Signals(self.motion, effort, effort, np.array([signed]), RATE, 20.0, {}, every)
 
-    def fit(self, effort, signs, signed=False):
+    def fit(self, effort, signs, signed=False, known=None):
         moving = np.ones_like(effort, dtype=bool)
-        return fit_signed(self.model, self.coefficients, self.signals(effort, signed), signs, moving)
+        return fit_signed(self.model, self.coefficients, self.signals(effort, signed), signs, moving, known)
 
 
 @pytest.fixture(scope="module")
@@ -168,3 +172,121 @@ def test_standard_deviations_rest_on_the_noise_before_the_fit(arm):
     rows = columns[inner_samples(arm.signals(arm.effort))[:, 0]]
     variance = found.noise.sigma[0] ** 2 * found.noise.autocorrelation[0] * np.diag(np.linalg.inv(rows.T @ rows))
     np.testing.assert_allclose(found.sd, np.sqrt(variance), rtol=1e-6)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What an earlier log has told
+# ---------------------------------------------------------------------------------------------------------------
+def earlier_log(arm, spread):
+    """Columns and efforts of another motion, in units of their noise, and what they tell."""
+    motion = smooth_motion(1, 3.0, RATE, seed=17)
+    columns = arm.model.columns(motion)[:, 0, arm.coefficients.kept] / spread
+    effort = columns @ arm.beta + np.random.default_rng(8).standard_normal(len(motion))
+    known = Information(columns.T @ columns, columns.T @ effort, float(effort @ effort))
+    return columns, effort, known
+
+
+def joint_fit(arm, earlier, effort, spread):
+    """Least squares on both logs, stacked."""
+    inside = inner_samples(arm.signals(effort))[:, 0]
+    columns = arm.model.columns(arm.motion)[inside, 0][:, arm.coefficients.kept] / spread
+    rows = np.vstack([earlier[0], columns])
+    return np.linalg.lstsq(rows, np.concatenate([earlier[1], effort[inside, 0] / spread]), rcond=None)[0], rows
+
+
+def test_what_is_known_acts_as_the_earlier_log_itself(arm, monkeypatch):
+    """The same weights given, to the solver's tolerance: 1e-9 of the cost, 900, is (0.001 sd)^2."""
+    spread = 0.2 * arm.size
+    effort = arm.effort + spread * np.random.default_rng(9).standard_normal(arm.effort.shape)
+    earlier = earlier_log(arm, 0.5 * arm.size)
+    monkeypatch.setattr(Moments, "residual_sd", lambda *_: np.array([spread]))
+    monkeypatch.setattr(fit, "residual_noise", lambda *told: replace(residual_noise(*told), autocorrelation=np.ones(1)))
+    found = arm.fit(effort, np.sign(arm.effort), True, earlier[2])
+    expected, rows = joint_fit(arm, earlier, effort, spread)
+    sd = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
+    assert np.abs((found.beta - expected) / sd).max() < 0.01
+    alone = arm.fit(effort, np.sign(arm.effort), True)
+    assert np.abs((alone.beta - expected) / sd).max() > 0.1
+
+
+def test_the_later_log_weighs_by_its_residual_and_by_its_autocorrelation(arm):
+    """Noise that lasts: a few of its samples count as one beside what is known."""
+    noise = Noise(np.array([0.2]), np.array([0.8]), np.array([0.05]), np.ones(1))
+    effort = arm.effort + noise.draw(len(arm.effort), 1, RATE, np.random.default_rng(11))[:, :, 0]
+    earlier = earlier_log(arm, 0.5 * arm.size)
+    found = arm.fit(effort, np.sign(arm.effort), True, earlier[2])
+    assert found.residual.autocorrelation[0] > 3.0
+    spread = float(found.residual.sigma[0] * np.sqrt(found.residual.autocorrelation[0]))
+    expected, rows = joint_fit(arm, earlier, effort, spread)
+    sd = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
+    assert np.abs((found.beta - expected) / sd).max() < 0.05
+    each = joint_fit(arm, earlier, effort, float(found.residual.sigma[0]))[0]
+    assert np.abs((found.beta - each) / sd).max() > 0.1
+
+
+def test_the_information_of_both_logs_adds(arm):
+    """Of the later one with its noise before the fit, as without the earlier one."""
+    effort = arm.effort + 0.2 * arm.size * np.random.default_rng(9).standard_normal(arm.effort.shape)
+    known = earlier_log(arm, 0.5 * arm.size)[2]
+    found = arm.fit(effort, np.sign(arm.effort), True, known)
+    columns = arm.model.columns(arm.motion)[inner_samples(arm.signals(effort))[:, 0], 0][:, arm.coefficients.kept]
+    own = columns.T @ columns / found.noise.sigma[0] ** 2 / found.noise.autocorrelation[0]
+    np.testing.assert_allclose(found.information, own + known.hessian, rtol=1e-9)
+    assert_inverse(found.covariance, found.information)
+
+
+def assert_inverse(covariance, information):
+    scale = np.sqrt(np.outer(np.diag(information), np.diag(information)))
+    np.testing.assert_allclose(covariance * scale, np.linalg.inv(information / scale), rtol=1e-6, atol=1e-6)
+
+
+def test_to_know_nothing_is_to_have_no_earlier_log(arm):
+    effort = arm.effort + 0.2 * arm.size * np.random.default_rng(9).standard_normal(arm.effort.shape)
+    found = [arm.fit(effort, np.sign(arm.effort), True, known) for known in (None, Information.none(5))]
+    assert np.abs((found[0].beta - found[1].beta) / found[0].sd).max() < 1e-3
+    np.testing.assert_allclose(found[0].sd, found[1].sd, rtol=1e-6)
+    np.testing.assert_allclose(found[0].information, found[1].information, rtol=1e-6)
+
+
+class Loaded:
+    """An arm of three joints, known from a log without its payload of 1.9 kg, and a log with it."""
+
+    def __init__(self):
+        robot = small_robot(3, 2)
+        self.first, self.second = smooth_motion(3, 10.0, RATE, seed=3), smooth_motion(3, 10.0, RATE, seed=12)
+        self.part = Model(robot, make_terms(["rigid_body", "viscous_friction"], robot, self.first))
+        self.whole = self.part.extend(make_term("payload", {}))
+        self.theta = random_parameters(self.part, np.random.default_rng(1))
+        self.body = np.array([0.05, 0.004, -0.006, 0.06, 0.003, 0.04, 0.13, -0.07, 0.19, 1.9])
+        self.names = [parameter.name for parameter in self.whole.parameters]
+
+    def fit(self, model, coefficients, motion, theta, seed, known=None):
+        effort = model.effort(motion, theta)
+        noisy = effort + 0.03 * np.random.default_rng(seed).standard_normal(effort.shape)
+        every = np.ones_like(effort, dtype=bool)
+        signals = Signals(motion, noisy, noisy, np.ones(3, dtype=bool), RATE, 20.0, {}, every)
+        return fit_signed(model, coefficients, signals, np.sign(effort), every, known)
+
+
+def test_a_payload_is_weighed_by_one_who_knew_the_robot_without_it():
+    """Its mass makes a coefficient with the last link's in any later log; the earlier one tells them apart."""
+    case = Loaded()
+    plain = base_coefficients(case.part)
+    before = case.fit(case.part, plain, case.first, case.theta, 1)
+    knowledge = Knowledge(case.part, before.theta, before.information)
+    coefficients = knowledge.coefficients(case.whole)
+    theta = np.concatenate([case.theta, case.body])
+    known = knowledge.information(case.whole, coefficients)
+    found = case.fit(case.whole, coefficients, case.second, theta, 2, known)
+    lift = np.linalg.pinv(coefficients.projection)[case.names.index("mp3")]
+    sd = float(np.sqrt(lift @ found.covariance @ lift))
+    assert sd < 0.1
+    assert found.theta[case.names.index("mp3")] == pytest.approx(1.9, abs=4.5 * sd)
+    assert case.whole.cone.contains(found.theta, 1e-9)
+    off = found.beta - coefficients.project(theta)
+    assert off @ np.linalg.solve(found.covariance, off) < stats.chi2.isf(1e-5, len(off))
+    moved = theta.copy()
+    moved[case.names.index("mp3")] -= 0.7
+    moved[case.names.index("m3")] += 0.7
+    np.testing.assert_allclose(case.whole.effort(case.second, moved), case.whole.effort(case.second, theta), atol=1e-9)
+    assert len(base_coefficients(case.whole)) == len(plain) < len(coefficients)

@@ -10,9 +10,11 @@ from scipy import stats
 
 import bayesid
 from bayesid import identification
+from bayesid.coefficients import base_coefficients
+from bayesid.distortions import make_distortion
 from bayesid.errors import InputError
 from bayesid.excitation import random_trajectory
-from bayesid.identification import Identification
+from bayesid.identification import Identification, identify_again
 from bayesid.log import Log, read_log
 from bayesid.model import Model
 from bayesid.motion import STANDSTILL, Array, Motion
@@ -21,7 +23,7 @@ from bayesid.segments import Segments, find_segments
 from bayesid.signals import signed_effort
 from bayesid.signs import crossings
 from bayesid.simulation import random_parameters, simulate
-from bayesid.terms import DEFAULT, make_terms
+from bayesid.terms import DEFAULT, make_term, make_terms
 
 identify = partial(identification.identify, posterior=False)
 """Draws have tests of their own, below and in the posterior's files."""
@@ -610,3 +612,72 @@ def test_a_poor_fit_is_said_aloud():
     log = Log(motion.t, motion.q, effort, np.zeros(2, dtype=bool))
     warnings = identify(robot, log, terms=["rigid_body"], search_budget=0.5).warnings
     assert any("unexplained" in warning for warning in warnings)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Once more, given what an earlier log has told
+# ---------------------------------------------------------------------------------------------------------------
+BODY = np.array([0.05, 0.004, -0.006, 0.06, 0.003, 0.04, 0.13, -0.07, 0.19, 1.9])
+"""A payload of 1.9 kg."""
+
+
+def later(model, theta, seed=31, noise=0.02):
+    """Another motion of the robot as it has become, signs hidden."""
+    motion = random_trajectory(3, 8.0, seed=seed).motion(grid())
+    return simulate(model, theta, motion, rng=np.random.default_rng(seed), noise=noise)
+
+
+def test_knowledge_is_what_a_result_says_of_its_coefficients(signed, drawn):
+    """Without draws the information matrix; with draws the inverse of their covariance, whatever the units."""
+    assert signed.knowledge.model is signed.model
+    np.testing.assert_array_equal(signed.knowledge.precision, signed.fit.information)
+    np.testing.assert_array_equal(signed.knowledge.theta, signed.fit.theta)
+    result = drawn[0]
+    scale = np.sqrt(np.outer(np.diag(result.covariance), np.diag(result.covariance)))
+    unit = (result.knowledge.precision * scale) @ (result.covariance / scale)
+    np.testing.assert_allclose(unit, np.eye(len(unit)), atol=1e-6)
+    np.testing.assert_array_equal(result.knowledge.theta, result.theta)
+
+
+def test_a_payload_is_identified_from_an_earlier_log_and_a_later_one(truth, signed):
+    model, theta = truth.model.extend(make_term("payload", {})), np.concatenate([truth.theta, BODY])
+    log = later(model, theta)
+    begin = np.concatenate([signed.theta, 0.7 * BODY])
+    found = identify_again(model, log, signed.knowledge, begin)
+    assert found.model == model
+    assert found.coefficients.names == signed.knowledge.coefficients(model).names
+    off = found.beta - found.coefficients.project(theta)
+    assert plausible(found, float(off @ np.linalg.solve(found.fit.covariance, off)))
+    effort = model.effort(found.signals.motion, theta)
+    strong = np.abs(effort) >= STRONG * np.abs(effort).max(axis=0)
+    assert np.mean((np.sign(effort) == found.sample_signs)[strong]) >= 0.99
+    mass = [parameter.name for parameter in model.parameters].index("mp3")
+    sd, decided = found.parameter_sd
+    assert decided[mass]
+    assert sd[mass] < 0.3
+    assert found.theta[mass] == pytest.approx(1.9, abs=4.5 * sd[mass])
+    assert not decided[[parameter.name for parameter in model.parameters].index("m3")]
+    again = found.knowledge
+    assert again.model == model
+    own = base_coefficients(model)
+    turn = own.projection @ np.linalg.pinv(found.coefficients.projection)
+    covariance = turn @ found.covariance @ turn.T
+    scale = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
+    np.testing.assert_allclose((again.precision * scale) @ (covariance / scale), np.eye(len(own)), atol=1e-4)
+
+
+def test_a_sensor_is_in_the_model_but_not_in_the_rows(truth, signed):
+    """A reading that lacks 1.1 N m in joint 2: the fit is one of the efforts before it."""
+    model = truth.model.distort(make_distortion("dead_zone.shrinking", {"joints": (2,), "width": (1.1,)}))
+    log = later(model, truth.theta)
+    found = identify_again(model, log, signed.knowledge, signed.theta)
+    assert found.model.distortions == model.distortions
+    np.testing.assert_array_equal(found.signals.raw_effort, bayesid.signals.prepare(log).raw_effort)
+    expected = truth.model.effort(found.signals.motion, truth.theta)
+    assert overall(found.fit.predicted - expected) < 0.03 * overall(expected)
+    plain = identify_again(truth.model, log, signed.knowledge, signed.theta)
+    assert found.fit.noise.sigma[1] < 0.8 * plain.fit.noise.sigma[1]
+
+
+def overall(values):
+    return np.sqrt(np.mean(values**2))

@@ -4,7 +4,7 @@ from conftest import random_motion, small_robot
 from oracles import assert_close
 
 from bayesid.coefficients import base_coefficients, embedding
-from bayesid.knowledge import Information, Knowledge
+from bayesid.knowledge import Information, Knowledge, of_base
 from bayesid.model import Model
 from bayesid.terms import make_term, make_terms
 
@@ -170,3 +170,22 @@ def test_a_change_that_may_be_anything_leaves_nothing_known_of_its_parameter():
     rest = [k for k in range(len(covariance)) if k != at]
     others = np.ix_(rest, rest)
     assert_close(wide.precision[others], np.linalg.inv(covariance[others]), 1e-8)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Other coefficients
+# ---------------------------------------------------------------------------------------------------------------
+def test_what_a_model_cannot_show_by_itself_is_integrated_out():
+    """Its own coefficients are sums of those that an earlier log tells apart: their covariance, dense."""
+    part, rng = plain_model(), np.random.default_rng(2)
+    whole = part.extend(make_term("payload", {}))
+    both, own = base_coefficients(whole, earlier=part), base_coefficients(whole)
+    root = rng.normal(size=(len(both),) * 2)
+    precision = root @ root.T + np.eye(len(both))
+    sums = np.linalg.lstsq(both.projection.T, own.projection.T, rcond=None)[0].T
+    assert_close(sums @ both.projection, own.projection, 1e-9)
+    found = of_base(whole, both, precision)
+    assert found.shape == (len(own),) * 2
+    assert len(own) < len(both)
+    assert_close(np.linalg.inv(found), sums @ np.linalg.solve(precision, sums.T), 1e-7)
+    assert of_base(part, base_coefficients(part), precision) is precision

@@ -5,13 +5,16 @@ import numpy as np
 import pytest
 from conftest import small_robot
 
-from bayesid import identification
+from bayesid import identification, sign_model
+from bayesid.coefficients import base_coefficients
+from bayesid.distortions import make_distortion
 from bayesid.excitation import random_trajectory
 from bayesid.identification import identify
+from bayesid.knowledge import Knowledge
 from bayesid.model import Model
 from bayesid.segments import find_segments
-from bayesid.sign_model import richer_model, settle_signs, structural_doubt, weight_against
-from bayesid.signals import prepare
+from bayesid.sign_model import Prior, restored, richer_model, settle_signs, structural_doubt, weight_against
+from bayesid.signals import prepare, signed_effort
 from bayesid.signs import SearchOptions
 from bayesid.simulation import random_parameters, simulate
 from bayesid.terms import DEFAULT, make_terms
@@ -155,11 +158,12 @@ def smooth():
     return Simulated(0.0)
 
 
-def settle(robot, log, terms):
+def settle(robot, log, terms, prior=None):
     signals = prepare(log)
     model = Model(robot, make_terms(terms, robot, signals.motion))
     segments = find_segments(signals, robot.actuators(signals.motion))
-    return settle_signs(model, signals, segments, SearchOptions("certified", BUDGET, 1e-3, 5, 5, None)), signals
+    options = SearchOptions("certified", BUDGET, 1e-3, 5, 5, None)
+    return settle_signs(model, signals, segments, options, prior=prior), signals
 
 
 def test_a_right_model_is_not_talked_over(smooth):
@@ -287,3 +291,85 @@ def test_an_effect_that_no_term_holds_lowers_confidences():
     assert sure.sum() == 0 or wrong[sure].mean() <= 0.005
     assert result.sign_doubt.max() > 0.05
     assert any("the model's own error is large" in warning for warning in result.warnings)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What is known before the log
+# ---------------------------------------------------------------------------------------------------------------
+def prior_about(case, theta, spread=0.03):
+    """Coefficients known to a share of their size, and parameters to settle signs under."""
+    size = np.abs(base_coefficients(case.model).project(case.theta))
+    return Prior(Knowledge(case.model, case.theta, np.diag(1.0 / (spread * size + 0.01) ** 2)), theta)
+
+
+def right_share(case, settled):
+    effort = case.model.effort(case.motion, case.theta)
+    strong = np.abs(effort) >= STRONG * np.abs(effort).max(axis=0)
+    return np.mean(((settled.probability >= 0.5) == (effort >= 0.0))[strong])
+
+
+@pytest.fixture
+def misled(monkeypatch):
+    """A search that has found all signs the wrong way round."""
+    run = sign_model.SignSearch.run
+
+    def wrong(self, segments):
+        found = run(self, segments)
+        return replace(found, search=replace(found.search, signs=-found.search.signs, theta=-found.search.theta))
+
+    monkeypatch.setattr(sign_model.SignSearch, "run", wrong)
+
+
+def test_a_prior_stands_in_the_fit(rough):
+    """Coefficients are those of both models, their information that of log and prior."""
+    prior = prior_about(rough, rough.theta)
+    settled, _ = settle(rough.robot, rough.log(), DEFAULT, prior)
+    assert right_share(rough, settled) >= 0.99
+    assert settled.coefficients.names == prior.knowledge.coefficients(rough.model).names
+    known = prior.knowledge.information(settled.model, settled.coefficients)
+    np.testing.assert_allclose(settled.known.hessian, known.hessian)
+    alone, _ = settle(rough.robot, rough.log(), DEFAULT)
+    assert alone.known is None
+    assert np.all(settled.fit.sd <= 1.001 * np.minimum(alone.fit.sd, 1.0 / np.sqrt(np.diag(known.hessian))))
+
+
+def test_parameters_that_are_known_save_signs_that_a_search_has_lost(rough, misled):
+    alone, _ = settle(rough.robot, rough.log(), DEFAULT)
+    assert right_share(rough, alone) < 0.2
+    saved, _ = settle(rough.robot, rough.log(), DEFAULT, prior_about(rough, rough.theta))
+    assert right_share(rough, saved) >= 0.99
+
+
+def test_parameters_that_are_wrong_do_not_spoil_what_a_search_has_found(rough):
+    settled, _ = settle(rough.robot, rough.log(), DEFAULT, prior_about(rough, -rough.theta))
+    assert right_share(rough, settled) >= 0.99
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Sensors
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("signed", [(False, False, False), (True, False, True)])
+def test_a_restored_log_is_one_of_the_efforts_themselves(smooth, signed):
+    """Joint 1 lacks 0.4 N m of every effort, joint 3 is cut off; what the readings cannot tell is not measured."""
+    motion = smooth.motion
+    effort = smooth.model.effort(motion, smooth.theta)
+    limit = 0.7 * np.abs(effort[:, 2]).max()
+    model = smooth.model.distort(make_distortion("dead_zone.shrinking", {"joints": (1,), "width": (0.4,)}))
+    model = model.distort(make_distortion("clipping", {"joints": (3,), "limit": (limit,)}))
+    log = simulate(model, smooth.theta, motion, rng=np.random.default_rng(0), noise=0.0, signed=signed)
+    signals = prepare(log)
+    measured = signals.measured.copy()
+    measured[100:130, 1] = False
+    found = restored(model, replace(signals, measured=measured))
+    own = np.where(signed, effort, np.abs(effort))
+    np.testing.assert_allclose(found.raw_effort[found.measured], own[found.measured], atol=1e-6)
+    np.testing.assert_array_equal(found.measured[:, 1], measured[:, 1])
+    size = np.abs(effort)
+    assert not found.measured[size[:, 0] < 0.4, 0].any()
+    assert found.measured[size[:, 0] > 0.6, 0].all()
+    assert not found.measured[size[:, 2] >= limit, 2].any()
+    assert found.measured[size[:, 2] < 0.9 * limit, 2].all()
+    np.testing.assert_allclose(found.effort, signed_effort(found, np.ones_like(effort)))
+    plain = restored(smooth.model, signals)
+    np.testing.assert_array_equal(plain.raw_effort, signals.raw_effort)
+    np.testing.assert_array_equal(plain.measured, signals.measured)

@@ -13,7 +13,7 @@ from bayesid.discrepancy.compare import Floor, Trial
 from bayesid.discrepancy.evidence import LN10, Data, Explanation
 from bayesid.discrepancy.extension import Extension, extend, moved
 from bayesid.discrepancy.hypotheses import Hypothesis, hypotheses
-from bayesid.discrepancy.selection import THRESHOLD, WORTH, Score, Selection, explain_with, select
+from bayesid.discrepancy.selection import THRESHOLD, WORTH, Selection, explain_with, select
 from bayesid.distortions.base import Distortion
 from bayesid.motion import Array, Mask
 from bayesid.signs import Progress
@@ -63,27 +63,34 @@ class Choice:
 
     def run(self) -> Chosen:
         """Effects that explain the log and survive on unseen data."""
-        case = self.case
         data, library = self._begin()
-        kept: list[Hypothesis] = []
-        scores: tuple[Score, ...] | None = None
-        for done in range(_VETOES + 1):
+        data, selection, first = self._borne_out(data, library)
+        data, selection = self._without_makeshifts(data, selection)
+        found, explanation = self._sharpened(data, selection.hypotheses)
+        selection = replace(first, hypotheses=tuple(found), explanation=explanation)
+        extension = extend(self.case.knowledge, self.case.coefficients, found, explanation)
+        return Chosen(selection, data, library, extension, tuple(sorted(self.vetoed)))
+
+    def _borne_out(self, data: Data, library: list[list[Hypothesis]]) -> tuple[Data, Selection, Selection]:
+        """Effects chosen until unseen data bear all of them out; and the first choice."""
+        first = selection = select(data, library, (), self._resettle, self._allowed)
+        for done in range(_VETOES):
             self._tell(done)
-            selection = select(data, library, kept, self._resettle, self._allowed)
-            scores = selection.scores if scores is None else scores
             data = self._resettle(data, selection.hypotheses, selection.explanation)
             worse = self._fails(data, selection.hypotheses)
             if worse is None:
-                break
+                return data, selection, first
             self.vetoed.add((worse.effect, worse.joints))
             self.closed |= worse.columns.joints & set(self._unexplained(selection))
             kept = [one for one in selection.hypotheses if one is not worse]
-            kept = kept[: selection.hypotheses.index(worse)] if worse.columns.joints <= self.closed else kept
-        data, selection = self._without_makeshifts(data, selection)
-        hypotheses_, explanation = self._sharpened(data, selection.hypotheses)
-        selection = replace(selection, hypotheses=tuple(hypotheses_), explanation=explanation, scores=scores or ())
-        extension = extend(case.knowledge, case.coefficients, hypotheses_, explanation)
-        return Chosen(selection, data, library, extension, tuple(sorted(self.vetoed)))
+            if worse.columns.joints <= self.closed:
+                kept = kept[: selection.hypotheses.index(worse)]
+            selection = select(data, library, kept, self._resettle, self._allowed)
+        while (worse := self._fails(data, selection.hypotheses)) is not None:  # no more is added, what fails goes
+            self.vetoed.add((worse.effect, worse.joints))
+            left = tuple(one for one in selection.hypotheses if one is not worse)
+            selection = replace(selection, hypotheses=left, explanation=explain_with(data, left)[1])
+        return data, selection, first
 
     def _without_makeshifts(self, data: Data, selection: Selection) -> tuple[Data, Selection]:
         """Leaves out effects of joints that stay unexplained, unless they explain most of what was to be explained."""

@@ -21,7 +21,11 @@ _CLEARLY_MOVING = 2.5
 """Speed, in units of standstill, from which friction's direction is beyond doubt."""
 _MOST, _PIECES, _SEAM = 10_000, 8, 10
 """Samples of a log that effects are chosen on, in so many stretches, and how many at their ends do not count."""
+_ENCODER = 1e-3
+"""rad; a joint that never leaves this range shows its encoder's noise."""
 _BINS = 12
+_LEAST = 1e-3
+"""Of the earlier noise: no floor is lower."""
 _SAME = 1e-3
 """Share of a joint's range within which a repeated motion comes back."""
 _STILL = 1e-4
@@ -75,6 +79,7 @@ def make_trial(model: Model, signals: Signals) -> Trial:
     segments = find_segments(signals, actuators)
     moving = segments.per_sample(segments.moving, *signals.effort.shape) > 0
     moving &= np.abs(actuators.dq) > _CLEARLY_MOVING * actuators.standstill_speed
+    moving &= np.ptp(actuators.q, axis=0) > _ENCODER
     return Trial(signals, actuators, moving & inner_samples(signals))
 
 
@@ -127,7 +132,7 @@ def noise_floor(trial: Trial, residual: Array, earlier: Noise, refit: Array | No
     repeated = _between_periods(trial)
     effort = np.sqrt((trial.magnitude**2 * trial.used).sum(axis=0) / np.maximum(trial.used.sum(axis=0), 1))
     good = earlier.sigma < GOOD * effort
-    fast = _fast_part(residual, trial.used)
+    fast = np.maximum(_fast_part(residual, trial.used), _LEAST * earlier.sigma)
     white = np.where(good, np.maximum(earlier.white, np.minimum(fast, 1.5 * earlier.white)), fast)
     coloured = np.where(good, earlier.coloured, fast)
     blunt_rms = fast if refit is None else refit

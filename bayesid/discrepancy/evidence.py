@@ -29,7 +29,7 @@ from bayesid.motion import Array, Mask
 LN10 = float(np.log(10.0))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Columns:
     """What a hypothesis adds to the efforts: columns with free amplitudes, and a change without.
 

@@ -23,7 +23,7 @@ _MASSES = (0.1, 0.5, 3.0)
 """kg, tried for a payload."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Hypothesis:
     """One form of an effect.
 

@@ -66,7 +66,7 @@ class Discrepancy:
 
     Attributes:
         status: "no_discrepancy", "explained" or "unexplained".
-        where: where the model before exceeds the floor.
+        where: where the model before exceeds the floor, its parameters moved as far as the earlier log allows.
         found: effects that were added, in this order.
         before: (n,) gap of the model as it was, on data that chose nothing, RMS in N m.
         after: (n,) gap of the extended model on them.
@@ -172,12 +172,13 @@ def _discrepancy(case: Case, chosen: Chosen, again: Identification) -> Discrepan
         Found(verdict, verdict.hypothesis.joints, _numbers(case, verdict.hypothesis, sd, again))
         for verdict, sd in zip(verdicts, chosen.selection.explanation.sd, strict=True)
     )
-    residual = np.where(trial.used, trial.nearest(case.before) - case.before, 0.0)
-    above = [j for j in range(len(before)) if exceeds(trial.gap(case.before)[j], floor, j)]
+    as_known = case.predicted((), chosen.selection.before)  # as far as the earlier log allows, the model gives way
+    residual = np.where(trial.used, trial.nearest(as_known) - as_known, 0.0)
+    above = [j for j in range(len(before)) if exceeds(trial.gap(as_known)[j], floor, j)]
     status = "unexplained" if left else "explained" if found else "no_discrepancy"
     return Discrepancy(
         status=status,
-        where=tuple(where_it_shows(trial, residual, case.before, floor.rms, above)),
+        where=tuple(where_it_shows(trial, residual, as_known, floor.rms, above)),
         found=found,
         before=before,
         after=after,

@@ -37,6 +37,7 @@ th, td { text-align: left; vertical-align: top; padding: 0.35rem 0.75rem 0.35rem
 thead th { color: var(--soft); font-weight: 600; vertical-align: bottom; }
 tbody th { font-weight: 600; }
 tbody td, tbody th { max-width: 18rem; }
+tbody td:last-child { min-width: 6rem; }
 data { white-space: nowrap; }
 .numbers { list-style: none; margin: 0; padding: 0; }
 .numbers .name { color: var(--soft); }

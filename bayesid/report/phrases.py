@@ -15,7 +15,7 @@ class Form:
         sentence: says that it is there; {who} is the joint, {whose} its genitive, other braces hold parameters, without
             the joint in their names.
         noun: with its article; a form without one has that of the effect's main form.
-        size: the parameter whose sign decides between the sentence and the opposite, or whose change is told alone.
+        size: the number whose sign decides between the sentence and the opposite, or whose change is told alone.
         opposite: for a negative size, which is then told without its sign.
     """
 
@@ -73,7 +73,12 @@ FORMS: Mapping[str, Form] = {
         "lag",
         "{whose} efforts come {lag} ahead of the motion.",
     ),
-    "cable_drag": Form("{who} needs a cable that pulls with {kd} from {start} on.", "cable drag"),
+    "cable_drag": Form(
+        "{who} needs a cable that pulls with {kd} beyond {start}.",
+        "cable drag",
+        "side",
+        "{who} needs a cable that pulls with {kd} below {start}.",
+    ),
     "cable_drag.friction": Form("{who} needs a dress pack that rubs with {Fd} of bending, straight at {start}."),
     "cable_drag.stiffening": Form("{who} needs a cable that stiffens when bent, {kd1} and {kd3}, relaxed at {start}."),
     "thermal_drift": Form(

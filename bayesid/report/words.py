@@ -127,7 +127,7 @@ def paragraph(discrepancy: Discrepancy) -> str:
 def told_apart(found: Found) -> str:
     """The motions that would tell an effect from its equivalents."""
     kinds = [found.verdict.hypothesis.source.told_by, *(kind_of(name).told_by for name in found.verdict.equivalent)]
-    return listed([f"{motion}," for motion in dict.fromkeys(kinds)], "or").rstrip(",")
+    return ", or ".join(dict.fromkeys(kinds))
 
 
 def testable_groups(discrepancy: Discrepancy) -> list[tuple[str, tuple[int, ...]]]:
@@ -185,9 +185,10 @@ def _need(discrepancy: Discrepancy, one: Found) -> str:
         return _plainly(one, numbers)
     who = _upper(joints_in_words(one.joints)) if one.joints else "All joints"
     whose = f"{who}'s" if one.joints else f"{who}'"
+    shape = one.verdict.hypothesis.source.shape.get(form.size, [0.0])[0]
+    value, sd, unit = numbers.get(form.size, (shape, math.nan, ""))
     sentence = form.sentence
-    if form.opposite and form.size in numbers and numbers[form.size][0] < 0.0:
-        value, sd, unit = numbers[form.size]
+    if form.opposite and value < 0.0:
         sentence, numbers[form.size] = form.opposite, (-value, sd, unit)
     try:
         return sentence.format(who=who, whose=whose, **{key: quantity(*number) for key, number in numbers.items()})
