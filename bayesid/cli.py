@@ -175,7 +175,7 @@ def _add_simulate(commands: argparse._SubParsersAction[_Parser]) -> None:
     parser.add_argument("--noise", type=float, default=0.05, metavar="REL", help="of each joint's RMS (default: 0.05)")
     parser.add_argument(
         "--effect", action="append", default=[], metavar="NAME:JOINT:LEVEL",
-        help="add a term, its RMS effort LEVEL times the joint's; may be repeated",
+        help="hide an effect of docs/discrepancy.md, its RMS LEVEL times the joint's effort; may be repeated",
     )  # fmt: skip
     parser.add_argument("--seed", type=_seed, default=0, help="of parameters, trajectory and noise (default: 0)")
     parser.add_argument("--out", type=Path, required=True, metavar="LOG.csv", help="log to write")

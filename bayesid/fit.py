@@ -127,16 +127,17 @@ def _solve(
     count by the residual's autocorrelation: only then can the two be weighed against each other.
     """
     sigma, n = raw.rms_effort(model.robot.n_joints), model.robot.n_joints
-    known, rounds = (Information.none(len(coefficients)), 2) if known is None else (known, 3)
+    rounds = 2 if known is None else 3
+    given = Information.none(len(coefficients)) if known is None else known
     as_one = np.ones(n)
     for i in range(rounds):
         scaled = raw.scaled(sigma * np.sqrt(as_one))
-        hessian = scaled.hessian.sum(axis=0) + known.hessian
-        gradient = scaled.gradient.sum(axis=0) + known.gradient
-        energy = float(scaled.energy.sum()) + known.energy
+        hessian = scaled.hessian.sum(axis=0) + given.hessian
+        gradient = scaled.gradient.sum(axis=0) + given.gradient
+        energy = float(scaled.energy.sum()) + given.energy
         solution = solve_precisely(model.cone, coefficients, hessian, gradient, energy)
         sigma = raw.residual_sd(coefficients.project(solution.theta), raw.known, n)
-        if known.energy and i + 1 < rounds:
+        if known is not None and i + 1 < rounds:
             predicted = model.effort(signals.motion, solution.theta)
             as_one = residual_noise(_nearest(signals, predicted) - predicted, used, signals.rate).autocorrelation
     return solution, sigma

@@ -104,7 +104,9 @@ def settle_signs(
     start = model.effort(signals.motion, prior.theta)
     other = _smoothed(signals, start, np.sign(start) * np.abs(signals.raw_effort), moving)
     candidates = [_agreed(model, coefficients, signals, one, moving, known) for one in (probability, other)]
-    probability, fit = min(candidates, key=lambda one: _disagreement(one[1], moving, known))
+    time = np.max([one.residual.autocorrelation for _, one in candidates], axis=0)
+    count = moving.sum(axis=0) / time  # the same for both: wrong signs last, and would count for little
+    probability, fit = min(candidates, key=lambda one: _disagreement(one[1], count, known))
     return Settled(model, coefficients, found, moving, probability, fit, known)
 
 
@@ -127,9 +129,8 @@ def _agreed(
     return probability, fit_signed(model, coefficients, signals, 2.0 * probability - 1.0, moving, known)
 
 
-def _disagreement(fit: Fit, moving: Mask, known: Information) -> float:
-    """Minus the logarithm of how probable residuals and parameters are, up to a constant."""
-    count = moving.sum(axis=0) / fit.residual.autocorrelation
+def _disagreement(fit: Fit, count: Array, known: Information) -> float:
+    """Minus the logarithm of how probable residuals and parameters are, up to a constant; of (n,) effective samples."""
     return float(count @ np.log(fit.residual.sigma)) + 0.5 * known.misfit(fit.beta)
 
 

@@ -296,7 +296,7 @@ def test_an_effect_that_no_term_holds_lowers_confidences():
 # ---------------------------------------------------------------------------------------------------------------
 # What is known before the log
 # ---------------------------------------------------------------------------------------------------------------
-def prior_about(case, theta, spread=0.03):
+def prior_about(case, theta, spread):
     """Coefficients known to a share of their size, and parameters to settle signs under."""
     size = np.abs(base_coefficients(case.model).project(case.theta))
     return Prior(Knowledge(case.model, case.theta, np.diag(1.0 / (spread * size + 0.01) ** 2)), theta)
@@ -322,7 +322,7 @@ def misled(monkeypatch):
 
 def test_a_prior_stands_in_the_fit(rough):
     """Coefficients are those of both models, their information that of log and prior."""
-    prior = prior_about(rough, rough.theta)
+    prior = prior_about(rough, rough.theta, 0.03)
     settled, _ = settle(rough.robot, rough.log(), DEFAULT, prior)
     assert right_share(rough, settled) >= 0.99
     assert settled.coefficients.names == prior.knowledge.coefficients(rough.model).names
@@ -333,15 +333,18 @@ def test_a_prior_stands_in_the_fit(rough):
     assert np.all(settled.fit.sd <= 1.001 * np.minimum(alone.fit.sd, 1.0 / np.sqrt(np.diag(known.hessian))))
 
 
-def test_parameters_that_are_known_save_signs_that_a_search_has_lost(rough, misled):
+@pytest.mark.parametrize("spread", [0.03, 1.0])
+def test_parameters_that_are_known_save_signs_that_a_search_has_lost(rough, misled, spread):
+    """However vaguely: where knowledge does not decide, the residuals do."""
     alone, _ = settle(rough.robot, rough.log(), DEFAULT)
     assert right_share(rough, alone) < 0.2
-    saved, _ = settle(rough.robot, rough.log(), DEFAULT, prior_about(rough, rough.theta))
+    saved, _ = settle(rough.robot, rough.log(), DEFAULT, prior_about(rough, rough.theta, spread))
     assert right_share(rough, saved) >= 0.99
 
 
-def test_parameters_that_are_wrong_do_not_spoil_what_a_search_has_found(rough):
-    settled, _ = settle(rough.robot, rough.log(), DEFAULT, prior_about(rough, -rough.theta))
+@pytest.mark.parametrize("spread", [0.03, 1.0])
+def test_parameters_that_are_wrong_do_not_spoil_what_a_search_has_found(rough, spread):
+    settled, _ = settle(rough.robot, rough.log(), DEFAULT, prior_about(rough, -rough.theta, spread))
     assert right_share(rough, settled) >= 0.99
 
 

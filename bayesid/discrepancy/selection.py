@@ -170,7 +170,7 @@ def select(
             for group in library
         ]
         scores = assess(bench, now, open_, company=True)
-        first = scores if first is None else first
+        first = [one for one in scores if not one.company] if first is None else first
         best = _added_together([one for one in plain_first(scores, data.sharp) if one.counts], found)
         if not best:
             break
@@ -184,7 +184,7 @@ def select(
         found, bench, now = exchange(data, open_, found, now, touched)
         dropped |= earlier - {(one.effect, one.joints) for one in found}  # or it would come and go for ever
     found, now = _without_needless(data, found, now)
-    return Selection(tuple(found), now, before, tuple(first or ()))
+    return Selection(tuple(found), now, before, tuple(sorted(first or (), key=lambda one: -one.gain)))
 
 
 def _without_needless(
