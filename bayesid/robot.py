@@ -125,7 +125,7 @@ class Robot:
             pin.computeJointJacobians(model, data, q)
             tool = data.oMi[last] * flange
             seen_from = pin.SE3(np.eye(3), -tool.translation) if in_base else tool.inverse()
-            row[:] = seen_from.action @ pin.getJointJacobian(model, data, last, pin.WORLD)
+            row[:] = seen_from.action @ pin.getJointJacobian(model, data, last, pin.WORLD).reshape(6, -1)
         return jacobian @ np.linalg.inv(self.coupling)
 
     def same_kinematics(self, other: Robot) -> bool:

@@ -15,6 +15,10 @@ from bayesid.robot import Robot
 from bayesid.terms.base import Scene
 
 
+_LAGS = (0.0, 0.05, 0.12, 0.25, 0.4)
+"""s, about which the effort is taken to be linear in the lag."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Delay(Distortion):
     """Efforts are those of the motion `lag` seconds ago, in all actuators alike or in one.
@@ -38,10 +42,9 @@ class Delay(Distortion):
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterator[Self]:
-        """Neutral, in all actuators and in each by itself."""
-        yield cls(lag=(0.0,))
-        for j in range(1, scene.robot.n_joints + 1):
-            yield cls(joints=(j,), lag=(0.0,))
+        """About several lags, in all actuators and in each by itself."""
+        for joints in ((), *((j,) for j in range(1, scene.robot.n_joints + 1))):
+            yield from (cls(joints=joints, lag=(lag,)) for lag in _LAGS)
 
     def columns(self, rows: Rows, robot: Robot, motion: Motion) -> Array:
         """Rows of the motion some time ago."""
