@@ -14,7 +14,6 @@ from bayesid.motion import Array, Motion
 from bayesid.robot import Robot
 from bayesid.terms.base import Scene
 
-
 _LAGS = (0.0, 0.05, 0.12, 0.25, 0.4)
 """s, about which the effort is taken to be linear in the lag."""
 
