@@ -96,8 +96,8 @@ def direction(table, motion, smoothing=None):
 
 
 def slipping(u, width, smooth):
-    """(N,) state of one elastic element that slips, sample by sample; it begins fully stretched."""
-    states = [np.sign(u[1] - u[0])]
+    """(N,) state of one elastic element that slips, sample by sample; it begins at rest."""
+    states = [0.0]
     for before, after in pairwise(u):
         way, towards = abs(after - before) / width, np.sign(after - before)
         if smooth:  # dz/dx = towards - z over this way
@@ -111,6 +111,33 @@ def slipping(u, width, smooth):
 def hysteresis(table, motion, theta, width, smooth):
     u = gear(table, motion.q)
     return theta * np.transpose([slipping(u[:, j], w, smooth) for j, w in enumerate(width)])
+
+
+PARTS = (0.25, 0.5, 1.0)
+
+
+def layered_hysteresis(table, motion, theta, width):
+    u, per_joint = gear(table, motion.q), theta.reshape(-1, 3)
+    return np.transpose([
+        sum(share * np.array(slipping(u[:, j], part * w, False)) for share, part in zip(per_joint[j], PARTS, strict=True))
+        for j, w in enumerate(width)
+    ])  # fmt: skip
+
+
+def elastic_return(u, w):
+    """(N,) dz/dx = towards while the element is relieved, towards - z while it is strained."""
+    states = [0.0]
+    for before, after in pairwise(u):
+        way, towards, z = abs(after - before) / w, np.sign(after - before), states[-1]
+        back = min(way, abs(z)) if towards * z < 0 else 0.0
+        z += towards * back
+        states.append((expm((way - back) * np.array([[-1.0, towards], [0.0, 0.0]])) @ [z, 1.0])[0])
+    return states
+
+
+def elastic_hysteresis(table, motion, theta, width):
+    u = gear(table, motion.q)
+    return theta * np.transpose([elastic_return(u[:, j], w) for j, w in enumerate(width)])
 
 
 def warmth(motion, time):
@@ -207,6 +234,10 @@ EFFORTS = {
     "hysteresis.smooth": Entry(
         partial(hysteresis, smooth=True), ("Fhs",), lambda n: {"width": np.linspace(0.8, 4.0, n)}
     ),
+    "hysteresis.layers": Entry(
+        layered_hysteresis, ("Fha", "Fhb", "Fhc"), lambda n: {"width": np.linspace(0.8, 4.0, n)}
+    ),
+    "hysteresis.elastic": Entry(elastic_hysteresis, ("Fhe",), lambda n: {"width": np.linspace(0.8, 4.0, n)}),
     "cable_drag": Entry(cable_drag, ("kd",), lambda n: {"start": places(n), "side": (-1.0) ** np.arange(n)}),
     "cable_drag.friction": Entry(
         lambda table, motion, theta, smoothing, start: (
@@ -489,7 +520,7 @@ def test_variants_go_through_what_the_log_can_tell(robot, scene):
             assert u[:, j].min() < starts.min() < np.median(u[:, j]) < starts.max() < u[:, j].max()
             assert len(set(starts)) >= 9
         assert set(values("cable_drag", "side", j)) == {-1.0, 1.0}
-        for name in ("hysteresis", "hysteresis.smooth"):
+        for name in ("hysteresis", "hysteresis.layers", "hysteresis.smooth", "hysteresis.elastic"):
             widths = values(name, "width", j)
             assert 0 < widths.min() <= 0.02
             assert widths.max() < np.ptp(u[:, j]) / 2

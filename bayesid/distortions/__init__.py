@@ -2,28 +2,16 @@
 
 from __future__ import annotations
 
-import importlib
-import inspect
-import pkgutil
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from bayesid.catalogue import named_classes
 from bayesid.distortions.base import Distortion
 
 __all__ = ["CATALOGUE", "Distortion", "make_distortion"]
 
 
-def _distortions_of_this_folder() -> dict[str, type[Distortion]]:
-    found: dict[str, Any] = {}
-    for module in pkgutil.iter_modules(__path__):
-        path = f"{__name__}.{module.name}"
-        classes = [one for one in vars(importlib.import_module(path)).values() if inspect.isclass(one)]
-        own = [one for one in classes if one.__module__ == path and isinstance(vars(one).get("name"), str)]
-        found.update({vars(one)["name"]: one for one in own})
-    return found
-
-
-CATALOGUE: Mapping[str, type[Distortion]] = _distortions_of_this_folder()
+CATALOGUE: Mapping[str, type[Distortion]] = named_classes(__name__)
 
 
 def make_distortion(name: str, shape: Mapping[str, Iterable[float]]) -> Distortion:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import importlib
-import inspect
-import pkgutil
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from bayesid.catalogue import named_classes
 from bayesid.errors import InputError
 from bayesid.motion import Motion
 from bayesid.robot import Robot
@@ -24,17 +22,7 @@ __all__ = [
 ]  # fmt: skip
 
 
-def _terms_of_this_folder() -> dict[str, type[RigidBody] | type[ActuatorTerm]]:
-    found: dict[str, Any] = {}
-    for module in pkgutil.iter_modules(__path__):
-        path = f"{__name__}.{module.name}"
-        classes = [one for one in vars(importlib.import_module(path)).values() if inspect.isclass(one)]
-        own = [one for one in classes if one.__module__ == path and isinstance(vars(one).get("name"), str)]
-        found.update({vars(one)["name"]: one for one in own})
-    return found
-
-
-CATALOGUE: Mapping[str, type[RigidBody] | type[ActuatorTerm]] = _terms_of_this_folder()
+CATALOGUE: Mapping[str, type[RigidBody] | type[ActuatorTerm]] = named_classes(__name__)
 DEFAULT = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset", "rotor_inertia")
 
 

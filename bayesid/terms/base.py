@@ -242,3 +242,32 @@ class ActuatorTerm:
     def effect(self, actuators: Motion) -> Array:
         """(N, m) or (N, m, k) effort per unit of each parameter, from the motion of the term's own m actuators."""
         raise NotImplementedError
+
+
+class WholeRobotTerm:
+    """Base of the effects that are the whole robot's: no joints, no nonlinear numbers."""
+
+    memory: ClassVar[bool] = False
+
+    @classmethod
+    def for_motion(cls, actuators: Motion) -> Self:
+        """The same for every log."""
+        return cls()
+
+    @classmethod
+    def variants(cls, scene: Scene) -> Iterable[Self]:
+        """One."""
+        return (cls(),)
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """It acts on all of them."""
+        return ()
+
+    @property
+    def shape(self) -> Mapping[str, list[float]]:
+        """No nonlinear numbers."""
+        return {}
+
+    def check(self, n_joints: int) -> None:
+        """Suits every robot."""

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
 from bayesid.inertia import NAMES, UNITS
 from bayesid.motion import Array, Motion
 from bayesid.robot import Robot
-from bayesid.terms.base import Cone, Parameter, Scene
+from bayesid.terms.base import Cone, Parameter, Scene, WholeRobotTerm
 
 
 def _parameter_name(symbol: str, link: int) -> str:
@@ -19,7 +19,7 @@ def _parameter_name(symbol: str, link: int) -> str:
 
 
 @dataclass(frozen=True)
-class RigidBody:
+class RigidBody(WholeRobotTerm):
     """Ten inertial parameters a link (`bayesid.inertia`), linear in the torque (Atkeson, An, Hollerbach 1986)."""
 
     name: ClassVar[str] = "rigid_body"
@@ -27,30 +27,11 @@ class RigidBody:
     reference: ClassVar[str] = "Atkeson, An, Hollerbach, IJRR 1986"
     variable: ClassVar[str] = "load"
     told_by: ClassVar[str] = "an exciting trajectory"
-    memory: ClassVar[bool] = False
-
-    @classmethod
-    def for_motion(cls, actuators: Motion) -> Self:
-        """The same for every log."""
-        return cls()
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterator[Self]:
         """None: it is what the others are missing from."""
         yield from ()
-
-    @property
-    def joints(self) -> tuple[int, ...]:
-        """All of them."""
-        return ()
-
-    @property
-    def shape(self) -> Mapping[str, list[float]]:
-        """No nonlinear numbers."""
-        return {}
-
-    def check(self, n_joints: int) -> None:
-        """Suits every robot."""
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """Ten a link, from base to tip."""

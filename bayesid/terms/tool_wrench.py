@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import ClassVar
 
 from bayesid.motion import Array, Motion
 from bayesid.robot import Robot
-from bayesid.terms.base import Cone, Parameter, Scene
+from bayesid.terms.base import Cone, Parameter, WholeRobotTerm
 
 _FORCE = (("x", "N"), ("y", "N"), ("z", "N"))
 _COUPLE = (("rx", "N m"), ("ry", "N m"), ("rz", "N m"))
 
 
 @dataclass(frozen=True)
-class ToolWrench:
+class ToolWrench(WholeRobotTerm):
     """A force that the environment applies to the last link's frame, constant along the base's axes; free."""
 
     name: ClassVar[str] = "tool_wrench"
@@ -23,33 +22,9 @@ class ToolWrench:
     reference: ClassVar[str] = "Principle of virtual work: -J' F"
     variable: ClassVar[str] = "position"
     told_by: ClassVar[str] = "moving the tool slowly through space, and turning it in place"
-    memory: ClassVar[bool] = False
     in_base: ClassVar[bool] = True
     parts: ClassVar[tuple[tuple[str, str], ...]] = _FORCE
     symbol: ClassVar[str] = "wb"
-
-    @classmethod
-    def for_motion(cls, actuators: Motion) -> Self:
-        """The same for every log."""
-        return cls()
-
-    @classmethod
-    def variants(cls, scene: Scene) -> Iterator[Self]:
-        """One."""
-        yield cls()
-
-    @property
-    def joints(self) -> tuple[int, ...]:
-        """It acts on all of them."""
-        return ()
-
-    @property
-    def shape(self) -> Mapping[str, list[float]]:
-        """No nonlinear numbers."""
-        return {}
-
-    def check(self, n_joints: int) -> None:
-        """Suits every robot."""
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """Force, and couple if there is one, on the last link."""
