@@ -119,7 +119,7 @@ PARTS = (0.25, 0.5, 1.0)
 def layered_hysteresis(table, motion, theta, width):
     u, per_joint = gear(table, motion.q), theta.reshape(-1, 3)
     return np.transpose([
-        sum(share * np.array(slipping(u[:, j], part * w, False)) for share, part in zip(per_joint[j], PARTS, strict=True))
+        per_joint[j] @ [slipping(u[:, j], part * w, False) for part in PARTS]
         for j, w in enumerate(width)
     ])  # fmt: skip
 
