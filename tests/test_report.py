@@ -15,7 +15,8 @@ from bayesid import distortions, terms
 from bayesid.discrepancy.compare import Excess, Floor, Trial
 from bayesid.discrepancy.evidence import LN10, Columns
 from bayesid.discrepancy.hypotheses import Hypothesis
-from bayesid.discrepancy.selection import Score, Verdict
+from bayesid.discrepancy.scores import Score
+from bayesid.discrepancy.selection import Verdict
 from bayesid.discrepancy.workflow import Discrepancy, Found
 from bayesid.distortions.base_tilt import BaseTilt
 from bayesid.distortions.delay import Delay

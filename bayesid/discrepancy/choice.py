@@ -13,7 +13,8 @@ from bayesid.discrepancy.compare import Floor, Trial
 from bayesid.discrepancy.evidence import LN10, Data, Explanation
 from bayesid.discrepancy.extension import Extension, extend, moved
 from bayesid.discrepancy.hypotheses import Hypothesis, hypotheses
-from bayesid.discrepancy.selection import THRESHOLD, WORTH, Selection, explain_with, select
+from bayesid.discrepancy.scores import THRESHOLD, WORTH, explain_with
+from bayesid.discrepancy.selection import Selection, select
 from bayesid.distortions.base import Distortion
 from bayesid.motion import Array, Mask
 from bayesid.signs import Progress

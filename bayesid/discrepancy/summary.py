@@ -7,7 +7,7 @@ from typing import Any
 
 from bayesid.discrepancy.evidence import LN10
 from bayesid.discrepancy.hypotheses import kind_of
-from bayesid.discrepancy.selection import Score
+from bayesid.discrepancy.scores import Score
 from bayesid.discrepancy.workflow import Discrepancy, Found
 
 

@@ -16,7 +16,8 @@ from bayesid.discrepancy.checks import check_log, check_same_robot
 from bayesid.discrepancy.choice import Choice, Chosen, exceeds, unexplained
 from bayesid.discrepancy.compare import GOOD, Excess, Floor, Trial, make_trial, shortened, where_it_shows
 from bayesid.discrepancy.hypotheses import Hypothesis
-from bayesid.discrepancy.selection import Score, Verdict, not_testable, weigh
+from bayesid.discrepancy.scores import Score
+from bayesid.discrepancy.selection import Verdict, not_testable, weigh
 from bayesid.distortions.base import Distortion
 from bayesid.identification import Identification, identify_again
 from bayesid.knowledge import Knowledge

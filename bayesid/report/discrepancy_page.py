@@ -11,7 +11,7 @@ import numpy as np
 
 from bayesid.discrepancy.evidence import LN10
 from bayesid.discrepancy.hypotheses import kind_of
-from bayesid.discrepancy.selection import THRESHOLD, Score
+from bayesid.discrepancy.scores import THRESHOLD, Score
 from bayesid.discrepancy.workflow import Discrepancy, Found
 from bayesid.report.figures import BARS, candidate_figure, effort_figure, gap_figure, inline_svg, residual_figure
 from bayesid.report.page_style import STYLE

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from bayesid.discrepancy.compare import variables
 from bayesid.discrepancy.evidence import LN10
-from bayesid.discrepancy.selection import THRESHOLD
+from bayesid.discrepancy.scores import THRESHOLD
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.motion import Array
 from bayesid.report.words import best_first, rounded, score_label, unit_of

@@ -8,7 +8,7 @@ from itertools import groupby
 
 from bayesid.discrepancy.compare import Excess
 from bayesid.discrepancy.hypotheses import kind_of
-from bayesid.discrepancy.selection import Score
+from bayesid.discrepancy.scores import Score
 from bayesid.discrepancy.workflow import Discrepancy, Found
 from bayesid.report.phrases import FORMS, PEOPLE
 
