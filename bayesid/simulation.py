@@ -370,7 +370,7 @@ def _dial(
     span = float(motion.t[-1] - motion.t[0])
     dials: dict[type[Distortion], tuple[_Dial, float]] = {
         GainError: (lambda x: form.moved(np.array([side * x])), 2.0 * _LARGEST_EFFECT),
-        Delay: (lambda x: form.moved(np.array([x])), span / (2.0 * np.pi * HARMONICS)),
+        Delay: (lambda x: Delay(joints=form.joints, lag=(x,)), span / (2.0 * np.pi * HARMONICS)),
         BaseTilt: (lambda x: form.moved(x * np.array([np.cos(heading), np.sin(heading)])), _STEEPEST),
         Clipping: (lambda x: Clipping(joints=form.joints, limit=(peak - x,)), peak),
         DeadZone: (lambda x: DeadZone(joints=form.joints, width=(x,)), peak),

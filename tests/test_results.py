@@ -578,8 +578,8 @@ def test_a_robot_that_took_up_a_payload_comes_back(result, tmp_path):
     assert loaded.model.terms == model.terms
     assert loaded.model.distortions == model.distortions
     np.testing.assert_allclose(loaded.theta, again.theta, rtol=1e-12, atol=0.0)
-    size = np.sqrt(np.diag(again.knowledge.precision))
-    covariance = np.linalg.inv(again.knowledge.precision / np.outer(size, size)) / np.outer(size, size)
+    size = np.sqrt(np.diag(again.fit.information))
+    covariance = np.linalg.inv(again.fit.information / np.outer(size, size)) / np.outer(size, size)
     turn = own.projection @ np.linalg.pinv(again.coefficients.projection)
     np.testing.assert_allclose(turn @ covariance @ turn.T @ loaded.precision, np.eye(len(own)), atol=1e-5)
 

@@ -43,11 +43,13 @@ class Trial:
         actuators: the motion in actuator coordinates.
         used: (N, n) samples that count: measured, away from both ends, and clearly in motion: where dry friction is
             smoothed, the smoothing would look like an effect of its own.
+        repeated: (n,) sd of the efforts between repetitions of the motion, N m, found before a log was shortened.
     """
 
     signals: Signals
     actuators: Motion
     used: Mask
+    repeated: Array | None = None
 
     @property
     def magnitude(self) -> Array:
@@ -97,7 +99,7 @@ def shortened(trial: Trial) -> Trial:
         old, motion=old.motion[rows], effort=old.effort[rows], raw_effort=old.raw_effort[rows],
         measured=old.measured[rows] & ~seam[:, None],
     )  # fmt: skip
-    return Trial(signals, trial.actuators[rows], trial.used[rows] & ~seam[:, None])
+    return Trial(signals, trial.actuators[rows], trial.used[rows] & ~seam[:, None], _between_periods(trial))
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -129,7 +131,7 @@ def noise_floor(trial: Trial, residual: Array, earlier: Noise, refit: Array | No
         earlier: noise of the log that the model was identified from.
         refit: (n,) RMS residual of a model with all standard effects, identified from this log by itself, N m.
     """
-    repeated = _between_periods(trial)
+    repeated = _between_periods(trial) if trial.repeated is None else trial.repeated
     effort = np.sqrt((trial.magnitude**2 * trial.used).sum(axis=0) / np.maximum(trial.used.sum(axis=0), 1))
     good = earlier.sigma < GOOD * effort
     fast = np.maximum(_fast_part(residual, trial.used), _LEAST * earlier.sigma)
