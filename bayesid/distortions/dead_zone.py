@@ -12,8 +12,18 @@ from bayesid.distortions.base import Distortion, no_columns
 from bayesid.motion import Array, Mask
 from bayesid.terms.base import Scene
 
+_BLURS = (1.0, 1.05, 1.1, 1.2)
+_GAPS, _LOWER = 3, 0.6
+"""Gaps between readings that are tried, and the share of the 99th percentile below which they are looked for."""
 _WIDTHS = 0.005 * 1.3 ** np.arange(18)
 """Half-widths tried, as shares of the 99th percentile of the readings."""
+
+
+def _above_gaps(magnitude: Array, top: float) -> list[float]:
+    """The readings right above the widest gaps between the lower ones, and somewhat more: noise may blur the edge."""
+    readings = np.sort(magnitude[magnitude < _LOWER * top])
+    edges = readings[np.argsort(-np.diff(readings))[:_GAPS] + 1]
+    return [float(edge * blur) for edge in edges for blur in _BLURS if edge > 0.0]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,10 +47,11 @@ class DeadZone(Distortion):
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterator[Self]:
-        """Over the threshold."""
+        """Over the threshold: evenly, and where the readings leave gaps, which a hard threshold does."""
         for j in range(scene.robot.n_joints):
-            top = np.percentile(scene.measured[:, j], 99)
-            yield from (cls(joints=(j + 1,), width=(float(x),)) for x in top * _WIDTHS)
+            top = float(np.percentile(scene.measured[:, j], 99))
+            for width in sorted({*(top * _WIDTHS).tolist(), *_above_gaps(scene.measured[:, j], top)}):
+                yield cls(joints=(j + 1,), width=(width,))
 
     def measured(self, effort: Array) -> Array:
         """Nothing below the threshold."""
