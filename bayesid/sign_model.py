@@ -145,12 +145,18 @@ def _smoothed(signals: Signals, predicted: Array, signed: Array, moving: Mask) -
 
 def richer_model(settled: Settled, signals: Signals) -> Model | None:
     """The model with all standard effects, if it lacks some and its residual lasts; else None."""
-    names = [term.name for term in settled.model.terms]
-    missing = [name for name in catalogue.DEFAULT if name not in names]
     residual = settled.fit.residual
-    if not missing or signals.signed.all() or np.all(residual.coloured < _LASTING * residual.white):
+    if signals.signed.all() or np.all(residual.coloured < _LASTING * residual.white):
         return None
-    model = settled.model
+    return with_standard_terms(settled.model, signals)
+
+
+def with_standard_terms(model: Model, signals: Signals) -> Model | None:
+    """The model with the standard effects that it lacks; None if it lacks none."""
+    names = {term.name for term in model.terms}
+    missing = [name for name in catalogue.DEFAULT if name not in names]
+    if not missing:
+        return None
     for term in catalogue.make_terms(missing, model.robot, signals.motion):
         model = model.extend(term)
     return model

@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 
-from bayesid import terms
 from bayesid.coefficients import BaseCoefficients
 from bayesid.discrepancy.checks import check_holdout
 from bayesid.discrepancy.compare import Floor, Trial, make_trial, noise_floor, shortened
@@ -23,7 +22,7 @@ from bayesid.motion import Array
 from bayesid.noise import Noise
 from bayesid.robot import Robot
 from bayesid.segments import find_segments
-from bayesid.sign_model import Settled, restored, settle_signs
+from bayesid.sign_model import Settled, restored, settle_signs, with_standard_terms
 from bayesid.signals import prepare
 from bayesid.signs import SearchOptions
 from bayesid.terms.base import Scene
@@ -60,9 +59,12 @@ def divide(model: Model, log: Log, later: Log | None, trial: Trial, cutoff: floa
         other = shortened(make_trial(model, prepare(later, cutoff)))
         return trial, Unseen(other, later.source, apart=True)
     block = np.minimum(np.arange(len(trial.used)) * BLOCKS // len(trial.used), BLOCKS - 1)
-    held = np.isin(block, HELD_BACK)[:, None]
+    held, signals = np.isin(block, HELD_BACK)[:, None], trial.signals
     named = f"stretches {' and '.join(str(k + 1) for k in HELD_BACK)} of {BLOCKS} of {log.source}"
-    choosing, scoring = (replace(trial, used=trial.used & which) for which in (~held, held))
+    choosing, scoring = (
+        replace(trial, used=trial.used & which, signals=replace(signals, measured=signals.measured & which))
+        for which in (~held, held)
+    )
     return choosing, Unseen(scoring, named, apart=False)
 
 
@@ -122,13 +124,11 @@ class Case:
     @cached_property
     def second_opinion(self) -> Settled | None:
         """The log by itself under all standard effects, where the model lacks some and was poor in its own log."""
-        model, signals = self.model.before_sensors, self.trial.signals
-        missing = [name for name in terms.DEFAULT if name not in {term.name for term in model.terms}]
+        signals = self.trial.signals
+        model = with_standard_terms(self.model.before_sensors, signals)
         residual = np.where(self.trial.used, self.trial.nearest(self.before) - self.before, 0.0)
-        if not missing or noise_floor(self.trial, residual, self.noise).sharp.all():
+        if model is None or noise_floor(self.trial, residual, self.noise).sharp.all():
             return None
-        for term in terms.make_terms(missing, model.robot, signals.motion):
-            model = model.extend(term)
         segments = find_segments(signals, self.trial.actuators)
         return settle_signs(model, signals, segments, SearchOptions(budget=_HASTE))
 

@@ -24,7 +24,6 @@ class Extension:
         model: robot, terms and distortions.
         knowledge: of its parameters, from the earlier log; wider where an effect is a change of what was there.
         theta: (P,) parameters of the explanation; not feasible in general, but with its efforts.
-        sd: (h,) of each hypothesis the names, values, standard deviations and units of its numbers.
     """
 
     model: Model

@@ -161,7 +161,8 @@ def _discrepancy(case: Case, chosen: Chosen, again: Identification) -> Discrepan
     motion = unseen.trial.signals.motion
     extended, theta = again.model, again.theta
     if not unseen.apart:  # those stretches must not have had a say
-        theta = case.refitted(chosen.extension, extended.effort(motion, again.theta)).theta
+        predicted = case.predicted(chosen.selection.hypotheses, chosen.selection.explanation)
+        theta = case.refitted(chosen.extension, predicted).theta
     before = unseen.trial.gap(case.model.effort(motion, case.knowledge.theta))
     after = unseen.trial.gap(extended.effort(motion, theta))
     after_here = extended.effort(trial.signals.motion, again.theta)
@@ -207,7 +208,7 @@ def _warnings(case: Case, floor: Floor) -> list[str]:
     blunt = [str(j + 1) for j in np.flatnonzero(~floor.sharp)]
     if blunt:
         said = f"the model left over {GOOD:.0%} of the effort of joint {', '.join(blunt)} in its own log"
-        found.append(f"{said}: there the noise floor is a lower bound, the residual's fast part")
+        found.append(f"{said}: there the noise floor is taken from this log ({floor.origin[int(blunt[0]) - 1]})")
     return found
 
 
