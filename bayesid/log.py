@@ -8,10 +8,12 @@ A CSV holds the header `t,q1..qn[,dq1..dqn],tau1..taun` (s, rad, rad/s, N m), or
 from __future__ import annotations
 
 import csv
+import os
 import re
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from glob import glob
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -19,17 +21,43 @@ from typing import Any
 import numpy as np
 
 from bayesid.errors import InputError
-from bayesid.motion import Array, Mask, frozen
+from bayesid.motion import Array, Integers, Mask, frozen
 
 _ABSURD = 1e6
 """No robot moves or pushes this much in SI units; logs in the wild hold 1e282 from uninitialised memory."""
 _LONGEST_GAP = 3600.0
 """A log that pauses longer than this, s, is two recordings, or its clock was set in between."""
 _FEWEST_ROWS = 50
+_ROUNDING = 0.01
+"""Share of a period by which an instant of an even grid may miss the row it belongs to."""
 _PAUSE = 3.0
-"""s between two logs that are joined: longer than any filter looks ahead."""
+"""s between two logs that are joined, at least: longer than any filter looks ahead."""
+_PAUSE_PERIODS = 100
+"""Periods between two logs that are joined, at least: at a low rate, and where most rows repeat, 3 s are no pause."""
 _SAME_RATE = 0.2
 """Logs whose rates differ by more than this share are not joined."""
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One of the recordings that a log was joined from.
+
+    Attributes:
+        source: where it came from.
+        start_row: its first row in the log.
+        stop_row: the row after its last.
+        t: (stop_row - start_row,) its rows' time on its own clock, s, as recorded: shifted times are rounded ones.
+    """
+
+    source: str
+    start_row: int
+    stop_row: int
+    t: Array
+
+    def __post_init__(self) -> None:
+        if not self.start_row < self.stop_row:
+            raise ValueError("a piece holds no rows")
+        object.__setattr__(self, "t", frozen(self.t, (self.stop_row - self.start_row,), "a piece's t"))
 
 
 @dataclass(frozen=True)
@@ -43,6 +71,7 @@ class Log:
         signed: (n,) whether the effort's sign is known.
         dq: (N, n) measured joint velocities, rad/s, or None.
         source: where it came from, for messages.
+        pieces: the recordings it was joined from, which hold its rows one after the other; empty where it is one.
     """
 
     t: Array
@@ -51,6 +80,7 @@ class Log:
     signed: Mask
     dq: Array | None = None
     source: str = "log"
+    pieces: tuple[Piece, ...] = ()
 
     def __post_init__(self) -> None:
         q = frozen(self.q, (None, None), "q")
@@ -68,13 +98,38 @@ class Log:
             raise ValueError("the effort of an unsigned joint is an absolute value and cannot be negative")
         if np.any(np.diff(self.t) < 0.0):
             raise ValueError("time runs backwards")
+        if self.pieces and [0, *(p.stop_row for p in self.pieces)] != [*(p.start_row for p in self.pieces), len(self)]:
+            raise ValueError("the pieces do not hold the log's rows one after the other")
 
     def __len__(self) -> int:
         return len(self.t)
 
     def rectified(self) -> Log:
         """The log as a controller that hides every sign would have written it."""
-        return Log(self.t, self.q, np.abs(self.effort), np.zeros(self.n_joints, dtype=bool), self.dq, self.source)
+        return replace(self, effort=np.abs(self.effort), signed=np.zeros(self.n_joints, dtype=bool))
+
+    @property
+    def pooled(self) -> bool:
+        """Whether it was joined from several recordings."""
+        return len(self.pieces) > 1
+
+    def clock(self, t: Array) -> tuple[Integers, Array]:
+        """Instants of the log on the clock of the recording that each lies in.
+
+        Args:
+            t: (M,) instants on the log's clock, s.
+
+        Returns:
+            (M,) the recording's place in `pieces`, 0 in a log that is one, and -1 where nothing was recorded; and (M,)
+            its own time, s, as the log's clock has it where nothing was recorded.
+        """
+        place, own = np.full(len(t), -1 if self.pooled else 0), np.array(t, dtype=float)
+        slack = _ROUNDING * self.period
+        for k, piece in enumerate(self.pieces if self.pooled else ()):
+            first, last = self.t[[piece.start_row, piece.stop_row - 1]]
+            here = (t >= first - slack) & (t <= last + slack)
+            place[here], own[here] = k, t[here] - (first - piece.t[0])
+        return place, own
 
     @property
     def period(self) -> float:
@@ -120,8 +175,39 @@ def read_log(path: str | Path, gains: Sequence[float] | None = None, unsigned: s
     )
 
 
+def find_logs(patterns: Sequence[str | Path]) -> list[Path]:
+    """The logs that paths and patterns name, one after the other; those of a pattern in alphabetical order.
+
+    Args:
+        patterns: paths, or patterns as in "runs/*.csv" with `*`, `?` or `[`; what exists is a path.
+
+    Raises:
+        InputError: no file matches a pattern, or a log is named twice.
+    """
+    named: dict[str, Path] = {}
+    for path in chain.from_iterable(map(_matches, patterns)):
+        place = os.path.realpath(path)
+        if place in named:
+            said = "is named twice" if named[place] == path else f"is the same file as {named[place]}"
+            raise InputError(said, str(path), "name every log once: it would count twice")
+        named[place] = path
+    return list(named.values())
+
+
+def _matches(pattern: str | Path) -> list[Path]:
+    """The path itself, whether it exists or not, or the files that match it as a pattern."""
+    if os.path.exists(pattern) or not set("*?[") & set(str(pattern)):
+        return [Path(pattern)]
+    found = [Path(match) for match in sorted(glob(str(pattern), recursive=True)) if os.path.isfile(match)]
+    if not found:
+        raise InputError("matches no file", str(pattern), "give the path of a CSV log, or a pattern of several")
+    return found
+
+
 def join_logs(logs: Sequence[Log]) -> Log:
     """Several logs of the same robot as one, with a pause between them: identification leaves pauses out.
+
+    Each keeps its own time in `pieces`.
 
     Args:
         logs: at least one; times start over in each of them.
@@ -132,11 +218,13 @@ def join_logs(logs: Sequence[Log]) -> Log:
     first = logs[0]
     if len(logs) == 1:
         return first
-    times, end = [], first.t[0] - _PAUSE
-    for log in logs:
+    for log in logs[1:]:
         _check_fit(first, log)
-        times.append(log.t - log.t[0] + end + _PAUSE)
-        end = times[-1][-1]
+    pause = max(_PAUSE, _PAUSE_PERIODS * max(log.period for log in logs))
+    times, pieces = [first.t], list(_pieces(first, 0))
+    for log in logs[1:]:
+        times.append(log.t - log.t[0] + (times[-1][-1] + pause))
+        pieces += _pieces(log, pieces[-1].stop_row)
     measured = None if first.dq is None else np.concatenate([log.dq for log in logs if log.dq is not None])
     return Log(
         t=np.concatenate(times),
@@ -145,7 +233,14 @@ def join_logs(logs: Sequence[Log]) -> Log:
         signed=first.signed,
         dq=measured,
         source=" + ".join(log.source for log in logs),
+        pieces=tuple(pieces),
     )
+
+
+def _pieces(log: Log, row: int) -> tuple[Piece, ...]:
+    """The log's recordings in a longer log in which it begins at a row."""
+    own = log.pieces or (Piece(log.source, 0, len(log), log.t),)
+    return tuple(replace(one, start_row=one.start_row + row, stop_row=one.stop_row + row) for one in own)
 
 
 def _check_fit(first: Log, log: Log) -> None:

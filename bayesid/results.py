@@ -36,7 +36,7 @@ from bayesid.motion import Array, Motion, frozen
 from bayesid.noise import Noise
 from bayesid.robot import robot_from_table, robot_table
 from bayesid.signals import Signals
-from bayesid.tables import coefficient_rows, inference_data, parameter_rows, summary, validation_summary
+from bayesid.tables import coefficient_rows, inference_data, parameter_rows, segment_rows, summary, validation_summary
 from bayesid.terms import CATALOGUE, Term, make_term
 from bayesid.validation import ParameterDraws, Validation
 
@@ -116,7 +116,7 @@ def save_discrepancy(discrepancy: Discrepancy, folder: str | Path) -> Path:
 
 def _write_identification(place: Path, identification: Identification) -> None:
     _write_json(place / "summary.json", summary(identification))
-    _write_segments(place / "segments.csv", identification)
+    _write_table(place / "segments.csv", segment_rows(identification))
     _write_signed_log(place / "signed_log.csv", identification.log, identification.signals, identification.probability)
     _write_table(place / "coefficients.csv", coefficient_rows(identification))
     _write_table(place / "parameters.csv", parameter_rows(identification))
@@ -143,7 +143,11 @@ def save_validation(validation: Validation, folder: str | Path) -> Path:
         _write_signed_log(place / "signed_log.csv", validation.log, validation.signals, validation.probability)
         names = ["t", *(name for prefix in ("tau", "predicted", "lower", "upper") for name in _numbered(prefix, n))]
         efforts = np.hstack([validation.measured, validation.predicted, validation.lower, validation.upper])
-        _write_columns(place / "prediction.csv", names, validation.signals.motion.t, efforts, ".8g")
+        log = validation.log
+        pieces, t = log.clock(validation.signals.motion.t)
+        kept = pieces >= 0
+        sources = [log.pieces[k].source for k in pieces[kept]] if log.pooled else None
+        _write_columns(place / "prediction.csv", names, t[kept], efforts[kept], ".8g", sources)
 
     return _write_aside(check_folder(folder, VALIDATION_FILES), write)
 
@@ -274,6 +278,21 @@ def _model_table(stored: StoredModel) -> dict[str, Any]:
 # ---------------------------------------------------------------------------------------------------------------
 # Files
 # ---------------------------------------------------------------------------------------------------------------
+def save_table(path: Path, rows: Sequence[dict[str, object]]) -> None:
+    """Writes a table, one column a key, aside first and then renamed.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    aside = path.with_name(f".{path.name}-{os.getpid()}")
+    with _cannot_be_written(path):
+        try:
+            _write_table(aside, rows)
+            aside.replace(path)
+        finally:
+            aside.unlink(missing_ok=True)
+
+
 def check_folder(folder: str | Path, files: Set[str] = IDENTIFICATION_FILES) -> Path:
     """The folder, if a result may be written there: it is new, empty, or an earlier result, and can be written.
 
@@ -379,41 +398,31 @@ def _text(value: object) -> object:
     return f"{value:.9g}" if isinstance(value, float) else value
 
 
-def _write_segments(path: Path, identification: Identification) -> None:
-    segments, t = identification.segments, identification.signals.motion.t
-    rows: list[dict[str, object]] = [
-        {
-            "joint": int(j) + 1,
-            "start": repr(float(t[a])),
-            "end": repr(float(t[b - 1])),
-            "n_samples": int(b - a),
-            "sign": int(sign),
-            "confidence": float(confidence),
-        }
-        for j, a, b, sign, confidence in zip(
-            segments.joint, segments.start, segments.end, identification.signs, identification.confidence, strict=True
-        )
-    ]
-    _write_table(path, rows)
-
-
 def _write_signed_log(path: Path, log: Log, signals: Signals, probability: Array) -> None:
-    """The log's own rows: efforts with their likelier signs, and the probability that the sign is +."""
+    """The log's own rows: efforts with their likelier signs, and the probability that the sign is +.
+
+    Rows of logs that were joined keep their own times, to the last digit.
+    """
     nearest = np.rint((log.t - signals.motion.t[0]) * signals.rate).astype(int)
     p = np.round(probability[np.clip(nearest, 0, len(probability) - 1)], 6)
     p = np.where(log.signed, (log.effort >= 0.0).astype(float), p)
     effort = np.where(log.signed, log.effort, np.where(p >= 0.5, 1.0, -1.0) * log.effort)
     names = ["t", *_numbered("tau", log.n_joints), *_numbered("p", log.n_joints)]
-    _write_columns(path, names, log.t, np.hstack([effort, p]))
+    t = np.concatenate([piece.t for piece in log.pieces]) if log.pooled else log.t
+    sources = [piece.source for piece in log.pieces for _ in piece.t] if log.pooled else None
+    _write_columns(path, names, t, np.hstack([effort, p]), sources=sources)
 
 
-def _write_columns(path: Path, names: Sequence[str], t: Array, values: Array, digits: str = "") -> None:
-    """Time t (N,) to the last digit (it may count from 1970), and columns (N, k) with so many digits."""
+def _write_columns(
+    path: Path, names: Sequence[str], t: Array, values: Array, digits: str = "", sources: Sequence[str] | None = None
+) -> None:
+    """Time t (N,) to the last digit (it may count from 1970), columns (N, k) with so many digits, and (N,) logs."""
+    last: list[list[str]] = [[]] * len(t) if sources is None else [[source] for source in sources]
     with path.open("w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(names)
-        for instant, row in zip(t.tolist(), values.tolist(), strict=True):
-            writer.writerow([instant, *(format(value, digits) for value in row)])
+        writer.writerow([*names, *([] if sources is None else ["log"])])
+        for instant, row, source in zip(t.tolist(), values.tolist(), last, strict=True):
+            writer.writerow([instant, *(format(value, digits) for value in row), *source])
 
 
 def _numbered(prefix: str, n: int) -> list[str]:

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayesid.identification import Identification
-from bayesid.motion import Array
+from bayesid.log import Log
+from bayesid.motion import Array, Integers
+from bayesid.segments import Segments
 from bayesid.validation import Validation
 
 if TYPE_CHECKING:
@@ -17,21 +19,72 @@ if TYPE_CHECKING:
 _NORMAL_95 = 1.959963984540054
 
 
-def _ambiguous(identification: Identification) -> list[dict[str, float]] | None:
+def recorded_segments(identification: Identification) -> tuple[Segments, Integers, Array]:
+    """The segments of what was recorded, their signs (S,) and confidences (S,).
+
+    The segments of a log that was joined from several also cover the pauses between these, in which there are
+    interpolated values only. They are cut where a recording begins and ends, what lies in a pause is left out, and sign
+    and confidence follow from the samples that are left, as an identification's do (docs/method.md, equation 17).
+    """
+    log, t = identification.log, identification.signals.motion.t
+    if not log.pooled:
+        return identification.segments, identification.signs, identification.confidence
+    place, _ = log.clock(t)
+    edges = np.flatnonzero(place[1:] != place[:-1]) + 1
+    segments = identification.segments.split([(j, int(at)) for j in range(log.n_joints) for at in edges])
+    segments = segments[place[segments.start] >= 0]
+    energy = identification.signals.raw_effort**2 + 1e-24
+    ranges = list(zip(segments.joint, segments.start, segments.end, strict=True))
+    plus = np.array([np.average(identification.probability[a:b, j], weights=energy[a:b, j]) for j, a, b in ranges])
+    return segments, np.where(plus >= 0.5, 1, -1), np.maximum(plus, 1.0 - plus)
+
+
+def segment_rows(identification: Identification) -> list[dict[str, object]]:
+    """segments.csv: one row a segment; of several logs the last column tells which, and times are on its clock."""
+    segments, signs, confidence = recorded_segments(identification)
+    log = identification.log
+    place, t = log.clock(identification.signals.motion.t)
+    return [
+        {
+            "joint": int(j) + 1,
+            "start": repr(float(t[a])),
+            "end": repr(float(t[b - 1])),
+            "n_samples": int(b - a),
+            "sign": int(sign),
+            "confidence": float(sure),
+            **_source(log, place[a]),
+        }
+        for j, a, b, sign, sure in zip(segments.joint, segments.start, segments.end, signs, confidence, strict=True)
+    ]
+
+
+def _source(log: Log, place: int) -> dict[str, object]:
+    """The column `log` of a row that lies in one of a log's pieces; none in a log that is one."""
+    return {"log": log.pieces[place].source} if log.pooled else {}
+
+
+def _ambiguous(identification: Identification) -> list[dict[str, object]] | None:
     """Joint (from 1), start and end (s) of the segments whose sign the proof does not settle; None without a proof."""
     settled, found = identification.search.settled, identification.searched
     if settled is None:
         return None
-    t = identification.signals.motion.t
+    place, t = identification.log.clock(identification.signals.motion.t)
     return [
         {
             "joint": int(found.joint[k]) + 1,
             "start": float(t[found.start[k]]),
             "end": float(t[found.end[k] - 1]),
             "n_samples": int(found.end[k] - found.start[k]),
+            **_source(identification.log, place[found.start[k]]),
         }
         for k in np.flatnonzero(~settled)
     ]
+
+
+def _logs(log: Log) -> dict[str, Any]:
+    """The logs that a log was joined from; nothing where it is one."""
+    rows = [{"source": piece.source, "n_samples": piece.stop_row - piece.start_row} for piece in log.pieces]
+    return {"logs": rows} if log.pooled else {}
 
 
 def summary(identification: Identification) -> dict[str, Any]:
@@ -40,10 +93,11 @@ def summary(identification: Identification) -> dict[str, Any]:
     return {
         "robot": identification.model.robot.name,
         "log": identification.log.source,
+        **_logs(identification.log),
         "terms": list(dict.fromkeys(term.name for term in identification.model.terms)),
         "distortions": [distortion.name for distortion in identification.model.distortions],
         "n_samples": len(identification.log),
-        "n_segments": len(identification.segments),
+        "n_segments": len(recorded_segments(identification)[0]),
         "n_segments_searched": len(search.signs),
         "n_coefficients": len(identification.coefficients),
         "signed_joints": (np.flatnonzero(identification.log.signed) + 1).tolist(),
@@ -165,6 +219,7 @@ def validation_summary(validation: Validation) -> dict[str, Any]:
     """summary.json of a validation."""
     return {
         "log": validation.log.source,
+        **_logs(validation.log),
         "n_samples": len(validation.log),
         "rms_error": validation.rms_error.tolist(),
         "relative_residual": validation.relative_residual.tolist(),

@@ -1,8 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from bayesid.errors import InputError
-from bayesid.log import Log, join_logs, read_log, write_log
+from bayesid.log import Log, Piece, find_logs, join_logs, read_log, write_log
+from bayesid.signals import prepare
 
 ROWS = 60
 
@@ -316,6 +319,135 @@ def test_logs_join_with_a_pause_between_them(velocities):
 def test_a_single_log_is_not_touched():
     log = recorded()
     assert join_logs([log]) is log
+    assert not log.pooled
+    instants = np.array([-100.0, 5.5, 1e9])
+    place, t = log.clock(instants)
+    np.testing.assert_array_equal(place, 0)
+    np.testing.assert_array_equal(t, instants)
+
+
+def test_joined_logs_keep_their_own_times():
+    first, second = recorded(80, start=1.7e9, name="a.csv"), recorded(60, start=-3.0, name="b.csv")
+    joined = join_logs([first, second])
+    assert joined.pooled
+    for log in (joined, joined.rectified(), replace(joined, effort=2.0 * joined.effort, source="twice as strong")):
+        rows = [(one.source, one.start_row, one.stop_row) for one in log.pieces]
+        assert rows == [("a.csv", 0, 80), ("b.csv", 80, 140)]
+        np.testing.assert_array_equal(log.pieces[0].t, first.t)
+        np.testing.assert_array_equal(log.pieces[1].t, second.t, err_msg="to the last digit, though 1.7e9 s were added")
+    with pytest.raises(ValueError, match="read-only"):
+        joined.pieces[0].t[0] = 0.0
+
+
+def test_joined_logs_can_be_joined():
+    logs = [recorded(50 + k, start=10.0 * k, name=f"{k}.csv") for k in range(4)]
+    there = join_logs([join_logs(logs[:2]), join_logs(logs[2:])])
+    assert [(one.source, one.start_row, one.stop_row) for one in there.pieces] == [
+        ("0.csv", 0, 50), ("1.csv", 50, 101), ("2.csv", 101, 153), ("3.csv", 153, 206),
+    ]  # fmt: skip
+    for one, log in zip(there.pieces, logs, strict=True):
+        np.testing.assert_array_equal(one.t, log.t)
+        np.testing.assert_array_equal(there.q[one.start_row : one.stop_row], log.q)
+    np.testing.assert_allclose(there.t, join_logs(logs).t, rtol=0.0, atol=1e-9)
+
+
+def test_the_clock_of_joined_logs():
+    """By hand: rows at 5.00 to 5.99 s, a pause of 3 s, rows at 8.99 s to 9.58 s that began at -3 s."""
+    joined = join_logs([recorded(100, start=5.0), recorded(60, start=-3.0)])
+    instants = np.array([4.98, 5.0, 5.504, 5.99, 6.0, 7.5, 8.98, 8.99, 9.2, 9.58, 9.6])
+    place, t = joined.clock(instants)
+    np.testing.assert_array_equal(place, [-1, 0, 0, 0, -1, -1, -1, 1, 1, 1, -1])
+    there = place >= 0
+    np.testing.assert_allclose(t[there], [5.0, 5.504, 5.99, -3.0, -2.79, -2.41], atol=1e-12)
+    np.testing.assert_array_equal(t[~there], instants[~there])
+    np.testing.assert_array_equal(joined.clock(joined.t)[0], np.repeat([0, 1], [100, 60]))
+
+
+@pytest.mark.parametrize(
+    "pieces",
+    [
+        [(0, 50)], [(0, 50), (60, 100)], [(0, 60), (50, 100)], [(1, 50), (50, 100)], [(50, 100), (0, 50)],
+        [(0, 50), (50, 101)],
+    ],
+)  # fmt: skip
+def test_pieces_hold_all_rows_in_their_order(pieces):
+    log = recorded(100)
+    with pytest.raises(ValueError, match="one after the other"):
+        replace(log, pieces=tuple(Piece("log", a, b, np.arange(b - a)) for a, b in pieces))
+
+
+@pytest.mark.parametrize(("rows", "times", "said"), [((5, 5), 0, "no rows"), ((0, 5), 4, "piece's t has shape")])
+def test_a_piece_has_rows_and_a_time_for_each(rows, times, said):
+    with pytest.raises(ValueError, match=said):
+        Piece("log", *rows, np.arange(times))
+
+
+@pytest.mark.parametrize(("period", "repeats"), [(0.2, 1), (0.05, 5), (0.01, 1)])
+def test_the_pause_between_two_logs_is_one_at_any_rate(period, repeats):
+    """A pause is 20 periods, of rows that bring something new."""
+    t = period * np.arange(300)
+    q = np.repeat(np.sin(t[::repeats]), repeats)[:300, None]
+    joined = join_logs([Log(t, q, np.abs(q), [False]), Log(t, q, np.abs(q), [False])])
+    signals = prepare(joined)
+    between = joined.clock(signals.motion.t)[0] < 0
+    assert between.sum() > 20 / repeats
+    assert not signals.measured[between].any()
+    assert signals.measured[~between].mean() > 0.9
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Which logs
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.fixture
+def shelf(tmp_path, monkeypatch):
+    """A folder with logs in it, and some that only look like patterns or logs."""
+    for name in ("runs/b.csv", "runs/a.csv", "runs/A.csv", "runs/2.csv", "runs/10.csv", "runs/deep/c.csv", "x[1].csv"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    (tmp_path / "runs" / "folder.csv").mkdir()
+    (tmp_path / "link.csv").symlink_to(tmp_path / "runs" / "a.csv")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("patterns", "found"),
+    [
+        (["runs/b.csv", "link.csv"], ["runs/b.csv", "link.csv"]),
+        (["no/where.csv"], ["no/where.csv"]),
+        (["runs/*.csv"], ["runs/10.csv", "runs/2.csv", "runs/A.csv", "runs/a.csv", "runs/b.csv"]),
+        (["runs/b.csv", "runs/[aA].csv"], ["runs/b.csv", "runs/A.csv", "runs/a.csv"]),
+        (["runs/??.csv", "runs/2.csv"], ["runs/10.csv", "runs/2.csv"]),
+        (["runs/**/c.csv"], ["runs/deep/c.csv"]),
+        (["x[1].csv"], ["x[1].csv"]),
+        (["x*.csv"], ["x[1].csv"]),
+        (["runs/folder.csv"], ["runs/folder.csv"]),
+    ],
+)
+def test_paths_and_patterns_name_logs(shelf, patterns, found):
+    assert [path.as_posix() for path in find_logs(patterns)] == found
+
+
+@pytest.mark.parametrize("pattern", ["runs/*.txt", "runs/z?.csv", "nowhere/*", "runs/fol*", "[", "z" * 300 + "*"])
+def test_a_pattern_that_matches_nothing(shelf, pattern):
+    with pytest.raises(InputError) as caught:
+        find_logs(["runs/a.csv", pattern])
+    assert str(caught.value).startswith(f"{pattern}: matches no file; ")
+
+
+@pytest.mark.parametrize(
+    ("patterns", "said"),
+    [
+        (["runs/a.csv", "runs/b.csv", "runs/a.csv"], "runs/a.csv: is named twice"),
+        (["runs/*.csv", "runs/a.csv"], "runs/a.csv: is named twice"),
+        (["runs/a.csv", "runs/deep/../a.csv"], "runs/deep/../a.csv: is the same file as runs/a.csv"),
+        (["runs/a.csv", "link.csv"], "link.csv: is the same file as runs/a.csv"),
+    ],
+)
+def test_a_log_that_is_named_twice(shelf, patterns, said):
+    with pytest.raises(InputError) as caught:
+        find_logs(patterns)
+    assert str(caught.value).startswith(f"{said}; name every log once")
 
 
 @pytest.mark.parametrize(

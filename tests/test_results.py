@@ -20,14 +20,14 @@ from bayesid.distortions import make_distortion
 from bayesid.errors import InputError
 from bayesid.excitation import random_trajectory
 from bayesid.identification import identify, identify_again
-from bayesid.log import read_log
+from bayesid.log import join_logs, read_log
 from bayesid.model import Model
 from bayesid.motion import Motion
 from bayesid.noise import Noise
 from bayesid.results import StoredModel, check_folder, load_model, save_identification, save_validation
 from bayesid.robot import load_robot, robot_from_urdf
 from bayesid.simulation import random_parameters, simulate
-from bayesid.tables import coefficient_rows, inference_data, parameter_rows, summary
+from bayesid.tables import coefficient_rows, inference_data, parameter_rows, recorded_segments, summary
 from bayesid.terms import CATALOGUE, DEFAULT, ActuatorTerm, RigidBody, make_term, make_terms
 
 PROMISED = {
@@ -196,6 +196,147 @@ def test_the_signed_log_can_be_read_as_a_log(result, folder, tmp_path):
     np.testing.assert_array_equal(np.abs(again.effort), np.abs(log.effort))
 
 
+# ---------------------------------------------------------------------------------------------------------------
+# Several logs as one
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def recordings():
+    """Signed logs of one robot: three clocks, three lengths, and the second begins between two samples of the grid."""
+    robot, logs = small_robot(3), []
+    told = ((4, 5.0, 1.7e9, "a.csv"), (5, 3.0, -7.003, "b, two.csv"), (6, 4.0, 0.0, "c.csv"))
+    for seed, duration, start, name in told:
+        t = np.arange(int(100 * duration) + 1) / 100.0
+        motion = random_trajectory(3, duration, seed=seed).motion(t)
+        model = Model(robot, make_terms(["rigid_body", "viscous_friction"], robot, motion))
+        theta, rng = random_parameters(model, np.random.default_rng(0)), np.random.default_rng(seed)
+        log = simulate(model, theta, motion, rng=rng, noise=0.02, signed=True)
+        logs.append(replace(log, t=t * 1.003 + start, source=name))
+    return logs
+
+
+@pytest.fixture(scope="module")
+def pooled(recordings):
+    """All of them as one, the sign of joint 2 known."""
+    joined = join_logs(recordings)
+    signed = np.array([False, True, False])
+    log = replace(joined, effort=np.where(signed, joined.effort, np.abs(joined.effort)), signed=signed)
+    return identify(small_robot(3), log, ["rigid_body", "viscous_friction"], posterior=False)
+
+
+@pytest.fixture(scope="module")
+def pooled_folder(pooled, tmp_path_factory):
+    return save_identification(pooled, tmp_path_factory.mktemp("pooled") / "result")
+
+
+def test_segments_of_several_logs_are_told_on_their_own_clocks(recordings, pooled, pooled_folder):
+    """Of each log and joint they follow one another from its first to its last instant, none in between."""
+    rows = table(pooled_folder / "segments.csv")
+    assert list(rows[0]) == ["joint", "start", "end", "n_samples", "sign", "confidence", "log"]
+    assert [(row["joint"], row["log"]) for row in rows] == sorted((row["joint"], row["log"]) for row in rows)
+    period = 1.0 / pooled.signals.rate
+    for log in recordings:
+        for joint in "123":
+            mine = [row for row in rows if row["joint"] == joint and row["log"] == log.source]
+            starts, ends = (np.array([float(row[key]) for row in mine]) for key in ("start", "end"))
+            counts = np.array([int(row["n_samples"]) for row in mine])
+            clock = 0.01 * period + 1e-6  # s, to which a sample belongs to a row, and seconds since 1970 are told
+            assert log.t[0] - clock <= starts[0] < log.t[0] + period
+            assert log.t[-1] + clock >= ends[-1] > log.t[-1] - period
+            np.testing.assert_allclose(starts[1:] - ends[:-1], period, atol=clock)
+            np.testing.assert_allclose(ends - starts, (counts - 1) * period, atol=clock)
+            assert abs(counts.sum() - len(log)) <= 1
+    told = sum(int(row["n_samples"]) for row in rows) / 3
+    assert len(pooled.signals.motion) - told == pytest.approx(2 * 3.0 / period, abs=5), "two pauses of 3 s are left out"
+
+
+def test_signs_of_several_logs_are_those_of_each(recordings, pooled_folder):
+    """Looked up in the logs themselves, by their own time."""
+    rows, signed = table(pooled_folder / "segments.csv"), table(pooled_folder / "signed_log.csv")
+    for log in recordings:
+        mine = [row for row in signed if row["log"] == log.source]
+        for j in range(3):
+            truth = log.effort[:, j]
+            strong = np.abs(truth) > 0.05 * np.abs(truth).max()
+            found = np.array([float(row[f"tau{j + 1}"]) for row in mine])
+            np.testing.assert_array_equal(np.abs(found), np.abs(truth))
+            assert np.mean(np.sign(found) == np.sign(truth), where=strong) > 0.99
+            of_segments = np.zeros(len(log))
+            for row in rows:
+                if (row["joint"], row["log"]) == (str(j + 1), log.source):
+                    inside = (log.t > float(row["start"]) - 0.005) & (log.t < float(row["end"]) + 0.005)
+                    of_segments[inside] = row["sign"]
+            assert np.mean(of_segments == np.sign(truth), where=strong) > 0.98
+
+
+def test_the_signed_log_of_several_logs_has_their_rows_and_times(recordings, pooled_folder):
+    rows = table(pooled_folder / "signed_log.csv")
+    assert list(rows[0]) == ["t", "tau1", "tau2", "tau3", "p1", "p2", "p3", "log"]
+    assert [row["log"] for row in rows] == [log.source for log in recordings for _ in log.t]
+    np.testing.assert_array_equal([float(row["t"]) for row in rows], np.concatenate([log.t for log in recordings]))
+
+
+def test_a_segment_that_spans_a_pause_is_cut_there(pooled):
+    """Signs and confidences of all others stay what they were; those of its parts follow from the parts' samples."""
+    segments, signs, confidence = recorded_segments(pooled)
+    before = zip(pooled.segments.joint, pooled.segments.start, pooled.segments.end, strict=True)
+    known = dict(zip(before, zip(pooled.signs, pooled.confidence, strict=True), strict=True))
+    where = list(zip(segments.joint, segments.start, segments.end, strict=True))
+    same = [k for k, one in enumerate(where) if one in known]
+    assert [(signs[k], confidence[k]) for k in same] == [known[where[k]] for k in same]
+    cut = [k for k in range(len(where)) if k not in same]
+    assert 6 <= len(cut) <= 12, "two pauses, three joints, and what ends or begins exactly there"
+    for k in cut:
+        j, a, b = where[k]
+        energy = pooled.signals.raw_effort[a:b, j] ** 2
+        plus = (energy * pooled.probability[a:b, j]).sum() / energy.sum()
+        assert signs[k] == (1 if plus >= 0.5 else -1)
+        assert confidence[k] == pytest.approx(max(plus, 1.0 - plus))
+
+
+def test_the_summary_of_several_logs_names_them(recordings, pooled, pooled_folder):
+    content = strict((pooled_folder / "summary.json").read_text())
+    assert content["log"] == "a.csv + b, two.csv + c.csv"
+    assert content["logs"] == [{"source": log.source, "n_samples": len(log)} for log in recordings]
+    assert content["n_samples"] == sum(map(len, recordings))
+    assert content["n_segments"] == len(table(pooled_folder / "segments.csv"))
+    nothing = replace(pooled, search=replace(pooled.search, settled=np.zeros(len(pooled.searched), dtype=bool)))
+    ambiguous = summary(nothing)["search"]["ambiguous"]
+    assert len(ambiguous) == len(pooled.searched)
+    spans = {log.source: (log.t[0] - 1e-6, log.t[-1] + 1e-6) for log in recordings}
+    for row in ambiguous:
+        assert spans[row["log"]][0] <= row["start"] <= row["end"] <= spans[row["log"]][1]
+    assert {row["log"] for row in ambiguous} == set(spans)
+
+
+def test_one_log_is_not_called_several(result, folder):
+    content = strict((folder / "summary.json").read_text())
+    assert "logs" not in content
+    assert all("log" not in row for row in content["search"]["ambiguous"])
+    segments, signs, confidence = recorded_segments(result)
+    assert segments is result.segments
+    assert (signs is result.signs, confidence is result.confidence) == (True, True)
+
+
+def test_a_validation_on_several_logs(recordings, pooled, tmp_path):
+    validation = pooled.validate(join_logs(recordings))
+    place = save_validation(validation, tmp_path / "v")
+    rows = table(place / "prediction.csv")
+    assert list(rows[0])[-1] == "log"
+    for log in recordings:
+        mine = [row for row in rows if row["log"] == log.source]
+        t, tau, predicted = (np.array([float(row[key]) for row in mine]) for key in ("t", "tau1", "predicted1"))
+        assert abs(len(mine) - len(log)) <= 1
+        effort = np.interp(t, log.t, log.effort[:, 0])
+        assert np.corrcoef(predicted, effort)[0, 1] > 0.99
+        assert np.corrcoef(tau, effort)[0, 1] > 0.99
+    assert [row["log"] for row in table(place / "signed_log.csv")] == [log.source for log in recordings for _ in log.t]
+    names = [(one["source"], one["n_samples"]) for one in strict((place / "summary.json").read_text())["logs"]]
+    assert names == [(log.source, len(log)) for log in recordings]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Coefficients and parameters
+# ---------------------------------------------------------------------------------------------------------------
 def test_the_coefficients_are_those_of_the_fit(result, folder):
     rows = table(folder / "coefficients.csv")
     assert list(rows[0])[:7] == ["name", "expression", "mean", "sd", "rsd_percent", "q2.5", "q97.5"]
@@ -761,7 +902,7 @@ def full_disk(*_):
 def test_a_full_disk_leaves_everything_as_it_was(result, tmp_path, monkeypatch, earlier):
     place = tmp_path / "r"
     before = contents(save_identification(result, place)) if earlier else None
-    monkeypatch.setattr(results, "_write_segments", full_disk)
+    monkeypatch.setattr(results, "_write_signed_log", full_disk)
     with pytest.raises(InputError, match="No space left on device"):
         save_identification(replace(result, warnings=("another result",)), place)
     assert [path.name for path in tmp_path.iterdir()] == (["r"] if earlier else [])
