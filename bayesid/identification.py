@@ -29,7 +29,7 @@ from bayesid.posterior.prior import Links, Nominal
 from bayesid.posterior.sampler import SamplerOptions
 from bayesid.robot import Robot, load_robot
 from bayesid.search.result import SearchResult
-from bayesid.segments import Segments, find_segments
+from bayesid.segments import USUAL, Cutting, Segments, find_segments
 from bayesid.sign_model import Prior, Settled, restored, richer_model, settle_signs, structural_doubt, weight_against
 from bayesid.signals import Signals, prepare
 from bayesid.signs import METHODS, POOR, FoundSigns, NodeCostFactory, Progress, SearchOptions
@@ -70,7 +70,7 @@ class Identification:
         sign_terms: terms of the model under which the signs were settled.
         sign_weight: of that model, against the one asked for where they differ.
         sign_doubt: (n,) probability that signs are guesses because the model is not the robot's.
-        searched: the segments in motion, as the last search had them.
+        searched: the segments that are fitted, as the last search had them.
         search: that search.
         rounds: searches until no segment's predicted effort crossed zero.
         timings: stage to seconds.
@@ -145,7 +145,7 @@ class Identification:
 
     @property
     def settled_share(self) -> float | None:
-        """Share of the samples in motion on whose sign all assignments within Delta agree; None without a proof."""
+        """Share of the samples searched on whose sign all assignments within Delta agree; None without a proof."""
         if self.search.settled is None:
             return None
         count = self.searched.end - self.searched.start
@@ -188,6 +188,8 @@ def identify(
     nominal: Mapping[str, tuple[float, float]] | None = None,
     progress: Progress | None = None,
     node_cost: NodeCostFactory | None = None,
+    repeatable: bool = False,
+    cutting: Cutting = USUAL,
 ) -> Identification:
     """Identifies a robot from a log with known, unknown or mixed signs.
 
@@ -208,6 +210,10 @@ def identify(
         nominal: parameters known beforehand (CAD, data sheet): name to mean and standard deviation.
         progress: called as progress(stage, done, total) while a long stage runs.
         node_cost: what prices a node of the beam, made from (cone, coefficients, hessian, energy); the cone by default.
+        repeatable: whether the same seed is to give the same result, to the last digit, on a busy machine too. The
+            search's budget then counts work in nominal seconds, and sampling ends when it has converged or after
+            `SamplerOptions.most_sweeps`, whatever its budget.
+        cutting: thresholds by which efforts are cut into segments, and small ones left out.
 
     Raises:
         InputError: the robot, the log or an option cannot be used.
@@ -216,8 +222,9 @@ def identify(
     if not 0.0 <= posterior_budget < np.inf:
         raise InputError(f"a budget of {posterior_budget:g} s", "--posterior-budget", "give 0 or more seconds")
     options = _Options(
-        SearchOptions(search, search_budget, missed_mass, beam_width, initial_segments, node_cost),
-        SamplerOptions(budget=posterior_budget, seed=seed) if posterior else None, links, progress,
+        SearchOptions(search, search_budget, missed_mass, beam_width, initial_segments, node_cost, repeatable),
+        SamplerOptions(budget=posterior_budget, seed=seed, repeatable=repeatable) if posterior else None,
+        links, progress,
     )  # fmt: skip
     clock = _Clock()
     robot = robot if isinstance(robot, Robot) else load_robot(robot)
@@ -225,7 +232,7 @@ def identify(
     _check(robot, log)
     signals = prepare(log, cutoff)
     model = Model(robot, catalogue.make_terms(terms, robot, signals.motion))
-    segments = find_segments(signals, robot.actuators(signals.motion))
+    segments = find_segments(signals, robot.actuators(signals.motion), cutting)
     _check_amount(segments, base_coefficients(model), log)
     given = None if nominal is None else nominal_of(model, nominal)
     clock.lap("prepare")
@@ -320,7 +327,7 @@ def _finish(
     return Identification(
         own.model, own.coefficients, log, signals, segments, of_segments, confidence, probability, fit, drawn,
         tuple(term.name for term in settled.model.terms), signs.weight, doubt,
-        found.segments[found.segments.moving], found.search, found.rounds, clock.laps,
+        found.segments[found.segments.fitted], found.search, found.rounds, clock.laps,
         (*_warnings(fit, found, log), *_doubts(drawn, own, settled, doubt)),
     )  # fmt: skip
 
@@ -359,7 +366,7 @@ def _average(own: Settled, rival: Settled | None, weight: float, signals: Signal
     if weight < 0.5:
         return own, own.fit, probability
     signs = 2.0 * rival.probability - 1.0  # a doubt about the model is none about single signs: it would bias the fit
-    return rival, fit_signed(own.model, own.coefficients, signals, signs, rival.moving), probability
+    return rival, fit_signed(own.model, own.coefficients, signals, signs, rival.fitted), probability
 
 
 def _sample(
@@ -368,7 +375,7 @@ def _sample(
 ) -> Posterior:  # fmt: skip
     """The posterior of the model asked for; signs that another model has settled are given, all others summed out."""
     settled, fit = signs.settled, signs.fit
-    segments, search = settled.found.segments[settled.found.segments.moving], settled.found.search
+    segments, search = settled.found.segments[settled.found.segments.fitted], settled.found.search
     inside = np.flatnonzero(inner_samples(signals))
     bounds = int(inside[0]), int(inside[-1]) + 1
     segments = replace(segments, start=np.clip(segments.start, *bounds), end=np.clip(segments.end, *bounds))
@@ -429,9 +436,10 @@ def _check(robot: Robot, log: Log) -> None:
 
 
 def _check_amount(segments: Segments, coefficients: BaseCoefficients, log: Log) -> None:
-    samples = int((segments.end - segments.start)[segments.moving].sum())
+    samples = int((segments.end - segments.start)[segments.fitted].sum())
     if samples < 3 * len(coefficients):
-        said = f"{samples} samples in motion for {len(coefficients)} coefficients"
+        which = "in motion" if np.array_equal(segments.fitted, segments.moving) else "in motion above the threshold"
+        said = f"{samples} samples {which} for {len(coefficients)} coefficients"
         raise InputError(said, log.source, "record a longer log or name fewer --terms")
 
 

@@ -9,23 +9,51 @@ standstill or of a pause of the log. A cut too many costs a binary unknown, a cu
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
 from scipy.signal import find_peaks
 
+from bayesid.errors import InputError
 from bayesid.motion import Array, Integers, Mask, Motion
 from bayesid.signals import Signals
 
-_PROMINENCE = 0.02
-"""Share of the joint's 99th percentile by which a minimum must lie below its surroundings."""
 _JUMP = 0.1
 """Share of the 99th percentile by which the slope must jump, over half a period of the efforts' cut-off."""
 _JERK = 0.5
 """Share of its 99th percentile by which the acceleration must jump within one period of the efforts' cut-off."""
 _CEILING = 0.35
 """Share of the 99th percentile above which no minimum is a zero in disguise."""
+
+
+@dataclass(frozen=True)
+class Cutting:
+    """Thresholds by which an effort of unknown sign is cut.
+
+    Both are shares of the 99th percentile of the joint's lightly filtered |effort|.
+
+    Attributes:
+        prominence: by which a minimum must lie below its surroundings to be a cut.
+        threshold: under which samples take no part in search and fit, as in the paper; 0 leaves none out. Their signs
+            follow from the model that is found.
+
+    Raises:
+        InputError: a threshold is outside its range.
+    """
+
+    prominence: float = 0.02
+    threshold: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.prominence < 1.0:
+            raise InputError(f"a prominence of {self.prominence:g}", "cutting", "give a number between 0 and 1")
+        if not 0.0 <= self.threshold < 1.0:
+            raise InputError(f"a threshold of {self.threshold:g}", "cutting", "give 0, or a number below 1")
+
+
+USUAL = Cutting()
+"""How efforts are cut unless told otherwise."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +65,9 @@ class Segments:
         start: (S,) first sample.
         end: (S,) sample after the last.
         known: (S,) +1 where the effort is signed already, 0 where the sign is to be found.
-        moving: (S,) whether the actuator moves; a segment at standstill takes no part in the fit.
+        moving: (S,) whether the actuator moves.
+        fitted: (S,) whether the segment takes part in search and fit; if empty, those in motion do. A segment in motion
+            may be left out because its effort is small.
     """
 
     joint: Integers
@@ -45,14 +75,20 @@ class Segments:
     end: Integers
     known: Integers
     moving: Mask
+    fitted: Mask = field(default_factory=lambda: np.empty(0, dtype=bool))
+
+    def __post_init__(self) -> None:
+        if not self.fitted.size:
+            object.__setattr__(self, "fitted", self.moving)
 
     def __len__(self) -> int:
         return len(self.joint)
 
     def __getitem__(self, chosen: Mask | Integers) -> Segments:
         return Segments(
-            self.joint[chosen], self.start[chosen], self.end[chosen], self.known[chosen], self.moving[chosen]
-        )
+            self.joint[chosen], self.start[chosen], self.end[chosen], self.known[chosen], self.moving[chosen],
+            self.fitted[chosen],
+        )  # fmt: skip
 
     def split(self, cuts: list[tuple[int, int]]) -> Segments:
         """The segments cut once more before each given (joint, sample)."""
@@ -60,7 +96,7 @@ class Segments:
         for k in range(len(self)):
             inside = sorted(at for j, at in cuts if j == self.joint[k] and self.start[k] < at < self.end[k])
             edges = [int(self.start[k]), *inside, int(self.end[k])]
-            rows += [(self.joint[k], a, b, self.known[k], self.moving[k]) for a, b in pairwise(edges)]
+            rows += [(self.joint[k], a, b, self.known[k], self.moving[k], self.fitted[k]) for a, b in pairwise(edges)]
         return _from_rows(rows)
 
     def per_sample(self, values: Array | Integers | Mask, n_samples: int, n_joints: int) -> Array:
@@ -71,12 +107,13 @@ class Segments:
         return laid
 
 
-def find_segments(signals: Signals, actuators: Motion) -> Segments:
+def find_segments(signals: Signals, actuators: Motion, cutting: Cutting = USUAL) -> Segments:
     """Cuts every joint's effort into segments.
 
     Args:
         signals: the filtered log.
         actuators: its motion in actuator coordinates.
+        cutting: thresholds.
     """
     n_samples = len(actuators)
     half_period = max(1, round(signals.rate / (2.0 * signals.effort_cutoff)))
@@ -84,19 +121,32 @@ def find_segments(signals: Signals, actuators: Motion) -> Segments:
     for j in range(actuators.n_joints):
         speed = actuators.dq[:, j]
         moving = signals.measured[:, j] & (np.abs(speed) > actuators.standstill_speed[j])
-        edges = {int(i) for i in np.flatnonzero(np.diff(moving)) + 1}
+        edges, fitted, effort = _changes(moving), moving, signals.effort[:, j]
         if not signals.signed[j]:
-            cuts = _reversals(speed) | _minima(signals.effort[:, j]) | _jerks(actuators.ddq[:, j], half_period)
-            edges |= cuts | _slope_jumps(signals.effort[:, j], half_period, edges | cuts)
+            cuts = _reversals(speed) | _minima(effort, cutting.prominence) | _jerks(actuators.ddq[:, j], half_period)
+            edges |= cuts | _slope_jumps(effort, half_period, edges | cuts)
+            fitted = moving & _strong(effort, cutting.threshold)
+            edges |= _changes(fitted)  # last: they mark no sign change, and must not stand in for a cut that does
         bounds = sorted({0, n_samples} | edges)
         known = int(signals.signed[j])
-        rows += [(j, a, b, known, bool(moving[a])) for a, b in pairwise(bounds)]
+        rows += [(j, a, b, known, bool(moving[a]), bool(fitted[a])) for a, b in pairwise(bounds)]
     return _from_rows(rows)
 
 
-def _from_rows(rows: list[tuple[int, int, int, int, bool]]) -> Segments:
-    joint, start, end, known, moving = np.array(rows, dtype=np.int64).T
-    return Segments(joint, start, end, known, moving.astype(bool))
+def _from_rows(rows: list[tuple[int, int, int, int, bool, bool]]) -> Segments:
+    joint, start, end, known, moving, fitted = np.array(rows, dtype=np.int64).T
+    return Segments(joint, start, end, known, moving.astype(bool), fitted.astype(bool))
+
+
+def _strong(magnitude: Array, threshold: float) -> Mask:
+    """(N,) samples that reach a share of the 99th percentile; what is filtered may undershoot below zero."""
+    strong: Mask = np.abs(magnitude) >= threshold * np.percentile(magnitude, 99)
+    return strong
+
+
+def _changes(state: Mask) -> set[int]:
+    """Samples that differ from the one before."""
+    return {int(i) for i in np.flatnonzero(np.diff(state)) + 1}
 
 
 def _reversals(speed: Array) -> set[int]:
@@ -114,10 +164,10 @@ def _jerks(acceleration: Array, span: int) -> set[int]:
     return {int(i) for i in found}
 
 
-def _minima(magnitude: Array) -> set[int]:
+def _minima(magnitude: Array, prominence: float) -> set[int]:
     """Prominent low minima of |effort|."""
     scale = np.percentile(magnitude, 99)
-    found, _ = find_peaks(-magnitude, prominence=_PROMINENCE * scale, height=-_CEILING * scale)
+    found, _ = find_peaks(-magnitude, prominence=prominence * scale, height=-_CEILING * scale)
     return {int(i) for i in found}
 
 

@@ -46,6 +46,7 @@ class Settled:
         coefficients: its r base coefficients.
         found: by the search.
         moving: (N, n) samples in motion.
+        fitted: (N, n) those of them that the fit rests on.
         probability: (N, n) P(sign = +) of every sample, the parameters taken as known.
         fit: parameters and noise under these signs.
         known: of the coefficients, before the log.
@@ -55,6 +56,7 @@ class Settled:
     coefficients: BaseCoefficients
     found: FoundSigns
     moving: Mask
+    fitted: Mask
     probability: Array
     fit: Fit
     known: Information | None = None
@@ -92,22 +94,25 @@ def settle_signs(
     """
     plain = base_coefficients(model)
     found = SignSearch(model, plain, signals, options, progress).run(segments)
-    moving = found.segments.per_sample(found.segments.moving, *signals.effort.shape) > 0
-    signs = found.segments[found.segments.moving].per_sample(found.search.signs, *moving.shape)
+    moving, fitted = (
+        found.segments.per_sample(which, *signals.effort.shape) > 0
+        for which in (found.segments.moving, found.segments.fitted)
+    )
+    signs = found.segments[found.segments.fitted].per_sample(found.search.signs, *moving.shape)
     predicted = model.effort(signals.motion, found.search.theta)
-    probability = _smoothed(signals, predicted, signs * signals.raw_effort, moving)
+    probability = _smoothed(signals, predicted, signs * signals.raw_effort, moving, fitted)
     if prior is None:
-        fit = fit_signed(model, plain, signals, 2.0 * probability - 1.0, moving)
-        return Settled(model, plain, found, moving, probability, fit)
+        fit = fit_signed(model, plain, signals, 2.0 * probability - 1.0, fitted)
+        return Settled(model, plain, found, moving, fitted, probability, fit)
     coefficients = prior.knowledge.coefficients(model)
     known = prior.knowledge.information(model, coefficients)
     start = model.effort(signals.motion, prior.theta)
-    other = _smoothed(signals, start, np.sign(start) * np.abs(signals.raw_effort), moving)
-    candidates = [_agreed(model, coefficients, signals, one, moving, known) for one in (probability, other)]
+    other = _smoothed(signals, start, np.sign(start) * np.abs(signals.raw_effort), moving, fitted)
+    candidates = [_agreed(model, coefficients, signals, one, moving, fitted, known) for one in (probability, other)]
     time = np.max([one.residual.autocorrelation for _, one in candidates], axis=0)
-    count = moving.sum(axis=0) / time  # the same for both: wrong signs last, and would count for little
+    count = fitted.sum(axis=0) / time  # the same for both: wrong signs last, and would count for little
     probability, fit = min(candidates, key=lambda one: _disagreement(one[1], count, known))
-    return Settled(model, coefficients, found, moving, probability, fit, known)
+    return Settled(model, coefficients, found, moving, fitted, probability, fit, known)
 
 
 def restored(model: Model, signals: Signals) -> Signals:
@@ -119,14 +124,14 @@ def restored(model: Model, signals: Signals) -> Signals:
 
 
 def _agreed(
-    model: Model, coefficients: BaseCoefficients, signals: Signals, probability: Array, moving: Mask,
+    model: Model, coefficients: BaseCoefficients, signals: Signals, probability: Array, moving: Mask, fitted: Mask,
     known: Information,
 ) -> tuple[Array, Fit]:  # fmt: skip
     """Signs and fit, settled once more under the fit to them and to what is known."""
-    fit = fit_signed(model, coefficients, signals, 2.0 * probability - 1.0, moving, known)
+    fit = fit_signed(model, coefficients, signals, 2.0 * probability - 1.0, fitted, known)
     nearest = np.sign(fit.predicted) * np.abs(signals.raw_effort)
-    probability = _smoothed(signals, fit.predicted, nearest, moving)
-    return probability, fit_signed(model, coefficients, signals, 2.0 * probability - 1.0, moving, known)
+    probability = _smoothed(signals, fit.predicted, nearest, moving, fitted)
+    return probability, fit_signed(model, coefficients, signals, 2.0 * probability - 1.0, fitted, known)
 
 
 def _disagreement(fit: Fit, count: Array, known: Information) -> float:
@@ -134,10 +139,13 @@ def _disagreement(fit: Fit, count: Array, known: Information) -> float:
     return float(count @ np.log(fit.residual.sigma)) + 0.5 * known.misfit(fit.beta)
 
 
-def _smoothed(signals: Signals, predicted: Array, signed: Array, moving: Mask) -> Array:
-    """(N, n) P(sign = +) of every sample, from the model's efforts (N, n) and the signed ones."""
+def _smoothed(signals: Signals, predicted: Array, signed: Array, moving: Mask, fitted: Mask) -> Array:
+    """(N, n) P(sign = +) of every sample, from the model's efforts (N, n) and the signed ones.
+
+    The noise is that of the samples that are fitted, but the model holds for all in motion.
+    """
     signed = np.where(signals.signed, signals.raw_effort, signed)
-    noise = residual_noise(np.where(moving, signed - predicted, 0.0), moving, signals.rate)
+    noise = residual_noise(np.where(fitted, signed - predicted, 0.0), fitted, signals.rate)
     inside = moving & inner_samples(signals)
     smoothed = sign_probabilities(np.abs(signals.raw_effort), predicted, inside, noise, signals.rate)
     return np.where(signals.signed, (signals.raw_effort >= 0.0).astype(float), smoothed)
@@ -168,7 +176,7 @@ def weight_against(rival: Settled, own: Settled) -> float:
     Each joint's samples are divided by the longer autocorrelation time of the two residuals.
     """
     time = np.maximum(rival.fit.residual.autocorrelation, own.fit.residual.autocorrelation)
-    count = own.moving.sum(axis=0) / time
+    count = own.fitted.sum(axis=0) / time
     gain = float(count @ (2.0 * np.log(own.fit.residual.sigma / rival.fit.residual.sigma)))
     price = (len(rival.coefficients) - len(own.coefficients)) * float(np.log(count.sum()))
     return min(_LARGEST_WEIGHT, float(expit(0.5 * (gain - price))))
@@ -179,10 +187,10 @@ def structural_doubt(settled: Settled, signals: Signals) -> Array:
 
     A model that leaves a large lasting error of its own finds wrong signs that suit it, joints at a time, and every
     probability that is conditional on the model follows it. A rule of thumb, in the size of the lasting error relative
-    to the effort and in whether a proof was had; `studies.calibration --misfit` shows what it does.
+    to the effort and in whether a proof was had; `bayesid study misfit` shows what it does.
     """
-    square = np.where(settled.moving, signals.raw_effort**2, 0.0).sum(axis=0)
-    effort = np.sqrt(square / np.maximum(settled.moving.sum(axis=0), 1))
+    square = np.where(settled.fitted, signals.raw_effort**2, 0.0).sum(axis=0)
+    effort = np.sqrt(square / np.maximum(settled.fitted.sum(axis=0), 1))
     error = settled.fit.noise.coloured / np.maximum(effort, 1e-300)
     suspected = np.maximum(error, _INFECTED * error.max())
     tolerated = _TOLERATED if settled.found.search.certified else _UNPROVEN

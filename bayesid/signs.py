@@ -58,6 +58,7 @@ class SearchOptions:
         beam_width: w of T-PBPR, where a beam is used.
         initial_segments: s0 of T-PBPR.
         node_cost: what prices a node of the beam, made from (cone, coefficients, hessian, energy); None for the cone.
+        repeatable: whether the budget counts work in nominal seconds (`bayesid.search.problem`) instead of the clock's.
     """
 
     method: str = METHODS[0]
@@ -66,6 +67,7 @@ class SearchOptions:
     beam_width: int = 5
     initial_segments: int = 5
     node_cost: NodeCostFactory | None = None
+    repeatable: bool = False
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -90,7 +92,7 @@ class FoundSigns:
 
     Attributes:
         segments: S segments, split where the effort crosses zero.
-        search: the last search, over those in motion.
+        search: the last search, over those that are fitted.
         rounds: how often segments were searched until none had to be split.
         unsplit: cuts that the last search still asked for.
     """
@@ -130,7 +132,7 @@ class SignSearch:
         found: list[SearchResult] = []
         sigma: Array | None = None
         for rounds in range(1, _MOST_ROUNDS + 1):
-            fitted = segments[segments.moving]
+            fitted = segments[segments.fitted]
             motion, effort = self.signals.motion, self.signals.effort
             raw = moments(self.model, self.coefficients, motion, effort, fitted, _OWN)
             sigma = _FIRST_GUESS * raw.rms_effort(self._n) if sigma is None else sigma
@@ -180,8 +182,9 @@ class SignSearch:
         return replace(best, method="certified, then beam", width=other.width, nodes=nodes, solves=solves)
 
     def _certified(self, scaled: Moments, budget: float, earlier: list[SearchResult], stage: str) -> SearchResult:
-        start = earlier[-1].theta if earlier else None
-        return certified(scaled, self._cone(scaled), budget, self.options.missed, start, self._reported(stage))
+        start, options = earlier[-1].theta if earlier else None, self.options
+        solver, told = self._cone(scaled), self._reported(stage)
+        return certified(scaled, solver, budget, options.missed, start, told, options.repeatable)
 
     def _beam(self, scaled: Moments, width: int, earlier: list[SearchResult], stage: str) -> SearchResult:
         """A beam with its joints turned where that helps; what an earlier search found is not lost."""

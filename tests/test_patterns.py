@@ -16,7 +16,7 @@ from bayesid.search.problem import Problem
 ALL = 10**9
 
 
-def never():
+def never(_):
     """No budget ends."""
 
 
@@ -189,8 +189,8 @@ def test_work_stops_where_the_budget_ends():
     (block,) = view.blocks
     calls = []
 
-    def check():
-        calls.append(None)
+    def check(priced):
+        calls.append(priced)
         if len(calls) == 3:
             raise TimeoutError
 

@@ -70,13 +70,23 @@ def divide(model: Model, log: Log, later: Log | None, trial: Trial, cutoff: floa
 
 @dataclass(frozen=True)
 class Case:
-    """What stays the same while effects are chosen."""
+    """What stays the same while effects are chosen.
+
+    Attributes:
+        knowledge: of the model's parameters, from an earlier log.
+        coefficients: the model's base coefficients.
+        noise: of the earlier log's efforts.
+        trial: the data that choose.
+        unseen: the data that score.
+        repeatable: whether a search's budget counts work instead of seconds.
+    """
 
     knowledge: Knowledge
     coefficients: BaseCoefficients
     noise: Noise
     trial: Trial
     unseen: Unseen
+    repeatable: bool = False
 
     @property
     def model(self) -> Model:
@@ -130,7 +140,7 @@ class Case:
         if model is None or noise_floor(self.trial, residual, self.noise).sharp.all():
             return None
         segments = find_segments(signals, self.trial.actuators)
-        return settle_signs(model, signals, segments, SearchOptions(budget=_HASTE))
+        return settle_signs(model, signals, segments, SearchOptions(budget=_HASTE, repeatable=self.repeatable))
 
     def predicted(self, chosen: Sequence[Hypothesis], explanation: Explanation) -> Array:
         """(N, n) efforts of an explanation, N m."""

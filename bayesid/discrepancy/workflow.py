@@ -117,6 +117,7 @@ def find_discrepancy(
     posterior_budget: float = 60.0,
     seed: int = 0,
     progress: Progress | None = None,
+    repeatable: bool = False,
 ) -> Discrepancy:
     """Finds what a model lacks to explain a log.
 
@@ -130,6 +131,7 @@ def find_discrepancy(
         posterior_budget: seconds that sampling may take.
         seed: of the sampling.
         progress: called as progress(stage, done, total).
+        repeatable: whether the same seed is to give the same result on a busy machine too (see `identify`).
 
     Raises:
         InputError: a log is of another robot, too short, too still, or the holdout is the log.
@@ -142,12 +144,13 @@ def find_discrepancy(
     check_log(model.robot, log)
     trial = shortened(make_trial(model, prepare(log, cutoff)))
     choosing, unseen = divide(model, log, later, trial, cutoff)
-    case = Case(earlier.knowledge, base_coefficients(model), earlier.noise, choosing, unseen)
+    case = Case(earlier.knowledge, base_coefficients(model), earlier.noise, choosing, unseen, repeatable)
     check_same_robot(case.before, choosing, log)
     chosen = Choice(case, progress).run()
     again = identify_again(
         chosen.extension.model, log, chosen.extension.knowledge, chosen.extension.theta, cutoff,
-        SearchOptions(budget=search_budget), SamplerOptions(budget=posterior_budget, seed=seed) if posterior else None,
+        SearchOptions(budget=search_budget, repeatable=repeatable),
+        SamplerOptions(budget=posterior_budget, seed=seed, repeatable=repeatable) if posterior else None,
         progress=progress,
     )  # fmt: skip
     return replace(_discrepancy(case, chosen, again), seconds=time.perf_counter() - began)

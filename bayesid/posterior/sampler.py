@@ -44,6 +44,7 @@ class SamplerOptions:
         per_walker: the same for every walker, on average.
         budget: seconds of wall time, warm-up included.
         seed: of all random numbers. Before the budget ends, the draws depend on nothing else.
+        repeatable: whether they are never to depend on anything else: the budget does not count then.
     """
 
     ensembles: int = 4
@@ -56,6 +57,7 @@ class SamplerOptions:
     per_walker: float = 4.0
     budget: float = 60.0
     seed: int = 0
+    repeatable: bool = False
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,7 @@ def sample(
     began = time.perf_counter()
 
     def late() -> bool:
-        return time.perf_counter() - began > options.budget
+        return not options.repeatable and time.perf_counter() - began > options.budget
 
     random = np.random.RandomState(options.seed)
     sampler, state = _warmed_up(target, theta, options, random, late)

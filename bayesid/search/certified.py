@@ -50,6 +50,7 @@ def certified(
     missed: float = 1e-3,
     start: Array | None = None,
     progress: Callable[[int, int], None] | None = None,
+    repeatable: bool = False,
 ) -> SearchResult:
     """Finds the best signs and proves as much about all others as the budget allows.
 
@@ -60,12 +61,13 @@ def certified(
         missed: the mass, relative to the best assignment's, that the branches may leave out.
         start: (P,) parameters of an earlier search; what they predict is a candidate too.
         progress: called as progress(stages done, stages).
+        repeatable: whether the budget counts work in nominal seconds instead (`Problem`).
 
     Raises:
         SolverError: a cone problem could not be solved.
     """
     began = time.perf_counter()
-    problem = Problem(moments, solver, began + budget)
+    problem = Problem(moments, solver, budget, repeatable)
     best, floor, proof = candidate(problem), 0.0, None
     if start is not None:
         earlier = problem.price(problem.settle(moments.known, start).signs)
@@ -162,9 +164,9 @@ def _turned(problem: Problem, branch: Branch) -> Branch:
     """The branch with single segments turned where that pays: those that pull the parameters over to their own sign."""
     unknown = np.flatnonzero(problem.moments.known == 0)
     for _ in range(_TURNS):
-        flips = problem.flips(branch, unknown)
-        k = int(np.argmin(flips.alone)) if unknown.size else 0
-        if not unknown.size or flips.alone[k] >= -problem.exact:
+        changes = problem.single_flips(branch, unknown)
+        k = int(np.argmin(changes)) if unknown.size else 0
+        if not unknown.size or changes[k] >= -problem.exact:
             break
         signs = branch.signs.copy()
         signs[unknown[k]] *= -1

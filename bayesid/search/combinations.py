@@ -61,7 +61,7 @@ def least_costs(problem: Problem) -> Array:
 
 
 def _least_cost(problem: Problem, block: Block) -> float:
-    problem.check()
+    problem.check(0)
     depth = len(block.segments)
     upper = float(block.best(_WIDTH, depth).bound.min()) + problem.rounding
     return float(block.within(upper, depth, _LEAST, problem.check).bound.min())
@@ -153,7 +153,7 @@ class _Level:
             here = self.limit + slack - float(self.least[to_come].sum() + np.delete(self.rest, to_come).sum())
 
             def keep(bound: Array) -> Integers:
-                self.problem.check()
+                self.problem.check(len(bound))
                 kept = np.flatnonzero(bound <= here)
                 held[len(to_come)] += len(kept)
                 if held[len(to_come)] > most:
@@ -168,6 +168,7 @@ class _Level:
             return Combinations(joined, lower, joined.left_out + 0.5 * slack, {})
         groups, lowers = [], []
         for row, bound in enumerate(coarser.lower):
+            self.problem.check(sum(len(patterns) for patterns in self.lists))
             decided = self.problem.decided(coarser.patterns, row)
             lists = [patterns.beginning_with(decided) for patterns in self.lists]
             groups.append(combine(self.problem, lists, order, within))
@@ -197,6 +198,7 @@ class _Level:
             row = int(waiting[np.argmin(lower[waiting])])
             solution = problem.solve(patterns.gradient[row])
             solved[row], beta = solution.theta, problem.project(solution.theta)
+            problem.count(len(left))
             own = energy + solution.lower_bound + rest - 2.0 * TINY * float(beta @ problem.pull @ beta)
             steps = patterns.gradient[left] - patterns.gradient[row]
             reach = -unconstrained(steps)

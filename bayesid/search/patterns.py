@@ -134,16 +134,17 @@ class Block:
         return self._grow(depth, None, Floor(), lambda bound, _: np.argsort(bound, kind="stable")[:width])
 
     def within(
-        self, limit: float, depth: int, longest: int, check: Callable[[], None], floor: Floor | None = None
+        self, limit: float, depth: int, longest: int, check: Callable[[int], None], floor: Floor | None = None
     ) -> Patterns:
         """All patterns of the first `depth` segments with a bound up to `limit`, or of as many as `longest` can hold.
 
         The limit is higher while segments are still to come, by 2 log 2 for each: what is excluded then counts as often
-        as it has completions. `check` is called at every segment and may raise to stop the work.
+        as it has completions. `check` is told at every segment how many patterns were priced; it may raise to stop the
+        work.
         """
 
         def keep(bound: Array, to_come: int) -> Integers:
-            check()
+            check(len(bound))
             return np.flatnonzero(bound <= limit + 2.0 * _LOG2 * to_come)
 
         return self._grow(depth, longest, floor or Floor(), keep)

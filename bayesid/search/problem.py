@@ -1,4 +1,9 @@
-"""The sign problem of one set of moments: what every stage of the certified search shares."""
+"""The sign problem of one set of moments: what every stage of the certified search shares.
+
+A budget in seconds of the clock ends wherever the machine has got to by then. Where a search must give the same result
+in every run it counts its work instead, in *nominal seconds*: numbers of steps, sign choices, cone problems and pairs
+of segments, each times about what it takes on one core.
+"""
 
 from __future__ import annotations
 
@@ -21,6 +26,11 @@ _ROUNDING = 1e-8
 """Share of the energy by which rounding, and the ridge against it, may raise an unconstrained bound."""
 _EXACT = 1e-8
 """Share of the energy below which two costs are not told apart."""
+_STEP, _CHOICE, _SOLVE, _TURN = 4.5e-4, 5e-9, 1e-6, 3e-8
+"""Nominal seconds of a step, of a sign choice priced (by r), a cone problem (by P^2), a pair of segments that may turn.
+
+XXX
+"""
 
 
 class OutOfTimeError(Exception):
@@ -38,7 +48,8 @@ class Problem:
     Args:
         moments: scaled moments of S segments.
         solver: prepared for the cone and for H and energy of all segments.
-        deadline: of `time.perf_counter`, when the budget ends.
+        budget: seconds from now on.
+        repeatable: whether these are nominal seconds (`spent`), so that the budget ends at the same point of every run.
 
     Attributes:
         energy: c of all segments.
@@ -51,9 +62,10 @@ class Problem:
         tolerance: coarsest relative gap of a cone problem.
     """
 
-    def __init__(self, moments: Moments, solver: ConeLeastSquares, deadline: float) -> None:
+    def __init__(self, moments: Moments, solver: ConeLeastSquares, budget: float, repeatable: bool = False) -> None:
+        self._began, self._budget, self._repeatable = time.perf_counter(), budget, repeatable
         self.pull, centre = solver.pull()
-        self.moments, self._solver, self._deadline = moments, solver, deadline
+        self.moments, self._solver = moments, solver
         self._hessian, self.energy = moments.hessian.sum(axis=0), float(moments.energy.sum())
         self._unconstrained = UnconstrainedBound(self._hessian + self.pull, 0.0)
         self.exact = _EXACT * self.energy
@@ -62,6 +74,7 @@ class Problem:
         self.blocks = make_blocks(moments, (0.5 - TINY) * self.pull)
         self.solves = self.combined = 0
         self.tolerance = 0.0
+        self._steps = self._choices = self._solved = self._turns = 0
 
     @property
     def nodes(self) -> int:
@@ -69,12 +82,28 @@ class Problem:
         return self.combined + sum(block.nodes for block in self.blocks)
 
     @property
+    def spent(self) -> float:
+        """Seconds since the start: by the clock or, where a run is to be repeatable, by the work done."""
+        return self._nominal if self._repeatable else time.perf_counter() - self._began
+
+    @property
+    def _nominal(self) -> float:
+        choices = len(self.pull) * self._choices
+        return _STEP * self._steps + _CHOICE * choices + _SOLVE * self._solved + _TURN * self._turns
+
+    @property
     def out_of_time(self) -> bool:
         """Whether the budget has ended."""
-        return time.perf_counter() > self._deadline
+        return self.spent > self._budget
 
-    def check(self) -> None:
-        """Raises OutOfTimeError when the budget has ended."""
+    def count(self, choices: int) -> None:
+        """Takes down a step of the work, in which so many sign choices were priced."""
+        self._steps += 1
+        self._choices += choices
+
+    def check(self, choices: int) -> None:
+        """Takes down a step, and raises OutOfTimeError when the budget has ended."""
+        self.count(choices)
         if self.out_of_time:
             raise OutOfTimeError
 
@@ -137,6 +166,14 @@ class Problem:
 
     def flips(self, branch: Branch, free: Integers) -> Flips:
         """What turning some of the free segments of a branch costs."""
+        self._turns += len(free) ** 2
+        return self._flips(branch, free)
+
+    def single_flips(self, branch: Branch, free: Integers) -> Array:
+        """(free,) lower bounds of what turning one of the free segments by itself costs."""
+        return self._flips(branch, free).alone
+
+    def _flips(self, branch: Branch, free: Integers) -> Flips:
         beta, gap = self._solver.project(branch.theta), branch.cost - branch.lower_bound
         return Flips(self.moments, self._unconstrained, branch.signs, beta, gap, free)
 
@@ -149,5 +186,6 @@ class Problem:
 
     def _counted(self, solution: Solution) -> Solution:
         self.solves += 1
+        self._solved += len(solution.theta) ** 2
         self.tolerance = max(self.tolerance, solution.tolerance)
         return solution
