@@ -16,13 +16,15 @@ from bayesid.log import Log, join_logs, read_log, write_log
 from bayesid.nominal import read_nominal
 from bayesid.results import load_model, save_discrepancy, save_identification, save_validation
 from bayesid.robot import Robot, load_robot
+from bayesid.separately import Separate, identify_separately
 from bayesid.tables import inference_data
 from bayesid.validation import Validation, validate
 
 __version__ = version("bayesid")
 
 __all__ = [
-    "BayesidError", "Discrepancy", "Identification", "InputError", "Log", "Robot", "SolverError", "Validation",
-    "find_discrepancy", "identify", "inference_data", "join_logs", "load_model", "load_robot", "read_log",
-    "read_nominal", "save_discrepancy", "save_identification", "save_validation", "validate", "write_log",
+    "BayesidError", "Discrepancy", "Identification", "InputError", "Log", "Robot", "Separate", "SolverError",
+    "Validation", "find_discrepancy", "identify", "identify_separately", "inference_data", "join_logs", "load_model",
+    "load_robot", "read_log", "read_nominal", "save_discrepancy", "save_identification", "save_validation", "validate",
+    "write_log",
 ]  # fmt: skip

@@ -6,35 +6,56 @@ Exit codes: 0 done, 2 bad input (one line on stderr), 1 a fault of ours.
 from __future__ import annotations
 
 import argparse
-import importlib
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 from tqdm import tqdm
 
 import bayesid
 from bayesid import terms as catalogue
+from bayesid.agreement import text as agreement_text
 from bayesid.demo import run_demo
-from bayesid.errors import InputError, SolverError
+from bayesid.errors import BayesidError, InputError
+from bayesid.log import find_logs
 from bayesid.report.words import paragraph
 from bayesid.results import VALIDATION_FILES, check_folder, check_place
 from bayesid.signs import METHODS, Progress
 from bayesid.simulation import parse_effect, simulate_log
+from bayesid.tables import recorded_segments
 from bayesid.terms import RigidBody
 
-STUDIES = ("calibration", "discrepancy", "sbc", "paper", "real")
+STUDIES = {
+    "noise": "how much noise in the efforts can the signs bear?",
+    "duration": "how short may a log be?",
+    "excitation": "how poor may the excitation be?",
+    "cutoff": "which cut-off of the low-pass is right, and does the automatic one find it?",
+    "threshold": "how deep must a minimum be to cut there, and which small efforts should be dropped?",
+    "beam_width": "how wide must the beam of T-PBPR be?",
+    "initial_segments": "how many segments should T-PBPR enumerate first?",
+    "prior": "what does the prior decide, and what do values from a drawing change?",
+    "scaling": "what does a larger robot or a longer log cost?",
+    "paper": "the paper's experiment, its numbers beside ours",
+    "real": "real logs with their signs hidden: which come back right?",
+    "calibration": "do confidences and standard deviations mean what they say?",
+    "misfit": "the same with an effect that the model does not hold",
+    "sbc": "does the sampler sample the posterior?",
+    "discrepancy": "is the missing effect named? Blind cases played by MuJoCo",
+    "real_discrepancy": "the same on real logs of a UR10e",
+}
+"""Modules of the package `studies`, which is loaded only where one is run."""
 _EXAMPLES = """examples:
   bayesid demo
   bayesid identify log.csv --robot ur10e --out result
   bayesid identify monday.csv tuesday.csv --robot ur10e --search-budget 30
+  bayesid identify 'week/*.csv' --each --robot ur10e --workers 2 --out week-by-day
   bayesid identify currents.csv --robot my_robot.toml --gains 14.9,13.3,11.1,10.6,11.0,11.5
   bayesid validate result another_log.csv
   bayesid discrepancy result another_log.csv --holdout a_third_log.csv --out extended
   bayesid simulate --robot panda --duration 20 --noise 0.05 --out log.csv
-  bayesid study calibration --trials 32
+  bayesid study noise --trials 64 --workers 2
 """
 
 
@@ -54,11 +75,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except InputError as error:
         print(f"bayesid: {error}", file=sys.stderr)
         return 2
-    except (OSError, SolverError) as error:
+    except (OSError, BayesidError) as error:
         print(f"bayesid: {error}", file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
-        print("bayesid: interrupted; nothing was written", file=sys.stderr)
+    except KeyboardInterrupt as stop:
+        print(f"bayesid: interrupted; {stop or 'nothing was written'}", file=sys.stderr)
         return 130
     return 0
 
@@ -80,10 +101,7 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument("--out", type=Path, default=Path("bayesid-demo"), help="result folder (default: %(default)s)")
     demo.add_argument("--seed", type=_seed, default=0, help="of trajectory and noise (default: 0)")
     demo.set_defaults(command=_demo)
-    study = commands.add_parser("study", help="what the method bears, and whether it tells the truth")
-    study.add_argument("name", choices=STUDIES, help="which one")
-    study.add_argument("options", nargs=argparse.REMAINDER, help="of the study: `bayesid study NAME --help`")
-    study.set_defaults(command=_study)
+    _add_study(commands)
     return parser
 
 
@@ -91,7 +109,8 @@ def _add_identify(commands: argparse._SubParsersAction[_Parser]) -> None:
     parser = commands.add_parser("identify", help="signs, coefficients and feasible parameters from a log")
     parser.add_argument(
         "logs", type=Path, nargs="+", metavar="log",
-        help="CSV: t,q1..qn[,dq1..dqn],tau1..taun (or i1..in with --gains); several logs of one robot count as one",
+        help="CSV: t,q1..qn[,dq1..dqn],tau1..taun (or i1..in with --gains); several logs of one robot count as one, "
+        "also by a quoted pattern: 'runs/*.csv'",
     )  # fmt: skip
     parser.add_argument("--robot", required=True, help="built-in name, DH file (.toml) or URDF file")
     parser.add_argument("--terms", default=",".join(catalogue.DEFAULT), help="of the model (default: %(default)s)")
@@ -126,7 +145,14 @@ def _add_identify(commands: argparse._SubParsersAction[_Parser]) -> None:
         help="parameters known beforehand, from CAD or a data sheet: name,mean,sd, names as in parameters.csv",
     )  # fmt: skip
     parser.add_argument("--seed", type=_seed, default=0, help="of everything random (default: 0)")
-    parser.add_argument("--out", type=Path, help="result folder (default: bayesid-LOG)")
+    parser.add_argument(
+        "--repeatable", action="store_true", help="budgets count work, not seconds: the same result on a busy machine"
+    )
+    parser.add_argument(
+        "--each", action="store_true", help="identify each log by itself, and tell whether the results agree"
+    )
+    _add_workers(parser)
+    parser.add_argument("--out", type=Path, help="result folder (default: bayesid-LOG; with --each bayesid-each-LOG)")
     parser.add_argument("--quiet", action="store_true", help="print nothing but warnings and errors")
     parser.set_defaults(command=_identify)
 
@@ -182,32 +208,91 @@ def _add_simulate(commands: argparse._SubParsersAction[_Parser]) -> None:
     parser.set_defaults(command=_simulate)
 
 
+def _add_study(commands: argparse._SubParsersAction[_Parser]) -> None:
+    width = max(map(len, STUDIES))
+    parser = commands.add_parser(
+        "study", help="what the method bears, and whether it tells the truth",
+        epilog="\n".join(["studies:", *(f"  {name:<{width}}  {told}" for name, told in STUDIES.items())]),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    parser.add_argument("name", choices=STUDIES, metavar="NAME", help="which one, see below")
+    parser.add_argument("--trials", type=_whole, metavar="N", help="how many (default: the study's own number)")
+    parser.add_argument("--seed", type=_seed, default=0, help="of the first trials (default: 0)")
+    _add_workers(parser)
+    parser.add_argument("--resume", action="store_true", help="keep the rows that are there, run what is missing")
+    parser.add_argument("--out", type=Path, help="folder for rows, report and figure (default: bayesid-study-NAME)")
+    parser.add_argument("--quiet", action="store_true", help="print nothing but warnings and errors")
+    parser.set_defaults(command=_study)
+
+
+def _add_workers(parser: _Parser) -> None:
+    parser.add_argument("--workers", type=_whole, metavar="K", help="processes on this machine (default: one a core)")
+    parser.add_argument(
+        "--scheduler", metavar="tcp://HOST:PORT", help="of a Dask cluster, to run on its workers instead"
+    )
+
+
 # ---------------------------------------------------------------------------------------------------------------
 # Commands
 # ---------------------------------------------------------------------------------------------------------------
 def _identify(options: argparse.Namespace) -> None:
-    folder = check_folder(options.out or Path(f"bayesid-{options.logs[0].stem}"))
-    if any(path.resolve().parent == folder.resolve() for path in options.logs):
+    logs, settings = find_logs(options.logs), _settings(options)
+    if options.each:
+        _identify_each(options, logs, settings)
+        return
+    if options.workers is not None or options.scheduler is not None:
+        said = "one identification runs in one process"
+        raise InputError(said, "--workers or --scheduler", "leave it out, or add --each for one result a log")
+    folder = check_folder(options.out or Path(f"bayesid-{logs[0].stem}"))
+    if any(path.resolve().parent == folder.resolve() for path in logs):
         raise InputError("holds the log, which the result would replace", str(folder), "give --out a new folder")
-    terms = [name.strip() for name in options.terms.split(",")]
-    if RigidBody.name not in terms:
-        raise InputError(f"{RigidBody.name} is missing", "--terms", "add it: a robot has links")
     gains = _gains(options.gains)
-    log = bayesid.join_logs([bayesid.read_log(path, gains, options.unsigned) for path in options.logs])
+    log = bayesid.join_logs([bayesid.read_log(path, gains, options.unsigned) for path in logs])
     with _Bars(options.quiet) as bars:
-        result = bayesid.identify(
-            options.robot, log, terms, options.search, search_budget=options.search_budget,
-            beam_width=options.beam_width, initial_segments=options.initial_segments,
-            cutoff=options.cutoff, posterior=not options.no_posterior, posterior_budget=options.posterior_budget,
-            seed=options.seed, nominal=None if options.nominal is None else bayesid.read_nominal(options.nominal),
-            progress=bars.show,
-        )  # fmt: skip
+        result = bayesid.identify(options.robot, log, **settings, progress=bars.show)
     bayesid.save_identification(result, folder)
     for warning in result.warnings:
         print(f"warning: {warning}", file=sys.stderr)
     if not options.quiet:
         print(identification_table(result))
         print(f"written to {folder}/")
+
+
+def _settings(options: argparse.Namespace) -> dict[str, Any]:
+    """Keyword arguments of `bayesid.identify`."""
+    terms = [name.strip() for name in options.terms.split(",")]
+    if RigidBody.name not in terms:
+        raise InputError(f"{RigidBody.name} is missing", "--terms", "add it: a robot has links")
+    return {
+        "terms": terms, "search": options.search, "search_budget": options.search_budget,
+        "beam_width": options.beam_width, "initial_segments": options.initial_segments, "cutoff": options.cutoff,
+        "posterior": not options.no_posterior, "posterior_budget": options.posterior_budget, "seed": options.seed,
+        "nominal": None if options.nominal is None else bayesid.read_nominal(options.nominal),
+        "repeatable": options.repeatable,
+    }  # fmt: skip
+
+
+def _identify_each(options: argparse.Namespace, logs: Sequence[Path], settings: Mapping[str, Any]) -> None:
+    folder = options.out or Path(f"bayesid-each-{logs[0].stem}")
+    with _CountBar(" logs", options.quiet) as bar:
+        found = bayesid.identify_separately(
+            options.robot, logs, folder, gains=_gains(options.gains), unsigned=options.unsigned,
+            workers=options.workers, scheduler=options.scheduler, progress=bar.show, **settings,
+        )  # fmt: skip
+    for one in found.runs:
+        for warning in one.warnings:
+            print(f"warning: {one.log}: {warning}", file=sys.stderr)
+        if one.error:
+            print(f"bayesid: {one.log}: {one.error.removeprefix(f'{one.log}: ')}", file=sys.stderr)
+    if not options.quiet:
+        print(separate_table(found))
+        print(f"written to {folder}/")
+    failed = [one for one in found.runs if one.error]
+    if failed:
+        said = f"{len(failed)} of {len(found.runs)} logs have no result"
+        if all(one.bad_input for one in failed):
+            raise InputError(said, str(folder), "see above; the other results are complete")
+        raise BayesidError(f"{folder}: {said}; see above; the other results are complete")
 
 
 def _validate(options: argparse.Namespace) -> None:
@@ -270,16 +355,35 @@ def _demo(options: argparse.Namespace) -> None:
 
 def _study(options: argparse.Namespace) -> None:
     try:
-        study = importlib.import_module(f"studies.{options.name}")
+        from studies import load, run_study
+        from studies.results import check_results, save_results
     except ModuleNotFoundError as error:
         remedy = "run it where bayesid was cloned, or install it from there"
         raise InputError(f"the studies are not installed ({error})", f"study {options.name}", remedy) from None
-    study.main(options.options)
+    study, folder = load(options.name), options.out or Path(f"bayesid-study-{options.name}")
+    check_results(folder)
+    with _CountBar(" trials", options.quiet) as bar:
+        finished = run_study(
+            study, options.trials, options.seed, workers=options.workers, scheduler=options.scheduler, out=folder,
+            resume=options.resume, progress=bar.show,
+        )  # fmt: skip
+    text = save_results(finished, folder)
+    for row in finished.failed:
+        print(f"warning: trial {row['trial']} failed: {row['error']}", file=sys.stderr)
+    if not options.quiet:
+        print(text)
+        print(f"written to {folder}/")
 
 
 def _seed(text: str) -> int:
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 up")
+    return int(text)
+
+
+def _whole(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 up")
     return int(text)
 
 
@@ -297,7 +401,9 @@ def _gains(text: str | None) -> list[float] | None:
 # ---------------------------------------------------------------------------------------------------------------
 def identification_table(result: bayesid.Identification) -> str:
     """The table that ends `bayesid identify`."""
-    segments, fit, search = result.segments, result.fit, result.search
+    fit, search = result.fit, result.search
+    segments, _, confidence = recorded_segments(result)
+    recorded = result.log.clock(result.signals.motion.t)[0] >= 0  # the pause between joined logs is not
     lines = [
         f"{result.model.robot.name}: {len(result.log)} rows, {len(segments)} segments "
         f"({len(search.signs)} searched), {len(result.coefficients)} coefficients "
@@ -307,16 +413,36 @@ def identification_table(result: bayesid.Identification) -> str:
         _sampled(result),
         "joint   segments   least sure   |effort| sure to 99 %   relative residual",
     ]
-    sure = np.maximum(result.probability, 1.0 - result.probability) >= 0.99
-    effort = np.abs(result.signals.raw_effort)
+    sure = np.maximum(result.probability, 1.0 - result.probability)[recorded] >= 0.99
+    effort = np.abs(result.signals.raw_effort)[recorded]
     share = (effort * sure).sum(axis=0) / np.maximum(effort.sum(axis=0), 1e-300)
     for j in range(result.model.robot.n_joints):
         here = segments.joint == j
         lines.append(
-            f"{j + 1:>5}   {here.sum():>8}   {result.confidence[here].min():>10.2f}   {share[j]:>21.1%}"
+            f"{j + 1:>5}   {here.sum():>8}   {confidence[here].min():>10.2f}   {share[j]:>21.1%}"
             f"   {fit.relative_residual[j]:>17.1%}"
         )
     return "\n".join(lines)
+
+
+def separate_table(found: bayesid.Separate) -> str:
+    """The tables that end `bayesid identify --each`."""
+    width = max(len("log"), *(len(str(one.log)) for one in found.runs))
+    lines = [f"{'log':<{width}}   samples   segments   certified   converged   worst relative residual"]
+    for one in found.runs:
+        told = one.figures
+        if told:
+            proven, sampled = (_yes_or_no(told[key]) for key in ("certified", "converged"))
+            lines.append(
+                f"{one.log!s:<{width}}   {told['n_samples']:>7}   {told['n_segments']:>8}   {proven:>9}"
+                f"   {sampled:>9}   {told['worst_relative_residual']:>23.1%}"
+            )
+    few = "fewer than two results: nothing to compare"
+    return "\n".join([*lines, "", few if found.agreement is None else agreement_text(found.agreement)])
+
+
+def _yes_or_no(value: object) -> str:
+    return "-" if value == "" else "yes" if value else "NO"
 
 
 def _proven(result: bayesid.Identification) -> str:
@@ -383,6 +509,30 @@ class _Bars:
             self._stage = stage
             disable = True if self._quiet else None  # None: only on a terminal
             self._bar = tqdm(total=total, desc=stage, unit="", delay=1.0, disable=disable, leave=False)
+        self._bar.update(done - self._bar.n)
+
+
+class _CountBar:
+    """A progress bar with rate and time left, on a terminal."""
+
+    def __init__(self, unit: str, quiet: bool) -> None:
+        self._unit = unit
+        self._disable = True if quiet else None  # None: only on a terminal
+        self._bar: tqdm[NoReturn] | None = None
+
+    def __enter__(self) -> _CountBar:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.close()
+
+    def show(self, done: int, total: int, failed: int) -> None:
+        """The callback; what was done before the first call does not count for the rate."""
+        if self._bar is None:
+            self._bar = tqdm(total=total, initial=done, unit=self._unit, disable=self._disable, smoothing=0.05)
+        if failed:
+            self._bar.set_postfix_str(f"{failed} failed", refresh=False)
         self._bar.update(done - self._bar.n)
 
 

@@ -54,8 +54,9 @@ class Experiment:
 
 
 def run_experiment(
-    seed: int = 0, noise: float = NOISE, posterior: bool = False, progress: Progress | None = None
-) -> Experiment:
+    seed: int = 0, noise: float = NOISE, posterior: bool = False, progress: Progress | None = None,
+    repeatable: bool = False,
+) -> Experiment:  # fmt: skip
     """A new exciting trajectory, new noise, and the identification without signs.
 
     Args:
@@ -63,13 +64,16 @@ def run_experiment(
         noise: relative to each joint's RMS effort.
         posterior: whether to sample it.
         progress: see `identify`.
+        repeatable: see there.
     """
     model, theta = paper_model(), nominal_parameters()
     coefficients = base_coefficients(model)
     t = np.linspace(0.0, _DURATION, _SAMPLES)
     motion = exciting_trajectory(model, coefficients, _DURATION, seed=seed).motion(t)
     log = simulate(model, theta, motion, rng=np.random.default_rng(seed), noise=noise)
-    result = identify(model.robot, log, terms=["rigid_body"], posterior=posterior, seed=seed, progress=progress)
+    result = identify(
+        model.robot, log, terms=["rigid_body"], posterior=posterior, seed=seed, repeatable=repeatable, progress=progress
+    )
     true_signs, strong = _truth(result, model.effort(motion, theta))
     rows = np.array([row.row for row in TABLE_II]) @ np.linalg.pinv(coefficients.projection)
     new = random_trajectory(model.robot.n_joints, _DURATION, seed=seed + 1).motion(t)

@@ -21,7 +21,7 @@ HARMONICS = 5
 _INSTANTS = 100
 """Instants at which a candidate is judged; 667 instants give the same condition number to a percent."""
 _DRAWS = 20
-_EVALUATIONS = 1500
+EVALUATIONS = 1500
 """About a second for six joints; ten times as many gain another tenth."""
 _SHIFT = 0.5
 """A joint's centre stays within this share of its half range around the middle, so that it has room to swing."""
@@ -98,6 +98,7 @@ def exciting_trajectory(
     limits: MotionLimits = INDUSTRIAL_ARM,
     harmonics: int = HARMONICS,
     periods: int = 1,
+    evaluations: int = EVALUATIONS,
 ) -> FourierTrajectory:
     """A trajectory with a low `condition_number`: the best of some random draws, improved by SLSQP.
 
@@ -109,6 +110,7 @@ def exciting_trajectory(
         limits: of the joints; they hold at every instant, not only at samples.
         harmonics: sines and cosines a joint.
         periods: whole number of periods in the duration.
+        evaluations: of the condition number, about, for the improvement.
 
     Raises:
         ValueError: a duration or number that is not positive, or limits for another number of joints.
@@ -122,7 +124,7 @@ def exciting_trajectory(
 
     draws = [_random_shape(n, harmonics, rng).ravel() for _ in range(_DRAWS)]
     start = min(draws, key=objective)
-    iterations = max(1, _EVALUATIONS // (len(start) + 1))  # SLSQP differences every variable once an iteration
+    iterations = max(1, evaluations // (len(start) + 1))  # SLSQP differences every variable once an iteration
     result = minimize(objective, start, method="SLSQP", options={"maxiter": iterations, "ftol": 1e-3})
     best = min(start, result.x, key=objective)
     return _within_limits(best.reshape(n, -1), frequency, limits)

@@ -30,7 +30,7 @@ from bayesid.simulation import random_parameters
 from bayesid.solver import ConeLeastSquares
 from bayesid.terms import DEFAULT, make_terms
 from studies.benchmark_problems import BUDGET, NOISE, long_motion
-from studies.runner import Row
+from studies.record import Row
 
 _RATE, _MINUTE = 1000.0, 60.0
 _OWN = 500

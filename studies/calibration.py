@@ -1,28 +1,26 @@
 """Do confidences and standard deviations mean what they say? Simulated logs, where the truth is known.
 
-    python -m studies.calibration [--trials 256] [--workers N] [--seed 0] [--misfit]
-    bayesid study calibration [...]
-
 Robots, noise of 2 to 15 % of each joint's RMS effort, white and coloured (AR(1), 0.9 from sample to sample at 100 Hz),
 logs of 3 s and of 15 s, new parameters, motion and noise for each. Of all signs given a confidence in a bin, the table
 tells the share that is right, for samples (the sign of the noisy effort as a signed sensor would have logged it) and
 for segments (the sign of the sum of these); of all coefficients, how many 95 % intervals hold the true value.
 
-With --misfit the logs hold an effect that no term of the catalogue does, a spring, torque ripple or an offset that
-changes with position, of 0.2 to 1 times each joint's RMS effort: no coefficient is right then, and confidences must say
-that the signs may not be either.
+The logs of `misfit` hold an effect that the model does not, a spring, torque ripple or an offset that changes with
+position, of 0.2 to 1 times each joint's RMS effort: no coefficient is right then, and confidences must say that the
+signs may not be either.
 """
 
 from __future__ import annotations
 
-import argparse
-import time
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bayesid import terms as catalogue
+from bayesid.cli import main
 from bayesid.coefficients import base_coefficients
 from bayesid.excitation import exciting_trajectory
 from bayesid.identification import Identification, identify
@@ -32,7 +30,11 @@ from bayesid.motion import Array, Mask
 from bayesid.robot import load_robot
 from bayesid.simulation import random_parameters, simulate
 from bayesid.terms import RigidBody, make_terms
-from studies.runner import Row, run
+from studies.record import Row
+from studies.study import Plan, Study
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 ROBOTS = ("kr5", "ur10e", "panda", "tx40")
 NOISES = (0.02, 0.05, 0.10, 0.15)
@@ -41,6 +43,7 @@ DURATIONS = (3.0, 15.0)
 EDGES = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
 """Where the bins of confidence begin; the last one ends at 1."""
 _RATE = 100.0
+_PALETTE = ("#1b7f79", "#c0392b", "#2c5d9b")
 MISFITS: dict[str, Callable[[Array], Array]] = {
     "spring": lambda q: q,
     "ripple": lambda q: np.sin(20.0 * q + 1.0),
@@ -59,7 +62,6 @@ class Scenario:
         noise: relative to each joint's RMS effort.
         colour: its correlation from sample to sample.
         duration: s.
-        seed: of parameters, motion, noise and sampler.
         misfit: an effect outside of the model; empty for none.
         level: its size relative to each joint's RMS effort.
     """
@@ -68,37 +70,34 @@ class Scenario:
     noise: float
     colour: float
     duration: float
-    seed: int
     misfit: str = ""
     level: float = 0.0
 
 
-def scenarios(trials: int, seed: int = 0, misfit: bool = False) -> list[Scenario]:
-    """So many, each kind about equally often."""
-    if misfit:
-        kinds = [Scenario(r, 0.03, 0.0, 12.0, 0, name, level) for name in MISFITS for level in LEVELS for r in ROBOTS]
-    else:
-        kinds = _ordinary()
-    order = np.random.default_rng(seed).permutation(len(kinds))
-    return [replace(kinds[order[k % len(kinds)]], seed=seed + k) for k in range(trials)]
+ORDINARY = [
+    Scenario(robot, noise, colour, duration)
+    for noise in NOISES
+    for duration in DURATIONS
+    for robot in ROBOTS
+    for colour in COLOURS
+]
+MISFITTING = [Scenario(r, 0.03, 0.0, 12.0, name, level) for name in MISFITS for level in LEVELS for r in ROBOTS]
 
 
-def _ordinary() -> list[Scenario]:
-    return [
-        Scenario(robot, noise, colour, duration, 0)
-        for noise in NOISES
-        for duration in DURATIONS
-        for robot in ROBOTS
-        for colour in COLOURS
-    ]
+def shuffled(kinds: Sequence[Scenario]) -> Plan:
+    """Each kind about equally often in however many trials, every trial with a seed of its own."""
+
+    def plan(trials: int, seed: int) -> list[tuple[Scenario, int]]:
+        order = np.random.default_rng(seed).permutation(len(kinds))
+        return [(kinds[order[k % len(kinds)]], seed + k) for k in range(trials)]
+
+    return plan
 
 
-def study(scenario: Scenario) -> Row:
+def trial(scenario: Scenario, seed: int) -> Row:
     """Simulates a log, identifies the robot without its signs and scores what is claimed."""
-    _, theta, signed = _log(scenario)
-    began = time.perf_counter()
-    result = identify(scenario.robot, signed.rectified(), seed=scenario.seed)
-    seconds = time.perf_counter() - began
+    _, theta, signed = _log(scenario, seed)
+    result = identify(scenario.robot, signed.rectified(), seed=seed, repeatable=True)
     assert result.posterior is not None
     truth = result.coefficients.project(theta)
     low, high = result.posterior.interval(0.95)
@@ -106,29 +105,24 @@ def study(scenario: Scenario) -> Row:
     right = result.sample_signs == np.sign(signed.effort)
     of_segments = _segment_truth(result, signed.effort) == result.signs
     return {
-        "robot": scenario.robot,
-        "noise": scenario.noise,
-        "colour": scenario.colour,
-        "duration": scenario.duration,
-        "level": scenario.level,
         "samples": _bins(confidence, right),
         "segments": _bins(result.confidence, of_segments),
         "inside": int(np.sum((low <= truth) & (truth <= high))),
         "coefficients": len(truth),
-        "certified": result.search.certified,
+        "certified": bool(result.search.certified),
         "modes": len(result.posterior.modes),
-        "converged": result.posterior.converged,
-        "seconds": seconds,
+        "converged": bool(result.posterior.converged),
         "right": float(right.mean()),
+        "timings": result.timings,
     }
 
 
-def _log(scenario: Scenario) -> tuple[Model, Array, Log]:
+def _log(scenario: Scenario, seed: int) -> tuple[Model, Array, Log]:
     """The model, its true parameters and the log with its signs; its grid is the pipeline's own."""
-    rng = np.random.default_rng(scenario.seed)
+    rng = np.random.default_rng(seed)
     robot = load_robot(scenario.robot)
     bodies = Model(robot, (RigidBody(),))
-    trajectory = exciting_trajectory(bodies, base_coefficients(bodies), scenario.duration, seed=scenario.seed)
+    trajectory = exciting_trajectory(bodies, base_coefficients(bodies), scenario.duration, seed=seed)
     motion = trajectory.motion(np.arange(int(scenario.duration * _RATE) + 1) / _RATE)
     model = Model(robot, make_terms(catalogue.DEFAULT, robot, motion))
     theta = random_parameters(model, rng)
@@ -181,8 +175,8 @@ def report(rows: Sequence[Row]) -> str:
         f"certified {sum(row['certified'] for row in rows)} of {count}, "
         f"converged {sum(row['converged'] for row in rows)} of {count}, "
         f"more than one mode {sum(row['modes'] > 1 for row in rows)}; "
-        f"seconds a log: median {np.median([row['seconds'] for row in rows]):.1f}, "
-        f"most {max(row['seconds'] for row in rows):.1f}",
+        f"seconds a log: median {np.median([row['timings']['seconds'] for row in rows]):.1f}, "
+        f"most {max(row['timings']['seconds'] for row in rows):.1f}",
     ]
     return "\n".join(lines)
 
@@ -202,16 +196,27 @@ def _groups(rows: Sequence[Row]) -> list[tuple[str, Sequence[Row]]]:
     return [(name, chosen) for name, chosen in groups if chosen]
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Prints the tables."""
-    parser = argparse.ArgumentParser(description="Calibration of confidences and standard deviations.")
-    parser.add_argument("--trials", type=int, default=256)
-    parser.add_argument("--workers", type=int)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--misfit", action="store_true", help="logs with an effect that the model does not hold")
-    options = parser.parse_args(arguments)
-    print(report(run(study, scenarios(options.trials, options.seed, options.misfit), options.workers)))
+def draw(rows: Sequence[Row], figure: Figure) -> None:
+    """Shares of right signs over what was claimed of them, and of true coefficients inside their intervals."""
+    left, right = figure.subplots(1, 2)
+    left.plot([0.5, 1.0], [0.5, 1.0], color="#999999", lw=0.8)
+    for kind, colour, marker in (("samples", _PALETTE[0], "o"), ("segments", _PALETTE[1], "s")):
+        bins = np.sum([row[kind] for row in rows], axis=0)
+        some = bins[bins[:, 0] > 0]
+        share = some[:, 1] / some[:, 0]
+        bars = 1.96 * np.sqrt(np.maximum(share * (1.0 - share), 1e-12) / some[:, 0])
+        left.errorbar(some[:, 2] / some[:, 0], share, bars, fmt=marker, ms=4, color=colour, capsize=2, label=kind)
+    left.set_xlabel("confidence, mean of the bin")
+    left.set_ylabel("share of right signs")
+    left.legend(fontsize=8)
+    shares = np.sort([100.0 * row["inside"] / row["coefficients"] for row in rows])
+    right.step(shares, np.arange(1, len(shares) + 1) / len(shares), color=_PALETTE[2])
+    right.axvline(95.0, color="#999999", lw=0.8)
+    right.set_xlabel("coefficients of a log inside their 95 % intervals, %")
+    right.set_ylabel("share of logs with at most this")
 
+
+STUDY = Study("calibration", 256, shuffled(ORDINARY), trial, report, draw)
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main(["study", "calibration", *sys.argv[1:]]))

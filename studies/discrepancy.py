@@ -1,43 +1,38 @@
 """Is the missing effect named? Blind cases of the generator in tests/blind.py, which shares no code with bayesid.
 
-    python -m studies.discrepancy [--trials 300] [--workers N] [--seed 0] [--figure FILE]
-    bayesid study discrepancy [...]
-    python -m studies.discrepancy --real
-
 A healthy robot's log gives the model; another log of the robot, with an effect hidden in it, and a third one to score
 by are compared with it. Signs are hidden in all three. Printed: what was named first against what was hidden, by size
 (RMS of the effect over that of the noise); false alarms; pairs; effects from outside the catalogue; gaps; signs; time.
 
-With --real the robot is a UR10e (logs of $BAYESID_DATA or ../shared/data): a payload of 2.8 kg that its model does not
-know of, and a model that was made without any friction. Signs are hidden there too, but for the refit to compare with.
+The plan is balanced for the number of trials: other than elsewhere, `--resume` needs the same number.
 """
 
 from __future__ import annotations
 
-import argparse
 import importlib.util
-import os
 import sys
 import tempfile
 import time
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayesid.discrepancy.evidence import LN10
+from bayesid.cli import main
 from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
 from bayesid.errors import InputError
 from bayesid.identification import identify
-from bayesid.log import read_log
-from studies.runner import Row, run
+from studies.record import Row
+from studies.study import Study
 
-DATA = Path(os.environ.get("BAYESID_DATA", Path(__file__).parents[2] / "shared" / "data"))
-FRICTIONLESS = ("rigid_body", "torque_offset", "rotor_inertia")
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 CLEAR = 3.0
 """Size from which on an effect is expected to be named."""
 SIZES = (0.5, 1.0, 2.0, 3.0, 5.0, 10.01)
@@ -66,21 +61,54 @@ def generator() -> ModuleType:
     return sys.modules["blind"]
 
 
-def study(case: Any) -> Row:
+@dataclass(frozen=True)
+class Scenario:
+    """A case of the generator; see tests/blind.py.
+
+    Attributes:
+        effect: hidden effect, two joined by +, "outside", or empty for none.
+        size: RMS of the effect over that of the noise.
+        robot: the arm.
+        style: friction of its own, or none.
+    """
+
+    effect: str
+    size: float
+    robot: str
+    style: str
+
+
+def plan(trials: int, seed: int) -> Sequence[tuple[Scenario, int]]:
+    """Effects, pairs, nothing and effects from outside, balanced, in random order."""
+    return [
+        (Scenario("+".join(_effects(case.effect)), case.size, case.robot, case.style), case.seed)
+        for case in generator().plan(trials, seed)
+    ]
+
+
+def trial(scenario: Scenario, seed: int) -> Row:
     """One blind case: identifies the healthy robot, finds the discrepancy, and only then looks at the truth."""
     blind = generator()
+    effects = scenario.effect.split("+") if scenario.effect else [None]
     with tempfile.TemporaryDirectory() as place:
         folder, secret = Path(place) / "case", Path(place) / "truth.npz"
-        blind.write_truth(secret, blind.make_case(folder, *case))
-        try:
-            named = (folder / "terms.txt").read_text().strip().split(",")
-            healthy = identify(folder / "robot.toml", folder / "baseline.csv", terms=named, posterior=False)
-            began = time.perf_counter()
-            found = find_discrepancy(healthy, folder / "log.csv", folder / "holdout.csv", posterior=False)
-            seconds = time.perf_counter() - began
-        except Exception as error:
-            return {"case": str(case), "error": f"{type(error).__name__}: {error}"}
-        return {"case": str(case), "error": "", "seconds": seconds, **score(found, blind.read_truth(secret))}
+        effect = effects[0] if len(effects) == 1 else tuple(effects)
+        truth = blind.make_case(folder, seed, effect, scenario.size, scenario.robot, scenario.style)
+        blind.write_truth(secret, truth)
+        named = (folder / "terms.txt").read_text().strip().split(",")
+        healthy = identify(
+            folder / "robot.toml", folder / "baseline.csv", terms=named, posterior=False, repeatable=True
+        )
+        began = time.perf_counter()
+        found = find_discrepancy(
+            healthy, folder / "log.csv", folder / "holdout.csv", posterior=False, repeatable=True
+        )
+        seconds = time.perf_counter() - began
+        return {**score(found, blind.read_truth(secret)), "timings": {"discrepancy": seconds}}
+
+
+def _effects(effect: str | tuple[str, str] | None) -> tuple[str, ...]:
+    return () if effect is None else (effect,) if isinstance(effect, str) else effect
 
 
 def score(found: Discrepancy, truth: Any) -> Row:
@@ -115,10 +143,8 @@ def _names(one: tuple[str, tuple[int, ...], tuple[str, ...]], effect: str) -> bo
 # ---------------------------------------------------------------------------------------------------------------
 def report(rows: Sequence[Row]) -> str:
     """The tables."""
-    failed = [row for row in rows if row["error"]]
-    rows = [row for row in rows if not row["error"]]
     kinds = by_kind(rows)
-    lines = [f"{len(rows)} cases, {len(failed)} failed", *(f"  {row['case']}: {row['error']}" for row in failed), ""]
+    lines = [f"{len(rows)} cases", ""]
     lines += [*_table_by_effect(kinds["single"]), "", *_confusion(kinds["single"])]
     clear = [row for row in kinds["single"] if row["size"] >= CLEAR]
     jointed = [row for row in clear if row["hidden"][0][1] and row["first"]]
@@ -139,10 +165,9 @@ def report(rows: Sequence[Row]) -> str:
                 f"holdout gap over the true floor, {name}: median {np.median(before):.2f} before, "
                 f"{np.median(after):.3f} after (90 % quantile {np.quantile(after, 0.9):.3f})"
             )
-    if rows:
-        signs, seconds = [row["signs"] for row in rows], [row["seconds"] for row in rows]
-        lines.append(f"signs right: mean {np.mean(signs):.3%}, median {np.median(signs):.3%}, least {min(signs):.2%}")
-        lines.append(f"seconds a log: median {np.median(seconds):.1f}, most {max(seconds):.1f}")
+    signs, seconds = [row["signs"] for row in rows], [row["timings"]["discrepancy"] for row in rows]
+    lines.append(f"signs right: mean {np.mean(signs):.3%}, median {np.median(signs):.3%}, least {min(signs):.2%}")
+    lines.append(f"seconds a log: median {np.median(seconds):.1f}, most {max(seconds):.1f}")
     return "\n".join(lines)
 
 
@@ -193,22 +218,20 @@ def _count(rows: Sequence[Row], holds: Any) -> str:
     return f"{count} of {len(rows)} ({count / max(len(rows), 1):.1%})"
 
 
-def power_curve(rows: Sequence[Row], path: Path) -> None:
-    """Draws for each effect the size at which it is found half of the time, and what was found at which size."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+def draw(rows: Sequence[Row], figure: Figure) -> None:
+    """For each effect what was named at which size, and the size at which it is found half of the time."""
+    from studies.figures import COLOURS
 
-    single = by_kind([row for row in rows if not row["error"]])["single"]
+    single = by_kind(rows)["single"]
     effects = sorted({row["hidden"][0][0] for row in single})
-    figure = Figure(figsize=(7.5, 0.32 * len(effects) + 1.2), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure.set_size_inches(7.5, 0.32 * len(effects) + 1.2)
     axes = figure.subplots()
     for y, effect in enumerate(effects):
         here = [row for row in single if row["hidden"][0][0] == effect]
         size, first = np.array([row["size"] for row in here]), np.array([row["first"] for row in here])
-        axes.plot(size[first], np.full(first.sum(), y), "o", color="#1b7f79", ms=5, label="named" if y == 0 else None)
+        axes.plot(size[first], np.full(first.sum(), y), "o", color=COLOURS[0], ms=5, label="named" if y == 0 else None)
         missed = ~first
-        axes.plot(size[missed], np.full(missed.sum(), y), "x", color="#c0392b", ms=6, label="not" if y == 0 else None)
+        axes.plot(size[missed], np.full(missed.sum(), y), "x", color=COLOURS[1], ms=6, label="not" if y == 0 else None)
         axes.plot([half_power(size, first)] * 2, [y - 0.35, y + 0.35], color="#444444", lw=2)
     axes.set_xscale("log")
     axes.set_xlim(0.4, 12.0)
@@ -216,8 +239,6 @@ def power_curve(rows: Sequence[Row], path: Path) -> None:
     axes.set_yticks(range(len(effects)), effects)
     axes.set_xlabel("RMS of the effect over the noise floor; bar: found half of the time")
     axes.legend(loc="upper right", fontsize=8)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path)
 
 
 def half_power(size: Any, first: Any) -> float:
@@ -228,55 +249,7 @@ def half_power(size: Any, first: Any) -> float:
     return float(cuts[int(np.argmin(mistakes))])
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Real logs
-# ---------------------------------------------------------------------------------------------------------------
-def real() -> str:
-    """The payload, and the friction, that a UR10e's model lacks."""
-    unloaded = identify("ur10e", read_log(DATA / "ur10e" / "c_unloaded.csv").rectified(), posterior=False)
-    loaded = read_log(DATA / "ur10e" / "c_loaded.csv")
-    found = find_discrepancy(unloaded, loaded.rectified(), posterior=False)
-    lines = ["model of c_unloaded, log c_loaded (2.8 kg on the flange)", *_told(found)]
-    mass, sd, _ = next((one.parameters["mp6"] for one in found.found if one.effect == "payload"), (np.nan, np.nan, ""))
-    refit = identify("ur10e", loaded, posterior=False)
-    ratio = found.after / found.unseen.gap(refit.model.effort(found.unseen.signals.motion, refit.theta))
-    lines += [f"payload {mass:.2f} +- {sd:.2f} kg", f"gap over that of a signed refit: {ratio.round(2)}", ""]
-    rough = identify(
-        "ur10e", read_log(DATA / "ur10e" / "a_50s.csv").rectified(), FRICTIONLESS, posterior=False
-    )
-    found = find_discrepancy(rough, read_log(DATA / "ur10e" / "a_50s.csv").rectified(), posterior=False)
-    return "\n".join([*lines, f"model of a_50s with {', '.join(FRICTIONLESS)}, log a_50s", *_told(found)])
-
-
-def _told(found: Discrepancy) -> list[str]:
-    gaps = [f"{name} {values.round(2)}" for name, values in (
-        ("before", found.before), ("after", found.after), ("floor", found.floor.rms)
-    )]  # fmt: skip
-    lines = [f"{found.status}, {found.seconds:.0f} s; unexplained {found.unexplained}", f"gap, N m: {', '.join(gaps)}"]
-    for one in found.found:
-        joints, equivalent = ",".join(map(str, one.joints)) or "all", ", ".join(one.verdict.equivalent)
-        lines.append(f"  {one.effect:<24} {joints:<4} log10 BF {one.verdict.gain / LN10:7.1f}  {equivalent}".rstrip())
-    return lines
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Prints the tables."""
-    parser = argparse.ArgumentParser(description="Blind cases of missing effects.")
-    parser.add_argument("--trials", type=int, default=300)
-    parser.add_argument("--workers", type=int)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--figure", type=Path, help="where to draw the power curve")
-    parser.add_argument("--real", action="store_true", help="a UR10e's logs instead")
-    options = parser.parse_args(arguments)
-    if options.real:
-        print(real())
-        return
-    cases = [tuple(case) for case in generator().plan(options.trials, options.seed)]
-    rows = run(study, cases, options.workers)
-    print(report(rows))
-    if options.figure is not None:
-        power_curve(rows, options.figure)
-
+STUDY = Study("discrepancy", 300, plan, trial, report, draw)
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main(["study", "discrepancy", *sys.argv[1:]]))

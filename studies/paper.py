@@ -1,29 +1,48 @@
-"""The paper's experiment over many seeds: new trajectory and new noise each.
+"""The paper's experiment over many seeds, new trajectory and new noise each, its numbers beside ours.
 
-python -m studies.paper [--trials 100] [--workers N]
+The paper gives one run. Its rms error over Table II is set against ours seed by seed; the published estimates stand
+beside the median and the spread of ours.
 """
 
 from __future__ import annotations
 
-import argparse
-import time
+import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayesid.demo import run_experiment
+from bayesid.cli import main
+from bayesid.demo import NOISE, run_experiment
+from bayesid.motion import Array
 from bayesid.paper import TABLE_II
-from studies.runner import Row, run
+from studies.record import Row
+from studies.study import Study, in_turn
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_NORMAL_95 = 1.959963984540054
 
 
-def study(seed: int) -> Row:
+@dataclass(frozen=True)
+class Scenario:
+    """The experiment.
+
+    Attributes:
+        noise: of the efforts, relative to each joint's RMS effort.
+    """
+
+    noise: float = NOISE
+
+
+def trial(scenario: Scenario, seed: int) -> Row:
     """One run of the experiment."""
-    began = time.perf_counter()
-    experiment = run_experiment(seed)
+    experiment = run_experiment(seed, scenario.noise, repeatable=True)
     result = experiment.result
     nominal = np.array([row.nominal for row in TABLE_II])
     return {
-        "seed": seed,
         "segments": len(result.segments),
         "strong": int(experiment.strong.sum()),
         "wrong": experiment.wrong,
@@ -33,46 +52,86 @@ def study(seed: int) -> Row:
         "rsd": (experiment.sd / np.maximum(np.abs(experiment.estimates), 1e-300)).tolist(),
         "z": ((experiment.estimates - nominal) / experiment.sd).tolist(),
         "torque_error": experiment.torque_error.tolist(),
-        "seconds": time.perf_counter() - began,
+        "certified": bool(result.search.certified),
+        "timings": result.timings,
     }
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Prints Table II with its spread, and the figures beside the paper's."""
-    parser = argparse.ArgumentParser(description="The paper's experiment over many seeds.")
-    parser.add_argument("--trials", type=int, default=100)
-    parser.add_argument("--workers", type=int)
-    options = parser.parse_args(arguments)
-    rows = run(study, range(options.trials), options.workers)
-    right = sum(row["wrong"] == 0 for row in rows)
-    error = np.median([row["torque_error"] for row in rows], axis=0)
-    rsd = np.median([row["rsd"] for row in rows], axis=0)
+def report(rows: Sequence[Row]) -> str:
+    """Table II with its spread, and the figures beside the paper's."""
+    found = np.array([row["estimates"] for row in rows])
     z = np.array([row["z"] for row in rows])
-    decided = np.array([row.nominal != 0.0 for row in TABLE_II])
+    nominal, published = (np.array([getattr(row, key) for row in TABLE_II]) for key in ("nominal", "published"))
+    rsd = np.median([row["rsd"] for row in rows], axis=0)
     width = max(len(row.expression) for row in TABLE_II)
-    print(f" # {'coefficient':<{width}}  nominal   paper  median     5 %    95 %  median rsd  95 % interval covers")
+    lines = [f" # {'coefficient':<{width}}  nominal   paper  median     5 %    95 %  median rsd  95 % interval covers"]
     for i, row in enumerate(TABLE_II):
-        found = np.array([trial["estimates"][i] for trial in rows])
-        low, middle, high = np.percentile(found, [5, 50, 95])
-        covers = np.mean(np.abs(z[:, i]) < 1.96)
+        low, middle, high = np.percentile(found[:, i], [5, 50, 95])
         relative = f"{rsd[i]:9.1%}" if row.nominal else "        -"
-        print(
+        lines.append(
             f"{row.number:>2} {row.expression:<{width}}  {row.nominal:7.4f} {row.published:7.4f} {middle:7.4f} "
-            f"{low:7.4f} {high:7.4f}   {relative}  {covers:14.0%}"
+            f"{low:7.4f} {high:7.4f}   {relative}  {np.mean(np.abs(z[:, i]) < _NORMAL_95):14.0%}"
         )
-    print(f"\n{'':<52}{'ours':>10}  paper")
-    print(f"{'runs with every strong segment right':<52}{f'{right}/{len(rows)}':>10}  1/1")
-    print(f"{'segments (median)':<52}{np.median([r['segments'] for r in rows]):>10.0f}  39")
-    print(f"{'coefficients':<52}{rows[0]['coefficients']:>10}  36")
-    print(f"{'of Table II with rsd < 10 % (median run, of 26)':<52}{int((rsd[decided] < 0.1).sum()):>10}  -")
-    print(f"{'of Table II with rsd < 25 % (median run)':<52}{int((rsd[decided] < 0.25).sum()):>10}  27")
-    print("torque error on a new trajectory, median, per joint: " + "  ".join(f"{e:.2%}" for e in error))
-    print(f"95 % intervals of all 27 coefficients cover the nominal value in {np.mean(np.abs(z) < 1.96):.1%} of cases")
-    print(f"seconds a run, median: {np.median([r['seconds'] for r in rows]):.1f}")
+    decided = nominal != 0.0
+    ours, theirs = _rms(found - nominal), float(_rms(published - nominal))
+    right = sum(row["wrong"] == 0 for row in rows)
+    torque = np.median([row["torque_error"] for row in rows], axis=0)
+    figures = [
+        ("runs with every strong segment right", f"{right} of {len(rows)}", "1 of 1"),
+        ("segments", _spread([row["segments"] for row in rows], "{:.0f}"), "39"),
+        ("coefficients", f"{rows[0]['coefficients']}", "36"),
+        ("of Table II with rsd < 25 % (median run)", f"{int((rsd[decided] < 0.25).sum())}", "27"),
+        ("of Table II with rsd < 10 % (median run, of 26)", f"{int((rsd[decided] < 0.1).sum())}", "not told"),
+        ("rms error over Table II", _spread(ours, "{:.4f}"), f"{theirs:.4f}"),
+        ("runs with a smaller error than the paper's", f"{int(np.sum(ours < theirs))} of {len(rows)}", ""),
+        ("95 % intervals that hold the nominal value", f"{np.mean(np.abs(z) < _NORMAL_95):.1%}", "not told"),
+        ("signs certified", f"{sum(row['certified'] for row in rows)} of {len(rows)}", "no proof"),
+    ]
+    for j in range(len(torque)):
+        spread = _spread([row["torque_error"][j] for row in rows], "{:.2%}")
+        figures.append((f"torque error on a new trajectory, joint {j + 1}", spread, "" if j else "almost overlapping"))
+    lines += ["", f"{'':<52}{'ours: median (5 % to 95 %)':>30}   paper"]
+    lines += [f"{name:<52}{ours:>30}   {theirs}".rstrip() for name, ours, theirs in figures]
     failed = [row["seed"] for row in rows if row["wrong"]]
-    if failed:
-        print(f"seeds with a wrong strong segment: {failed}")
+    lines += [f"seeds with a wrong strong segment: {failed}"] if failed else []
+    told = f"the median run's worst joint predicts new torques to {torque.max():.1%}"
+    return "\n".join([*lines, "", f"all signs right in {right} of {len(rows)} runs; {told}"])
 
+
+def _rms(error: Array) -> Array:
+    """Over the coefficients, the last axis."""
+    size: Array = np.sqrt(np.mean(error**2, axis=-1))
+    return size
+
+
+def _spread(values: Sequence[float] | Array, form: str) -> str:
+    low, middle, high = np.percentile(values, [5, 50, 95])
+    return f"{form.format(middle)} ({form.format(low)} to {form.format(high)})"
+
+
+def draw(rows: Sequence[Row], figure: Figure) -> None:
+    """Errors of Table II's coefficients: ours with their spread over the seeds, and the paper's."""
+    from studies.figures import COLOURS
+
+    nominal = np.array([row.nominal for row in TABLE_II])
+    found = np.array([row["estimates"] for row in rows]) - nominal
+    low, middle, high = np.percentile(found, [5, 50, 95], axis=0)
+    at = np.arange(1, len(TABLE_II) + 1)
+    ax = figure.subplots()
+    ax.axhline(0.0, color="#999999", lw=0.8)
+    published = np.array([row.published for row in TABLE_II])
+    ax.plot(at, published - nominal, "x", color=COLOURS[1], ms=6, label="paper, one run")
+    told = f"ours, median and 5 to 95 % of {len(rows)} runs"
+    ax.errorbar(at, middle, [middle - low, high - middle], fmt="o", ms=4, color=COLOURS[0], capsize=2, label=told)
+    ax.set_yscale("symlog", linthresh=0.01)
+    ax.set_xticks(at)
+    ax.tick_params("x", labelsize=7)
+    ax.set_xlabel("coefficient of Table II")
+    ax.set_ylabel("estimate - nominal value, SI units")
+    ax.legend(fontsize=8)
+
+
+STUDY = Study("paper", 100, in_turn([Scenario()]), trial, report, draw)
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main(["study", "paper", *sys.argv[1:]]))

@@ -1,7 +1,5 @@
 """Real logs with their signs hidden: the share of signs that come back right.
 
-    python -m studies.real [--data DIR] [--search certified] [--beam-width 5] [--workers 1]
-
 A sample counts when its |effort| is at least 5 % of its joint's maximum; right means the sign of the sample as logged,
 sensor noise and all. `smooth` is the share against the sign of the logged effort after a 20 Hz low-pass: near zero the
 sensor's noise flips single samples. How much that costs is printed below the table: what the sign of that low-passed
@@ -12,30 +10,36 @@ Then what the confidences are worth: of the samples given 0.99 and more how many
 how well a segment's confidence tells the wrong segments from the right ones (area under the curve, AUC): also with a
 model that lacks friction, whose confidences must fall. A segment is wrong when its sign is not that of its logged
 efforts' sum. In motion: without the segments at standstill, a few samples each, where friction may point either way.
+
+The logs stand in $BAYESID_DATA, on workers of a cluster as well; they are not part of bayesid.
 """
 
 from __future__ import annotations
 
-import argparse
 import os
-import time
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.stats import rankdata
 
+from bayesid.cli import main
+from bayesid.errors import InputError
 from bayesid.fit import fit_signed
 from bayesid.identification import Identification, identify
-from bayesid.log import read_log
+from bayesid.log import Log, read_log
 from bayesid.motion import Array, Mask
 from bayesid.robot import load_robot
 from bayesid.signals import lowpass, prepare
-from bayesid.signs import METHODS
 from bayesid.terms import DEFAULT
-from studies.runner import Row, run
+from studies.record import Row
+from studies.study import Study, in_turn
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 LOGS = ("ur10e/a_50s", "ur10e/b_20s", "ur10e/c_unloaded", "ur10e/c_loaded", "panda/a", "tx40/a")
 DATA = Path(os.environ.get("BAYESID_DATA", Path(__file__).parents[2] / "shared" / "data"))
@@ -47,26 +51,55 @@ _SMOOTH_HZ = 20.0
 
 @dataclass(frozen=True)
 class Scenario:
-    """One log and how to search it."""
+    """One log, and the model to identify from it.
 
-    data: Path
+    Attributes:
+        data: folder of the robots' folders.
+        log: robot/log.
+        terms: of the model.
+        predicts: another log that the model is to predict, instead of the signs' scores.
+    """
+
+    data: str
     log: str
-    search: str = "certified"
-    beam_width: int = 5
     terms: tuple[str, ...] = DEFAULT
+    predicts: str = ""
+
+    def path(self, log: str) -> Path:
+        """Of a log."""
+        return Path(self.data) / f"{log}.csv"
 
 
-def study(scenario: Scenario) -> Row:
-    """Identifies one log without its signs and scores them."""
-    path = scenario.data / f"{scenario.log}.csv"
-    robot, log = load_robot(path.parent / "robot.toml"), read_log(path)
-    began = time.perf_counter()
-    result = identify(robot, log.rectified(), scenario.terms, scenario.search, beam_width=scenario.beam_width)
-    seconds = time.perf_counter() - began
+def plan(trials: int, seed: int) -> Sequence[tuple[Scenario, int]]:
+    """All logs; those of the UR10e without friction in the model; a prediction; then again with other seeds.
+
+    Raises:
+        InputError: the logs are not there.
+    """
+    if not DATA.is_dir():
+        raise InputError("is not there", str(DATA), "set BAYESID_DATA to the folder of the logs")
+    data = str(DATA)
+    ordinary = [Scenario(data, log) for log in LOGS]
+    poor = [Scenario(data, log, POOR) for log in LOGS if "ur10e" in log]
+    return in_turn([*ordinary, *poor, Scenario(data, "ur10e/a_50s", predicts="ur10e/c_unloaded")])(trials, seed)
+
+
+def trial(scenario: Scenario, seed: int) -> Row:
+    """Identifies one log without its signs, and scores them or what the model predicts."""
+    log = read_log(scenario.path(scenario.log))
+    robot = load_robot(scenario.path(scenario.log).with_name("robot.toml"))
+    result = identify(robot, log.rectified(), scenario.terms, seed=seed, repeatable=True)
+    other = read_log(scenario.path(scenario.predicts)) if scenario.predicts else None
+    scores = _scored(result, log) if other is None else _predicted(result, other)
+    return {**scores, "timings": result.timings}
+
+
+def _scored(result: Identification, log: Log) -> Row:
+    """Of signs and confidences."""
     rows = _rows(result, log.t)
     moving = result.segments.per_sample(result.segments.moving, *result.probability.shape)[rows] > 0
     signs = result.sample_signs[rows]
-    velocity = np.sign(robot.actuators(result.signals.motion).dq[rows])
+    velocity = np.sign(result.model.robot.actuators(result.signals.motion).dq[rows])
     signal = prepare(log)
     smooth = lowpass(signal.raw_effort, _SMOOTH_HZ, signal.rate)[rows]
     confidence = np.maximum(result.probability, 1.0 - result.probability)[rows]
@@ -76,7 +109,6 @@ def study(scenario: Scenario) -> Row:
     posterior = result.posterior
     assert posterior is not None
     return {
-        "log": scenario.log,
         "segments": len(result.segments),
         "all": _share(signs, log.effort, strong),
         "motion": _share(signs, log.effort, strong & moving),
@@ -98,11 +130,8 @@ def study(scenario: Scenario) -> Row:
         "auc_moving": area_under_curve(result.confidence[result.segments.moving], wrong[result.segments.moving]),
         "max_rhat": posterior.max_rhat,
         "min_ess": posterior.min_ess,
-        "posterior_seconds": posterior.seconds,
-        "certified": result.search.certified,
+        "certified": bool(result.search.certified),
         "settled": _settled(result, strong, rows),
-        "search_seconds": result.timings["search"],
-        "seconds": seconds,
         "solves": result.search.solves,
         "residual": result.fit.relative_residual.tolist(),
     }
@@ -137,11 +166,8 @@ def _settled(result: Identification, strong: Any, rows: Any) -> float:
     return float((laid[strong & (laid != 0.0)] > 0.0).mean())
 
 
-def validation(data: Path) -> Row:
-    """The model found without signs on a_50s predicts c_unloaded; beside it the signed fit on c_unloaded itself."""
-    robot = load_robot(data / "ur10e" / "robot.toml")
-    source, target = read_log(data / "ur10e" / "a_50s.csv"), read_log(data / "ur10e" / "c_unloaded.csv")
-    result = identify(robot, source.rectified())
+def _predicted(result: Identification, target: Log) -> Row:
+    """How well the model predicts another log; beside it the signed fit on that log itself."""
     predicted = result.validate(target)
     moving = predicted.segments.per_sample(predicted.segments.moving, *predicted.measured.shape) > 0
     signs = np.ones_like(predicted.measured)
@@ -169,58 +195,106 @@ def _share(signs: Array, truth: Array, counted: Any) -> float:
     return float((signs == np.sign(truth))[counted].mean())
 
 
-def _print_confidences(rows: Sequence[Row]) -> None:
-    print(
+# ---------------------------------------------------------------------------------------------------------------
+# Summary
+# ---------------------------------------------------------------------------------------------------------------
+def report(rows: Sequence[Row]) -> str:
+    """The tables."""
+    scored = [row for row in rows if not row["predicts"]]
+    ordinary = [row for row in scored if tuple(row["terms"]) == DEFAULT]
+    poor = [row for row in scored if tuple(row["terms"]) == POOR]
+    parts = []
+    if ordinary:
+        parts += [_table_of_signs(ordinary), _table_of_joints(ordinary), _table_of_smooth_truth(ordinary)]
+        parts += [_table_of_confidences(ordinary, "wrong segments and how well confidence tells them; the posterior")]
+    if poor:
+        parts.append(_table_of_confidences(poor, f"the same with terms {', '.join(POOR)}: no friction"))
+    parts += [_prediction(row) for row in rows if row["predicts"]]
+    if ordinary:
+        least = min(ordinary, key=lambda row: row["motion"])
+        certified = sum(row["certified"] for row in ordinary)
+        told = f"{certified} of {len(ordinary)} logs certified; of strong samples in motion at least"
+        parts.append(f"{told} {least['motion']:.2%} have the right sign ({least['log']})")
+    return "\n\n".join(parts)
+
+
+def _table_of_signs(rows: Sequence[Row]) -> str:
+    lines = [
+        f"{'log':<17} segs   all %  motion %  smooth %  velocity %  sure %  of these wrong %  search s  total s"
+        "  certified  settled %"
+    ]
+    for row in rows:
+        search, seconds = row["timings"]["search"], row["timings"]["seconds"]
+        lines.append(
+            f"{row['log']:<17} {row['segments']:>4}  {row['all']:>6.2%} {row['motion']:>8.2%} {row['smooth']:>9.2%}"
+            f" {row['velocity']:>10.1%} {row['sure']:>9.1%} {row['sure_wrong']:>15.3%} {search:>9.1f}"
+            f" {seconds:>8.1f} {'yes' if row['certified'] else 'no':>10} {row['settled']:>10.2%}"
+        )
+    return "\n".join(lines)
+
+
+def _table_of_joints(rows: Sequence[Row]) -> str:
+    lines = ["per joint, beside what sign(velocity) alone scores (in brackets)"]
+    for row in rows:
+        pairs = zip(row["joints"], row["velocity_joints"], strict=True)
+        lines.append(f"{row['log']:<17} " + "  ".join(f"{ours:.2%} ({theirs:.0%})" for ours, theirs in pairs))
+    return "\n".join(lines)
+
+
+def _table_of_smooth_truth(rows: Sequence[Row]) -> str:
+    lines = [f"sign of the true effort after a {_SMOOTH_HZ:.0f} Hz low-pass, in motion: all, then per joint"]
+    for row in rows:
+        joints = "  ".join(f"{share:.2%}" for share in row["smooth_truth_joints"])
+        lines.append(f"{row['log']:<17} {row['smooth_truth']:.2%}  {joints}")
+    return "\n".join(lines)
+
+
+def _table_of_confidences(rows: Sequence[Row], heading: str) -> str:
+    lines = [
+        f"confidence {SURE:g} and more; {heading}",
         f"{'log':<17}  sure %  wrong of these  strong: sure %  wrong  segments wrong  AUC  in motion wrong  AUC"
         "  R-hat  min ESS  posterior s"
-    )
+    ]
     for row in rows:
-        print(
+        lines.append(
             f"{row['log']:<17} {row['every_sure']:>7.1%} {row['every_sure_wrong']:>15.3%} {row['sure']:>15.1%}"
             f" {row['sure_wrong']:>6.3%} {row['wrong_segments']:>15} {row['auc']:>5.3f} {row['wrong_moving']:>15}"
             f" {row['auc_moving']:>5.3f} {row['max_rhat']:>6.3f} {row['min_ess']:>8.0f}"
-            f" {row['posterior_seconds']:>12.1f}"
+            f" {row['timings']['posterior']:>12.1f}"
         )
+    return "\n".join(lines)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Prints the tables."""
-    parser = argparse.ArgumentParser(description="Share of right signs on real logs.")
-    parser.add_argument("--data", type=Path, default=DATA)
-    parser.add_argument("--search", choices=METHODS, default=METHODS[0])
-    parser.add_argument("--beam-width", type=int, default=5)
-    parser.add_argument("--workers", type=int, default=1)
-    options = parser.parse_args(arguments)
-    scenarios = [Scenario(options.data, log, options.search, options.beam_width) for log in LOGS]
-    rows = run(study, scenarios, options.workers)
-    print(
-        f"{'log':<17} segs   all %  motion %  smooth %  velocity %  sure %  of these wrong %  search s  total s"
-        "  certified  settled %"
-    )
-    for row in rows:
-        print(
-            f"{row['log']:<17} {row['segments']:>4}  {row['all']:>6.2%} {row['motion']:>8.2%} {row['smooth']:>9.2%}"
-            f" {row['velocity']:>10.1%} {row['sure']:>9.1%} {row['sure_wrong']:>15.3%} {row['search_seconds']:>9.1f}"
-            f" {row['seconds']:>8.1f} {'yes' if row['certified'] else 'no':>10} {row['settled']:>10.2%}"
-        )
-    print("\nper joint, beside what sign(velocity) alone scores (in brackets)")
-    for row in rows:
-        pairs = zip(row["joints"], row["velocity_joints"], strict=True)
-        print(f"{row['log']:<17} " + "  ".join(f"{ours:.2%} ({theirs:.0%})" for ours, theirs in pairs))
-    print(f"\nsign of the true effort after a {_SMOOTH_HZ:.0f} Hz low-pass, in motion: all, then per joint")
-    for row in rows:
-        joints = "  ".join(f"{share:.2%}" for share in row["smooth_truth_joints"])
-        print(f"{row['log']:<17} {row['smooth_truth']:.2%}  {joints}")
-    print(f"\nconfidence {SURE:g} and more; wrong segments and how well confidence tells them; the posterior")
-    _print_confidences(rows)
-    print(f"\nthe same with terms {', '.join(POOR)}: no friction")
-    poor = [Scenario(options.data, log, options.search, options.beam_width, POOR) for log in LOGS if "ur10e" in log]
-    _print_confidences(run(study, poor, options.workers))
-    check = validation(options.data)
-    print("\nmodel from ur10e/a_50s without signs on ur10e/c_unloaded: relative residual, share inside the 95 % band")
+def _prediction(row: Row) -> str:
+    lines = [
+        f"model from {row['log']} without signs on {row['predicts']}: relative residual, that of a signed fit on the"
+        " latter, their ratio, share inside the 95 % band"
+    ]
     for name in ("predicted", "own", "ratio", "coverage"):
-        print(f"  {name:<9} " + "  ".join(f"{value:6.3f}" for value in check[name]))
+        lines.append(f"  {name:<9} " + "  ".join(f"{value:6.3f}" for value in row[name]))
+    return "\n".join(lines)
 
+
+def draw(rows: Sequence[Row], figure: Figure) -> None:
+    """Signs that come back right, joint by joint, beside what the velocity's sign scores."""
+    from studies.figures import COLOURS
+
+    ordinary = [row for row in rows if not row["predicts"] and tuple(row["terms"]) == DEFAULT]
+    ax = figure.subplots()
+    for x, row in enumerate(ordinary):
+        at = x + np.linspace(-0.3, 0.3, len(row["joints"]))
+        first = x == 0
+        theirs, ours = 100.0 * np.array(row["velocity_joints"]), 100.0 * np.array(row["joints"])
+        ax.vlines(at, theirs, ours, color="#bbbbbb", lw=1.0)
+        ax.plot(at, theirs, "x", color=COLOURS[1], ms=5, label="sign of the velocity" if first else None)
+        ax.plot(at, ours, "o", color=COLOURS[0], ms=5, label="bayesid" if first else None)
+    ax.set_xticks(range(len(ordinary)), [row["log"] for row in ordinary], fontsize=8)
+    ax.set_ylabel("strong samples with the right sign, %")
+    ax.set_xlabel("log; from left to right its joints")
+    ax.legend(fontsize=8, loc="lower right")
+
+
+STUDY = Study("real", len(LOGS) + 5, plan, trial, report, draw)
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main(["study", "real", *sys.argv[1:]]))

@@ -1,7 +1,5 @@
 """Simulation-based calibration of the posterior sampler (Talts, Betancourt, Simpson, Vehtari and Gelman 2018).
 
-python -m studies.sbc [--trials 200] [--workers N] [--seed 0] [--flaw noise]
-
 Every trial draws parameters and noise scales from a stated prior, simulates data from them, samples the posterior and
 takes the rank of each true value among L draws. If prior, likelihood and sampler are what they say, each rank is
 uniform on 0 ... L, whatever the prior and the model.
@@ -29,15 +27,16 @@ uniform on 0 ... L, whatever the prior and the model.
 
 from __future__ import annotations
 
-import argparse
-import time
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import stats
 
+from bayesid.cli import main
 from bayesid.coefficients import BaseCoefficients, base_coefficients
 from bayesid.excitation import random_trajectory
 from bayesid.inertia import pseudo_inertia
@@ -52,7 +51,11 @@ from bayesid.robot import robot_from_table
 from bayesid.segments import Segments
 from bayesid.simulation import random_parameters
 from bayesid.terms import DEFAULT, make_terms
-from studies.runner import Row, run
+from studies.record import Row
+from studies.study import Study, in_turn
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 LINKS = Links()
 SIGMA = np.array([10.0, 30.0])
@@ -63,6 +66,8 @@ LAST = 127
 FLAWS = ("", "noise", "prior", "tempering")
 """Mistakes that calibration should find: half the reference noise, the prior's mean off by one sd, held samples counted
 as if each were new."""
+_STREAM = 0
+"""Of random numbers, apart from that of other studies with the same seeds."""
 _SAMPLES, _RATE = 240, 60.0
 _SEGMENT = 4
 """Samples."""
@@ -152,23 +157,18 @@ def _draw_body(mean: Array, sd: Array, rng: np.random.Generator) -> Array:
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Scenario:
-    """A trial.
+    """What a trial looks at.
 
     Attributes:
-        seed: of all trials.
-        trial: which one.
         flaw: one of FLAWS, that the sampled posterior has and the data do not.
     """
 
-    seed: int
-    trial: int
     flaw: str = ""
 
 
-def study(scenario: Scenario) -> Row:
+def trial(scenario: Scenario, seed: int) -> Row:
     """The ranks of one trial."""
-    began = time.perf_counter()
-    rng = np.random.default_rng([scenario.seed, scenario.trial])
+    rng = np.random.default_rng([_STREAM, seed])
     truth, log_scale = draw_prior(rng)
     effort, signs = _simulate(truth, log_scale, rng)
     target = _target(effort, signs, scenario.flaw)
@@ -180,14 +180,12 @@ def study(scenario: Scenario) -> Row:
     true = _quantities(target, truth[None], log_scale[None], signs[None, unknown].astype(float))
     chance = plus.mean(axis=0)
     return {
-        "trial": scenario.trial,
         "ranks": {name: int(np.sum(among[name] < true[name])) for name in true},
         "doubtful": float(np.mean((chance > _DOUBT) & (chance < 1.0 - _DOUBT))),
-        "converged": draws.converged,
+        "converged": bool(draws.converged),
         "max_rhat": draws.diagnostics.max_rhat,
         "min_ess": draws.diagnostics.min_ess,
         "sweeps": draws.sweeps,
-        "seconds": time.perf_counter() - began,
     }
 
 
@@ -313,41 +311,56 @@ def _uniform(values: Array) -> Array:
     return np.array([stats.kstest(column, "uniform", method="exact").pvalue for column in values.T])
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Prints the ranks of all quantities, and whether they are uniform."""
-    parser = argparse.ArgumentParser(description="Simulation-based calibration of the posterior sampler.")
-    parser.add_argument("--trials", type=int, default=200)
-    parser.add_argument("--workers", type=int)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--flaw", choices=FLAWS, default="", help="a mistake in the posterior, to see it found")
-    options = parser.parse_args(arguments)
-    scenarios = [Scenario(options.seed, trial, options.flaw) for trial in range(options.trials)]
-    began = time.perf_counter()
-    rows = run(study, scenarios, options.workers)
+def report(rows: Sequence[Row]) -> str:
+    """The ranks of all quantities, and whether they are uniform."""
     found = Calibration.of(rows)
-    print(f"{'quantity':<16}  mean rank  chi2 p  KS p shift  KS p spread    ({LAST / 2} expected; {found.bins} bins)")
+    told = f"({LAST / 2} expected; {found.bins} bins)"
+    lines = [f"{'quantity':<16}  mean rank  chi2 p  KS p shift  KS p spread    {told}"]
     columns = zip(found.names, found.ranks.mean(axis=0), found.chi_square, found.shift, found.spread, strict=True)
     for name, mean, chi_square, shift, spread in columns:
-        print(f"{name:<16}  {mean:9.1f}  {chi_square:6.4f}  {shift:10.4f}  {spread:11.4f}")
+        lines.append(f"{name:<16}  {mean:9.1f}  {chi_square:6.4f}  {shift:10.4f}  {spread:11.4f}")
     error = (LAST + 1) / np.sqrt(12.0 * len(rows))
-    print(f"\nstandard error of a mean rank: {error:.1f}")
+    lines += ["", f"standard error of a mean rank: {error:.1f}"]
     for name, values in (("chi-square", found.chi_square), ("shift", found.shift), ("spread", found.spread)):
         below, together = int(np.sum(values < 0.05)), stats.kstest(values, "uniform").pvalue
         corrected = min(1.0, len(values) * values.min())
-        print(
+        lines.append(
             f"{name + ':':<12} {below:2d} of {len(values)} p below 5 %, smallest {values.min():.2g}, after Bonferroni "
             f"{corrected:.2g}; p uniform, were they independent: {together:.2g}"
         )
-    print(f"all quantities, shift and spread, after Bonferroni: p = {found.p:.2g}")
     late = [row["trial"] for row in rows if not row["converged"]]
-    print(f"not converged: {len(late)} of {len(rows)} trials{f', {late}' if late else ''} (they are in the table)")
-    print(f"worst R-hat {max(row['max_rhat'] for row in rows):.4f}, least ESS {min(r['min_ess'] for r in rows):.0f}")
     doubtful = np.array([row["doubtful"] for row in rows])
     low, middle, high = doubtful.min(), doubtful.mean(), doubtful.max()
-    print(f"signs summed out that stay in doubt (1 % < P(+) < 99 %): {middle:.0%}, {low:.0%} to {high:.0%} a trial")
-    seconds = np.median([row["seconds"] for row in rows])
-    print(f"seconds a trial, median: {seconds:.2f}; {time.perf_counter() - began:.0f} s in all")
+    return "\n".join([
+        *lines,
+        f"not converged: {len(late)} of {len(rows)} trials{f', {late}' if late else ''} (they are in the table)",
+        f"worst R-hat {max(row['max_rhat'] for row in rows):.4f}, least ESS {min(r['min_ess'] for r in rows):.0f}",
+        f"signs summed out that stay in doubt (1 % < P(+) < 99 %): {middle:.0%}, {low:.0%} to {high:.0%} a trial",
+        f"seconds a trial, median: {np.median([row['timings']['seconds'] for row in rows]):.2f}",
+        f"all quantities, shift and spread, after Bonferroni: p = {found.p:.2g}",
+    ])  # fmt: skip
 
+
+def draw(rows: Sequence[Row], figure: Figure) -> None:
+    """For every quantity the distribution of its ranks, less the uniform one, in the band of 95 % of such curves."""
+    from studies.figures import COLOURS
+
+    found = Calibration.of(rows)
+    count, ax = len(rows), figure.subplots()
+    x = np.arange(LAST + 2) / (LAST + 1)
+    for column in found.ranks.T:
+        share = np.searchsorted(np.sort(column), np.arange(LAST + 2), side="left") / count
+        ax.plot(x, share - x, color=COLOURS[0], lw=0.8, alpha=0.7)
+    band = 1.96 * np.sqrt(x * (1.0 - x) / count)
+    ax.fill_between(x, -band, band, color="#bbbbbb", alpha=0.4, lw=0.0, label="95 % at each place, if all is well")
+    ax.set_xlabel("rank of the truth among the draws, 0 to 1")
+    ax.set_ylabel("share of trials below, less expected")
+    ax.legend(fontsize=8)
+
+
+STUDY = Study("sbc", 200, in_turn([Scenario()]), trial, report, draw)
+FLAWED = {flaw: replace(STUDY, plan=in_turn([Scenario(flaw)])) for flaw in FLAWS if flaw}
+"""By the mistake in the posterior, to see it found."""
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main(["study", "sbc", *sys.argv[1:]]))

@@ -153,7 +153,43 @@ def test_two_logs_count_as_one(place):
     summary = json.loads((place / "out" / "summary.json").read_text())
     assert summary["n_samples"] == 2 * 601
     assert summary["log"] == "log.csv + again.csv"
+    assert summary["logs"] == [{"source": name, "n_samples": 601} for name in ("log.csv", "again.csv")]
     assert summary["search"]["certified"] is True
+    found = rows(place / "out" / "signed_log.csv")
+    assert [row["log"] for row in found] == ["log.csv"] * 601 + ["again.csv"] * 601
+    assert [row["t"] for row in found[:601]] == [row["t"] for row in found[601:]]
+    assert {row["log"] for row in rows(place / "out" / "segments.csv")} == {"log.csv", "again.csv"}
+
+
+def test_a_quoted_pattern_names_logs(place, monkeypatch):
+    """The folder is called after the first of them."""
+    seen = []
+
+    def spy(robot, log, *_, **__):
+        seen.append([piece.source for piece in log.pieces])
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(bayesid, "identify", spy)
+    (place / "runs").mkdir()
+    for name in ("c", "a", "b"):
+        shutil.copy(place / "log.csv", place / "runs" / f"{name}.csv")
+    assert run("identify", "runs/*.csv", "log.csv", "--robot", "arm.toml") == 130
+    assert seen == [["runs/a.csv", "runs/b.csv", "runs/c.csv", "log.csv"]]
+    monkeypatch.setattr(cli, "check_folder", lambda folder: seen.append(folder.name) or folder)
+    assert run("identify", "runs/*.csv", "--robot", "arm.toml") == 130
+    assert seen[1] == "bayesid-a"
+
+
+def test_logs_that_cannot_be_named_so(place, refused):
+    """A pattern without a file, a log named twice, and a result in the folder of a log that a pattern names."""
+    (place / "runs").mkdir()
+    shutil.copy(place / "log.csv", place / "runs" / "a.csv")
+    refused(*identify("runs/*.txt"), says=["runs/*.txt", "matches no file"])
+    refused("identify", "log.csv", "log.csv", "--robot", "arm.toml", says=["log.csv", "twice"])
+    refused("identify", "runs/*", "runs/a.csv", "--robot", "arm.toml", says=["runs/a.csv", "twice"])
+    (place / "runs" / "summary.json").touch()
+    (place / "runs" / "a.csv").rename(place / "runs" / "log.csv")
+    refused(*identify("runs/l*", out="runs"), says=["runs", "holds the log"])
 
 
 def test_an_option_that_is_no_budget(place, refused):
@@ -617,7 +653,7 @@ def test_a_run_that_fails_leaves_the_earlier_result(shop, place, refused, monkey
     def fail(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("bayesid.results._write_segments", fail)
+    monkeypatch.setattr("bayesid.results._write_signed_log", fail)
     assert run(*identify(), *QUICK) == 2
     assert "No space left on device" in capfd.readouterr().err
     assert everything(place) == before

@@ -9,15 +9,16 @@ from bayesid.posterior.moves import Conditional, HitAndRun, InTurn, NoiseScales,
 from bayesid.posterior.start import body_blocks
 from bayesid.posterior.target import Target
 from studies import sbc
-from studies.runner import run
-from studies.sbc import LAST, SIGMA, Calibration, Scenario, draw_prior, setting, study
+from studies.sbc import LAST, SIGMA, Calibration, draw_prior, setting
+from studies.study import run_study
 
 FALSE_ALARM = 1e-4
 """Kolmogorov and Smirnov's p is exact and Bonferroni's bound holds for any dependence: this is no estimate."""
 
 
-def calibration(trials, flaw="", workers=1):
-    return Calibration.of(run(study, [Scenario(0, trial, flaw) for trial in range(trials)], workers))
+def calibration(trials, flaw="", workers=0):
+    study = sbc.FLAWED[flaw] if flaw else sbc.STUDY
+    return Calibration.of(run_study(study, trials, workers=workers).good)
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -1,0 +1,16 @@
+"""How wide a beam? T-PBPR with 1 to 50 nodes kept; 8 s with 10 % noise. The certified search needs no width."""
+
+from __future__ import annotations
+
+from studies.sensitivity import Varied, of_field, searched, sensitivity
+from studies.simulated import Scenario
+
+LEVELS = (1, 2, 5, 10, 20, 50)
+STUDY = sensitivity(
+    "beam_width",
+    Varied(
+        "width of the beam, w", of_field("beam_width", LEVELS, "w = {}"),
+        base=Scenario(search="beam", noise=0.1, duration=8.0), extra=searched,
+    ),
+    trials=192,
+)  # fmt: skip

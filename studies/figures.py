@@ -1,0 +1,53 @@
+"""The figures of the studies: only here matplotlib is imported."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import cycle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from bayesid.motion import Array
+
+COLOURS = ("#1b7f79", "#c0392b", "#2c5d9b", "#d08a1d", "#6a4c93", "#555555", "#a0522d")
+"""Told apart by people who do not see red and green alike, and in print together with the markers."""
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+_SPREAD = (0.1, 0.9)
+
+
+def save_figure(draw: Any, path: Path) -> None:
+    """Has `draw` fill a figure and writes it, aside first."""
+    figure = Figure(figsize=(7.5, 3.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    draw(figure)
+    aside = path.with_name(f".{path.name}")
+    figure.savefig(aside, format=path.suffix[1:], metadata={"Date": None})  # the same rows, the same file
+    aside.replace(path)
+
+
+def spreads(axes: Axes, groups: Mapping[str, Sequence[tuple[float, Sequence[float]]]]) -> None:
+    """For each group a line of medians over x, with bars from the 10 % to the 90 % quantile.
+
+    Args:
+        axes: where.
+        groups: name of the line to (x, values) pairs.
+    """
+    count = len(groups)
+    for k, ((name, pairs), colour, marker) in enumerate(zip(groups.items(), cycle(COLOURS), cycle(MARKERS))):
+        x = _aside(axes, np.array([x for x, _ in pairs], dtype=float), (k - (count - 1) / 2) * 0.012)
+        middle = np.array([np.median(values) for _, values in pairs])
+        low, high = (np.array([np.quantile(values, q) for _, values in pairs]) for q in _SPREAD)
+        bars = np.clip([middle - low, high - middle], 0.0, None)
+        axes.errorbar(x, middle, bars, color=colour, marker=marker, ms=4, lw=1.2, elinewidth=0.8, capsize=2, label=name)
+
+
+def _aside(axes: Axes, x: Array, share: float) -> Array:
+    """Points a little beside each other, so that bars do not hide bars."""
+    if axes.get_xscale() == "log":
+        return x * (x.max() / x.min()) ** share
+    return x + share * (x.max() - x.min())

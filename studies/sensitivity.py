@@ -1,0 +1,205 @@
+"""Sensitivity studies: one thing about log or method is varied, on several robots; tables, figure, conclusion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from studies.record import Row
+from studies.simulated import ROBOTS, Scenario, trial
+from studies.study import Study, in_turn
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+USUAL = Scenario()
+GOOD = 0.99
+"""Share of right signs that a user would call good."""
+_NINE_OF_TEN = 0.1
+
+
+@dataclass(frozen=True)
+class Level:
+    """One setting of what is varied.
+
+    Attributes:
+        label: in tables.
+        x: in figures.
+        changes: of the scenario's fields.
+    """
+
+    label: str
+    x: float
+    changes: Mapping[str, Any]
+
+    def rows(self, rows: Sequence[Row], robot: str = "") -> list[Row]:
+        """Those of this level, and of one robot if it is named."""
+        wanted = {**self.changes, **({"robot": robot} if robot else {})}
+        return [row for row in rows if all(row[key] == value for key, value in wanted.items())]
+
+
+@dataclass(frozen=True)
+class Varied:
+    """What is varied, and how it is shown.
+
+    Attributes:
+        label: of the axis.
+        levels: in their order.
+        robots: on which.
+        log_x: whether the axis is logarithmic.
+        base: what is not varied.
+        extra: more columns of the table, pooled over robots: heading to a number from rows.
+    """
+
+    label: str
+    levels: Sequence[Level]
+    robots: Sequence[str] = ROBOTS
+    log_x: bool = True
+    base: Scenario = USUAL
+    extra: Mapping[str, Callable[[Sequence[Row]], str]] = field(default_factory=dict)
+
+    @property
+    def scenarios(self) -> list[Scenario]:
+        """All levels on all robots."""
+        return [replace(self.base, robot=robot, **level.changes) for level in self.levels for robot in self.robots]
+
+
+def of_field(name: str, values: Sequence[Any], form: str = "{:g}") -> list[Level]:
+    """Levels that change one field of the scenario."""
+    return [Level(form.format(value), float(value), {name: value}) for value in values]
+
+
+def sensitivity(name: str, varied: Varied, trials: int) -> Study:
+    """The study of what is varied."""
+    return Study(
+        name, trials, in_turn(varied.scenarios), trial,
+        lambda rows: report(varied, rows), lambda rows, figure: draw(varied, rows, figure),
+    )  # fmt: skip
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Tables
+# ---------------------------------------------------------------------------------------------------------------
+def report(varied: Varied, rows: Sequence[Row]) -> str:
+    """Signs and torques by level and robot, then what is pooled over robots, then the conclusion."""
+    return "\n\n".join([
+        f"{len(rows)} logs; {varied.label}",
+        _by_robot(varied, rows, "strong samples with the right sign: median (least) of the logs", _signs),
+        _by_robot(varied, rows, "error of efforts predicted for a new motion: median joint (worst one)", _torques),
+        _pooled(varied, rows),
+        conclusion(varied, rows),
+    ])  # fmt: skip
+
+
+def _signs(rows: Sequence[Row]) -> str:
+    right = [row["right"] for row in rows]
+    return f"{np.median(right):.2%} ({min(right):.1%})"
+
+
+def _torques(rows: Sequence[Row]) -> str:
+    middle, worst = (np.median([row[key] for row in rows]) for key in ("torque_error", "torque_error_worst"))
+    return f"{middle:.2%} ({worst:.1%})"
+
+
+def _by_robot(varied: Varied, rows: Sequence[Row], heading: str, cell: Callable[[Sequence[Row]], str]) -> str:
+    width = max(len(level.label) for level in varied.levels)
+    lines = [heading, f"{'':<{width}}  " + "  ".join(f"{robot:>18}" for robot in varied.robots)]
+    for level in varied.levels:
+        chosen = [level.rows(rows, robot) for robot in varied.robots]
+        cells = [f"{cell(some) if some else '-':>18}" for some in chosen]
+        lines.append(f"{level.label:<{width}}  " + "  ".join(cells))
+    return "\n".join(lines)
+
+
+def _pooled(varied: Varied, rows: Sequence[Row]) -> str:
+    columns: dict[str, Callable[[Sequence[Row]], str]] = {
+        "logs": lambda some: f"{len(some)}",
+        "segments": lambda some: f"{np.median([row['segments'] for row in some]):.0f}",
+        "condition": lambda some: f"{np.median([row['condition'] for row in some]):.0f}",
+        "certified": lambda some: _share(some, "certified"),
+        "a joint flipped": lambda some: _share(some, "joints_flipped"),
+        "known to 10 %": lambda some: _part(some, "known", "coefficients"),
+        "in 95 % interval": lambda some: _part(some, "inside", "coefficients"),
+        **varied.extra,
+    }
+    width = max(len(level.label) for level in varied.levels)
+    lines = ["all robots", f"{'':<{width}}  " + "  ".join(f"{name:>16}" for name in columns)]
+    for level in varied.levels:
+        if some := level.rows(rows):
+            lines.append(f"{level.label:<{width}}  " + "  ".join(f"{cell(some):>16}" for cell in columns.values()))
+    return "\n".join(lines)
+
+
+def _share(rows: Sequence[Row], key: str) -> str:
+    return f"{np.mean([bool(row[key]) for row in rows]):.0%}"
+
+
+def _part(rows: Sequence[Row], key: str, of: str) -> str:
+    return f"{sum(row[key] for row in rows) / sum(row[of] for row in rows):.1%}"
+
+
+def conclusion(varied: Varied, rows: Sequence[Row]) -> str:
+    """At which levels nine logs of ten have good signs, robot by robot."""
+    said = []
+    for robot in varied.robots:
+        tried = [(level, level.rows(rows, robot)) for level in varied.levels]
+        good = [level.label for level, some in tried if some and _good(some)]
+        count = sum(bool(some) for _, some in tried)
+        told = "all" if len(good) == count else ", ".join(good) or "none"
+        said.append(f"  {robot}: {told}")
+    return "\n".join([f"levels at which nine of ten logs have at least {GOOD:.0%} of strong samples right:", *said])
+
+
+def _good(rows: Sequence[Row]) -> bool:
+    return bool(np.quantile([row["right"] for row in rows], _NINE_OF_TEN) >= GOOD)
+
+
+def _median_of(read: Callable[[Row], float], form: str) -> Callable[[Sequence[Row]], str]:
+    return lambda rows: form.format(np.median([read(row) for row in rows]))
+
+
+searched = {
+    "cone problems": _median_of(lambda row: row["solves"], "{:.0f}"),
+    "search, s": _median_of(lambda row: row["timings"]["search"], "{:.2f}"),
+}
+"""Columns on the work of a search."""
+posterior_columns = {
+    "parameters in 95 %": lambda rows: f"{np.mean([row['parameters_inside'] for row in rows]):.1%}",
+    "converged": lambda rows: _share(rows, "converged"),
+}
+"""Columns on a posterior."""
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Figure
+# ---------------------------------------------------------------------------------------------------------------
+def draw(varied: Varied, rows: Sequence[Row], figure: Figure) -> None:
+    """Wrong signs, and errors of predicted efforts, over what is varied; a line a robot."""
+    from studies.figures import spreads
+
+    panels = figure.subplots(1, 2)
+    told = (("wrong", "strong samples with the wrong sign, %"), ("torque_error", "effort error, new motion, %"))
+    for ax, (key, name) in zip(panels, told, strict=True):
+        if varied.log_x:
+            ax.set_xscale("log")
+        spreads(ax, {robot: _points(varied, rows, robot, key) for robot in varied.robots})
+        ax.set_xlabel(varied.label)
+        ax.set_ylabel(name)
+        ax.set_xticks([level.x for level in varied.levels], [level.label for level in varied.levels])
+        ax.minorticks_off()
+    panels[0].set_yscale("symlog", linthresh=0.1)
+    panels[0].set_ylim(bottom=0.0)
+    panels[1].set_yscale("log")
+    panels[0].legend(fontsize=8)
+
+
+def _points(varied: Varied, rows: Sequence[Row], robot: str, key: str) -> list[tuple[float, list[float]]]:
+    points = [(level.x, level.rows(rows, robot)) for level in varied.levels]
+    return [(x, [100.0 * _value(row, key) for row in some]) for x, some in points if some]
+
+
+def _value(row: Row, key: str) -> float:
+    return float(1.0 - row["right"] if key == "wrong" else row[key])

@@ -1,0 +1,221 @@
+"""One simulated log, identified without its signs and scored against the truth: what the sensitivity studies vary.
+
+Every seed has its own parameters, motion and noise. Budgets count work, not seconds, so rows can be had again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayesid import terms as catalogue
+from bayesid.coefficients import base_coefficients
+from bayesid.excitation import FourierTrajectory, MotionLimits, exciting_trajectory, random_trajectory
+from bayesid.identification import LINKS, Identification, identify
+from bayesid.log import Log
+from bayesid.model import Model
+from bayesid.motion import Array, Motion
+from bayesid.noise import relative_rms
+from bayesid.posterior.prior import Links
+from bayesid.robot import Robot, load_robot
+from bayesid.segments import Cutting
+from bayesid.simulation import random_parameters, simulate
+from bayesid.terms import RigidBody, make_terms
+from studies.record import Row
+
+ROBOTS = ("kr5", "ur10e", "panda", "tx40")
+STRONG = 0.05
+"""A sample counts when its true |effort| is at least this share of its joint's maximum."""
+RATE = 100.0
+"""Hz."""
+PERIOD = 12.0
+"""s, of the longest motion that does not repeat: a longer one would be slower, not richer."""
+_REACH, _VELOCITY, _ACCELERATION = 2.0, 3.0, 15.0
+"""rad, rad/s, rad/s^2: limits of the motion."""
+_EVALUATIONS = 150
+"""For a motion that is good, if not the best: a study makes many."""
+_BUDGET = 3.0
+"""Nominal seconds of a search's proof."""
+_KNOWN = 0.1
+"""A coefficient counts as known when its sd is at most this share of its size."""
+_NORMAL_95 = 1.959963984540054
+_NEW = 1_000_000
+"""Added to the seed of the motion that no log has seen; its length, s."""
+_NEW_DURATION = 10.0
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """How a log is made and identified; what a study does not vary is as here.
+
+    Attributes:
+        robot: built-in name; with /k, its first k joints.
+        noise: of the efforts, relative to each joint's RMS effort.
+        duration: s; beyond PERIOD the motion repeats.
+        trajectory: "exciting" (condition number optimised) or "random".
+        reach: share of the range of positions that the motion may use.
+        speed: share of the highest speeds; accelerations take its square.
+        encoder: sd of the positions' noise, rad.
+        cutoff: of the motion's low-pass, Hz; 0 leaves it to the data.
+        prominence: see `bayesid.segments.Cutting`.
+        threshold: see there.
+        search: "certified" or "beam".
+        beam_width: of a beam.
+        initial_segments: of a beam.
+        posterior: whether it is sampled.
+        prior_width: factor on the prior's standard deviations.
+        nominal: relative error of link parameters given as known beforehand, each with this error as its standard
+            deviation; 0 for none.
+    """
+
+    robot: str = "kr5"
+    noise: float = 0.05
+    duration: float = 12.0
+    trajectory: str = "exciting"
+    reach: float = 1.0
+    speed: float = 1.0
+    encoder: float = 0.0
+    cutoff: float = 0.0
+    prominence: float = Cutting().prominence
+    threshold: float = Cutting().threshold
+    search: str = "certified"
+    beam_width: int = 5
+    initial_segments: int = 5
+    posterior: bool = False
+    prior_width: float = 1.0
+    nominal: float = 0.0
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What the log was made from.
+
+    Attributes:
+        model: robot and terms.
+        theta: (P,) its parameters.
+        effort: (N, n) without noise, with its sign, N m.
+        log: what is identified.
+    """
+
+    model: Model
+    theta: Array
+    effort: Array
+    log: Log
+
+
+def trial(scenario: Scenario, seed: int) -> Row:
+    """Simulates a log, identifies the robot without its signs, and scores what was found."""
+    truth = make_truth(scenario, seed)
+    result = identify(
+        truth.model.robot, truth.log, catalogue.DEFAULT, scenario.search, search_budget=_BUDGET,
+        beam_width=scenario.beam_width, initial_segments=scenario.initial_segments, cutoff=scenario.cutoff or None,
+        cutting=Cutting(scenario.prominence, scenario.threshold), posterior=scenario.posterior,
+        links=_links(scenario.prior_width), nominal=_nominal(truth, scenario.nominal, seed), seed=seed,
+        repeatable=True,
+    )  # fmt: skip
+    return {**_of_signs(truth, result), **_of_model(truth, result, seed), "timings": result.timings}
+
+
+def make_truth(scenario: Scenario, seed: int) -> Truth:
+    """A log of random parameters and motion."""
+    rng, robot = np.random.default_rng(seed), make_robot(scenario.robot)
+    motion = _trajectory(scenario, robot, seed).motion(np.arange(round(scenario.duration * RATE) + 1) / RATE)
+    model = Model(robot, make_terms(catalogue.DEFAULT, robot, motion))
+    theta = random_parameters(model, rng)
+    log = simulate(model, theta, motion, rng=rng, noise=scenario.noise)
+    log = replace(log, q=log.q + scenario.encoder * rng.standard_normal(log.q.shape))
+    return Truth(model, theta, model.effort(motion, theta), log)
+
+
+def make_robot(name: str) -> Robot:
+    """A built-in robot, or its first joints, as "panda/4"."""
+    whole, _, count = name.partition("/")
+    robot = load_robot(whole)
+    if not count:
+        return robot
+    if robot.transmission is not None:
+        raise ValueError(f"the joints of {whole} are coupled")
+    return replace(robot, name=name, joints=robot.joints[: int(count)])
+
+
+def _trajectory(scenario: Scenario, robot: Robot, seed: int) -> FourierTrajectory:
+    reach, speed = scenario.reach * _REACH, scenario.speed
+    limits = MotionLimits(-reach, reach, speed * _VELOCITY, speed**2 * _ACCELERATION)
+    periods = max(1, round(scenario.duration / PERIOD))
+    if scenario.trajectory == "random":
+        return random_trajectory(robot.n_joints, scenario.duration, seed=seed, limits=limits, periods=periods)
+    bodies = Model(robot, (RigidBody(),))
+    return exciting_trajectory(
+        bodies, base_coefficients(bodies), scenario.duration, seed=seed, limits=limits, periods=periods,
+        evaluations=_EVALUATIONS,
+    )
+
+
+def _links(width: float) -> Links:
+    return replace(LINKS, mass=width * LINKS.mass)
+
+
+def _nominal(truth: Truth, error: float, seed: int) -> dict[str, tuple[float, float]] | None:
+    """Link parameters as a drawing might give them, each off by about its standard deviation."""
+    if not error:
+        return None
+    rng = np.random.default_rng([seed, 1])
+    sd = error * np.maximum(np.abs(truth.theta), 1e-3 * np.abs(truth.theta).max())
+    values = truth.theta + sd * rng.standard_normal(len(sd))
+    bodies = truth.model.cone.bodies.ravel()
+    return {truth.model.parameters[k].name: (float(values[k]), float(sd[k])) for k in bodies}
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Scores
+# ---------------------------------------------------------------------------------------------------------------
+def _of_signs(truth: Truth, result: Identification) -> Row:
+    strong = np.abs(truth.effort) >= STRONG * np.abs(truth.effort).max(axis=0)
+    right = result.sample_signs == np.sign(truth.effort)
+    joints = np.array([right[strong[:, j], j].mean() for j in range(strong.shape[1])])
+    confidence = np.maximum(result.probability, 1.0 - result.probability)
+    return {
+        "segments": len(result.segments),
+        "searched": len(result.search.signs),
+        "right": float(right[strong].mean()),
+        "joints_flipped": int(np.sum(joints < 0.5)),
+        "confidence": float(confidence[strong].mean()),
+        "certified": bool(result.search.certified),
+        "nodes": int(result.search.nodes),
+        "solves": int(result.search.solves),
+    }
+
+
+def _of_model(truth: Truth, result: Identification, seed: int) -> Row:
+    error = torque_error(truth, result, seed)
+    true, beta, sd = result.coefficients.project(truth.theta), result.beta, result.sd
+    low, high = beta - _NORMAL_95 * sd, beta + _NORMAL_95 * sd
+    converged = parameters = None
+    if result.posterior is not None:
+        low, high = result.posterior.interval(0.95)
+        converged = bool(result.posterior.converged)
+        off = np.abs(result.theta - truth.theta) <= _NORMAL_95 * result.parameter_sd[0]
+        parameters = float(off.mean())
+    return {
+        "condition": float(result.fit.condition),
+        "residual": float(np.median(result.fit.relative_residual)),
+        "torque_error": float(np.median(error)),
+        "torque_error_worst": float(error.max()),
+        "coefficients": len(true),
+        "known": int(np.sum(sd <= _KNOWN * np.abs(true))),
+        "inside": int(np.sum((low <= true) & (true <= high))),
+        "parameters_inside": parameters,
+        "converged": converged,
+        "warnings": len(result.warnings),
+    }
+
+
+def torque_error(truth: Truth, result: Identification, seed: int) -> Array:
+    """(n,) relative RMS error of the efforts that the model predicts for a motion that no log has seen."""
+    n = truth.model.robot.n_joints
+    trajectory = random_trajectory(n, _NEW_DURATION, seed=seed + _NEW)
+    motion: Motion = trajectory.motion(np.arange(0.0, _NEW_DURATION, 1.0 / RATE))
+    expected = truth.model.effort(motion, truth.theta)
+    error = result.model.effort(motion, result.theta) - expected
+    return relative_rms(error, expected, np.ones_like(expected, dtype=bool))
