@@ -145,9 +145,7 @@ def _add_identify(commands: argparse._SubParsersAction[_Parser]) -> None:
         help="parameters known beforehand, from CAD or a data sheet: name,mean,sd, names as in parameters.csv",
     )  # fmt: skip
     parser.add_argument("--seed", type=_seed, default=0, help="of everything random (default: 0)")
-    parser.add_argument(
-        "--repeatable", action="store_true", help="budgets count work, not seconds: the same result on a busy machine"
-    )
+    _add_repeatable(parser)
     parser.add_argument(
         "--each", action="store_true", help="identify each log by itself, and tell whether the results agree"
     )
@@ -188,6 +186,7 @@ def _add_discrepancy(commands: argparse._SubParsersAction[_Parser]) -> None:
         help="seconds that sampling may take; it ends when it has converged (default: %(default)g)",
     )  # fmt: skip
     parser.add_argument("--seed", type=_seed, default=0, help="of everything random (default: 0)")
+    _add_repeatable(parser)
     parser.add_argument("--out", type=Path, help="folder of the extended model (default: bayesid-discrepancy-LOG)")
     parser.add_argument("--quiet", action="store_true", help="print nothing but warnings and errors")
     parser.set_defaults(command=_discrepancy)
@@ -223,6 +222,12 @@ def _add_study(commands: argparse._SubParsersAction[_Parser]) -> None:
     parser.add_argument("--out", type=Path, help="folder for rows, report and figure (default: bayesid-study-NAME)")
     parser.add_argument("--quiet", action="store_true", help="print nothing but warnings and errors")
     parser.set_defaults(command=_study)
+
+
+def _add_repeatable(parser: _Parser) -> None:
+    parser.add_argument(
+        "--repeatable", action="store_true", help="budgets count work, not seconds: the same result on a busy machine"
+    )
 
 
 def _add_workers(parser: _Parser) -> None:
@@ -323,7 +328,7 @@ def _discrepancy(options: argparse.Namespace) -> None:
         result = bayesid.find_discrepancy(
             stored, log, holdout[0] if holdout else None, cutoff=options.cutoff, search_budget=options.search_budget,
             posterior=not options.no_posterior, posterior_budget=options.posterior_budget, seed=options.seed,
-            progress=bars.show,
+            progress=bars.show, repeatable=options.repeatable,
         )  # fmt: skip
     bayesid.save_discrepancy(result, folder)
     for warning in result.warnings:

@@ -94,7 +94,7 @@ class Segments:
         """The segments cut once more before each given (joint, sample)."""
         rows = []
         for k in range(len(self)):
-            inside = sorted(at for j, at in cuts if j == self.joint[k] and self.start[k] < at < self.end[k])
+            inside = sorted({at for j, at in cuts if j == self.joint[k] and self.start[k] < at < self.end[k]})
             edges = [int(self.start[k]), *inside, int(self.end[k])]
             rows += [(self.joint[k], a, b, self.known[k], self.moving[k], self.fitted[k]) for a, b in pairwise(edges)]
         return _from_rows(rows)

@@ -31,20 +31,19 @@ VARIED = Varied("excitation", LEVELS, log_x=False)
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
     """Every log: wrong signs, and errors of predicted efforts, over its condition number."""
-    from studies.figures import COLOURS, MARKERS
+    from studies.figures import COLOURS, MARKERS, error_axis, wrong_axis
 
     panels = figure.subplots(1, 2)
-    for ax, name in zip(panels, ("strong samples with the wrong sign, %", "effort error, new motion, %"), strict=True):
+    for ax in panels:
         ax.set_xscale("log")
         ax.set_xlabel("condition number of the regressor")
-        ax.set_ylabel(name)
     for level, colour, marker in zip(LEVELS, COLOURS, MARKERS, strict=True):
         some = [row for row in level.rows(rows) if row["condition"] < float("inf")]
         x = [row["condition"] for row in some]
         panels[0].plot(x, [100.0 * (1.0 - row["right"]) for row in some], marker, color=colour, ms=4, label=level.label)
         panels[1].plot(x, [100.0 * row["torque_error"] for row in some], marker, color=colour, ms=4)
-    panels[0].set_yscale("symlog", linthresh=0.1)
-    panels[1].set_yscale("log")
+    wrong_axis(panels[0])
+    error_axis(panels[1])
     panels[0].legend(fontsize=8)
 
 

@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 
 from bayesid.motion import Array
 
@@ -18,6 +20,8 @@ COLOURS = ("#1b7f79", "#c0392b", "#2c5d9b", "#d08a1d", "#6a4c93", "#555555", "#a
 """Told apart by people who do not see red and green alike, and in print together with the markers."""
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 _SPREAD = (0.1, 0.9)
+_ROOM = 32
+"""Letters that fit below a panel."""
 
 
 def save_figure(draw: Any, path: Path) -> None:
@@ -26,7 +30,8 @@ def save_figure(draw: Any, path: Path) -> None:
     FigureCanvasAgg(figure)
     draw(figure)
     aside = path.with_name(f".{path.name}")
-    figure.savefig(aside, format=path.suffix[1:], metadata={"Date": None})  # the same rows, the same file
+    with rc_context({"svg.hashsalt": "bayesid"}):  # and without a date: the same rows, the same file
+        figure.savefig(aside, format=path.suffix[1:], metadata={"Date": None})
     aside.replace(path)
 
 
@@ -44,6 +49,32 @@ def spreads(axes: Axes, groups: Mapping[str, Sequence[tuple[float, Sequence[floa
         low, high = (np.array([np.quantile(values, q) for _, values in pairs]) for q in _SPREAD)
         bars = np.clip([middle - low, high - middle], 0.0, None)
         axes.errorbar(x, middle, bars, color=colour, marker=marker, ms=4, lw=1.2, elinewidth=0.8, capsize=2, label=name)
+
+
+def name_ticks(axes: Axes, places: Mapping[str, float]) -> None:
+    """Labels at their places on the x axis, turned where they would touch."""
+    turned = 60 if sum(map(len, places)) > _ROOM else 0
+    axes.set_xticks(list(places.values()), list(places), rotation=turned, fontsize=8)
+    axes.xaxis.set_minor_locator(NullLocator())
+
+
+def wrong_axis(axes: Axes) -> None:
+    """Shares that are mostly zero, in percent: linear up to 0.1 %, logarithmic above."""
+    axes.set_ylabel("strong samples with the wrong sign, %")
+    axes.set_yscale("symlog", linthresh=0.1)
+    axes.set_ylim(-0.01, max(1.5, 1.3 * axes.get_ylim()[1]))
+    ticks = [value for value in (0.0, 0.1, 1.0, 10.0, 50.0) if value < axes.get_ylim()[1]]
+    axes.set_yticks(ticks, [f"{value:g}" for value in ticks])
+    axes.minorticks_off()
+
+
+def error_axis(axes: Axes) -> None:
+    """Errors of predicted efforts in percent, logarithmic."""
+    axes.set_ylabel("effort error, new motion, %")
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter("")
+    axes.grid(axis="y", color="#dddddd", lw=0.6)
 
 
 def _aside(axes: Axes, x: Array, share: float) -> Array:

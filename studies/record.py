@@ -7,7 +7,6 @@ fifty times as long as writing all rows, the last few may be missing after the p
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -123,7 +122,7 @@ class _Table:
     def write(self, path: Path, marks: Mapping[str, str]) -> None:
         ordered = [self.rows[trial] for trial in sorted(self.rows)]
         content = pa.Table.from_pylist(ordered, schema=self._schema.with_metadata(dict(marks)))
-        aside = path.with_name(f".{path.name}-{os.getpid()}")
+        aside = path.with_name(f".{path.name}.part")  # what a killed run has left is written over
         try:
             parquet.write_table(content, aside)
             aside.replace(path)
@@ -146,7 +145,8 @@ def read_rows(folder: str | Path) -> list[Row]:
 def _read(path: Path) -> tuple[list[Row], dict[str, str]]:
     """Rows and marks of a file."""
     try:
-        table = parquet.read_table(path)
+        # neither by path, which opens the file twice, nor by threads, which may outlive the interpreter and abort it
+        table = parquet.ParquetFile(pa.BufferReader(path.read_bytes())).read(use_threads=False)
         rows: list[Row] = table.to_pylist()
         marks = {key.decode(): value.decode() for key, value in (table.schema.metadata or {}).items()}
     except (OSError, pa.ArrowException, UnicodeError) as error:

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 USUAL = Scenario()
 GOOD = 0.99
 """Share of right signs that a user would call good."""
-_NINE_OF_TEN = 0.1
+CLOSE = 0.02
+"""Error of predicted efforts, over their RMS, that a user would call small."""
 
 
 @dataclass(frozen=True)
@@ -142,19 +143,24 @@ def _part(rows: Sequence[Row], key: str, of: str) -> str:
 
 
 def conclusion(varied: Varied, rows: Sequence[Row]) -> str:
-    """At which levels nine logs of ten have good signs, robot by robot."""
+    """At which levels nine logs of ten have good signs, and good predictions, robot by robot."""
+    signs = _levels(varied, rows, lambda some: np.quantile([row["right"] for row in some], 0.1) >= GOOD)
+    efforts = _levels(varied, rows, lambda some: np.quantile([row["torque_error"] for row in some], 0.9) <= CLOSE)
+    return "\n".join([
+        f"at least {GOOD:.0%} of strong samples right, in nine of ten logs:", *signs,
+        f"efforts of a new motion within {CLOSE:.0%} (median joint), in nine of ten logs:", *efforts,
+    ])  # fmt: skip
+
+
+def _levels(varied: Varied, rows: Sequence[Row], good: Callable[[Sequence[Row]], object]) -> list[str]:
+    """For each robot the levels at which its rows are good."""
     said = []
     for robot in varied.robots:
-        tried = [(level, level.rows(rows, robot)) for level in varied.levels]
-        good = [level.label for level, some in tried if some and _good(some)]
-        count = sum(bool(some) for _, some in tried)
-        told = "all" if len(good) == count else ", ".join(good) or "none"
+        tried = [(level.label, some) for level in varied.levels if (some := level.rows(rows, robot))]
+        passed = [label for label, some in tried if good(some)]
+        told = "all" if len(passed) == len(tried) else ", ".join(passed) or "none"
         said.append(f"  {robot}: {told}")
-    return "\n".join([f"levels at which nine of ten logs have at least {GOOD:.0%} of strong samples right:", *said])
-
-
-def _good(rows: Sequence[Row]) -> bool:
-    return bool(np.quantile([row["right"] for row in rows], _NINE_OF_TEN) >= GOOD)
+    return said
 
 
 def _median_of(read: Callable[[Row], float], form: str) -> Callable[[Sequence[Row]], str]:
@@ -178,21 +184,17 @@ posterior_columns = {
 # ---------------------------------------------------------------------------------------------------------------
 def draw(varied: Varied, rows: Sequence[Row], figure: Figure) -> None:
     """Wrong signs, and errors of predicted efforts, over what is varied; a line a robot."""
-    from studies.figures import spreads
+    from studies.figures import error_axis, name_ticks, spreads, wrong_axis
 
     panels = figure.subplots(1, 2)
-    told = (("wrong", "strong samples with the wrong sign, %"), ("torque_error", "effort error, new motion, %"))
-    for ax, (key, name) in zip(panels, told, strict=True):
+    for ax, key in zip(panels, ("wrong", "torque_error"), strict=True):
         if varied.log_x:
             ax.set_xscale("log")
         spreads(ax, {robot: _points(varied, rows, robot, key) for robot in varied.robots})
         ax.set_xlabel(varied.label)
-        ax.set_ylabel(name)
-        ax.set_xticks([level.x for level in varied.levels], [level.label for level in varied.levels])
-        ax.minorticks_off()
-    panels[0].set_yscale("symlog", linthresh=0.1)
-    panels[0].set_ylim(bottom=0.0)
-    panels[1].set_yscale("log")
+        name_ticks(ax, {level.label: level.x for level in varied.levels})
+    wrong_axis(panels[0])
+    error_axis(panels[1])
     panels[0].legend(fontsize=8)
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from bayesid.errors import InputError
-from bayesid.runner import Outcome, run
+from bayesid.runner import LostSchedulerError, Outcome, run
 from studies.record import KEY, TIMINGS, MisfitError, Record, Row, read_rows
 
 if TYPE_CHECKING:
@@ -129,10 +129,11 @@ def run_study(
         _check_resumed(record, plan, folder)
         try:
             _run_rest(study, plan, record, workers, scheduler, progress)
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, LostSchedulerError) as stop:
             done = sum(k in record.rows for k in range(trials))
             kept = f"{done} of {trials} trials stand in {folder}; --resume goes on" if out else "nothing was written"
-            raise KeyboardInterrupt(kept) from None
+            told = "; ".join([*map(str, stop.args), kept])
+            raise type(stop)(told) from None
         finally:
             record.save(now=True)
         return Finished(study, read_rows(folder)[:trials])

@@ -41,6 +41,8 @@ SAMPLED = ("posterior.md", "python.md", "extending.md")
 """Pages whose examples need draws that have converged; elsewhere as few as there can be do."""
 GAINS = np.array([14.9, 13.3, 11.1])
 """N m/A, as on docs/logs-and-robots.md."""
+HURRY = {"identify": ["--posterior-budget", "0"], "study": ["--trials", "2"]}
+"""Options by which commands take less time."""
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?(?!\w)")
 
 
@@ -87,6 +89,9 @@ def write_logs(folder: Path, page: str) -> None:
     write_log(folder / "log.csv", log.rectified())
     write_log(folder / "another_log.csv", other.rectified())
     write_log(folder / "signed.csv", log)
+    (folder / "week").mkdir()
+    for day, recorded in (("monday", log), ("tuesday", other)):
+        write_log(folder / "week" / f"{day}.csv", recorded.rectified())
     if page not in ROBOTS:
         currents = replace(log.rectified(), effort=np.abs(log.effort) / GAINS)
         write_log(folder / "currents.csv", currents)
@@ -107,11 +112,11 @@ def assert_alike(printed: str, promised: str) -> None:
 
 
 def run_commands(block: Block) -> None:
-    """The `bayesid` lines of a block, in this process; identifications with as few draws as there can be."""
+    """The `bayesid` lines of a block; identifications with as few draws, studies with as few trials as there can be."""
     for line in block.text.replace("\\\n", " ").splitlines():
         if line.startswith("bayesid "):
             arguments = shlex.split(line, comments=True)[1:]
-            hurry = ["--posterior-budget", "0"] if arguments[0] == "identify" else []
+            hurry = HURRY.get(arguments[0], [])
             assert main([*arguments, *hurry]) == 0, line
 
 

@@ -123,3 +123,11 @@ def test_a_pause_of_the_log_belongs_to_no_motion():
     segments = find_segments(signals, signals.motion)
     inside = (signals.motion.t > 4.05) & (signals.motion.t < 5.45)
     assert not segments.per_sample(segments.moving, len(inside), 1)[inside].any()
+
+
+def test_a_cut_named_twice_is_one_cut():
+    """Two crossings may share the sample between them; an empty segment would have no sign."""
+    ones = np.ones(1, dtype=np.int64)
+    segments = Segments(0 * ones, 0 * ones, 10 * ones, 0 * ones, ones.astype(bool)).split([(0, 4), (0, 4), (0, 7)])
+    assert segments.start.tolist() == [0, 4, 7]
+    assert segments.end.tolist() == [4, 7, 10]
