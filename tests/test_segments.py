@@ -2,17 +2,18 @@ import numpy as np
 import pytest
 from conftest import smooth_motion
 
+from bayesid.errors import InputError
 from bayesid.log import Log
 from bayesid.motion import Motion
-from bayesid.segments import Segments, find_segments
+from bayesid.segments import USUAL, Cutting, Segments, find_segments
 from bayesid.signals import prepare
 
 
-def cut(motion: Motion, effort, signed=()):
+def cut(motion: Motion, effort, signed=(), cutting=USUAL):
     """Segments of an effort (N, n); joints in `signed` keep their signs."""
     known = np.isin(np.arange(motion.n_joints), signed)
     signals = prepare(Log(motion.t, motion.q, np.where(known, effort, np.abs(effort)), known), cutoff=8.0)
-    return find_segments(signals, signals.motion)
+    return find_segments(signals, signals.motion, cutting)
 
 
 def pure(segments: Segments, effort, least) -> bool:
@@ -131,3 +132,86 @@ def test_a_cut_named_twice_is_one_cut():
     segments = Segments(0 * ones, 0 * ones, 10 * ones, 0 * ones, ones.astype(bool)).split([(0, 4), (0, 4), (0, 7)])
     assert segments.start.tolist() == [0, 4, 7]
     assert segments.end.tolist() == [4, 7, 10]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Thresholds
+# ---------------------------------------------------------------------------------------------------------------
+def steady(duration=20.0):
+    """One joint at constant speed: nothing but its effort is cut."""
+    t = np.arange(int(100 * duration)) / 100.0
+    return Motion(t, 0.5 * t[:, None], np.full((len(t), 1), 0.5), np.zeros((len(t), 1)))
+
+
+def test_the_prominence_decides_which_minima_are_cut():
+    """Dips of 5 and 15 % of the top, on a plateau of 25 %."""
+    motion = steady()
+    t = motion.t
+    dips = 0.5 * np.exp(-0.5 * ((t - 12.0) / 0.1) ** 2) + 1.5 * np.exp(-0.5 * ((t - 17.0) / 0.1) ** 2)
+    effort = (np.where(t < 8.0, 10.0, 2.5) - dips)[:, None]
+    for prominence, wanted in ((0.02, [1200, 1700]), (0.1, [1700]), (0.2, [])):
+        starts = cut(motion, effort, cutting=Cutting(prominence=prominence)).start
+        found = [int(at) for at in starts if 1000 < at < 1900]
+        assert len(found) == len(wanted)
+        assert all(abs(at - place) <= 3 for at, place in zip(found, wanted, strict=True))
+
+
+@pytest.mark.parametrize("threshold", [0.05, 0.2, 0.5])
+def test_samples_under_the_threshold_are_set_apart(threshold):
+    """|10 sin| is under a share s of its top for the asin(s) of every quarter turn."""
+    motion = steady()
+    phase = 2.0 * np.pi * 0.2 * motion.t + 0.3
+    segments = cut(motion, 10.0 * np.sin(phase)[:, None], cutting=Cutting(threshold=threshold))
+    fitted = segments.per_sample(segments.fitted, len(motion), 1)[:, 0] > 0
+    expected = np.abs(np.sin(phase)) >= threshold
+    assert np.mean(fitted != expected) < 0.01
+    assert 1.0 - fitted.mean() == pytest.approx(np.arcsin(threshold) / (0.5 * np.pi), abs=0.015)
+    assert segments.moving.all()
+    changes = np.flatnonzero(np.diff(fitted)) + 1
+    assert set(changes) <= set(segments.start.tolist())
+    assert pure(segments[segments.fitted], 10.0 * np.sin(phase)[:, None], 0.1)
+    assert pure(segments, 10.0 * np.sin(phase)[:, None], 0.3), "zeros under the threshold are cut all the same"
+
+
+def test_a_known_sign_and_a_standstill_know_no_threshold():
+    t = np.arange(1200) / 100.0
+    q = np.clip(t - 2.0, 0.0, 8.0)[:, None] * np.ones(2)
+    motion = Motion(t, q, np.gradient(q[:, 0], t)[:, None] * np.ones(2), np.zeros((1200, 2)))
+    effort = 5.0 * np.sin(3.0 * t)[:, None] * np.ones(2)
+    segments = cut(motion, effort, signed=[1], cutting=Cutting(threshold=0.3))
+    known = segments.joint == 1
+    assert np.array_equal(segments.fitted[known], segments.moving[known])
+    assert not segments.fitted[~segments.moving].any()
+    assert not segments.fitted[segments.moving & ~known].all()
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+def test_without_a_threshold_all_that_move_are_fitted(noise):
+    """However far the filter undershoots."""
+    motion, rng = smooth_motion(2, 10.0, 100.0, seed=1), np.random.default_rng(0)
+    effort = np.where(np.sin(5.0 * motion.t) > 0.8, 10.0, 0.0)[:, None] * np.ones(2)
+    segments = cut(motion, effort + noise * rng.standard_normal(effort.shape))
+    assert np.array_equal(segments.fitted, segments.moving)
+    assert segments.fitted.any()
+
+
+def test_parts_of_a_segment_are_fitted_as_it_was():
+    ones = np.ones(2, dtype=np.int64)
+    segments = Segments(
+        0 * ones, np.array([0, 10]), np.array([10, 20]), 0 * ones, ones.astype(bool), np.array([True, False])
+    )
+    assert segments.split([(0, 4), (0, 15)]).fitted.tolist() == [True, True, False, False]
+    assert segments[np.array([1])].fitted.tolist() == [False]
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.0, 2.0, np.nan])
+@pytest.mark.parametrize("name", ["prominence", "threshold"])
+def test_a_share_is_less_than_one(name, share):
+    with pytest.raises(InputError, match=f"{name} of {share:g}") as refusal:
+        Cutting(**{name: share})
+    assert "\n" not in str(refusal.value)
+
+
+def test_no_prominence_at_all_is_refused():
+    with pytest.raises(InputError, match="prominence of 0"):
+        Cutting(prominence=0.0)

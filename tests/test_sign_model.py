@@ -221,7 +221,7 @@ def test_no_other_model_is_asked_where_all_signs_are_known_or_no_term_is_missing
 def fake(sigma, time, coefficients, moving=(600, 300)):
     mask = np.arange(max(moving))[:, None] < np.array(moving)
     residual = SimpleNamespace(sigma=np.array(sigma), autocorrelation=np.array(time))
-    return SimpleNamespace(fit=SimpleNamespace(residual=residual), coefficients=range(coefficients), moving=mask)
+    return SimpleNamespace(fit=SimpleNamespace(residual=residual), coefficients=range(coefficients), fitted=mask)
 
 
 def information_criterion(sigma, count, coefficients):
@@ -256,7 +256,7 @@ def with_error(share, certified, signed=(False, False)):
     effort[1000:] *= 3.0  # standstill, which does not count
     moving = np.arange(2000)[:, None] < np.array([1000, 1000])
     settled = SimpleNamespace(
-        moving=moving,
+        moving=moving, fitted=moving,
         fit=SimpleNamespace(noise=SimpleNamespace(coloured=np.array(share) * [2.0, 5.0])),
         found=SimpleNamespace(search=SimpleNamespace(certified=certified)),
     )
