@@ -13,13 +13,14 @@ from bayesid import identification
 from bayesid.coefficients import base_coefficients
 from bayesid.distortions import make_distortion
 from bayesid.errors import InputError
-from bayesid.excitation import random_trajectory
+from bayesid.excitation import exciting_trajectory, random_trajectory
 from bayesid.identification import Identification, identify_again
 from bayesid.log import Log, read_log
 from bayesid.model import Model
 from bayesid.motion import STANDSTILL, Array, Motion
+from bayesid.paper import nominal_parameters, paper_model
 from bayesid.robot import Robot, load_robot, robot_from_table
-from bayesid.segments import Segments, find_segments
+from bayesid.segments import Cutting, Segments, find_segments
 from bayesid.signals import signed_effort
 from bayesid.signs import crossings
 from bayesid.simulation import random_parameters, simulate
@@ -268,7 +269,7 @@ def test_with_all_signs_known_it_is_ordinary_identification(signed, truth):
     assert plausible(signed, truth.surprise(signed))
 
 
-def ordinary_least_squares(result: Identification, effort: Array) -> Array:
+def ordinary_least_squares(result: Identification, effort: Array, counted: Array | bool = True) -> Array:
     motion, robot = result.signals.motion, result.model.robot
     slow = 0.01 * np.abs(motion.dq).max(axis=0)
     diagonals = [motion.dq, np.tanh(motion.dq / slow), np.ones_like(motion.dq), motion.ddq]
@@ -276,7 +277,7 @@ def ordinary_least_squares(result: Identification, effort: Array) -> Array:
     rows = np.concatenate(columns, axis=2)[:, :, result.coefficients.kept]
     ends = 0.5 / result.signals.cutoff
     inside = (motion.t >= motion.t[0] + ends) & (motion.t <= motion.t[-1] - ends)
-    moving = (np.abs(motion.dq) > slow) & inside[:, None]
+    moving = (np.abs(motion.dq) > slow) & inside[:, None] & counted
     weight = 1.0 / rms(effort, moving)
     for _ in range(2):
         scaled, wanted = (rows * weight[:, None])[moving], (effort * weight)[moving]
@@ -449,6 +450,61 @@ def test_rests_of_a_point_to_point_motion_get_their_signs():
     right = np.sign(effort) == result.sample_signs
     assert right[strong & resting].mean() >= 0.999
     assert right[strong].mean() >= 0.999
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Small efforts left out, as in the paper
+# ---------------------------------------------------------------------------------------------------------------
+def sample_mask(result: Identification, of_segments: Array) -> Array:
+    return result.segments.per_sample(of_segments, *result.probability.shape) > 0
+
+
+def test_the_papers_threshold_on_its_robot():
+    """A fifth of the top leaves out a quarter of the samples, the paper's own threshold 36 %; they get signs too."""
+    model, theta, t = paper_model(), nominal_parameters(), np.linspace(0.0, 13.33, 667)
+    motion = exciting_trajectory(model, base_coefficients(model), 13.33, seed=0).motion(t)
+    effort, log = model.effort(motion, theta), simulate(model, theta, motion, rng=np.random.default_rng(0), noise=0.05)
+    share = {}
+    for threshold in (0.0, 0.05, 0.2):
+        result = identify(model.robot, log, ["rigid_body"], cutting=Cutting(threshold=threshold))
+        moving, fitted = (sample_mask(result, of) for of in (result.segments.moving, result.segments.fitted))
+        share[threshold] = 1.0 - fitted.sum() / moving.sum()
+        right = result.sample_signs == np.sign(effort)
+        assert right[np.abs(effort) >= STRONG * np.abs(effort).max(axis=0)].mean() >= 0.999
+        off = result.fit.beta - result.coefficients.project(theta)
+        assert plausible(result, float(off @ np.linalg.solve(result.fit.covariance, off)))
+        assert result.searched.fitted.all()
+        assert (result.searched.end - result.searched.start).sum() == fitted.sum()
+    assert share[0.0] == 0.0 < share[0.05] < share[0.2]
+    assert 0.2 < share[0.2] < 0.35
+    weak = moving & ~fitted
+    sure = np.maximum(result.probability, 1.0 - result.probability)
+    assert right[weak].mean() > 0.98
+    assert sure[weak].mean() > 0.9, "they move, so the model holds for them: nothing like a standstill"
+
+
+def test_samples_under_the_threshold_have_no_say_in_the_fit(truth):
+    """Against numpy's least squares on the others alone, with the true signs; the posterior has as many samples."""
+    log = truth.log(grid())
+    result = identification.identify(truth.model.robot, log, posterior_budget=0.0, cutting=Cutting(threshold=0.2))
+    fitted, moving = (sample_mask(result, of) for of in (result.segments.fitted, result.segments.moving))
+    top = np.percentile(result.signals.effort, 99, axis=0)
+    assert np.array_equal(fitted, moving & (result.signals.effort >= 0.2 * top))
+    assert 0.05 < 1.0 - fitted.sum() / moving.sum() < 0.6
+    effort = np.sign(truth.effort(result.signals.motion.t)) * result.signals.raw_effort
+    difference = ordinary_least_squares(result, effort, fitted) - result.fit.beta
+    assert np.max(np.abs(difference) / result.fit.sd) < 0.1
+    with_all = ordinary_least_squares(result, effort) - result.fit.beta
+    assert np.max(np.abs(with_all) / result.fit.sd) > 0.2, "or the samples left out would say the same"
+    assert truth.right_signs(result) == 1.0
+    t, ends = result.signals.motion.t, 0.5 / result.signals.cutoff
+    inside = (t >= t[0] + ends) & (t <= t[-1] - ends)
+    assert result.posterior.moments.count.sum() == (fitted & inside[:, None]).sum()
+
+
+def test_a_threshold_that_leaves_too_little_is_refused(truth):
+    with pytest.raises(InputError, match="above the threshold"):
+        identify(truth.model.robot, truth.log(grid()), cutting=Cutting(threshold=0.999))
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -2,11 +2,14 @@ import time
 
 import numpy as np
 import pytest
+from sign_problems import synthetic
 
 import bayesid
 from bayesid.excitation import random_trajectory
 from bayesid.model import Model
 from bayesid.robot import robot_from_table
+from bayesid.search.certified import certified
+from bayesid.search.problem import OutOfTimeError, Problem
 from bayesid.simulation import random_parameters, simulate
 from bayesid.terms import make_terms
 
@@ -82,3 +85,64 @@ def test_a_repeatable_discrepancy_does_not_look_at_the_clock(arm, log, hasty):
     assert len(quiet["gain"])
     hasty()
     assert same(quiet, found())
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# The search by itself
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def hard():
+    """A sign problem that no proof closes so soon: 60 segments in the noise."""
+    return synthetic(3, 60, joints=3, cone="orthant", size=6, noise=3.0)
+
+
+def searched(problem, budget):
+    found = certified(problem.moments, problem.solver(), budget, repeatable=True)
+    return found, (found.cost, found.lower_bound, found.nodes, found.solves, found.signs.tolist(), found.theta.tolist())
+
+
+def test_a_budget_that_is_larger_is_worth_more_work(hard):
+    (_, nothing), (some, once), (_, twice), (more, _) = (searched(hard, b) for b in (0.0, 0.05, 0.05, 0.5))
+    assert once == twice
+    assert nothing[2] < some.nodes < more.nodes
+    assert not some.certified
+    assert more.lower_bound >= some.lower_bound
+    assert more.cost <= some.cost + 1e-8 * hard.energy
+
+
+@pytest.mark.parametrize("budget", [1e-9, 0.3])
+def test_a_search_that_blows_up_ends_all_the_same(hard, budget):
+    """In CPU time, which a busy machine hardly changes; a slow one may take several times as long."""
+    began = time.process_time()
+    found, _ = searched(hard, budget)
+    assert not found.certified
+    assert time.process_time() - began < 10.0 * budget + 2.0
+
+
+def test_whatever_asks_for_the_time_has_worked_since_it_last_asked(hard, monkeypatch):
+    """Or a loop could go on for ever. Two loops may ask one after the other for the same work, no more than that."""
+    asked = []
+
+    def out_of_time(problem):
+        asked.append(problem.spent)
+        return problem.spent > 0.3
+
+    monkeypatch.setattr(Problem, "out_of_time", property(out_of_time))
+    searched(hard, 0.3)
+    steps = np.diff(asked)
+    assert len(steps) > 100
+    assert np.all(steps >= 0.0)
+    assert np.all(steps[:-1] + steps[1:] > 0.0)
+
+
+def test_a_step_counts_whatever_was_priced_in_it():
+    problem = synthetic(5, 6, joints=2)
+    view = Problem(problem.moments, problem.solver(), 1.0, repeatable=True)
+    assert view.spent == 0.0
+    spent = [0.0]
+    for priced in (0, 10, 10_000):
+        view.check(priced)
+        spent.append(view.spent)
+    assert np.all(np.diff(spent, n=2) > 0.0)
+    with pytest.raises(OutOfTimeError):
+        view.check(10**9)
