@@ -44,6 +44,8 @@ def spreads(axes: Axes, groups: Mapping[str, Sequence[tuple[float, Sequence[floa
     """
     count = len(groups)
     for k, ((name, pairs), colour, marker) in enumerate(zip(groups.items(), cycle(COLOURS), cycle(MARKERS))):
+        if not pairs:  # a short run has not come to it
+            continue
         x = _aside(axes, np.array([x for x, _ in pairs], dtype=float), (k - (count - 1) / 2) * 0.012)
         middle = np.array([np.median(values) for _, values in pairs])
         low, high = (np.array([np.quantile(values, q) for _, values in pairs]) for q in _SPREAD)
