@@ -10,6 +10,7 @@ The plan is balanced for the number of trials: other than elsewhere, `--resume` 
 from __future__ import annotations
 
 import importlib.util
+import json
 import sys
 import tempfile
 import time
@@ -120,10 +121,9 @@ def score(found: Discrepancy, truth: Any) -> Row:
     touched = sorted({j - 1 for joints in truth.joints for j in joints}) or list(range(len(truth.floor)))
     ratio = (found.after / truth.floor)[touched]
     return {
-        "hidden": hidden,
-        "size": truth.size,
+        "hidden": json.dumps(hidden),
         "status": found.status,
-        "named": named,
+        "named": json.dumps(named),
         "unexplained": [joint for joint, _ in found.unexplained],
         "first": bool(named) and bool(hidden) and any(_names(named[0], effect) for effect, _ in hidden),
         "joint": bool(named) and any(named[0][1] == joints for _, joints in hidden),
@@ -143,6 +143,7 @@ def _names(one: tuple[str, tuple[int, ...], tuple[str, ...]], effect: str) -> bo
 # ---------------------------------------------------------------------------------------------------------------
 def report(rows: Sequence[Row]) -> str:
     """The tables."""
+    rows = _decoded(rows)
     kinds = by_kind(rows)
     lines = [f"{len(rows)} cases", ""]
     lines += [*_table_by_effect(kinds["single"]), "", *_confusion(kinds["single"])]
@@ -169,6 +170,11 @@ def report(rows: Sequence[Row]) -> str:
     lines.append(f"signs right: mean {np.mean(signs):.3%}, median {np.median(signs):.3%}, least {min(signs):.2%}")
     lines.append(f"seconds a log: median {np.median(seconds):.1f}, most {max(seconds):.1f}")
     return "\n".join(lines)
+
+
+def _decoded(rows: Sequence[Row]) -> list[Row]:
+    """Rows with what was hidden and named as lists again: a column of a table cannot mix texts and numbers."""
+    return [{**row, "hidden": json.loads(row["hidden"]), "named": json.loads(row["named"])} for row in rows]
 
 
 def by_kind(rows: Sequence[Row]) -> dict[str, list[Row]]:
@@ -222,7 +228,7 @@ def draw(rows: Sequence[Row], figure: Figure) -> None:
     """For each effect what was named at which size, and the size at which it is found half of the time."""
     from studies.figures import COLOURS
 
-    single = by_kind(rows)["single"]
+    single = by_kind(_decoded(rows))["single"]
     effects = sorted({row["hidden"][0][0] for row in single})
     figure.set_size_inches(7.5, 0.32 * len(effects) + 1.2)
     axes = figure.subplots()
