@@ -175,7 +175,7 @@ def test_a_quoted_pattern_names_logs(place, monkeypatch):
         shutil.copy(place / "log.csv", place / "runs" / f"{name}.csv")
     assert run("identify", "runs/*.csv", "log.csv", "--robot", "arm.toml") == 130
     assert seen == [["runs/a.csv", "runs/b.csv", "runs/c.csv", "log.csv"]]
-    monkeypatch.setattr(cli, "check_folder", lambda folder: seen.append(folder.name) or folder)
+    monkeypatch.setattr(cli.commands, "check_folder", lambda folder: seen.append(folder.name) or folder)
     assert run("identify", "runs/*.csv", "--robot", "arm.toml") == 130
     assert seen[1] == "bayesid-a"
 

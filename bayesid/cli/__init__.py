@@ -1,0 +1,33 @@
+"""The command line: every command is a thin layer over the Python interface.
+
+Exit codes: 0 done, 2 bad input (one line on stderr), 1 a fault of ours.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+
+from bayesid.cli.parser import STUDIES, make_parser
+from bayesid.errors import BayesidError, InputError
+
+__all__ = ["STUDIES", "main"]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs one command and returns its exit code."""
+    options = make_parser().parse_args(arguments)
+    command: Callable[[argparse.Namespace], None] = options.command
+    try:
+        command(options)
+    except InputError as error:
+        print(f"bayesid: {error}", file=sys.stderr)
+        return 2
+    except (OSError, BayesidError) as error:
+        print(f"bayesid: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt as stop:
+        print(f"bayesid: interrupted; {stop or 'nothing was written'}", file=sys.stderr)
+        return 130
+    return 0

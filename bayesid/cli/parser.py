@@ -1,0 +1,216 @@
+"""What the command line takes: commands, options and their help."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import NoReturn
+
+import bayesid
+from bayesid import terms as catalogue
+from bayesid.cli import commands as run
+from bayesid.signs import METHODS
+
+STUDIES = {
+    "noise": "how much noise in the efforts can the signs bear?",
+    "duration": "how short may a log be?",
+    "excitation": "how poor may the excitation be?",
+    "cutoff": "which cut-off of the low-pass is right, and does the automatic one find it?",
+    "threshold": "how deep must a minimum be to cut there, and which small efforts should be dropped?",
+    "beam_width": "how wide must the beam of T-PBPR be?",
+    "initial_segments": "how many segments should T-PBPR enumerate first?",
+    "prior": "what does the prior decide, and what do values from a drawing change?",
+    "scaling": "what does a larger robot or a longer log cost?",
+    "paper": "the paper's experiment, its numbers beside ours",
+    "real": "real logs with their signs hidden: which come back right?",
+    "calibration": "do confidences and standard deviations mean what they say?",
+    "misfit": "the same with an effect that the model does not hold",
+    "sbc": "does the sampler sample the posterior?",
+    "discrepancy": "is the missing effect named? Blind cases played by MuJoCo",
+    "real_discrepancy": "the same on real logs of a UR10e",
+}
+"""Modules of the package `studies`, which is loaded only where one is run."""
+_EXAMPLES = """examples:
+  bayesid demo
+  bayesid identify log.csv --robot ur10e --out result
+  bayesid identify monday.csv tuesday.csv --robot ur10e --search-budget 30
+  bayesid identify 'week/*.csv' --each --robot ur10e --workers 2 --out week-by-day
+  bayesid identify currents.csv --robot my_robot.toml --gains 14.9,13.3,11.1,10.6,11.0,11.5
+  bayesid validate result another_log.csv
+  bayesid discrepancy result another_log.csv --holdout a_third_log.csv --out extended
+  bayesid simulate --robot panda --duration 20 --noise 0.05 --out log.csv
+  bayesid study noise --trials 64 --workers 2
+"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message}; see `{self.prog} --help`\n")
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """All commands, each with the function that runs it as `command`."""
+    parser = _Parser(
+        prog="bayesid",
+        description="Identify robot dynamics from joint positions and the absolute value of the motor currents.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"bayesid {bayesid.__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Parser)
+    _add_identify(commands)
+    _add_validate(commands)
+    _add_discrepancy(commands)
+    _add_simulate(commands)
+    demo = commands.add_parser("demo", help="the paper's experiment, simulated, end to end")
+    demo.add_argument("--out", type=Path, default=Path("bayesid-demo"), help="result folder (default: %(default)s)")
+    demo.add_argument("--seed", type=_seed, default=0, help="of trajectory and noise (default: 0)")
+    demo.set_defaults(command=run.demo)
+    _add_study(commands)
+    return parser
+
+
+def _add_identify(commands: argparse._SubParsersAction[_Parser]) -> None:
+    parser = commands.add_parser("identify", help="signs, coefficients and feasible parameters from a log")
+    parser.add_argument(
+        "logs", type=Path, nargs="+", metavar="log",
+        help="CSV: t,q1..qn[,dq1..dqn],tau1..taun (or i1..in with --gains); several logs of one robot count as one, "
+        "also by a quoted pattern: 'runs/*.csv'",
+    )  # fmt: skip
+    parser.add_argument("--robot", required=True, help="built-in name, DH file (.toml) or URDF file")
+    parser.add_argument("--terms", default=",".join(catalogue.DEFAULT), help="of the model (default: %(default)s)")
+    parser.add_argument(
+        "--search", choices=METHODS, default=METHODS[0],
+        help="certified: the best signs with a proof; beam: T-PBPR (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--search-budget", type=float, default=10.0, metavar="S",
+        help="seconds for the proof; a beam stands by where they do not suffice (default: %(default)g)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--beam-width", type=int, default=5, metavar="W", help="of the beam: nodes kept each step (default: 5)"
+    )
+    parser.add_argument(
+        "--initial-segments",
+        type=int,
+        default=5,
+        metavar="S0",
+        help="of the beam: segments enumerated first (default: 5)",
+    )
+    parser.add_argument("--cutoff", type=float, metavar="HZ", help="of the motion's low-pass (default: from the data)")
+    parser.add_argument("--gains", help="N m/A of each joint, for a log of currents: K1,K2,..")
+    parser.add_argument("--unsigned", help="all, none, or joints as in 1,3 (default: those never negative)")
+    parser.add_argument("--no-posterior", action="store_true", help="skip sampling; uncertainties leave the cone out")
+    parser.add_argument(
+        "--posterior-budget", type=float, default=60.0, metavar="S",
+        help="seconds that sampling may take; it ends when it has converged (default: %(default)g)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--nominal", type=Path, metavar="CSV",
+        help="parameters known beforehand, from CAD or a data sheet: name,mean,sd, names as in parameters.csv",
+    )  # fmt: skip
+    parser.add_argument("--seed", type=_seed, default=0, help="of everything random (default: 0)")
+    _add_repeatable(parser)
+    parser.add_argument(
+        "--each", action="store_true", help="identify each log by itself, and tell whether the results agree"
+    )
+    _add_workers(parser)
+    parser.add_argument("--out", type=Path, help="result folder (default: bayesid-LOG; with --each bayesid-each-LOG)")
+    parser.add_argument("--quiet", action="store_true", help="print nothing but warnings and errors")
+    parser.set_defaults(command=run.identify)
+
+
+def _add_validate(commands: argparse._SubParsersAction[_Parser]) -> None:
+    parser = commands.add_parser("validate", help="a result's model against another log")
+    parser.add_argument("result", type=Path, help="folder that `bayesid identify` wrote")
+    parser.add_argument("log", type=Path, help="CSV log of the same robot")
+    parser.add_argument("--gains", help="N m/A of each joint, for a log of currents: K1,K2,..")
+    parser.add_argument("--unsigned", help="all, none, or joints as in 1,3 (default: those never negative)")
+    parser.add_argument("--cutoff", type=float, metavar="HZ", help="of the motion's low-pass (default: from the data)")
+    parser.add_argument("--out", type=Path, help="folder for summary, signed log and prediction (default: none)")
+    parser.set_defaults(command=run.validate)
+
+
+def _add_discrepancy(commands: argparse._SubParsersAction[_Parser]) -> None:
+    parser = commands.add_parser("discrepancy", help="what a result's model lacks to explain another log")
+    parser.add_argument("result", type=Path, help="folder that `bayesid identify` or `bayesid discrepancy` wrote")
+    parser.add_argument("log", type=Path, help="CSV log of the same robot")
+    parser.add_argument(
+        "--holdout", type=Path, metavar="LOG", help="another log, to score by (default: stretches of the log)"
+    )
+    parser.add_argument("--gains", help="N m/A of each joint, for logs of currents: K1,K2,..")
+    parser.add_argument("--unsigned", help="all, none, or joints as in 1,3 (default: those never negative)")
+    parser.add_argument("--cutoff", type=float, metavar="HZ", help="of the motion's low-pass (default: from the data)")
+    parser.add_argument(
+        "--search-budget", type=float, default=3.0, metavar="S",
+        help="seconds for the proof of the signs under the extended model (default: %(default)g)",
+    )  # fmt: skip
+    parser.add_argument("--no-posterior", action="store_true", help="skip sampling of the extended model")
+    parser.add_argument(
+        "--posterior-budget", type=float, default=60.0, metavar="S",
+        help="seconds that sampling may take; it ends when it has converged (default: %(default)g)",
+    )  # fmt: skip
+    parser.add_argument("--seed", type=_seed, default=0, help="of everything random (default: 0)")
+    _add_repeatable(parser)
+    parser.add_argument("--out", type=Path, help="folder of the extended model (default: bayesid-discrepancy-LOG)")
+    parser.add_argument("--quiet", action="store_true", help="print nothing but warnings and errors")
+    parser.set_defaults(command=run.discrepancy)
+
+
+def _add_simulate(commands: argparse._SubParsersAction[_Parser]) -> None:
+    parser = commands.add_parser("simulate", help="a log of |effort| from a robot with random feasible parameters")
+    parser.add_argument("--robot", required=True, help="built-in name, DH file (.toml) or URDF file")
+    parser.add_argument("--duration", type=float, default=20.0, metavar="S", help="default: %(default)s")
+    parser.add_argument("--rate", type=float, default=100.0, metavar="HZ", help="default: %(default)s")
+    parser.add_argument("--noise", type=float, default=0.05, metavar="REL", help="of each joint's RMS (default: 0.05)")
+    parser.add_argument(
+        "--effect", action="append", default=[], metavar="NAME:JOINT:LEVEL",
+        help="hide an effect of docs/discrepancy.md, its RMS LEVEL times the joint's effort; may be repeated",
+    )  # fmt: skip
+    parser.add_argument("--seed", type=_seed, default=0, help="of parameters, trajectory and noise (default: 0)")
+    parser.add_argument("--out", type=Path, required=True, metavar="LOG.csv", help="log to write")
+    parser.set_defaults(command=run.simulate)
+
+
+def _add_study(commands: argparse._SubParsersAction[_Parser]) -> None:
+    width = max(map(len, STUDIES))
+    parser = commands.add_parser(
+        "study", help="what the method bears, and whether it tells the truth",
+        epilog="\n".join(["studies:", *(f"  {name:<{width}}  {told}" for name, told in STUDIES.items())]),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    parser.add_argument("name", choices=STUDIES, metavar="NAME", help="which one, see below")
+    parser.add_argument("--trials", type=_whole, metavar="N", help="how many (default: the study's own number)")
+    parser.add_argument("--seed", type=_seed, default=0, help="of the first trials (default: 0)")
+    _add_workers(parser)
+    parser.add_argument("--resume", action="store_true", help="keep the rows that are there, run what is missing")
+    parser.add_argument("--out", type=Path, help="folder for rows, report and figure (default: bayesid-study-NAME)")
+    parser.add_argument("--quiet", action="store_true", help="print nothing but warnings and errors")
+    parser.set_defaults(command=run.study)
+
+
+def _add_repeatable(parser: _Parser) -> None:
+    parser.add_argument(
+        "--repeatable", action="store_true", help="budgets count work, not seconds: the same result on a busy machine"
+    )
+
+
+def _add_workers(parser: _Parser) -> None:
+    parser.add_argument("--workers", type=_whole, metavar="K", help="processes on this machine (default: one a core)")
+    parser.add_argument(
+        "--scheduler", metavar="tcp://HOST:PORT", help="of a Dask cluster, to run on its workers instead"
+    )
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 up")
+    return int(text)
+
+
+def _whole(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 up")
+    return int(text)
