@@ -21,18 +21,10 @@ from bayesid.discrepancy.workflow import Discrepancy, Found
 from bayesid.distortions.base_tilt import BaseTilt
 from bayesid.distortions.delay import Delay
 from bayesid.distortions.gain_error import GainError
-from bayesid.report.discrepancy_page import discrepancy_page, typeset
-from bayesid.report.figures import (
-    AFTER,
-    BEFORE,
-    INK,
-    binned,
-    candidate_figure,
-    effort_figure,
-    gap_figure,
-    inline_svg,
-    residual_figure,
-)
+from bayesid.plot.discrepancy import AFTER, BEFORE, INK, candidate_figure, effort_figure, gap_figure, residual_figure
+from bayesid.plot.svg import inline_svg
+from bayesid.report.discrepancy_page import discrepancy_page
+from bayesid.report.html import typeset
 from bayesid.report.phrases import FORMS
 from bayesid.report.words import joints_in_words, label, listed, paragraph, quantity, rounded
 from bayesid.signals import Signals
@@ -41,6 +33,7 @@ from bayesid.terms.coulomb_friction import CoulombFriction
 from bayesid.terms.hysteresis import Hysteresis
 from bayesid.terms.payload import Payload
 from bayesid.terms.torque_offset import TorqueOffset
+from bayesid.views import binned
 
 N_JOINTS, COULOMB, NOISE = 3, 1.9, 0.3
 EMPTY = Columns({}, {}, np.zeros(0), np.zeros(0, dtype=bool))
@@ -377,7 +370,7 @@ def test_an_inline_figure_takes_the_ink_of_its_page_and_holds_all_it_shows():
 
 
 def test_curves_of_long_logs_are_images(monkeypatch):
-    monkeypatch.setattr("bayesid.report.figures._RASTER", 100)
+    monkeypatch.setattr("bayesid.plot.discrepancy._RASTER", 100)
     figure = effort_figure(make(), 1)
     assert all(line.get_rasterized() for line in figure.axes[0].lines)
     assert 'href="data:image/png;base64,' in inline_svg(figure, "effort", "x")

@@ -1,0 +1,41 @@
+"""A figure as a part of a page: text in the page's font and colour, nothing but what is in it."""
+
+from __future__ import annotations
+
+import io
+import re
+from html import escape
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+from bayesid.plot.style import INK
+
+_DPI = 160
+
+
+def inline_svg(figure: Figure, name: str, told: str) -> str:
+    """A figure as an element of a page: text in the page's font and colour, nothing but what is in it.
+
+    Args:
+        figure: of this package.
+        name: begins its identifiers, so that those of several figures do not clash.
+        told: what it shows, for those who do not see it.
+    """
+    text = io.StringIO()
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "bayesid"}):
+        figure.savefig(text, format="svg", dpi=_DPI, transparent=True)
+    svg = text.getvalue()[text.getvalue().index("<svg") :]
+    svg = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->", "", svg, flags=re.DOTALL)
+    head, body = svg.split(">", 1)
+    box = re.search(r'viewBox="[^"]*"', head)
+    body = re.sub(r'\bid="', f'id="{name}-', body)
+    body = re.sub(r'(url\(|href=")#', rf"\g<1>#{name}-", body).replace("xlink:href", "href")
+    body = re.sub(r"font-family: [^;\"]*;? ?", "", body).replace(INK, "currentColor")
+    body = re.sub(r' d="([^"]*)"', lambda found: f' d="{_shortened(found[1])}"', body)
+    return f'<svg role="img" aria-label="{escape(told)}" {box[0] if box else ""}>{body.strip()}'
+
+
+def _shortened(path: str) -> str:
+    """The path to a hundredth of a point."""
+    return re.sub(r"-?\d+\.\d+", lambda found: f"{float(found[0]):.2f}".rstrip("0").rstrip("."), " ".join(path.split()))
