@@ -2,32 +2,30 @@
 
 A CSV holds the header `t,q1..qn[,dq1..dqn],tau1..taun` (s, rad, rad/s, N m), or currents `i1..in` (A) with gains
 (N m/A at the link side). Other columns are ignored, whatever they hold. Efforts are those of the actuators
-(see `bayesid.robot`).
+(see `bayesid.robot`). Files of other formats hold the same in other words (see `bayesid.recordings`).
 """
 
 from __future__ import annotations
 
 import csv
 import os
-import re
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from glob import glob
 from itertools import chain
+from math import pi
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from bayesid.errors import InputError
 from bayesid.motion import Array, Integers, Mask, frozen
+from bayesid.recordings import Table, is_bag, read_table
+from bayesid.recordings.table import ABSURD, DEGREE
 
-_ABSURD = 1e6
-"""No robot moves or pushes this much in SI units; logs in the wild hold 1e282 from uninitialised memory."""
-_LONGEST_GAP = 3600.0
-"""A log that pauses longer than this, s, is two recordings, or its clock was set in between."""
-_FEWEST_ROWS = 50
+_FEW_TURNS = 4.0 * pi
+"""rad; joints turn back before, but for one here and there that turns on and on."""
 _ROUNDING = 0.01
 """Share of a period by which an instant of an even grid may miss the row it belongs to."""
 _PAUSE = 3.0
@@ -143,35 +141,48 @@ class Log:
         return int(self.q.shape[1])
 
 
-def read_log(path: str | Path, gains: Sequence[float] | None = None, unsigned: str | None = None) -> Log:
-    """Reads and checks a CSV log.
+def read_log(
+    path: str | Path, gains: Sequence[float] | None = None, unsigned: str | None = None, *, degrees: bool | None = None,
+    topic: str | None = None, joints: Sequence[str] | None = None,
+) -> Log:  # fmt: skip
+    """Reads and checks a log: CSV, Parquet, MATLAB, a ROS 2 bag or a KUKA controller's table (`bayesid.recordings`).
+
+    What had to be assumed, such as the order of a bag's joints, is said in a `UserWarning`.
 
     Args:
-        path: the file.
-        gains: n drive gains, N m/A, for a log of currents i1..in.
+        path: the file, or the folder of a bag.
+        gains: n drive gains, N m/A, for a log of currents i1..in; with a bag, its efforts are then currents.
         unsigned: "all", "none" or 1-based joints as in "1,3"; by default a joint whose effort is never negative.
+        degrees: whether positions and velocities are in degrees where the file does not say their unit. All of them
+            are taken as angles: give those of prismatic joints a unit in the header, as in `q3[m]`. By default they
+            are in rad (m), and refused if more than half of the joints, and two at least, leave two turns either way.
+        topic: of a bag with joint states of several topics; by default the only one with efforts.
+        joints: names of a bag's joints, from base to tip; by default all, in the order of their numbers, or else in
+            that of the first message.
 
     Raises:
         InputError: the file, a row, a column or an option cannot be used.
     """
-    path = Path(path)
-    columns, values = _read_table(path)
-    _check_time(values[:, columns["t"][0]], path)
-    q, measured = values[:, columns["q"]], values[:, columns["tau"] or columns["i"]]
-    signed = _signed(measured, unsigned, q.shape[1])
-    effort = measured * _factors(columns, gains, str(path))
+    table = read_table(Path(path), topic=topic, joints=joints, currents=gains is not None)
+    angle, factors = _angle(table, degrees), _factors(table, gains)
+    q, measured = table.block("q", angle), table.block("tau" if "tau1" in table.columns else "i")
+    signed = _signed(measured, unsigned, table.n_joints)
+    effort = measured * factors
     for j in np.flatnonzero(np.ptp(q, axis=0) == 0.0):
-        raise InputError(f"column q{j + 1} is constant", str(path), "record a motion in which every joint moves")
+        said = f"column {table.columns[f'q{j + 1}'].label} is constant"
+        raise InputError(said, table.source, "record a motion in which every joint moves")
     for j in np.flatnonzero(~np.any(effort, axis=0)):
         said = f"the effort of joint {j + 1} is zero in every row"
-        raise InputError(said, str(path), "check that its sensor was read")
+        raise InputError(said, table.source, "check that its sensor was read")
+    for note in table.notes:
+        warnings.warn(note, stacklevel=2)
     return Log(
-        t=values[:, columns["t"][0]],
+        t=table.t,
         q=q,
         effort=np.where(signed, effort, np.abs(effort)),
         signed=signed,
-        dq=values[:, columns["dq"]] if columns["dq"] else None,
-        source=str(path),
+        dq=table.block("dq", angle) if "dq1" in table.columns else None,
+        source=table.source,
     )
 
 
@@ -195,13 +206,14 @@ def find_logs(patterns: Sequence[str | Path]) -> list[Path]:
 
 
 def _matches(pattern: str | Path) -> list[Path]:
-    """The path itself, whether it exists or not, or the files that match it as a pattern."""
+    """The path itself, whether it exists or not, or the files and bags that match it; not the files of a bag."""
     if os.path.exists(pattern) or not set("*?[") & set(str(pattern)):
         return [Path(pattern)]
-    found = [Path(match) for match in sorted(glob(str(pattern), recursive=True)) if os.path.isfile(match)]
-    if not found:
-        raise InputError("matches no file", str(pattern), "give the path of a CSV log, or a pattern of several")
-    return found
+    found = [Path(match) for match in sorted(glob(str(pattern), recursive=True))]
+    logs = [path for path in found if is_bag(path) or (path.is_file() and not is_bag(path.parent))]
+    if not logs:
+        raise InputError("matches no file", str(pattern), "give the path of a log, or a pattern of several")
+    return logs
 
 
 def join_logs(logs: Sequence[Log]) -> Log:
@@ -279,128 +291,23 @@ def write_log(path: str | Path, log: Log) -> None:
 
 
 # ---------------------------------------------------------------------------------------------------------------
-# The table
+# What a table's numbers mean
 # ---------------------------------------------------------------------------------------------------------------
-_Columns = dict[str, list[int]]
-"""Column indices of t, q, dq, tau and i; those the log lacks or does not need are empty."""
+def _angle(table: Table, degrees: bool | None) -> float:
+    """The unit, rad, of the positions of which the file does not say it."""
+    if degrees is None:
+        reach = np.abs([c.values for name, c in table.columns.items() if name.startswith("q") and c.unit is None])
+        far = [highest for highest in reach.max(axis=1) if highest > _FEW_TURNS] if len(reach) else []
+        if len(far) > max(1, table.n_joints // 2):
+            said = f"positions reach {max(far):.4g}: are they degrees?"
+            raise InputError(said, table.source, "give --degrees, or --no-degrees if they are rad")
+    return DEGREE if degrees else 1.0
 
 
-def _read_table(path: Path) -> tuple[_Columns, Array]:
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            header = [name.strip() for name in next(csv.reader([file.readline()]), [])]
-        if not any(header):
-            raise InputError("does not begin with a header", str(path), "begin it with t,q1..qn,tau1..taun")
-        columns = _find_columns(header, str(path))
-        values = _read_values(path, header, sorted(chain.from_iterable(columns.values())))
-    except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
-        raise InputError("no such file", str(path), "give the path of a CSV log") from None
-    except (UnicodeDecodeError, csv.Error):
-        raise InputError("is not text", str(path), "give a CSV log") from None
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror})", str(path), "check the file") from None
-    return columns, values
-
-
-def _read_values(path: Path, header: list[str], used: list[int]) -> Array:
-    """(N, columns) numbers of the used columns, checked; the other columns come as 0."""
-    ignored: dict[int | str, Callable[[str], float]] = {i: lambda _: 0.0 for i in range(len(header)) if i not in used}
-    table: dict[str, Any] = {"delimiter": ",", "quotechar": '"', "comments": None, "skiprows": 1, "encoding": "utf-8"}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # of a file without rows, which is refused below
-        try:
-            values: Array = np.loadtxt(path, converters=ignored, ndmin=2, **table)
-        except UnicodeDecodeError:
-            raise
-        except ValueError:
-            raise _first_bad_row(path, header, used) from None
-    if len(values) < _FEWEST_ROWS:
-        said = f"holds {len(values)} rows, too few to identify anything"
-        raise InputError(said, str(path), f"record at least {_FEWEST_ROWS} rows, better thousands")
-    if values.shape[1] != len(header):
-        said = f"has {len(header)} names for {values.shape[1]} columns"
-        raise InputError(said, f"{path}, row 1", "give every column one name")
-    largest = [np.inf if header[i] == "t" else _ABSURD for i in used]
-    for row, place in np.argwhere(~(np.abs(values[:, used]) < largest)):
-        column = used[place]
-        said = f"column {header[column]} holds {values[row, column]:g}"
-        raise InputError(said, _where(path, row), "remove the row or correct the value")
-    return values
-
-
-def _where(path: Path, row: int) -> str:
-    """The file's line of a row of values: the header is row 1, and blank lines count."""
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        lines = [number for number, line in enumerate(file, start=1) if number > 1 and line.strip()]
-    return f"{path}, row {lines[row]}"
-
-
-def _first_bad_row(path: Path, header: list[str], used: list[int]) -> InputError:
-    """Why the table cannot be read, found by a slow second look."""
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        for number, cells in enumerate(csv.reader(file), start=1):
-            if number == 1 or not cells:
-                continue
-            where = f"{path}, row {number}"
-            if len(cells) != len(header):
-                said = f"holds {len(cells)} values, the header names {len(header)}"
-                return InputError(said, where, "remove the row (a truncated last row is common) or complete it")
-            for i in used:
-                if not _is_number(cells[i]):
-                    said = f"column {header[i]} holds {cells[i].strip()!r}, not a number"
-                    return InputError(said, where, "correct the value")
-    return InputError("cannot be read as a table of numbers", str(path), "give a comma-separated file")
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return "_" not in cell
-
-
-def _find_columns(header: list[str], where: str) -> _Columns:
-    """Which columns to use, by their names."""
-    place = {name: i for i, name in enumerate(header)}
-    for name in header:
-        if header.count(name) > 1 and re.fullmatch(r"t|(?:q|dq|tau|i)\d+", name):
-            raise InputError(f"column {name} appears twice", f"{where}, row 1", "give every column its own name")
-    if "t" not in place:
-        raise InputError("column t is missing", f"{where}, row 1", "add the time in s")
-    n = max((int(name[1:]) for name in header if re.fullmatch(r"q[1-9]\d*", name)), default=0)
-    if n == 0:
-        raise InputError("column q1 is missing", f"{where}, row 1", "add the joint positions q1..qn in rad")
-    columns: _Columns = {"t": [place["t"]], "q": [], "dq": [], "tau": [], "i": []}
-    has_torque = any(re.fullmatch(r"tau\d+", name) for name in header)
-    has_velocity = any(re.fullmatch(r"dq\d+", name) for name in header)
-    for prefix in ["q", "tau" if has_torque else "i"] + (["dq"] if has_velocity else []):
-        for j in range(1, n + 1):
-            if f"{prefix}{j}" not in place:
-                absent = f"tau{j} (or i{j} with gains)" if prefix == "i" else f"{prefix}{j}"
-                raise InputError(f"column {absent} is missing", f"{where}, row 1", f"add it; q1..q{n} are there")
-            columns[prefix].append(place[f"{prefix}{j}"])
-        extra = [name for name in header if (m := re.fullmatch(rf"{prefix}(\d+)", name)) and int(m[1]) > n]
-        if extra:
-            remedy = "give q and effort columns for the same joints"
-            raise InputError(f"column {extra[0]} has no q beside it", f"{where}, row 1", remedy)
-    return columns
-
-
-def _check_time(t: Array, path: Path) -> None:
-    with np.errstate(over="ignore"):
-        step = np.diff(t)
-    for k in np.flatnonzero((step < 0.0) | (step > _LONGEST_GAP)):
-        said = f"time {'runs backwards' if step[k] < 0.0 else 'jumps'}, from {t[k]:.12g} s to {t[k + 1]:.12g} s"
-        raise InputError(said, _where(path, int(k) + 1), "sort or cut the log")
-    if t[-1] == t[0]:
-        raise InputError("time never advances", f"{path}, column t", "give the time of each row in s")
-
-
-def _factors(columns: _Columns, gains: Sequence[float] | None, where: str) -> Array:
+def _factors(table: Table, gains: Sequence[float] | None) -> Array:
     """(n,) N m per unit of what was measured."""
-    n = len(columns["q"])
-    if columns["tau"]:
+    n, where = table.n_joints, table.source
+    if "tau1" in table.columns:
         if gains is not None:
             raise InputError("gains are given but the log holds torques tau1..taun", where, "drop --gains")
         return np.ones(n)
@@ -409,7 +316,7 @@ def _factors(columns: _Columns, gains: Sequence[float] | None, where: str) -> Ar
     if len(gains) != n:
         raise InputError(f"{len(gains)} gains for {n} joints", "--gains", "give one gain per joint, N m/A")
     factors = np.array(gains, dtype=float)
-    if not np.all((np.abs(factors) < _ABSURD) & (factors != 0.0)):
+    if not np.all((np.abs(factors) < ABSURD) & (factors != 0.0)):
         raise InputError("a gain is zero or not finite", "--gains", "give one gain per joint, N m/A")
     return factors
 
