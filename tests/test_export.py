@@ -22,17 +22,26 @@ from oracles import (
 
 from bayesid.distortions import CATALOGUE as DISTORTIONS
 from bayesid.distortions import make_distortion
-from bayesid.export import _roll_pitch_yaw, urdf
+from bayesid.export import urdf
+from bayesid.export.urdf_text import _roll_pitch_yaw
 from bayesid.model import Model
+from bayesid.motion import Motion
 from bayesid.robot import BUILT_IN, Joint, Robot, load_robot, robot_from_table, robot_from_urdf
 from bayesid.terms import CATALOGUE, DEFAULT, ActuatorTerm, RigidBody, ViscousFriction, make_term, make_terms
 
 MOVES = {name: load_robot(name) for name in BUILT_IN} | {
     "standard": robot_from_table(random_table("standard", 6, seed=1), "test"),
     "modified": robot_from_table(random_table("modified", 7, seed=2), "test"),
-    "coupled": robot_from_table(random_table("standard", 4, seed=3, coupled=True), "test"),
+    "coupled": replace(robot_from_table(random_table("standard", 4, seed=3, coupled=True), "test"), name="coupled"),
     "urdf": replace(robot_from_urdf(urdf_text(), "test"), gravity=np.array([1.0, -2.0, -9.0])),
 }
+
+
+HELD = {"staubli_tx40": [1, 1, 1, 1, 1, 0], "coupled": [0, 0, 0, 0]}
+"""Of robots with a transmission: whether a motor's friction is its joint's; the TX40's motor 6 turns with 5 and 6."""
+
+MUJOCO = 1e-9 if int(mujoco.__version__.split(".")[0]) >= 4 else 1e-6
+"""Share of the torques; before version 4 MuJoCo diagonalises a URDF's inertias to seven digits."""
 
 
 @pytest.fixture(params=MOVES)
@@ -64,20 +73,44 @@ def test_pinocchio_finds_the_same_torques(model, theta):
     assert_close(np.array(found), joint_torques(model, motion, theta), 1e-12)
 
 
-def test_mujoco_finds_the_same_torques(model, theta):
-    options = '<mujoco><compiler balanceinertia="false" inertiafromgeom="false" discardvisual="true"/></mujoco>'
-    loaded = mujoco.MjModel.from_xml_string(urdf(model, theta).replace("</robot>", f"{options}</robot>"))
-    n = model.robot.n_joints
-    held = model.robot.transmission is None
-    np.testing.assert_allclose(loaded.dof_damping, theta[10 * n : 11 * n] * held, rtol=1e-15)
-    np.testing.assert_allclose(loaded.dof_frictionloss, theta[11 * n : 12 * n] * held, rtol=1e-15)
-    loaded.dof_damping[:], loaded.dof_frictionloss[:], loaded.opt.gravity[:] = 0.0, 0.0, model.robot.gravity
-    data, motion, found = mujoco.MjData(loaded), random_motion(n, 20), []
-    for sample in zip(motion.q, motion.dq, motion.ddq, strict=True):
-        data.qpos[:], data.qvel[:], data.qacc[:] = sample
+def inverse(loaded, motion):
+    """(N, n) torques that MuJoCo finds for the motion of a loaded model."""
+    data, found = mujoco.MjData(loaded), []
+    for data.qpos[:], data.qvel[:], data.qacc[:] in zip(motion.q, motion.dq, motion.ddq, strict=True):
         mujoco.mj_inverse(loaded, data)
         found.append(data.qfrc_inverse.copy())
-    assert_close(np.array(found), joint_torques(model, motion, theta), 1e-9)
+    return np.array(found)
+
+
+def test_mujoco_finds_the_same_torques(model, theta):
+    """It reads gravity too, from an element of its own."""
+    loaded = mujoco.MjModel.from_xml_string(urdf(model, theta))
+    n = model.robot.n_joints
+    held = HELD.get(model.robot.name, np.ones(n))
+    np.testing.assert_allclose(loaded.dof_damping, theta[10 * n : 11 * n] * held, rtol=1e-15)
+    np.testing.assert_allclose(loaded.dof_frictionloss, theta[11 * n : 12 * n] * held, rtol=1e-15)
+    loaded.dof_damping[:] = loaded.dof_frictionloss[:] = 0.0
+    motion = random_motion(n, 20)
+    assert_close(inverse(loaded, motion), joint_torques(model, motion, theta), MUJOCO)
+
+
+def test_friction_completes_the_torques_as_urdf_defines_it(robot):
+    """damping * q' + friction * sign(q'), wherever the motion is no standstill: in MuJoCo itself, and by hand."""
+    n = robot.n_joints
+    rng = np.random.default_rng(4)
+    q, ddq = rng.uniform(-3.0, 3.0, (2, 20, n))
+    motion = Motion(np.arange(20.0), q, rng.uniform(0.5, 3.0, (20, n)) * rng.choice([-1.0, 1.0], (20, n)), ddq)
+    shape = {"smoothing": [0.02] * n}  # rad/s: tanh(0.5 / 0.02) is 1 to rounding
+    friction = ViscousFriction(), make_term("coulomb_friction", shape)
+    model = Model(replace(robot, transmission=None), (RigidBody(), *friction))
+    theta = np.concatenate([parameters_of(random_clouds(n, seed=7)), rng.uniform(0.5, 3.0, 2 * n)])
+    text, expected = urdf(model, theta), model.effort(motion, theta)
+    loaded = pin.buildModelFromXML(text)
+    loaded.gravity.linear = robot.gravity
+    data = loaded.createData()
+    rigid = [pin.rnea(loaded, data, *sample) for sample in zip(motion.q, motion.dq, motion.ddq, strict=True)]
+    assert_close(np.array(rigid) + loaded.damping * motion.dq + loaded.friction * np.sign(motion.dq), expected, 1e-12)
+    assert_close(inverse(mujoco.MjModel.from_xml_string(text), motion), expected, MUJOCO)
 
 
 def test_bayesid_loads_it_again(model, theta):
@@ -100,11 +133,14 @@ def test_effects_without_a_place_are_in_the_comment(model, theta):
     text = urdf(model, theta)
     comment = text[text.index("<!--") : text.index("-->")]
     for parameter, value in list(zip(model.parameters, theta, strict=True))[10 * model.robot.n_joints :]:
-        held = parameter.name[:2] in ("Fv", "Fc") and model.robot.transmission is None
+        in_joint = HELD.get(model.robot.name, np.ones(model.robot.n_joints))[parameter.joint - 1]
+        held = parameter.name[:2] in ("Fv", "Fc") and in_joint
         assert (f"{parameter.name} = {float(value)!r} {parameter.unit}" in comment) != held
     assert f"gravity = {' '.join(map(str, model.robot.gravity.tolist()))} m/s^2" in comment
     assert ("motor speeds" in comment) == (model.robot.transmission is not None)
-    assert (ET.fromstring(text).find("joint/dynamics") is None) == (model.robot.transmission is not None)
+    joints = ET.fromstring(text).findall("joint")
+    held = HELD.get(model.robot.name, np.ones(model.robot.n_joints))
+    assert [joint.find("dynamics") is not None for joint in joints] == list(map(bool, held))
 
 
 def test_terms_may_be_absent_or_come_in_another_order():
@@ -168,16 +204,11 @@ def test_payload_and_friction_of_some_joints_in_pinocchio(convention):
 @pytest.mark.parametrize("convention", ["standard", "modified"])
 def test_payload_and_friction_of_some_joints_in_mujoco(convention):
     table, model, theta = loaded_arm(convention)
-    options = '<mujoco><compiler balanceinertia="false" inertiafromgeom="false" discardvisual="true"/></mujoco>'
-    loaded = mujoco.MjModel.from_xml_string(urdf(model, theta).replace("</robot>", f"{options}</robot>"))
+    loaded = mujoco.MjModel.from_xml_string(urdf(model, theta))
     np.testing.assert_allclose(loaded.dof_frictionloss, DRY, rtol=1e-15)
-    loaded.dof_frictionloss[:], loaded.opt.gravity[:] = 0.0, model.robot.gravity
-    data, motion, found = mujoco.MjData(loaded), random_motion(6, 20), []
-    for sample in zip(motion.q, motion.dq, motion.ddq, strict=True):
-        data.qpos[:], data.qvel[:], data.qacc[:] = sample
-        mujoco.mj_inverse(loaded, data)
-        found.append(data.qfrc_inverse.copy())
-    assert_close(np.array(found), by_hand(table, motion), 1e-9)
+    loaded.dof_frictionloss[:] = 0.0
+    motion = random_motion(6, 20)
+    assert_close(inverse(loaded, motion), by_hand(table, motion), MUJOCO)
 
 
 def test_joints_without_a_friction_term_have_no_friction_and_the_payload_is_announced():
@@ -274,6 +305,46 @@ def test_text_is_plain_urdf():
     assert {joint.get("type") for joint in root.findall("joint")} == {"revolute", "prismatic"}
     assert all(joint.find("limit") is not None for joint in root.findall("joint"))
     assert text.endswith("</robot>\n")
+
+
+EDGES = {  # points in each body, their masses' share of the usual, and how far the moments of inertia are off
+    "points": ([1] * 6, [1.0] * 6, 0.0),
+    "rods": ([2] * 6, [1.0] * 6, 0.0),
+    "plates": ([3] * 6, [1.0] * 6, 0.0),
+    "outside": ([1, 2, 3, 1, 2, 3], [1.0] * 6, -1e-13),  # where a solver may end
+    "heavy and light": ([2, 3, 3, 1, 2, 1], [1e6, 1e5, 1e4, 1e-9, 1.0, 1e-12], 0.0),
+}
+
+
+@pytest.mark.parametrize("edge", EDGES)
+def test_bodies_without_thickness_load_everywhere(edge):
+    """MuJoCo refuses inertias that rounding has put outside the triangle inequality, or that are zero."""
+    table, (counts, shares, off) = random_table("standard", 6, seed=11), EDGES[edge]
+    robot = robot_from_table(table, "test")
+    full = zip(random_clouds(6, seed=11), counts, shares, strict=True)
+    clouds = [(points[:count], share * masses[:count]) for (points, masses), count, share in full]
+    theta = parameters_of(clouds).reshape(6, 10)
+    theta[:, [0, 3, 5]] *= 1.0 + off
+    text, motion = urdf(Model(robot, (RigidBody(),)), theta.ravel()), random_motion(6, 20)
+    expected = torques_of_points(dh_chain(table), clouds, robot.gravity, motion)
+    assert_close(inverse(mujoco.MjModel.from_xml_string(text), motion), expected, max(MUJOCO, 1e-8))
+    again = pin.buildModelFromXML(text)
+    again.gravity.linear = robot.gravity
+    data = again.createData()
+    found = [pin.rnea(again, data, *sample) for sample in zip(motion.q, motion.dq, motion.ddq, strict=True)]
+    assert_close(np.array(found), expected, 1e-8)
+
+
+def test_a_motor_that_moves_its_joint_alone_leaves_its_friction_there():
+    gears = np.diag([30.0, -50.0, 40.0, 20.0, 25.0, 60.0])
+    gears[5, 4] = 7.0
+    robot = replace(MOVES["standard"], transmission=gears)
+    theta = np.concatenate([parameters_of(random_clouds(6)), np.arange(1.0, 7.0)])
+    text = urdf(Model(robot, (RigidBody(), ViscousFriction())), theta)
+    found = [joint.find("dynamics") for joint in ET.fromstring(text).findall("joint")]
+    assert [each.get("damping") for each in found[:5]] == ["1.0", "2.0", "3.0", "4.0", "5.0"]
+    assert found[5] is None
+    assert [line for line in comment_of(text) if "Fv" in line] == ["viscous_friction: Fv6 = 6.0 N m s/rad"]
 
 
 @pytest.mark.parametrize("mass", [0.0, -1.0])
