@@ -1,9 +1,9 @@
-"""Periodic exciting trajectories: motions that show every coefficient of a model.
+"""Periodic trajectories within limits.
 
 Each joint follows a finite Fourier series (Swevers, Ganseman, Tukel, De Schutter and Van Brussel, "Optimal robot
 excitation and identification", IEEE Trans. Robotics and Automation 1997), so positions, velocities and accelerations
 are exact and band-limited. The series is stretched until each joint touches one of its limits; what is left, the shape,
-is chosen so that the columns of the base regressor are as independent as possible.
+is free.
 """
 
 from __future__ import annotations
@@ -11,22 +11,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
 
-from bayesid.coefficients import BaseCoefficients
-from bayesid.model import Model
 from bayesid.motion import Array, Motion, frozen
 
 HARMONICS = 5
 _INSTANTS = 100
 """Instants at which a candidate is judged; 667 instants give the same condition number to a percent."""
-_DRAWS = 20
-EVALUATIONS = 1500
-"""About a second for six joints; ten times as many gain another tenth."""
 _SHIFT = 0.5
 """A joint's centre stays within this share of its half range around the middle, so that it has room to swing."""
-_FLOOR = 1e-14
-"""Smallest ratio of eigenvalues told apart: keeps the objective finite where columns are dependent."""
 
 
 @dataclass(frozen=True)
@@ -89,47 +81,6 @@ class FourierTrajectory:
         return Motion(t, self.centre + q, dq, ddq)
 
 
-def exciting_trajectory(
-    model: Model,
-    coefficients: BaseCoefficients,
-    duration: float,
-    *,
-    seed: int = 0,
-    limits: MotionLimits = INDUSTRIAL_ARM,
-    harmonics: int = HARMONICS,
-    periods: int = 1,
-    evaluations: int = EVALUATIONS,
-) -> FourierTrajectory:
-    """A trajectory with a low `condition_number`: the best of some random draws, improved by SLSQP.
-
-    Args:
-        model: the model to be identified.
-        coefficients: its base coefficients.
-        duration: length of the motion, s.
-        seed: of the random draws; each seed ends in another trajectory.
-        limits: of the joints; they hold at every instant, not only at samples.
-        harmonics: sines and cosines a joint.
-        periods: whole number of periods in the duration.
-        evaluations: of the condition number, about, for the improvement.
-
-    Raises:
-        ValueError: a duration or number that is not positive, or limits for another number of joints.
-    """
-    rng, n = np.random.default_rng(seed), model.robot.n_joints
-    frequency = _frequency(duration, harmonics, periods)
-    grid = np.arange(_instants(harmonics)) / _instants(harmonics) / frequency
-
-    def objective(shape: Array) -> float:
-        return _log_condition(model, coefficients, _within_limits(shape.reshape(n, -1), frequency, limits).motion(grid))
-
-    draws = [_random_shape(n, harmonics, rng).ravel() for _ in range(_DRAWS)]
-    start = min(draws, key=objective)
-    iterations = max(1, evaluations // (len(start) + 1))  # SLSQP differences every variable once an iteration
-    result = minimize(objective, start, method="SLSQP", options={"maxiter": iterations, "ftol": 1e-3})
-    best = min(start, result.x, key=objective)
-    return _within_limits(best.reshape(n, -1), frequency, limits)
-
-
 def random_trajectory(
     n_joints: int,
     duration: float,
@@ -152,34 +103,12 @@ def random_trajectory(
     Raises:
         ValueError: a duration or number that is not positive, or limits for another number of joints.
     """
-    shape = _random_shape(n_joints, harmonics, np.random.default_rng(seed))
-    return _within_limits(shape, _frequency(duration, harmonics, periods), limits)
+    shape = random_shape(n_joints, harmonics, np.random.default_rng(seed))
+    return within_limits(shape, fundamental(duration, harmonics, periods), limits)
 
 
-def condition_number(model: Model, coefficients: BaseCoefficients, motion: Motion) -> float:
-    """Condition number of the base regressor, all joints' rows together, its columns scaled to length one.
-
-    The scaling takes the units out: what is left is how well the coefficients can be told from each other (Gautier and
-    Khalil, "Exciting trajectories for the identification of base inertial parameters of robots", IJRR 1992).
-    """
-    return float(np.linalg.cond(_scaled_columns(model, coefficients, motion)))
-
-
-def _log_condition(model: Model, coefficients: BaseCoefficients, motion: Motion) -> float:
-    """The logarithm of `condition_number`, three times as fast: from the eigenvalues of the Gram matrix."""
-    columns = _scaled_columns(model, coefficients, motion)
-    eigenvalues = np.linalg.eigvalsh(columns.T @ columns)
-    return float(-0.5 * np.log(max(eigenvalues[0] / eigenvalues[-1], _FLOOR)))
-
-
-def _scaled_columns(model: Model, coefficients: BaseCoefficients, motion: Motion) -> Array:
-    """(N n, r) columns of length one; a column of zeros stays."""
-    columns = model.columns(motion)[:, :, coefficients.kept].reshape(-1, len(coefficients))
-    lengths = np.linalg.norm(columns, axis=0)
-    return columns / np.where(lengths > 0.0, lengths, 1.0)
-
-
-def _frequency(duration: float, harmonics: int, periods: int) -> float:
+def fundamental(duration: float, harmonics: int, periods: int) -> float:
+    """The fundamental frequency, Hz, of so many periods in a duration, s; ValueError if a number is out of range."""
     if not 0.0 < duration < np.inf:
         raise ValueError(f"the duration must be positive, not {duration} s")
     if harmonics < 1 or periods < 1:
@@ -187,18 +116,32 @@ def _frequency(duration: float, harmonics: int, periods: int) -> float:
     return periods / duration
 
 
-def _instants(harmonics: int) -> int:
+def instants(harmonics: int) -> int:
     """Enough for the highest harmonic of the accelerations, and for a tight bound between the instants."""
     return max(_INSTANTS, 20 * harmonics)
 
 
-def _random_shape(n_joints: int, harmonics: int, rng: np.random.Generator) -> Array:
+def random_shape(n_joints: int, harmonics: int, rng: np.random.Generator) -> Array:
     """(n, 2 H + 1) relative amplitudes of sines and cosines, alike in velocity, and relative shifts of the centres."""
     waves = rng.standard_normal((n_joints, 2, harmonics)) / np.arange(1, harmonics + 1)
     return np.column_stack([waves.reshape(n_joints, -1), rng.uniform(-1.0, 1.0, n_joints)])
 
 
-def _within_limits(shape: Array, frequency: float, limits: MotionLimits) -> FourierTrajectory:
+def from_rest(shape: Array) -> Array:
+    """The nearest shape (n, 2 H + 1) whose motion starts, and so ends, at rest: no velocity, no acceleration at t = 0.
+
+    q'(0) is proportional to sum_h h sine_h and q''(0) to -sum_h h^2 cosine_h: both sums are projected out. It takes two
+    harmonics, with one nothing would be left.
+    """
+    harmonics = shape.shape[1] // 2
+    h = np.arange(1.0, harmonics + 1.0)
+    sine, cosine, centre = np.split(shape, [harmonics, 2 * harmonics], axis=1)
+    sine = sine - np.outer(sine @ h, h) / (h @ h)
+    cosine = cosine - np.outer(cosine @ h**2, h**2) / (h**2 @ h**2)
+    return np.hstack([sine, cosine, centre])
+
+
+def within_limits(shape: Array, frequency: float, limits: MotionLimits) -> FourierTrajectory:
     """The trajectory of a shape (n, 2 H + 1), each joint stretched until it touches the first of its limits.
 
     Between N even instants a trigonometric polynomial of degree H is at most 1 / cos(pi H / N) times as large as at
@@ -210,7 +153,7 @@ def _within_limits(shape: Array, frequency: float, limits: MotionLimits) -> Four
     )
     half = (upper - lower) / 2
     shift = _SHIFT * half * np.clip(shape[:, -1], -1.0, 1.0)
-    count = _instants(harmonics)
+    count = instants(harmonics)
     wave = FourierTrajectory(frequency, shape[:, :harmonics], shape[:, harmonics:-1], np.zeros(n))
     motion = wave.motion(np.arange(count) / count / frequency)
     room = zip((half - np.abs(shift), velocity, acceleration), (motion.q, motion.dq, motion.ddq), strict=True)

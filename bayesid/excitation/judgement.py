@@ -1,0 +1,272 @@
+"""What a log's motion leaves undecided, told before anything is identified: which coefficients, and whose signs.
+
+Coefficients and whole joints are judged by the motion alone, for robots that are plausible (`Expectation`): no effort
+enters. Segments are judged by the log's own |effort|, equation (2) of `bayesid.excitation.resolvability`, with its RMS
+for the size of the noise. What is noise or unmodelled in it counts as effort, so this errs on the hopeful side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from bayesid import terms as catalogue
+from bayesid.coefficients import BaseCoefficients
+from bayesid.errors import InputError
+from bayesid.excitation.condition import UNEXCITED, log_condition_of
+from bayesid.excitation.expectation import expect, undecided
+from bayesid.excitation.resolvability import (
+    INDEPENDENT,
+    JointFlips,
+    SegmentFlips,
+    groups_of,
+    mistaken,
+    turn_measured,
+)
+from bayesid.log import Log, read_log
+from bayesid.model import Model
+from bayesid.moments import moments
+from bayesid.motion import Array
+from bayesid.robot import Robot, load_robot
+from bayesid.segments import find_segments
+from bayesid.signals import prepare
+
+_LITTLE, _SLOW = 0.2, 0.1
+"""rad and rad/s (m and m/s): a joint that covers less, or is never faster, hardly moves."""
+_IDLE = 0.5
+"""Share of the time at standstill from which on it is worth a word."""
+_MISTAKEN = 0.01
+"""Probability of a wrong sign from which on it is worth a word."""
+_OPEN = 0.25
+"""Share of the coefficients that may stay undecided under a green light: products of inertia are small everywhere."""
+_DOUBTFUL = 0.05
+"""Share of a joint's energy with the wrong sign from which on it is worth a word."""
+
+
+@dataclass(frozen=True)
+class ExcitationJudgement:
+    """What a log's motion shows, at a noise relative to the RMS efforts.
+
+    Attributes:
+        model: robot and terms.
+        coefficients: the r base coefficients.
+        source: of the log.
+        noise: relative to each joint's RMS effort.
+        reach: (n,) range of positions of each actuator, rad.
+        speed: (n,) highest speed, rad/s.
+        acceleration: (n,) highest acceleration, rad/s^2.
+        idle: (n,) share of the time at standstill.
+        condition: condition number of the base regressor over the samples in motion; inf if a coefficient is not shown.
+        left: (r,) of each coefficient's usual size: its standard deviation after the log, signs given.
+        joints: groups of joints of unknown sign, for the robot of which the easiest is easiest to mistake; None if all
+            signs are known.
+        segments: the log's own of unknown sign.
+        doubtful: (n,) expected share of each joint's energy with the wrong sign, segments turned one by one.
+    """
+
+    model: Model
+    coefficients: BaseCoefficients
+    source: str
+    noise: float
+    reach: Array
+    speed: Array
+    acceleration: Array
+    idle: Array
+    condition: float
+    left: Array
+    joints: JointFlips | None
+    segments: SegmentFlips
+    doubtful: Array
+
+    @property
+    def undecided(self) -> tuple[int, ...]:
+        """Coefficients that the log leaves undecided."""
+        return undecided(self.left)
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """What is to be said, in plain words: what the log leaves undecided, and which motion would decide it."""
+        return (*_still(self), *_turned(self), *_idle(self), *_coefficients(self), *_segments(self), *_merged(self))
+
+    @property
+    def light(self) -> Literal["green", "amber", "red"]:
+        """Red where a joint or its signs are left open, amber where less is, green where nothing is.
+
+        What no motion tells is no fault of the log's.
+        """
+        if _still(self) or _turned(self):
+            return "red"
+        many = len(self.undecided) > _OPEN * len(self.left)
+        return "amber" if many or _segments(self) or _idle(self) else "green"
+
+
+@threadpool_limits.wrap(limits=1, user_api="blas")
+def judge_log(
+    robot: Robot | str | Path,
+    log: Log | str | Path,
+    terms: Iterable[str] = catalogue.DEFAULT,
+    *,
+    noise: float = 0.05,
+    cutoff: float | None = None,
+    seed: int = 0,
+) -> ExcitationJudgement:
+    """Says what a log's excitation leaves undecided, without identifying anything.
+
+    Args:
+        robot: a robot, a built-in name or a file.
+        log: a log or a CSV file.
+        terms: names from `bayesid.terms.CATALOGUE`: what is to be identified.
+        noise: of the efforts, relative to each joint's RMS effort.
+        cutoff: of the motion's low-pass, Hz; from the data by default.
+        seed: of the expected robots.
+
+    Raises:
+        InputError: the robot, the log or an option cannot be used.
+    """
+    if not 0.0 < noise <= 10.0:
+        raise InputError(f"a noise of {noise:g} cannot be used", "--noise", "give a share of the RMS effort, as 0.05")
+    robot = robot if isinstance(robot, Robot) else load_robot(robot)
+    log = log if isinstance(log, Log) else read_log(log)
+    n = robot.n_joints
+    if n != log.n_joints:
+        said = f"the log has {log.n_joints} joints, robot {robot.name} has {n}"
+        raise InputError(said, log.source, "give the log and the robot that belong together")
+    signals = prepare(log, cutoff)
+    actuators = robot.actuators(signals.motion)
+    model = Model(robot, catalogue.make_terms(terms, robot, signals.motion))
+    segments = find_segments(signals, actuators)
+    segments = segments[segments.fitted]
+    if not len(segments):
+        raise InputError("no joint moves", log.source, "record a motion in which every joint moves")
+    expectation = expect(model, seed)
+    plain = moments(model, expectation.coefficients, signals.motion, signals.effort, segments, own=0)
+    grams, counts = np.zeros((n, *plain.hessian.shape[1:])), np.bincount(plain.joint, plain.count, n)
+    np.add.at(grams, plain.joint[np.unique(plain.part, return_index=True)[1]], plain.hessian)
+    samples, weight = np.maximum(counts, 1).astype(np.int64), min(1.0, INDEPENDENT / signals.rate)
+    unsigned = np.flatnonzero(~log.signed).tolist()
+    groups = groups_of(unsigned, all_unsigned=len(unsigned) == n)
+    flips = expectation.joint_flips(grams, samples, noise, weight, groups) if unsigned else [None]
+    own = turn_measured(plain.scaled(noise * plain.rms_effort(n)), segments.start, segments.end, weight)
+    lost = plain.energy[plain.known == 0] * mistaken(own.resolvability)
+    speed = np.abs(actuators.dq)
+    return ExcitationJudgement(
+        model=model,
+        coefficients=expectation.coefficients,
+        source=log.source,
+        noise=noise,
+        reach=np.ptp(actuators.q, axis=0),
+        speed=speed.max(axis=0),
+        acceleration=np.abs(actuators.ddq).max(axis=0),
+        idle=np.mean(speed <= actuators.standstill_speed, axis=0),
+        condition=_condition(grams.sum(axis=0)),
+        left=expectation.left(grams, samples, noise, weight),
+        joints=min(flips, key=_weakest),
+        segments=own,
+        doubtful=np.bincount(own.joint, lost, n) / np.maximum(np.bincount(plain.joint, plain.energy, n), 1e-300),
+    )
+
+
+def _weakest(flips: JointFlips | None) -> float:
+    return 0.0 if flips is None else float(flips.resolvability.min())
+
+
+def _condition(gram: Array) -> float:
+    log_condition = log_condition_of(gram)
+    return float(np.exp(log_condition)) if log_condition < UNEXCITED else np.inf
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# In words
+# ---------------------------------------------------------------------------------------------------------------
+def little_moved(judgement: ExcitationJudgement) -> tuple[int, ...]:
+    """0-based actuators that hardly move."""
+    return tuple(np.flatnonzero((judgement.reach < _LITTLE) | (judgement.speed < _SLOW)).tolist())
+
+
+def hardly_signed(judgement: ExcitationJudgement) -> tuple[tuple[int, ...], ...]:
+    """Groups of 0-based actuators whose signs could all be turned unnoticed; no group that holds another one."""
+    flips, found = judgement.joints, list[tuple[int, ...]]()
+    if flips is None:
+        return ()
+    for group, chance in zip(flips.groups, mistaken(flips.resolvability).tolist(), strict=True):
+        if chance > _MISTAKEN and not any(set(smaller) <= set(group) for smaller in found):
+            found.append(group)
+    return tuple(found)
+
+
+def _still(judgement: ExcitationJudgement) -> list[str]:
+    said = []
+    for j in little_moved(judgement):
+        unit = _unit(judgement, j)
+        covers = f"covers {judgement.reach[j]:.2g} {unit} and is never faster than {judgement.speed[j]:.2g} {unit}/s"
+        said.append(f"joint {j + 1} {covers}: move it over most of its range, fast and slowly")
+    return said
+
+
+def _idle(judgement: ExcitationJudgement) -> list[str]:
+    resting = [j for j in np.flatnonzero(judgement.idle > _IDLE).tolist() if j not in little_moved(judgement)]
+    return [
+        f"joint {j + 1} stands still {judgement.idle[j]:.0%} of the time, which tells nothing: let it move on"
+        for j in resting
+    ]
+
+
+def _turned(judgement: ExcitationJudgement) -> list[str]:
+    moved = little_moved(judgement)
+    return [
+        f"the signs of {_joints(group)} could all be turned with hardly a change of the fit, only what is physically "
+        "feasible tells them: accelerate the joints at the same time, so that they load each other"
+        for group in hardly_signed(judgement)
+        if not set(group) <= set(moved)
+    ]
+
+
+def _coefficients(judgement: ExcitationJudgement) -> list[str]:
+    """What is undecided, a sentence for each term of the model."""
+    names, owner = judgement.coefficients.names, _owners(judgement.model)
+    open_ = [names[i] for i in judgement.undecided]
+    said = []
+    for name, told_by in dict.fromkeys(owner[one] for one in open_):
+        listed = ", ".join(one for one in open_ if owner[one][0] == name)
+        how = f"{told_by} would tell" if name != "rigid_body" else "`bayesid excite` designs a motion that tells"
+        said.append(f"undecided at a noise of {judgement.noise:.0%} ({name.replace('_', ' ')}): {listed}; {how}")
+    return said
+
+
+def _segments(judgement: ExcitationJudgement) -> list[str]:
+    return [
+        f"about {judgement.doubtful[j]:.0%} of the energy of joint {j + 1} would have the wrong sign, in segments that "
+        "are short or weak: let its load change less often, and record longer"
+        for j in np.flatnonzero(judgement.doubtful > _DOUBTFUL).tolist()
+    ]
+
+
+def _merged(judgement: ExcitationJudgement) -> list[str]:
+    """Parameters of actuators that show only in sums with others, whatever the motion."""
+    coefficients, model = judgement.coefficients, judgement.model
+    bodies = set(model.cone.bodies.ravel().tolist())
+    said = []
+    for p in np.flatnonzero(np.abs(coefficients.projection).max(axis=0) > 0.0).tolist():
+        if p not in bodies and p not in coefficients.kept:
+            others = ", ".join(coefficients.names[i] for i in np.flatnonzero(coefficients.projection[:, p]))
+            said.append(f"{model.parameters[p].name} shows only in a sum with {others}: no motion tells them apart")
+    return said
+
+
+def _owners(model: Model) -> dict[str, tuple[str, str]]:
+    """Name of a parameter to its term and the motion that tells it."""
+    return {one.name: (term.name, term.told_by) for term in model.terms for one in term.parameters(model.robot)}
+
+
+def _unit(judgement: ExcitationJudgement, joint: int) -> str:
+    return "m" if judgement.model.robot.joints[joint].prismatic else "rad"
+
+
+def _joints(group: tuple[int, ...]) -> str:
+    numbers = [str(j + 1) for j in group]
+    return f"joint {numbers[0]}" if len(numbers) == 1 else f"joints {', '.join(numbers[:-1])} and {numbers[-1]}"

@@ -1,0 +1,140 @@
+"""What the joints may do, from a file: a TOML table of limits, or a URDF.
+
+    lower = [-2.9, -1.9, -2.0]     # rad (m for a joint that slides); one number for all joints, or one each
+    upper = [2.9, 1.9, 2.0]
+    velocity = 2.5                 # rad/s
+    acceleration = [8, 8, 12]      # rad/s^2
+
+A key that is missing has the default of `MotionLimits`. A URDF knows no accelerations: they have the default too.
+"""
+
+from __future__ import annotations
+
+import tomllib
+import xml.etree.ElementTree as ET
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayesid.errors import InputError
+from bayesid.excitation.trajectory import INDUSTRIAL_ARM, MotionLimits
+from bayesid.robot import Robot
+
+_KEYS = tuple(one.name for one in fields(MotionLimits))
+_REMEDY = f"give {', '.join(_KEYS)}: a number, or a list with one number a joint"
+_ENDLESS = 4.0 * np.pi
+"""rad; a joint with a wider range has none that a motion could use."""
+
+
+def read_limits(path: str | Path) -> MotionLimits:
+    """Limits from a TOML file with the keys lower, upper, velocity and acceleration, or from a URDF file.
+
+    Args:
+        path: ends in .urdf or .xml for a URDF.
+
+    Raises:
+        InputError: the file cannot be read, or its limits cannot be used.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+        if path.suffix in (".urdf", ".xml"):
+            return _urdf_limits(ET.fromstring(text), str(path))
+        table = tomllib.loads(text)
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, ET.ParseError) as error:
+        raise InputError(f"cannot be read ({error})", str(path), _REMEDY) from None
+    unknown = sorted(set(table) - set(_KEYS))
+    if unknown:
+        raise InputError(f"unknown key {unknown[0]!r}", str(path), _REMEDY)
+    return _made({key: _numbers(value, f"{path}, {key}") for key, value in table.items()}, str(path))
+
+
+def check_limits(limits: MotionLimits | None, robot: Robot) -> MotionLimits:
+    """The limits, or the usual ones where none are given, as one number for each of the robot's joints.
+
+    Raises:
+        InputError: there are limits for another number of joints, or none for a joint that slides.
+    """
+    n = robot.n_joints
+    sliding = [j for j, joint in enumerate(robot.joints, start=1) if joint.prismatic]
+    if limits is None and sliding:
+        said = f"joint {sliding[0]} slides, and there are no limits for it"
+        raise InputError(said, "--limits", "give a file with the limits of the joints")
+    limits = INDUSTRIAL_ARM if limits is None else limits
+    each = {}
+    for key in _KEYS:
+        values = np.atleast_1d(getattr(limits, key))
+        if len(values) not in (1, n):
+            said = f"{len(values)} numbers for '{key}', robot {robot.name} has {n} joints"
+            raise InputError(said, "--limits", "give one number, or one a joint")
+        each[key] = tuple(np.broadcast_to(values, n).tolist())
+    return MotionLimits(**each)
+
+
+def _made(table: dict[str, Any], where: str) -> MotionLimits:
+    sizes = sorted({len(value) for value in table.values() if isinstance(value, tuple)})
+    if len(sizes) > 1:
+        raise InputError(f"lists of {sizes[0]} and of {sizes[-1]} numbers", where, "give one number a joint")
+    try:
+        return MotionLimits(**table)
+    except ValueError as error:
+        raise InputError(str(error), where, _REMEDY) from None
+
+
+def _numbers(value: object, where: str) -> float | tuple[float, ...]:
+    listed: list[Any] = value if isinstance(value, list) else [value]
+    usable = listed and all(type(one) in (int, float) and np.isfinite(one) for one in listed)
+    if not usable:
+        raise InputError(f"{value!r} cannot be used", where, _REMEDY)
+    numbers = tuple(float(one) for one in listed)
+    return numbers if isinstance(value, list) else numbers[0]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# URDF
+# ---------------------------------------------------------------------------------------------------------------
+def _urdf_limits(root: ET.Element, where: str) -> MotionLimits:
+    rows = [_joint_limits(joint, f"{where}, joint {joint.get('name')}") for joint in _chain(root, where)]
+    if not rows:
+        raise InputError("has no moving joint", where, "give a URDF of an arm")
+    lower, upper, velocity = (tuple(column) for column in zip(*rows, strict=True))
+    return _made({"lower": lower, "upper": upper, "velocity": velocity}, where)
+
+
+def _chain(root: ET.Element, where: str) -> list[ET.Element]:
+    """The moving joints from base to tip."""
+    after: dict[str, list[tuple[ET.Element, str]]] = {}
+    for joint in root.findall("joint"):
+        parent, child = joint.find("parent"), joint.find("child")
+        if parent is None or child is None:
+            raise InputError("lacks a parent or a child", f"{where}, joint {joint.get('name')}", "correct the file")
+        after.setdefault(parent.get("link", ""), []).append((joint, child.get("link", "")))
+    children = {child for joints in after.values() for _, child in joints}
+
+    def beyond(link: str) -> list[ET.Element]:
+        ways = [[joint] * (joint.get("type") != "fixed") + beyond(child) for joint, child in after.get(link, [])]
+        ways = [way for way in ways if way]
+        if len(ways) > 1:
+            raise InputError("is of a robot that branches", where, "give the limits in a TOML file")
+        return ways[0] if ways else []
+
+    return [joint for base in after if base not in children for joint in beyond(base)]
+
+
+def _joint_limits(joint: ET.Element, where: str) -> tuple[float, float, float]:
+    """Lower, upper and velocity; the usual ones where the file does not say, or a joint turns without end."""
+    told = joint.find("limit")
+    try:
+        lower, upper, velocity = (
+            float(told.get(key, 0.0)) if told is not None else 0.0 for key in ("lower", "upper", "velocity")
+        )
+    except ValueError as error:
+        raise InputError(f"its limits are no numbers ({error})", where, "correct the file") from None
+    endless = joint.get("type") == "continuous" or not 0.0 < upper - lower <= _ENDLESS
+    if endless and joint.get("type") == "prismatic":
+        raise InputError("slides, and has no limits", where, "give the limits in a TOML file")
+    usual = np.asarray([INDUSTRIAL_ARM.lower, INDUSTRIAL_ARM.upper, INDUSTRIAL_ARM.velocity])
+    lower, upper = (float(usual[0]), float(usual[1])) if endless else (lower, upper)
+    return lower, upper, velocity if 0.0 < velocity < np.inf else float(usual[2])

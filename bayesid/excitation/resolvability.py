@@ -1,0 +1,225 @@
+"""What a motion says about signs: how much worse a fit becomes when the signs of some efforts are turned.
+
+Stack the efforts of all joints, each row divided by its joint's noise sigma_j, as tau = Y beta, with the r base
+coefficients beta. Cut them into segments of constant sign and turn the signs of a set F of segments. The cost of
+DESIGN.md, section 3, f(beta, s) = |Y beta - s |tau||^2, is zero for the true signs; for the turned ones the best
+coefficients leave, with tau_F = tau on F and zero elsewhere, P = Y (Y'Y)^-1 Y' and P tau = tau,
+
+    min f = |(1 - P) (tau - 2 tau_F)|^2 = 4 |(1 - P) tau_F|^2 =: R_F                                         (1)
+          = 4 (c_F - g_F' H^-1 g_F),   H = Y'Y,  c_F = tau_F' tau_F,  g_F = Y' tau_F.                        (2)
+
+R_F is the *resolvability* of F, and half of it the logarithm of the odds against the turned signs. (2) needs moments
+alone, and those of joined segments add. Where the efforts are those of a known robot these are Gram matrices,
+H_F = sum of y y' over the rows of F, g_F = H_F beta and c_F = beta' H_F beta: for whole joints no effort is computed.
+
+- Noise e of unit variance on tau leaves the mean difference of the costs as it is (turned noise has the same
+  distribution) and gives it, to first order, the standard deviation 2 sqrt(R_F). So turned signs look better with a
+  probability of about Phi(-sqrt(R_F) / 2), and sqrt(R_F) / 2 falls in proportion to the noise.
+- The cone can only add: the true parameters lie inside it, so (1) is a lower bound of what turned signs cost.
+- R_F is that of the complement of F. It is zero if F is everything, and near zero if tau_F = Y beta' for some beta': a
+  joint whose effort is its own friction, rotor inertia and offset can be turned as a whole, and only the cone tells.
+  What tells without the cone is the coupling: coefficients of rigid bodies that show in several joints at once.
+- R_F falls to zero with the effort: efforts that linger near zero cannot be signed, and short segments hardly.
+
+The *noise tolerance* nu puts this in one number that no chosen noise enters: the noise, relative to each joint's RMS
+effort, at which a tenth of the energy (of the squared efforts) would be expected to have the wrong sign if single
+segments and groups of joints were all that could be turned,
+
+    sum_F w_F Phi(-sqrt(R_F(nu)) / 2) = 1/10,   R_F(nu) = R_F(1) / nu^2,                                     (3)
+
+w_F the share of the energy in F or in its complement, whichever is less. It ranks motions and is no promise: other sets
+may be turned as well, and the cone helps.
+
+Samples count as independent, but at most INDEPENDENT a second: what a model leaves of a real effort is coloured.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.special import ndtr
+
+from bayesid.moments import Moments
+from bayesid.motion import Array, Integers
+
+INDEPENDENT = 20.0
+"""1/s; assumed: what a model leaves of real efforts lasts some hundredths of a second."""
+WRONG = 0.1
+"""Share of the energy with a wrong sign at which the noise is more than a motion bears."""
+_LARGEST_GROUP = 3
+"""Joints turned at once: for up to seven joints these are all groups, as a group and its complement are the same."""
+_RANK = 1e-12
+"""Smallest ratio of eigenvalues told apart in H, its diagonal scaled to one."""
+_LEAST, _MOST = 1e-6, 1e6
+"""Noise tolerances are looked for in between."""
+
+
+@dataclass(frozen=True)
+class JointFlips:
+    """Groups of joints of which all signs can be turned at once.
+
+    Attributes:
+        groups: (G,) their 0-based actuators; single joints come first, in their order.
+        share: (G,) of the energy that they hold, or all others if that is less.
+        resolvability: (G,) R of equation (1).
+    """
+
+    groups: tuple[tuple[int, ...], ...]
+    share: Array
+    resolvability: Array
+
+    @property
+    def weakest(self) -> int:
+        """Place of the group that is the easiest to mistake."""
+        return int(np.argmin(self.resolvability))
+
+
+@dataclass(frozen=True)
+class SegmentFlips:
+    """S segments whose signs can be turned one by one.
+
+    Attributes:
+        joint: (S,) 0-based actuator.
+        start: (S,) first sample.
+        end: (S,) sample after the last.
+        share: (S,) of the energy.
+        resolvability: (S,) R of equation (1).
+    """
+
+    joint: Integers
+    start: Integers
+    end: Integers
+    share: Array
+    resolvability: Array
+
+    @property
+    def doubtful(self) -> float:
+        """Expected share of the energy whose sign is wrong, were each segment turned by itself."""
+        return float(self.share @ mistaken(self.resolvability))
+
+
+def mistaken(resolvability: Array) -> Array:
+    """Probability that noise makes turned signs look better than the true ones, Phi(-sqrt(R) / 2)."""
+    probability: Array = ndtr(-0.5 * np.sqrt(resolvability))
+    return probability
+
+
+def noise_tolerance(joints: JointFlips, segments: SegmentFlips, noise: float) -> float:
+    """The noise that a motion bears, equation (3), relative to the RMS efforts, from what R is at some noise."""
+    share = np.concatenate([joints.share, segments.share])
+    resolved = np.concatenate([joints.resolvability, segments.resolvability])
+
+    def excess(log_factor: float) -> float:
+        return float(share @ mistaken(resolved * np.exp(-2.0 * log_factor))) - WRONG
+
+    low, high = np.log([_LEAST / noise, _MOST / noise])
+    if excess(low) >= 0.0:
+        return _LEAST
+    if excess(high) <= 0.0:
+        return _MOST
+    return noise * float(np.exp(brentq(excess, low, high, xtol=1e-6)))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Whole joints
+# ---------------------------------------------------------------------------------------------------------------
+def joint_grams(columns: Array) -> Array:
+    """(n, r, r) Gram matrix of each joint's rows of the columns (N, n, r)."""
+    rows = columns.swapaxes(0, 1)
+    grams: Array = rows.swapaxes(1, 2) @ rows
+    return grams
+
+
+def expected_noise(grams: Array, beta: Array, samples: int | Integers, noise: float) -> Array:
+    """(n,) noise, N m: a share of the RMS effort of a robot with coefficients beta (r,); 1 where there is no effort."""
+    rms = np.sqrt(np.maximum(grams @ beta @ beta, 0.0) / samples)
+    return noise * np.where(rms > 0.0, rms, 1.0)
+
+
+def turn_joints(grams: Array, beta: Array, groups: tuple[tuple[int, ...], ...]) -> JointFlips:
+    """What turning groups of joints weighs for a robot with coefficients beta (r,), whose other signs are right.
+
+    Args:
+        grams: (n, r, r) of the joints' rows, in units of their noise.
+        beta: (r,).
+        groups: 0-based joints.
+    """
+    members = np.array([[j in group for j in range(len(grams))] for group in groups], dtype=float)
+    gradient = grams @ beta
+    energy = gradient @ beta
+    share = members @ energy / max(float(energy.sum()), 1e-300)
+    found = resolvability(inverse_gram(grams.sum(axis=0)), members @ gradient, members @ energy)
+    return JointFlips(groups, np.minimum(share, 1.0 - share), found)
+
+
+def groups_of(joints: list[int], all_unsigned: bool = True) -> tuple[tuple[int, ...], ...]:
+    """Groups of up to three of the joints whose signs are unknown; all at once only if there are others."""
+    most = min(_LARGEST_GROUP, max(1, len(joints) - all_unsigned))
+    return tuple(group for size in range(1, most + 1) for group in combinations(joints, size))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Segments
+# ---------------------------------------------------------------------------------------------------------------
+def turn_segments(columns: Array, effort: Array, speed: Array, sigma: Array, weight: float) -> SegmentFlips:
+    """The segments of a motion whose efforts are known, and what turning each one weighs.
+
+    They end where the effort changes its sign and where the speed does: dry friction may hide a sign change there, so
+    an identification has to cut there as well (`bayesid.segments`).
+
+    Args:
+        columns: (N, n, r) base regressor.
+        effort: (N, n) noise-free efforts, N m.
+        speed: (N, n) of the actuators, rad/s.
+        sigma: (n,) noise of the efforts, N m.
+        weight: independent samples that each of these stands for.
+    """
+    n_samples, n = effort.shape
+    state = 2 * (effort > 0.0) + (speed > 0.0)
+    first = np.flatnonzero(np.vstack([np.ones((1, n), dtype=bool), state[1:] != state[:-1]]).T)  # joint after joint
+    end, joint = np.append(first[1:], n * n_samples), first // n_samples
+    scale = weight / sigma[joint] ** 2
+    rows = (columns * effort[:, :, None]).swapaxes(0, 1).reshape(n * n_samples, -1)
+    gradient = scale[:, None] * np.add.reduceat(rows, first)
+    energy = scale * np.add.reduceat((effort**2).T.ravel(), first)
+    hessian = np.einsum("j,jrs->rs", weight / sigma**2, joint_grams(columns))
+    found = resolvability(inverse_gram(hessian), gradient, energy)
+    before = joint * n_samples
+    return SegmentFlips(joint, first - before, end - before, energy / max(float(energy.sum()), 1e-300), found)
+
+
+def turn_measured(moments: Moments, start: Integers, end: Integers, weight: float) -> SegmentFlips:
+    """What turning each segment of a log weighs, from its own |effort|; signs that are known are left out.
+
+    Args:
+        moments: of the log's S segments, in units of the noise.
+        start: (S,) their first samples.
+        end: (S,) the samples after their last.
+        weight: independent samples that each sample stands for.
+    """
+    found = weight * resolvability(inverse_gram(moments.hessian.sum(axis=0)), moments.gradient, moments.energy)
+    share = moments.energy / max(float(moments.energy.sum()), 1e-300)
+    open_ = np.flatnonzero(moments.known == 0)
+    return SegmentFlips(moments.joint[open_], start[open_], end[open_], share[open_], found[open_])
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Equation (2)
+# ---------------------------------------------------------------------------------------------------------------
+def resolvability(inverse: Array, gradient: Array, energy: Array) -> Array:
+    """(m,) R of (2) from H^-1 (r, r), gradients g (m, r) and energies c (m,), all in units of the noise."""
+    explained = np.einsum("mr,mr->m", gradient @ inverse, gradient)
+    return 4.0 * np.maximum(energy - explained, 0.0)
+
+
+def inverse_gram(hessian: Array) -> Array:
+    """(r, r) inverse of a Gram matrix in mixed units; nothing along what it does not show."""
+    lengths = np.sqrt(np.diag(hessian))
+    scale = np.where(lengths > 0.0, 1.0 / np.where(lengths > 0.0, lengths, 1.0), 0.0)
+    values, vectors = np.linalg.eigh(scale[:, None] * hessian * scale)
+    shown = values > _RANK * values[-1]
+    half = scale[:, None] * vectors[:, shown] / np.sqrt(values[shown])
+    return half @ half.T

@@ -1,0 +1,89 @@
+"""Do motions designed for signs help to find them? Designs by the whole objective against the condition number alone.
+
+Same limits, evaluations and seeds; robots that the design has not seen; logs so short and so noisy that signs begin to
+go wrong. `python -m studies.benchmark_excitation [TRIALS] [ROBOT ..]` prints what each robot and design gave.
+
+With 8 logs of 3 s a robot, noise as large as the efforts, 11 minutes on a busy core: KR5 without friction 84 % of the
+strong samples right by the condition number alone, 91 % with signs (gain 7 +- 6 points); UR10e with friction 67 % and
+66 % (-0.4 +- 2.7 points). Condition numbers were 1.0 to 1.4 times, noise tolerances 1.0 to 2.3 times as large.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesid.excitation.design import ExcitationDesign, design_excitation
+from bayesid.identification import identify
+from bayesid.model import Model
+from bayesid.segments import Cutting
+from bayesid.simulation import random_parameters, simulate
+from bayesid.terms import DEFAULT, make_terms
+from studies.simulated import STRONG
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is tried on a robot; noise is relative to the RMS efforts."""
+
+    terms: tuple[str, ...]
+    noise: float
+    duration: float = 3.0
+    rate: float = 100.0
+    cutoff: float = 4.0
+
+
+CASES = {"kr5": Case(("rigid_body",), 1.0), "ur10e": Case(DEFAULT, 1.0)}
+_SEEDS = (0, 1, 2, 3)
+_UNSEEN = 1000
+_EVALUATIONS = 3000
+_COARSE = Cutting(prominence=0.1)
+"""So much noise makes hundreds of minima that mean nothing."""
+
+
+def designs(robot: str, case: Case, sign_weight: float) -> list[ExcitationDesign]:
+    """One a seed."""
+    return [
+        design_excitation(
+            robot, case.terms, duration=case.duration, rate=case.rate, seed=seed, sign_weight=sign_weight,
+            evaluations=_EVALUATIONS,
+        )
+        for seed in _SEEDS
+    ]  # fmt: skip
+
+
+def share_right(design: ExcitationDesign, case: Case, seed: int) -> float:
+    """Share of the strong samples of a log of the motion whose sign is found."""
+    rng, robot = np.random.default_rng(_UNSEEN + seed), design.model.robot
+    model = Model(robot, make_terms(case.terms, robot, design.motion))
+    theta = random_parameters(model, rng)
+    log = simulate(model, theta, design.motion, rng=rng, noise=case.noise)
+    result = identify(
+        robot, log, case.terms, posterior=False, search_budget=0.3, cutoff=case.cutoff, cutting=_COARSE, repeatable=True
+    )
+    effort = model.effort(design.motion, theta)
+    strong = np.abs(effort) >= STRONG * np.abs(effort).max(axis=0)
+    return float((result.sample_signs == np.sign(effort))[strong].mean())
+
+
+def main(trials: int, robots: list[str]) -> None:
+    """Trials are shared out among the seeds of the designs; each design meets the same robots and noise."""
+    for robot in robots:
+        case = CASES[robot]
+        right: dict[float, list[float]] = {}
+        for weight in (0.0, 1.0):
+            made = designs(robot, case, weight)
+            right[weight] = [share_right(made[k % len(made)], case, k) for k in range(trials)]
+            condition = [round(one.reached.condition, 1) for one in made]
+            tolerance = [round(one.reached.tolerance, 2) for one in made]
+            said = "condition number alone" if not weight else "with signs"
+            print(f"{robot}, {said}: condition {condition}, noise tolerance {tolerance}")
+            print(f"  right {np.mean(right[weight]):.3f}: {np.round(right[weight], 2).tolist()}", flush=True)
+        gain = np.subtract(right[1.0], right[0.0])
+        print(f"{robot}: gain {gain.mean():+.3f} +- {gain.std(ddof=1) / np.sqrt(trials):.3f}", flush=True)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 12, sys.argv[2:] or list(CASES))
