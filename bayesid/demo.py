@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from bayesid.log import Log
 from bayesid.motion import Array
 from bayesid.noise import relative_rms
 from bayesid.paper import TABLE_II, nominal_parameters, paper_model
+from bayesid.posterior.prior import Nominal
 from bayesid.results import check_folder, save_identification
 from bayesid.signs import Progress
 from bayesid.simulation import simulate
@@ -37,6 +38,7 @@ class Experiment:
         estimates: (27,) of Table II.
         sd: (27,) their standard deviations.
         torque_error: (n,) relative RMS error of Newton-Euler on a new trajectory, with the feasible parameters.
+        new_log: of that trajectory, with noise and signs.
     """
 
     log: Log
@@ -46,6 +48,7 @@ class Experiment:
     estimates: Array
     sd: Array
     torque_error: Array
+    new_log: Log
 
     @property
     def wrong(self) -> int:
@@ -87,6 +90,7 @@ def run_experiment(
         estimates=rows @ result.beta,
         sd=np.sqrt(np.einsum("ir,rs,is->i", rows, result.covariance, rows)),
         torque_error=relative_rms(error, expected, np.ones_like(expected, dtype=bool)),
+        new_log=simulate(model, theta, new, rng=np.random.default_rng(seed + 1), noise=noise, signed=True),
     )
 
 
@@ -107,7 +111,11 @@ def run_demo(folder: Path, seed: int = 0, progress: Progress | None = None) -> s
     """
     check_folder(folder)
     experiment = run_experiment(seed, posterior=True, progress=progress)
-    save_identification(experiment.result, folder, with_log=True)
+    truth = nominal_parameters()  # for the report to show beside the estimates; identification knew nothing of it
+    result = replace(experiment.result, nominal=Nominal(truth, np.full(len(truth), np.nan)))
+    save_identification(
+        result, folder, with_log=True, validation=result.validate(experiment.new_log), progress=progress
+    )
     texts = (_signs_text(experiment), _table_text(experiment), _error_text(experiment))
     return "\n".join([*texts, f"written to {folder}/"])
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,9 +24,10 @@ from bayesid.model import Model
 from bayesid.motion import Array, Integers, Mask
 from bayesid.noise import Noise
 from bayesid.nominal import nominal_of
-from bayesid.posterior.inference import Posterior, infer
+from bayesid.posterior.inference import OF_PRIOR, Posterior, infer
 from bayesid.posterior.prior import Links, Nominal
 from bayesid.posterior.sampler import SamplerOptions
+from bayesid.provenance import Provenance, record_provenance
 from bayesid.robot import Robot, load_robot
 from bayesid.search.result import SearchResult
 from bayesid.segments import USUAL, Cutting, Segments, find_segments
@@ -63,7 +64,8 @@ class Identification:
         signals: the log on an even grid of N instants.
         segments: S segments over all samples of all joints.
         signs: (S,) +1 or -1.
-        confidence: (S,) expected share of the segment's energy, its squared efforts, whose sign is right.
+        confidence: (S,) expected share of the segment's energy, its squared efforts, whose sign is right
+            (:eq:`confidence`).
         probability: (N, n) P(sign = +) of every sample.
         fit: parameters by least squares, their uncertainty, and the noise.
         posterior: draws; None if it was not asked for.
@@ -75,6 +77,8 @@ class Identification:
         rounds: searches until no segment's predicted effort crossed zero.
         timings: stage to seconds.
         warnings: what the user should know.
+        nominal: parameters that were known beforehand, or None.
+        provenance: what was run on which data.
     """
 
     model: Model
@@ -95,6 +99,8 @@ class Identification:
     rounds: int
     timings: dict[str, float]
     warnings: tuple[str, ...]
+    nominal: Nominal | None
+    provenance: Provenance
 
     @property
     def theta(self) -> Array:
@@ -136,6 +142,27 @@ class Identification:
         variance = np.einsum("pr,rs,ps->p", lift[:, finite], fit.covariance[np.ix_(finite, finite)], lift[:, finite])
         by_data: Mask = decided & ~(np.abs(lift[:, ~finite]) > 1e-12).any(axis=1)
         return np.where(by_data, np.sqrt(variance), np.nan), by_data
+
+    @property
+    def prior_sd(self) -> tuple[Array, Mask]:
+        """(r,) sd of the coefficients under the prior alone, without its cone, and (r,) whether the data decide them.
+
+        As of parameters, nine tenths of the precision must be the data's. Without a posterior there is no prior (NaN),
+        and the data decide what has a standard deviation.
+        """
+        if self.posterior is None:
+            return np.full(len(self.coefficients), np.nan), np.isfinite(self.sd)
+        sd = np.linalg.norm(self.coefficients.projection * self.posterior.target.prior.sd, axis=1)
+        return sd, self.sd**2 <= OF_PRIOR * sd**2
+
+    @property
+    def nominal_beta(self) -> Array:
+        """(r,) the coefficients of the parameters known beforehand; NaN where these do not give one."""
+        if self.nominal is None:
+            return np.full(len(self.coefficients), np.nan)
+        unknown = np.isnan(self.nominal.mean)
+        value = self.coefficients.project(np.where(unknown, 0.0, self.nominal.mean))
+        return np.where(np.abs(self.coefficients.projection[:, unknown]).max(axis=1, initial=0.0) > 1e-9, np.nan, value)
 
     @property
     def knowledge(self) -> Knowledge:
@@ -221,12 +248,23 @@ def identify(
     """
     if not 0.0 <= posterior_budget < np.inf:
         raise InputError(f"a budget of {posterior_budget:g} s", "--posterior-budget", "give 0 or more seconds")
+    terms = tuple(terms)
+    asked = {
+        "robot": robot.name if isinstance(robot, Robot) else str(robot), "terms": list(terms), "search": search,
+        "search_budget": search_budget, "missed_mass": missed_mass, "beam_width": beam_width,
+        "initial_segments": initial_segments, "cutoff": cutoff, "posterior": posterior,
+        "posterior_budget": posterior_budget, "seed": seed, "links": asdict(links), "nominal": nominal,
+        "node_cost": None if node_cost is None else repr(node_cost), "repeatable": repeatable,
+        "cutting": asdict(cutting),
+    }  # fmt: skip
     options = _Options(
         SearchOptions(search, search_budget, missed_mass, beam_width, initial_segments, node_cost, repeatable),
         SamplerOptions(budget=posterior_budget, seed=seed, repeatable=repeatable) if posterior else None,
-        links, progress,
+        links, progress, asked,
     )  # fmt: skip
     clock = _Clock()
+    if progress is not None:
+        progress("prepare", 0, 1)
     robot = robot if isinstance(robot, Robot) else load_robot(robot)
     log = log if isinstance(log, Log) else read_log(log)
     _check(robot, log)
@@ -276,7 +314,13 @@ def identify_again(
     Raises:
         SolverError: an optimisation failed.
     """
-    options, clock = _Options(search, sampling, links, progress), _Clock()
+    asked = {
+        "model": [*(term.name for term in model.terms), *(one.name for one in model.distortions)], "cutoff": cutoff,
+        "search": search.method, "search_budget": search.budget, "repeatable": search.repeatable,
+        "seed": None if sampling is None else sampling.seed, "links": asdict(links),
+        "posterior_budget": None if sampling is None else sampling.budget,
+    }  # fmt: skip
+    options, clock = _Options(search, sampling, links, progress, asked), _Clock()
     signals = restored(model, prepare(log, cutoff))
     rows = model.before_sensors
     segments = find_segments(signals, model.robot.actuators(signals.motion))
@@ -289,12 +333,13 @@ def identify_again(
 
 @dataclass(frozen=True)
 class _Options:
-    """What a user may choose, but for robot, log and model."""
+    """What a user may choose, but for robot, log and model; `asked` holds the options as they were named."""
 
     search: SearchOptions
     sampling: SamplerOptions | None
     links: Links
     progress: Progress | None
+    asked: Mapping[str, object]
 
 
 @dataclass(frozen=True)
@@ -318,7 +363,7 @@ def _finish(
         drawn = _sample(own, signs, signals, options, known, given)
         clock.lap("posterior")
         if settled is own:
-            probability = _average_over_draws(own, drawn, signals)
+            probability = _average_over_draws(own, drawn, signals, options.progress)
         clock.lap("smooth")
     doubt = structural_doubt(settled, signals)
     probability = (1.0 - doubt) * probability + 0.5 * doubt
@@ -328,7 +373,8 @@ def _finish(
         own.model, own.coefficients, log, signals, segments, of_segments, confidence, probability, fit, drawn,
         tuple(term.name for term in settled.model.terms), signs.weight, doubt,
         found.segments[found.segments.fitted], found.search, found.rounds, clock.laps,
-        (*_warnings(fit, found, log), *_doubts(drawn, own, settled, doubt)),
+        (*_warnings(fit, found, log), *_doubts(drawn, own, settled, doubt)), given,
+        record_provenance(options.asked, log),
     )  # fmt: skip
 
 
@@ -397,7 +443,7 @@ def _named(progress: Progress, stage: str) -> Callable[[int, int], None]:
     return lambda done, total: progress(stage, done, total)
 
 
-def _average_over_draws(own: Settled, drawn: Posterior, signals: Signals) -> Array:
+def _average_over_draws(own: Settled, drawn: Posterior, signals: Signals, progress: Progress | None) -> Array:
     """(N, n) P(sign = +) of every sample, averaged over draws of parameters and noise."""
     count = int(np.clip(_SMOOTHED / len(signals.motion), 1, _MOST_SMOOTHED))
     theta, log_scale = drawn.spread(count)
@@ -405,7 +451,8 @@ def _average_over_draws(own: Settled, drawn: Posterior, signals: Signals) -> Arr
     predicted = np.stack([own.model.effort(signals.motion, one) for one in theta], axis=2)
     noise = own.fit.noise.scaled(np.exp(log_scale.mean(axis=0)))
     known = own.moving & inner_samples(signals)  # accelerations at both ends are no better known than friction at rest
-    smoothed = sign_probabilities(np.abs(signals.raw_effort), predicted, known, noise, signals.rate)
+    told = None if progress is None else _named(progress, "signs of samples")
+    smoothed = sign_probabilities(np.abs(signals.raw_effort), predicted, known, noise, signals.rate, told)
     return np.where(signals.signed, (signals.raw_effort >= 0.0).astype(float), smoothed)
 
 
@@ -489,7 +536,6 @@ def _doubts(drawn: Posterior | None, own: Settled, settled: Settled, doubt: Arra
         found.append(f"the model lacks {missing}: with these terms the log is explained far better; signs rest on them")
     if doubt.any():
         joints = ", ".join(str(j + 1) for j in np.flatnonzero(doubt))
-        most = 1.0 - 0.5 * doubt.max()
         most = 1.0 - 0.5 * doubt.max()
         lowered = f"confidences of joint {joints} are lowered, to {most:.2f} at worst"
         found.append(f"the model's own error is large: {lowered}")

@@ -27,7 +27,9 @@ from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.distortions import CATALOGUE as DISTORTIONS
 from bayesid.distortions import Distortion, make_distortion
 from bayesid.errors import InputError
-from bayesid.export import urdf
+from bayesid.export import mjcf, urdf
+from bayesid.findings import FILE as FINDINGS
+from bayesid.findings import Findings, find, read_findings, write_findings
 from bayesid.identification import Identification
 from bayesid.knowledge import Knowledge, scale_of
 from bayesid.log import Log, write_log
@@ -36,14 +38,23 @@ from bayesid.motion import Array, Motion, frozen
 from bayesid.noise import Noise
 from bayesid.robot import robot_from_table, robot_table
 from bayesid.signals import Signals
-from bayesid.tables import coefficient_rows, inference_data, parameter_rows, segment_rows, summary, validation_summary
+from bayesid.signs import Progress
+from bayesid.tables import (
+    coefficient_rows,
+    inference_data,
+    parameter_rows,
+    plain,
+    segment_rows,
+    summary,
+    validation_summary,
+)
 from bayesid.terms import CATALOGUE, Term, make_term
 from bayesid.validation import ParameterDraws, Validation
 
-_MARKER = "summary.json"
+_MARKER, _REPORT = "summary.json", "report.html"
 IDENTIFICATION_FILES = frozenset({
     "summary.json", "segments.csv", "signed_log.csv", "coefficients.csv", "parameters.csv", "model.toml", "robot.urdf",
-    "posterior.nc", "report.html", "log.csv", "discrepancy.json", "discrepancy.html",
+    "robot.xml", "posterior.nc", "report.html", "log.csv", "discrepancy.json", "discrepancy.html", FINDINGS,
 })  # fmt: skip
 """What a result folder may hold; log.csv is the demo's."""
 _ROUNDING = 1e-6
@@ -75,13 +86,19 @@ class StoredModel:
         return Knowledge(self.model, self.theta, self.precision)
 
 
-def save_identification(identification: Identification, folder: str | Path, with_log: bool = False) -> Path:
+def save_identification(
+    identification: Identification, folder: str | Path, with_log: bool = False, report: bool = True,
+    validation: Validation | None = None, progress: Progress | None = None,
+) -> Path:  # fmt: skip
     """Writes the result folder.
 
     Args:
         identification: what to write.
         folder: where; an earlier result there is replaced as a whole.
         with_log: whether the log itself goes in too, as log.csv.
+        report: whether report.html is made too, which takes some seconds; `bayesid.make_report` makes it later.
+        validation: of another log, for the report.
+        progress: called as progress("report", done, total).
 
     Raises:
         InputError: the folder cannot be written, or holds other files than an earlier result.
@@ -89,15 +106,72 @@ def save_identification(identification: Identification, folder: str | Path, with
     """
 
     def write(place: Path) -> None:
-        _write_identification(place, identification)
+        findings = _write_identification(place, identification, validation)
         if with_log:
             write_log(place / "log.csv", identification.log)
+        if report:
+            _write_report(findings, place / _REPORT, progress)
 
     return _write_aside(check_folder(folder), write)
 
 
-def save_discrepancy(discrepancy: Discrepancy, folder: str | Path) -> Path:
+def make_report(
+    folder: str | Path, validation: Validation | None = None, out: str | Path | None = None,
+    progress: Progress | None = None,
+) -> Path:  # fmt: skip
+    """Makes the report of a result folder: one file that needs no other.
+
+    Args:
+        folder: a result of `save_identification`.
+        validation: of another log; the folder keeps what its report shows of it, in place of an earlier one.
+        out: the file; report.html in the folder by default. A file that is there is replaced.
+        progress: called as progress("report", done, total).
+
+    Returns:
+        The file.
+
+    Raises:
+        InputError: the folder holds no result, or a file cannot be written.
+    """
+    findings = read_findings(folder)
+    path = Path(folder) / _REPORT if out is None else Path(out)
+    if path.is_dir():
+        raise InputError("is a folder", str(path), "give --out the name of a file")
+    check_place(path)
+    if validation is not None:
+        findings = findings.with_validation(validation)
+        _replace_file(Path(folder) / FINDINGS, lambda aside: write_findings(findings, aside))
+    _replace_file(path, lambda aside: _write_report(findings, aside, progress))
+    return path
+
+
+def _replace_file(path: Path, write: Callable[[Path], None]) -> None:
+    """Has `write` fill a file beside the target, then renames it."""
+    aside = path.with_name(f".{path.name}-{os.getpid()}")
+    with _cannot_be_written(path):
+        try:
+            write(aside)
+            aside.replace(path)
+        finally:
+            aside.unlink(missing_ok=True)
+
+
+def _write_report(findings: Findings, path: Path, progress: Progress | None) -> None:
+    from bayesid.report.identification_page import identification_page  # matplotlib takes a second to import
+
+    path.write_text(identification_page(findings, progress), encoding="utf-8")
+
+
+def save_discrepancy(
+    discrepancy: Discrepancy, folder: str | Path, report: bool = True, progress: Progress | None = None
+) -> Path:
     """Writes discrepancy.json, a report of it, and the result folder of the extended model.
+
+    Args:
+        discrepancy: what to write.
+        folder: where; an earlier result there is replaced as a whole.
+        report: whether the extended model's own report.html is made too, which takes some seconds.
+        progress: called as progress("report", done, total).
 
     Raises:
         InputError: the folder cannot be written, or holds other files than an earlier result.
@@ -107,14 +181,18 @@ def save_discrepancy(discrepancy: Discrepancy, folder: str | Path) -> Path:
     def write(place: Path) -> None:
         from bayesid.report.discrepancy_page import discrepancy_page  # matplotlib takes a second to import
 
-        _write_identification(place, discrepancy.identification)
+        findings = _write_identification(place, discrepancy.identification)
+        if report:
+            _write_report(findings, place / _REPORT, progress)
         _write_json(place / "discrepancy.json", discrepancy_summary(discrepancy))
         (place / "discrepancy.html").write_text(discrepancy_page(discrepancy), encoding="utf-8")
 
     return _write_aside(check_folder(folder), write)
 
 
-def _write_identification(place: Path, identification: Identification) -> None:
+def _write_identification(
+    place: Path, identification: Identification, validation: Validation | None = None
+) -> Findings:
     _write_json(place / "summary.json", summary(identification))
     _write_table(place / "segments.csv", segment_rows(identification))
     _write_signed_log(place / "signed_log.csv", identification.log, identification.signals, identification.probability)
@@ -123,11 +201,16 @@ def _write_identification(place: Path, identification: Identification) -> None:
     knowledge = identification.knowledge
     stored = StoredModel(identification.model, identification.theta, identification.noise, knowledge.precision)
     (place / "model.toml").write_text(tomli_w.dumps(_model_table(stored)))
-    (place / "robot.urdf").write_text(urdf(identification.model, identification.theta))
+    (place / "robot.urdf").write_text(urdf(identification.model, identification.theta), encoding="utf-8")
+    (place / "robot.xml").write_text(mjcf(identification.model, identification.theta), encoding="utf-8")
     if identification.posterior is not None:
         from bayesid.posterior.inference_data import write
 
         write(inference_data(identification), place / "posterior.nc")
+    findings = find(identification)
+    findings = findings if validation is None else findings.with_validation(validation)
+    write_findings(findings, place / FINDINGS)
+    return findings
 
 
 def save_validation(validation: Validation, folder: str | Path) -> Path:
@@ -284,21 +367,16 @@ def save_table(path: Path, rows: Sequence[dict[str, object]]) -> None:
     Raises:
         InputError: the file cannot be written.
     """
-    aside = path.with_name(f".{path.name}-{os.getpid()}")
-    with _cannot_be_written(path):
-        try:
-            _write_table(aside, rows)
-            aside.replace(path)
-        finally:
-            aside.unlink(missing_ok=True)
+    _replace_file(path, lambda aside: _write_table(aside, rows))
 
 
-def check_folder(folder: str | Path, files: Set[str] = IDENTIFICATION_FILES) -> Path:
+def check_folder(folder: str | Path, files: Set[str] = IDENTIFICATION_FILES, marker: str = _MARKER) -> Path:
     """The folder, if a result may be written there: it is new, empty, or an earlier result, and can be written.
 
     Args:
         folder: where the result is to stand.
         files: names of the files that an earlier result may hold.
+        marker: the one of them by which an earlier result is known.
 
     Raises:
         InputError: something else is there, or the place cannot be written.
@@ -307,7 +385,7 @@ def check_folder(folder: str | Path, files: Set[str] = IDENTIFICATION_FILES) -> 
     remedy = "give --out a new folder"
     if folder.is_dir():
         names = {path.name for path in folder.iterdir()}
-        others = names if _MARKER not in names else names - files
+        others = names if marker not in names else names - files
         if others:
             raise InputError(f"holds other files ({min(others)})", str(folder), remedy)
         if Path.cwd().is_relative_to(folder.resolve()):
@@ -328,6 +406,21 @@ def check_place(path: Path) -> None:
     if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
         said = f"cannot be written ({above} is {'write-protected' if above.is_dir() else 'not a folder'})"
         raise InputError(said, str(path), "give --out another place")
+
+
+def save_folder(folder: str | Path, files: Set[str], marker: str, write: Callable[[Path], None]) -> Path:
+    """Has `write` fill a folder aside, and renames it into place.
+
+    Args:
+        folder: where the result is to stand.
+        files: names of the files that an earlier result may hold.
+        marker: the one of them by which an earlier result is known.
+        write: is given the folder to fill.
+
+    Raises:
+        InputError: the folder cannot be written, or holds other files than an earlier result.
+    """
+    return _write_aside(check_folder(folder, files, marker), write)
 
 
 def _write_aside(folder: Path, write: Callable[[Path], None]) -> Path:
@@ -373,18 +466,7 @@ def _replace(folder: Path, aside: Path) -> None:
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:
-    path.write_text(json.dumps(_plain(content), indent=2) + "\n")
-
-
-def _plain(value: Any) -> Any:
-    """JSON has no infinity: null stands for it."""
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and not np.isfinite(value) else value
+    path.write_text(json.dumps(plain(content), indent=2) + "\n")
 
 
 def _write_table(path: Path, rows: Sequence[dict[str, object]]) -> None:

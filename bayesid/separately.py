@@ -67,26 +67,31 @@ class _Job:
     robot: Robot
     log: Path
     folder: Path
-    gains: Sequence[float] | None
-    unsigned: str | None
+    reading: Mapping[str, Any]
     options: Mapping[str, Any]
+    report: bool
 
 
 def identify_separately(
     robot: Robot | str | Path, logs: Sequence[str | Path], out: str | Path, *, gains: Sequence[float] | None = None,
-    unsigned: str | None = None, workers: int | None = None, scheduler: str | None = None,
-    progress: Progress | None = None, **options: Any,
+    unsigned: str | None = None, degrees: bool | None = None, topic: str | None = None,
+    joints: Sequence[str] | None = None, workers: int | None = None, scheduler: str | None = None,
+    report: bool = True, progress: Progress | None = None, **options: Any,
 ) -> Separate:  # fmt: skip
     """Identifies a robot from each log by itself; results stand in a folder for each, named like its log.
 
     Args:
         robot: a robot, a built-in name or a file.
-        logs: CSV files.
+        logs: files, or folders of ROS bags.
         out: folder for the results' folders, runs.csv and agreement.csv.
         gains: see `bayesid.log.read_log`.
         unsigned: see there.
+        degrees: see there.
+        topic: see there.
+        joints: see there.
         workers: processes on this machine; one a core by default, 0 for none but this one.
         scheduler: address of a Dask scheduler, whose workers are used instead; they must see the same files.
+        report: whether each folder gets its report.html.
         progress: called after every batch.
         options: of `bayesid.identify`.
 
@@ -98,8 +103,9 @@ def identify_separately(
     place, paths = Path(out), [Path(log) for log in logs]
     folders = [place / name for name in _names(paths)]
     _check(place, folders, paths)
+    reading = {"gains": gains, "unsigned": unsigned, "degrees": degrees, "topic": topic, "joints": joints}
     jobs = [
-        _Job(robot, log.absolute(), folder.absolute(), gains, unsigned, options)
+        _Job(robot, log.absolute(), folder.absolute(), reading, options, report)
         for log, folder in zip(paths, folders, strict=True)
     ]
     done: dict[int, Run] = {}
@@ -118,8 +124,8 @@ def identify_separately(
 def _identify(job: _Job) -> Run:
     """In the worker: reads, identifies, saves."""
     try:
-        result = identify(job.robot, read_log(job.log, job.gains, job.unsigned), **job.options)
-        save_identification(result, job.folder)
+        result = identify(job.robot, read_log(job.log, **job.reading), **job.options)
+        save_identification(result, job.folder, report=job.report)
     except InputError as error:
         return Run(job.log, job.folder, str(error), bad_input=True)
     return Run(

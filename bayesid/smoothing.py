@@ -2,19 +2,20 @@
 
 Segments are cut where |effort| looks like touching zero, and they are all the search needs. But samples near a cut,
 in the noise around zero or at standstill (where nobody knows friction's direction) are better judged together with
-their neighbours. For each joint,
+their neighbours. For each joint, :eq:`reading`::
 
     e_i = |mu_i + n_i|,   mu_i = p_i + b_i,
 
 p_i the model's effort, n_i white noise with the tails of Student's t, b_i the model's error: an Ornstein-Uhlenbeck
-process, wider at standstill, where it must hold all of the static friction. Given b, both signs of e_i are possible
-with the likelihoods t(e_i - mu_i) and t(-e_i - mu_i). b is one number, so on a grid the posterior is exact (Rabiner
-1989, eqs. 19 to 27), and with it P(sign_i = +): a sign-marginalised likelihood in which the residual's autocorrelation
-is part of the model.
+process (:eq:`model-error`), wider at standstill, where it must hold all of the static friction. Given b, both signs of
+e_i are possible with the likelihoods t(e_i - mu_i) and t(-e_i - mu_i) (:eq:`sample-likelihood`). b is one number, so on
+a grid the posterior is exact (Rabiner 1989, eqs. 19 to 27), and with it P(sign_i = +): a sign-marginalised likelihood
+in which the residual's autocorrelation is part of the model.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,7 +39,10 @@ _DRAWS = 4
 """Draws smoothed at once."""
 
 
-def sign_probabilities(effort: Array, predicted: Array, moving: Mask, noise: Noise, rate: float) -> Array:
+def sign_probabilities(
+    effort: Array, predicted: Array, moving: Mask, noise: Noise, rate: float,
+    progress: Callable[[int, int], None] | None = None,
+) -> Array:  # fmt: skip
     """(N, n) P(sign = +) of every sample.
 
     Args:
@@ -47,6 +51,7 @@ def sign_probabilities(effort: Array, predicted: Array, moving: Mask, noise: Noi
         moving: (N, n) False at standstill.
         noise: of the residual in motion.
         rate: Hz.
+        progress: called as progress(done, total).
     """
     draws = predicted if predicted.ndim == 3 else predicted[:, :, None]
     process = _process(effort, draws.mean(axis=2), moving, noise, rate)
@@ -58,6 +63,8 @@ def sign_probabilities(effort: Array, predicted: Array, moving: Mask, noise: Noi
             some = draws[around, :, k : k + _DRAWS]
             block = _smooth(effort[around], some, moving[around], process)
             probability[start:stop] += block[start - around.start : stop - around.start].sum(axis=2)
+            if progress is not None:
+                progress(start * draws.shape[2] + (stop - start) * min(k + _DRAWS, draws.shape[2]), draws[:, 0].size)
     return probability / draws.shape[2]
 
 

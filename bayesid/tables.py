@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +25,7 @@ def recorded_segments(identification: Identification) -> tuple[Segments, Integer
 
     The segments of a log that was joined from several also cover the pauses between these, in which there are
     interpolated values only. They are cut where a recording begins and ends, what lies in a pause is left out, and sign
-    and confidence follow from the samples that are left, as an identification's do (docs/method.md, equation 17).
+    and confidence follow from the samples that are left, as an identification's do (:eq:`confidence`).
     """
     log, t = identification.log, identification.signals.motion.t
     if not log.pooled:
@@ -149,6 +150,7 @@ def summary(identification: Identification) -> dict[str, Any]:
         },
         "timings": identification.timings,
         "warnings": list(identification.warnings),
+        "provenance": plain(asdict(identification.provenance)),
     }
 
 
@@ -232,12 +234,18 @@ def validation_summary(validation: Validation) -> dict[str, Any]:
 
 
 def coefficient_rows(identification: Identification) -> list[dict[str, object]]:
-    """coefficients.csv: one row a base coefficient, by the posterior if there is one."""
+    """coefficients.csv: one row a base coefficient, by the posterior if there is one.
+
+    Beside what the design promises: what the prior alone knew, whether data or prior decide, as for parameters, and
+    the value that nominal parameters give, if there are any and they give one.
+    """
     coefficients, mean, sd = identification.coefficients, identification.beta, identification.sd
     if identification.posterior is None:
         low, high = mean - _NORMAL_95 * sd, mean + _NORMAL_95 * sd
     else:
         low, high = identification.posterior.interval(0.95)
+    prior, by_data = identification.prior_sd
+    nominal = identification.nominal_beta
     return [
         {
             "name": coefficients.names[k],
@@ -248,6 +256,9 @@ def coefficient_rows(identification: Identification) -> list[dict[str, object]]:
             "q2.5": low[k],
             "q97.5": high[k],
             "unit": coefficients.units[k],
+            "prior_sd": prior[k] if np.isfinite(prior[k]) else "",
+            "decided_by": "data" if by_data[k] else "prior",
+            "nominal": nominal[k] if np.isfinite(nominal[k]) else "",
         }
         for k in range(len(coefficients))
     ]
@@ -267,3 +278,14 @@ def parameter_rows(identification: Identification) -> list[dict[str, object]]:
         }
         for k, parameter in enumerate(identification.model.parameters)
     ]
+
+
+def plain(value: Any) -> Any:
+    """JSON has no infinity: null stands for it."""
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not np.isfinite(value) else value

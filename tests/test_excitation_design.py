@@ -295,7 +295,7 @@ def test_the_text_of_a_design_names_starting_position_and_what_is_not_checked(de
 
 
 def test_the_figure_shows_every_joint_and_segment(design):
-    from bayesid.plot.excitation import excitation
+    from bayesid.plot.designs import excitation
 
     axes = excitation(design)
     assert len(axes) == 12

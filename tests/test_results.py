@@ -32,6 +32,7 @@ from bayesid.terms import CATALOGUE, DEFAULT, ActuatorTerm, RigidBody, make_term
 
 PROMISED = {
     "summary.json", "segments.csv", "signed_log.csv", "coefficients.csv", "parameters.csv", "model.toml", "robot.urdf",
+    "robot.xml", "report.html", "findings.npz",
 }  # fmt: skip
 
 

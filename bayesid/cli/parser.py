@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
@@ -33,13 +34,14 @@ STUDIES = {
 _EXAMPLES = """examples:
   bayesid demo
   bayesid identify log.csv --robot ur10e --out result
-  bayesid identify monday.csv tuesday.csv --robot ur10e --search-budget 30
-  bayesid identify 'week/*.csv' --each --robot ur10e --workers 2 --out week-by-day
-  bayesid identify currents.csv --robot my_robot.toml --gains 14.9,13.3,11.1,10.6,11.0,11.5
+  bayesid excite --robot ur10e --out motion
+  bayesid report result --validation another_log.csv
   bayesid validate result another_log.csv
   bayesid discrepancy result another_log.csv --holdout a_third_log.csv --out extended
   bayesid simulate --robot panda --duration 20 --noise 0.05 --out log.csv
   bayesid study noise --trials 64 --workers 2
+
+`bayesid COMMAND --help` tells more, with examples.
 """
 
 
@@ -63,20 +65,46 @@ def make_parser() -> argparse.ArgumentParser:
     _add_identify(commands)
     _add_validate(commands)
     _add_discrepancy(commands)
+    _add_report(commands)
+    _add_excite(commands)
     _add_simulate(commands)
-    demo = commands.add_parser("demo", help="the paper's experiment, simulated, end to end")
+    demo = _command(commands, "demo", "the paper's experiment, simulated, end to end", ["bayesid demo --out demo"])
     demo.add_argument("--out", type=Path, default=Path("bayesid-demo"), help="result folder (default: %(default)s)")
     demo.add_argument("--seed", type=_seed, default=0, help="of trajectory and noise (default: 0)")
+    _add_quiet(demo)
     demo.set_defaults(command=run.demo)
     _add_study(commands)
+    _add_completion(commands, parser)
     return parser
 
 
+def _command(
+    commands: argparse._SubParsersAction[_Parser], name: str, told: str, examples: Sequence[str], more: str = ""
+) -> _Parser:
+    """A command with its help: what it does and examples to copy."""
+    lines = "\n".join(["examples:", *(f"  {example}" for example in examples), *([f"\n{more}"] if more else [])])
+    return commands.add_parser(
+        name, help=told, description=f"{told[0].upper()}{told[1:]}.", epilog=lines,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+
+
 def _add_identify(commands: argparse._SubParsersAction[_Parser]) -> None:
-    parser = commands.add_parser("identify", help="signs, coefficients and feasible parameters from a log")
+    parser = _command(
+        commands, "identify", "signs, coefficients and feasible parameters from a log",
+        [
+            "bayesid identify log.csv --robot ur10e --out result",
+            "bayesid identify currents.csv --robot my_robot.toml --gains 14.9,13.3,11.1,10.6,11.0,11.5",
+            "bayesid identify monday.csv tuesday.csv --robot ur10e --search-budget 30",
+            "bayesid identify 'week/*.csv' --each --robot ur10e --workers 2 --out week-by-day",
+            "bayesid identify kuka_rsi.csv --robot kr5 --gains 2.1,2.0,1.1,0.6,0.6,0.3",
+            "bayesid identify my_bag --robot robot.urdf --topic /joint_states",
+        ],
+    )  # fmt: skip
     parser.add_argument(
         "logs", type=Path, nargs="+", metavar="log",
-        help="CSV: t,q1..qn[,dq1..dqn],tau1..taun (or i1..in with --gains); several logs of one robot count as one, "
+        help="t,q1..qn[,dq1..dqn],tau1..taun (or i1..in with --gains) as CSV, Parquet or MATLAB file, a ROS bag or a "
+        "KUKA table; several logs of one robot count as one, "
         "also by a quoted pattern: 'runs/*.csv'",
     )  # fmt: skip
     parser.add_argument("--robot", required=True, help="built-in name, DH file (.toml) or URDF file")
@@ -100,8 +128,7 @@ def _add_identify(commands: argparse._SubParsersAction[_Parser]) -> None:
         help="of the beam: segments enumerated first (default: 5)",
     )
     parser.add_argument("--cutoff", type=float, metavar="HZ", help="of the motion's low-pass (default: from the data)")
-    parser.add_argument("--gains", help="N m/A of each joint, for a log of currents: K1,K2,..")
-    parser.add_argument("--unsigned", help="all, none, or joints as in 1,3 (default: those never negative)")
+    _add_reading(parser)
     parser.add_argument("--no-posterior", action="store_true", help="skip sampling; uncertainties leave the cone out")
     parser.add_argument(
         "--posterior-budget", type=float, default=60.0, metavar="S",
@@ -117,31 +144,33 @@ def _add_identify(commands: argparse._SubParsersAction[_Parser]) -> None:
         "--each", action="store_true", help="identify each log by itself, and tell whether the results agree"
     )
     _add_workers(parser)
+    parser.add_argument("--no-report", action="store_true", help="do not make report.html, which takes some seconds")
     parser.add_argument("--out", type=Path, help="result folder (default: bayesid-LOG; with --each bayesid-each-LOG)")
-    parser.add_argument("--quiet", action="store_true", help="print nothing but warnings and errors")
+    _add_quiet(parser)
     parser.set_defaults(command=run.identify)
 
 
 def _add_validate(commands: argparse._SubParsersAction[_Parser]) -> None:
-    parser = commands.add_parser("validate", help="a result's model against another log")
+    examples = ["bayesid validate result another_log.csv", "bayesid validate result another_log.csv --out validated"]
+    parser = _command(commands, "validate", "a result's model against another log", examples)
     parser.add_argument("result", type=Path, help="folder that `bayesid identify` wrote")
-    parser.add_argument("log", type=Path, help="CSV log of the same robot")
-    parser.add_argument("--gains", help="N m/A of each joint, for a log of currents: K1,K2,..")
-    parser.add_argument("--unsigned", help="all, none, or joints as in 1,3 (default: those never negative)")
+    parser.add_argument("log", type=Path, help="log of the same robot")
+    _add_reading(parser)
     parser.add_argument("--cutoff", type=float, metavar="HZ", help="of the motion's low-pass (default: from the data)")
     parser.add_argument("--out", type=Path, help="folder for summary, signed log and prediction (default: none)")
+    _add_quiet(parser)
     parser.set_defaults(command=run.validate)
 
 
 def _add_discrepancy(commands: argparse._SubParsersAction[_Parser]) -> None:
-    parser = commands.add_parser("discrepancy", help="what a result's model lacks to explain another log")
+    examples = ["bayesid discrepancy result another_log.csv --holdout a_third_log.csv --out extended"]
+    parser = _command(commands, "discrepancy", "what a result's model lacks to explain another log", examples)
     parser.add_argument("result", type=Path, help="folder that `bayesid identify` or `bayesid discrepancy` wrote")
-    parser.add_argument("log", type=Path, help="CSV log of the same robot")
+    parser.add_argument("log", type=Path, help="log of the same robot")
     parser.add_argument(
         "--holdout", type=Path, metavar="LOG", help="another log, to score by (default: stretches of the log)"
     )
-    parser.add_argument("--gains", help="N m/A of each joint, for logs of currents: K1,K2,..")
-    parser.add_argument("--unsigned", help="all, none, or joints as in 1,3 (default: those never negative)")
+    _add_reading(parser)
     parser.add_argument("--cutoff", type=float, metavar="HZ", help="of the motion's low-pass (default: from the data)")
     parser.add_argument(
         "--search-budget", type=float, default=3.0, metavar="S",
@@ -155,12 +184,75 @@ def _add_discrepancy(commands: argparse._SubParsersAction[_Parser]) -> None:
     parser.add_argument("--seed", type=_seed, default=0, help="of everything random (default: 0)")
     _add_repeatable(parser)
     parser.add_argument("--out", type=Path, help="folder of the extended model (default: bayesid-discrepancy-LOG)")
-    parser.add_argument("--quiet", action="store_true", help="print nothing but warnings and errors")
+    _add_quiet(parser)
     parser.set_defaults(command=run.discrepancy)
 
 
+def _add_report(commands: argparse._SubParsersAction[_Parser]) -> None:
+    parser = _command(
+        commands, "report", "the report of a result folder, anew or with a validation",
+        ["bayesid report result", "bayesid report result --validation another_log.csv --out to_send.html"],
+    )  # fmt: skip
+    parser.add_argument("result", type=Path, help="folder that `bayesid identify` wrote")
+    parser.add_argument("--validation", type=Path, metavar="LOG", help="another log of the same robot to try it on")
+    _add_reading(parser)
+    parser.add_argument("--cutoff", type=float, metavar="HZ", help="of the motion's low-pass (default: from the data)")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="default: report.html in the folder")
+    _add_quiet(parser)
+    parser.set_defaults(command=run.report)
+
+
+def _add_excite(commands: argparse._SubParsersAction[_Parser]) -> None:
+    parser = _command(
+        commands, "excite", "a motion that shows coefficients and signs, or what a log's motion leaves undecided",
+        [
+            "bayesid excite --robot ur10e --out motion",
+            "bayesid excite --robot my_robot.toml --limits limits.toml --duration 30 --rate 250 --out motion",
+            "bayesid excite --robot ur10e --log log.csv",
+        ],
+    )  # fmt: skip
+    parser.add_argument("--robot", required=True, help="built-in name, DH file (.toml) or URDF file")
+    parser.add_argument("--terms", default=",".join(catalogue.DEFAULT), help="of the model (default: %(default)s)")
+    parser.add_argument("--log", type=Path, help="judge this log's motion; design none")
+    parser.add_argument("--duration", type=float, default=20.0, metavar="S", help="default: %(default)s")
+    parser.add_argument("--rate", type=float, default=100.0, metavar="HZ", help="of the file (default: %(default)s)")
+    parser.add_argument(
+        "--limits", type=Path, metavar="FILE",
+        help="of the joints: TOML with lower, upper, velocity, acceleration, or a URDF (default: those of the robot's "
+        "URDF, else +-2 rad, 3 rad/s, 15 rad/s^2)",
+    )  # fmt: skip
+    parser.add_argument("--harmonics", type=_whole, default=5, help="sines and cosines a joint (default: 5)")
+    parser.add_argument("--periods", type=_whole, default=1, help="in the duration (default: 1)")
+    parser.add_argument("--noise", type=float, default=0.05, metavar="REL", help="of each joint's RMS (default: 0.05)")
+    parser.add_argument("--nominal", type=Path, metavar="CSV", help="expected parameters, as for identify")
+    parser.add_argument("--cutoff", type=float, metavar="HZ", help="of the log's low-pass (default: from the data)")
+    _add_reading(parser)
+    parser.add_argument("--seed", type=_seed, default=0, help="of everything random (default: 0)")
+    parser.add_argument("--out", type=Path, default=Path("bayesid-motion"), help="folder (default: %(default)s)")
+    _add_quiet(parser)
+    parser.set_defaults(command=run.excite)
+
+
+def _add_completion(commands: argparse._SubParsersAction[_Parser], main: argparse.ArgumentParser) -> None:
+    parser = _command(
+        commands, "completion", "a script that completes commands and options in your shell",
+        [
+            "bayesid completion bash > ~/.local/share/bash-completion/completions/bayesid",
+            'bayesid completion zsh > "${fpath[1]}/_bayesid"',
+        ],
+    )  # fmt: skip
+    parser.add_argument("shell", choices=run.SHELLS, help="%(choices)s")
+    parser.set_defaults(command=run.completion, parser=main)
+
+
 def _add_simulate(commands: argparse._SubParsersAction[_Parser]) -> None:
-    parser = commands.add_parser("simulate", help="a log of |effort| from a robot with random feasible parameters")
+    examples = [
+        "bayesid simulate --robot panda --duration 20 --noise 0.05 --out log.csv",
+        "bayesid simulate --robot kr5 --effect coulomb_friction:2:0.2 --out log.csv",
+    ]
+    parser = _command(
+        commands, "simulate", "a log of |effort| from a robot with random feasible parameters", examples
+    )
     parser.add_argument("--robot", required=True, help="built-in name, DH file (.toml) or URDF file")
     parser.add_argument("--duration", type=float, default=20.0, metavar="S", help="default: %(default)s")
     parser.add_argument("--rate", type=float, default=100.0, metavar="HZ", help="default: %(default)s")
@@ -171,15 +263,16 @@ def _add_simulate(commands: argparse._SubParsersAction[_Parser]) -> None:
     )  # fmt: skip
     parser.add_argument("--seed", type=_seed, default=0, help="of parameters, trajectory and noise (default: 0)")
     parser.add_argument("--out", type=Path, required=True, metavar="LOG.csv", help="log to write")
+    _add_quiet(parser)
     parser.set_defaults(command=run.simulate)
 
 
 def _add_study(commands: argparse._SubParsersAction[_Parser]) -> None:
     width = max(map(len, STUDIES))
-    parser = commands.add_parser(
-        "study", help="what the method bears, and whether it tells the truth",
-        epilog="\n".join(["studies:", *(f"  {name:<{width}}  {told}" for name, told in STUDIES.items())]),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = _command(
+        commands, "study", "what the method bears, and whether it tells the truth",
+        ["bayesid study noise --trials 64 --workers 2", "bayesid study noise --scheduler tcp://HOST:8786 --resume"],
+        "\n".join(["studies:", *(f"  {name:<{width}}  {told}" for name, told in STUDIES.items())]),
     )  # fmt: skip
     parser.add_argument("name", choices=STUDIES, metavar="NAME", help="which one, see below")
     parser.add_argument("--trials", type=_whole, metavar="N", help="how many (default: the study's own number)")
@@ -187,8 +280,26 @@ def _add_study(commands: argparse._SubParsersAction[_Parser]) -> None:
     _add_workers(parser)
     parser.add_argument("--resume", action="store_true", help="keep the rows that are there, run what is missing")
     parser.add_argument("--out", type=Path, help="folder for rows, report and figure (default: bayesid-study-NAME)")
-    parser.add_argument("--quiet", action="store_true", help="print nothing but warnings and errors")
+    _add_quiet(parser)
     parser.set_defaults(command=run.study)
+
+
+def _add_reading(parser: _Parser) -> None:
+    """How a log is to be read, see `bayesid.read_log`."""
+    parser.add_argument("--gains", metavar="K1,K2,..", help="N m/A of each joint, for a log of currents")
+    parser.add_argument(
+        "--unsigned", metavar="JOINTS", help="all, none, or joints as in 1,3 (default: those never negative)"
+    )
+    parser.add_argument(
+        "--degrees", action=argparse.BooleanOptionalAction, default=None,
+        help="positions and velocities without a unit are in degrees; --no-degrees: in rad, however large",
+    )  # fmt: skip
+    parser.add_argument("--topic", metavar="/NAME", help="of a ROS bag with joint states of several topics")
+    parser.add_argument("--joints", metavar="A,B,..", help="names of a ROS bag's joints, from base to tip")
+
+
+def _add_quiet(parser: _Parser) -> None:
+    parser.add_argument("--quiet", action="store_true", help="print nothing but warnings and errors")
 
 
 def _add_repeatable(parser: _Parser) -> None:

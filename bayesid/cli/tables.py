@@ -79,6 +79,15 @@ def _sampled(result: bayesid.Identification) -> str:
     )
 
 
+def validation_table(result: bayesid.Validation) -> str:
+    """The table that ends `bayesid validate`."""
+    lines = ["joint   RMS error, N m   relative residual   in the 95 % band"]
+    figures = zip(result.rms_error, result.relative_residual, result.coverage, strict=True)
+    for j, (error, relative, inside) in enumerate(figures, start=1):
+        lines.append(f"{j:>5}   {error:>14.4g}   {relative:>17.1%}   {inside:>16.1%}")
+    return "\n".join([*lines, f"the band holds {result.band}"])
+
+
 def discrepancy_table(result: bayesid.Discrepancy) -> str:
     """The tables that end `bayesid discrepancy`."""
     lines = [paragraph(result), "", f"gap on {result.holdout}, RMS in N m:", "joint     before      after      floor"]

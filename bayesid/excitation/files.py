@@ -14,7 +14,7 @@ from bayesid.excitation.trajectory import MotionLimits
 from bayesid.results import save_folder
 
 DESIGN_FILES = frozenset({"design.json", "trajectory.csv", "excitation.svg"})
-_MARKER = "design.json"
+DESIGN_MARKER = "design.json"
 
 
 def save_design(design: ExcitationDesign, folder: str | Path) -> Path:
@@ -29,13 +29,13 @@ def save_design(design: ExcitationDesign, folder: str | Path) -> Path:
     """
 
     def write(place: Path) -> None:
-        from bayesid.plot.excitation import excitation_figure  # matplotlib takes a second to import
+        from bayesid.plot.designs import excitation_figure  # matplotlib takes a second to import
 
         _write_trajectory(place / "trajectory.csv", design)
         (place / "design.json").write_text(json.dumps(design_summary(design), indent=2, allow_nan=False) + "\n")
         excitation_figure(design).savefig(place / "excitation.svg", transparent=False, facecolor="white")
 
-    return save_folder(folder, DESIGN_FILES, _MARKER, write)
+    return save_folder(folder, DESIGN_FILES, DESIGN_MARKER, write)
 
 
 def design_summary(design: ExcitationDesign) -> dict[str, Any]:

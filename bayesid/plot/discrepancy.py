@@ -72,7 +72,7 @@ def effort_figure(discrepancy: Discrepancy, joint: int) -> Figure:
     ax.set_ylabel(f"effort, {unit_of(discrepancy, joint)}", fontsize=SIZE, color=INK)
     ax.margins(x=0.01)
     dress(ax)
-    legend(figure, ax)
+    legend(ax)
     return figure
 
 
@@ -94,7 +94,7 @@ def gap_figure(discrepancy: Discrepancy) -> Figure:
     ax.set_xlabel("gap, in units of the noise floor", fontsize=SIZE, color=INK)
     ax.margins(x=0.22)
     dress(ax, "x")
-    legend(figure, ax)
+    legend(ax)
     return figure
 
 
@@ -116,7 +116,7 @@ def candidate_figure(discrepancy: Discrepancy) -> Figure:
     ax.set_xlabel("log10 of the Bayes factor", fontsize=SIZE, color=INK)
     ax.margins(x=0.16)
     dress(ax, "x")
-    legend(figure, ax)
+    legend(ax)
     return figure
 
 

@@ -6,12 +6,13 @@ white and on black, and by the colour-blind.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Literal
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-INK, ORANGE, BLUE = "#767676", "#cc6a1a", "#2b83c6"
+INK, ORANGE, BLUE, MAGENTA = "#767676", "#cc6a1a", "#2b83c6", "#c2408f"
 WIDTH = 5.4
 """in; two figures fit side by side on a page, one on a telephone."""
 SIZE = 10.0
@@ -35,8 +36,35 @@ def dress(ax: Axes, grid: Literal["both", "x"] = "both") -> None:
         axis.get_offset_text().set(color=INK, fontsize=SIZE - 1.0)
 
 
-def legend(figure: Figure, ax: Axes) -> None:
-    """Above the axes, in one row."""
+def legend(ax: Axes) -> None:
+    """Above all Axes of a figure made here, in one row; inside the Axes of another's figure, which may have no room."""
     handles, names = ax.get_legend_handles_labels()
-    look: dict[str, Any] = {"frameon": False, "fontsize": SIZE - 1.0, "labelcolor": INK}
-    figure.legend(handles, names, loc="outside upper center", ncols=len(names), **look)
+    look: dict[str, Any] = {"fontsize": SIZE - 1.0, "labelcolor": INK}
+    figure = ax.get_figure(root=True)
+    if figure is not None and figure.get_layout_engine() is not None:
+        figure.legend(handles, names, loc="outside upper center", ncols=len(names), frameon=False, **look)
+    else:
+        ax.legend(handles, names, framealpha=0.6, **look)
+
+
+def each_joint(
+    n_joints: int, joints: Sequence[int] | None, axes: Sequence[Axes] | None, height: float, width: float = WIDTH
+) -> list[tuple[int, Axes]]:
+    """Joints (from 1) and an Axes for each, one below the other in a new figure unless they are given.
+
+    Raises:
+        ValueError: there is no such joint, or not one Axes for each.
+    """
+    chosen = list(range(1, n_joints + 1)) if joints is None else list(joints)
+    if not chosen or not all(1 <= joint <= n_joints for joint in chosen):
+        raise ValueError(f"joints {chosen}: choose from 1 to {n_joints}")
+    if axes is None:
+        axes = new_figure(height * len(chosen), width).subplots(len(chosen), squeeze=False)[:, 0].tolist()
+    if len(axes) != len(chosen):
+        raise ValueError(f"{len(axes)} axes for {len(chosen)} joints")
+    return list(zip(chosen, axes, strict=True))
+
+
+def one_axes(axes: Axes | None, height: float, width: float = WIDTH) -> Axes:
+    """The Axes given, or one in a new figure."""
+    return new_figure(height, width).subplots() if axes is None else axes

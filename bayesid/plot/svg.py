@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from bayesid.plot.style import INK
 
-_DPI = 160
+_DPI = 130
 
 
 def inline_svg(figure: Figure, name: str, told: str) -> str:

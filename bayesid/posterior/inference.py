@@ -1,6 +1,7 @@
 """The posterior of a log: modes, draws from each, their masses, and what they say about signs and assignments.
 
 Every unknown sign is summed out. So the mass of an assignment b of the search's list is what the draws say about it,
+:eq:`assignment-mass`::
 
     P(b | data) = E[prod_k P(s_k = b_k | theta, u)]    over the segments that the list decides one by one,
 
@@ -42,7 +43,7 @@ _SPREAD = 256
 """Draws, spread over all, from which probabilities of signs are averaged."""
 _LEAST_NOISE = 1e-3
 """Noise that no effort is free of, as a share of its RMS: added to what the residual shows."""
-_OF_PRIOR = 0.1
+OF_PRIOR = 0.1
 """Share of the prior's variance that the data must leave at most, where they are said to decide a parameter."""
 _NEGLIGIBLE = 1e-3
 """A mode of less mass leaves no draws."""
@@ -131,13 +132,13 @@ class Posterior:
     def decided_by_data(self) -> Mask:
         """(P,) whether the data, not the prior, decide a parameter: nine tenths of its precision are theirs.
 
-        Judged from the normal distribution without the cone, for the cone alone decides nothing that was measured.
-        What an earlier log has told counts as data.
+        Judged from the normal distribution without the cone (:eq:`posterior-precision`), for the cone alone decides
+        nothing that was measured. What an earlier log has told counts as data.
         """
         precision, _ = self.target.quadratic(self.theta, self.draws.log_scale.mean(axis=(0, 1, 2)))
         sd = self.target.prior.sd
         variance = np.diag(np.linalg.inv(precision * np.outer(sd, sd)))  # relative to the prior's
-        decided: Mask = variance <= _OF_PRIOR
+        decided: Mask = variance <= OF_PRIOR
         return decided
 
     def interval(self, mass: float) -> tuple[Array, Array]:

@@ -25,7 +25,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import h5py
 import numpy as np
@@ -162,6 +162,22 @@ def _walker_major(values: Array) -> Array:
     """
     moved = np.moveaxis(values, 0, 2)
     return np.ascontiguousarray(moved).reshape(moved.shape[0], -1, *moved.shape[3:])
+
+
+def kept_coefficients(draws: Draws, most: int = MOST) -> Array:
+    """(E, D W, r) coefficients of the sweeps that are kept, all walkers of the first sweep first, then of the second.
+
+    That is the order of time, for traces; a file holds the same draws walker by walker.
+    """
+    _, kept = _kept_sweeps(draws.theta.shape, most)
+    beta = np.moveaxis(draws.beta[kept], 1, 0)
+    return np.ascontiguousarray(beta).reshape(beta.shape[0], -1, beta.shape[3])
+
+
+def _sweep_major(values: Array, walkers: int) -> Array:
+    """(E, D W, ...) in the order of sweeps, of values in the order of walkers."""
+    apart = values.reshape(values.shape[0], walkers, -1, *values.shape[2:])
+    return np.ascontiguousarray(np.moveaxis(apart, 2, 1)).reshape(values.shape)
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -387,20 +403,43 @@ def read_draws(path: Path | str, parameters: Sequence[str] | None = None) -> tup
         InputError: if the file is missing, damaged, not a posterior of bayesid or one of another model.
     """
     where = str(path)
+    theta, noise, names, joints = _read(path, ("theta", "noise"), ("parameter", "joint"))
+    if theta.shape[2:] != (len(names),) or noise.shape != (*theta.shape[:2], len(joints)):
+        raise InputError("the posterior of another program", where, _REMEDY)
+    if parameters is not None and names != list(parameters):
+        raise InputError("the posterior of another model, with other parameters", where, _REMEDY)
+    return theta.reshape(-1, len(names)), noise.reshape(-1, len(joints))
+
+
+def read_coefficients(path: Path | str) -> Array:
+    """(E, D W, r) coefficients of all draws in a file, in the order of sweeps, see `kept_coefficients`.
+
+    Raises:
+        InputError: if the file is missing, damaged or not a posterior of bayesid.
+    """
+    beta, names = _read(path, ("beta",), ("coefficient",))
+    with h5py.File(path) as file:
+        walkers = int(file.attrs["walkers"])
+    if beta.shape[2:] != (len(names),) or beta.shape[1] % walkers:
+        raise InputError("the posterior of another program", str(path), _REMEDY)
+    return _sweep_major(beta, walkers)
+
+
+def _read(path: Path | str, variables: Sequence[str], names: Sequence[str]) -> list[Any]:
+    """Variables (E, D, ...) of the posterior in a file, checked, and lists of names."""
+    where = str(path)
     if not Path(path).is_file():
         raise InputError("there is no such file", where, _REMEDY)
     try:
         with h5py.File(path) as file:  # h5netcdf would print a traceback of its own for a file it cannot open
             library = file.attrs.get("inference_library")
             group = file["posterior"]
-            theta, noise = group["theta"][()], group["noise"][()]
-            names, joints = (group[name].asstr()[()].tolist() for name in ("parameter", "joint"))
+            values = [group[name][()] for name in variables]
+            words = [group[name].asstr()[()].tolist() for name in names]
     except Exception as error:  # HDF5 raises anything at all at a damaged file
         raise InputError("not the netCDF file of a posterior, or damaged", where, _REMEDY) from error
-    if library != _LIBRARY or theta.shape[2:] != (len(names),) or noise.shape != (*theta.shape[:2], len(joints)):
+    if library != _LIBRARY or any(one.ndim != 3 for one in values):
         raise InputError("the posterior of another program", where, _REMEDY)
-    if not (np.isfinite(theta).all() and np.isfinite(noise).all()):
+    if not all(np.isfinite(one).all() for one in values):
         raise InputError("some draws are not finite numbers", where, _REMEDY)
-    if parameters is not None and names != list(parameters):
-        raise InputError("the posterior of another model, with other parameters", where, _REMEDY)
-    return theta.reshape(-1, len(names)), noise.reshape(-1, len(joints))
+    return [*values, *words]

@@ -56,6 +56,7 @@ def typeset(text: str) -> str:
     """Escaped, with the signs that plain text lacks."""
     text = escape(text).replace(" +- ", "&nbsp;&plusmn;&nbsp;").replace("^2", "&sup2;").replace("^3", "&sup3;")
     text = re.sub(r"\b(N|kg) (m|s)\b", r"\1&nbsp;\2", text)
+    text = re.sub(r"(\d) ?%", r"\1&nbsp;%", text)
     return re.sub(r"(?<![\w)])-(?=\d)", "&minus;", text)
 
 

@@ -8,7 +8,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from bayesid.excitation.design import ExcitationDesign
-from bayesid.plot.style import BLUE, INK, ORANGE, SIZE, dress, new_figure
+from bayesid.plot.style import BLUE, INK, ORANGE, SIZE, dress, legend, new_figure
 from bayesid.views import evenly
 
 _POINTS = 1000
@@ -44,8 +44,11 @@ def excitation(design: ExcitationDesign, figure: Figure | None = None) -> list[A
         ax.set_xlabel("time, s", fontsize=SIZE - 1.0, color=INK)
         axes[0, j].set_title(f"joint {j + 1}", fontsize=SIZE, color=INK)
     axes[3, 0].set_ylabel("|effort|, N m (N)", fontsize=SIZE - 1.0, color=INK)
+    for colour, name in ((BLUE, "expected |effort|"), (ORANGE, "its sign is easily mistaken")):
+        axes[3, 0].plot([], [], color=colour, label=name)
     for ax in axes.flat:
         dress(ax)
+    legend(axes[3, 0])
     return list(axes.flat)
 
 
