@@ -2,7 +2,8 @@
 
 Of the P standard parameters only r combinations act on the efforts. As in Gautier and Khalil (1990), but numerically:
 on a random motion the columns are taken from base to tip, each one is kept when it is independent of those kept
-before it, and the others are written in the kept ones. So Y theta = Y[:, kept] beta, beta = theta_kept + K theta_rest.
+before it, and the others are written in the kept ones. So Y theta = Y[:, kept] beta, beta = theta_kept + K theta_rest
+(:eq:`base-coefficients`).
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ class BaseCoefficients:
         expressions: (r,) readable sums of standard parameters, in the manner of Gautier and Khalil.
         units: (r,) their units.
         kept: (r,) indices of the parameters whose columns are kept.
-        projection: (r, P) B with beta = B theta; B[:, kept] is the identity.
+        projection: (r, P) B with beta = B theta (:eq:`base-coefficients`); B[:, kept] is the identity.
     """
 
     names: tuple[str, ...]

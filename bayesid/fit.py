@@ -36,14 +36,14 @@ class Fit:
     Attributes:
         theta: (P,) feasible parameters.
         beta: (r,) their base coefficients.
-        covariance: (r, r) of the coefficients, from the information matrix with effective sample counts; inf on the
-            diagonal where the log does not excite a coefficient.
+        covariance: (r, r) of the coefficients, from the information matrix with effective sample counts
+            (:eq:`information`); inf on the diagonal where the log does not excite a coefficient.
         information: (r, r) that matrix, what was known before included.
         noise: of the efforts, per joint: what was there before the fit took its share.
         residual: of the residual itself, per joint.
         predicted: (N, n) the model's efforts, N m.
         relative_residual: (n,) RMS of the residual over RMS of the effort, in motion.
-        condition: condition number of the regressor with columns of unit length.
+        condition: condition number of the regressor with columns of unit length (:eq:`condition-number`).
         smallest_eigenvalues: (links,) of the pseudo-inertias.
         tolerance: relative gap the solver reached.
         moved_inside: whether what leaves no trace was chosen to lie as far inside the cone as the data allow.
@@ -77,7 +77,7 @@ def fit_signed(
     model: Model, coefficients: BaseCoefficients, signals: Signals, signs: Array, moving: Mask,
     known: Information | None = None,
 ) -> Fit:  # fmt: skip
-    """Ordinary identification once the signs are known: weighted least squares in the cone.
+    """Ordinary identification once the signs are known: weighted least squares in the cone (:eq:`cone-least-squares`).
 
     Args:
         model: the model.

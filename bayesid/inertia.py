@@ -34,7 +34,7 @@ def inertia_matrix(parameters: Array) -> Array:
 
 
 def pseudo_inertia(parameters: Array) -> Array:
-    """(..., 4, 4) pseudo-inertia of (..., 10) parameters (Wensing, Kim, Slotine 2018, eq. 9)."""
+    """(..., 4, 4) pseudo-inertia of (..., 10) parameters (:eq:`pseudo-inertia`; Wensing, Kim, Slotine 2018, eq. 9)."""
     inertia = inertia_matrix(parameters)
     trace = np.trace(inertia, axis1=-2, axis2=-1)
     matrix = np.zeros((*parameters.shape[:-1], 4, 4))

@@ -21,7 +21,7 @@ _LOOK_BACK, _LOOK_AHEAD = 4096, 16
 
 @dataclass(frozen=True)
 class Model:
-    """efforts = D(Y(motion) theta), theta in a cone; D is the identity without distortions.
+    """efforts = D(Y(motion) theta), theta in a cone (:eq:`model`); D is the identity without distortions.
 
     Attributes:
         robot: the robot.

@@ -1,11 +1,12 @@
 """Moments: all that the data say about a model, in a size that does not depend on the log's length.
 
 For every segment k of constant sign, with Y_k its rows of the regressor and e_k its efforts (absolute values where the
-sign is unknown),
+sign is unknown), :eq:`moments`::
 
     H_k = Y_k' Y_k,   g_k = Y_k' e_k,   c_k = e_k' e_k,
 
-and the cost of coefficients beta under signs s is  f = beta' (sum H_k) beta - 2 beta' (sum s_k g_k) + sum c_k.
+and the cost of coefficients beta under signs s is  f = beta' (sum H_k) beta - 2 beta' (sum s_k g_k) + sum c_k
+(:eq:`cost`).
 Moments of chunks of one log add; those of different logs, with different segments, join.
 """
 
@@ -120,7 +121,7 @@ class Moments:
         return np.where(count > 0.0, sums / np.maximum(count, 1.0), otherwise)
 
     def cost(self, beta: Array, signs: Array) -> float:
-        """f(beta, s) for coefficients beta (r,) and signs (S,)."""
+        """f(beta, s) for coefficients beta (r,) and signs (S,) (:eq:`cost`)."""
         return float(beta @ self.hessian.sum(axis=0) @ beta - 2 * beta @ (signs @ self.gradient) + self.energy.sum())
 
 

@@ -57,14 +57,14 @@ class Noise:
         return drawn
 
     def with_time_of_model(self, rate: float) -> Noise:
-        """The same noise; its integrated autocorrelation time follows from white and coloured part."""
+        """The same noise; its autocorrelation time follows from white and coloured part (:eq:`effective-samples`)."""
         memory = np.exp(-1.0 / (self.correlation * rate))
         share = (self.coloured / self.sigma) ** 2
         return replace(self, autocorrelation=1.0 + 2.0 * share * memory / (1.0 - memory))
 
 
 def residual_noise(residual: Array, used: Mask, rate: float) -> Noise:
-    """Splits each joint's residual into a white and an exponentially correlated part.
+    """Splits each joint's residual into a white and an exponentially correlated part (:eq:`noise-split`).
 
     Args:
         residual: (N, n) residuals, N m.
@@ -124,7 +124,10 @@ def autocovariance(values: Array, used: Mask, lags: int) -> Array:
 
 
 def integrated_time(covariance: Array) -> float:
-    """1 + 2 sum of the autocorrelations, summed over Sokal's window (the first M >= 5 tau(M)); at least 1."""
+    """1 + 2 sum of the autocorrelations, summed over Sokal's window (the first M >= 5 tau(M)); at least 1.
+
+    :eq:`autocorrelation-time`.
+    """
     correlation = covariance / max(covariance[0], 1e-300)
     times = 2.0 * np.cumsum(correlation) - 1.0
     enough = np.flatnonzero(np.arange(len(times)) >= 5.0 * times)

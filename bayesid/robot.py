@@ -66,7 +66,10 @@ class Robot:
 
     @property
     def coupling(self) -> Array:
-        """(n, n) C, with actuator positions u = C q and efforts e = C^-T tau."""
+        """(n, n) C, with actuator positions u = C q and efforts e = C^-T tau.
+
+        :eq:`actuator-position` and :eq:`actuator-effort`.
+        """
         if self.transmission is None:
             return np.eye(self.n_joints)
         return self.transmission / np.abs(np.diag(self.transmission))[:, None]

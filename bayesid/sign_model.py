@@ -173,7 +173,7 @@ def with_standard_terms(model: Model, signals: Signals) -> Model | None:
 def weight_against(rival: Settled, own: Settled) -> float:
     """Weight of a richer model against the one it extends, by the Bayesian information criterion on effective samples.
 
-    Each joint's samples are divided by the longer autocorrelation time of the two residuals.
+    Each joint's samples are divided by the longer autocorrelation time of the two residuals (:eq:`model-weight`).
     """
     time = np.maximum(rival.fit.residual.autocorrelation, own.fit.residual.autocorrelation)
     count = own.fitted.sum(axis=0) / time
@@ -187,7 +187,7 @@ def structural_doubt(settled: Settled, signals: Signals) -> Array:
 
     A model that leaves a large lasting error of its own finds wrong signs that suit it, joints at a time, and every
     probability that is conditional on the model follows it. A rule of thumb, in the size of the lasting error relative
-    to the effort and in whether a proof was had; `bayesid study misfit` shows what it does.
+    to the effort and in whether a proof was had (:eq:`doubt`); `bayesid study misfit` shows what it does.
     """
     square = np.where(settled.fitted, signals.raw_effort**2, 0.0).sum(axis=0)
     effort = np.sqrt(square / np.maximum(settled.fitted.sum(axis=0), 1))

@@ -170,8 +170,8 @@ def _sections(cutoff: float, rate: float) -> Array:
 def choose_cutoff(q: Array, dq: Array | None, rate: float) -> float:
     """A cut-off that keeps the motion's dynamics: ten times the frequency below which 95 % of the speed's energy lies.
 
-    Torques hold harmonics of the motion (products of velocities), hence a filter well above the motion's own bandwidth
-    (Gautier, Khalil, "Exciting trajectories", 1992, take five to ten times).
+    That is :eq:`motion-cutoff`. Torques hold harmonics of the motion (products of velocities), hence a filter well
+    above the motion's own bandwidth (Gautier, Khalil, "Exciting trajectories", 1992, take five to ten times).
     """
     moves = np.ptp(q, axis=0) > _ENCODER
     if not moves.any():

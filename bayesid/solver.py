@@ -1,10 +1,13 @@
 """Least squares in the cone: the best feasible parameters for given moments. Only this file knows cvxpy and Clarabel.
 
+:eq:`cone-least-squares`::
+
     minimise  theta' B' H B theta - 2 g' B theta + rho(theta)   subject to  theta in the cone (with a margin).
 
 Some parameters leave no trace in the efforts, and the cone's projection on the coefficients is not closed: a first
 moment is free once a mass without trace grows without limit. So a very weak pull to typical links,
-rho(theta) = 1e-7 c sum ((theta_k - typical_k) / size_k)^2 with c the efforts' energy, completes the parameters.
+rho(theta) = 1e-7 c sum ((theta_k - typical_k) / size_k)^2 with c the efforts' energy (:eq:`pull`), completes the
+parameters.
 
 cvxpy states the cone once; Clarabel then solves again and again with a new linear term (and, in the beam, a new
 quadratic one), a few milliseconds each. A status other than solved is never taken for a result.
@@ -61,7 +64,8 @@ class Solution:
         theta: (P,) parameters.
         cost: theta' B' H B theta - 2 g' B theta + rho(theta), without the efforts' own energy.
         tolerance: relative duality gap and infeasibility that the solver reached.
-        lower_bound: of the cost of every point of the cone, from a dual point; -inf if there is none.
+        lower_bound: of the cost of every point of the cone, from a dual point (:eq:`dual-bound`); -inf if there is
+            none.
     """
 
     theta: Array
@@ -101,11 +105,14 @@ class ConeLeastSquares:
         self.set_hessian(hessian)
 
     def regularisation(self, theta: Array) -> float:
-        """rho(theta), the pull to typical links."""
+        """rho(theta), the pull to typical links (:eq:`pull`)."""
         return float(_RIDGE * self._energy * np.sum((theta / self._scale - self._typical) ** 2))
 
     def pull(self) -> tuple[Array, Array]:
-        """Q (r, r) and b (r,) with (beta - b)' Q (beta - b) the least rho of all parameters with coefficients beta."""
+        """Q (r, r) and b (r,): (beta - b)' Q (beta - b) is the least rho of all theta with B theta = beta.
+
+        See :eq:`pull-share`.
+        """
         spread = self._projection * self._scale
         root = solve_triangular(
             np.linalg.qr(spread.T, mode="r"), np.eye(len(spread))
@@ -183,7 +190,7 @@ class ConeLeastSquares:
 
         For z in the dual cone, min over x in the cone of x'Px/2 + q'x >= min over all x of x'Px/2 + q'x + z'(Ax - b)
         = -|L^-1 (q + A'z)|^2 / 2 - b'z with P = LL' (Boyd and Vandenberghe 2004, 5.2). The pull makes P positive
-        definite, so this holds however well or badly the solver converged.
+        definite, so this holds however well or badly the solver converged (:eq:`dual-bound`).
         """
         offsets, rows, _ = self._rows
         z = _into_cone(dual, len(self._nonnegative))

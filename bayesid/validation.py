@@ -45,7 +45,7 @@ class Validation:
         predicted: (N, n) the model's efforts, N m.
         rms_error: (n,) RMS of measured - predicted in motion, N m.
         relative_residual: (n,) the same over the RMS of the measured effort.
-        lower: (N, n) lower end of the 95 % band of the unfiltered effort, N m.
+        lower: (N, n) lower end of the 95 % band of the unfiltered effort, N m (:eq:`prediction-band`).
         upper: (N, n) its upper end, N m.
         coverage: (n,) share of the unfiltered efforts in motion, with their likelier signs, that lie in the band.
         band: what the band accounts for.

@@ -3,8 +3,9 @@
 A sample counts when its |effort| is at least 5 % of its joint's maximum; right means the sign of the sample as logged,
 sensor noise and all. `smooth` is the share against the sign of the logged effort after a 20 Hz low-pass: near zero the
 sensor's noise flips single samples. How much that costs is printed below the table: what the sign of that low-passed
-true effort scores by itself against the logged samples in motion. What is missing beyond it is ours. `settled` is
-the share of the strong samples in motion on whose sign all assignments agree that still matter (docs/search.md).
+true effort scores by itself against the logged samples in motion. What is missing beyond it is ours. `settled` is the
+share of the strong samples in motion on whose sign all assignments agree that still matter
+(docs/certified-search.md).
 
 Then what the confidences are worth: of the samples given 0.99 and more how many there are and how many are wrong, and
 how well a segment's confidence tells the wrong segments from the right ones (area under the curve, AUC): also with a

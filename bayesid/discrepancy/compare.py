@@ -69,7 +69,7 @@ class Trial:
         return np.where(self.signals.signed, (self.signals.raw_effort >= 0.0).astype(float), smoothed)
 
     def gap(self, predicted: Array) -> Array:
-        """(n,) RMS of what a prediction leaves of the unfiltered efforts, N m; signs unknown count as predicted."""
+        """(n,) RMS of what a prediction leaves of the efforts, N m; unknown signs as predicted (:eq:`gap`)."""
         used = self.used
         residual = np.where(used, self.nearest(predicted) - predicted, 0.0)
         return np.sqrt((residual**2).sum(axis=0) / np.maximum(used.sum(axis=0), 1))
@@ -124,6 +124,8 @@ class Floor:
 
 def noise_floor(trial: Trial, residual: Array, earlier: Noise, refit: Array | None = None) -> Floor:
     """The floor of each joint: from repeated periods, the earlier model's residual, a refit's, or its fast part.
+
+    :eq:`noise-floor` where it is taken from differences.
 
     Args:
         trial: the log.
@@ -182,7 +184,7 @@ class Excess:
 
     Attributes:
         joint: from 1.
-        excess: root of the residual's mean square above the floor's, N m.
+        excess: root of the residual's mean square above the floor's, N m (:eq:`excess`).
         variable: over which it shows best: velocity, position, acceleration, load or time.
         range: of the variable, where most of it lies; rad/s, rad, rad/s^2, N m or s.
     """

@@ -1,6 +1,7 @@
 """The error of a model as a time series: white noise plus an exponentially correlated part, and its likelihood.
 
 x_i = w_i + c_i with c_i = phi c_(i-1) + eta_i is an ARMA(1, 1) process, (1 - phi L) x = (1 - theta L) eps with
+:eq:`arma`::
 
     theta / (1 + theta^2) = phi sw^2 / (sc^2 (1 - phi^2) + sw^2 (1 + phi^2)),   var eps = phi sw^2 / theta
 

@@ -1,8 +1,9 @@
 """How well a log is explained by a model with some effects added: a marginal likelihood, linear algebra throughout.
 
-With signs settled, the efforts of joint j are  e_j = Y_j beta + Z_j alpha + d_j + error,  the error as in
-`bayesid.discrepancy.error_model`, whitened by W_j. The earlier log says what beta is (`bayesid.knowledge`), alpha is
-normal about zero with the sd of its effect (on one side of zero where its sign is known); with A the matrix of both
+With signs settled, the efforts of joint j are  e_j = Y_j beta + Z_j alpha + d_j + error  (:eq:`effects`), the error as
+in `bayesid.discrepancy.error_model`, whitened by W_j. The earlier log says what beta is (`bayesid.knowledge`), alpha is
+normal about zero with the sd of its effect (on one side of zero where its sign is known); with A the matrix of both,
+:eq:`evidence`::
 
     log p(e) = sum_j log p(W_j (e_j - d_j - A_j x)) - (x - x0)' L (x - x0) / 2 + log det(D) / 2 - log det(H) / 2 + c
 

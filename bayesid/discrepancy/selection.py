@@ -43,7 +43,7 @@ class Verdict:
         hypothesis: the form that was added.
         gain: log of the Bayes factor for it, given all others that were found.
         probability: of the effect in these joints, or one that is equivalent to it, among the catalogue, nothing
-            missing and something else.
+            missing and something else (:eq:`effect-probability`).
         nothing: probability that nothing is missing in its place.
         something_else: probability that it is something outside of the catalogue.
         rivals: scores of the alternatives, best first, itself included.

@@ -177,7 +177,7 @@ def log_evidence(target: Target, draws: Draws, options: EvidenceOptions = Eviden
 
 
 def branch_weights(log_values: Array) -> Array:
-    """(B,) masses of the branches, summing to one, from the logarithms of their evidences (B,)."""
+    """(B,) masses of the branches, summing to one, from the logarithms of their evidences (B,) (:eq:`mode-weight`)."""
     return np.exp(log_values - logsumexp(log_values))
 
 

@@ -3,6 +3,7 @@
 Row i of joint j says  s_k |tau|_i = y_i' beta + e_i  with s_k the sign of its segment and e_i normal. With u_j the
 logarithm of joint j's noise over the reference one, w_j = exp(-2 u_j), n_j its effective samples (samples over the
 integrated autocorrelation time of the residual), and H_j, g_k, c_j moments in units of the reference noise,
+:eq:`marginal-likelihood`::
 
     log L(beta, u) = sum_j [-n_j u_j - w_j (beta' H_j beta + c_j) / 2] + sum_k log(2 cosh(w_j(k) g_k' beta)),
 
@@ -79,7 +80,7 @@ class Likelihood:
     # Densities
     # -----------------------------------------------------------------------------------------------------------
     def log_likelihood(self, theta: Array, log_scale: Array) -> Array:
-        """(W,) log L of parameters theta (W, P) and logarithms of the noise scales (W, n)."""
+        """(W,) log L (:eq:`marginal-likelihood`) of parameters theta (W, P) and logarithms of noise scales (W, n)."""
         beta = theta @ self.projection.T
         weight = np.exp(-2.0 * log_scale)
         push = np.abs(beta @ self.open_gradient.T * weight[:, self.joint[self.unknown]])
@@ -122,7 +123,10 @@ class Likelihood:
         return theta @ self.projection.T @ self.gradient.T * np.exp(-2.0 * log_scale)[:, self.joint]
 
     def plus_probability(self, theta: Array, log_scale: Array) -> Array:
-        """(W, S) P(s_k = + | theta, u) = 1 / (1 + exp(-2 w g_k' beta)), for fixed segments too."""
+        """(W, S) P(s_k = + | theta, u) = 1 / (1 + exp(-2 w g_k' beta)), for fixed segments too.
+
+        :eq:`sign-probability`.
+        """
         return expit(2.0 * self.push(theta, log_scale))
 
     def draw_signs(self, beta: Array, log_scale: Array, uniform: Array) -> Array:
@@ -140,7 +144,8 @@ def make_likelihood(
         moments: of S segments, not scaled.
         coefficients: the r base coefficients.
         sigma: (n,) sd of the residual, N m; the reference of the noise scales.
-        autocorrelation: (n,) integrated autocorrelation time of the residual, samples: so many count as one.
+        autocorrelation: (n,) integrated autocorrelation time of the residual, samples: so many count as one
+            (:eq:`effective-samples`).
         fixed: (S,) +1 or -1 for the signs that are given, 0 for those to sum out. Known signs are given anyway.
     """
     n = len(sigma)

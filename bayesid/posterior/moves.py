@@ -148,7 +148,7 @@ class InTurn(GibbsMove):
 
 
 class HitAndRun(GibbsMove):
-    """Draws theta along many lines in turn, given signs and noise scales.
+    """Draws theta along many lines in turn, given signs and noise scales (:eq:`chord`).
 
     Args:
         target: the posterior.
@@ -214,7 +214,7 @@ def sweep(
 
 
 class NoiseScales(GibbsMove):
-    """Draws every joint's noise scale, given theta and the signs.
+    """Draws every joint's noise scale, given theta and the signs (:eq:`noise-scale`).
 
     With R_j the joint's sum of squared residuals, w = exp(-2 u) has the density w^(n_j / 2) exp(-R_j w / 2) du times
     the prior's. With the tangent of the log prior at the mode u* in its place, exp(-u u* / sd^2), it is a gamma density

@@ -1,6 +1,6 @@
 """The prior: proper, physical, and wide where nothing is stated.
 
-Parameters theta and logarithms u of the noise scales are independent before the data:
+Parameters theta and logarithms u of the noise scales are independent before the data, :eq:`prior`::
 
     p(theta) ~ prod_p exp(-((theta_p - mean_p) / sd_p)^2 / 2)  inside the region,   u_j ~ N(0, log_scale_sd^2).
 

@@ -144,7 +144,7 @@ def positive_definite(triangles: Array) -> Mask:
 def draw_on_line(
     slack: Array, matrices: Array, row: Array, matrix: Array, slope: Array, curvature: Array, random: Uniforms
 ) -> Array:
-    """(W,) steps t along one direction, drawn from exp(slope t - curvature t^2 / 2) inside the region.
+    """(W,) steps t along one direction, drawn from exp(slope t - curvature t^2 / 2) inside the region (:eq:`chord`).
 
     Args:
         slack: (m, W) of the half spaces at t = 0, positive.

@@ -59,6 +59,8 @@ class Target:
     def quadratic(self, theta: Array, log_scale: Array) -> tuple[Array, Array]:
         """A (P, P) and b (P,) of log p = -theta' A theta / 2 + b' theta + const, given noise scales and all signs.
 
+        A is that of :eq:`posterior-precision`.
+
         Args:
             theta: (P,) whose predictions decide the unknown signs.
             log_scale: (n,) the noise scales u.

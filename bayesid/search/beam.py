@@ -2,8 +2,9 @@
 
 The first s0 segments are enumerated (2^s0 nodes), the w cheapest nodes survive, and each step gives every survivor two
 children, one for each sign of the next segment. A node's cost is that of the best parameters for the segments it has
-decided. The unconstrained least squares (the paper's OLS per node) bounds that cost from below and is nearly free, so
-a node whose bound already exceeds the w-th best cost is never solved in the cone.
+decided. The unconstrained least squares (the paper's OLS per node) bounds that cost from below
+(:eq:`unconstrained-bound`) and is nearly free, so a node whose bound already exceeds the w-th best cost is never solved
+in the cone.
 """
 
 from __future__ import annotations

@@ -68,7 +68,7 @@ def _least_cost(problem: Problem, block: Block) -> float:
 
 
 def combinations(problem: Problem, limit: float, least: Array) -> Combinations:
-    """All combinations that may cost up to `limit`, of as many segments as can be afforded.
+    """All combinations that may cost up to `limit`, of as many segments as can be afforded (:eq:`joint-bound`).
 
     Args:
         problem: the problem.
@@ -182,9 +182,9 @@ class _Level:
         """The combinations whose lower bound in the cone is up to the limit.
 
         A solved problem bounds the others too: with other signs its cost changes by -2 step' beta, it is strongly
-        convex around its optimum, and the least over all d of d'(H + Q / 2) d - 2 step'(beta + d) is left. So few need
-        be solved. The other half of Q pays for the share of the pull in the bounds of undecided rows,
-        TINY (beta + d)' Q (beta + d) <= 2 TINY beta' Q beta + d' Q d / 2.
+        convex around its optimum, and the least over all d of d'(H + Q / 2) d - 2 step'(beta + d) is left
+        (:eq:`convexity-bound`). So few need be solved. The other half of Q pays for the share of the pull in the bounds
+        of undecided rows, TINY (beta + d)' Q (beta + d) <= 2 TINY beta' Q beta + d' Q d / 2.
         """
         problem, patterns, lower = self.problem, joined.patterns, joined.lower.copy()
         hessian, energy = problem.decided_moments(patterns)

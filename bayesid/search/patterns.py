@@ -1,6 +1,7 @@
 """Patterns: the sign choices of one joint's segments, or of several joints', that a bound does not exclude.
 
 The rows of one joint almost decide its own pattern. With any set D of decided segments, and without the cone,
+:eq:`dropped-rows`::
 
     b(s) = min over beta of  sum over k in D of |s_k e_k - Y_k beta|^2 + a share of the pull
 

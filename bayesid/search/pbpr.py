@@ -1,7 +1,7 @@
 """PBPR: parameters of all links within bounds and under any constraints at all, by penalties and simulated annealing.
 
 After Gaz, Flacco and De Luca, "Extracting feasible robot parameters from dynamic coefficients using nonlinear
-optimization methods" (ICRA 2016):
+optimization methods" (ICRA 2016), :eq:`pbpr`::
 
     minimise  phi(theta) + gamma(theta)   over  lower <= theta <= upper,
 
@@ -111,7 +111,7 @@ def make_bounds(
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class SquaredError:
-    """phi(theta) = |factor theta - target|^2 + rest, what PBPR fits.
+    """phi(theta) = |factor theta - target|^2 + rest, what PBPR fits (:eq:`pbpr-error`).
 
     Attributes:
         factor: (k, P).

@@ -41,10 +41,10 @@ class OutOfTimeError(Exception):
 class Problem:
     """The moments, one block for each joint, and what is prepared once; counts what was done.
 
-    The pull (beta - b)' Q (beta - b) is at least beta' Q beta / 2 - b' Q b. The first part is shared among the joints'
-    own bounds, which keeps them well conditioned and lets them add up: all but TINY of it among the rows that are
-    decided, TINY among those that are not. The second part is `slack`, by which the sum may be too high (with an
-    allowance for rounding).
+    The pull (beta - b)' Q (beta - b) is at least beta' Q beta / 2 - b' Q b (:eq:`pull-share`). The first part is shared
+    among the joints' own bounds, which keeps them well conditioned and lets them add up: all but TINY of it among the
+    rows that are decided, TINY among those that are not. The second part is `slack`, by which the sum may be too high
+    (with an allowance for rounding).
 
     Args:
         moments: scaled moments of S segments.

@@ -22,7 +22,8 @@ class Branch:
     Attributes:
         signs: (S,) +1 or -1 for each segment of the moments.
         theta: (P,) best feasible parameters.
-        cost: min over the cone of f(theta, signs) + rho(theta), efforts in units of their noise.
+        cost: min over the cone of f(theta, signs) + rho(theta), efforts in units of their noise
+            (:eq:`assignment-cost`).
         lower_bound: proven bound on the cost of every assignment that the branch stands for: those with the same signs
             in the segments that the proof decided one by one, whatever the signs of the weak ones.
     """
@@ -40,7 +41,8 @@ class SearchResult:
     Attributes:
         signs: (S,) +1 or -1 for each segment of the moments.
         theta: (P,) best feasible parameters under these signs.
-        cost: min over the cone of f(theta, signs) + rho(theta), efforts in units of their noise.
+        cost: min over the cone of f(theta, signs) + rho(theta), efforts in units of their noise
+            (:eq:`assignment-cost`).
         method: how it was found.
         width: of the beam; None if it was unlimited or there was none.
         certified: whether no other assignment can cost less (by more than 1e-8 of the efforts' energy).
@@ -53,7 +55,7 @@ class SearchResult:
             nothing is proven about the others.
         within: Delta, in units of the cost.
         missed: bound on the sum of exp(-(cost - best cost) / 2) over all assignments of the segments decided one by
-            one that `branches` leaves out; inf if nothing is proven.
+            one that `branches` leaves out (:eq:`missed-mass`); inf if nothing is proven.
         settled: (S,) whether all assignments within Delta give the segment the same sign.
         decided: (B, S) segments that each branch decides one by one; it stands for all signs of the others.
     """
@@ -78,6 +80,8 @@ class SearchResult:
 
 class UnconstrainedBound:
     """min over all coefficients of beta' H beta - 2 g' beta, for many g: a lower bound of the cost in the cone.
+
+    The least over beta of :eq:`binary-quadratic`, and the bound of :eq:`unconstrained-bound`, without the energy c.
 
     Args:
         hessian: (r, r) H.

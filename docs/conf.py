@@ -1,0 +1,77 @@
+"""The documentation's site: `python -m sphinx -W --keep-going -b html docs site`. It needs no network."""
+
+from __future__ import annotations
+
+import re
+from importlib.metadata import version as version_of
+
+from sphinx.application import Sphinx
+from sphinx.util.inspect import TypeAliasForwardRef
+
+import bayesid
+
+project = "bayesid"
+author = "the authors of bayesid"
+version = release = version_of("bayesid")
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+nitpicky = True
+nitpick_ignore_regex = [("py:.*", ".*")]  # types of other libraries: nothing is looked up on the network
+
+# ---------------------------------------------------------------------------------------------------------------
+# Pages
+# ---------------------------------------------------------------------------------------------------------------
+myst_enable_extensions = ["dollarmath"]
+myst_heading_anchors = 4
+smartquotes = False  # a prime is a transpose
+numfig = math_numfig = True  # equations are numbered with their page: (2.4)
+numfig_secnum_depth = 1
+math_eqref_format = "equation {number}"
+html_theme = "furo"
+html_title = f"bayesid {version}"
+html_show_copyright = False
+html_copy_source = False
+
+# ---------------------------------------------------------------------------------------------------------------
+# Docstrings
+# ---------------------------------------------------------------------------------------------------------------
+autodoc_default_options = {"members": True, "member-order": "bysource"}
+autodoc_type_aliases = {name: name for name in ("Array", "Integers", "Mask")}
+TypeAliasForwardRef.__repr__ = lambda self: str(self.name)  # or `Array | None` would be spelled out
+default_role = "code"
+maximum_signature_line_length = 100
+napoleon_use_ivar = True
+python_use_unqualified_type_names = True
+toc_object_entries_show_parents = "hide"
+
+_EXPORTED = {id(getattr(bayesid, name)) for name in bayesid.__all__}
+_MARKUP = re.compile(r"(?P<markup>`[^`]*`|\*\w[^*]*\w\*)|(?P<sign>[|*])")
+
+
+def keep_signs(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
+    """A bar in a docstring is that of an absolute value, a lone star a product or a pattern: neither is markup."""
+    literal: int | None = None  # indentation of the paragraph whose `::` began a literal block
+    for i, line in enumerate(lines):
+        indent = len(line) - len(line.lstrip())
+        if line and literal is not None and indent <= literal:
+            literal = None
+        if literal is None:
+            lines[i] = _MARKUP.sub(lambda found: found["markup"] or "\\" + found["sign"], line)
+            literal = indent if line.endswith("::") else None
+
+
+def head_module(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
+    """A module's docstring stands under its name."""
+    if what == "module":
+        lines[:0] = [f".. rubric:: {name}", ""]
+
+
+def skip_exported(app: Sphinx, what: str, name: str, obj: object, skip: bool, options: object) -> bool | None:
+    """What `bayesid` exports is documented under that name, not once more in its module."""
+    return True if what == "module" and id(obj) in _EXPORTED else None
+
+
+def setup(app: Sphinx) -> None:
+    """Connects all of this."""
+    app.connect("autodoc-process-docstring", keep_signs, priority=400)  # before napoleon
+    app.connect("autodoc-process-docstring", head_module, priority=600)
+    app.connect("autodoc-skip-member", skip_exported)
