@@ -212,7 +212,7 @@ def draw(rows: Sequence[Row], figure: Figure) -> None:
     shares = np.sort([100.0 * row["inside"] / row["coefficients"] for row in rows])
     right.step(shares, np.arange(1, len(shares) + 1) / len(shares), color=_PALETTE[2])
     right.axvline(95.0, color="#999999", lw=0.8)
-    right.set_xlabel("coefficients of a log inside their 95 % intervals, %")
+    right.set_xlabel("coefficients inside their 95 % intervals, %")
     right.set_ylabel("share of logs with at most this")
 
 

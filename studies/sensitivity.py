@@ -191,8 +191,8 @@ def draw(varied: Varied, rows: Sequence[Row], figure: Figure) -> None:
         if varied.log_x:
             ax.set_xscale("log")
         spreads(ax, {robot: _points(varied, rows, robot, key) for robot in varied.robots})
-        ax.set_xlabel(varied.label)
         name_ticks(ax, {level.label: level.x for level in varied.levels})
+    figure.supxlabel(varied.label, fontsize="medium")
     wrong_axis(panels[0])
     error_axis(panels[1])
     panels[0].legend(fontsize=8)

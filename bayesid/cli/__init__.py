@@ -6,6 +6,7 @@ Exit codes: 0 done, 2 bad input (one line on stderr), 1 a fault of ours.
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Callable, Sequence
 
@@ -21,6 +22,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     command: Callable[[argparse.Namespace], None] = options.command
     try:
         command(options)
+        sys.stdout.flush()
+    except BrokenPipeError:  # whoever reads the output has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nor shall Python complain when it ends
+        return 141
     except InputError as error:
         print(f"bayesid: {error}", file=sys.stderr)
         return 2

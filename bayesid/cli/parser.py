@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
+
+import shtab
 
 import bayesid
 from bayesid import terms as catalogue
@@ -69,7 +71,7 @@ def make_parser() -> argparse.ArgumentParser:
     _add_excite(commands)
     _add_simulate(commands)
     demo = _command(commands, "demo", "the paper's experiment, simulated, end to end", ["bayesid demo --out demo"])
-    demo.add_argument("--out", type=Path, default=Path("bayesid-demo"), help="result folder (default: %(default)s)")
+    _add_path(demo, "--out", default=Path("bayesid-demo"), help="result folder (default: %(default)s)")
     demo.add_argument("--seed", type=_seed, default=0, help="of trajectory and noise (default: 0)")
     _add_quiet(demo)
     demo.set_defaults(command=run.demo)
@@ -101,8 +103,8 @@ def _add_identify(commands: argparse._SubParsersAction[_Parser]) -> None:
             "bayesid identify my_bag --robot robot.urdf --topic /joint_states",
         ],
     )  # fmt: skip
-    parser.add_argument(
-        "logs", type=Path, nargs="+", metavar="log",
+    _add_path(
+        parser, "logs", nargs="+", metavar="log",
         help="t,q1..qn[,dq1..dqn],tau1..taun (or i1..in with --gains) as CSV, Parquet or MATLAB file, a ROS bag or a "
         "KUKA table; several logs of one robot count as one, "
         "also by a quoted pattern: 'runs/*.csv'",
@@ -134,8 +136,8 @@ def _add_identify(commands: argparse._SubParsersAction[_Parser]) -> None:
         "--posterior-budget", type=float, default=60.0, metavar="S",
         help="seconds that sampling may take; it ends when it has converged (default: %(default)g)",
     )  # fmt: skip
-    parser.add_argument(
-        "--nominal", type=Path, metavar="CSV",
+    _add_path(
+        parser, "--nominal", metavar="CSV",
         help="parameters known beforehand, from CAD or a data sheet: name,mean,sd, names as in parameters.csv",
     )  # fmt: skip
     parser.add_argument("--seed", type=_seed, default=0, help="of everything random (default: 0)")
@@ -145,7 +147,7 @@ def _add_identify(commands: argparse._SubParsersAction[_Parser]) -> None:
     )
     _add_workers(parser)
     parser.add_argument("--no-report", action="store_true", help="do not make report.html, which takes some seconds")
-    parser.add_argument("--out", type=Path, help="result folder (default: bayesid-LOG; with --each bayesid-each-LOG)")
+    _add_path(parser, "--out", help="result folder (default: bayesid-LOG; with --each bayesid-each-LOG)")
     _add_quiet(parser)
     parser.set_defaults(command=run.identify)
 
@@ -153,11 +155,11 @@ def _add_identify(commands: argparse._SubParsersAction[_Parser]) -> None:
 def _add_validate(commands: argparse._SubParsersAction[_Parser]) -> None:
     examples = ["bayesid validate result another_log.csv", "bayesid validate result another_log.csv --out validated"]
     parser = _command(commands, "validate", "a result's model against another log", examples)
-    parser.add_argument("result", type=Path, help="folder that `bayesid identify` wrote")
-    parser.add_argument("log", type=Path, help="log of the same robot")
+    _add_path(parser, "result", help="folder that `bayesid identify` wrote")
+    _add_path(parser, "log", help="log of the same robot")
     _add_reading(parser)
     parser.add_argument("--cutoff", type=float, metavar="HZ", help="of the motion's low-pass (default: from the data)")
-    parser.add_argument("--out", type=Path, help="folder for summary, signed log and prediction (default: none)")
+    _add_path(parser, "--out", help="folder for summary, signed log and prediction (default: none)")
     _add_quiet(parser)
     parser.set_defaults(command=run.validate)
 
@@ -165,11 +167,9 @@ def _add_validate(commands: argparse._SubParsersAction[_Parser]) -> None:
 def _add_discrepancy(commands: argparse._SubParsersAction[_Parser]) -> None:
     examples = ["bayesid discrepancy result another_log.csv --holdout a_third_log.csv --out extended"]
     parser = _command(commands, "discrepancy", "what a result's model lacks to explain another log", examples)
-    parser.add_argument("result", type=Path, help="folder that `bayesid identify` or `bayesid discrepancy` wrote")
-    parser.add_argument("log", type=Path, help="log of the same robot")
-    parser.add_argument(
-        "--holdout", type=Path, metavar="LOG", help="another log, to score by (default: stretches of the log)"
-    )
+    _add_path(parser, "result", help="folder that `bayesid identify` or `bayesid discrepancy` wrote")
+    _add_path(parser, "log", help="log of the same robot")
+    _add_path(parser, "--holdout", metavar="LOG", help="another log, to score by (default: stretches of the log)")
     _add_reading(parser)
     parser.add_argument("--cutoff", type=float, metavar="HZ", help="of the motion's low-pass (default: from the data)")
     parser.add_argument(
@@ -183,7 +183,7 @@ def _add_discrepancy(commands: argparse._SubParsersAction[_Parser]) -> None:
     )  # fmt: skip
     parser.add_argument("--seed", type=_seed, default=0, help="of everything random (default: 0)")
     _add_repeatable(parser)
-    parser.add_argument("--out", type=Path, help="folder of the extended model (default: bayesid-discrepancy-LOG)")
+    _add_path(parser, "--out", help="folder of the extended model (default: bayesid-discrepancy-LOG)")
     _add_quiet(parser)
     parser.set_defaults(command=run.discrepancy)
 
@@ -193,11 +193,11 @@ def _add_report(commands: argparse._SubParsersAction[_Parser]) -> None:
         commands, "report", "the report of a result folder, anew or with a validation",
         ["bayesid report result", "bayesid report result --validation another_log.csv --out to_send.html"],
     )  # fmt: skip
-    parser.add_argument("result", type=Path, help="folder that `bayesid identify` wrote")
-    parser.add_argument("--validation", type=Path, metavar="LOG", help="another log of the same robot to try it on")
+    _add_path(parser, "result", help="folder that `bayesid identify` wrote")
+    _add_path(parser, "--validation", metavar="LOG", help="another log of the same robot to try it on")
     _add_reading(parser)
     parser.add_argument("--cutoff", type=float, metavar="HZ", help="of the motion's low-pass (default: from the data)")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="default: report.html in the folder")
+    _add_path(parser, "--out", metavar="FILE", help="default: report.html in the folder")
     _add_quiet(parser)
     parser.set_defaults(command=run.report)
 
@@ -213,22 +213,22 @@ def _add_excite(commands: argparse._SubParsersAction[_Parser]) -> None:
     )  # fmt: skip
     parser.add_argument("--robot", required=True, help="built-in name, DH file (.toml) or URDF file")
     parser.add_argument("--terms", default=",".join(catalogue.DEFAULT), help="of the model (default: %(default)s)")
-    parser.add_argument("--log", type=Path, help="judge this log's motion; design none")
+    _add_path(parser, "--log", help="judge this log's motion; design none")
     parser.add_argument("--duration", type=float, default=20.0, metavar="S", help="default: %(default)s")
     parser.add_argument("--rate", type=float, default=100.0, metavar="HZ", help="of the file (default: %(default)s)")
-    parser.add_argument(
-        "--limits", type=Path, metavar="FILE",
+    _add_path(
+        parser, "--limits", metavar="FILE",
         help="of the joints: TOML with lower, upper, velocity, acceleration, or a URDF (default: those of the robot's "
         "URDF, else +-2 rad, 3 rad/s, 15 rad/s^2)",
     )  # fmt: skip
     parser.add_argument("--harmonics", type=_whole, default=5, help="sines and cosines a joint (default: 5)")
     parser.add_argument("--periods", type=_whole, default=1, help="in the duration (default: 1)")
     parser.add_argument("--noise", type=float, default=0.05, metavar="REL", help="of each joint's RMS (default: 0.05)")
-    parser.add_argument("--nominal", type=Path, metavar="CSV", help="expected parameters, as for identify")
+    _add_path(parser, "--nominal", metavar="CSV", help="expected parameters, as for identify")
     parser.add_argument("--cutoff", type=float, metavar="HZ", help="of the log's low-pass (default: from the data)")
     _add_reading(parser)
     parser.add_argument("--seed", type=_seed, default=0, help="of everything random (default: 0)")
-    parser.add_argument("--out", type=Path, default=Path("bayesid-motion"), help="folder (default: %(default)s)")
+    _add_path(parser, "--out", default=Path("bayesid-motion"), help="folder (default: %(default)s)")
     _add_quiet(parser)
     parser.set_defaults(command=run.excite)
 
@@ -262,7 +262,7 @@ def _add_simulate(commands: argparse._SubParsersAction[_Parser]) -> None:
         help="hide an effect of docs/discrepancy.md, its RMS LEVEL times the joint's effort; may be repeated",
     )  # fmt: skip
     parser.add_argument("--seed", type=_seed, default=0, help="of parameters, trajectory and noise (default: 0)")
-    parser.add_argument("--out", type=Path, required=True, metavar="LOG.csv", help="log to write")
+    _add_path(parser, "--out", required=True, metavar="LOG.csv", help="log to write")
     _add_quiet(parser)
     parser.set_defaults(command=run.simulate)
 
@@ -274,14 +274,20 @@ def _add_study(commands: argparse._SubParsersAction[_Parser]) -> None:
         ["bayesid study noise --trials 64 --workers 2", "bayesid study noise --scheduler tcp://HOST:8786 --resume"],
         "\n".join(["studies:", *(f"  {name:<{width}}  {told}" for name, told in STUDIES.items())]),
     )  # fmt: skip
-    parser.add_argument("name", choices=STUDIES, metavar="NAME", help="which one, see below")
+    parser.add_argument("name", choices=list(STUDIES), metavar="NAME", help="which one, see below")
     parser.add_argument("--trials", type=_whole, metavar="N", help="how many (default: the study's own number)")
     parser.add_argument("--seed", type=_seed, default=0, help="of the first trials (default: 0)")
     _add_workers(parser)
     parser.add_argument("--resume", action="store_true", help="keep the rows that are there, run what is missing")
-    parser.add_argument("--out", type=Path, help="folder for rows, report and figure (default: bayesid-study-NAME)")
+    _add_path(parser, "--out", help="folder for rows, report and figure (default: bayesid-study-NAME)")
     _add_quiet(parser)
     parser.set_defaults(command=run.study)
+
+
+def _add_path(parser: argparse.ArgumentParser, name: str, **options: Any) -> None:
+    """An argument that the shell can complete."""
+    action = parser.add_argument(name, type=Path, **options)
+    vars(action)["complete"] = shtab.FILE
 
 
 def _add_reading(parser: _Parser) -> None:
