@@ -114,15 +114,18 @@ def head(model: Model, parts: Sequence[Part], kind: str) -> str:
 
 
 def left_out(model: Model, parts: Sequence[Part], places: Places, placed: Mask) -> list[str]:
-    """A line for each number that is not in the file: all but bodies, and `places` in the actuators `placed` (n,)."""
+    """A line for each number that is not in the file: all but bodies, and `places` in the actuators `placed` (n,).
+
+    No format knows a friction that is smoothed about standstill, so the speeds of smoothing are left out of all.
+    """
     lines = []
     for term, values in parts:
         if term.name in (RigidBody.name, Payload.name):
             continue
-        pairs = [*zip(term.parameters(model.robot), values, strict=True), *_shape(term, model.robot)]
-        for each, value in pairs:
+        for each, value in zip(term.parameters(model.robot), values, strict=True):
             if term.name not in places or not placed[each.joint - 1]:
                 lines.append(_remark(term.name, each.name, value, each.unit))
+        lines += [_remark(term.name, each.name, value, each.unit) for each, value in _shape(term, model.robot)]
     for distortion in model.distortions:
         lines += [_remark(distortion.name, key, value, unit) for key, (value, unit) in distortion.numbers.items()]
     return lines
