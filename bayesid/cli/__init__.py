@@ -10,6 +10,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 
+from bayesid.cli.messages import complain
 from bayesid.cli.parser import STUDIES, make_parser
 from bayesid.errors import BayesidError, InputError
 
@@ -27,12 +28,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nor shall Python complain when it ends
         return 141
     except InputError as error:
-        print(f"bayesid: {error}", file=sys.stderr)
+        complain(str(error))
         return 2
     except (OSError, BayesidError) as error:
-        print(f"bayesid: {error}", file=sys.stderr)
+        complain(str(error))
         return 1
     except KeyboardInterrupt as stop:
-        print(f"bayesid: interrupted; {stop or 'nothing was written'}", file=sys.stderr)
+        complain(f"interrupted; {stop or 'nothing was written'}")
         return 130
     return 0

@@ -14,6 +14,7 @@ from typing import Any
 import shtab
 
 import bayesid
+from bayesid.cli.messages import complain, warn
 from bayesid.cli.progress import CountBar, StageBars
 from bayesid.cli.tables import discrepancy_table, identification_table, separate_table, validation_table
 from bayesid.demo import run_demo
@@ -49,7 +50,7 @@ def identify(options: argparse.Namespace) -> None:
         bars.show("write", 0, 1)
         bayesid.save_identification(result, folder, report=not options.no_report, progress=bars.show)
     for warning in result.warnings:
-        print(f"warning: {warning}", file=sys.stderr)
+        warn(warning)
     if not options.quiet:
         print(identification_table(result))
         print(f"written to {folder}/")
@@ -82,9 +83,9 @@ def _identify_each(options: argparse.Namespace, logs: Sequence[Path], settings: 
         )  # fmt: skip
     for one in found.runs:
         for warning in one.warnings:
-            print(f"warning: {one.log}: {warning}", file=sys.stderr)
+            warn(f"{one.log}: {warning}")
         if one.error:
-            print(f"bayesid: {one.log}: {one.error.removeprefix(f'{one.log}: ')}", file=sys.stderr)
+            complain(f"{one.log}: {one.error.removeprefix(f'{one.log}: ')}")
     if not options.quiet:
         print(separate_table(found))
         print(f"written to {folder}/")
@@ -149,7 +150,7 @@ def discrepancy(options: argparse.Namespace) -> None:
         bars.show("write", 0, 1)
         bayesid.save_discrepancy(result, folder, progress=bars.show)
     for warning in result.warnings:
-        print(f"warning: {warning}", file=sys.stderr)
+        warn(warning)
     if not options.quiet:
         print(discrepancy_table(result))
         print(f"written to {folder}/")
@@ -224,7 +225,7 @@ def study(options: argparse.Namespace) -> None:
         )  # fmt: skip
     text = save_results(finished, folder)
     for row in finished.failed:
-        print(f"warning: trial {row['trial']} failed: {row['error']}", file=sys.stderr)
+        warn(f"trial {row['trial']} failed: {row['error']}")
     if not options.quiet:
         print(text)
         print(f"written to {folder}/")
@@ -253,7 +254,7 @@ def _read(path: Path, reading: Mapping[str, Any]) -> bayesid.Log:
         warnings.simplefilter("always", UserWarning)
         log = bayesid.read_log(path, **reading)
     for one in told:
-        print(f"warning: {one.message}", file=sys.stderr)
+        warn(str(one.message))
     return log
 
 

@@ -12,6 +12,7 @@ import shtab
 import bayesid
 from bayesid import terms as catalogue
 from bayesid.cli import commands as run
+from bayesid.cli.messages import complain
 from bayesid.signs import METHODS
 
 STUDIES = {
@@ -51,7 +52,8 @@ class _Parser(argparse.ArgumentParser):
     """Says what is wrong in one line."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: {message}; see `{self.prog} --help`\n")
+        complain(f"{message}; see `{self.prog} --help`", self.prog)
+        self.exit(2)
 
 
 def make_parser() -> argparse.ArgumentParser:
