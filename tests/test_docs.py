@@ -34,14 +34,19 @@ from bayesid.simulation import random_parameters, simulate
 from bayesid.terms import make_terms
 
 ROOT = Path(__file__).parents[1]
-PAGES = [page for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))) if page.is_file()]
-ROBOTS = {"README.md": "ur10e"}
+FOLDERS = (ROOT / "docs", ROOT / "docs" / "how-to")
+PAGES = [ROOT / "README.md", *(page for folder in FOLDERS for page in sorted(folder.glob("*.md")))]
+ROBOTS = {"README.md": "ur10e", "coupled-wrists.md": "tx40", "data-sheet-robot.md": "ur5e.toml"}
 """Whose logs a page's commands read; robot.toml of docs/logs-and-robots.md if not here."""
+PAYLOAD = np.array([0.017, -0.004, -0.01, 0.022, -0.002, 0.025, 0.2, 0.04, 0.1, 2.0])
+"""Of a body of 2 kg, as in `bayesid.inertia`: on the flange in the log of a page about gains."""
 SAMPLED = ("posterior.md", "python.md", "extending.md")
 """Pages whose examples need draws that have converged; elsewhere as few as there can be do."""
 GAINS = np.array([14.9, 13.3, 11.1])
 """N m/A, as on docs/logs-and-robots.md."""
-HURRY = {"identify": ["--posterior-budget", "0"], "study": ["--trials", "2"]}
+HURRY = {
+    "identify": ["--no-posterior", "--no-report"], "discrepancy": ["--no-posterior"], "study": ["--trials", "2"],
+}  # fmt: skip
 """Options by which commands take less time."""
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?(?!\w)")
 
@@ -66,25 +71,26 @@ def blocks_of(page: Path) -> list[Block]:
     ]
 
 
-def write_files(folder: Path) -> None:
-    """The files that the pages show, and logs of the three-joint arm."""
-    for block in blocks_of(ROOT / "docs" / "logs-and-robots.md"):
+def write_files(folder: Path, page: Path | None = None) -> None:
+    """The files that docs/logs-and-robots.md shows, and those of the page."""
+    for block in [*blocks_of(ROOT / "docs" / "logs-and-robots.md"), *([] if page is None else blocks_of(page))]:
         if block.remark.startswith("file:"):
             (folder / block.remark.removeprefix("file:").strip()).write_text(block.text)
 
 
-def simulated(robot: str | Path, duration: float, rate: float, seed: int) -> Log:
-    """A signed log of a robot; the same robot, whatever the seed."""
+def simulated(robot: str | Path, duration: float, rate: float, seed: int, load: np.ndarray | float = 0.0) -> Log:
+    """A signed log of a robot; the same robot, whatever the seed. The load (10,) is added to its last link."""
     arm = bayesid.load_robot(robot)
     motion = random_trajectory(arm.n_joints, duration, seed=seed).motion(np.arange(int(duration * rate) + 1) / rate)
     model = Model(arm, make_terms(["rigid_body", "viscous_friction", "coulomb_friction"], arm, motion))
     theta = random_parameters(model, np.random.default_rng(0))
+    theta[model.cone.bodies[-1]] += load
     return simulate(model, theta, motion, rng=np.random.default_rng(seed), noise=0.03, signed=True)
 
 
 def write_logs(folder: Path, page: str) -> None:
     """What the user of a page has recorded."""
-    robot = ROBOTS.get(page, folder / "robot.toml")
+    robot = ROBOTS.get(page, "robot.toml")
     log, other = (simulated(robot, 6.0, 50.0, seed) for seed in (1, 2))
     write_log(folder / "log.csv", log.rectified())
     write_log(folder / "another_log.csv", other.rectified())
@@ -93,10 +99,14 @@ def write_logs(folder: Path, page: str) -> None:
     for day, recorded in (("monday", log), ("tuesday", other)):
         write_log(folder / "week" / f"{day}.csv", recorded.rectified())
     if page not in ROBOTS:
-        currents = replace(log.rectified(), effort=np.abs(log.effort) / GAINS)
-        write_log(folder / "currents.csv", currents)
-        text = (folder / "currents.csv").read_text()
-        (folder / "currents.csv").write_text(text.replace("tau", "i", len(GAINS)))
+        write_currents(folder / "currents.csv", log)
+        write_currents(folder / "loaded.csv", simulated(robot, 6.0, 50.0, seed=3, load=PAYLOAD))
+
+
+def write_currents(path: Path, log: Log) -> None:
+    """A log of |current|."""
+    write_log(path, replace(log.rectified(), effort=np.abs(log.effort) / GAINS))
+    path.write_text(path.read_text().replace("tau", "i", len(GAINS)))
 
 
 def assert_alike(printed: str, promised: str) -> None:
@@ -127,7 +137,7 @@ def test_examples_run_and_print_what_the_page_says(page, tmp_path, monkeypatch):
         monkeypatch.setattr(bayesid, "identify", partial(bayesid.identify, posterior_budget=0.0))
         monkeypatch.setattr(demo, "identify", partial(demo.identify, posterior_budget=0.0))
     blocks = [block for block in blocks_of(page) if block.remark != "not run"]
-    write_files(tmp_path)
+    write_files(tmp_path, page)
     if any(block.language in ("console", "sh") for block in blocks):
         write_logs(tmp_path, page.name)
     namespace: dict[str, object] = {"__name__": "__main__"}

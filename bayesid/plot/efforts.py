@@ -138,8 +138,12 @@ def _bands(ax: Axes, found: Findings, j: int) -> None:
             if told.end[k] - told.start[k] > room:
                 middle = 0.5 * (told.start[k] + told.end[k])
                 glyph = f"{name}?" if told.ambiguous[k] else name
-                place = ax.text(middle, 1.01, glyph, transform=ax.get_xaxis_transform(), ha="center", va="bottom")
-                place.set(color=INK, fontsize=SIZE - 1.0, gid=f"glyph-{k}")
+                look = {"ha": "center", "va": "bottom", "color": INK, "fontsize": SIZE - 1.0}
+                letter = ax.annotate(
+                    glyph, (middle, 0.999), (0.0, 3.0), ax.get_xaxis_transform(), "offset points",
+                    annotation_clip=True, **look,
+                )  # fmt: skip
+                letter.set_gid(f"glyph-{k}")
     doubtful = np.flatnonzero((told.joint == j) & told.ambiguous).tolist()
     if doubtful:
         _broken(ax, found, doubtful, "x-doubt", facecolors="none", edgecolors=INK, hatch="////", alpha=0.5)

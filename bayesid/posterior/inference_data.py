@@ -419,7 +419,7 @@ def read_coefficients(path: Path | str) -> Array:
     """
     beta, names = _read(path, ("beta",), ("coefficient",))
     with h5py.File(path) as file:
-        walkers = int(file.attrs["walkers"])
+        walkers = int(np.ravel(file.attrs["walkers"])[0])  # netCDF knows no scalar attributes
     if beta.shape[2:] != (len(names),) or beta.shape[1] % walkers:
         raise InputError("the posterior of another program", str(path), _REMEDY)
     return _sweep_major(beta, walkers)
