@@ -78,7 +78,7 @@ def _excitation(findings: Findings) -> Check:
     if condition is None or silent:  # JSON has no infinity
         said = f"the motion does not show {silent or 'some'} of {len(findings.coefficients.mean)} coefficients"
         return Check("Excitation", "bad", said, f"record a motion that moves more joints at once: {_EXCITE}")
-    said = f"the condition number of the regressor is {condition:.0f} (columns of equal length)"
+    said = f"the condition number of the regressor is {condition:.0f} (rows over their noise, columns of equal length)"
     if condition <= _WELL:
         return Check("Excitation", "good", said)
     state: State = "look" if condition <= _ILL else "bad"
@@ -221,4 +221,5 @@ def _warnings(findings: Findings) -> Check:
     count = len(findings.summary["warnings"])
     if not count:
         return Check("Warnings", "good", "none")
-    return Check("Warnings", "look", f"{count}, listed above" if count > 1 else "one, above", "read them: some say what to do")
+    told = f"{count}, listed above" if count > 1 else "one, above"
+    return Check("Warnings", "look", told, "read them: some say what to do")

@@ -58,7 +58,7 @@ def judgement_text(judgement: ExcitationJudgement) -> str:
         _table(heading, rows),
         "rad, rad/s, rad/s^2; resolvability: twice the log odds against all signs of the joint turned;",
         f"doubtful: energy with the wrong sign, segments one by one; both at a noise of {judgement.noise:.0%}",
-        f"condition number {judgement.condition:.1f}",
+        f"condition number {judgement.condition:.1f}, all joints alike; `identify` weighs each by the noise it finds",
         *([] if flips is None else [f"easiest to mistake: {_group(flips)}"]),
         *(f"- {one}" for one in judgement.told),
     ]

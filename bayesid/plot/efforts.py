@@ -138,7 +138,7 @@ def _bands(ax: Axes, found: Findings, j: int) -> None:
             if told.end[k] - told.start[k] > room:
                 middle = 0.5 * (told.start[k] + told.end[k])
                 glyph = f"{name}?" if told.ambiguous[k] else name
-                look = {"ha": "center", "va": "bottom", "color": INK, "fontsize": SIZE - 1.0}
+                look: dict[str, Any] = {"ha": "center", "va": "bottom", "color": INK, "fontsize": SIZE - 1.0}
                 letter = ax.annotate(
                     glyph, (middle, 0.999), (0.0, 3.0), ax.get_xaxis_transform(), "offset points",
                     annotation_clip=True, **look,
