@@ -7,10 +7,12 @@ Plotting code computes nothing: all that it draws stands here, from an identific
 from __future__ import annotations
 
 import json
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -31,6 +33,11 @@ _MOST = 40_000
 _LAGS = 0.5
 """s up to which the residual's autocorrelation is told."""
 _NORMAL_95 = 1.959963984540054
+_TOLD = (
+    "robot", "log", "terms", "distortions", "n_samples", "n_coefficients", "signed_joints", "search", "signs",
+    "posterior", "noise", "fit", "timings", "warnings", "provenance",
+)  # fmt: skip
+"""What summary.json must hold for a report."""
 _REMEDY = "give a folder that `bayesid identify` wrote, or identify again to write it anew"
 
 
@@ -434,6 +441,7 @@ _PARTS: Mapping[str, type] = {
     "samples": Samples, "segments": SegmentTable, "correlation": Correlation, "coefficients": CoefficientTable,
     "alternatives": Alternatives, "prediction": Prediction,
 }  # fmt: skip
+_NEEDED = ("samples", "segments", "correlation", "coefficients", "alternatives")
 _BULKY = ("samples", "prediction")
 _WORDS = ("effort_unit", "position_unit", "prior_parameters")
 
@@ -460,9 +468,10 @@ def read_findings(folder: str | Path) -> Findings:
     place = Path(folder)
     try:
         told = json.loads((place / "summary.json").read_text(encoding="utf-8"))
+        told = {**told, **{key: told[key] for key in _TOLD}}
         with np.load(place / FILE, allow_pickle=False) as kept:
             arrays = {name: kept[name] for name in kept.files}
-        there = {name.partition(".")[0] for name in arrays}
+        there = {*_NEEDED, *(name.partition(".")[0] for name in arrays)}
         parts: dict[str, Any] = {name: _part(_PARTS[name], name, arrays) for name in _PARTS if name in there}
         parts |= {name: tuple(arrays[name].tolist()) for name in _WORDS}
         return Findings(
@@ -473,7 +482,12 @@ def read_findings(folder: str | Path) -> Findings:
     except (FileNotFoundError, NotADirectoryError) as error:
         missing = Path(error.filename).name
         raise InputError(f"holds no {missing}", str(folder), _REMEDY) from None
-    except (OSError, UnicodeDecodeError, ValueError, KeyError, TypeError) as error:
+    except KeyError as error:
+        said = f"holds no {error}: another version wrote it, or it is damaged"
+        raise InputError(said, str(folder), _REMEDY) from None
+    except InputError:  # of posterior.nc
+        raise
+    except (OSError, EOFError, ValueError, TypeError, AttributeError, BadZipFile, zlib.error) as error:
         raise InputError(f"cannot be read ({error})", str(folder), _REMEDY) from None
 
 

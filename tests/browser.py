@@ -28,7 +28,7 @@ for (const element of document.querySelectorAll("main *")) {
   const box = element.getBoundingClientRect();
   if (!box.width || !box.height || inScroller(element)) continue;
   if (box.left < -1 || box.right > document.documentElement.clientWidth + 1)
-    cut.push(`${element.tagName} ${element.className.baseVal ?? element.className} ${element.textContent.slice(0, 40)}`);
+    cut.push(`${element.tagName} ${element.getAttribute("class")} ${element.textContent.slice(0, 40)}`);
 }
 for (const svg of document.querySelectorAll("figure svg")) {
   const frame = svg.getBoundingClientRect();
@@ -92,10 +92,11 @@ def smallest_letters(driver):
     return driver.execute_script(_SMALLEST)
 
 
-def faults(driver):
-    """Serious faults of accessibility, by axe-core."""
+def faults(driver, rules=None):
+    """Serious faults of accessibility, by axe-core; by all of its rules, or by some."""
     driver.execute_script(files("axe_core_python").joinpath("axe.min.js").read_text(encoding="utf-8"))
-    found = driver.execute_async_script("const done = arguments[0]; axe.run().then(done)")
+    options = {"resultTypes": ["violations"], **({} if rules is None else {"runOnly": rules})}
+    found = driver.execute_async_script("axe.run(document, arguments[0]).then(arguments[1])", options)
     return [
         f"{one['id']}: {one['help']}: {one['nodes'][0]['html'][:200]}"
         for one in found["violations"]

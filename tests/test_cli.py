@@ -1,6 +1,7 @@
 import csv
 import io
 import json
+import shlex
 import shutil
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from oracles import urdf_text
 
 import bayesid
 from bayesid import cli
+from bayesid.cli.parser import make_parser
 from bayesid.demo import run_experiment
 from bayesid.errors import SolverError
 
@@ -785,3 +787,136 @@ def test_bad_simulations(refused, option):
 
 def test_demo_with_a_bad_seed(refused):
     refused("demo", "--seed", "-1", says=["--seed"])
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# report, completion, and what all commands share
+# ---------------------------------------------------------------------------------------------------------------
+EVERY = ("identify", "validate", "discrepancy", "report", "excite", "simulate", "demo", "study", "completion")
+
+
+@pytest.fixture
+def result_here(shop, place):
+    """The result folder, to be changed."""
+    shutil.copytree(shop / "result", place / "result")
+    return place / "result"
+
+
+def test_report_is_made_anew_with_a_validation(result_here, place, capfd, real_reports):
+    """A page with the new log in it; the folder keeps what it shows, and the next report shows it again."""
+    others = everything(result_here)
+    assert run("report", "result", "--validation", "log.csv", "--out", "to_send.html") == 0
+    out, err = capfd.readouterr()
+    assert "in the 95 % band" in out
+    assert out.endswith("written to to_send.html\n")
+    assert err == ""
+    text = (place / "to_send.html").read_text(encoding="utf-8")
+    assert text.startswith("<!DOCTYPE html>")
+    assert "log.csv. The band accounts for" in text
+    changed = {path for path, content in everything(result_here).items() if others.get(path) != content}
+    assert {path.name for path in changed} == {"findings.npz"}
+    assert bayesid.findings.read_findings("result").prediction.source == "log.csv"
+
+
+def test_report_replaces_that_of_the_folder(result_here, place, capfd):
+    (result_here / "report.html").write_text("an old one")
+    assert run("report", "result") == 0
+    assert (result_here / "report.html").read_text() == "a report"
+    assert capfd.readouterr() == ("written to result/report.html\n", "")
+    assert {path.name for path in place.iterdir()} == {"arm.toml", "log.csv", "result"}
+    assert not list(result_here.glob(".*"))
+
+
+def test_a_report_that_cannot_be_made(result_here, place, refused):
+    (place / "folder").mkdir()
+    refused("report", "nowhere", says=["nowhere", "no summary.json"])
+    refused("report", "result", "--out", "folder", says=["folder", "is a folder"])
+    refused("report", "result", "--out", "log.csv/report.html", says=["log.csv"])
+    refused("report", "result", "--validation", "no.csv", says=["no.csv"])
+    refused("report", "result", "--validation", "log.csv", "--cutoff", "900", says=["--cutoff"])
+    (result_here / "findings.npz").write_bytes((result_here / "findings.npz").read_bytes()[:-100])
+    refused("report", "result", says=["result", "cannot be read"])
+    (result_here / "findings.npz").unlink()
+    refused("report", "result", says=["result", "no findings.npz"])
+
+
+def test_a_report_that_fails_leaves_the_old_one(result_here, place, monkeypatch, capfd):
+    def fail(findings, path, progress):
+        path.write_text("half a rep")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("bayesid.results._write_report", fail)
+    (result_here / "report.html").write_text("an old one")
+    before = everything(place)
+    assert run("report", "result") == 2
+    assert "No space left on device" in capfd.readouterr().err
+    assert everything(place) == before
+
+
+def test_identify_without_a_report(place):
+    assert run(*identify(), *QUICK, "--no-report") == 0
+    assert not (place / "out" / "report.html").exists()
+    assert run("report", "out", "--quiet") == 0
+    assert (place / "out" / "report.html").exists()
+
+
+def test_quiet_commands_print_nothing(result_here, place, capfd):
+    for arguments in (
+        ("validate", "result", "log.csv", "--out", "validation"),
+        ("report", "result"),
+        ("report", "result", "--validation", "log.csv"),
+        ("simulate", "--robot", "arm.toml", "--duration", 2, "--out", "s.csv"),
+    ):
+        assert run(*arguments, "--quiet") == 0
+        assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("command", [one for one in EVERY if one != "completion"])
+def test_every_command_can_be_quiet(command, capfd):
+    assert run(command, "--help") == 0
+    assert "--quiet" in capfd.readouterr().out
+
+
+@pytest.mark.parametrize("command", ["", *EVERY])
+def test_examples_of_the_help_can_be_typed(command, capfd):
+    """Each command has some, and all of their words are options that there are."""
+    assert run(*([command] if command else []), "--help") == 0
+    out, err = capfd.readouterr()
+    assert err == ""
+    assert all(len(line) <= 120 for line in out.splitlines())
+    examples = [line.strip() for line in out.partition("examples:")[2].splitlines() if line.startswith("  bayesid ")]
+    assert examples
+    for example in examples:
+        words = shlex.split(example.partition(" > ")[0])
+        options = make_parser().parse_args(words[1:])
+        assert options.command.__name__ == words[1]
+        assert words[1] == command or not command
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "tcsh"])
+def test_completion_names_every_command(shell, capfd):
+    assert run("completion", shell) == 0
+    out, err = capfd.readouterr()
+    assert err == ""
+    assert all(command in out for command in EVERY)
+    assert "--validation" in out
+
+
+def test_bash_completes(tmp_path, capfd):
+    """As a shell would ask: the second word, then an option of a command."""
+    assert run("completion", "bash") == 0
+    script = tmp_path / "bayesid.sh"
+    script.write_text(capfd.readouterr().out)
+    bash = shutil.which("bash")
+    if bash is None:
+        pytest.skip("bash is not installed")
+    for words, expected in ((["bayesid", "rep"], {"report"}), (["bayesid", "report", "--val"], {"--validation"})):
+        asked = f"COMP_WORDS=({' '.join(words)}); COMP_CWORD={len(words) - 1}"
+        code = f'source {script}; {asked}; _shtab_bayesid bayesid; echo "${{COMPREPLY[@]}}"'
+        done = subprocess.run([bash, "--norc", "-c", code], capture_output=True, text=True, check=True)
+        assert set(done.stdout.split()) == expected
+
+
+def test_completion_for_a_shell_that_is_not_known(refused):
+    refused("completion", "abacus", says=["abacus"])
+    refused("completion", says=["shell"])

@@ -144,7 +144,7 @@ def rank(result: Source, count: int = 4, axes: Any = None) -> list[Axes]:
         data = _data(found, np.array([k]))
         arviz.plot_rank(  # type: ignore[no-untyped-call]
             data, ax=ax, kind="bars", colors=_COLOURS[: found.n_ensembles], labels=False, show=False,
-            ref_line_kwargs={"color": INK, "linestyle": "--", "linewidth": 1.0},
+            bar_kwargs={"edgecolor": "none"}, ref_line_kwargs={"color": INK, "linestyle": "--", "linewidth": 1.0},
         )  # fmt: skip
         ax.set_title(name, fontsize=SIZE, color=INK)
         ax.set_xlabel("rank among all draws", fontsize=SIZE - 1.0, color=INK)

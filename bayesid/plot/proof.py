@@ -31,7 +31,7 @@ def alternatives(result: Source, axes: Axes | None = None) -> Axes:
     above = (found.alternatives.cost - told["cost"])[:_SHOWN]
     count = max(1, len(above))
     ax = one_axes(axes, 1.1 + 0.22 * count)
-    if len(above):
+    if len(above) > 1:
         ax.scatter(above[1:], np.arange(1, count), s=30.0, color=ORANGE, label="alternative", zorder=3)
     ax.scatter([0.0], [0], s=44.0, color=BLUE, label="best found", zorder=3)
     if told["certified"]:

@@ -7,11 +7,15 @@ import re
 from html import escape
 
 import matplotlib as mpl
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from bayesid.plot.style import INK
 
 _DPI = 130
+"""Of what is an image inside of a figure."""
+_POINTS = 72
+"""An inch; what a figure's lengths are in."""
 
 
 def inline_svg(figure: Figure, name: str, told: str) -> str:
@@ -24,6 +28,7 @@ def inline_svg(figure: Figure, name: str, told: str) -> str:
     """
     text = io.StringIO()
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "bayesid"}):
+        _lay_out(figure)
         figure.savefig(text, format="svg", dpi=_DPI, transparent=True)
     svg = text.getvalue()[text.getvalue().index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->", "", svg, flags=re.DOTALL)
@@ -34,6 +39,17 @@ def inline_svg(figure: Figure, name: str, told: str) -> str:
     body = re.sub(r"font-family: [^;\"]*;? ?", "", body).replace(INK, "currentColor")
     body = re.sub(r' d="([^"]*)"', lambda found: f' d="{_shortened(found[1])}"', body)
     return f'<svg role="img" aria-label="{escape(told)}" {box[0] if box else ""}>{body.strip()}'
+
+
+def _lay_out(figure: Figure) -> None:
+    """Places the axes once and for all; `savefig` would draw everything twice to do so."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        FigureCanvasSVG(figure)  # whose letters are measured as they will be drawn
+        figure.dpi = _POINTS
+        engine.execute(figure)
+        with mpl.rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
+            figure.set_layout_engine(None)
 
 
 def _shortened(path: str) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from bayesid import plot
-from bayesid.checks import Check, State, check, sure_share, worst
+from bayesid.checks import Check, State, check, number_told, sure_share, worst
 from bayesid.findings import Findings
 from bayesid.plot.remainder import VARIABLES
 from bayesid.plot.style import new_figure
@@ -38,6 +38,8 @@ _DOUBTS = 20
 _ALTERNATIVES = 10
 _PANEL = (5.4, 4.4)
 """in"""
+_ROUNDING = 1e-9
+"""Of a coefficient: what is left of link parameters that cancel."""
 _SLIM_HEIGHT = 2.3
 """in, of a figure over time on a narrow screen."""
 
@@ -151,11 +153,14 @@ def _signs_in_words(findings: Findings, j: int) -> str:
 
 
 def _bands(findings: Findings, j: int) -> list[list[float]]:
-    """Start, end, sign and confidence of a joint's segments, for the page's script."""
+    """Start, end, sign, confidence, and 1 if ambiguous, of a joint's segments, for the page's script."""
     told = findings.segments
+    here = np.flatnonzero(told.joint == j)
+    times = np.round([told.start[here], told.end[here]], 4).tolist()
+    confidence = np.round(told.confidence[here], 3).tolist()
     return [
-        [round(float(told.start[k]), 4), round(float(told.end[k]), 4), int(told.sign[k]), round(told.confidence[k], 3)]
-        for k in np.flatnonzero(told.joint == j)
+        [start, end, int(told.sign[k]), sure, int(told.ambiguous[k])]
+        for k, start, end, sure in zip(here, *times, confidence, strict=True)
     ]
 
 
@@ -181,9 +186,10 @@ def _doubts(findings: Findings) -> str:
         ]
         for k in order[:_DOUBTS]
     ]  # fmt: skip
+    largest = "Segments" if len(rows) == len(doubtful) else f"The {len(rows)} largest of {len(doubtful)} segments"
     caption = (
-        f"The {len(rows)} largest of {len(doubtful)} segments in motion whose sign is not sure, by their largest "
-        "|effort|. The sign of a small effort matters little to the coefficients: its likelihood is averaged over both."
+        f"{largest} in motion whose sign is not sure, by their largest |effort|. The sign of a small effort matters "
+        "little to the coefficients: its likelihood is averaged over both."
     )
     headings = ["Joint", "Time", "Likelier sign", "Confidence", "Largest |effort|, of the joint's"]
     return html.section("doubts", "Ambiguous segments", html.table(caption, headings, rows))
@@ -199,11 +205,11 @@ def _coefficients(findings: Findings) -> str:
             escape(told.name[k]),
             html.data(told.mean[k], quantity(float(told.mean[k]), float(told.sd[k]), unit)),
             html.data(told.relative_sd[k], _percent(told.relative_sd[k])),
-            f"{html.number(told.low[k])} to {html.number(told.high[k])}",
-            *([html.number(told.nominal[k])] if nominal else []),
+            _interval(told.low[k], told.high[k]),
+            *([_nominal(told.nominal[k], told.mean[k])] if nominal else []),
             "data" if told.by_data[k] else "<strong>prior</strong>",
             _bar(bar.mean[k], bar.low[k], bar.high[k], bar.nominal[k]),
-            f'<span class="expression">{escape(told.expression[k])}</span>',
+            f'<span class="expression">{typeset(told.expression[k])}</span>',
         ])  # fmt: skip
     caption = (
         "Base coefficients: the combinations of link parameters that efforts can show. The bar is the mean, the line "
@@ -221,6 +227,18 @@ def _coefficients(findings: Findings) -> str:
         else ""
     )
     return html.section("coefficients", "Coefficients", html.table(caption, headings, rows) + note)
+
+
+def _interval(low: float, high: float) -> str:
+    """Nothing where the log does not show a coefficient."""
+    if not np.isfinite([low, high]).all():
+        return NONE
+    return f'<span class="interval">{html.number(low)} to {html.number(high)}</span>'
+
+
+def _nominal(value: float, mean: float) -> str:
+    """A sum of link parameters that is zero but for rounding is written as zero."""
+    return html.data(value, "0") if abs(value) < _ROUNDING * abs(mean) else html.number(value)
 
 
 def _percent(share: float) -> str:
@@ -249,10 +267,11 @@ def _posterior(findings: Findings) -> str:
         ("rank", plot.rank(findings)[0], "Ranks of each ensemble's draws: flat where the ensembles agree."),
     ]
     told = findings.summary["posterior"]
+    rhat, size = number_told(told["max_rhat"], 3), number_told(told["min_ess"])
     note = (
         f'<p class="note">{told["draws"]} draws of {told["ensembles"]} ensembles of {told["walkers"]} walkers; R-hat '
-        f"{told['max_rhat']:.3f}, effective sample size {told['min_ess']:.0f}, at worst. Shown are the coefficients "
-        "that the log decides worst, less their mean, over the prior's standard deviation.</p>"
+        f"{rhat}, effective sample size {size}, at worst. Shown are the coefficients that the log decides worst, less "
+        "their mean, over the prior's standard deviation.</p>"
     )
     return html.section("posterior", "Posterior", note + html.figures(_picture(*one) for one in made))
 
@@ -294,7 +313,7 @@ def _proof(findings: Findings) -> str:
     if told["settled_share"] is not None:
         proven += (
             f" {told['settled_share']:.1%} of the samples have the same sign in all assignments that cost at most "
-            f"{told['within']:.1f} more, which is {np.exp(-told['within'] / 2.0):.0e} of the best one's probability."
+            f"{told['within']:.1f} more, which is {np.exp(-told['within'] / 2.0):.1g} of the best one's probability."
         )
     picture = _picture("alternatives", plot.alternatives(findings), "Costs of the assignments that remain.")
     content = f"<p>{typeset(said + proven)}</p>" + html.figures([picture]) + _remaining(findings)
@@ -387,7 +406,7 @@ def _zoomable(
         (ax,) = draw(axes=axes)
         ax.patch.set_gid("area")
         ax.xaxis.set_gid("xaxis")
-        left, right = ax.get_xlim()
+        left, right = (float(end) for end in ax.get_xlim())
         images.append(f'<div class="{kind}">{inline_svg(_figure_of(ax), f"{name}{kind}", alt)}</div>')
     data = f'data-left="{left!r}" data-right="{right!r}" data-bands="{escape(json.dumps(bands))}"'
     caption = f"<figcaption>{escape(told)}</figcaption>"

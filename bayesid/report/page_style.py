@@ -54,7 +54,7 @@ thead th { color: var(--soft); font-weight: 600; vertical-align: bottom; }
 tbody th { font-weight: 600; }
 tbody td, tbody th { max-width: 18rem; }
 tbody td:last-child { min-width: 6rem; }
-data { white-space: nowrap; }
+data, .interval { white-space: nowrap; }
 .numbers { list-style: none; margin: 0; padding: 0; }
 .numbers .name { color: var(--soft); }
 .none, .note, figcaption { color: var(--soft); }
@@ -96,7 +96,7 @@ svg.bar { width: 7.5rem; height: 1rem; display: block; }
 .bar .tick { stroke: var(--ink); stroke-width: 1.6; }
 .expression { display: inline-block; min-width: 18rem; overflow-wrap: anywhere; }
 #run table { table-layout: fixed; }
-#run th { width: 14rem; }
+#run th:first-child { width: 14rem; overflow-wrap: anywhere; }
 #run td { max-width: none; }
 footer { margin-top: 3rem; color: var(--soft); font-size: 0.85rem; border-top: 1px solid var(--line); }
 @media screen and (max-width: 40rem) {
@@ -107,17 +107,19 @@ footer { margin-top: 3rem; color: var(--soft); font-size: 0.85rem; border-top: 1
   table { width: max-content; min-width: 100%; }
   caption { max-width: calc(100vw - 3rem); }
   #run table { width: 100%; }
-  #run th { width: 8rem; }
+  #run th:first-child { width: 8rem; }
   .slim { display: block; }
   .broad { display: none; }
   .checks li { flex-direction: column; gap: 0.1rem; }
 }
 @media print {
   :root { --ink: #000000; --soft: #444444; --line: #bbbbbb; --page: #ffffff; --good: #1a6fb5; --bad: #b3560f;
-    --warn: #ffffff; color-scheme: light; }
+    --warn: #ffffff; --panel: #ffffff; --green: #1f7a3d; --amber: #8a5a00; --red: #b3261e; --grey: #59636e;
+    color-scheme: light; }
   @page { margin: 15mm; }
   html { font-size: 11px; }
   main { max-width: none; padding: 0; }
+  .key span, .light::before { print-color-adjust: exact; -webkit-print-color-adjust: exact; }
   .table { overflow: visible; }
   .slim { display: none; }
   .broad { display: block; }

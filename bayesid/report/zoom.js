@@ -2,7 +2,7 @@
 // whole and the links lead to them.
 "use strict";
 (() => {
-  const SVG = "http://www.w3.org/2000/svg";
+  const SVG = document.querySelector("svg")?.namespaceURI;
   const make = (name, attributes, parent) => {
     const element = document.createElementNS(SVG, name);
     for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
@@ -52,10 +52,10 @@
       letter(box.x + box.width / 2, bottom + 28, "time, s");
     };
     const signs = () => {
-      for (const [start, end, sign, confidence] of bands) {
+      for (const [start, end, sign, confidence, ambiguous] of bands) {
         const [a, b] = [place(Math.max(start, range[0])), place(Math.min(end, range[1]))];
         if (b - a < 9) continue;
-        const told = (sign > 0 ? "+" : "\u2212") + (confidence < 0.95 ? "?" : "");
+        const told = (sign > 0 ? "+" : "\u2212") + (ambiguous ? "?" : "");
         letter((a + b) / 2, box.y - 4, b - a > 42 ? `${told} ${confidence.toFixed(2)}` : told);
       }
     };
