@@ -8,10 +8,9 @@ import pytest
 from made_findings import make_findings, make_summary, told, with_alternatives
 
 import bayesid
-from bayesid import findings as module
 from bayesid.distortions.gain_error import GainError
 from bayesid.errors import InputError
-from bayesid.findings import FILE, find, read_findings, write_findings
+from bayesid.findings import FILE, collect, content, find, read_findings, write_findings
 from bayesid.identification import identify
 from bayesid.log import join_logs
 from bayesid.results import save_identification
@@ -257,7 +256,8 @@ def test_what_differs_in_other_assignments(half_signed):
 
 def test_long_logs_are_thinned(half_signed, monkeypatch, tmp_path):
     whole, validation = find(half_signed), half_signed.validate(half_signed.log)
-    monkeypatch.setattr(module, "_MOST", 100)
+    for module in (collect, content):
+        monkeypatch.setattr(module, "MOST", 100)
     thin = find(half_signed).with_validation(validation)
     count = len(whole.samples.t)
     assert thin.samples.every == round(count / 100) == 5
