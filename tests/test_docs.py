@@ -46,6 +46,7 @@ GAINS = np.array([14.9, 13.3, 11.1])
 """N m/A, as on docs/logs-and-robots.md."""
 HURRY = {
     "identify": ["--no-posterior", "--no-report"], "discrepancy": ["--no-posterior"], "study": ["--trials", "2"],
+    "excite": ["--harmonics", "2"],
 }  # fmt: skip
 """Options by which commands take less time."""
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?(?!\w)")

@@ -24,11 +24,13 @@ def calibration(trials, flaw="", workers=0):
 # ---------------------------------------------------------------------------------------------------------------
 # The sampler
 # ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.long
 def test_no_gross_miscalibration():
     found = calibration(24)
     assert found.p > FALSE_ALARM, found
 
 
+@pytest.mark.long
 def test_half_the_noise_is_found():
     found = calibration(24, "noise")
     assert found.p < FALSE_ALARM

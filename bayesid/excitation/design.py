@@ -1,6 +1,7 @@
 """Design of a motion that shows coefficients and signs, for a controller to play.
 
 Every joint follows a Fourier series within its limits that starts and ends at rest. Its shape minimises
+(:eq:`excitation-objective`)
 
     log kappa + lambda mean over robots of log sum_A w_A R_A^(-1/2),   lambda = 1,                           (4)
 

@@ -1,16 +1,17 @@
 """What a motion says about signs: how much worse a fit becomes when the signs of some efforts are turned.
 
 Stack the efforts of all joints, each row divided by its joint's noise sigma_j, as tau = Y beta, with the r base
-coefficients beta. Cut them into segments of constant sign and turn the signs of a set F of segments. The cost of
-DESIGN.md, section 3, f(beta, s) = |Y beta - s |tau||^2, is zero for the true signs; for the turned ones the best
+coefficients beta. Cut them into segments of constant sign and turn the signs of a set F of segments. The cost
+(:eq:`cost`) f(beta, s) = |Y beta - s |tau||^2 is zero for the true signs; for the turned ones the best
 coefficients leave, with tau_F = tau on F and zero elsewhere, P = Y (Y'Y)^-1 Y' and P tau = tau,
 
     min f = |(1 - P) (tau - 2 tau_F)|^2 = 4 |(1 - P) tau_F|^2 =: R_F                                         (1)
           = 4 (c_F - g_F' H^-1 g_F),   H = Y'Y,  c_F = tau_F' tau_F,  g_F = Y' tau_F.                        (2)
 
-R_F is the *resolvability* of F, and half of it the logarithm of the odds against the turned signs. (2) needs moments
-alone, and those of joined segments add. Where the efforts are those of a known robot these are Gram matrices,
-H_F = sum of y y' over the rows of F, g_F = H_F beta and c_F = beta' H_F beta: for whole joints no effort is computed.
+R_F is the *resolvability* of F (:eq:`resolvability`), and half of it the logarithm of the odds against the turned
+signs. (2) needs moments alone, and those of joined segments add. Where the efforts are those of a known robot these are
+Gram matrices, H_F = sum of y y' over the rows of F, g_F = H_F beta and c_F = beta' H_F beta: for whole joints no effort
+is computed.
 
 - Noise e of unit variance on tau leaves the mean difference of the costs as it is (turned noise has the same
   distribution) and gives it, to first order, the standard deviation 2 sqrt(R_F). So turned signs look better with a
@@ -21,9 +22,9 @@ H_F = sum of y y' over the rows of F, g_F = H_F beta and c_F = beta' H_F beta: f
   What tells without the cone is the coupling: coefficients of rigid bodies that show in several joints at once.
 - R_F falls to zero with the effort: efforts that linger near zero cannot be signed, and short segments hardly.
 
-The *noise tolerance* nu puts this in one number that no chosen noise enters: the noise, relative to each joint's RMS
-effort, at which a tenth of the energy (of the squared efforts) would be expected to have the wrong sign if single
-segments and groups of joints were all that could be turned,
+The *noise tolerance* nu (:eq:`noise-tolerance`) puts this in one number that no chosen noise enters: the noise,
+relative to each joint's RMS effort, at which a tenth of the energy (of the squared efforts) would be expected to have
+the wrong sign if single segments and groups of joints were all that could be turned,
 
     sum_F w_F Phi(-sqrt(R_F(nu)) / 2) = 1/10,   R_F(nu) = R_F(1) / nu^2,                                     (3)
 
