@@ -146,9 +146,10 @@ def make_report(
 
 
 def _replace_file(path: Path, write: Callable[[Path], None]) -> None:
-    """Has `write` fill a file beside the target, then renames it."""
+    """Has `write` fill a file beside the target, then renames it; folders above it are made as needed."""
     aside = path.with_name(f".{path.name}-{os.getpid()}")
     with _cannot_be_written(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
         try:
             write(aside)
             aside.replace(path)

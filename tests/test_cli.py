@@ -827,6 +827,12 @@ def test_report_replaces_that_of_the_folder(result_here, place, capfd):
     assert not list(result_here.glob(".*"))
 
 
+def test_folders_above_a_report_are_made(result_here, place, capfd):
+    assert run("report", "result", "--out", "to/send/report.html") == 0
+    assert capfd.readouterr().out == "written to to/send/report.html\n"
+    assert (place / "to" / "send" / "report.html").is_file()
+
+
 def test_a_report_that_cannot_be_made(result_here, place, refused):
     (place / "folder").mkdir()
     refused("report", "nowhere", says=["nowhere", "no summary.json"])
