@@ -31,7 +31,7 @@ _MOSTLY = 0.9
 _COVERED = (0.9, 0.99)
 """Share of a new log's efforts inside a band of 95 %: outside of this the standard deviations do not hold there."""
 _WORSE = 1.5
-"""Times the residual of the log itself that a new log's may reach."""
+"""Times the RMS residual of the log itself that a new log's may reach; shares of the effort depend on the motion."""
 
 
 @dataclass(frozen=True)
@@ -204,7 +204,7 @@ def _validation(findings: Findings) -> Check:
     if seen is None:
         said = "the model has not been tried on a log that it has not seen"
         return Check("Validation", "not done", said, "run `bayesid report RESULT --validation ANOTHER_LOG`")
-    share, own = seen.relative_residual, np.array(findings.summary["fit"]["relative_residual"])
+    share, own = seen.relative_residual, np.array(findings.summary["noise"]["residual_sd"])
     said = (
         f"on {seen.source} it leaves {share.min():.1%} to {share.max():.1%} of a joint's effort, and "
         f"{seen.coverage.min():.0%} to {seen.coverage.max():.0%} of the efforts lie in the bands of 95 %"
@@ -212,7 +212,7 @@ def _validation(findings: Findings) -> Check:
     if share.max() > POOR:
         return Check("Validation", "bad", said, f"do not use the model for this motion; {_DISCREPANCY}")
     covered = _COVERED[0] <= seen.coverage.min() and seen.coverage.max() <= _COVERED[1]
-    if covered and np.all(share <= _WORSE * np.maximum(own, 0.01)):
+    if covered and np.all(seen.rms_error <= _WORSE * own):
         return Check("Validation", "good", said)
     return Check("Validation", "look", said, f"other loads, speeds or temperatures than in the log? {_DISCREPANCY}")
 

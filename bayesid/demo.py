@@ -11,7 +11,7 @@ from bayesid.coefficients import base_coefficients
 from bayesid.excitation import exciting_trajectory, random_trajectory
 from bayesid.identification import Identification, identify
 from bayesid.log import Log
-from bayesid.motion import Array
+from bayesid.motion import Array, Motion
 from bayesid.noise import relative_rms
 from bayesid.paper import TABLE_II, nominal_parameters, paper_model
 from bayesid.posterior.prior import Nominal
@@ -38,7 +38,7 @@ class Experiment:
         estimates: (27,) of Table II.
         sd: (27,) their standard deviations.
         torque_error: (n,) relative RMS error of Newton-Euler on a new trajectory, with the feasible parameters.
-        new_log: of that trajectory, with noise and signs.
+        new_log: of that trajectory, with the same noise, and signs.
     """
 
     log: Log
@@ -90,8 +90,14 @@ def run_experiment(
         estimates=rows @ result.beta,
         sd=np.sqrt(np.einsum("ir,rs,is->i", rows, result.covariance, rows)),
         torque_error=relative_rms(error, expected, np.ones_like(expected, dtype=bool)),
-        new_log=simulate(model, theta, new, rng=np.random.default_rng(seed + 1), noise=noise, signed=True),
+        new_log=_recorded(new, expected, noise * np.sqrt(np.mean(model.effort(motion, theta) ** 2, axis=0)), seed + 1),
     )
+
+
+def _recorded(motion: Motion, effort: Array, sd: Array, seed: int) -> Log:
+    """Signed efforts with noise of a standard deviation (n,), N m: that of the sensors, whatever the motion."""
+    noisy = effort + sd * np.random.default_rng(seed).standard_normal(effort.shape)
+    return Log(motion.t, motion.q, noisy, np.ones(len(sd), dtype=bool), source="simulated, another trajectory")
 
 
 def _truth(result: Identification, effort: Array) -> tuple[Array, Array]:

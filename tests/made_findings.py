@@ -91,6 +91,7 @@ def make_summary(n, coefficients, signed_joints=()):
         },
         "noise": {
             "sd": (0.2 * each).tolist(), "coloured_sd": (0.02 * each).tolist(),
+            "residual_sd": (0.25 * each).tolist(),
             "samples_that_count_as_one": (1.0 + 0.5 * each).tolist(),
         },
         "fit": {

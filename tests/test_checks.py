@@ -86,7 +86,7 @@ CASES = [
     ("Validation", "not done", replace(GOOD, prediction=None), ["not been tried"]),
     ("Validation", "look", predicted(coverage=[0.89, 0.95]), ["89% to 95%"]),
     ("Validation", "look", predicted(coverage=[0.95, 1.0]), ["95% to 100%"]),
-    ("Validation", "look", predicted(relative_residual=[0.036, 0.03]), ["3.6%"]),
+    ("Validation", "look", predicted(rms_error=[0.38, 0.3]), ["3.1%"]),
     ("Validation", "bad", predicted(relative_residual=[0.03, 0.26]), ["26.0%"]),
     ("Warnings", "good", GOOD, ["none"]),
     ("Warnings", "look", told(GOOD, warnings=["beware"]), ["one"]),

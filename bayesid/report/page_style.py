@@ -107,7 +107,7 @@ footer { margin-top: 3rem; color: var(--soft); font-size: 0.85rem; border-top: 1
   table { width: max-content; min-width: 100%; }
   caption { max-width: calc(100vw - 3rem); }
   #run table { width: 100%; }
-  #run th:first-child { width: 8rem; }
+  #run th:first-child { width: 10.5rem; }
   .slim { display: block; }
   .broad { display: none; }
   .checks li { flex-direction: column; gap: 0.1rem; }
