@@ -91,6 +91,12 @@ def pages():
     return get
 
 
+def test_only_a_proof_says_that_nothing_else_remains(pages):
+    said = "No other assignment of the strong segments remains"
+    assert said in pages("one_joint")[2]
+    assert not any(said in pages(name)[2] for name in ("unproven", "beam", "signed", "everything"))
+
+
 @pytest.mark.parametrize("name", MADE)
 def test_the_page_is_whole_and_needs_nothing_else(pages, name):
     findings, page, text = pages(name)

@@ -230,6 +230,14 @@ class Findings:
         return len(self.effort_unit)
 
     @property
+    def segment_size(self) -> Array:
+        """(S,) largest |effort| of each segment, as a share of its joint's."""
+        t, effort, told = self.samples.t, np.abs(self.samples.recorded), self.segments
+        ranges = zip(told.joint, np.searchsorted(t, told.start), np.searchsorted(t, told.end, "right"), strict=True)
+        largest = np.array([effort[a:b, j].max(initial=0.0) for j, a, b in ranges])
+        return largest / np.maximum(effort.max(axis=0), 1e-300)[told.joint]
+
+    @property
     def n_ensembles(self) -> int:
         """E, that were sampled; 0 without draws."""
         return 0 if self.draws is None else len(self.draws)

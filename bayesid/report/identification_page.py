@@ -165,12 +165,7 @@ def _bands(findings: Findings, j: int) -> list[list[float]]:
 
 
 def _doubts(findings: Findings) -> str:
-    told, samples = findings.segments, findings.samples
-    weight = np.array([
-        float(np.abs(samples.recorded[(samples.t >= a) & (samples.t <= b), j]).max(initial=0.0))
-        / max(float(np.abs(samples.recorded[:, j]).max()), 1e-300)
-        for j, a, b in zip(told.joint, told.start, told.end, strict=True)
-    ])  # fmt: skip
+    told, weight = findings.segments, findings.segment_size
     doubtful = np.flatnonzero(told.ambiguous & told.moving)
     if not doubtful.size:
         return html.section("doubts", "Ambiguous segments", "<p>No segment in motion is ambiguous.</p>")
@@ -322,7 +317,9 @@ def _proof(findings: Findings) -> str:
 
 def _remaining(findings: Findings) -> str:
     told = findings.alternatives
-    if len(told.cost) < 2:
+    if not findings.summary["search"]["certified"]:  # then the list says nothing about the others
+        return ""
+    if len(told.cost) == 1:
         return "<p>No other assignment of the strong segments remains.</p>"
     rows = []
     for b in range(1, min(len(told.cost), _ALTERNATIVES + 1)):
