@@ -222,7 +222,7 @@ def identify(
 
     Args:
         robot: a robot, a built-in name or a file.
-        log: a log or a CSV file.
+        log: a log or a file, see `bayesid.read_log`.
         terms: names from `bayesid.terms.CATALOGUE`.
         search: how signs are searched, "certified" or "beam".
         search_budget: seconds that the certified search's proof may take.

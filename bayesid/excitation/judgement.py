@@ -119,7 +119,7 @@ def judge_log(
 
     Args:
         robot: a robot, a built-in name or a file.
-        log: a log or a CSV file.
+        log: a log or a file, see `bayesid.read_log`.
         terms: names from `bayesid.terms.CATALOGUE`: what is to be identified.
         noise: of the efforts, relative to each joint's RMS effort.
         cutoff: of the motion's low-pass, Hz; from the data by default.
