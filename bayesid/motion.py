@@ -5,37 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from bayesid.arrays import Array, Integers, Mask, frozen
 
 STANDSTILL = 0.01
-"""Share of its highest speed below which an actuator stands still: friction's direction is then unknown."""
+"""Share of its highest speed below which an actuator stands still: friction's direction is then
+unknown. A round number; not studied."""
 _SLOWEST = 1e-6
-"""rad/s; an actuator that is never faster stands still all the time."""
-
-
-def frozen(values: object, shape: tuple[int | None, ...], name: str) -> Array:
-    """A read-only float64 copy of `values`, its shape and finiteness checked.
-
-    Args:
-        values: anything numpy can turn into an array.
-        shape: the required shape; None stands for any length.
-        name: what to call the array in the error.
-
-    Raises:
-        ValueError: the shape differs or a value is not finite.
-    """
-    array = np.array(values, dtype=np.float64)
-    fits = array.ndim == len(shape) and all(want in (None, have) for want, have in zip(shape, array.shape, strict=True))
-    if not fits:
-        raise ValueError(f"{name} has shape {array.shape}, expected {shape}")
-    if not np.isfinite(array).all():
-        raise ValueError(f"{name} holds values that are not finite")
-    array.setflags(write=False)
-    return array
+"""rad/s; an actuator that is never faster stands still all the time: far below what an encoder resolves."""
 
 
 @dataclass(frozen=True)

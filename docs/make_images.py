@@ -11,7 +11,7 @@ import tempfile
 from pathlib import Path
 
 import bayesid
-from bayesid import findings, plot
+from bayesid.report import findings, plot
 
 DOCS = Path(__file__).resolve().parent
 GAINS = [35.0, 42.0, 30.0, 12.0, 16.0, 7.5]
@@ -35,8 +35,9 @@ def main() -> None:
         record_logs()
         monday, tuesday = (bayesid.read_log(f"{day}.csv", gains=GAINS) for day in ("monday", "tuesday"))
         os.chdir(DOCS)
-    result = bayesid.identify("kr5", monday, repeatable=True)
-    found = findings.find(result).with_validation(result.validate(tuesday))
+    search, sampling = bayesid.Certified(repeatable=True), bayesid.Sampling(repeatable=True)
+    result = bayesid.identify("kr5", monday, search=search, posterior=sampling)
+    found = findings.find_findings(result).with_validation(result.validate(tuesday))
     pictures = {
         "signs": plot.torques(found, joints=[2, 6]),
         "coefficients": [plot.coefficients(found)],

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from studies.sensitivity import Varied, of_field, searched, sensitivity
-from studies.simulated import Scenario
+from bayesid.studies.sensitivity import Varied, of_field, searched, sensitivity
+from bayesid.studies.simulated import Scenario
 
 LEVELS = (1, 2, 5, 10, 20, 50)
 STUDY = sensitivity(
     "beam_width",
     Varied(
-        "width of the beam, w", of_field("beam_width", LEVELS, "w = {}"),
-        base=Scenario(search="beam", noise=0.1, duration=8.0), extra=searched,
+        "width of the beam, w",
+        of_field("beam_width", LEVELS, "w = {}"),
+        base=Scenario(search="beam", noise=0.1, duration=8.0),
+        extra=searched,
     ),
     trials=192,
-)  # fmt: skip
+)

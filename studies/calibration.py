@@ -2,7 +2,7 @@
 
 Robots, noise of 2 to 15 % of each joint's RMS effort, white and coloured (AR(1), 0.9 from sample to sample at 100 Hz),
 logs of 3 s and of 15 s, new parameters, motion and noise for each. Of all signs given a confidence in a bin, the table
-tells the share that is right, for samples (the sign of the noisy effort as a signed sensor would have logged it) and
+gives the share that is right, for samples (the sign of the noisy effort as a signed sensor would have logged it) and
 for segments (the sign of the sum of these); of all coefficients, how many 95 % intervals hold the true value.
 
 The logs of `misfit` hold an effect that the model does not, a spring, torque ripple or an offset that changes with
@@ -12,29 +12,31 @@ signs may not be either.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayesid import terms as catalogue
-from bayesid.cli import main
-from bayesid.coefficients import base_coefficients
-from bayesid.excitation import exciting_trajectory
-from bayesid.identification import Identification, identify
-from bayesid.log import Log
-from bayesid.model import Model
-from bayesid.motion import Array, Mask
-from bayesid.robot import load_robot
-from bayesid.simulation import random_parameters, simulate
-from bayesid.terms import RigidBody, make_terms
-from studies.record import Row
-from studies.study import Plan, Study
+from bayesid.arrays import Array, Mask
+from bayesid.identification.identification import Identification
+from bayesid.identification.pipeline import identify
+from bayesid.log.log import Log
+from bayesid.model import terms as catalogue
+from bayesid.model.coefficients import base_coefficients
+from bayesid.model.model import Model
+from bayesid.model.robot import load_robot
+from bayesid.model.terms import RigidBody, make_terms
+from bayesid.posterior.sampler import Sampling
+from bayesid.signs.search.certified import Certified
+from bayesid.simulation.exciting import exciting_trajectory
+from bayesid.simulation.logs import simulate
+from bayesid.simulation.parameters import random_parameters
+from bayesid.study.record import Row
+from bayesid.study.study import Plan, Study
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from bayesid.report.plot.trials import Figure
 
 ROBOTS = ("kr5", "ur10e", "panda", "tx40")
 NOISES = (0.02, 0.05, 0.10, 0.15)
@@ -97,7 +99,8 @@ def shuffled(kinds: Sequence[Scenario]) -> Plan:
 def trial(scenario: Scenario, seed: int) -> Row:
     """Simulates a log, identifies the robot without its signs and scores what is claimed."""
     _, theta, signed = _log(scenario, seed)
-    result = identify(scenario.robot, signed.rectified(), seed=seed, repeatable=True)
+    search, sampling = Certified(repeatable=True), Sampling(seed=seed, repeatable=True)
+    result = identify(scenario.robot, signed.rectified(), search=search, posterior=sampling)
     assert result.posterior is not None
     truth = result.coefficients.project(theta)
     low, high = result.posterior.interval(0.95)
@@ -118,13 +121,13 @@ def trial(scenario: Scenario, seed: int) -> Row:
 
 
 def _log(scenario: Scenario, seed: int) -> tuple[Model, Array, Log]:
-    """The model, its true parameters and the log with its signs; its grid is the pipeline's own."""
+    """The model, its true parameters and the log with its signs; its grid is that of the pipeline."""
     rng = np.random.default_rng(seed)
     robot = load_robot(scenario.robot)
     bodies = Model(robot, (RigidBody(),))
     trajectory = exciting_trajectory(bodies, base_coefficients(bodies), scenario.duration, seed=seed)
     motion = trajectory.motion(np.arange(int(scenario.duration * _RATE) + 1) / _RATE)
-    model = Model(robot, make_terms(catalogue.DEFAULT, robot, motion))
+    model = Model(robot, make_terms(catalogue.STANDARD, robot, motion))
     theta = random_parameters(model, rng)
     log = simulate(model, theta, motion, rng=rng, noise=scenario.noise, colour=scenario.colour, signed=True)
     if scenario.misfit:
@@ -189,34 +192,34 @@ def _header() -> str:
 def _groups(rows: Sequence[Row]) -> list[tuple[str, Sequence[Row]]]:
     groups: list[tuple[str, Sequence[Row]]] = [("all", rows)]
     for key, values, form in (
-        ("colour", COLOURS, "AR(1) {:g}"), ("duration", DURATIONS, "{:g} s"), ("noise", NOISES, "noise {:.0%}"),
-        ("robot", ROBOTS, "{}"), ("level", LEVELS, "misfit {:.0%}"),
-    ):  # fmt: skip
+        ("colour", COLOURS, "AR(1) {:g}"),
+        ("duration", DURATIONS, "{:g} s"),
+        ("noise", NOISES, "noise {:.0%}"),
+        ("robot", ROBOTS, "{}"),
+        ("level", LEVELS, "misfit {:.0%}"),
+    ):
         groups += [(form.format(value), [row for row in rows if row[key] == value]) for value in values]
     return [(name, chosen) for name, chosen in groups if chosen]
 
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
     """Shares of right signs over what was claimed of them, and of true coefficients inside their intervals."""
-    left, right = figure.subplots(1, 2)
-    left.plot([0.5, 1.0], [0.5, 1.0], color="#999999", lw=0.8)
+    of_signs, of_intervals = figure.subplots(1, 2)
+    of_signs.plot([0.5, 1.0], [0.5, 1.0], color="#999999", lw=0.8)
     for kind, colour, marker in (("samples", _PALETTE[0], "o"), ("segments", _PALETTE[1], "s")):
         bins = np.sum([row[kind] for row in rows], axis=0)
         some = bins[bins[:, 0] > 0]
         share = some[:, 1] / some[:, 0]
         bars = 1.96 * np.sqrt(np.maximum(share * (1.0 - share), 1e-12) / some[:, 0])
-        left.errorbar(some[:, 2] / some[:, 0], share, bars, fmt=marker, ms=4, color=colour, capsize=2, label=kind)
-    left.set_xlabel("confidence, mean of the bin")
-    left.set_ylabel("share of right signs")
-    left.legend(fontsize=8)
+        of_signs.errorbar(some[:, 2] / some[:, 0], share, bars, fmt=marker, ms=4, color=colour, capsize=2, label=kind)
+    of_signs.set_xlabel("confidence, mean of the bin")
+    of_signs.set_ylabel("share of right signs")
+    of_signs.legend(fontsize=8)
     shares = np.sort([100.0 * row["inside"] / row["coefficients"] for row in rows])
-    right.step(shares, np.arange(1, len(shares) + 1) / len(shares), color=_PALETTE[2])
-    right.axvline(95.0, color="#999999", lw=0.8)
-    right.set_xlabel("coefficients inside their 95 % intervals, %")
-    right.set_ylabel("share of logs with at most this")
+    of_intervals.step(shares, np.arange(1, len(shares) + 1) / len(shares), color=_PALETTE[2])
+    of_intervals.axvline(95.0, color="#999999", lw=0.8)
+    of_intervals.set_xlabel("coefficients inside their 95 % intervals, %")
+    of_intervals.set_ylabel("share of logs with at most this")
 
 
 STUDY = Study("calibration", 256, shuffled(ORDINARY), trial, report, draw)
-
-if __name__ == "__main__":
-    sys.exit(main(["study", "calibration", *sys.argv[1:]]))

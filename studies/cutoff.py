@@ -5,8 +5,8 @@ The motion takes 6 s, so its positions hold up to 0.83 Hz; the positions' noise 
 
 from __future__ import annotations
 
-from studies.sensitivity import Level, Varied, of_field, sensitivity
-from studies.simulated import Scenario
+from bayesid.studies.sensitivity import Level, Varied, of_field, sensitivity
+from bayesid.studies.simulated import Scenario
 
 LEVELS = (1.5, 3.0, 6.0, 12.0, 24.0, 48.0)
 _AUTOMATIC = 96.0
@@ -19,4 +19,4 @@ STUDY = sensitivity(
         base=Scenario(duration=6.0, encoder=5e-5),
     ),
     trials=196,
-)  # fmt: skip
+)

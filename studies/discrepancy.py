@@ -1,4 +1,4 @@
-"""Is the missing effect named? Blind cases of the generator in tests/blind.py, which shares no code with bayesid.
+"""Is the missing effect named? Blind cases of `bayesid.studies.blind`, a generator that shares no code with bayesid.
 
 A healthy robot's log gives the model; another log of the robot, with an effect hidden in it, and a third one to score
 by are compared with it. Signs are hidden in all three. Printed: what was named first against what was hidden, by size
@@ -9,14 +9,13 @@ The plan is balanced for the number of trials: other than elsewhere, `--resume` 
 
 from __future__ import annotations
 
-import importlib.util
 import json
-import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
@@ -24,15 +23,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayesid.cli import main
 from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
 from bayesid.errors import InputError
-from bayesid.identification import identify
-from studies.record import Row
-from studies.study import Study
+from bayesid.identification.pipeline import QUICK, identify
+from bayesid.signs.search.certified import Certified
+from bayesid.study.record import Row
+from bayesid.study.study import Study
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from bayesid.report.plot.trials import Figure
 
 CLEAR = 3.0
 """Size from which on an effect is expected to be named."""
@@ -43,28 +42,20 @@ _STRONG = 0.05
 
 
 def generator() -> ModuleType:
-    """tests/blind.py of the clone that holds this file.
+    """The blind generator, `bayesid.studies.blind`.
 
     Raises:
-        InputError: it is not there, or MuJoCo is not.
+        InputError: MuJoCo, which plays the robot, is not installed.
     """
-    path = Path(__file__).parents[1] / "tests" / "blind.py"
-    if "blind" not in sys.modules:
-        spec = importlib.util.spec_from_file_location("blind", path)
-        if spec is None or spec.loader is None or not path.is_file():
-            raise InputError("the blind generator is not there", str(path), "run this study from a clone of bayesid")
-        sys.modules["blind"] = importlib.util.module_from_spec(spec)
-        try:
-            spec.loader.exec_module(sys.modules["blind"])
-        except ModuleNotFoundError as error:
-            del sys.modules["blind"]
-            raise InputError(f"the blind generator cannot run ({error})", str(path), "install bayesid[test]") from None
-    return sys.modules["blind"]
+    try:
+        return import_module("bayesid.studies.blind")
+    except ModuleNotFoundError as error:
+        raise InputError(f"needs {error.name}", "study discrepancy", "pip install 'bayesid[studies]'") from None
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """A case of the generator; see tests/blind.py.
+    """A case of the generator; see bayesid.studies.blind.
 
     Attributes:
         effect: hidden effect, two joined by +, "outside", or empty for none.
@@ -97,45 +88,43 @@ def trial(scenario: Scenario, seed: int) -> Row:
         truth = blind.make_case(folder, seed, effect, scenario.size, scenario.robot, scenario.style)
         blind.write_truth(secret, truth)
         named = (folder / "terms.txt").read_text().strip().split(",")
-        healthy = identify(
-            folder / "robot.toml", folder / "baseline.csv", terms=named, posterior=False, repeatable=True
-        )
+        search = Certified(repeatable=True)
+        healthy = identify(folder / "robot.toml", folder / "baseline.csv", named, search=search, posterior=False)
         began = time.perf_counter()
-        found = find_discrepancy(
-            healthy, folder / "log.csv", folder / "holdout.csv", posterior=False, repeatable=True
-        )
+        log, holdout = folder / "log.csv", folder / "holdout.csv"
+        result = find_discrepancy(healthy, log, holdout, search=replace(QUICK, repeatable=True), posterior=False)
         seconds = time.perf_counter() - began
-        return {**score(found, blind.read_truth(secret)), "timings": {"discrepancy": seconds}}
+        return {**score(result, blind.read_truth(secret)), "timings": {"discrepancy": seconds}}
 
 
 def _effects(effect: str | tuple[str, str] | None) -> tuple[str, ...]:
     return () if effect is None else (effect,) if isinstance(effect, str) else effect
 
 
-def score(found: Discrepancy, truth: Any) -> Row:
-    """What was found against what was hidden."""
-    named = [(one.effect, one.joints, one.verdict.equivalent) for one in found.found]
+def score(result: Discrepancy, truth: Any) -> Row:
+    """What was named against what was hidden."""
+    named = [(effect.effect, effect.joints, effect.equivalent) for effect in result.added]
     hidden = list(zip(truth.effects, truth.joints, strict=True))
     strong = np.abs(truth.log_efforts) >= _STRONG * np.abs(truth.log_efforts).max(axis=0)
-    right = found.identification.sample_signs == truth.log_signs
+    right = result.identification.sample_signs == truth.log_signs
     touched = sorted({j - 1 for joints in truth.joints for j in joints}) or list(range(len(truth.floor)))
-    ratio = (found.after / truth.floor)[touched]
+    ratio = (result.after / truth.floor)[touched]
     return {
         "hidden": json.dumps(hidden),
-        "status": found.status,
+        "status": result.status,
         "named": json.dumps(named),
-        "unexplained": [joint for joint, _ in found.unexplained],
+        "unexplained": [joint for joint, _ in result.unexplained],
         "first": bool(named) and bool(hidden) and any(_names(named[0], effect) for effect, _ in hidden),
         "joint": bool(named) and any(named[0][1] == joints for _, joints in hidden),
-        "all": bool(hidden) and all(any(_names(one, e) and one[1] == j for one in named) for e, j in hidden),
-        "before": float((found.before / truth.floor).max()),
+        "all": bool(hidden) and all(any(_names(added, e) and added[1] == j for added in named) for e, j in hidden),
+        "before": float((result.before / truth.floor).max()),
         "after": float(ratio.max()),
         "signs": float(right[strong].mean()),
     }
 
 
-def _names(one: tuple[str, tuple[int, ...], tuple[str, ...]], effect: str) -> bool:
-    return effect == one[0] or effect in one[2]
+def _names(added: tuple[str, tuple[int, ...], tuple[str, ...]], effect: str) -> bool:
+    return effect == added[0] or effect in added[2]
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -143,7 +132,7 @@ def _names(one: tuple[str, tuple[int, ...], tuple[str, ...]], effect: str) -> bo
 # ---------------------------------------------------------------------------------------------------------------
 def report(rows: Sequence[Row]) -> str:
     """The tables."""
-    rows = _decoded(rows)
+    rows = decoded(rows)
     kinds = by_kind(rows)
     lines = [f"{len(rows)} cases", ""]
     lines += [*_table_by_effect(kinds["single"]), "", *_confusion(kinds["single"])]
@@ -151,12 +140,12 @@ def report(rows: Sequence[Row]) -> str:
     jointed = [row for row in clear if row["hidden"][0][1] and row["first"]]
     lines += [
         "",
-        f"named first (or its class), size >= {CLEAR:g}:      {_share(clear, 'first')}",
-        f"joint right, of those that have one:     {_share(jointed, 'joint')}",
-        f"nothing hidden, something named:         {_count(kinds['none'], lambda row: bool(row['named']))}",
-        f"outside: unexplained, with the joint:    {_count(kinds['outside'], _outside_right)}",
-        f"outside: something named all the same:   {_count(kinds['outside'], lambda row: bool(row['named']))}",
-        f"two effects, both found in their joints: {_share(kinds['pairs'], 'all')}",
+        f"named first (or its class), size >= {CLEAR:g}:      {share(clear, 'first')}",
+        f"joint right, of those that have one:     {share(jointed, 'joint')}",
+        f"nothing hidden, something named:         {count(kinds['none'], lambda row: bool(row['named']))}",
+        f"outside: unexplained, with the joint:    {count(kinds['outside'], outside_right)}",
+        f"outside: something named all the same:   {count(kinds['outside'], lambda row: bool(row['named']))}",
+        f"two effects, both found in their joints: {share(kinds['pairs'], 'all')}",
     ]
     mended = [row for row in rows if row["hidden"] and row["hidden"][0][0] != "outside"]
     for name, chosen in (("all sizes", mended), (f"size >= {CLEAR:g}", [r for r in mended if r["size"] >= CLEAR])):
@@ -172,7 +161,7 @@ def report(rows: Sequence[Row]) -> str:
     return "\n".join(lines)
 
 
-def _decoded(rows: Sequence[Row]) -> list[Row]:
+def decoded(rows: Sequence[Row]) -> list[Row]:
     """Rows with what was hidden and named as lists again: a column of a table cannot mix texts and numbers."""
     return [{**row, "hidden": json.loads(row["hidden"]), "named": json.loads(row["named"])} for row in rows]
 
@@ -197,8 +186,8 @@ def _table_by_effect(rows: Sequence[Row]) -> list[str]:
     for effect in sorted({row["hidden"][0][0] for row in rows}):
         cells = []
         for low, high in pairwise(SIZES):
-            here = [row for row in rows if row["hidden"][0][0] == effect and low <= row["size"] < high]
-            cells.append(f"{sum(row['first'] for row in here)} of {len(here)}" if here else "")
+            sized = [row for row in rows if row["hidden"][0][0] == effect and low <= row["size"] < high]
+            cells.append(f"{sum(row['first'] for row in sized)} of {len(sized)}" if sized else "")
         lines.append(f"{effect:<24} " + "  ".join(f"{cell:>9}" for cell in cells))
     return lines
 
@@ -211,30 +200,33 @@ def _confusion(rows: Sequence[Row]) -> list[str]:
     return [*lines, *(f"{hidden:<24} {named} ({count})" for (hidden, named), count in sorted(wrong.items()))]
 
 
-def _outside_right(row: Row) -> bool:
+def outside_right(row: Row) -> bool:
+    """Whether an effect from outside is reported as unexplained, in its joint."""
     return row["status"] == "unexplained" and row["hidden"][0][1][0] in row["unexplained"]
 
 
-def _share(rows: Sequence[Row], key: str) -> str:
-    return _count(rows, lambda row: row[key])
+def share(rows: Sequence[Row], key: str) -> str:
+    """How many rows have this."""
+    return count(rows, lambda row: row[key])
 
 
-def _count(rows: Sequence[Row], holds: Any) -> str:
-    count = sum(bool(holds(row)) for row in rows)
-    return f"{count} of {len(rows)} ({count / max(len(rows), 1):.1%})"
+def count(rows: Sequence[Row], holds: Callable[[Row], object]) -> str:
+    """How many rows this holds for."""
+    number = sum(bool(holds(row)) for row in rows)
+    return f"{number} of {len(rows)} ({number / max(len(rows), 1):.1%})"
 
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
     """For each effect what was named at which size, and the size at which it is found half of the time."""
-    from studies.figures import COLOURS
+    from bayesid.report.plot.trials import COLOURS
 
-    single = by_kind(_decoded(rows))["single"]
+    single = by_kind(decoded(rows))["single"]
     effects = sorted({row["hidden"][0][0] for row in single})
     figure.set_size_inches(7.5, 0.32 * len(effects) + 1.2)
     axes = figure.subplots()
     for y, effect in enumerate(effects):
-        here = [row for row in single if row["hidden"][0][0] == effect]
-        size, first = np.array([row["size"] for row in here]), np.array([row["first"] for row in here])
+        trials = [row for row in single if row["hidden"][0][0] == effect]
+        size, first = np.array([row["size"] for row in trials]), np.array([row["first"] for row in trials])
         axes.plot(size[first], np.full(first.sum(), y), "o", color=COLOURS[0], ms=5, label="named" if y == 0 else None)
         missed = ~first
         axes.plot(size[missed], np.full(missed.sum(), y), "x", color=COLOURS[1], ms=6, label="not" if y == 0 else None)
@@ -256,6 +248,3 @@ def half_power(size: Any, first: Any) -> float:
 
 
 STUDY = Study("discrepancy", 300, plan, trial, report, draw)
-
-if __name__ == "__main__":
-    sys.exit(main(["study", "discrepancy", *sys.argv[1:]]))

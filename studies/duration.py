@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from studies.sensitivity import Varied, of_field, sensitivity
+from bayesid.studies.sensitivity import Varied, of_field, sensitivity
 
 LEVELS = (2.0, 3.0, 5.0, 8.0, 12.0, 24.0, 48.0)
-STUDY = sensitivity(
-    "duration", Varied("length of the log, s", of_field("duration", LEVELS, "{:g} s")),
-    trials=196,
-)  # fmt: skip
+STUDY = sensitivity("duration", Varied("length of the log, s", of_field("duration", LEVELS, "{:g} s")), trials=196)

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from studies.record import Row
-from studies.sensitivity import Level, Varied, sensitivity
+from bayesid.studies.sensitivity import Level, Varied, sensitivity
+from bayesid.study.record import Row
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from bayesid.report.plot.trials import Figure
 
 
 def _motion(trajectory: str, reach: float, speed: float) -> dict[str, object]:
@@ -31,7 +31,7 @@ VARIED = Varied("excitation", LEVELS, log_x=False)
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
     """Every log: wrong signs, and errors of predicted efforts, over its condition number."""
-    from studies.figures import COLOURS, MARKERS, error_axis, wrong_axis
+    from bayesid.report.plot.trials import COLOURS, MARKERS, error_axis, wrong_axis
 
     panels = figure.subplots(1, 2)
     for ax in panels:
@@ -47,6 +47,4 @@ def draw(rows: Sequence[Row], figure: Figure) -> None:
     panels[0].legend(fontsize=8)
 
 
-STUDY = replace(
-    sensitivity("excitation", VARIED, trials=196), draw=draw
-)
+STUDY = replace(sensitivity("excitation", VARIED, trials=196), draw=draw)

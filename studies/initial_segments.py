@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from studies.sensitivity import Varied, of_field, searched, sensitivity
-from studies.simulated import Scenario
+from bayesid.studies.sensitivity import Varied, of_field, searched, sensitivity
+from bayesid.studies.simulated import Scenario
 
 LEVELS = (1, 2, 3, 5, 7, 9)
 STUDY = sensitivity(
     "initial_segments",
     Varied(
-        "segments enumerated first, s0", of_field("initial_segments", LEVELS, "s0 = {}"),
-        base=Scenario(search="beam", noise=0.1, duration=8.0), extra=searched,
+        "segments enumerated first, s0",
+        of_field("initial_segments", LEVELS, "s0 = {}"),
+        base=Scenario(search="beam", noise=0.1, duration=8.0),
+        extra=searched,
         log_x=False,
     ),
     trials=192,
-)  # fmt: skip
+)

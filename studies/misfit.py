@@ -1,11 +1,11 @@
 """Do confidences fall where the model cannot be right? The logs of `calibration` with an effect that it does not hold.
 
-docs/posterior.md tells how confidences are lowered where the model's own error is large: this is what that does.
+docs/posterior.md says how confidences are lowered where the model's own error is large: this is what that does.
 """
 
 from __future__ import annotations
 
-from studies.calibration import MISFITTING, draw, report, shuffled, trial
-from studies.study import Study
+from bayesid.studies.calibration import MISFITTING, draw, report, shuffled, trial
+from bayesid.study.study import Study
 
 STUDY = Study("misfit", 240, shuffled(MISFITTING), trial, report, draw)

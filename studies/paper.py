@@ -6,24 +6,22 @@ beside the median and the spread of ours.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayesid.cli import main
-from bayesid.demo import NOISE, run_experiment
-from bayesid.motion import Array
-from bayesid.paper import TABLE_II
-from studies.record import Row
-from studies.study import Study, in_turn
+from bayesid.arrays import Array
+from bayesid.cli.demo import NOISE, run_experiment
+from bayesid.identification.validation import NORMAL_95
+from bayesid.signs.search.certified import Certified
+from bayesid.simulation.paper import TABLE_II
+from bayesid.study.record import Row
+from bayesid.study.study import Study, in_turn
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-_NORMAL_95 = 1.959963984540054
+    from bayesid.report.plot.trials import Figure
 
 
 @dataclass(frozen=True)
@@ -39,7 +37,7 @@ class Scenario:
 
 def trial(scenario: Scenario, seed: int) -> Row:
     """One run of the experiment."""
-    experiment = run_experiment(seed, scenario.noise, repeatable=True)
+    experiment = run_experiment(seed, scenario.noise, search=Certified(repeatable=True))
     result = experiment.result
     nominal = np.array([row.nominal for row in TABLE_II])
     return {
@@ -59,21 +57,21 @@ def trial(scenario: Scenario, seed: int) -> Row:
 
 def report(rows: Sequence[Row]) -> str:
     """Table II with its spread, and the figures beside the paper's."""
-    found = np.array([row["estimates"] for row in rows])
+    estimates = np.array([row["estimates"] for row in rows])
     z = np.array([row["z"] for row in rows])
     nominal, published = (np.array([getattr(row, key) for row in TABLE_II]) for key in ("nominal", "published"))
     rsd = np.median([row["rsd"] for row in rows], axis=0)
     width = max(len(row.expression) for row in TABLE_II)
     lines = [f" # {'coefficient':<{width}}  nominal   paper  median     5 %    95 %  median rsd  95 % interval covers"]
     for i, row in enumerate(TABLE_II):
-        low, middle, high = np.percentile(found[:, i], [5, 50, 95])
+        low, middle, high = np.percentile(estimates[:, i], [5, 50, 95])
         relative = f"{rsd[i]:9.1%}" if row.nominal else "        -"
         lines.append(
             f"{row.number:>2} {row.expression:<{width}}  {row.nominal:7.4f} {row.published:7.4f} {middle:7.4f} "
-            f"{low:7.4f} {high:7.4f}   {relative}  {np.mean(np.abs(z[:, i]) < _NORMAL_95):14.0%}"
+            f"{low:7.4f} {high:7.4f}   {relative}  {np.mean(np.abs(z[:, i]) < NORMAL_95):14.0%}"
         )
     decided = nominal != 0.0
-    ours, theirs = _rms(found - nominal), float(_rms(published - nominal))
+    ours, theirs = _rms(estimates - nominal), float(_rms(published - nominal))
     right = sum(row["wrong"] == 0 for row in rows)
     torque = np.median([row["torque_error"] for row in rows], axis=0)
     figures = [
@@ -81,10 +79,10 @@ def report(rows: Sequence[Row]) -> str:
         ("segments", _spread([row["segments"] for row in rows], "{:.0f}"), "39"),
         ("coefficients", f"{rows[0]['coefficients']}", "36"),
         ("of Table II with rsd < 25 % (median run)", f"{int((rsd[decided] < 0.25).sum())}", "27"),
-        ("of Table II with rsd < 10 % (median run, of 26)", f"{int((rsd[decided] < 0.1).sum())}", "not told"),
+        ("of Table II with rsd < 10 % (median run, of 26)", f"{int((rsd[decided] < 0.1).sum())}", "not given"),
         ("rms error over Table II", _spread(ours, "{:.4f}"), f"{theirs:.4f}"),
         ("runs with a smaller error than the paper's", f"{int(np.sum(ours < theirs))} of {len(rows)}", ""),
-        ("95 % intervals that hold the nominal value", f"{np.mean(np.abs(z) < _NORMAL_95):.1%}", "not told"),
+        ("95 % intervals that hold the nominal value", f"{covered(rows):.1%}", "not given"),
         ("signs certified", f"{sum(row['certified'] for row in rows)} of {len(rows)}", "no proof"),
     ]
     for j in range(len(torque)):
@@ -94,8 +92,13 @@ def report(rows: Sequence[Row]) -> str:
     lines += [f"{name:<52}{ours:>30}   {theirs}".rstrip() for name, ours, theirs in figures]
     failed = [row["seed"] for row in rows if row["wrong"]]
     lines += [f"seeds with a wrong strong segment: {failed}"] if failed else []
-    told = f"the median run's worst joint predicts new torques to {torque.max():.1%}"
-    return "\n".join([*lines, "", f"all signs right in {right} of {len(rows)} runs; {told}"])
+    torques = f"the median run's worst joint predicts new torques to {torque.max():.1%}"
+    return "\n".join([*lines, "", f"all signs right in {right} of {len(rows)} runs; {torques}"])
+
+
+def covered(rows: Sequence[Row]) -> float:
+    """Share of the 95 % intervals that hold the nominal value."""
+    return float(np.mean(np.abs([row["z"] for row in rows]) < NORMAL_95))
 
 
 def _rms(error: Array) -> Array:
@@ -111,18 +114,18 @@ def _spread(values: Sequence[float] | Array, form: str) -> str:
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
     """Errors of Table II's coefficients: ours with their spread over the seeds, and the paper's."""
-    from studies.figures import COLOURS
+    from bayesid.report.plot.trials import COLOURS
 
     nominal = np.array([row.nominal for row in TABLE_II])
-    found = np.array([row["estimates"] for row in rows]) - nominal
-    low, middle, high = np.percentile(found, [5, 50, 95], axis=0)
+    error = np.array([row["estimates"] for row in rows]) - nominal
+    low, middle, high = np.percentile(error, [5, 50, 95], axis=0)
     at = np.arange(1, len(TABLE_II) + 1)
     ax = figure.subplots()
     ax.axhline(0.0, color="#999999", lw=0.8)
     published = np.array([row.published for row in TABLE_II])
     ax.plot(at, published - nominal, "x", color=COLOURS[1], ms=6, label="paper, one run")
-    told = f"ours, median and 5 to 95 % of {len(rows)} runs"
-    ax.errorbar(at, middle, [middle - low, high - middle], fmt="o", ms=4, color=COLOURS[0], capsize=2, label=told)
+    label = f"ours, median and 5 to 95 % of {len(rows)} runs"
+    ax.errorbar(at, middle, [middle - low, high - middle], fmt="o", ms=4, color=COLOURS[0], capsize=2, label=label)
     ax.set_yscale("symlog", linthresh=0.01)
     ax.set_xticks(at)
     ax.tick_params("x", labelsize=7)
@@ -132,6 +135,3 @@ def draw(rows: Sequence[Row], figure: Figure) -> None:
 
 
 STUDY = Study("paper", 100, in_turn([Scenario()]), trial, report, draw)
-
-if __name__ == "__main__":
-    sys.exit(main(["study", "paper", *sys.argv[1:]]))

@@ -6,8 +6,8 @@ to be. With the posterior, so intervals are its quantiles. Logs of 8 s with 10 %
 
 from __future__ import annotations
 
-from studies.sensitivity import Level, Varied, posterior_columns, sensitivity
-from studies.simulated import Scenario
+from bayesid.studies.sensitivity import Level, Varied, posterior_columns, sensitivity
+from bayesid.studies.simulated import Scenario
 
 WIDTHS = (0.25, 0.5, 1.0, 2.0, 4.0)
 DRAWINGS = (0.3, 0.1)
@@ -19,8 +19,11 @@ LEVELS += [
 STUDY = sensitivity(
     "prior",
     Varied(
-        "prior: factor on its width, or known parameters", LEVELS, log_x=False,
-        base=Scenario(noise=0.1, duration=8.0, posterior=True), extra=posterior_columns,
+        "prior: factor on its width, or known parameters",
+        LEVELS,
+        log_x=False,
+        base=Scenario(noise=0.1, duration=8.0, posterior=True),
+        extra=posterior_columns,
     ),
     trials=112,
-)  # fmt: skip
+)

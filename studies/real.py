@@ -8,7 +8,7 @@ share of the strong samples in motion on whose sign all assignments agree that s
 (docs/certified-search.md).
 
 Then what the confidences are worth: of the samples given 0.99 and more how many there are and how many are wrong, and
-how well a segment's confidence tells the wrong segments from the right ones (area under the curve, AUC): also with a
+how well a segment's confidence parts the wrong segments from the right ones (area under the curve, AUC): also with a
 model that lacks friction, whose confidences must fall. A segment is wrong when its sign is not that of its logged
 efforts' sum. In motion: without the segments at standstill, a few samples each, where friction may point either way.
 
@@ -18,7 +18,6 @@ The logs stand in $BAYESID_DATA, on workers of a cluster as well; they are not p
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,20 +26,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.stats import rankdata
 
-from bayesid.cli import main
+from bayesid.arrays import Array, Mask
 from bayesid.errors import InputError
-from bayesid.fit import fit_signed
-from bayesid.identification import Identification, identify
-from bayesid.log import Log, read_log
-from bayesid.motion import Array, Mask
-from bayesid.robot import load_robot
-from bayesid.signals import lowpass, prepare
-from bayesid.terms import DEFAULT
-from studies.record import Row
-from studies.study import Study, in_turn
+from bayesid.fit.evidence import Evidence
+from bayesid.fit.least_squares import fit_signed
+from bayesid.identification.identification import Identification
+from bayesid.identification.pipeline import identify
+from bayesid.log.log import Log, read_log
+from bayesid.log.signals import lowpass, prepare
+from bayesid.model.robot import load_robot
+from bayesid.model.terms import STANDARD
+from bayesid.posterior.sampler import Sampling
+from bayesid.signs.search.certified import Certified
+from bayesid.study.record import Row
+from bayesid.study.study import Study, in_turn
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from bayesid.report.plot.trials import Figure
 
 LOGS = ("ur10e/a_50s", "ur10e/b_20s", "ur10e/c_unloaded", "ur10e/c_loaded", "panda/a", "tx40/a")
 DATA = Path(os.environ.get("BAYESID_DATA", Path(__file__).parents[2] / "shared" / "data"))
@@ -63,7 +65,7 @@ class Scenario:
 
     data: str
     log: str
-    terms: tuple[str, ...] = DEFAULT
+    terms: tuple[str, ...] = STANDARD
     predicts: str = ""
 
     def path(self, log: str) -> Path:
@@ -89,7 +91,8 @@ def trial(scenario: Scenario, seed: int) -> Row:
     """Identifies one log without its signs, and scores them or what the model predicts."""
     log = read_log(scenario.path(scenario.log))
     robot = load_robot(scenario.path(scenario.log).with_name("robot.toml"))
-    result = identify(robot, log.rectified(), scenario.terms, seed=seed, repeatable=True)
+    search, sampling = Certified(repeatable=True), Sampling(seed=seed, repeatable=True)
+    result = identify(robot, log.rectified(), scenario.terms, search=search, posterior=sampling)
     other = read_log(scenario.path(scenario.predicts)) if scenario.predicts else None
     scores = _scored(result, log) if other is None else _predicted(result, other)
     return {**scores, "timings": result.timings}
@@ -171,13 +174,15 @@ def _predicted(result: Identification, target: Log) -> Row:
     """How well the model predicts another log; beside it the signed fit on that log itself."""
     predicted = result.validate(target)
     moving = predicted.segments.per_sample(predicted.segments.moving, *predicted.measured.shape) > 0
-    signs = np.ones_like(predicted.measured)
-    own = fit_signed(result.model, result.coefficients, predicted.signals, signs, moving)
-    ratio = predicted.relative_residual / own.relative_residual
+    evidence = Evidence(result.model, result.coefficients, predicted.signals, moving, moving)
+    signed = fit_signed(evidence, np.ones_like(predicted.measured))
+    ratio = predicted.relative_residual / signed.relative_residual
     figures = {
-        "predicted": predicted.relative_residual, "own": own.relative_residual, "ratio": ratio,
+        "predicted": predicted.relative_residual,
+        "own": signed.relative_residual,
+        "ratio": ratio,
         "coverage": predicted.coverage,
-    }  # fmt: skip
+    }
     return {name: values.tolist() for name, values in figures.items()}
 
 
@@ -202,20 +207,21 @@ def _share(signs: Array, truth: Array, counted: Any) -> float:
 def report(rows: Sequence[Row]) -> str:
     """The tables."""
     scored = [row for row in rows if not row["predicts"]]
-    ordinary = [row for row in scored if tuple(row["terms"]) == DEFAULT]
+    ordinary = [row for row in scored if tuple(row["terms"]) == STANDARD]
     poor = [row for row in scored if tuple(row["terms"]) == POOR]
     parts = []
     if ordinary:
         parts += [_table_of_signs(ordinary), _table_of_joints(ordinary), _table_of_smooth_truth(ordinary)]
-        parts += [_table_of_confidences(ordinary, "wrong segments and how well confidence tells them; the posterior")]
+        parts += [_table_of_confidences(ordinary, "wrong segments and how well confidence marks them; the posterior")]
     if poor:
         parts.append(_table_of_confidences(poor, f"the same with terms {', '.join(POOR)}: no friction"))
     parts += [_prediction(row) for row in rows if row["predicts"]]
     if ordinary:
         least = min(ordinary, key=lambda row: row["motion"])
         certified = sum(row["certified"] for row in ordinary)
-        told = f"{certified} of {len(ordinary)} logs certified; of strong samples in motion at least"
-        parts.append(f"{told} {least['motion']:.2%} have the right sign ({least['log']})")
+        proven = f"{certified} of {len(ordinary)} logs certified"
+        right = f"of strong samples in motion at least {least['motion']:.2%} have the right sign ({least['log']})"
+        parts.append(f"{proven}; {right}")
     return "\n\n".join(parts)
 
 
@@ -254,7 +260,7 @@ def _table_of_confidences(rows: Sequence[Row], heading: str) -> str:
     lines = [
         f"confidence {SURE:g} and more; {heading}",
         f"{'log':<17}  sure %  wrong of these  strong: sure %  wrong  segments wrong  AUC  in motion wrong  AUC"
-        "  R-hat  min ESS  posterior s"
+        "  R-hat  min ESS  posterior s",
     ]
     for row in rows:
         lines.append(
@@ -278,9 +284,9 @@ def _prediction(row: Row) -> str:
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
     """Signs that come back right, joint by joint, beside what the velocity's sign scores."""
-    from studies.figures import COLOURS
+    from bayesid.report.plot.trials import COLOURS
 
-    ordinary = [row for row in rows if not row["predicts"] and tuple(row["terms"]) == DEFAULT]
+    ordinary = [row for row in rows if not row["predicts"] and tuple(row["terms"]) == STANDARD]
     ax = figure.subplots()
     for x, row in enumerate(ordinary):
         at = x + np.linspace(-0.3, 0.3, len(row["joints"]))
@@ -296,6 +302,3 @@ def draw(rows: Sequence[Row], figure: Figure) -> None:
 
 
 STUDY = Study("real", len(LOGS) + 5, plan, trial, report, draw)
-
-if __name__ == "__main__":
-    sys.exit(main(["study", "real", *sys.argv[1:]]))

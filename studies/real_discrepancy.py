@@ -6,27 +6,26 @@ stretches of the log are held back.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayesid.cli import main
-from bayesid.discrepancy.evidence import LN10
+from bayesid.discrepancy.explanation import LN10
 from bayesid.discrepancy.workflow import find_discrepancy
 from bayesid.errors import InputError
-from bayesid.identification import identify
-from bayesid.log import read_log
-from bayesid.terms import DEFAULT
-from studies.real import DATA
-from studies.record import Row
-from studies.study import Study, in_turn
+from bayesid.identification.pipeline import QUICK, identify
+from bayesid.log.log import read_log
+from bayesid.model.terms import STANDARD
+from bayesid.signs.search.certified import Certified
+from bayesid.studies.real import DATA
+from bayesid.study.record import Row
+from bayesid.study.study import Study, in_turn
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from bayesid.report.plot.trials import Figure
 
 FRICTIONLESS = ("rigid_body", "torque_offset", "rotor_inertia")
 
@@ -57,46 +56,47 @@ def plan(trials: int, seed: int) -> Sequence[tuple[Scenario, int]]:
     if not DATA.is_dir():
         raise InputError("is not there", str(DATA), "set BAYESID_DATA to the folder of the logs")
     data = str(DATA / "ur10e")
-    payload = Scenario(data, "c_unloaded", DEFAULT, "c_loaded")
+    payload = Scenario(data, "c_unloaded", STANDARD, "c_loaded")
     return in_turn([payload, Scenario(data, "a_50s", FRICTIONLESS, "a_50s")])(trials, seed)
 
 
 def trial(scenario: Scenario, seed: int) -> Row:
     """Finds what the model lacks; beside its gap that of an ordinary identification with known signs."""
     source, log = (read_log(Path(scenario.data) / f"{name}.csv") for name in (scenario.source, scenario.log))
-    model = identify("ur10e", source.rectified(), scenario.terms, posterior=False, seed=seed, repeatable=True)
-    found = find_discrepancy(model, log.rectified(), posterior=False, seed=seed, repeatable=True)
-    refit = identify("ur10e", log, posterior=False, seed=seed, repeatable=True)
-    own = found.unseen.gap(refit.model.effort(found.unseen.signals.motion, refit.theta))
+    search = Certified(repeatable=True)
+    model = identify("ur10e", source.rectified(), scenario.terms, search=search, posterior=False)
+    result = find_discrepancy(model, log.rectified(), search=replace(QUICK, repeatable=True), posterior=False)
+    refit = identify("ur10e", log, search=search, posterior=False)
+    of_refit = result.held_back.gap(refit.model.effort(result.held_back.signals.motion, refit.theta))
     return {
-        "status": found.status,
-        "found": [_told(one.effect, one.joints) for one in found.found],
-        "log10_bayes_factor": [one.verdict.gain / LN10 for one in found.found],
-        "equivalent": [list(one.verdict.equivalent) for one in found.found],
-        "payload": next((list(one.parameters["mp6"][:2]) for one in found.found if one.effect == "payload"), []),
-        "unexplained": [joint for joint, _ in found.unexplained],
-        "before": found.before.tolist(),
-        "after": found.after.tolist(),
-        "floor": found.floor.rms.tolist(),
-        "signed_refit": own.tolist(),
-        "timings": {"discrepancy": found.seconds},
+        "status": result.status,
+        "found": [_named(added.effect, added.joints) for added in result.added],
+        "log10_bayes_factor": [added.gain / LN10 for added in result.added],
+        "equivalent": [list(added.equivalent) for added in result.added],
+        "payload": next((list(added.parameters["mp6"][:2]) for added in result.added if added.effect == "payload"), []),
+        "unexplained": [joint for joint, _ in result.unexplained],
+        "before": result.before.tolist(),
+        "after": result.after.tolist(),
+        "floor": result.floor.rms.tolist(),
+        "signed_refit": of_refit.tolist(),
+        "timings": {"discrepancy": result.seconds},
     }
 
 
-def _told(effect: str, joints: tuple[int, ...]) -> str:
+def _named(effect: str, joints: tuple[int, ...]) -> str:
     return f"{effect} {','.join(map(str, joints)) or 'all'}"
 
 
 def report(rows: Sequence[Row]) -> str:
-    """What was found, and the gaps."""
+    """What was named, and the gaps."""
     lines: list[str] = []
     for row in rows:
         lines.append(f"model of {row['source']} ({', '.join(row['terms'])}), log {row['log']}")
         lines.append(f"{row['status']}, {row['timings']['discrepancy']:.0f} s; unexplained {row['unexplained']}")
         for name in ("before", "after", "floor", "signed_refit"):
             lines.append(f"  gap, N m, {name:<13}" + "  ".join(f"{value:6.2f}" for value in row[name]))
-        for told, factor, others in zip(row["found"], row["log10_bayes_factor"], row["equivalent"], strict=True):
-            lines.append(f"  {told:<28} log10 BF {factor:7.1f}  {', '.join(others)}".rstrip())
+        for effect, factor, equivalent in zip(row["found"], row["log10_bayes_factor"], row["equivalent"], strict=True):
+            lines.append(f"  {effect:<28} log10 BF {factor:7.1f}  {', '.join(equivalent)}".rstrip())
         if row["payload"]:
             lines.append(f"  payload {row['payload'][0]:.2f} +- {row['payload'][1]:.2f} kg (2.8 kg on the flange)")
         ratio = np.array(row["after"]) / np.array(row["signed_refit"])
@@ -106,7 +106,7 @@ def report(rows: Sequence[Row]) -> str:
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
     """Gaps of every joint before and after, beside the floor and a signed refit."""
-    from studies.figures import COLOURS, MARKERS
+    from bayesid.report.plot.trials import COLOURS, MARKERS
 
     panels = figure.subplots(1, len(rows), squeeze=False)[0]
     for ax, row in zip(panels, rows, strict=True):
@@ -120,6 +120,3 @@ def draw(rows: Sequence[Row], figure: Figure) -> None:
 
 
 STUDY = Study("real_discrepancy", 2, plan, trial, report, draw)
-
-if __name__ == "__main__":
-    sys.exit(main(["study", "real_discrepancy", *sys.argv[1:]]))

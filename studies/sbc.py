@@ -13,7 +13,7 @@ uniform on 0 ... L, whatever the prior and the model.
   as large as the efforts, so that cone, prior and signs matter; the reference noise is a fixed number.
 - Signs: with all of them unknown the posterior has many modes, between which no short chain crosses, and a trial may
   not be left out for that: ranks of trials picked by their data need not be uniform. So 70 % of the segments, chosen
-  before there are data, come with their signs: that is more data, not a selection. They leave one mode. The others,
+  before there are data, come with their signs: that is more data, not a selection. They leave one mode. The rest,
   weak and strong alike, are summed out, and in a usual trial a third of them stays in doubt. What is calibrated is thus
   one mode; the search for modes and their weights is not.
 - Draws: one of each walker, L = 127 of 128, at a random one of its kept sweeps. Walkers do not see each other, so these
@@ -27,7 +27,6 @@ uniform on 0 ... L, whatever the prior and the model.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -36,31 +35,34 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import stats
 
-from bayesid.cli import main
-from bayesid.coefficients import BaseCoefficients, base_coefficients
-from bayesid.excitation import random_trajectory
-from bayesid.inertia import pseudo_inertia
-from bayesid.model import Model
-from bayesid.moments import moments
-from bayesid.motion import Array, Integers, Mask, Motion
+from bayesid.arrays import Array, Integers, Mask
+from bayesid.fit.knowledge import Links
+from bayesid.fit.moments import moments
+from bayesid.log.segments import Segments
+from bayesid.model.coefficients import BaseCoefficients, base_coefficients
+from bayesid.model.inertia import pseudo_inertia
+from bayesid.model.model import Model
+from bayesid.model.robot import robot_from_table
+from bayesid.model.terms import STANDARD, make_terms
+from bayesid.motion import Motion
 from bayesid.posterior.likelihood import make_likelihood
-from bayesid.posterior.prior import Links, Prior, make_prior
-from bayesid.posterior.sampler import Draws, SamplerOptions, sample
+from bayesid.posterior.prior import Prior, make_prior
+from bayesid.posterior.sampler import Draws, Sampling, sample
 from bayesid.posterior.target import Target
-from bayesid.robot import robot_from_table
-from bayesid.segments import Segments
-from bayesid.simulation import random_parameters
-from bayesid.terms import DEFAULT, make_terms
-from studies.record import Row
-from studies.study import Study, in_turn
+from bayesid.simulation.parameters import random_parameters
+from bayesid.simulation.trajectories import random_trajectory
+from bayesid.study.record import Row
+from bayesid.study.study import Study, in_turn
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from bayesid.report.plot.trials import Figure
 
 LINKS = Links()
+"""What is believed of any link: the default."""
 SIGMA = np.array([10.0, 30.0])
 """N m, the reference noise."""
 AUTOCORRELATION = np.array([1.0, 2.0])
+"""Samples that count as one: joint 2 is held for two."""
 LAST = 127
 """L, the largest rank."""
 FLAWS = ("", "noise", "prior", "tempering")
@@ -68,15 +70,23 @@ FLAWS = ("", "noise", "prior", "tempering")
 as if each were new."""
 _STREAM = 0
 """Of random numbers, apart from that of other studies with the same seeds."""
-_SAMPLES, _RATE = 240, 60.0
+_SAMPLES = 240
+"""Of the log: few, so that a trial takes seconds and its signs stay in doubt."""
+_RATE = 60.0
+"""Hz."""
 _SEGMENT = 4
-"""Samples."""
-_OPEN, _OF = 3, 10
-"""Of ten segments in a row, three whose signs are summed out."""
-_OPTIONS = SamplerOptions(ensembles=4, walkers=(LAST + 1) // 4, budget=600.0)
+"""Samples of a segment."""
+_SUMMED, _PERIOD = 3, 10
+"""Of ten segments in a row, three whose signs are summed out: with more, trials have several modes."""
+_SAMPLING = Sampling(ensembles=4, walkers=(LAST + 1) // 4, budget=600.0)
 _DOUBT = 0.01
+"""A sign stays in doubt if both are likelier than this."""
 _PROPOSALS = 20_000
-_MOST_BINS, _FEWEST_IN_BIN = 16, 5
+"""Of a body at a time: about as many as it takes to draw a physical one."""
+_MOST_BINS = 16
+"""Of ranks; a power of two, as L + 1 is."""
+_FEWEST_IN_BIN = 5
+"""Trials expected in a bin, from which the test by chi-square holds (Cochran 1954)."""
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -106,14 +116,11 @@ class Setting:
 @cache
 def setting() -> Setting:
     """The one setting, made once a process."""
-    joints = [
-        {"a": 0.0, "alpha": np.pi / 2, "d": 0.4, "theta": 0.0},
-        {"a": 0.35, "alpha": 0.0, "d": 0.0, "theta": 0.0},
-    ]
+    joints = [{"a": 0.0, "alpha": np.pi / 2, "d": 0.4, "theta": 0.0}, {"a": 0.35, "alpha": 0.0, "d": 0.0, "theta": 0.0}]
     robot = robot_from_table({"name": "arm", "convention": "standard", "joints": joints}, "arm")
     instants = np.repeat(np.arange(0, _SAMPLES, 2), 2) / _RATE
     motion = random_trajectory(2, _SAMPLES / _RATE, seed=4, harmonics=3).motion(instants)
-    model = Model(robot, make_terms(DEFAULT, robot, motion))
+    model = Model(robot, make_terms(STANDARD, robot, motion))
     coefficients = base_coefficients(model)
     start = np.tile(np.arange(0, _SAMPLES, _SEGMENT), 2)
     size = len(start)
@@ -123,7 +130,7 @@ def setting() -> Setting:
     reference = make_likelihood(
         moments(model, coefficients, motion, usual, segments), coefficients, SIGMA, AUTOCORRELATION, known
     )
-    summed = np.arange(size) % _OF < _OPEN
+    summed = np.arange(size) % _PERIOD < _SUMMED
     return Setting(model, coefficients, motion, segments, summed, make_prior(model.cone, reference, LINKS))
 
 
@@ -157,7 +164,7 @@ def _draw_body(mean: Array, sd: Array, rng: np.random.Generator) -> Array:
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Scenario:
-    """What a trial looks at.
+    """What a trial examines.
 
     Attributes:
         flaw: one of FLAWS, that the sampled posterior has and the data do not.
@@ -173,7 +180,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
     effort, signs = _simulate(truth, log_scale, rng)
     target = _target(effort, signs, scenario.flaw)
     unknown = target.likelihood.unknown
-    draws = sample(target, target.prior.inside, replace(_OPTIONS, seed=int(rng.integers(2**31))))
+    draws = sample(target, target.prior.inside, replace(_SAMPLING, seed=int(rng.integers(2**31))))
     theta, scale = _independent(draws, rng)
     plus = target.likelihood.plus_probability(theta, scale)[:, unknown]
     among = _quantities(target, theta, scale, np.where(rng.random(plus.shape) < plus, 1.0, -1.0))
@@ -209,7 +216,7 @@ def _target(effort: Array, signs: Integers, flaw: str) -> Target:
     fixed = np.where(given.summed, 0, signs)
     known = np.where(given.segments.joint == 0, fixed, 0)  # so that both ways to give a sign are used
     segments = replace(given.segments, known=known)
-    moment = moments(given.model, given.coefficients, given.motion, effort, segments, own=5)
+    moment = moments(given.model, given.coefficients, given.motion, effort, segments, most_individual=5)
     return Target(prior, make_likelihood(moment, given.coefficients, sigma, autocorrelation, fixed - known))
 
 
@@ -225,8 +232,8 @@ def _quantities(target: Target, theta: Array, log_scale: Array, signs: Array) ->
     """(W,) values of all that is ranked.
 
     Coefficients (friction and offsets are coefficients by themselves); rotor inertias and masses, which the data show
-    in part; noise scales; how well signs and efforts agree; log likelihood and log density, which tell mistakes that no
-    single parameter tells (Modrak et al. 2023).
+    in part; noise scales; how well signs and efforts agree; log likelihood and log density, which reveal mistakes that
+    no single parameter reveals (Modrak et al. 2023).
 
     Args:
         target: the posterior.
@@ -237,8 +244,8 @@ def _quantities(target: Target, theta: Array, log_scale: Array, signs: Array) ->
     given, likelihood = setting(), target.likelihood
     values = dict(zip(given.coefficients.names, given.coefficients.project(theta).T, strict=True))
     bodies = given.model.cone.bodies
-    others = np.append(np.setdiff1d(np.arange(theta.shape[1]), bodies), bodies[:, 9])
-    for k in np.setdiff1d(others, given.coefficients.kept):
+    actuators = np.setdiff1d(np.arange(theta.shape[1]), bodies)
+    for k in np.setdiff1d(np.append(actuators, bodies[:, 9]), given.coefficients.kept):
         values[given.model.parameters[k].name] = theta[:, k]
     for j, column in enumerate(log_scale.T, start=1):
         values[f"log noise {j}"] = column
@@ -313,42 +320,55 @@ def _uniform(values: Array) -> Array:
 
 def report(rows: Sequence[Row]) -> str:
     """The ranks of all quantities, and whether they are uniform."""
-    found = Calibration.of(rows)
-    told = f"({LAST / 2} expected; {found.bins} bins)"
-    lines = [f"{'quantity':<16}  mean rank  chi2 p  KS p shift  KS p spread    {told}"]
-    columns = zip(found.names, found.ranks.mean(axis=0), found.chi_square, found.shift, found.spread, strict=True)
-    for name, mean, chi_square, shift, spread in columns:
+    calibration = Calibration.of(rows)
+    trials, doubtful = len(rows), np.array([row["doubtful"] for row in rows])
+    slow = [row["trial"] for row in rows if not row["converged"]]
+    return "\n".join(
+        [
+            *_table(calibration),
+            "",
+            f"standard error of a mean rank: {(LAST + 1) / np.sqrt(12.0 * trials):.1f}",
+            *_summary(calibration),
+            f"not converged: {len(slow)} of {trials} trials{f', {slow}' if slow else ''} (they are in the table)",
+            f"worst R-hat {max(row['max_rhat'] for row in rows):.4f}, least ESS {min(r['min_ess'] for r in rows):.0f}",
+            f"signs summed out that stay in doubt (1 % < P(+) < 99 %): {doubtful.mean():.0%}, {doubtful.min():.0%} to "
+            f"{doubtful.max():.0%} a trial",
+            f"seconds a trial, median: {np.median([row['timings']['seconds'] for row in rows]):.2f}",
+            f"all quantities, shift and spread, after Bonferroni: p = {calibration.p:.2g}",
+        ]
+    )
+
+
+def _table(calibration: Calibration) -> list[str]:
+    """A line for each quantity, under a header."""
+    note = f"({LAST / 2} expected; {calibration.bins} bins)"
+    lines = [f"{'quantity':<16}  mean rank  chi2 p  KS p shift  KS p spread    {note}"]
+    means, tests = calibration.ranks.mean(axis=0), (calibration.chi_square, calibration.shift, calibration.spread)
+    for name, mean, chi_square, shift, spread in zip(calibration.names, means, *tests, strict=True):
         lines.append(f"{name:<16}  {mean:9.1f}  {chi_square:6.4f}  {shift:10.4f}  {spread:11.4f}")
-    error = (LAST + 1) / np.sqrt(12.0 * len(rows))
-    lines += ["", f"standard error of a mean rank: {error:.1f}"]
-    for name, values in (("chi-square", found.chi_square), ("shift", found.shift), ("spread", found.spread)):
+    return lines
+
+
+def _summary(calibration: Calibration) -> list[str]:
+    """A line for each test, over all quantities."""
+    lines = []
+    for name in ("chi_square", "shift", "spread"):
+        values, label = getattr(calibration, name), name.replace("_", "-") + ":"
         below, together = int(np.sum(values < 0.05)), stats.kstest(values, "uniform").pvalue
-        corrected = min(1.0, len(values) * values.min())
         lines.append(
-            f"{name + ':':<12} {below:2d} of {len(values)} p below 5 %, smallest {values.min():.2g}, after Bonferroni "
-            f"{corrected:.2g}; p uniform, were they independent: {together:.2g}"
+            f"{label:<12} {below:2d} of {len(values)} p below 5 %, smallest {values.min():.2g}, after Bonferroni "
+            f"{min(1.0, len(values) * values.min()):.2g}; p uniform, were they independent: {together:.2g}"
         )
-    late = [row["trial"] for row in rows if not row["converged"]]
-    doubtful = np.array([row["doubtful"] for row in rows])
-    low, middle, high = doubtful.min(), doubtful.mean(), doubtful.max()
-    return "\n".join([
-        *lines,
-        f"not converged: {len(late)} of {len(rows)} trials{f', {late}' if late else ''} (they are in the table)",
-        f"worst R-hat {max(row['max_rhat'] for row in rows):.4f}, least ESS {min(r['min_ess'] for r in rows):.0f}",
-        f"signs summed out that stay in doubt (1 % < P(+) < 99 %): {middle:.0%}, {low:.0%} to {high:.0%} a trial",
-        f"seconds a trial, median: {np.median([row['timings']['seconds'] for row in rows]):.2f}",
-        f"all quantities, shift and spread, after Bonferroni: p = {found.p:.2g}",
-    ])  # fmt: skip
+    return lines
 
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
     """For every quantity the distribution of its ranks, less the uniform one, in the band of 95 % of such curves."""
-    from studies.figures import COLOURS
+    from bayesid.report.plot.trials import COLOURS
 
-    found = Calibration.of(rows)
     count, ax = len(rows), figure.subplots()
     x = np.arange(LAST + 2) / (LAST + 1)
-    for column in found.ranks.T:
+    for column in Calibration.of(rows).ranks.T:
         share = np.searchsorted(np.sort(column), np.arange(LAST + 2), side="left") / count
         ax.plot(x, share - x, color=COLOURS[0], lw=0.8, alpha=0.7)
     band = 1.96 * np.sqrt(x * (1.0 - x) / count)
@@ -360,7 +380,4 @@ def draw(rows: Sequence[Row], figure: Figure) -> None:
 
 STUDY = Study("sbc", 200, in_turn([Scenario()]), trial, report, draw)
 FLAWED = {flaw: replace(STUDY, plan=in_turn([Scenario(flaw)])) for flaw in FLAWS if flaw}
-"""By the mistake in the posterior, to see it found."""
-
-if __name__ == "__main__":
-    sys.exit(main(["study", "sbc", *sys.argv[1:]]))
+"""By the mistake in the posterior, to see that the study finds it."""

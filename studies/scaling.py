@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from studies.record import Row
-from studies.simulated import Scenario, trial
-from studies.study import Study, in_turn
+from bayesid.studies.simulated import Scenario, trial
+from bayesid.study.record import Row
+from bayesid.study.study import Study, in_turn
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from bayesid.report.plot.trials import Figure
 
 JOINTS = (2, 3, 4, 5, 6, 7)
 DURATIONS = (6.0, 12.0, 24.0, 48.0, 96.0)
@@ -49,14 +49,14 @@ def report(rows: Sequence[Row]) -> str:
 
 def _growth(rows: Sequence[Row]) -> list[str]:
     """Exponents: seconds over segments, within the lengths of a log."""
-    said = []
+    lines = []
     for robot in LONG:
         some = [row for row in rows if row["robot"] == robot]
         if len({row["duration"] for row in some}) > 1:
             segments, seconds = np.log([row["segments"] for row in some]), np.log([_seconds(row) for row in some])
             power = np.polyfit(segments, seconds, 1)[0]
-            said.append(f"{robot}: seconds grow as the number of segments to the power {power:.2f}")
-    return said
+            lines.append(f"{robot}: seconds grow as the number of segments to the power {power:.2f}")
+    return lines
 
 
 def _of(rows: Sequence[Row], scenario: Scenario) -> list[Row]:
@@ -73,7 +73,7 @@ def _seconds(row: Row) -> float:
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
     """Seconds over the number of segments, a point a log."""
-    from studies.figures import COLOURS, MARKERS
+    from bayesid.report.plot.trials import COLOURS, MARKERS
 
     groups = {robot: [row for row in rows if row["robot"] == robot] for robot in LONG}
     groups["panda, 2 to 7 joints"] = [row for row in rows if row["robot"].startswith("panda/")]
@@ -86,6 +86,4 @@ def draw(rows: Sequence[Row], figure: Figure) -> None:
     ax.legend(fontsize=8)
 
 
-STUDY = Study(
-    "scaling", 64, in_turn(SCENARIOS), trial, report, draw
-)
+STUDY = Study("scaling", 64, in_turn(SCENARIOS), trial, report, draw)

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from studies.record import Row
-from studies.simulated import ROBOTS, Scenario, trial
-from studies.study import Study, in_turn
+from bayesid.studies.simulated import ROBOTS, Scenario, trial
+from bayesid.study.record import Row
+from bayesid.study.study import Study, in_turn
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from bayesid.report.plot.trials import Figure
 
 USUAL = Scenario()
 GOOD = 0.99
@@ -76,9 +76,13 @@ def of_field(name: str, values: Sequence[Any], form: str = "{:g}") -> list[Level
 def sensitivity(name: str, varied: Varied, trials: int) -> Study:
     """The study of what is varied."""
     return Study(
-        name, trials, in_turn(varied.scenarios), trial,
-        lambda rows: report(varied, rows), lambda rows, figure: draw(varied, rows, figure),
-    )  # fmt: skip
+        name,
+        trials,
+        in_turn(varied.scenarios),
+        trial,
+        lambda rows: report(varied, rows),
+        lambda rows, figure: draw(varied, rows, figure),
+    )
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -86,13 +90,14 @@ def sensitivity(name: str, varied: Varied, trials: int) -> Study:
 # ---------------------------------------------------------------------------------------------------------------
 def report(varied: Varied, rows: Sequence[Row]) -> str:
     """Signs and torques by level and robot, then what is pooled over robots, then the conclusion."""
-    return "\n\n".join([
+    parts = [
         f"{len(rows)} logs; {varied.label}",
         _by_robot(varied, rows, "strong samples with the right sign: median (least) of the logs", _signs),
         _by_robot(varied, rows, "error of efforts predicted for a new motion: median joint (worst one)", _torques),
         _pooled(varied, rows),
         conclusion(varied, rows),
-    ])  # fmt: skip
+    ]
+    return "\n\n".join(parts)
 
 
 def _signs(rows: Sequence[Row]) -> str:
@@ -146,21 +151,24 @@ def conclusion(varied: Varied, rows: Sequence[Row]) -> str:
     """At which levels nine logs of ten have good signs, and good predictions, robot by robot."""
     signs = _levels(varied, rows, lambda some: np.quantile([row["right"] for row in some], 0.1) >= GOOD)
     efforts = _levels(varied, rows, lambda some: np.quantile([row["torque_error"] for row in some], 0.9) <= CLOSE)
-    return "\n".join([
-        f"at least {GOOD:.0%} of strong samples right, in nine of ten logs:", *signs,
-        f"efforts of a new motion within {CLOSE:.0%} (median joint), in nine of ten logs:", *efforts,
-    ])  # fmt: skip
+    heads = (
+        f"at least {GOOD:.0%} of strong samples right, in nine of ten logs:",
+        f"efforts of a new motion within {CLOSE:.0%} (median joint), in nine of ten logs:",
+    )
+    return "\n".join([heads[0], *signs, heads[1], *efforts])
 
 
 def _levels(varied: Varied, rows: Sequence[Row], good: Callable[[Sequence[Row]], object]) -> list[str]:
     """For each robot the levels at which its rows are good."""
-    said = []
+    lines = []
     for robot in varied.robots:
         tried = [(level.label, some) for level in varied.levels if (some := level.rows(rows, robot))]
         passed = [label for label, some in tried if good(some)]
-        told = "all" if len(passed) == len(tried) else ", ".join(passed) or "none"
-        said.append(f"  {robot}: {told}")
-    return said
+        missing = len(varied.levels) - len(tried)
+        labels = "all" if len(passed) == len(varied.levels) else ", ".join(passed) or "none"
+        labels = f"{labels} ({missing} not tried)" if missing else labels
+        lines.append(f"  {robot}: {labels if tried else 'not tried'}")
+    return lines
 
 
 def _median_of(read: Callable[[Row], float], form: str) -> Callable[[Sequence[Row]], str]:
@@ -184,7 +192,7 @@ posterior_columns = {
 # ---------------------------------------------------------------------------------------------------------------
 def draw(varied: Varied, rows: Sequence[Row], figure: Figure) -> None:
     """Wrong signs, and errors of predicted efforts, over what is varied; a line a robot."""
-    from studies.figures import error_axis, name_ticks, spreads, wrong_axis
+    from bayesid.report.plot.trials import error_axis, name_ticks, spreads, wrong_axis
 
     panels = figure.subplots(1, 2)
     for ax, key in zip(panels, ("wrong", "torque_error"), strict=True):

@@ -9,20 +9,30 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayesid import terms as catalogue
-from bayesid.coefficients import base_coefficients
-from bayesid.excitation import FourierTrajectory, MotionLimits, exciting_trajectory, random_trajectory
-from bayesid.identification import LINKS, Identification, identify
-from bayesid.log import Log
-from bayesid.model import Model
-from bayesid.motion import Array, Motion
-from bayesid.noise import relative_rms
-from bayesid.posterior.prior import Links
-from bayesid.robot import Robot, load_robot
-from bayesid.segments import Cutting
-from bayesid.simulation import random_parameters, simulate
-from bayesid.terms import RigidBody, make_terms
-from studies.record import Row
+from bayesid.arrays import Array
+from bayesid.fit.knowledge import Beliefs, Links
+from bayesid.fit.noise import relative_rms
+from bayesid.identification.identification import Identification
+from bayesid.identification.options import Preparation
+from bayesid.identification.pipeline import identify
+from bayesid.identification.validation import NORMAL_95
+from bayesid.log.log import Log
+from bayesid.log.segments import Cutting
+from bayesid.model import terms as catalogue
+from bayesid.model.coefficients import base_coefficients
+from bayesid.model.model import Model
+from bayesid.model.robot import Robot, load_robot
+from bayesid.model.terms import RigidBody, make_terms
+from bayesid.motion import Motion
+from bayesid.posterior.sampler import Sampling
+from bayesid.signs.search.beam import Beam
+from bayesid.signs.search.certified import Certified
+from bayesid.signs.search.protocol import Search
+from bayesid.simulation.exciting import exciting_trajectory
+from bayesid.simulation.logs import simulate
+from bayesid.simulation.parameters import random_parameters
+from bayesid.simulation.trajectories import FourierTrajectory, MotionLimits, random_trajectory
+from bayesid.study.record import Row
 
 ROBOTS = ("kr5", "ur10e", "panda", "tx40")
 STRONG = 0.05
@@ -31,18 +41,24 @@ RATE = 100.0
 """Hz."""
 PERIOD = 12.0
 """s, of the longest motion that does not repeat: a longer one would be slower, not richer."""
-_REACH, _VELOCITY, _ACCELERATION = 2.0, 3.0, 15.0
-"""rad, rad/s, rad/s^2: limits of the motion."""
+_REACH = 2.0
+"""rad, on either side; as the two below the default of `MotionLimits`."""
+_VELOCITY = 3.0
+"""rad/s"""
+_ACCELERATION = 15.0
+"""rad/s^2"""
 _EVALUATIONS = 150
 """For a motion that is good, if not the best: a study makes many."""
 _BUDGET = 3.0
-"""Nominal seconds of a search's proof."""
+"""Nominal seconds of a search's proof. A round number; not studied."""
 _KNOWN = 0.1
 """A coefficient counts as known when its sd is at most this share of its size."""
-_NORMAL_95 = 1.959963984540054
 _NEW = 1_000_000
-"""Added to the seed of the motion that no log has seen; its length, s."""
+"""Added to the seed for the motion that no log has seen: more than any study has trials."""
 _NEW_DURATION = 10.0
+"""s, of that motion."""
+_RELATIVE_TO_LARGEST = 1e-3
+"""Share of the largest parameter from which a drawing's relative error counts; a parameter of 0 has one too."""
 
 
 @dataclass(frozen=True)
@@ -58,8 +74,8 @@ class Scenario:
         speed: share of the highest speeds; accelerations take its square.
         encoder: sd of the positions' noise, rad.
         cutoff: of the motion's low-pass, Hz; 0 leaves it to the data.
-        prominence: see `bayesid.segments.Cutting`.
-        threshold: see there.
+        prominence: see `bayesid.log.segments.Cutting`.
+        threshold: see `Cutting`.
         search: "certified" or "beam".
         beam_width: of a beam.
         initial_segments: of a beam.
@@ -105,15 +121,18 @@ class Truth:
 
 
 def trial(scenario: Scenario, seed: int) -> Row:
-    """Simulates a log, identifies the robot without its signs, and scores what was found."""
+    """Simulates a log, identifies the robot without its signs, and scores the result."""
     truth = make_truth(scenario, seed)
+    cutting = Cutting(scenario.prominence, scenario.threshold)
     result = identify(
-        truth.model.robot, truth.log, catalogue.DEFAULT, scenario.search, search_budget=_BUDGET,
-        beam_width=scenario.beam_width, initial_segments=scenario.initial_segments, cutoff=scenario.cutoff or None,
-        cutting=Cutting(scenario.prominence, scenario.threshold), posterior=scenario.posterior,
-        links=_links(scenario.prior_width), nominal=_nominal(truth, scenario.nominal, seed), seed=seed,
-        repeatable=True,
-    )  # fmt: skip
+        truth.model.robot,
+        truth.log,
+        catalogue.STANDARD,
+        search=_search(scenario),
+        posterior=Sampling(seed=seed, repeatable=True) if scenario.posterior else False,
+        preparation=Preparation(cutoff=scenario.cutoff or None, cutting=cutting),
+        beliefs=Beliefs(links=_links(scenario.prior_width), nominal=_nominal(truth, scenario.nominal, seed)),
+    )
     return {**_of_signs(truth, result), **_of_model(truth, result, seed), "timings": result.timings}
 
 
@@ -121,7 +140,7 @@ def make_truth(scenario: Scenario, seed: int) -> Truth:
     """A log of random parameters and motion."""
     rng, robot = np.random.default_rng(seed), make_robot(scenario.robot)
     motion = _trajectory(scenario, robot, seed).motion(np.arange(round(scenario.duration * RATE) + 1) / RATE)
-    model = Model(robot, make_terms(catalogue.DEFAULT, robot, motion))
+    model = Model(robot, make_terms(catalogue.STANDARD, robot, motion))
     theta = random_parameters(model, rng)
     log = simulate(model, theta, motion, rng=rng, noise=scenario.noise)
     log = replace(log, q=log.q + scenario.encoder * rng.standard_normal(log.q.shape))
@@ -147,21 +166,31 @@ def _trajectory(scenario: Scenario, robot: Robot, seed: int) -> FourierTrajector
         return random_trajectory(robot.n_joints, scenario.duration, seed=seed, limits=limits, periods=periods)
     bodies = Model(robot, (RigidBody(),))
     return exciting_trajectory(
-        bodies, base_coefficients(bodies), scenario.duration, seed=seed, limits=limits, periods=periods,
+        bodies,
+        base_coefficients(bodies),
+        scenario.duration,
+        seed=seed,
+        limits=limits,
+        periods=periods,
         evaluations=_EVALUATIONS,
     )
 
 
+def _search(scenario: Scenario) -> Search:
+    beam = Beam(width=scenario.beam_width, initial_segments=scenario.initial_segments)
+    return beam if scenario.search == "beam" else Certified(budget=_BUDGET, fallback=beam, repeatable=True)
+
+
 def _links(width: float) -> Links:
-    return replace(LINKS, mass=width * LINKS.mass)
+    return Links(mass=width * Links().mass)
 
 
-def _nominal(truth: Truth, error: float, seed: int) -> dict[str, tuple[float, float]] | None:
+def _nominal(truth: Truth, error: float, seed: int) -> dict[str, tuple[float, float]]:
     """Link parameters as a drawing might give them, each off by about its standard deviation."""
     if not error:
-        return None
+        return {}
     rng = np.random.default_rng([seed, 1])
-    sd = error * np.maximum(np.abs(truth.theta), 1e-3 * np.abs(truth.theta).max())
+    sd = error * np.maximum(np.abs(truth.theta), _RELATIVE_TO_LARGEST * np.abs(truth.theta).max())
     values = truth.theta + sd * rng.standard_normal(len(sd))
     bodies = truth.model.cone.bodies.ravel()
     return {truth.model.parameters[k].name: (float(values[k]), float(sd[k])) for k in bodies}
@@ -190,12 +219,12 @@ def _of_signs(truth: Truth, result: Identification) -> Row:
 def _of_model(truth: Truth, result: Identification, seed: int) -> Row:
     error = torque_error(truth, result, seed)
     true, beta, sd = result.coefficients.project(truth.theta), result.beta, result.sd
-    low, high = beta - _NORMAL_95 * sd, beta + _NORMAL_95 * sd
+    low, high = beta - NORMAL_95 * sd, beta + NORMAL_95 * sd
     converged = parameters = None
     if result.posterior is not None:
         low, high = result.posterior.interval(0.95)
         converged = bool(result.posterior.converged)
-        off = np.abs(result.theta - truth.theta) <= _NORMAL_95 * result.parameter_sd[0]
+        off = np.abs(result.theta - truth.theta) <= NORMAL_95 * result.parameter_sd[0]
         parameters = float(off.mean())
     return {
         "condition": float(result.fit.condition),

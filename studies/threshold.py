@@ -8,8 +8,8 @@ right.
 
 from __future__ import annotations
 
-from studies.sensitivity import Level, Varied, sensitivity
-from studies.simulated import Scenario
+from bayesid.studies.sensitivity import Level, Varied, sensitivity
+from bayesid.studies.simulated import Scenario
 
 PROMINENCES = (0.005, 0.01, 0.02, 0.05, 0.1, 0.2)
 THRESHOLDS = (0.02, 0.05, 0.1, 0.2, 0.3)
@@ -24,8 +24,7 @@ LEVELS = [
 STUDY = sensitivity(
     "threshold",
     Varied(
-        "prominence that cuts, or effort under which samples are dropped", LEVELS, log_x=False,
-        base=Scenario(noise=0.1),
+        "prominence that cuts, or effort under which samples are dropped", LEVELS, log_x=False, base=Scenario(noise=0.1)
     ),
     trials=220,
-)  # fmt: skip
+)

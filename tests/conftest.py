@@ -10,28 +10,10 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # matrices are small: BLAS thread
 import numpy as np
 import pytest
 
-from bayesid import results
+from bayesid.model.robot import Robot, robot_from_table
 from bayesid.motion import Motion
-from bayesid.robot import Robot, robot_from_table
 
 DATA = Path(os.environ.get("BAYESID_DATA", Path(__file__).parents[2] / "shared" / "data"))
-
-
-_REPORT = results._write_report
-
-
-@pytest.fixture(scope="session", autouse=True)
-def empty_reports():
-    """Result folders get a report that holds nothing: a real one takes seconds, and most tests look at other files."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bayesid.results._write_report", lambda findings, path, progress: path.write_text("a report"))
-        yield
-
-
-@pytest.fixture
-def real_reports(monkeypatch):
-    """Reports as users get them."""
-    monkeypatch.setattr("bayesid.results._write_report", _REPORT)
 
 
 def real_log(name: str) -> Path:

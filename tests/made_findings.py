@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from bayesid.findings import (
+from bayesid.identification.provenance import Provenance
+from bayesid.posterior.inference_data import MOST
+from bayesid.report.findings import (
     AMBIGUOUS,
     Alternatives,
     CoefficientTable,
@@ -13,8 +15,17 @@ from bayesid.findings import (
     Prediction,
     Samples,
     SegmentTable,
+    Summary,
 )
-from bayesid.posterior.inference_data import MOST
+from bayesid.report.findings.summary import (
+    AmbiguousSegment,
+    FitSummary,
+    ModeSummary,
+    NoiseSummary,
+    PosteriorSummary,
+    SearchSummary,
+    SignsSummary,
+)
 
 RATE = 100.0
 NAMES = ("J1zz", "mc2x", "mc2y", "fv1", "fc1", "Ia2", "m2", "off2")
@@ -32,10 +43,17 @@ def make_samples(n, count, rate=RATE, seed=0):
     used = np.ones((count, n), dtype=bool)
     used[: count // 20] = False
     return Samples(
-        t=t, position=np.sin(0.7 * phase), velocity=np.cos(0.6 * phase) - 0.2, recorded=np.abs(predicted + residual),
-        signed=signed, predicted=predicted, residual=residual, used=used, every=1,
+        t=t,
+        position=np.sin(0.7 * phase),
+        velocity=np.cos(0.6 * phase) - 0.2,
+        recorded=np.abs(predicted + residual),
+        signed=signed,
+        predicted=predicted,
+        residual=residual,
+        used=used,
+        every=1,
         probability=np.where(signed > 0.0, 0.999, 0.002),
-    )  # fmt: skip
+    )
 
 
 def make_segments(samples, per_joint, seed=0):
@@ -48,21 +66,31 @@ def make_segments(samples, per_joint, seed=0):
     start = np.tile(edges[:-1], n)
     place = np.searchsorted(samples.t, start + 0.4 * (edges[1] - edges[0])).clip(max=len(samples.t) - 1)
     return SegmentTable(
-        joint=joint, start=start, end=np.tile(edges[1:], n),
-        sign=np.where(samples.signed[place, joint] > 0.0, 1, -1), confidence=confidence,
-        moving=np.arange(len(joint)) % per_joint > 0, ambiguous=confidence < AMBIGUOUS,
-    )  # fmt: skip
+        joint=joint,
+        start=start,
+        end=np.tile(edges[1:], n),
+        sign=np.where(samples.signed[place, joint] > 0.0, 1, -1),
+        confidence=confidence,
+        moving=np.arange(len(joint)) % per_joint > 0,
+        ambiguous=confidence < AMBIGUOUS,
+    )
 
 
 def make_coefficients(count, nominal=True):
     mean = np.array([1.7961, -0.35, 0.012, 2.4, -0.9, 0.05, 15.0, 0.3])[:count]
     sd = np.array([0.02, 0.01, 0.03, 0.3, 0.1, 0.001, 4.0, 0.005])[:count]
     return CoefficientTable(
-        name=NAMES[:count], expression=tuple(f"{name} + a2^2 m3" for name in NAMES[:count]), unit=UNITS[:count],
-        mean=mean, sd=sd, low=mean - 1.9 * sd, high=mean + 2.1 * sd, prior_sd=np.linspace(3.0, 5.0, count),
+        name=NAMES[:count],
+        expression=tuple(f"{name} + a2^2 m3" for name in NAMES[:count]),
+        unit=UNITS[:count],
+        mean=mean,
+        sd=sd,
+        low=mean - 1.9 * sd,
+        high=mean + 2.1 * sd,
+        prior_sd=np.linspace(3.0, 5.0, count),
         nominal=np.where(np.arange(count) % 3 == 1, np.nan, 1.01 * mean) if nominal else np.full(count, np.nan),
         by_data=np.arange(count) != 6,
-    )  # fmt: skip
+    )
 
 
 def make_prediction(samples):
@@ -70,40 +98,98 @@ def make_prediction(samples):
     half = 0.4 + 0.01 * samples.t[:, None] * np.ones(samples.signed.shape[1])
     n = half.shape[1]
     return Prediction(
-        source="another.csv", t=samples.t, measured=samples.signed, predicted=samples.predicted,
-        lower=samples.predicted - half, upper=samples.predicted + half, rms_error=0.3 + 0.1 * np.arange(n),
-        relative_residual=0.031 + 0.001 * np.arange(n), coverage=0.93 + 0.01 * np.arange(n) / n, band="noise alone",
-    )  # fmt: skip
+        source="another.csv",
+        t=samples.t,
+        measured=samples.signed,
+        predicted=samples.predicted,
+        lower=samples.predicted - half,
+        upper=samples.predicted + half,
+        rms_error=0.3 + 0.1 * np.arange(n),
+        relative_residual=0.031 + 0.001 * np.arange(n),
+        coverage=0.93 + 0.01 * np.arange(n) / n,
+        band="noise alone",
+    )
 
 
 def make_summary(n, coefficients, signed_joints=()):
     each = np.arange(1, n + 1)
-    return {
-        "robot": "arm", "log": "log.csv", "terms": ["rigid_body", "viscous_friction"], "distortions": [],
-        "n_samples": 300, "n_coefficients": coefficients, "signed_joints": list(signed_joints),
-        "search": {
-            "method": "certified", "cost": 812.5, "certified": True, "lower_bound": 812.5, "gap": 0.0, "within": 13.8,
-            "assignments": 1, "settled_share": 0.987, "seconds": 1.25, "sdp_solves": 46, "nodes": 3417, "rounds": 2,
-        },
-        "signs": {"model": ["rigid_body"], "weight": 0.0, "doubt": [0.0] * n},
-        "posterior": {
-            "converged": True, "max_rhat": 1.0042, "min_ess": 812.0, "draws": 6144, "ensembles": 2, "walkers": 64,
-        },
-        "noise": {
-            "sd": (0.2 * each).tolist(), "coloured_sd": (0.02 * each).tolist(),
-            "residual_sd": (0.25 * each).tolist(),
-            "samples_that_count_as_one": (1.0 + 0.5 * each).tolist(),
-        },
-        "fit": {
-            "relative_residual": (0.02 + 0.003 * each).tolist(), "condition_number": 41.7, "links_on_edge": [],
-        },
-        "timings": {"search": 1.25, "posterior": 3.5}, "warnings": [],
-        "provenance": {
-            "options": {"seed": 7, "terms": ["rigid_body"], "cutoff": None}, "data": "1e45" * 16,
-            "files": {"log.csv": "ab12" * 16}, "versions": {"python": "3.11.7", "numpy": "2.0"},
-            "machine": "x86_64, Linux", "date": "2026-01-02T03:04:05+00:00", "command": "bayesid identify log.csv",
-        },
-    }  # fmt: skip
+    return Summary(
+        robot="arm",
+        log="log.csv",
+        terms=("rigid_body", "viscous_friction"),
+        distortions=(),
+        n_samples=300,
+        n_segments=17,
+        n_segments_searched=11,
+        n_coefficients=coefficients,
+        signed_joints=tuple(signed_joints),
+        processing={"rate": RATE, "cutoff": 7.5},
+        search=SearchSummary(
+            method="certified",
+            beam_width=5,
+            cost=812.5,
+            certified=True,
+            lower_bound=812.5,
+            gap=0.0,
+            within=13.8,
+            assignments=1,
+            missed_mass=0.0009,
+            settled_share=0.987,
+            ambiguous=(AmbiguousSegment(joint=2, start=0.5, end=0.74, n_samples=25),),
+            seconds=1.25,
+            sdp_solves=46,
+            nodes=3417,
+            rounds=2,
+        ),
+        signs=SignsSummary(model=("rigid_body",), weight=0.0, doubt=(0.0,) * n),
+        posterior=PosteriorSummary(
+            converged=True,
+            max_rhat=1.0042,
+            min_ess=812.0,
+            max_rhat_of_parameters=1.02,
+            draws=6144,
+            ensembles=2,
+            walkers=64,
+            seed=7,
+            seconds=3.5,
+            prior="normal",
+            prior_sd={"m1": 3.5, "J1zz": 0.7},
+            noise_scale=tuple((1.0 + 0.01 * each).tolist()),
+            modes=(ModeSummary(weight=0.75, log_evidence_se=0.1), ModeSummary(weight=0.25, log_evidence_se=None)),
+            assignments=(1.0,),
+            assignments_elsewhere=0.0005,
+        ),
+        noise=NoiseSummary(
+            assumed="white and coloured",
+            sd=tuple((0.2 * each).tolist()),
+            white_sd=tuple((0.19 * each).tolist()),
+            coloured_sd=tuple((0.02 * each).tolist()),
+            correlation_time_s=tuple((0.1 * each).tolist()),
+            samples_that_count_as_one=tuple((1.0 + 0.5 * each).tolist()),
+            effective_samples=tuple((250.0 / each).tolist()),
+            residual_sd=tuple((0.25 * each).tolist()),
+        ),
+        fit=FitSummary(
+            relative_residual=tuple((0.02 + 0.003 * each).tolist()),
+            condition_number=41.7,
+            relative_gap=3e-11,
+            parameters_moved_inside=False,
+            smallest_eigenvalues=tuple((0.01 * each).tolist()),
+            links_on_edge=(),
+            standard_deviations="of the posterior",
+        ),
+        timings={"search": 1.25, "posterior": 3.5},
+        warnings=(),
+        provenance=Provenance(
+            options={"seed": 7, "terms": ["rigid_body"], "cutoff": None},
+            data="1e45" * 16,
+            files={"log.csv": "ab12" * 16},
+            versions={"python": "3.11.7", "numpy": "2.0"},
+            machine="x86_64, Linux",
+            date="2026-01-02T03:04:05+00:00",
+            command="bayesid identify log.csv",
+        ),
+    )
 
 
 def make_findings(n=2, count=300, per_joint=6, coefficients=8, draws=True, validated=False, **changes):
@@ -114,30 +200,37 @@ def make_findings(n=2, count=300, per_joint=6, coefficients=8, draws=True, valid
     lag = np.arange(20) / RATE
     made = Findings(
         summary=make_summary(n, coefficients, changes.pop("signed_joints", ())),
-        effort_unit=("N m",) * (n - 1) + ("N",), position_unit=("rad",) * (n - 1) + ("m",), samples=samples,
+        effort_unit=("N m",) * (n - 1) + ("N",),
+        position_unit=("rad",) * (n - 1) + ("m",),
+        samples=samples,
         segments=make_segments(samples, per_joint),
         correlation=Correlation(lag, np.exp(-np.outer(20.0 * np.arange(1, n + 1), lag)), 0.1 + 0.01 * np.arange(n)),
-        coefficients=table, prior_parameters=("m1", "mc1x", "J1xx"),
+        coefficients=table,
+        prior_parameters=("m1", "mc1x", "J1xx"),
         alternatives=Alternatives(
             np.array([812.5]), np.array([1.0]), *(np.zeros(0, np.int64),) * 2, np.zeros(0), np.zeros(0)
         ),
         draws=table.mean + table.sd * rng.standard_normal((2, MOST // 16, coefficients)) if draws else None,
         prediction=make_prediction(make_samples(n, count, seed=5)) if validated else None,
-    )  # fmt: skip
+    )
     return replace(made, **changes)
 
 
-def told(findings, part=None, **changes):
+def with_summary(findings, part=None, **changes):
     """The same with entries of the summary, or of one of its parts, changed."""
-    if part is None:
-        return replace(findings, summary={**findings.summary, **changes})
-    return replace(findings, summary={**findings.summary, part: {**findings.summary[part], **changes}})
+    if part is not None:
+        changes = {part: replace(getattr(findings.summary, part), **changes)}
+    return replace(findings, summary=replace(findings.summary, **changes))
 
 
 def with_alternatives(findings):
     """Two other assignments remain: one differs in one segment, the other in two of two joints."""
     others = Alternatives(
-        cost=np.array([812.5, 815.25, 819.0]), mass=np.array([0.71, 0.27, 0.02]), branch=np.array([1, 2, 2]),
-        joint=np.array([1, 0, 1]), start=np.array([0.5, 1.25, 2.0]), end=np.array([0.75, 1.5, 2.375]),
-    )  # fmt: skip
-    return told(replace(findings, alternatives=others), "search", assignments=3)
+        cost=np.array([812.5, 815.25, 819.0]),
+        mass=np.array([0.71, 0.27, 0.02]),
+        branch=np.array([1, 2, 2]),
+        joint=np.array([1, 0, 1]),
+        start=np.array([0.5, 1.25, 2.0]),
+        end=np.array([0.75, 1.5, 2.375]),
+    )
+    return with_summary(replace(findings, alternatives=others), "search", assignments=3)

@@ -4,11 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayesid.knowledge import Information
+from bayesid.fit.knowledge import Information
 from bayesid.posterior.likelihood import Likelihood
 from bayesid.posterior.prior import Prior
 from bayesid.posterior.region import Region
 from bayesid.posterior.target import Target
+
+
+class Rotated:
+    """Directions root Q with Q a random rotation: conjugate for the covariance root root'."""
+
+    def __init__(self, root):
+        self.root = root
+
+    def draw(self, random):
+        size = self.root.shape[1]
+        q, r = np.linalg.qr(random.standard_normal((size, size)))
+        return self.root @ (q * np.sign(np.diag(r)))
 
 
 def likelihood(columns, effort, joint, segment, fixed, n):
@@ -86,6 +98,6 @@ def samples_of(moves, coordinates, sweeps, random, burn=50):
     return np.array(kept)
 
 
-def told(columns, effort):
-    """What rows (N, r) with efforts (N,), in units of their noise, tell when all their signs are known."""
+def information_of(columns, effort):
+    """The information of rows (N, r) with efforts (N,), in units of their noise, all signs known."""
     return Information(columns.T @ columns, columns.T @ effort, float(effort @ effort))

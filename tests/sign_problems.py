@@ -17,18 +17,18 @@ from conftest import random_motion, small_robot
 from oracles import random_table
 from scipy.optimize import nnls
 
-from bayesid.coefficients import BaseCoefficients, base_coefficients
-from bayesid.inertia import from_pseudo_inertia
-from bayesid.model import Model
-from bayesid.moments import Moments, moments
-from bayesid.robot import robot_from_table
-from bayesid.segments import Segments
-from bayesid.simulation import random_parameters
-from bayesid.solver import ConeLeastSquares
-from bayesid.terms import make_terms
-from bayesid.terms.base import Cone
+from bayesid.fit.moments import Moments, moments
+from bayesid.fit.solver import ConeLeastSquares
+from bayesid.log.segments import Segments
+from bayesid.model.coefficients import BaseCoefficients, base_coefficients
+from bayesid.model.inertia import from_pseudo_inertia
+from bayesid.model.model import Model
+from bayesid.model.parameters import Cone
+from bayesid.model.robot import robot_from_table
+from bayesid.model.terms import make_terms
+from bayesid.simulation.parameters import random_parameters
 
-EXACT = 1e-8  # share of the energy below which the searches do not tell two costs apart
+EXACT = 1e-8  # share of the energy below which two costs count as equal in a search
 ROUNDING = 1e-9  # share of the energy that they allow for rounding
 STRONG = 0.1  # of a joint's strongest segment: what a proof decides one by one has at least this energy
 
@@ -53,7 +53,7 @@ class SignProblem:
 
     @property
     def exact(self):
-        """What the searches do not tell apart, and what the brute force itself may be off."""
+        """What counts as equal in a search, and what the brute force itself may be off."""
         return EXACT * self.energy + self._priced[1]
 
     @property
@@ -132,7 +132,7 @@ class SignProblem:
 
     @cached_property
     def _precise(self):
-        return self.solver()
+        return self.solver().prepared()
 
 
 def synthetic(
@@ -155,10 +155,11 @@ def synthetic(
     """
     rng = np.random.default_rng(seed)
     cones = {
-        "free": Cone.free(size + 1), "orthant": Cone.orthant(size + 1),
+        "free": Cone.free(size + 1),
+        "orthant": Cone.orthant(size + 1),
         "half": Cone.orthant(size // 2 + 1) + Cone.free(size - size // 2),
         "body": Cone.rigid_bodies(1) + Cone.orthant(size),
-    }  # fmt: skip
+    }
     n = cones[cone].size
     names = tuple(f"b{k}" for k in range(size))
     projection = np.hstack([np.eye(size), rng.normal(size=(size, n - size))])
@@ -212,6 +213,6 @@ def strong(m):
     """(S,) segments whose signs are known, or that a proof on moments `m` decides one by one."""
     chosen = m.known != 0
     for joint in np.unique(m.joint):
-        here = (m.joint == joint) & (m.known == 0) & m.alone
+        here = (m.joint == joint) & (m.known == 0) & m.individual
         chosen |= here & (m.energy >= STRONG * m.energy[here].max(initial=0.0))
     return chosen

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from studies.study import Study, in_turn
+from bayesid.study.study import Study, in_turn
 
 SCRIPT = Path(__file__)
 PATIENCE = 60.0
@@ -111,11 +111,15 @@ def alive(pid):
 @contextmanager
 def process(*arguments, output=subprocess.DEVNULL, **environment):
     """A Python process and all that it starts; none of them outlives the block."""
-    paths = os.pathsep.join([str(SCRIPT.parent), str(SCRIPT.parents[1])])
+    paths = os.pathsep.join([str(SCRIPT.parent), str(SCRIPT.parent / "study"), str(SCRIPT.parents[1])])
     started = subprocess.Popen(
-        [sys.executable, *map(str, arguments)], stdout=output, stderr=output, text=True,
-        env={**os.environ, "PYTHONPATH": paths, **environment}, start_new_session=True,
-    )  # fmt: skip
+        [sys.executable, *map(str, arguments)],
+        stdout=output,
+        stderr=output,
+        text=True,
+        env={**os.environ, "PYTHONPATH": paths, **environment},
+        start_new_session=True,
+    )
     try:
         yield started
     finally:
@@ -137,11 +141,11 @@ class DaskCluster(NamedTuple):
 @contextmanager
 def dask_cluster(folder, workers=2, **environment):
     """A scheduler and its workers, started by the two commands of README."""
-    told = Path(folder) / "scheduler.json"
-    at = ("--host", "127.0.0.1", "--port", 0, "--no-dashboard", "--scheduler-file", told)
+    file = Path(folder) / "scheduler.json"
+    at = ("--host", "127.0.0.1", "--port", 0, "--no-dashboard", "--scheduler-file", file)
     many = ("--nworkers", workers, "--nthreads", 1, "--no-dashboard", "--local-directory", folder)
     with process("-m", "dask", "scheduler", *at, **environment) as scheduler:
-        address = wait_until(lambda: _address(told), "the scheduler runs")
+        address = wait_until(lambda: _address(file), "the scheduler runs")
         with process("-m", "dask", "worker", address, *many, **environment), dask_client(address) as client:
             client.wait_for_workers(workers, timeout=PATIENCE)
             yield DaskCluster(address, scheduler)
@@ -159,13 +163,12 @@ def _address(file):
 
 
 def _main(marks, nap, *options):
-    import studies
     from bayesid import cli
+    from bayesid.study.names import STUDIES
 
-    module = sys.modules["studies.toy"] = ModuleType("studies.toy")
+    module = sys.modules["bayesid.studies.toy"] = ModuleType("bayesid.studies.toy")
     module.STUDY = toy_study(marks, float(nap))
-    studies.NAMES += ("toy",)
-    cli.STUDIES["toy"] = "a study of nothing"
+    STUDIES["toy"] = "a study of nothing"
     return cli.main(["study", "toy", *options])
 
 

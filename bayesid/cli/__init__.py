@@ -1,39 +1,42 @@
 """The command line: every command is a thin layer over the Python interface.
 
-Exit codes: 0 done, 2 bad input (one line on stderr), 1 a fault of ours.
+Exit codes: 0 done, 2 bad input (one line on stderr), 1 a fault of ours, 130 interrupted, 141 nobody reads on. Nothing
+that computes is imported before the arguments are understood.
 """
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from importlib import import_module
 
-from bayesid.cli.messages import complain
-from bayesid.cli.parser import STUDIES, make_parser
+from bayesid.cli.parser import parse
 from bayesid.errors import BayesidError, InputError
 
-__all__ = ["STUDIES", "main"]
+__all__ = ["main"]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command and returns its exit code."""
-    options = make_parser().parse_args(arguments)
-    command: Callable[[argparse.Namespace], None] = options.command
+    options = parse(sys.argv[1:] if arguments is None else arguments)
     try:
-        command(options)
+        import_module(f"bayesid.cli.commands.{options.command}").run(options)
         sys.stdout.flush()
     except BrokenPipeError:  # whoever reads the output has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nor shall Python complain when it ends
         return 141
     except InputError as error:
-        complain(str(error))
-        return 2
+        return _complain(str(error), 2)
     except (OSError, BayesidError) as error:
-        complain(str(error))
-        return 1
+        return _complain(str(error), 1)
     except KeyboardInterrupt as stop:
-        complain(f"interrupted; {stop or 'nothing was written'}")
-        return 130
+        return _complain(f"interrupted; {stop or 'nothing was written'}", 130)
     return 0
+
+
+def _complain(message: str, code: int) -> int:
+    from bayesid.cli.terminal import complain
+
+    complain(message)
+    return code

@@ -1,82 +1,95 @@
-"""Progress bars, on a terminal only."""
+"""Progress bars on stderr: on a terminal only, of what takes over a second."""
 
 from __future__ import annotations
 
 import sys
-import time
-from threading import Event, RLock, Thread
-from typing import NoReturn
+from collections.abc import Iterable
+from datetime import timedelta
+from typing import Self
 
-from tqdm import tqdm
+from rich.console import RenderableType
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeElapsedColumn
+from rich.text import Text
 
-_DELAY = 1.0
-"""s; a stage that ends sooner is not worth a bar."""
+from bayesid.cli.terminal import console
+
+_PATIENCE = 1.0
+"""s; what ends sooner is not worth a bar. A round number; not studied."""
+_REFRESHES = 4.0
+"""1/s; how often bars are drawn: an eye sees no more, and the computation shares the processor."""
 
 
-class StageBars:
-    """Progress bars on a terminal, one for each stage that takes over a second; none when quiet."""
+class _Bars(Progress):
+    """Bars of the tasks that have taken a while, which vanish at the end."""
 
-    def __init__(self, quiet: bool) -> None:
-        self._shown = not quiet and sys.stderr.isatty()
-        self._bar: tqdm[NoReturn] | None = None
-        self._stage = ""
-        self._ended, self._drawing = Event(), RLock()
-        self._clock = Thread(target=self._tick, daemon=True)
+    def __init__(self, *columns: ProgressColumn) -> None:
+        super().__init__(*columns, console=console(stderr=True), transient=True, refresh_per_second=_REFRESHES)
 
-    def __enter__(self) -> StageBars:
-        if self._shown:
-            self._clock.start()
+    def get_renderables(self) -> Iterable[RenderableType]:
+        """What is drawn."""
+        yield self.make_tasks_table([task for task in self.tasks if (task.elapsed or 0.0) > _PATIENCE])
+
+
+class _Pace(ProgressColumn):
+    """Steps a second since the bar began, and the time left at that pace: steps may take minutes, as trials do."""
+
+    def render(self, task: Task) -> Text:
+        """The column's text."""
+        done, seconds = task.completed - task.fields["begun"], task.elapsed or 0.0
+        if done <= 0 or seconds <= 0.0:
+            return Text("")
+        left = timedelta(seconds=(task.remaining or 0.0) * seconds // done)
+        return Text(f"{done / seconds:.3g}/s, {left} left")
+
+
+class _Bar:
+    """One bar at a time; none where nobody watches, or wants to."""
+
+    def __init__(self, quiet: bool, *columns: ProgressColumn) -> None:
+        self._bars = None if quiet or not sys.stderr.isatty() else _Bars(*columns)
+
+    def __enter__(self) -> Self:
+        if self._bars is not None:
+            self._bars.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._ended.set()
-        if self._clock.is_alive():
-            self._clock.join()
-        self._close()
+        if self._bars is not None:
+            self._bars.stop()
+
+    def _draw(self, stage: str, done: int, total: int, note: str = "") -> None:
+        """A new stage takes the place of the one before; what was done before it began counts for no rate."""
+        if self._bars is None:
+            return
+        for task in self._bars.tasks:
+            if task.description == stage:
+                self._bars.update(task.id, completed=done, total=total, note=note)
+                return
+            self._bars.remove_task(task.id)
+        self._bars.add_task(stage, completed=done, total=total, note=note, begun=done)
+
+
+class StageBars(_Bar):
+    """A bar for each stage of a computation; `show` is what a `bayesid.progress.Progress` calls."""
+
+    def __init__(self, quiet: bool) -> None:
+        super().__init__(
+            quiet, TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+        )
 
     def show(self, stage: str, done: int, total: int) -> None:
-        """The callback of `bayesid.identify` and its like; a stage without steps is one step that is not done yet."""
-        if not self._shown:
-            return
-        with self._drawing:
-            if self._bar is None or stage != self._stage:
-                self._close()
-                self._stage = stage
-                self._bar = tqdm(total=total, desc=stage, unit="", delay=_DELAY, leave=False)
-            self._bar.update(done - self._bar.n)
-
-    def _close(self) -> None:
-        bar, self._bar = self._bar, None
-        if bar is not None:
-            bar.close()
-
-    def _tick(self) -> None:
-        """Keeps the elapsed time of a stage running that says nothing for a while."""
-        while not self._ended.wait(0.5):
-            with self._drawing:
-                if self._bar is not None and time.time() - self._bar.start_t > _DELAY:
-                    self._bar.refresh()
+        """How far a stage has come; a stage without steps is one step that is not done yet."""
+        self._draw(stage, done, total)
 
 
-class CountBar:
-    """A progress bar with rate and time left, on a terminal."""
+class CountBar(_Bar):
+    """A bar with rate and time left, for many alike."""
 
     def __init__(self, unit: str, quiet: bool) -> None:
         self._unit = unit
-        self._disable = True if quiet else None  # None: only on a terminal
-        self._bar: tqdm[NoReturn] | None = None
-
-    def __enter__(self) -> CountBar:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._bar is not None:
-            self._bar.close()
+        columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _Pace()
+        super().__init__(quiet, *columns, TextColumn("{task.fields[note]}", style="bold red"))
 
     def show(self, done: int, total: int, failed: int) -> None:
-        """The callback; what was done before the first call does not count for the rate."""
-        if self._bar is None:
-            self._bar = tqdm(total=total, initial=done, unit=self._unit, disable=self._disable, smoothing=0.05)
-        if failed:
-            self._bar.set_postfix_str(f"{failed} failed", refresh=False)
-        self._bar.update(done - self._bar.n)
+        """How many are done, and how many of them failed."""
+        self._draw(self._unit, done, total, f"{failed} failed" if failed else "")

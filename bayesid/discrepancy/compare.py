@@ -7,31 +7,37 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayesid.fit import inner_samples
-from bayesid.model import Model
-from bayesid.motion import Array, Mask, Motion
-from bayesid.noise import Noise, residual_noise
-from bayesid.segments import find_segments
-from bayesid.signals import Signals
-from bayesid.smoothing import sign_probabilities
+from bayesid.arrays import Array, Mask
+from bayesid.discrepancy.thresholds import Thresholds
+from bayesid.fit.noise import Noise, residual_noise
+from bayesid.log.segments import find_segments
+from bayesid.log.signals import Signals
+from bayesid.model.model import Model
+from bayesid.motion import Motion
+from bayesid.signs.smoothing import sign_probabilities
 
-GOOD = 0.2
-"""An earlier model that left less than this share of a joint's effort tells the noise floor."""
-_CLEARLY_MOVING = 2.5
-"""Speed, in units of standstill, from which friction's direction is beyond doubt."""
-_MOST, _PIECES, _SEAM = 10_000, 8, 10
-"""Samples of a log that effects are chosen on, in so many stretches, and how many at their ends do not count."""
-_ENCODER = 1e-3
-"""rad; a joint that never leaves this range shows its encoder's noise."""
-_BINS = 12
-_LEAST = 1e-3
-"""Of the earlier noise: no floor is lower."""
-_SAME = 1e-3
-"""Share of a joint's range within which a repeated motion comes back."""
-_STILL = 1e-4
+ENCODER_RANGE = 1e-3
+"""rad; a joint that never leaves this range stands still but for its encoder's noise."""
+_LONG, _STRETCHES = 10_000, 8
+"""Samples of a log that effects are selected on, in so many stretches: time grows with them. Round numbers."""
+_SEAM = 10
+"""Samples at the ends of a stretch that do not count, for filters and hysteresis see across: a round number."""
+_LEAST_FLOOR = 1e-3
+"""Share of the earlier noise below which no floor is: a guard against residuals that are nothing but zeros."""
+_REPEATED = 1e-3
+"""Share of a joint's range within which a repeated motion comes back; a round number, not studied."""
+_REPEATED_STILL = 1e-4
 """rad; a joint that stands still comes back within its encoder's noise."""
-_SHORTEST = 1.0
-"""s; a repeated motion lasts longer than this."""
+_PROBED = 5.0
+"""Times the tolerance within which the first sample must come back before all others are compared: it saves time."""
+_SHORTEST_PERIOD = 1.0
+"""s; a repeated motion lasts longer than this: whatever is shorter is a pause."""
+_BINS = 12
+"""Of a variable, with equally many samples each; a round number, for display."""
+_MOST_SHARE = 0.25
+"""Of the largest bin's share, from which on a bin belongs to the range that is shown; for display."""
+_TINY = 1e-300
+"""Guard of a division."""
 
 
 @dataclass(frozen=True)
@@ -54,59 +60,66 @@ class Trial:
     @property
     def magnitude(self) -> Array:
         """(N, n) absolute values of the unfiltered efforts, N m."""
-        return np.abs(self.signals.raw_effort)
+        return self.signals.magnitude
 
     def nearest(self, predicted: Array) -> Array:
         """(N, n) efforts, N m, with the sign of the prediction where they have none of their own."""
-        signs = np.where(predicted >= 0.0, 1.0, -1.0)
-        return np.where(self.signals.signed, self.signals.raw_effort, signs * self.magnitude)
+        return self.signals.nearest(predicted)
 
     def probability(self, predicted: Array) -> Array:
         """(N, n) P(sign = +) of every sample under a prediction, N m."""
-        residual = np.where(self.used, self.nearest(predicted) - predicted, 0.0)
-        noise = residual_noise(residual, self.used, self.signals.rate)
-        smoothed = sign_probabilities(self.magnitude, predicted, self.used, noise, self.signals.rate)
-        return np.where(self.signals.signed, (self.signals.raw_effort >= 0.0).astype(float), smoothed)
+        noise = residual_noise(self.residual(predicted), self.used, self.signals.rate)
+        return sign_probabilities(self.signals, predicted, self.used, noise)
+
+    def residual(self, predicted: Array) -> Array:
+        """(N, n) what a prediction leaves of the efforts, N m, unknown signs as predicted; zero where not used."""
+        return np.where(self.used, self.nearest(predicted) - predicted, 0.0)
+
+    def rms(self, values: Array) -> Array:
+        """(n,) of values (N, n) over the used samples."""
+        return np.sqrt((values**2 * self.used).sum(axis=0) / np.maximum(self.used.sum(axis=0), 1))
 
     def gap(self, predicted: Array) -> Array:
         """(n,) RMS of what a prediction leaves of the efforts, N m; unknown signs as predicted (:eq:`gap`)."""
-        used = self.used
-        residual = np.where(used, self.nearest(predicted) - predicted, 0.0)
-        return np.sqrt((residual**2).sum(axis=0) / np.maximum(used.sum(axis=0), 1))
+        return self.rms(self.residual(predicted))
 
 
-def make_trial(model: Model, signals: Signals) -> Trial:
+def make_trial(model: Model, signals: Signals, thresholds: Thresholds = Thresholds()) -> Trial:
     """A log made ready for comparisons with a model of its robot."""
     actuators = model.robot.actuators(signals.motion)
     segments = find_segments(signals, actuators)
     moving = segments.per_sample(segments.moving, *signals.effort.shape) > 0
-    moving &= np.abs(actuators.dq) > _CLEARLY_MOVING * actuators.standstill_speed
-    moving &= np.ptp(actuators.q, axis=0) > _ENCODER
-    return Trial(signals, actuators, moving & inner_samples(signals))
+    moving &= np.abs(actuators.dq) > thresholds.clearly_moving * actuators.standstill_speed
+    moving &= np.ptp(actuators.q, axis=0) > ENCODER_RANGE
+    return Trial(signals, actuators, moving & signals.inner)
 
 
 def shortened(trial: Trial) -> Trial:
     """The trial itself or, of a long log, stretches that stand for it: every effect costs as much as all samples."""
     count = len(trial.used)
-    if count <= _MOST:
+    if count <= _LONG:
         return trial
-    length = _MOST // _PIECES
-    starts = np.linspace(0, count - length, _PIECES).astype(int)
+    length = _LONG // _STRETCHES
+    starts = np.linspace(0, count - length, _STRETCHES).astype(int)
     rows = np.concatenate([np.arange(start, start + length) for start in starts])
-    seam = np.isin(np.arange(len(rows)) % length, np.arange(_SEAM)) | (np.arange(len(rows)) % length >= length - _SEAM)
-    old = trial.signals
+    place = np.arange(len(rows)) % length
+    inner = ((place >= _SEAM) & (place < length - _SEAM))[:, None]
+    whole = trial.signals
     signals = replace(
-        old, motion=old.motion[rows], effort=old.effort[rows], raw_effort=old.raw_effort[rows],
-        measured=old.measured[rows] & ~seam[:, None],
-    )  # fmt: skip
-    return Trial(signals, trial.actuators[rows], trial.used[rows] & ~seam[:, None], _between_periods(trial))
+        whole,
+        motion=whole.motion[rows],
+        effort=whole.effort[rows],
+        raw_effort=whole.raw_effort[rows],
+        measured=whole.measured[rows] & inner,
+    )
+    return Trial(signals, trial.actuators[rows], trial.used[rows] & inner, _between_periods(trial))
 
 
 # ---------------------------------------------------------------------------------------------------------------
 # The floor
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
-class Floor:
+class NoiseFloor:
     """The noise of the efforts: what no model can explain.
 
     Attributes:
@@ -121,8 +134,14 @@ class Floor:
     limits: Array
     sharp: Mask
 
+    def exceeded(self, gap: Array, thresholds: Thresholds) -> Mask:
+        """(n,) whether a gap, N m, is too large for the noise of a joint."""
+        return gap > np.where(self.sharp, thresholds.above_floor, thresholds.above_blunt_floor) * self.rms
 
-def noise_floor(trial: Trial, residual: Array, earlier: Noise, refit: Array | None = None) -> Floor:
+
+def noise_floor(
+    trial: Trial, residual: Array, earlier: Noise, refit: Array | None = None, thresholds: Thresholds = Thresholds()
+) -> NoiseFloor:
     """The floor of each joint: from repeated periods, the earlier model's residual, a refit's, or its fast part.
 
     :eq:`noise-floor` where it is taken from differences.
@@ -132,26 +151,23 @@ def noise_floor(trial: Trial, residual: Array, earlier: Noise, refit: Array | No
         residual: (N, n) of the best explanation so far, N m.
         earlier: noise of the log that the model was identified from.
         refit: (n,) RMS residual of a model with all standard effects, identified from this log by itself, N m.
+        thresholds: that decide.
     """
     repeated = _between_periods(trial) if trial.repeated is None else trial.repeated
-    effort = np.sqrt((trial.magnitude**2 * trial.used).sum(axis=0) / np.maximum(trial.used.sum(axis=0), 1))
-    good = earlier.sigma < GOOD * effort
-    fast = np.maximum(_fast_part(residual, trial.used), _LEAST * earlier.sigma)
-    white = np.where(good, np.maximum(earlier.white, np.minimum(fast, 1.5 * earlier.white)), fast)
-    coloured = np.where(good, earlier.coloured, fast)
-    blunt_rms = fast if refit is None else refit
-    rms, origin = np.where(good, np.hypot(white, earlier.coloured), blunt_rms), list[str]()
-    for j in range(len(rms)):
-        if repeated is not None:
-            origin.append("repeated periods")
-        else:
-            blunt = "fast part of the residual" if refit is None else "refit with standard effects"
-            origin.append("earlier model's residual" if good[j] else blunt)
+    sharp = earlier.sigma < thresholds.good_fit * trial.rms(trial.magnitude)
+    fast = np.maximum(_fast_part(residual, trial.used), _LEAST_FLOOR * earlier.sigma)
+    largest = thresholds.white_growth * earlier.white
+    white = np.where(sharp, np.maximum(earlier.white, np.minimum(fast, largest)), fast)
+    coloured = np.where(sharp, earlier.coloured, fast)
+    rms = np.where(sharp, np.hypot(white, earlier.coloured), fast if refit is None else refit)
+    blunt = "fast part of the residual" if refit is None else "refit with standard effects"
+    origin = tuple("earlier model's residual" if good else blunt for good in sharp)
     if repeated is not None:
-        rms, white = repeated, np.maximum(np.minimum(white, repeated), 0.3 * repeated)
-    limits = np.stack([1.1 * np.maximum(white, rms / np.sqrt(2.0)), 1.25 * coloured + 0.1 * white], axis=1)
-    sharp = good if repeated is None else np.ones(len(rms), dtype=bool)
-    return Floor(rms, tuple(origin), limits, sharp)
+        rms, white = repeated, np.maximum(np.minimum(white, repeated), thresholds.repeated_white * repeated)
+        origin, sharp = ("repeated periods",) * len(rms), np.ones(len(rms), dtype=bool)
+    white_limit = thresholds.white_limit * np.maximum(white, rms / np.sqrt(2.0))
+    coloured_limit = thresholds.coloured_limit * coloured + thresholds.coloured_allowance * white
+    return NoiseFloor(rms, origin, np.stack([white_limit, coloured_limit], axis=1), sharp)
 
 
 def _fast_part(residual: Array, used: Mask) -> Array:
@@ -164,13 +180,13 @@ def _fast_part(residual: Array, used: Mask) -> Array:
 def _between_periods(trial: Trial) -> Array | None:
     """(n,) sd of the efforts between repetitions of the same motion, N m; None where nothing is repeated."""
     q, count = trial.signals.motion.q, len(trial.signals.motion)
-    tolerance = np.maximum(_SAME * np.ptp(q, axis=0), _STILL)
-    shortest = int(_SHORTEST * trial.signals.rate)
-    probe = np.abs(q[shortest : count // 2 + 1] - q[0]) < 5.0 * tolerance
+    tolerance = np.maximum(_REPEATED * np.ptp(q, axis=0), _REPEATED_STILL)
+    shortest = int(_SHORTEST_PERIOD * trial.signals.rate)
+    probe = np.abs(q[shortest : count // 2 + 1] - q[0]) < _PROBED * tolerance
     for lag in np.flatnonzero(probe.all(axis=1)) + shortest:
         if np.all(np.abs(q[lag:] - q[:-lag]).max(axis=0) < tolerance):
             both = trial.used[lag:] & trial.used[:-lag]
-            square = (np.diff(np.stack([trial.magnitude[:-lag], trial.magnitude[lag:]]), axis=0)[0] ** 2 * both).sum(0)
+            square = ((trial.magnitude[lag:] - trial.magnitude[:-lag]) ** 2 * both).sum(axis=0)
             return np.sqrt(0.5 * square / np.maximum(both.sum(axis=0), 1))
     return None
 
@@ -207,16 +223,15 @@ def where_it_shows(
         floor: (n,) RMS of the noise, N m.
         joints: (0-based) to look at.
     """
-    found = []
+    excesses = []
     for j in joints:
         used = trial.used[:, j]
-        values = variables(trial, predicted, j)
-        left = residual[used, j]
-        shares = {name: _binned(value[used], left) for name, value in values.items()}
+        rest = residual[used, j]
+        shares = {name: _binned(value[used], rest) for name, value in variables(trial, predicted, j).items()}
         best = max(shares, key=lambda name: shares[name][0])
-        square = float(np.mean(left**2)) - floor[j] ** 2
-        found.append(Excess(j + 1, float(np.sqrt(max(square, 0.0))), best, shares[best][1]))
-    return found
+        square = float(np.mean(rest**2)) - floor[j] ** 2
+        excesses.append(Excess(j + 1, float(np.sqrt(max(square, 0.0))), best, shares[best][1]))
+    return excesses
 
 
 def variables(trial: Trial, predicted: Array, joint: int) -> dict[str, Array]:
@@ -240,6 +255,6 @@ def _binned(value: Array, residual: Array) -> tuple[float, tuple[float, float]]:
     count = np.maximum(np.bincount(place, minlength=len(edges) - 1), 1)
     mean = np.bincount(place, residual, len(edges) - 1) / count
     between = count * mean**2
-    high = np.flatnonzero(between >= 0.25 * between.max())
-    share = float(between.sum() / max(float(residual @ residual), 1e-300))
+    high = np.flatnonzero(between >= _MOST_SHARE * between.max())
+    share = float(between.sum() / max(float(residual @ residual), _TINY))
     return share, (float(edges[high[0]]), float(edges[high[-1] + 1]))

@@ -17,17 +17,26 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.signal import lfilter
 
-from bayesid.motion import Array, Mask
+from bayesid.arrays import Array, Mask
 
 _SHARES = (0.0, 0.03, 0.1, 0.25, 0.5, 0.8, 0.97)
-_MEMORIES = (0.02, 0.05, 0.12, 0.3, 0.8)
-"""Shares of the coloured part, and correlation times, s, from which the fit starts."""
-_LONGEST = 3.0
-"""s; a longer correlation is a constant."""
-_REFINED = 40
-"""Evaluations of the local search."""
+"""Of the coloured part in the variance, from which the fit starts: a coarse grid, refined afterwards; not studied."""
+_CORRELATIONS = (0.02, 0.05, 0.12, 0.3, 0.8)
+"""s, from which the fit starts: a factor of about 2.5 from one to the next."""
+_SHORTEST, _LONGEST = 0.005, 3.0
+"""s; a shorter correlation is white at usual rates, a longer one a constant."""
+_START_SHARES = 1e-3, 0.999
+"""Least and largest share at which the local search starts: its logarithms must be finite."""
+_LOGITS = -12.0, 7.0
+"""Least and largest logarithm of the shares' ratio in the local search: shares of 6e-6 to 0.999."""
+_EVALUATIONS = 40
+"""Of the local search; a round number."""
+_RESOLUTION = 0.02
+"""At which it ends, in logarithms: two per cent, below the sampling error of a thousand samples."""
 _STEP = 0.5
 """Its first step, in the logarithms of the shares' ratio and of the correlation time."""
+_TINY, _SMALL = 1e-300, 1e-12
+"""Guards of a logarithm and of divisions by a share."""
 
 
 @dataclass(frozen=True)
@@ -82,9 +91,9 @@ def fit_error(
         """Sigma^2 and log likelihood of a share of the coloured part and a correlation time."""
         memory, theta, variance = _arma(share, correlation, rate)
         square, count = _innovations(residual, used, memory, theta)
-        sigma2 = square / (max(count, 1) * variance) + 1e-300
+        sigma2 = square / (max(count, 1) * variance) + _TINY
         if limits is not None:
-            parts = (limits[0] ** 2 / max(1.0 - share, 1e-12), limits[1] ** 2 / max(share, 1e-12))
+            parts = (limits[0] ** 2 / max(1.0 - share, _SMALL), limits[1] ** 2 / max(share, _SMALL))
             sigma2 = min(sigma2, *parts)
         scale = sigma2 * variance
         return sigma2, -0.5 * (count * np.log(2.0 * np.pi * scale) + square / scale)
@@ -92,24 +101,24 @@ def fit_error(
     def cost(point: Array) -> float:
         return -judged(*_from_point(point))[1]
 
-    grid = [(share, time) for share in _SHARES for time in _MEMORIES[: 1 if share == 0.0 else None]]
+    grid = [(share, time) for share in _SHARES for time in _CORRELATIONS[: 1 if share == 0.0 else None]]
     best = max(grid, key=lambda at: judged(*at)[1])
     simplex = _to_point(*best) + np.array([[0.0, 0.0], [_STEP, 0.0], [0.0, _STEP]])  # scipy's is flat at 1/2
-    options = {"maxfev": _REFINED, "xatol": 0.02, "initial_simplex": simplex}
-    found = minimize(cost, simplex[0], method="Nelder-Mead", options=options)
-    share, correlation = max((best, _from_point(found.x)), key=lambda at: judged(*at)[1])
+    options = {"maxfev": _EVALUATIONS, "xatol": _RESOLUTION, "initial_simplex": simplex}
+    refined = minimize(cost, simplex[0], method="Nelder-Mead", options=options)
+    share, correlation = max((best, _from_point(refined.x)), key=lambda at: judged(*at)[1])
     sigma2, value = judged(share, correlation)
     return ErrorModel(np.sqrt(sigma2 * (1.0 - share)), np.sqrt(sigma2 * share), correlation, rate), value
 
 
 def _to_point(share: float, correlation: float) -> Array:
-    share = min(max(share, 1e-3), 0.999)
+    share = min(max(share, _START_SHARES[0]), _START_SHARES[1])
     return np.array([np.log(share / (1.0 - share)), np.log(correlation)])
 
 
 def _from_point(point: Array) -> tuple[float, float]:
-    share = 1.0 / (1.0 + np.exp(-min(max(point[0], -12.0), 7.0)))
-    return float(share), float(np.exp(min(max(point[1], np.log(0.005)), np.log(_LONGEST))))
+    share = 1.0 / (1.0 + np.exp(-min(max(point[0], _LOGITS[0]), _LOGITS[1])))
+    return float(share), float(np.exp(min(max(point[1], np.log(_SHORTEST)), np.log(_LONGEST))))
 
 
 def _arma(share: float, correlation: float, rate: float) -> tuple[float, float, float]:

@@ -1,4 +1,4 @@
-"""A model, what is known of it, and the effects that were found, as one model again."""
+"""A model, what is known of it, and the effects that explain a log, as one model again."""
 
 from __future__ import annotations
 
@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayesid.coefficients import BaseCoefficients
-from bayesid.discrepancy.evidence import Explanation
+from bayesid.arrays import Array
+from bayesid.discrepancy.explanation import Explanation
 from bayesid.discrepancy.hypotheses import Hypothesis
-from bayesid.distortions.base import Distortion
-from bayesid.knowledge import Knowledge
-from bayesid.model import Model
-from bayesid.motion import Array
+from bayesid.fit.knowledge import Knowledge
+from bayesid.model.coefficients import BaseCoefficients
+from bayesid.model.model import Model
 
 
 @dataclass(frozen=True)
@@ -32,38 +31,34 @@ class Extension:
 
 
 def extend(
-    knowledge: Knowledge, coefficients: BaseCoefficients, found: Sequence[Hypothesis], explanation: Explanation
+    knowledge: Knowledge, coefficients: BaseCoefficients, chosen: Sequence[Hypothesis], explanation: Explanation
 ) -> Extension:
     """The model of an explanation.
 
     Args:
         knowledge: of the model without the effects.
         coefficients: its base coefficients.
-        found: the effects that explain.
+        chosen: the effects that explain.
         explanation: by these, in this order.
     """
     model, names = knowledge.model, [parameter.name for parameter in knowledge.model.parameters]
     theta = coefficients.lift(explanation.beta)
     theta = theta + _without_trace(coefficients, knowledge.theta)
     added: list[Array] = []
-    for one, amplitude in zip(found, explanation.amplitudes, strict=True):
-        if isinstance(one.source, Distortion):
-            model = model.distort(one.source.moved(amplitude))
-        elif one.changes:
-            theta[[names.index(name) for name in one.changes]] += amplitude
-            knowledge = knowledge.widened(one.changes, one.columns.sd)
+    for hypothesis, amplitude in zip(chosen, explanation.amplitudes, strict=True):
+        if hypothesis.changes:
+            theta[[names.index(name) for name in hypothesis.changes]] += amplitude
+            knowledge = knowledge.widened(hypothesis.changes, hypothesis.columns.sd)
         else:
-            model = model.extend(one.source)
-            added.append(amplitude)
+            model = model.extend(hypothesis.source.moved(amplitude))
+            added.append(amplitude[: len(hypothesis.source.parameters(model.robot))])
     return Extension(model, knowledge, np.concatenate([theta, *added]))
 
 
-def moved(found: Sequence[Hypothesis], explanation: Explanation) -> list[Hypothesis]:
-    """The same effects, distortions with their free numbers where the explanation puts them."""
-    return [
-        replace(one, source=one.source.moved(amplitude)) if isinstance(one.source, Distortion) else one
-        for one, amplitude in zip(found, explanation.amplitudes, strict=True)
-    ]
+def moved(chosen: Sequence[Hypothesis], explanation: Explanation) -> list[Hypothesis]:
+    """The same effects, their own numbers where the explanation puts them."""
+    pairs = zip(chosen, explanation.amplitudes, strict=True)
+    return [h if h.source.linear else replace(h, source=h.source.moved(amplitude)) for h, amplitude in pairs]
 
 
 def _without_trace(coefficients: BaseCoefficients, theta: Array) -> Array:

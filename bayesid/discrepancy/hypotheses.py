@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
-from bayesid import distortions, terms
-from bayesid.discrepancy.evidence import Columns
-from bayesid.distortions.base import Distortion
-from bayesid.model import Model
-from bayesid.motion import Array, Mask
-from bayesid.terms.base import Scene, Term
+from bayesid.arrays import Array, Mask
+from bayesid.discrepancy.explanation import Columns
+from bayesid.model import catalogue, terms
+from bayesid.model.effects import Effect, Scene
+from bayesid.model.model import Model
 
 _USUAL = 0.3
-"""Prior standard deviation of an effect's largest effort, as a share of the joint's RMS effort."""
-_BODY = np.array([0.03] * 6 + [0.15] * 3 + [1.0])
-"""Prior standard deviations of the ten parameters of a body of 1 kg, kg m^2, kg m and kg."""
-_OF_ALL = ("base_tilt", "delay")
-_MASSES = (0.1, 0.5, 3.0)
-"""kg, tried for a payload."""
+"""Prior standard deviation of an effect's largest effort, as a share of the joint's RMS effort; a round number: effects
+between a hundredth of the effort and all of it are within a few standard deviations."""
+_TINY = 1e-300
+"""Instead of 0 in a denominator."""
+
+EffectKey = tuple[str, tuple[int, ...]]
+"""Name of an effect, and its joints from 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,46 +35,39 @@ class Hypothesis:
         changes: names of parameters of the model that would change, where the model has the effect already.
     """
 
-    source: Term | Distortion
+    source: Effect
     columns: Columns
-    make: Callable[[Term | Distortion], Hypothesis] = field(repr=False, compare=False)
+    make: Callable[[Effect], Hypothesis] = field(repr=False, compare=False)
     changes: tuple[str, ...] = ()
 
     @property
     def effect(self) -> str:
-        """Name in the catalogue of effects, whatever the form."""
-        return self.source.name.split(".")[0]
-
-    def remade(self, number: str, value: float) -> Hypothesis:
-        """The same form with another nonlinear number."""
-        return self.make(replace(self.source, **{number: (value,)}))  # type: ignore[type-var]
+        """Name of the effect, whatever the form."""
+        return self.source.effect
 
     @property
     def joints(self) -> tuple[int, ...]:
         """From 1; none named: it acts on the whole robot."""
         return self.source.joints
 
+    @property
+    def key(self) -> EffectKey:
+        """Effect and joints, whatever the form."""
+        return self.effect, self.joints
 
-def effect_names() -> list[str]:
-    """All effects of the catalogue."""
-    names = [name.split(".")[0] for name in (*terms.CATALOGUE, *distortions.CATALOGUE)]
-    return sorted(set(names) - {terms.RigidBody.name})
+    @property
+    def standard(self) -> bool:
+        """Whether every robot has it, more or less."""
+        return self.source.name in terms.STANDARD
 
-
-def kind_of(effect: str) -> type[Term] | type[Distortion]:
-    """The class of an effect's main form."""
-    if effect in distortions.CATALOGUE:
-        return distortions.CATALOGUE[effect]
-    return terms.CATALOGUE[effect]
-
-
-def acts_on_all(effect: str) -> bool:
-    """Whether an effect is the whole robot's, or may be."""
-    return not issubclass(kind_of(effect), terms.ActuatorTerm | Distortion) or effect in _OF_ALL
+    def remade(self, number: str, value: float) -> Hypothesis:
+        """The same form with another nonlinear number."""
+        numbers: dict[str, Any] = {number: (value,)}
+        return self.make(replace(self.source, **numbers))
 
 
 def hypotheses(model: Model, scene: Scene, used: Mask) -> Iterator[list[Hypothesis]]:
-    """Lists of forms that act in the same joints with as many amplitudes, for one call of `Screen.gain` each.
+    """Lists of forms that act in the same joints with as many amplitudes, for one call of `Screening.gains` each.
 
     Args:
         model: as it is.
@@ -82,86 +76,65 @@ def hypotheses(model: Model, scene: Scene, used: Mask) -> Iterator[list[Hypothes
     """
     size = np.sqrt(np.sum((scene.measured * used) ** 2, axis=0) / np.maximum(used.sum(axis=0), 1))
 
-    def make(source: Term | Distortion) -> Hypothesis:
-        if isinstance(source, Distortion):
-            return _of_distortion(source, scene, used, make)
-        return _of_term(source, model, scene, size, used, make)
+    def make(source: Effect) -> Hypothesis:
+        held = _held(source, model)
+        source = source if held is None else held
+        columns = _columns(source, scene, size, used, held is None)
+        changes = () if held is None else tuple(parameter.name for parameter in source.parameters(scene.robot))
+        return Hypothesis(source, columns, make, changes)
 
-    for kind in (*terms.CATALOGUE.values(), *distortions.CATALOGUE.values()):
+    for kind in catalogue.FORMS.values():
         groups: dict[tuple[object, ...], list[Hypothesis]] = {}
         for source in kind.variants(scene):
-            for one in _sized(make(source)):
-                key = source.joints, len(one.columns.sd), tuple(sorted(one.columns.joints)), bool(one.columns.rows)
-                groups.setdefault(key, []).append(one)
+            for hypothesis in _scaled(make(source)):
+                columns = hypothesis.columns
+                key = source.joints, len(columns.sd), tuple(sorted(columns.joints)), bool(columns.rows)
+                groups.setdefault(key, []).append(hypothesis)
         yield from groups.values()
 
 
-def _sized(one: Hypothesis) -> list[Hypothesis]:
-    """A body with the priors of several masses; everything else as it is, and nothing if it would leave no trace."""
-    if not one.columns.joints:
+def _scaled(hypothesis: Hypothesis) -> list[Hypothesis]:
+    """The hypothesis with each prior that its effect wants tried, none if it would leave no trace."""
+    columns, scales = hypothesis.columns, hypothesis.source.typical_scales
+    if not columns.joints:
         return []
-    if not np.array_equal(one.columns.sd, _BODY):
-        return [one]
-    return [replace(one, columns=replace(one.columns, sd=mass * _BODY)) for mass in _MASSES]
+    return [replace(hypothesis, columns=replace(columns, sd=scale * columns.sd)) for scale in scales]
 
 
-_Make = Callable[[Term | Distortion], Hypothesis]
+def _columns(source: Effect, scene: Scene, size: Array, used: Mask, new: bool) -> Columns:
+    """What a form does to a log; a change of what the model has already may go either way.
 
-
-def _of_term(source: Term, model: Model, scene: Scene, size: Array, used: Mask, make: _Make) -> Hypothesis:
-    held = _held(source, model)
-    source = source if held is None else held
-    columns = source.columns(scene.robot, scene.motion)
-    cone, named = source.cone(scene.robot), [j - 1 for j in source.joints]
-    rows = {j: columns[:, j] for j in named or range(scene.robot.n_joints) if np.any(columns[:, j])}
-    sd = _BODY if len(cone.bodies) else _sizes(rows, size, used)
-    positive = np.zeros(cone.size, dtype=bool)
-    positive[cone.nonnegative] = held is None  # a change of what is there already may go either way
-    changes = () if held is None else tuple(parameter.name for parameter in source.parameters(scene.robot))
-    return Hypothesis(source, Columns(rows, {}, sd, positive), make, changes)
-
-
-def _held(source: Term, model: Model) -> Term | None:
-    """The term itself if all parameters that it would add are the model's already; with the model's shape."""
-    names = {parameter.name for parameter in model.parameters}
-    if not {parameter.name for parameter in source.parameters(model.robot)} <= names:
-        return None
-    for term in model.terms:
-        if term.name == source.name and set(source.joints or (0,)) <= set(_acting(term, model)):
-            return _part(term, source, model)
-    return None
-
-
-def _acting(term: Term, model: Model) -> tuple[int, ...]:
-    return term.joints or (0, *range(1, model.robot.n_joints + 1))
-
-
-def _part(term: Term, source: Term, model: Model) -> Term:
-    """The model's term, in the joints of another one only."""
-    if not source.joints:
-        return term
-    own = list(term.joints or range(1, model.robot.n_joints + 1))
-    chosen = [own.index(j) for j in source.joints]
-    shape = {
-        key: [values[i] for i in chosen] if len(values) == len(own) else values
-        for key, values in term.shape.items()
-        if key != "joints"
-    }
-    return terms.make_term(term.name, {**shape, "joints": source.joints})
-
-
-def _sizes(rows: dict[int, Array], size: Array, used: Mask) -> Array:
-    """(p,) amplitudes whose largest effort is usual for the joint in which it is largest."""
-    relative = [np.abs(one[used[:, j]]).max(axis=0, initial=0.0) / max(size[j], 1e-300) for j, one in rows.items()]
-    largest = np.max(relative, axis=0) if relative else np.zeros(0)
-    return np.where(largest > 0.0, _USUAL / np.maximum(largest, 1e-300), 1.0)
-
-
-def _of_distortion(source: Distortion, scene: Scene, used: Mask, make: _Make) -> Hypothesis:
+    Args:
+        source: the form.
+        scene: the log.
+        size: (n,) RMS of the measured efforts, N m.
+        used: (N, n) samples that count.
+        new: whether the model lacks it.
+    """
     shift, columns = source.change(scene)
     acting = [j for j in range(scene.robot.n_joints) if np.any(columns[:, j]) or np.any(shift[used[:, j], j])]
     rows = {j: columns[:, j] for j in acting} if columns.shape[2] else {}
     shifts = {j: shift[:, j] for j in acting if np.any(shift[:, j])}
-    typical = np.array(source.typical, dtype=float) if columns.shape[2] else np.zeros(0)
-    sd = np.broadcast_to(typical, columns.shape[2:]).copy()
-    return Hypothesis(source, Columns(rows, shifts, sd, np.zeros(len(sd), dtype=bool)), make)
+    sd = np.broadcast_to(source.typical, columns.shape[2:]).copy() if source.typical else _sizes(rows, size, used)
+    positive = np.zeros(len(sd), dtype=bool)
+    positive[source.one_sided(scene.robot)] = new
+    return Columns(rows, shifts, sd, positive)
+
+
+def _held(source: Effect, model: Model) -> Effect | None:
+    """The effect itself if all parameters that it would add are the model's already; with the model's shape."""
+    names = {parameter.name for parameter in model.parameters}
+    if not {parameter.name for parameter in source.parameters(model.robot)} <= names:
+        return None
+    n = model.robot.n_joints
+    for term in model.terms:
+        if term.name == source.name and set(source.joints) <= {j + 1 for j in term.acting(n)}:
+            return term.in_joints(source.joints, n) if source.joints else term
+    return None
+
+
+def _sizes(rows: Mapping[int, Array], size: Array, used: Mask) -> Array:
+    """(p,) amplitudes whose largest effort is usual for the joint in which it is largest."""
+    relative = [np.abs(x[used[:, j]]).max(axis=0, initial=0.0) / max(size[j], _TINY) for j, x in rows.items()]
+    largest = np.max(relative, axis=0) if relative else np.zeros(0)
+    return np.where(largest > 0.0, _USUAL / np.maximum(largest, _TINY), 1.0)

@@ -9,26 +9,19 @@ from itertools import combinations
 import numpy as np
 from scipy.special import logsumexp
 
-from bayesid import terms
+from bayesid.arrays import Array, Mask
 from bayesid.discrepancy.error_model import ErrorModel
-from bayesid.discrepancy.evidence import LN10, Bench, Columns, Data, Explanation, Screen
-from bayesid.discrepancy.hypotheses import Hypothesis
-from bayesid.motion import Array, Mask
+from bayesid.discrepancy.explanation import LN10, Columns, Explanation, Observations, Regression
+from bayesid.discrepancy.hypotheses import EffectKey, Hypothesis
+from bayesid.discrepancy.screening import Screening
+from bayesid.discrepancy.thresholds import Thresholds
 
-THRESHOLD = 2.0
-"""Log10 of the Bayes factor that an effect needs to be added."""
-WORTH = 0.05
-"""Share of the noise floor's mean square by which an effect must lower a joint's residual to be added."""
-SHARE = 0.1
-"""And by this share of what is left."""
-AT_FLOOR = 1.15
-"""Residual over a blunt floor at which nothing but standard effects is looked for any more."""
-EQUIVALENT = 1.0
-"""Log10 of the Bayes factor below which two effects are not told apart."""
-_SHORT_LIST = 10
-_GIVEN = ("joints", "smoothing", "links")
-"""Of a term's shape, what no log is asked for."""
+_SETTLINGS = 2
+"""Times that an explanation is found again with the error models it has left; a round number, not studied."""
+_INITIAL_COLOURED, _INITIAL_CORRELATION = 0.05, 0.1
+"""Coloured part over the white one, and s, of the error model to begin with; it weighs the first fit alone."""
 Library = Sequence[list[Hypothesis]]
+"""Groups of forms that act in the same joints with as many amplitudes."""
 
 
 @dataclass(frozen=True)
@@ -38,174 +31,193 @@ class Score:
     Attributes:
         hypothesis: this form.
         gain: log of the Bayes factor for adding it, averaged over its forms.
-        visible: log of the Bayes factor to be expected of a usual amplitude.
-        worth: fall of a joint's mean squared residual, in units of the noise floor's or, where much more is left, of a
-            part of that; nan where no closer look was had.
-        left: (n,) mean squared residual that it leaves, in units of the floor's; None where no closer look was had.
-        company: other standard effects of the same joint that come with it.
+        expected_gain: log of the Bayes factor to be expected of a usual amplitude.
+        improvement: fall of a joint's mean squared residual, in units of the noise floor's or, where much more is left,
+            of a part of that; nan where no closer look was had.
+        mean_square: (n,) mean squared residual with it, in units of the floor's; None where no closer look was had.
+        companions: other standard effects of the same joint that come with it.
     """
 
     hypothesis: Hypothesis
     gain: float
-    visible: float
-    worth: float = np.nan
-    left: Array | None = None
-    company: tuple[Hypothesis, ...] = ()
+    expected_gain: float
+    improvement: float = np.nan
+    mean_square: Array | None = None
+    companions: tuple[Hypothesis, ...] = ()
 
     @property
-    def counts(self) -> bool:
-        """Whether it is certain enough, and large enough to be worth a term."""
-        return self.gain > THRESHOLD * LN10 and self.worth > WORTH
-
-    @property
-    def size(self) -> int:
-        """Numbers that it takes."""
-        free = sum(len(one.columns.sd) for one in (self.hypothesis, *self.company))
-        return free + sum(key not in _GIVEN for key in self.hypothesis.source.shape)
+    def n_parameters(self) -> int:
+        """Numbers that it takes: amplitudes, and nonlinear ones."""
+        free = sum(len(hypothesis.columns.sd) for hypothesis in (self.hypothesis, *self.companions))
+        return free + len(self.hypothesis.source.sought)
 
     @property
     def standard(self) -> bool:
         """Whether every robot has it, more or less."""
-        return self.hypothesis.source.name in terms.DEFAULT
+        return self.hypothesis.standard
 
     @property
-    def key(self) -> tuple[str, tuple[int, ...]]:
+    def key(self) -> EffectKey:
         """Effect and joints."""
-        return self.hypothesis.effect, self.hypothesis.joints
+        return self.hypothesis.key
+
+    def qualifies(self, thresholds: Thresholds) -> bool:
+        """Whether it is certain enough, and large enough to be worth a term."""
+        return self.gain > thresholds.log10_bayes_factor * LN10 and self.improvement > thresholds.improvement
 
 
 def explain_with(
-    data: Data, chosen: Sequence[Hypothesis], start: Explanation | None = None
-) -> tuple[Bench, Explanation]:
+    data: Observations, effects: Sequence[Hypothesis], start: Explanation | None = None
+) -> tuple[Regression, Explanation]:
     """The explanation by some effects, error models found with it."""
-    bench = Bench(data, [one.columns for one in chosen])
-    errors = bench_errors(data) if start is None else start.errors
-    now = bench.explain(errors)
-    for _ in range(2):
-        now = bench.explain(now.errors)
-    return bench, now
+    regression = Regression(data, [effect.columns for effect in effects])
+    explanation = regression.explain(initial_errors(data) if start is None else start.errors)
+    for _ in range(_SETTLINGS):
+        explanation = regression.explain(explanation.errors)
+    return regression, explanation
 
 
-def bench_errors(data: Data) -> tuple[ErrorModel, ...]:
+def initial_errors(data: Observations) -> tuple[ErrorModel, ...]:
     """Error models to begin with: white noise at its limit."""
-    return tuple(ErrorModel(white, 0.05 * white, 0.1, data.rate) for white in data.limits[:, 0])
+    return tuple(
+        ErrorModel(white, _INITIAL_COLOURED * white, _INITIAL_CORRELATION, data.rate) for white in data.limits[:, 0]
+    )
 
 
+# ---------------------------------------------------------------------------------------------------------------
+# Of all effects
+# ---------------------------------------------------------------------------------------------------------------
 def assess(
-    bench: Bench, now: Explanation, library: Library, short_list: int = _SHORT_LIST, company: bool = False
+    regression: Regression,
+    explanation: Explanation,
+    library: Library,
+    short_list: int | None = None,
+    companions: bool = False,
 ) -> list[Score]:
     """Every effect in its best form, best first: by a quick look all of them, by a closer one the most promising.
 
     Args:
-        bench: with the effects that are added already.
-        now: the explanation by these.
+        regression: with the effects that are added already.
+        explanation: by these.
         library: all hypotheses.
-        short_list: how many are looked at closely.
-        company: whether standard effects of one joint may come together.
+        short_list: how many are looked at closely; as many as the thresholds say by default.
+        companions: whether standard effects of one joint may come together.
     """
-    screen = Screen(bench, now.errors)
-    forms: dict[tuple[str, tuple[int, ...]], set[str]] = {}
-    for one in (one for group in library for one in group):
-        forms.setdefault((one.effect, one.joints), set()).add(one.source.name)
-    best: dict[tuple[str, tuple[int, ...]], tuple[Score, float]] = {}
-    for group in library:
-        if not group:
-            continue
-        gains, visible = screen.gain([one.columns for one in group])
+    count = regression.data.thresholds.short_list if short_list is None else short_list
+    screening = Screening(regression, explanation.errors)
+    ordered = _best_forms(screening, library)
+    promising = ordered[:count]
+    if companions:
+        bound = regression.data.thresholds.equivalent
+        promising = promising + [(score, 0.0) for score in _joined(screening, [score for score, _ in ordered], bound)]
+    closer = [_closer(regression, explanation, score, spread) for score, spread in promising]
+    return sorted(closer, key=lambda score: -score.gain) + [score for score, _ in ordered[count:]]
+
+
+def _best_forms(screening: Screening, library: Library) -> list[tuple[Score, float]]:
+    """Each effect in its best form, best first, and what averaging over its forms has changed of its gain."""
+    forms: dict[EffectKey, set[str]] = {}
+    for hypothesis in (hypothesis for group in library for hypothesis in group):
+        forms.setdefault(hypothesis.key, set()).add(hypothesis.source.name)
+    best: dict[EffectKey, tuple[Score, float]] = {}
+    for group in filter(None, library):
+        gains, expected = screening.gains([hypothesis.columns for hypothesis in group])
         top = int(np.argmax(gains))
-        key = group[top].effect, group[top].joints
+        key = group[top].key
         spread = float(logsumexp(gains)) - float(gains[top]) - np.log(len(group)) - np.log(len(forms[key]))
-        score = Score(group[top], float(gains[top]) + spread, float(visible.max()))
+        score = Score(group[top], float(gains[top]) + spread, float(expected.max()))
         if key not in best or score.gain > best[key][0].gain:
             best[key] = score, spread
-    ordered = sorted(best.values(), key=lambda one: -one[0].gain)
-    closely = [(score, spread) for score, spread in ordered[:short_list]]
-    if company:
-        closely += [(score, 0.0) for score in _companies(screen, [score for score, _ in ordered])]
-    looked_at = [_closer(bench, now, score, spread) for score, spread in closely]
-    return sorted(looked_at, key=lambda one: -one.gain) + [score for score, _ in ordered[short_list:]]
+    return sorted(best.values(), key=lambda scored: -scored[0].gain)
 
 
-def _closer(bench: Bench, now: Explanation, score: Score, spread: float) -> Score:
-    """The score with its own error models, and what the effect is worth."""
-    then = bench.settle(now, together([score.hypothesis, *score.company]))
-    left = bench.data.mean_square(now.residual)
-    after = bench.data.mean_square(then.residual)
-    worth = float(np.max(_worth(left, after)))
-    return replace(score, gain=then.log_evidence - now.log_evidence + spread, worth=worth, left=after)
+def _closer(regression: Regression, explanation: Explanation, score: Score, spread: float) -> Score:
+    """The score with its own error models, and by how much the effect improves the fit."""
+    data = regression.data
+    extended = regression.settle(explanation, together([score.hypothesis, *score.companions]))
+    before, after = data.mean_square(explanation.residual), data.mean_square(extended.residual)
+    return replace(
+        score,
+        gain=extended.log_evidence - explanation.log_evidence + spread,
+        improvement=float(np.max(_improvement(before, after, data.thresholds))),
+        mean_square=after,
+    )
 
 
-def _worth(before: Array, after: Array) -> Array:
+def _improvement(before: Array, after: Array, thresholds: Thresholds) -> Array:
     """(n,) fall of the mean squared residual, in units that leave out what is small beside the floor or the rest."""
-    return (before - after) / np.maximum(1.0, SHARE / WORTH * before)
+    return (before - after) / np.maximum(1.0, thresholds.improvement_of_rest / thresholds.improvement * before)
 
 
-def plain_first(scores: Sequence[Score], sharp: Mask) -> list[Score]:
-    """The scores, best first, but a standard effect before others of its joint that leave hardly less than it does.
-
-    Only where the floor is not sharp (n,), for the earlier model was a poor one there: the friction of a real joint is
-    never exactly what a term says, and an elaborate effect that fits it a little better, or better than the floor asks
-    for, is not what is missing, however certain the little is.
-    """
-    ordered: list[Score] = []
-    for one in scores:
-        at, blunt = len(ordered), not all(sharp[j] for j in one.hypothesis.columns.joints)
-        while at and blunt and one.standard and one.counts and _hardly_better(ordered[at - 1], one, sharp):
-            at -= 1
-        ordered.insert(at, one)
-    return ordered
-
-
-def _hardly_better(other: Score, standard: Score, sharp: Mask) -> bool:
-    """Whether another effect of the same joints is no standard one, takes more numbers, and is worth little more."""
-    if other.standard or other.hypothesis.joints != standard.hypothesis.joints:
-        return False
-    if other.size <= standard.size or other.left is None or standard.left is None:
-        return False
-    joints = list(standard.hypothesis.columns.joints)
-    enough = bool(at_floor(standard.left, sharp)[joints].all())
-    return enough or bool(np.max(_worth(standard.left, other.left)) < WORTH)
-
-
-def at_floor(mean_square: Array, sharp: Mask) -> Mask:
-    """(n,) whether a joint's residual, in units of the floor's mean square, is as small as a blunt floor asks for."""
-    return ~sharp & (mean_square <= AT_FLOOR**2)
-
-
-def _companies(screen: Screen, scores: Sequence[Score]) -> list[Score]:
+def _joined(screening: Screening, scores: Sequence[Score], bound: float) -> list[Score]:
     """Standard effects of one joint that explain more together than any effect does there alone.
 
     Friction comes as Coulomb's and as viscous friction: as long as one of them is missing, neither explains much, and
     whatever resembles their sum would be taken for it.
+
+    Args:
+        screening: on top of what is added already.
+        scores: of single effects, best first.
+        bound: log10 of the Bayes factor by which they must explain more.
     """
-    found = []
+    joined = []
     for joint in {score.hypothesis.joints for score in scores if len(score.hypothesis.joints) == 1}:
-        here = [score for score in scores if score.hypothesis.joints == joint]
-        standard = [score.hypothesis for score in here if score.hypothesis.source.name in terms.DEFAULT]
+        of_joint = [score for score in scores if score.hypothesis.joints == joint]
+        standard = [score.hypothesis for score in of_joint if score.standard]
         groups = [list(group) for size in range(2, len(standard) + 1) for group in combinations(standard, size)]
-        gains = [float(screen.gain([together(group)])[0][0]) for group in groups]
-        alone = max((score.gain for score in here if score.standard), default=0.0)
-        if gains and max(gains) > alone + EQUIVALENT * LN10:
-            best = groups[int(np.argmax(gains))]
-            first, *others = [score.hypothesis for score in here if any(score.hypothesis is one for one in best)]
-            found.append(Score(first, max(gains), np.inf, company=tuple(others)))
-    return found
+        gains = [float(screening.gains([together(group)])[0][0]) for group in groups]
+        alone = max((score.gain for score in of_joint if score.standard), default=0.0)
+        if gains and max(gains) > alone + bound * LN10:
+            first, *companions = groups[int(np.argmax(gains))]  # in the order of the scores
+            joined.append(Score(first, max(gains), np.inf, companions=tuple(companions)))
+    return joined
 
 
 def together(group: Sequence[Hypothesis]) -> Columns:
     """Several effects as one."""
     if len(group) == 1:
         return group[0].columns
-    sizes = [len(one.columns.sd) for one in group]
-    joints = set().union(*(one.columns.rows for one in group))
+    parts = [hypothesis.columns for hypothesis in group]
     rows = {}
-    for j in joints:
-        count = next(len(one.columns.rows[j]) for one in group if j in one.columns.rows)
-        parts = [one.columns.rows.get(j, np.zeros((count, size))) for one, size in zip(group, sizes, strict=True)]
-        rows[j] = np.concatenate(parts, axis=1)
-    return Columns(
-        rows=rows,
-        shift={},
-        sd=np.concatenate([one.columns.sd for one in group]),
-        positive=np.concatenate([one.columns.positive for one in group]),
-    )
+    for j in set().union(*(part.rows for part in parts)):
+        count = next(len(part.rows[j]) for part in parts if j in part.rows)
+        rows[j] = np.concatenate([part.rows.get(j, np.zeros((count, len(part.sd)))) for part in parts], axis=1)
+    sd, positive = (np.concatenate([getattr(part, name) for part in parts]) for name in ("sd", "positive"))
+    return Columns(rows=rows, shift={}, sd=sd, positive=positive)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Over a blunt floor
+# ---------------------------------------------------------------------------------------------------------------
+def plain_first(scores: Sequence[Score], data: Observations) -> list[Score]:
+    """The scores, best first, but a standard effect before others of its joint that leave hardly less than it does.
+
+    Only where the floor is not sharp, for the earlier model was a poor one there: the friction of a real joint is never
+    exactly what a term says, and an elaborate effect that fits it a little better, or better than the floor asks for,
+    is not what is missing, however certain the little is.
+    """
+    ordered: list[Score] = []
+    for score in scores:
+        place, blunt = len(ordered), not all(data.sharp[j] for j in score.hypothesis.columns.joints)
+        advances = blunt and score.standard and score.qualifies(data.thresholds)
+        while place and advances and _hardly_better(ordered[place - 1], score, data):
+            place -= 1
+        ordered.insert(place, score)
+    return ordered
+
+
+def _hardly_better(other: Score, standard: Score, data: Observations) -> bool:
+    """Whether another effect of the same joints is no standard one, takes more numbers, and improves little more."""
+    if other.standard or other.hypothesis.joints != standard.hypothesis.joints:
+        return False
+    if other.n_parameters <= standard.n_parameters or other.mean_square is None or standard.mean_square is None:
+        return False
+    if at_blunt_floor(data, standard.mean_square)[list(standard.hypothesis.columns.joints)].all():
+        return True
+    improvement = _improvement(standard.mean_square, other.mean_square, data.thresholds)
+    return bool(np.max(improvement) < data.thresholds.improvement)
+
+
+def at_blunt_floor(data: Observations, mean_square: Array) -> Mask:
+    """(n,) whether a joint's residual, in units of the floor's mean square, is as small as a blunt floor asks for."""
+    return ~data.sharp & (mean_square <= data.thresholds.at_blunt_floor**2)

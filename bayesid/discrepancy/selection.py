@@ -1,62 +1,20 @@
-"""Which effects explain a log: the best one is added until none helps, and each is then weighed against its rivals."""
+"""Forward selection of the effects that explain a log: the best one is added until none helps."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
 from scipy.optimize import minimize_scalar
-from scipy.special import logsumexp
 
-from bayesid import terms
-from bayesid.discrepancy.evidence import LN10, Bench, Data, Explanation, Screen
-from bayesid.discrepancy.hypotheses import Hypothesis, acts_on_all, effect_names
-from bayesid.discrepancy.scores import (
-    EQUIVALENT,
-    THRESHOLD,
-    Library,
-    Score,
-    assess,
-    at_floor,
-    explain_with,
-    plain_first,
-)
-from bayesid.motion import Mask
+from bayesid.arrays import Mask
+from bayesid.discrepancy.explanation import LN10, Explanation, Observations, Regression
+from bayesid.discrepancy.hypotheses import EffectKey, Hypothesis
+from bayesid.discrepancy.scores import Library, Score, assess, at_blunt_floor, explain_with, plain_first
+from bayesid.discrepancy.screening import Screening
 
-_SURE = 12.0
-"""Log10 from which on single joints' effects are added several at a time."""
-_MOST = 40
-_REFINED = 12
-"""Evaluations in the search for a nonlinear number."""
-_VISIBLE = 2.0 * LN10
-"""Expected gain of a usual amplitude below which an effect cannot be tested."""
-_NOTHING, _ELSE = 0.5, 0.1
-"""Prior probabilities that nothing is missing, and that it is something else; the effects share the rest."""
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """An effect that was found, weighed against all that could stand in its place.
-
-    Attributes:
-        hypothesis: the form that was added.
-        gain: log of the Bayes factor for it, given all others that were found.
-        probability: of the effect in these joints, or one that is equivalent to it, among the catalogue, nothing
-            missing and something else (:eq:`effect-probability`).
-        nothing: probability that nothing is missing in its place.
-        something_else: probability that it is something outside of the catalogue.
-        rivals: scores of the alternatives, best first, itself included.
-        equivalent: names of the effects that the log cannot tell from it.
-    """
-
-    hypothesis: Hypothesis
-    gain: float
-    probability: float
-    nothing: float
-    something_else: float
-    rivals: tuple[Score, ...]
-    equivalent: tuple[str, ...]
+_EVALUATIONS = 12
+"""In the search for a nonlinear number: golden sections narrow its bracket to a hundredth or better."""
 
 
 @dataclass(frozen=True)
@@ -77,194 +35,156 @@ class Selection:
 
 
 def select(
-    data: Data,
+    data: Observations,
     library: Library,
-    chosen: Sequence[Hypothesis] = (),
-    resettle: Callable[[Data, Sequence[Hypothesis], Explanation], Data] | None = None,
+    start: Sequence[Hypothesis] = (),
+    settle: Callable[[Sequence[Hypothesis], Explanation], Observations] | None = None,
     allowed: Callable[[Hypothesis], bool] = lambda _: True,
 ) -> Selection:
-    """Adds the best effects until none reaches the threshold.
+    """Adds the best effects until none reaches the thresholds.
 
     Args:
         data: the log.
         library: all hypotheses.
-        chosen: effects that are added already.
-        resettle: settles the signs once more after an effect was added.
+        start: effects that are added already.
+        settle: the log with its signs settled once more, after an effect was added.
         allowed: which hypotheses may be added.
     """
-    found = list(chosen)
-    bench, now = explain_with(data, found)
-    before, first = now, None
-    dropped: set[tuple[str, tuple[int, ...]]] = set()
-    while len(found) < _MOST:
-        done = at_floor(data.mean_square(now.residual), data.sharp)
-        open_ = [
-            [h for h in group if allowed(h) and (h.effect, h.joints) not in dropped and _may_come(h, done)]
+    effects = list(start)
+    regression, explanation = explain_with(data, effects)
+    before, first = explanation, None
+    dropped: set[EffectKey] = set()
+    while len(effects) < data.thresholds.max_effects:
+        done = at_blunt_floor(data, data.mean_square(explanation.residual))
+        candidates = [
+            [h for h in group if allowed(h) and h.key not in dropped and (h.standard or not _all(done, h))]
             for group in library
         ]
-        scores = assess(bench, now, open_, company=True)
-        first = [one for one in scores if not one.company] if first is None else first
-        best = _added_together([one for one in plain_first(scores, data.sharp) if one.counts], found)
-        if not best:
+        scores = assess(regression, explanation, candidates, companions=True)
+        first = [score for score in scores if not score.companions] if first is None else first
+        entering = _entering(data, scores, effects)
+        if not entering:
             break
-        found += [one for score in best for one in (refined(bench, now, score.hypothesis, library), *score.company)]
-        bench, now = explain_with(data, found, now)
-        if resettle is not None:
-            data = resettle(data, found, now)
-            bench, now = explain_with(data, found, now)
-        touched = set().union(*(one.hypothesis.columns.joints for one in best))
-        earlier = {(one.effect, one.joints) for one in found}
-        found, bench, now = exchange(data, open_, found, now, touched)
-        dropped |= earlier - {(one.effect, one.joints) for one in found}  # or it would come and go for ever
-    found, now = _without_needless(data, found, now)
-    return Selection(tuple(found), now, before, tuple(sorted(first or (), key=lambda one: -one.gain)))
+        for score in entering:
+            effects += [refined(regression, explanation, score.hypothesis, library), *score.companions]
+        regression, explanation = explain_with(data, effects, explanation)
+        if settle is not None:
+            data = settle(effects, explanation)
+            regression, explanation = explain_with(data, effects, explanation)
+        changed = set().union(*(score.hypothesis.columns.joints for score in entering))
+        keys = {effect.key for effect in effects}
+        effects, regression, explanation = exchange(data, candidates, effects, explanation, changed)
+        dropped |= keys - {effect.key for effect in effects}  # or it would come and go for ever
+    effects, explanation = _without_needless(data, effects, explanation)
+    ranked = sorted(first or (), key=lambda score: -score.gain)
+    return Selection(tuple(effects), explanation, before, tuple(ranked))
+
+
+def _all(joints: Mask, hypothesis: Hypothesis) -> bool:
+    """Whether a mask (n,) of joints holds in all in which a hypothesis acts."""
+    return all(joints[j] for j in hypothesis.columns.joints)
 
 
 def _without_needless(
-    data: Data, found: list[Hypothesis], now: Explanation
+    data: Observations, effects: list[Hypothesis], explanation: Explanation
 ) -> tuple[list[Hypothesis], Explanation]:
     """Leaves out what is no standard effect where its joints are at a blunt floor without it."""
-    for one in list(found):
-        joints = list(one.columns.joints)
-        if one.source.name in terms.DEFAULT or any(data.sharp[j] for j in joints):
+    for effect in list(effects):
+        if effect.standard or any(data.sharp[j] for j in effect.columns.joints):
             continue
-        others = [other for other in found if other is not one]
-        _, without = explain_with(data, others, now)
-        if at_floor(data.mean_square(without.residual), data.sharp)[joints].all():
-            found, now = others, without
-    return found, now
+        others = [other for other in effects if other is not effect]
+        _, without = explain_with(data, others, explanation)
+        if _all(at_blunt_floor(data, data.mean_square(without.residual)), effect):
+            effects, explanation = others, without
+    return effects, explanation
 
 
-def _may_come(one: Hypothesis, done: Mask) -> bool:
-    """Whether an effect is a standard one, or acts in a joint that is not at its floor."""
-    return one.source.name in terms.DEFAULT or not all(done[j] for j in one.columns.joints)
-
-
-def _added_together(scores: Sequence[Score], found: Sequence[Hypothesis]) -> list[Score]:
-    """The best effect, and with it the clear ones of other joints if it acts in one joint alone."""
-    taken = {(one.effect, one.joints) for one in found}
-    scores = [one for one in scores if one.key not in taken]
-    if not scores or not scores[0].hypothesis.joints:
-        return list(scores[:1])
-    together, joints = [scores[0]], set(scores[0].hypothesis.joints)
-    for one in scores[1:]:
-        if not one.hypothesis.joints:
+def _entering(data: Observations, scores: Sequence[Score], effects: Sequence[Hypothesis]) -> list[Score]:
+    """The best effect that qualifies, and with it the clear ones of other joints if it acts in one joint alone."""
+    present = {effect.key for effect in effects}
+    ranked = [s for s in plain_first(scores, data) if s.qualifies(data.thresholds) and s.key not in present]
+    if not ranked or not ranked[0].hypothesis.joints:
+        return ranked[:1]
+    entering, joints = [ranked[0]], set(ranked[0].hypothesis.joints)
+    for score in ranked[1:]:
+        if not score.hypothesis.joints:
             break  # what acts on the whole robot may explain the rest
-        if one.gain > _SURE * LN10 and not joints & set(one.hypothesis.joints):
-            together.append(one)
-            joints |= set(one.hypothesis.joints)
-    return together
+        if score.gain > data.thresholds.clear * LN10 and not joints & set(score.hypothesis.joints):
+            entering.append(score)
+            joints |= set(score.hypothesis.joints)
+    return entering
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Against rivals
+# ---------------------------------------------------------------------------------------------------------------
+def rivals_of(library: Library, hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> list[list[Hypothesis]]:
+    """What could stand in the place of a hypothesis: all that acts in one of its joints, others' effects left out."""
+    joints, taken = hypothesis.columns.joints, {other.key for other in others}
+    groups = [group for group in library if group and group[0].columns.joints & joints]
+    return [[rival for rival in group if rival.key not in taken] for group in groups]
 
 
 def exchange(
-    data: Data, library: Library, found: list[Hypothesis], now: Explanation, touched: set[int]
-) -> tuple[list[Hypothesis], Bench, Explanation]:  # fmt: skip
+    data: Observations, library: Library, effects: list[Hypothesis], explanation: Explanation, changed: set[int]
+) -> tuple[list[Hypothesis], Regression, Explanation]:
     """Effects against their rivals, the others given: a better one takes its place, a needless one goes.
 
-    Only effects that share a joint with another one and act on one of those `touched` by what was added last.
+    Only effects that share a joint with another one and act on one of those `changed` by what was added last.
     """
-    bench, now = explain_with(data, found, now)
-    for one in list(found):
-        joints = one.columns.joints
-        if not joints & touched or not any(joints & other.columns.joints for other in found if other is not one):
+    regression, explanation = explain_with(data, effects, explanation)
+    for effect in list(effects):
+        place = next(i for i, other in enumerate(effects) if other is effect)
+        others = effects[:place] + effects[place + 1 :]
+        joints = effect.columns.joints
+        if not joints & changed or not any(joints & other.columns.joints for other in others):
             continue
-        at = next(i for i, other in enumerate(found) if other is one)
-        others = found[:at] + found[at + 1 :]
-        bench, without = explain_with(data, others, now)
-        taken = {(h.effect, h.joints) for h in others}
-        rivals = [[h for h in group if (h.effect, h.joints) not in taken] for group in touching(library, one)]
-        best = plain_first(assess(bench, without, rivals, 6), data.sharp)
-        if best and best[0].counts:
-            same = (best[0].hypothesis.source.name, best[0].hypothesis.joints) == (one.source.name, one.joints)
-            best_form = one if same else refined(bench, without, best[0].hypothesis, library)
-            found = [*found[:at], best_form, *found[at + 1 :]]
-        else:
-            found = others
-        bench, now = explain_with(data, found, now)
-    return found, bench, now
+        regression, without = explain_with(data, others, explanation)
+        rivals = rivals_of(library, effect, others)
+        short_list = data.thresholds.exchange_short_list
+        best = plain_first(assess(regression, without, rivals, short_list), data)[:1]
+        effects = others
+        if best and best[0].qualifies(data.thresholds):
+            winner = best[0].hypothesis
+            same = (winner.source.name, winner.joints) == (effect.source.name, effect.joints)
+            winner = effect if same else refined(regression, without, winner, library)
+            effects = [*others[:place], winner, *others[place:]]
+        regression, explanation = explain_with(data, effects, explanation)
+    return effects, regression, explanation
 
 
-def refined(bench: Bench, now: Explanation, one: Hypothesis, library: Library) -> Hypothesis:
+# ---------------------------------------------------------------------------------------------------------------
+# Nonlinear numbers
+# ---------------------------------------------------------------------------------------------------------------
+def refined(regression: Regression, explanation: Explanation, hypothesis: Hypothesis, library: Library) -> Hypothesis:
     """The hypothesis with its nonlinear number between the ones that the library holds, where it fits best.
 
     Args:
-        bench: with the other effects.
-        now: the explanation by these.
-        one: of the library.
+        regression: with the other effects.
+        explanation: by these.
+        hypothesis: of the library.
         library: all hypotheses.
     """
-    group = next((group for group in library if any(other is one for other in group)), [])
-    number = _varied(one, group)
+    group = next((group for group in library if any(other is hypothesis for other in group)), [])
+    number = _varied(hypothesis, group)
     if number is None:
-        return one
+        return hypothesis
     values = sorted({other.source.shape[number][0] for other in group})
-    at = values.index(one.source.shape[number][0])
-    low, high = values[max(0, at - 1)], values[min(len(values) - 1, at + 1)]
-    screen = Screen(bench, now.errors)
+    place = values.index(hypothesis.source.shape[number][0])
+    bounds = values[max(0, place - 1)], values[min(len(values) - 1, place + 1)]
+    screening = Screening(regression, explanation.errors)
 
     def cost(value: float) -> float:
-        return -float(screen.gain([one.remade(number, value).columns])[0][0])
+        return -float(screening.gains([hypothesis.remade(number, value).columns])[0][0])
 
-    best = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"maxiter": _REFINED})
-    return one.remade(number, float(best.x)) if best.fun < cost(values[at]) else one
+    best = minimize_scalar(cost, bounds=bounds, method="bounded", options={"maxiter": _EVALUATIONS})
+    return hypothesis.remade(number, float(best.x)) if best.fun < cost(values[place]) else hypothesis
 
 
-def _varied(one: Hypothesis, group: Sequence[Hypothesis]) -> str | None:
+def _varied(hypothesis: Hypothesis, group: Sequence[Hypothesis]) -> str | None:
     """The nonlinear number that the library varies for this form, the sides of others left out."""
-    for key, value in one.source.shape.items():
-        others = [other.source.shape[key] for other in group]
-        if key != "joints" and len(value) == 1 and len({tuple(values) for values in others}) > 2:
+    for key in hypothesis.source.sought:
+        tried = {tuple(other.source.shape[key]) for other in group}
+        if len(hypothesis.source.shape[key]) == 1 and len(tried) > 2:
             return key
     return None
-
-
-def touching(library: Library, one: Hypothesis) -> list[list[Hypothesis]]:
-    """The hypotheses that could stand in the place of another: those that act in one of its joints."""
-    joints = one.columns.joints
-    return [group for group in library if group and group[0].columns.joints & joints]
-
-
-def weigh(data: Data, library: Library, selection: Selection, one: Hypothesis) -> Verdict:
-    """An effect against all that could stand in its place, the others that were found given."""
-    others = [other for other in selection.hypotheses if other is not one]
-    bench, without = explain_with(data, others, selection.explanation)
-    taken = {(h.effect, h.joints) for h in others}
-    rivals = [[h for h in group if (h.effect, h.joints) not in taken] for group in touching(library, one)]
-    scores = plain_first(assess(bench, without, rivals), data.sharp)
-    own = next((s for s in scores if s.key == (one.effect, one.joints)), None)
-    gain = selection.explanation.log_evidence - without.log_evidence if own is None else own.gain
-    share = (1.0 - _NOTHING - _ELSE) / len(effect_names())
-    places = max(1, data.effort.shape[1])
-    logs = [s.gain + np.log(share / (places if s.hypothesis.joints else 1)) for s in scores]
-    nothing = without.of_nothing - without.log_evidence + np.log(_NOTHING)
-    total = float(logsumexp([*logs, nothing, np.log(_ELSE)]))
-    close = {s.hypothesis.effect for s in scores if s.gain > gain - EQUIVALENT * LN10} - {one.effect}
-    mine = [
-        value
-        for value, s in zip(logs, scores, strict=True)
-        if s.key == (one.effect, one.joints) or s.hypothesis.effect in close
-    ]
-    return Verdict(
-        hypothesis=one,
-        gain=gain,
-        probability=float(np.exp(logsumexp(mine) - total)) if mine else 0.0,
-        nothing=float(np.exp(nothing - total)),
-        something_else=float(np.exp(np.log(_ELSE) - total)),
-        rivals=tuple(scores),
-        equivalent=tuple(sorted(close)),
-    )
-
-
-def not_testable(scores: Sequence[Score], n_joints: int) -> list[tuple[str, tuple[int, ...]]]:
-    """Effects and joints that this log could not show even if they were of a usual size.
-
-    Args:
-        scores: of all that could be tried.
-        n_joints: of the robot; an effect that has no score in some joint could not be tried there.
-    """
-    tried = {one.key: one for one in scores}
-    single = {(j,) for j in range(1, n_joints + 1)}
-    places = {effect: {()} if acts_on_all(effect) else single for effect in effect_names()}
-    untried = {(effect, joints) for effect, where in places.items() for joints in where} - set(tried)
-    unseen = {key for key, one in tried.items() if one.visible < _VISIBLE and one.gain < THRESHOLD * LN10}
-    return sorted(untried | unseen)

@@ -12,26 +12,25 @@ noise's size. The second part is a soft minimum: groups that are easily turned w
 less. The robots are plausible ones, as the motion has to be designed before anything is known.
 
 Segments have no part in (4): they come and go where an effort touches zero, and a gradient method that sees them stops
-after a dozen steps. What couples the joints serves them too, and the result tells how far each of them is resolved.
+after a dozen steps. What couples the joints serves them too, and the result says how far each of them is resolved.
 
 Collisions of the robot with itself or its surroundings, and limits of its efforts, are not checked.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+import itertools
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from scipy.optimize import minimize
 from threadpoolctl import threadpool_limits
 
-from bayesid import terms as catalogue
-from bayesid.coefficients import BaseCoefficients
+from bayesid.arrays import Array, Mask
 from bayesid.errors import InputError
-from bayesid.excitation.condition import condition_number, log_condition_of
-from bayesid.excitation.expectation import Expectation, expect, undecided
+from bayesid.excitation.expectation import Expectation, check_noise, expect, undecided
 from bayesid.excitation.limits import check_limits
 from bayesid.excitation.resolvability import (
     INDEPENDENT,
@@ -45,7 +44,15 @@ from bayesid.excitation.resolvability import (
     noise_tolerance,
     turn_segments,
 )
-from bayesid.excitation.trajectory import (
+from bayesid.fit.knowledge import Beliefs
+from bayesid.model import terms as catalogue
+from bayesid.model.coefficients import BaseCoefficients
+from bayesid.model.model import Model
+from bayesid.model.robot import Robot, load_robot
+from bayesid.motion import Motion
+from bayesid.progress import SILENT, Progress
+from bayesid.simulation.exciting import condition_number, log_condition_of
+from bayesid.simulation.trajectories import (
     HARMONICS,
     FourierTrajectory,
     MotionLimits,
@@ -54,17 +61,84 @@ from bayesid.excitation.trajectory import (
     random_shape,
     within_limits,
 )
-from bayesid.model import Model
-from bayesid.motion import Array, Mask, Motion
-from bayesid.robot import Robot, load_robot
-from bayesid.signs import Progress
 
-EVALUATIONS = 6000
-"""About ten seconds for six joints."""
 _DRAWS = 20
+"""Random shapes, the best of which is the start; a round number, not studied."""
+_TOLERANCE = 1e-3
+"""Of the objective, a logarithm, at which SLSQP ends: a thousandth of a condition number."""
+_LEAST_RESOLVABILITY = 1e-12
+"""Beside an energy of some samples of unit noise: what is below is rounding."""
 _JUDGED = 2000
-"""Instants, at most, at which a finished motion is judged."""
-_LONGEST, _MOST_SAMPLES, _MOST_HARMONICS = 3600.0, 1_000_000, 20
+"""Instants, at most, at which a finished motion is judged: 400 a period of the highest of five harmonics."""
+_DURATIONS = 0.5, 3600.0
+"""s; from shortest to longest: a joint needs time to move, and no identification needs an hour."""
+_HARMONICS = 2, 20
+"""From fewest to most: one alone cannot start and end at rest, and more give steps of acceleration."""
+_MOST_SAMPLES = 1_000_000
+"""Of a file that a controller reads."""
+_OVERSAMPLING = 4.0
+"""Samples in the period of the highest harmonic at least: twice the Nyquist rate."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrajectoryShape:
+    """What is given of a motion before its shape is designed.
+
+    Attributes:
+        duration: of the whole motion, s.
+        rate: of the samples, Hz; rounded so that a whole number of them fits the duration.
+        harmonics: sines and cosines a joint, at least 2.
+        periods: whole number of periods in the duration.
+    """
+
+    duration: float = 20.0
+    rate: float = 100.0
+    harmonics: int = HARMONICS
+    periods: int = 1
+
+    def __post_init__(self) -> None:
+        shortest, longest = _DURATIONS
+        if not shortest <= self.duration <= longest:
+            remedy = f"give {shortest:g} to {longest:g} s"
+            raise InputError(f"{self.duration:g} s cannot be used", "--duration", remedy)
+        fewest, most = _HARMONICS
+        if not fewest <= self.harmonics <= most:
+            remedy = f"give {fewest} to {most}: one alone cannot start and end at rest"
+            raise InputError(f"{self.harmonics} harmonics cannot be used", "--harmonics", remedy)
+        if self.periods < 1:
+            raise InputError(f"{self.periods} periods cannot be used", "--periods", "give 1 or more")
+        slowest, fastest = _OVERSAMPLING * self.harmonics * self.periods / self.duration, _MOST_SAMPLES / self.duration
+        if not slowest <= self.rate <= fastest:
+            remedy = f"give {slowest:.3g} Hz, twice the Nyquist rate of the highest harmonic, to {fastest:.3g} Hz"
+            raise InputError(f"{self.rate:g} Hz cannot be used", "--rate", remedy)
+
+    @property
+    def frequency(self) -> float:
+        """The fundamental, Hz."""
+        return self.periods / self.duration
+
+    @property
+    def instants(self) -> Array:
+        """(N,) of the samples, s."""
+        return np.linspace(0.0, self.duration, round(self.duration * self.rate) + 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Objective:
+    """What a design aims at.
+
+    Attributes:
+        sign_weight: lambda of (4); 0 for a robot whose efforts have their signs: the condition number alone counts.
+        noise: of the efforts, relative to each joint's RMS effort, at which the result is judged.
+        evaluations: of (4), about; 6000 take about ten seconds for six joints.
+    """
+
+    sign_weight: float = 1.0
+    noise: float = 0.05
+    evaluations: int = 6000
+
+    def __post_init__(self) -> None:
+        check_noise(self.noise)
 
 
 @dataclass(frozen=True)
@@ -77,7 +151,8 @@ class Quality:
         joints: groups of joints that may be turned, for the robot for which the easiest one is easiest to mistake.
         segments: those of that robot, and what turning them weighs.
         effort: (N, n) that robot's efforts, N m.
-        left: (r,) of each coefficient's usual size: its standard deviation after a log of this motion, signs given.
+        uncertainty: (r,) standard deviation of each coefficient after a log of this motion, signs given, over its usual
+            size.
         noise: relative to the RMS efforts, at which all this is meant.
     """
 
@@ -86,7 +161,7 @@ class Quality:
     joints: JointFlips
     segments: SegmentFlips
     effort: Array
-    left: Array
+    uncertainty: Array
     noise: float
 
     @property
@@ -131,16 +206,14 @@ class ExcitationDesign:
     def of_limits(self) -> Motion:
         """Positions from -1 at the lower to 1 at the upper limit, velocities and accelerations as shares of theirs."""
         lower, upper = np.asarray(self.limits.lower), np.asarray(self.limits.upper)
-        motion = self.motion
-        return Motion(
-            motion.t, (2.0 * motion.q - lower - upper) / (upper - lower), motion.dq / np.asarray(self.limits.velocity),
-            motion.ddq / np.asarray(self.limits.acceleration),
-        )  # fmt: skip
+        motion, centred = self.motion, 2.0 * self.motion.q - lower - upper
+        dq, ddq = motion.dq / np.asarray(self.limits.velocity), motion.ddq / np.asarray(self.limits.acceleration)
+        return Motion(motion.t, centred / (upper - lower), dq, ddq)
 
     @property
     def undecided(self) -> tuple[int, ...]:
         """Coefficients that a log of this motion leaves undecided."""
-        return undecided(self.reached.left)
+        return undecided(self.reached.uncertainty)
 
     @property
     def noise(self) -> float:
@@ -151,73 +224,78 @@ class ExcitationDesign:
 @threadpool_limits.wrap(limits=1, user_api="blas")  # matrices are small: threads only wait for each other
 def design_excitation(
     robot: Robot | str | Path,
-    terms: Iterable[str] = catalogue.DEFAULT,
+    terms: Iterable[str] = catalogue.STANDARD,
     *,
-    duration: float = 20.0,
-    rate: float = 100.0,
+    shape: TrajectoryShape = TrajectoryShape(),
     limits: MotionLimits | None = None,
-    harmonics: int = HARMONICS,
-    periods: int = 1,
+    objective: Objective = Objective(),
+    beliefs: Beliefs = Beliefs(),
     seed: int = 0,
-    noise: float = 0.05,
-    nominal: Mapping[str, tuple[float, float]] | None = None,
-    sign_weight: float = 1.0,
-    evaluations: int = EVALUATIONS,
-    progress: Progress | None = None,
+    progress: Progress = SILENT,
 ) -> ExcitationDesign:
     """Designs a periodic motion from rest to rest that shows coefficients and signs.
 
     Args:
         robot: a robot, a built-in name or a file.
-        terms: names from `bayesid.terms.CATALOGUE`: what is to be identified.
-        duration: of the whole motion, s.
-        rate: of the samples, Hz; rounded so that a whole number of them fits the duration.
+        terms: names from `bayesid.model.terms.CATALOGUE`: what is to be identified.
+        shape: duration, rate, harmonics and periods.
         limits: of the joints; they hold at every instant. By default those that suit most small arms.
-        harmonics: sines and cosines a joint, at least 2.
-        periods: whole number of periods in the duration.
+        objective: what the design aims at.
+        beliefs: parameters that are known beforehand (CAD); others are drawn.
         seed: of the random starts and of the expected robots.
-        noise: of the efforts, relative to each joint's RMS effort, at which the result is judged.
-        nominal: parameters known beforehand (CAD): name to mean and standard deviation; others are drawn.
-        sign_weight: lambda of (4); 0 for a robot whose efforts have their signs: the condition number alone counts.
-        evaluations: of the objective, about.
-        progress: called as progress(stage, done, total).
+        progress: of the design.
 
     Raises:
         InputError: the robot, the limits or an option cannot be used.
     """
-    _check(duration, rate, harmonics, periods, noise)
     robot = robot if isinstance(robot, Robot) else load_robot(robot)
     limits = check_limits(limits, robot)
     model = Model(robot, catalogue.make_terms(terms, robot, _fastest(limits)))
-    expectation = expect(model, seed, nominal)
-    frequency, n = periods / duration, robot.n_joints
-    count = instants(harmonics)
-    grid = np.arange(count) / count / frequency
-    done = 0
+    expectation = expect(model, seed, beliefs)
+    start, best = _optimised(expectation, shape, limits, objective, seed, progress)
+    t = shape.instants
+    motion = best.motion(t)
+    return ExcitationDesign(
+        model=model,
+        coefficients=expectation.coefficients,
+        trajectory=best,
+        motion=motion,
+        rate=(len(t) - 1) / shape.duration,
+        periods=shape.periods,
+        limits=limits,
+        start=quality(expectation, start.motion(t), objective.noise),
+        reached=quality(expectation, motion, objective.noise),
+    )
 
-    def trajectory(shape: Array) -> FourierTrajectory:
-        return within_limits(from_rest(shape.reshape(n, -1)), frequency, limits)
 
-    def objective(shape: Array) -> float:
-        nonlocal done
-        done += 1
-        if progress is not None:
-            progress("design", min(done, evaluations), evaluations)
-        return amplification(expectation, trajectory(shape).motion(grid), sign_weight)
+def _optimised(
+    expectation: Expectation,
+    shape: TrajectoryShape,
+    limits: MotionLimits,
+    objective: Objective,
+    seed: int,
+    progress: Progress,
+) -> tuple[FourierTrajectory, FourierTrajectory]:
+    """The best of some random trajectories, and what the optimisation makes of it."""
+    n, total = expectation.model.robot.n_joints, objective.evaluations
+    count = instants(shape.harmonics)
+    grid = np.arange(count) / count / shape.frequency
+    calls = itertools.count(1)
+
+    def trajectory(series: Array) -> FourierTrajectory:
+        return within_limits(from_rest(series.reshape(n, -1)), shape.frequency, limits)
+
+    def cost(series: Array) -> float:
+        progress("design", min(next(calls), total), total)
+        return amplification(expectation, trajectory(series).motion(grid), objective.sign_weight)
 
     rng = np.random.default_rng(seed)
-    start = min((random_shape(n, harmonics, rng).ravel() for _ in range(_DRAWS)), key=objective)
-    iterations = max(1, evaluations // (len(start) + 1))  # SLSQP differences every variable once an iteration
-    found = minimize(objective, start, method="SLSQP", options={"maxiter": iterations, "ftol": 1e-3})
-    best = trajectory(min(start, found.x, key=objective))
-    if progress is not None:
-        progress("design", evaluations, evaluations)
-    t = np.linspace(0.0, duration, round(duration * rate) + 1)
-    before, motion = trajectory(start).motion(t), best.motion(t)
-    return ExcitationDesign(
-        model, expectation.coefficients, best, motion, (len(t) - 1) / duration, periods, limits,
-        quality(expectation, before, noise), quality(expectation, motion, noise),
-    )  # fmt: skip
+    start = min((random_shape(n, shape.harmonics, rng).ravel() for _ in range(_DRAWS)), key=cost)
+    iterations = max(1, total // (len(start) + 1))  # SLSQP differences every variable once an iteration
+    result = minimize(cost, start, method="SLSQP", options={"maxiter": iterations, "ftol": _TOLERANCE})
+    best = min(start, result.x, key=cost)
+    progress("design", total, total)
+    return trajectory(start), trajectory(best)
 
 
 def amplification(expectation: Expectation, motion: Motion, sign_weight: float = 1.0) -> float:
@@ -227,7 +305,7 @@ def amplification(expectation: Expectation, motion: Motion, sign_weight: float =
         return log_condition_of(grams.sum(axis=0))
     groups = groups_of(list(range(len(grams))))
     signs = [
-        np.log(flips.share @ np.maximum(flips.resolvability, 1e-12) ** -0.5)
+        np.log(flips.share @ np.maximum(flips.resolvability, _LEAST_RESOLVABILITY) ** -0.5)
         for flips in expectation.joint_flips(grams, len(motion), 1.0, 1.0, groups)
     ]
     return log_condition_of(grams.sum(axis=0)) + sign_weight * float(np.mean(signs))
@@ -247,40 +325,21 @@ def quality(expectation: Expectation, motion: Motion, noise: float) -> Quality:
         for beta in expectation.betas
     ]
     tolerance = [noise_tolerance(*pair, noise) for pair in zip(flips, segments, strict=True)]
-    hardest = int(np.argmin([one.resolvability.min() for one in flips]))
+    hardest = int(np.argmin([groups.resolvability.min() for groups in flips]))
     shown = segments[hardest]
+    last = np.minimum(shown.end * step, len(motion))
     return Quality(
         condition=condition_number(expectation.model, expectation.coefficients, judged),
         tolerance=min(tolerance),
         joints=flips[hardest],
-        segments=SegmentFlips(
-            shown.joint, shown.start * step, np.minimum(shown.end * step, len(motion)), shown.share,
-            shown.resolvability,
-        ),
+        segments=replace(shown, start=shown.start * step, end=last),
         effort=expectation.model.effort(motion, expectation.thetas[hardest]),
-        left=expectation.left(grams, len(judged), noise, weight),
+        uncertainty=expectation.uncertainty(grams, len(judged), noise, weight),
         noise=noise,
-    )  # fmt: skip
+    )
 
 
 def _fastest(limits: MotionLimits) -> Motion:
     """A motion at the highest speeds: friction's direction is smoothed over what is standstill beside them."""
     speed = np.array([limits.velocity, limits.velocity])
     return Motion(np.arange(2.0), 0.0 * speed, speed, 0.0 * speed)
-
-
-def _check(duration: float, rate: float, harmonics: int, periods: int, noise: float) -> None:
-    if not 0.5 <= duration <= _LONGEST:
-        raise InputError(f"{duration:g} s cannot be used", "--duration", f"give 0.5 to {_LONGEST:g} s")
-    if not 2 <= harmonics <= _MOST_HARMONICS:
-        remedy = f"give 2 to {_MOST_HARMONICS}: one alone cannot start and end at rest"
-        raise InputError(f"{harmonics} harmonics cannot be used", "--harmonics", remedy)
-    if periods < 1:
-        raise InputError(f"{periods} periods cannot be used", "--periods", "give 1 or more")
-    least = 4.0 * harmonics * periods / duration
-    most = _MOST_SAMPLES / duration
-    if not least <= rate <= most:
-        remedy = f"give {least:.3g} Hz, twice the Nyquist rate of the highest harmonic, to {most:.3g} Hz"
-        raise InputError(f"{rate:g} Hz cannot be used", "--rate", remedy)
-    if not 0.0 < noise <= 10.0:
-        raise InputError(f"a noise of {noise:g} cannot be used", "--noise", "give a share of the RMS effort, as 0.05")

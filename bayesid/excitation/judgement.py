@@ -1,4 +1,4 @@
-"""What a log's motion leaves undecided, told before anything is identified: which coefficients, and whose signs.
+"""What a log's motion leaves undecided, before anything is identified: which coefficients, and whose signs.
 
 Coefficients and whole joints are judged by the motion alone, for robots that are plausible (`Expectation`): no effort
 enters. Segments are judged by the log's own |effort|, equation (2) of `bayesid.excitation.resolvability`, with its RMS
@@ -15,37 +15,34 @@ from typing import Literal
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from bayesid import terms as catalogue
-from bayesid.coefficients import BaseCoefficients
+from bayesid.arrays import Array
 from bayesid.errors import InputError
-from bayesid.excitation.condition import UNEXCITED, log_condition_of
-from bayesid.excitation.expectation import expect, undecided
-from bayesid.excitation.resolvability import (
-    INDEPENDENT,
-    JointFlips,
-    SegmentFlips,
-    groups_of,
-    mistaken,
-    turn_measured,
-)
-from bayesid.log import Log, read_log
-from bayesid.model import Model
-from bayesid.moments import moments
-from bayesid.motion import Array
-from bayesid.robot import Robot, load_robot
-from bayesid.segments import find_segments
-from bayesid.signals import prepare
+from bayesid.excitation.expectation import Expectation, check_noise, expect, undecided
+from bayesid.excitation.resolvability import INDEPENDENT, JointFlips, SegmentFlips, groups_of, mistaken, turn_measured
+from bayesid.fit.moments import moments
+from bayesid.log.log import Log, read_log
+from bayesid.log.segments import Segments, find_segments
+from bayesid.log.signals import Signals, prepare
+from bayesid.model import terms as catalogue
+from bayesid.model.coefficients import BaseCoefficients
+from bayesid.model.model import Model
+from bayesid.model.robot import Robot, load_robot
+from bayesid.simulation.exciting import UNEXCITED, log_condition_of
 
-_LITTLE, _SLOW = 0.2, 0.1
-"""rad and rad/s (m and m/s): a joint that covers less, or is never faster, hardly moves."""
+_LITTLE = 0.2
+"""rad (m): a joint that covers less hardly moves; a round number, not studied."""
+_SLOW = 0.1
+"""rad/s (m/s): a joint that is never faster hardly moves; a round number, not studied."""
 _IDLE = 0.5
-"""Share of the time at standstill from which on it is worth a word."""
+"""Share of the time at standstill from which on it is worth a word; a round number."""
 _MISTAKEN = 0.01
-"""Probability of a wrong sign from which on it is worth a word."""
+"""Probability of a wrong sign from which on it is worth a word; a round number."""
 _OPEN = 0.25
 """Share of the coefficients that may stay undecided under a green light: products of inertia are small everywhere."""
 _DOUBTFUL = 0.05
-"""Share of a joint's energy with the wrong sign from which on it is worth a word."""
+"""Share of a joint's energy with the wrong sign from which on it is worth a word; a round number."""
+_TINY = 1e-300
+"""Guard of a division."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +59,7 @@ class ExcitationJudgement:
         acceleration: (n,) highest acceleration, rad/s^2.
         idle: (n,) share of the time at standstill.
         condition: condition number of the base regressor over the samples in motion; inf if a coefficient is not shown.
-        left: (r,) of each coefficient's usual size: its standard deviation after the log, signs given.
+        uncertainty: (r,) standard deviation of each coefficient after the log, signs given, over its usual size.
         joints: groups of joints of unknown sign, for the robot of which the easiest is easiest to mistake; None if all
             signs are known.
         segments: the log's own of unknown sign.
@@ -78,7 +75,7 @@ class ExcitationJudgement:
     acceleration: Array
     idle: Array
     condition: float
-    left: Array
+    uncertainty: Array
     joints: JointFlips | None
     segments: SegmentFlips
     doubtful: Array
@@ -86,10 +83,10 @@ class ExcitationJudgement:
     @property
     def undecided(self) -> tuple[int, ...]:
         """Coefficients that the log leaves undecided."""
-        return undecided(self.left)
+        return undecided(self.uncertainty)
 
     @property
-    def told(self) -> tuple[str, ...]:
+    def remarks(self) -> tuple[str, ...]:
         """What is to be said, in plain words: what the log leaves undecided, and which motion would decide it."""
         return (*_still(self), *_turned(self), *_idle(self), *_coefficients(self), *_segments(self), *_merged(self))
 
@@ -97,11 +94,11 @@ class ExcitationJudgement:
     def light(self) -> Literal["green", "amber", "red"]:
         """Red where a joint or its signs are left open, amber where less is, green where nothing is.
 
-        What no motion tells is no fault of the log's.
+        What no motion shows is no fault of the log's.
         """
         if _still(self) or _turned(self):
             return "red"
-        many = len(self.undecided) > _OPEN * len(self.left)
+        many = len(self.undecided) > _OPEN * len(self.uncertainty)
         return "amber" if many or _segments(self) or _idle(self) else "green"
 
 
@@ -109,7 +106,7 @@ class ExcitationJudgement:
 def judge_log(
     robot: Robot | str | Path,
     log: Log | str | Path,
-    terms: Iterable[str] = catalogue.DEFAULT,
+    terms: Iterable[str] = catalogue.STANDARD,
     *,
     noise: float = 0.05,
     cutoff: float | None = None,
@@ -120,7 +117,7 @@ def judge_log(
     Args:
         robot: a robot, a built-in name or a file.
         log: a log or a file, see `bayesid.read_log`.
-        terms: names from `bayesid.terms.CATALOGUE`: what is to be identified.
+        terms: names from `bayesid.model.terms.CATALOGUE`: what is to be identified.
         noise: of the efforts, relative to each joint's RMS effort.
         cutoff: of the motion's low-pass, Hz; from the data by default.
         seed: of the expected robots.
@@ -128,34 +125,23 @@ def judge_log(
     Raises:
         InputError: the robot, the log or an option cannot be used.
     """
-    if not 0.0 < noise <= 10.0:
-        raise InputError(f"a noise of {noise:g} cannot be used", "--noise", "give a share of the RMS effort, as 0.05")
+    check_noise(noise)
     robot = robot if isinstance(robot, Robot) else load_robot(robot)
     log = log if isinstance(log, Log) else read_log(log)
-    n = robot.n_joints
-    if n != log.n_joints:
-        said = f"the log has {log.n_joints} joints, robot {robot.name} has {n}"
-        raise InputError(said, log.source, "give the log and the robot that belong together")
+    if robot.n_joints != log.n_joints:
+        problem = f"the log has {log.n_joints} joints, robot {robot.name} has {robot.n_joints}"
+        raise InputError(problem, log.source, "give the log and the robot that belong together")
     signals = prepare(log, cutoff)
     actuators = robot.actuators(signals.motion)
-    model = Model(robot, catalogue.make_terms(terms, robot, signals.motion))
     segments = find_segments(signals, actuators)
     segments = segments[segments.fitted]
     if not len(segments):
         raise InputError("no joint moves", log.source, "record a motion in which every joint moves")
-    expectation = expect(model, seed)
-    plain = moments(model, expectation.coefficients, signals.motion, signals.effort, segments, own=0)
-    grams, counts = np.zeros((n, *plain.hessian.shape[1:])), np.bincount(plain.joint, plain.count, n)
-    np.add.at(grams, plain.joint[np.unique(plain.part, return_index=True)[1]], plain.hessian)
-    samples, weight = np.maximum(counts, 1).astype(np.int64), min(1.0, INDEPENDENT / signals.rate)
-    unsigned = np.flatnonzero(~log.signed).tolist()
-    groups = groups_of(unsigned, all_unsigned=len(unsigned) == n)
-    flips = expectation.joint_flips(grams, samples, noise, weight, groups) if unsigned else [None]
-    own = turn_measured(plain.scaled(noise * plain.rms_effort(n)), segments.start, segments.end, weight)
-    lost = plain.energy[plain.known == 0] * mistaken(own.resolvability)
+    expectation = expect(Model(robot, catalogue.make_terms(terms, robot, signals.motion)), seed)
+    shown = _shown(expectation, signals, segments, noise)
     speed = np.abs(actuators.dq)
     return ExcitationJudgement(
-        model=model,
+        model=expectation.model,
         coefficients=expectation.coefficients,
         source=log.source,
         noise=noise,
@@ -163,11 +149,40 @@ def judge_log(
         speed=speed.max(axis=0),
         acceleration=np.abs(actuators.ddq).max(axis=0),
         idle=np.mean(speed <= actuators.standstill_speed, axis=0),
+        **vars(shown),
+    )
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """What the rows of a log show; see `ExcitationJudgement`."""
+
+    condition: float
+    uncertainty: Array
+    joints: JointFlips | None
+    segments: SegmentFlips
+    doubtful: Array
+
+
+def _shown(expectation: Expectation, signals: Signals, segments: Segments, noise: float) -> _Shown:
+    """Conditions and resolvabilities of a log's segments in motion."""
+    n, unsigned = len(signals.signed), np.flatnonzero(~signals.signed).tolist()
+    sums = moments(
+        expectation.model, expectation.coefficients, signals.motion, signals.effort, segments, most_individual=0
+    )
+    grams, counts = np.zeros((n, *sums.hessian.shape[1:])), np.bincount(sums.joint, sums.count, n)
+    np.add.at(grams, sums.joint[np.unique(sums.part, return_index=True)[1]], sums.hessian)
+    samples, weight = np.maximum(counts, 1).astype(np.int64), min(1.0, INDEPENDENT / signals.rate)
+    groups = groups_of(unsigned, all_unsigned=len(unsigned) == n)
+    flips = expectation.joint_flips(grams, samples, noise, weight, groups) if unsigned else [None]
+    measured = turn_measured(sums.scaled(noise * sums.rms_effort(n)), segments.start, segments.end, weight)
+    wrong = np.bincount(measured.joint, sums.energy[sums.known == 0] * mistaken(measured.resolvability), n)
+    return _Shown(
         condition=_condition(grams.sum(axis=0)),
-        left=expectation.left(grams, samples, noise, weight),
+        uncertainty=expectation.uncertainty(grams, samples, noise, weight),
         joints=min(flips, key=_weakest),
-        segments=own,
-        doubtful=np.bincount(own.joint, lost, n) / np.maximum(np.bincount(plain.joint, plain.energy, n), 1e-300),
+        segments=measured,
+        doubtful=wrong / np.maximum(np.bincount(sums.joint, sums.energy, n), _TINY),
     )
 
 
@@ -190,22 +205,22 @@ def little_moved(judgement: ExcitationJudgement) -> tuple[int, ...]:
 
 def hardly_signed(judgement: ExcitationJudgement) -> tuple[tuple[int, ...], ...]:
     """Groups of 0-based actuators whose signs could all be turned unnoticed; no group that holds another one."""
-    flips, found = judgement.joints, list[tuple[int, ...]]()
+    flips, groups = judgement.joints, list[tuple[int, ...]]()
     if flips is None:
         return ()
     for group, chance in zip(flips.groups, mistaken(flips.resolvability).tolist(), strict=True):
-        if chance > _MISTAKEN and not any(set(smaller) <= set(group) for smaller in found):
-            found.append(group)
-    return tuple(found)
+        if chance > _MISTAKEN and not any(set(smaller) <= set(group) for smaller in groups):
+            groups.append(group)
+    return tuple(groups)
 
 
 def _still(judgement: ExcitationJudgement) -> list[str]:
-    said = []
+    remarks = []
     for j in little_moved(judgement):
         unit = _unit(judgement, j)
         covers = f"covers {judgement.reach[j]:.2g} {unit} and is never faster than {judgement.speed[j]:.2g} {unit}/s"
-        said.append(f"joint {j + 1} {covers}: move it over most of its range, fast and slowly")
-    return said
+        remarks.append(f"joint {j + 1} {covers}: move it over most of its range, fast and slowly")
+    return remarks
 
 
 def _idle(judgement: ExcitationJudgement) -> list[str]:
@@ -229,13 +244,13 @@ def _turned(judgement: ExcitationJudgement) -> list[str]:
 def _coefficients(judgement: ExcitationJudgement) -> list[str]:
     """What is undecided, a sentence for each term of the model."""
     names, owner = judgement.coefficients.names, _owners(judgement.model)
-    open_ = [names[i] for i in judgement.undecided]
-    said = []
-    for name, told_by in dict.fromkeys(owner[one] for one in open_):
-        listed = ", ".join(one for one in open_ if owner[one][0] == name)
-        how = f"{told_by} would tell" if name != "rigid_body" else "`bayesid excite` designs a motion that tells"
-        said.append(f"undecided at a noise of {judgement.noise:.0%} ({name.replace('_', ' ')}): {listed}; {how}")
-    return said
+    undecided_names = [names[i] for i in judgement.undecided]
+    remarks = []
+    for term, motion in dict.fromkeys(owner[name] for name in undecided_names):
+        listed = ", ".join(name for name in undecided_names if owner[name][0] == term)
+        remedy = f"{motion} would tell" if term != "rigid_body" else "`bayesid excite` designs a motion that tells"
+        remarks.append(f"undecided at a noise of {judgement.noise:.0%} ({term.replace('_', ' ')}): {listed}; {remedy}")
+    return remarks
 
 
 def _segments(judgement: ExcitationJudgement) -> list[str]:
@@ -250,17 +265,18 @@ def _merged(judgement: ExcitationJudgement) -> list[str]:
     """Parameters of actuators that show only in sums with others, whatever the motion."""
     coefficients, model = judgement.coefficients, judgement.model
     bodies = set(model.cone.bodies.ravel().tolist())
-    said = []
+    remarks = []
     for p in np.flatnonzero(np.abs(coefficients.projection).max(axis=0) > 0.0).tolist():
         if p not in bodies and p not in coefficients.kept:
             others = ", ".join(coefficients.names[i] for i in np.flatnonzero(coefficients.projection[:, p]))
-            said.append(f"{model.parameters[p].name} shows only in a sum with {others}: no motion tells them apart")
-    return said
+            remarks.append(f"{model.parameters[p].name} shows only in a sum with {others}: no motion tells them apart")
+    return remarks
 
 
 def _owners(model: Model) -> dict[str, tuple[str, str]]:
-    """Name of a parameter to its term and the motion that tells it."""
-    return {one.name: (term.name, term.told_by) for term in model.terms for one in term.parameters(model.robot)}
+    """Name of a parameter to its term and the motion that shows it."""
+    pairs = [(term, parameter) for term in model.terms for parameter in term.parameters(model.robot)]
+    return {parameter.name: (term.name, term.shown_by) for term, parameter in pairs}
 
 
 def _unit(judgement: ExcitationJudgement, joint: int) -> str:

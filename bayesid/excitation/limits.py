@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 
 from bayesid.errors import InputError
-from bayesid.excitation.trajectory import INDUSTRIAL_ARM, MotionLimits
-from bayesid.robot import Robot
+from bayesid.model.robot import Robot
+from bayesid.simulation.trajectories import INDUSTRIAL_ARM, MotionLimits
 
-_KEYS = tuple(one.name for one in fields(MotionLimits))
+_KEYS = tuple(field.name for field in fields(MotionLimits))
 _REMEDY = f"give {', '.join(_KEYS)}: a number, or a list with one number a joint"
 _ENDLESS = 4.0 * np.pi
 """rad; a joint with a wider range has none that a motion could use."""
@@ -60,15 +60,15 @@ def check_limits(limits: MotionLimits | None, robot: Robot) -> MotionLimits:
     n = robot.n_joints
     sliding = [j for j, joint in enumerate(robot.joints, start=1) if joint.prismatic]
     if limits is None and sliding:
-        said = f"joint {sliding[0]} slides, and there are no limits for it"
-        raise InputError(said, "--limits", "give a file with the limits of the joints")
+        problem = f"joint {sliding[0]} slides, and there are no limits for it"
+        raise InputError(problem, "--limits", "give a file with the limits of the joints")
     limits = INDUSTRIAL_ARM if limits is None else limits
     each = {}
     for key in _KEYS:
         values = np.atleast_1d(getattr(limits, key))
         if len(values) not in (1, n):
-            said = f"{len(values)} numbers for '{key}', robot {robot.name} has {n} joints"
-            raise InputError(said, "--limits", "give one number, or one a joint")
+            problem = f"{len(values)} numbers for '{key}', robot {robot.name} has {n} joints"
+            raise InputError(problem, "--limits", "give one number, or one a joint")
         each[key] = tuple(np.broadcast_to(values, n).tolist())
     return MotionLimits(**each)
 
@@ -85,10 +85,10 @@ def _made(table: dict[str, Any], where: str) -> MotionLimits:
 
 def _numbers(value: object, where: str) -> float | tuple[float, ...]:
     listed: list[Any] = value if isinstance(value, list) else [value]
-    usable = listed and all(type(one) in (int, float) and np.isfinite(one) for one in listed)
+    usable = listed and all(type(number) in (int, float) and np.isfinite(number) for number in listed)
     if not usable:
         raise InputError(f"{value!r} cannot be used", where, _REMEDY)
-    numbers = tuple(float(one) for one in listed)
+    numbers = tuple(float(number) for number in listed)
     return numbers if isinstance(value, list) else numbers[0]
 
 
@@ -125,10 +125,10 @@ def _chain(root: ET.Element, where: str) -> list[ET.Element]:
 
 def _joint_limits(joint: ET.Element, where: str) -> tuple[float, float, float]:
     """Lower, upper and velocity; the usual ones where the file does not say, or a joint turns without end."""
-    told = joint.find("limit")
+    limit = joint.find("limit")
     try:
         lower, upper, velocity = (
-            float(told.get(key, 0.0)) if told is not None else 0.0 for key in ("lower", "upper", "velocity")
+            float(limit.get(key, 0.0)) if limit is not None else 0.0 for key in ("lower", "upper", "velocity")
         )
     except ValueError as error:
         raise InputError(f"its limits are no numbers ({error})", where, "correct the file") from None

@@ -43,19 +43,21 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ndtr
 
-from bayesid.moments import Moments
-from bayesid.motion import Array, Integers
+from bayesid.arrays import Array, Integers
+from bayesid.fit.moments import Moments
 
 INDEPENDENT = 20.0
-"""1/s; assumed: what a model leaves of real efforts lasts some hundredths of a second."""
+"""1/s; assumed, as what a model leaves of real efforts lasts some hundredths of a second; not studied."""
 WRONG = 0.1
-"""Share of the energy with a wrong sign at which the noise is more than a motion bears."""
+"""Share of the energy with a wrong sign at which the noise is more than a motion bears: a definition, equation (3)."""
 _LARGEST_GROUP = 3
 """Joints turned at once: for up to seven joints these are all groups, as a group and its complement are the same."""
 _RANK = 1e-12
-"""Smallest ratio of eigenvalues told apart in H, its diagonal scaled to one."""
-_LEAST, _MOST = 1e-6, 1e6
-"""Noise tolerances are looked for in between."""
+"""Smallest ratio of eigenvalues of H, its diagonal scaled to one, that rounding leaves any meaning."""
+_LEAST_TOLERANCE, _MOST_TOLERANCE = 1e-6, 1e6
+"""Noise tolerances are looked for in between: no sensor is as good, nothing is shown beyond."""
+_TINY = 1e-300
+"""Guard of a division."""
 
 
 @dataclass(frozen=True)
@@ -116,11 +118,11 @@ def noise_tolerance(joints: JointFlips, segments: SegmentFlips, noise: float) ->
     def excess(log_factor: float) -> float:
         return float(share @ mistaken(resolved * np.exp(-2.0 * log_factor))) - WRONG
 
-    low, high = np.log([_LEAST / noise, _MOST / noise])
+    low, high = np.log([_LEAST_TOLERANCE / noise, _MOST_TOLERANCE / noise])
     if excess(low) >= 0.0:
-        return _LEAST
+        return _LEAST_TOLERANCE
     if excess(high) <= 0.0:
-        return _MOST
+        return _MOST_TOLERANCE
     return noise * float(np.exp(brentq(excess, low, high, xtol=1e-6)))
 
 
@@ -151,9 +153,9 @@ def turn_joints(grams: Array, beta: Array, groups: tuple[tuple[int, ...], ...]) 
     members = np.array([[j in group for j in range(len(grams))] for group in groups], dtype=float)
     gradient = grams @ beta
     energy = gradient @ beta
-    share = members @ energy / max(float(energy.sum()), 1e-300)
-    found = resolvability(inverse_gram(grams.sum(axis=0)), members @ gradient, members @ energy)
-    return JointFlips(groups, np.minimum(share, 1.0 - share), found)
+    share = members @ energy / max(float(energy.sum()), _TINY)
+    cost = resolvability(inverse_gram(grams.sum(axis=0)), members @ gradient, members @ energy)
+    return JointFlips(groups, np.minimum(share, 1.0 - share), cost)
 
 
 def groups_of(joints: list[int], all_unsigned: bool = True) -> tuple[tuple[int, ...], ...]:
@@ -169,7 +171,7 @@ def turn_segments(columns: Array, effort: Array, speed: Array, sigma: Array, wei
     """The segments of a motion whose efforts are known, and what turning each one weighs.
 
     They end where the effort changes its sign and where the speed does: dry friction may hide a sign change there, so
-    an identification has to cut there as well (`bayesid.segments`).
+    an identification has to cut there as well (`bayesid.log.segments`).
 
     Args:
         columns: (N, n, r) base regressor.
@@ -187,9 +189,9 @@ def turn_segments(columns: Array, effort: Array, speed: Array, sigma: Array, wei
     gradient = scale[:, None] * np.add.reduceat(rows, first)
     energy = scale * np.add.reduceat((effort**2).T.ravel(), first)
     hessian = np.einsum("j,jrs->rs", weight / sigma**2, joint_grams(columns))
-    found = resolvability(inverse_gram(hessian), gradient, energy)
+    cost = resolvability(inverse_gram(hessian), gradient, energy)
     before = joint * n_samples
-    return SegmentFlips(joint, first - before, end - before, energy / max(float(energy.sum()), 1e-300), found)
+    return SegmentFlips(joint, first - before, end - before, energy / max(float(energy.sum()), _TINY), cost)
 
 
 def turn_measured(moments: Moments, start: Integers, end: Integers, weight: float) -> SegmentFlips:
@@ -201,10 +203,10 @@ def turn_measured(moments: Moments, start: Integers, end: Integers, weight: floa
         end: (S,) the samples after their last.
         weight: independent samples that each sample stands for.
     """
-    found = weight * resolvability(inverse_gram(moments.hessian.sum(axis=0)), moments.gradient, moments.energy)
-    share = moments.energy / max(float(moments.energy.sum()), 1e-300)
-    open_ = np.flatnonzero(moments.known == 0)
-    return SegmentFlips(moments.joint[open_], start[open_], end[open_], share[open_], found[open_])
+    cost = weight * resolvability(inverse_gram(moments.hessian.sum(axis=0)), moments.gradient, moments.energy)
+    share = moments.energy / max(float(moments.energy.sum()), _TINY)
+    unsigned = np.flatnonzero(moments.known == 0)
+    return SegmentFlips(moments.joint[unsigned], start[unsigned], end[unsigned], share[unsigned], cost[unsigned])
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesid.motion import Array
+from bayesid.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ Groups and their dimensions, every one with named coordinates:
 - observed_data (segment): `effort` (RMS, N m) and `effort_energy` (sum of squares), beside each segment's joint, times,
   samples and sign.
 - constant_data: the reference noise and its autocorrelation, the prior, and B of beta = B theta. Where an earlier log
-  has told something, also its `earlier_hessian` H and `earlier_gradient` g: in `lp`, minus (beta' H beta - 2 g' beta +
+  is known, also its `earlier_hessian` H and `earlier_gradient` g: in `lp`, minus (beta' H beta - 2 g' beta +
   c) / 2 with c its `earlier_energy`.
 
 A chain is an ensemble. An entry of `segment` is a part of the moments' Hessian: one segment, or all the weak segments
-of a joint that share a part, whose likelihoods cannot be told apart draw by draw.
+of a joint that share a part, whose likelihoods cannot be separated draw by draw.
 
 `az.ess` of these draws is what it should be (see `_walker_major`), but `az.rhat` compares early with late walkers
 instead of early with late sweeps: whether the run has converged is in the attributes.
@@ -32,28 +32,46 @@ import numpy as np
 import xarray
 from scipy.sparse import csr_array
 
-from bayesid.coefficients import BaseCoefficients
+from bayesid.arrays import Array, Integers
 from bayesid.errors import InputError
-from bayesid.knowledge import Information
-from bayesid.moments import Moments
-from bayesid.motion import Array, Integers
+from bayesid.fit.knowledge import Information
+from bayesid.fit.moments import Moments
+from bayesid.model.coefficients import BaseCoefficients
+from bayesid.model.parameters import Parameter
 from bayesid.posterior.likelihood import Likelihood
 from bayesid.posterior.sampler import Draws
 from bayesid.posterior.target import Target
-from bayesid.terms.base import Parameter
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", FutureWarning)  # ArviZ announces its next version on import
-    import arviz
+    from arviz import InferenceData
+
+__all__ = [
+    "MOST",
+    "InferenceData",
+    "Labels",
+    "kept_coefficients",
+    "make_inference_data",
+    "pointwise",
+    "read_coefficients",
+    "read_draws",
+    "write",
+]
 
 MOST = 4096
-"""Draws that are kept, in all."""
+"""Draws that are kept, in all; a round number: quantiles of 2.5 % then rest on a hundred draws, and the pointwise
+likelihood of a thousand segments takes 16 MB."""
 _ENGINE: Final = "h5netcdf"
 """What writes netCDF here; ArviZ itself requires it, and h5py with it."""
 _LIBRARY = "bayesid"
 _BLOCK = 2**22
 """Numbers that the pointwise likelihood may hold at once in one array (32 MB)."""
 _EFFORT = "N m"
+_SAMPLED = ("chain", "draw")
+_POINTWISE = (
+    "log likelihood of each segment, its unknown sign summed out, tempered by the autocorrelation; segments that share "
+    "a part of the Hessian are one entry"
+)
 _REMEDY = "give the posterior that bayesid wrote, or identify again to write it anew"
 
 
@@ -78,7 +96,7 @@ class Labels:
 
 def make_inference_data(
     draws: Draws, target: Target, moments: Moments, labels: Labels, attributes: Mapping[str, object], most: int = MOST
-) -> arviz.InferenceData:
+) -> InferenceData:
     """All that is known after sampling, as one object.
 
     Args:
@@ -102,44 +120,50 @@ def make_inference_data(
     chains, size = density.shape
     drawn: dict[str, object] = {"chain": np.arange(chains), "draw": np.arange(size)}
     segment = _segment_coordinates(target.likelihood, moments, labels)
-    terms = pointwise(
-        target.likelihood, moments, theta.reshape(chains * size, -1), log_scale.reshape(chains * size, -1)
-    )
-    sampled, walkers = ("chain", "draw"), draws.theta.shape[2]
+    flat = theta.reshape(chains * size, -1), log_scale.reshape(chains * size, -1)
+    terms = pointwise(target.likelihood, moments, *flat).reshape(chains, size, -1)
+    walkers = draws.theta.shape[2]
     run = {
-        "inference_library": _LIBRARY, "ensembles": chains, "walkers": walkers, "sweeps": draws.sweeps,
-        "kept_every": every, "draw_order": "all kept sweeps of an ensemble's first walker, then of the next",
-    }  # fmt: skip
-    return arviz.InferenceData(
+        "inference_library": _LIBRARY,
+        "ensembles": chains,
+        "walkers": walkers,
+        "sweeps": draws.sweeps,
+        "kept_every": every,
+        "draw_order": "all kept sweeps of an ensemble's first walker, then of the next",
+    }
+    variables = {"beta": beta, "theta": theta, "noise": target.likelihood.sigma * np.exp(log_scale)}
+    return InferenceData(
         attrs={key: _plain(value) for key, value in {**run, **attributes}.items()},
-        posterior=xarray.Dataset(
-            {
-                "beta": ((*sampled, "coefficient"), beta, {"long_name": "base coefficients"}),
-                "theta": ((*sampled, "parameter"), theta, {"long_name": "standard parameters"}),
-                "noise": (
-                    (*sampled, "joint"), target.likelihood.sigma * np.exp(log_scale),
-                    {"long_name": "sd of the residual", "units": _EFFORT},
-                ),
-            },
-            coords={**drawn, **_coefficient_coordinates(labels), **_parameter_coordinates(labels), **_joints(labels)},
-        ),
+        posterior=_posterior(variables, drawn, labels),
         sample_stats=xarray.Dataset(
             {
-                "lp": (sampled, density, {"long_name": "log density, not normalised"}),
-                "walker": (sampled, np.tile(np.repeat(np.arange(walkers, dtype=np.int32), len(kept)), (chains, 1))),
-                "sweep": (sampled, np.tile(kept.astype(np.int32), (chains, walkers))),
+                "lp": (_SAMPLED, density, {"long_name": "log density, not normalised"}),
+                "walker": (_SAMPLED, np.tile(np.repeat(np.arange(walkers, dtype=np.int32), len(kept)), (chains, 1))),
+                "sweep": (_SAMPLED, np.tile(kept.astype(np.int32), (chains, walkers))),
             },
             coords=drawn,
         ),
         log_likelihood=xarray.Dataset(
-            {"effort": ((*sampled, "segment"), terms.reshape(chains, size, -1).astype(np.float32))},
+            {"effort": ((*_SAMPLED, "segment"), terms.astype(np.float32))},
             coords={**drawn, **segment},
-            attrs={"long_name": "log likelihood of each segment, its unknown sign summed out, tempered by the "
-                                "autocorrelation; segments that share a part of the Hessian are one entry"},
+            attrs={"long_name": _POINTWISE},
         ),
         observed_data=_observed(moments, segment),
         constant_data=_constants(target, moments, labels),
-    )  # fmt: skip
+    )
+
+
+def _posterior(variables: Mapping[str, Array], drawn: Mapping[str, object], labels: Labels) -> xarray.Dataset:
+    """The group of draws (E, D W, ...) of coefficients, parameters and noise."""
+    described = {
+        "beta": ("coefficient", {"long_name": "base coefficients"}),
+        "theta": ("parameter", {"long_name": "standard parameters"}),
+        "noise": ("joint", {"long_name": "sd of the residual", "units": _EFFORT}),
+    }
+    return xarray.Dataset(
+        {name: ((*_SAMPLED, last), variables[name], notes) for name, (last, notes) in described.items()},
+        coords={**drawn, **_coefficient_coordinates(labels), **_parameter_coordinates(labels), **_joints(labels)},
+    )
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -265,12 +289,14 @@ def _segment_coordinates(likelihood: Likelihood, moments: Moments, labels: Label
         "n_samples": (_sums(moments, moments.count).astype(np.int64), {}),
         "n_segments": (number, {"long_name": "segments in this entry"}),
         "n_unknown": (
-            _sums(moments, likelihood.fixed == 0).astype(np.int64), {"long_name": "of them with a sign summed out"}
+            _sums(moments, likelihood.fixed == 0).astype(np.int64),
+            {"long_name": "of them with a sign summed out"},
         ),
         "fixed_sign": (
-            np.where(np.abs(signs) == number, np.sign(signs), 0.0).astype(np.int64), {"long_name": "0 if summed out"}
+            np.where(np.abs(signs) == number, np.sign(signs), 0.0).astype(np.int64),
+            {"long_name": "0 if summed out"},
         ),
-    }  # fmt: skip
+    }
     return {name: ("segment", values, notes) for name, (values, notes) in described.items()}
 
 
@@ -320,23 +346,24 @@ def _observed(moments: Moments, segment: Mapping[str, object]) -> xarray.Dataset
 
 
 def _constants(target: Target, moments: Moments, labels: Labels) -> xarray.Dataset:
-    """Noise, prior and projection, and what an earlier log has told."""
+    """Noise, prior and projection, and what an earlier log has shown."""
     prior, likelihood = target.prior, target.likelihood
     return xarray.Dataset(
         {
             "sigma_ref": ("joint", likelihood.sigma, {"long_name": "reference noise", "units": _EFFORT}),
             "autocorrelation": (
-                "joint", _autocorrelation(likelihood, moments),
+                "joint",
+                _autocorrelation(likelihood, moments),
                 {"long_name": "integrated autocorrelation time of the residual", "units": "samples"},
             ),
             "log_noise_sd": ("joint", prior.log_scale_sd, {"long_name": "prior sd of log(noise / sigma_ref)"}),
             "prior_mean": ("parameter", prior.mean, {"long_name": "before the cut to what is physical"}),
             "prior_sd": ("parameter", prior.sd, {"long_name": "before the cut to what is physical"}),
             "projection": (("coefficient", "parameter"), likelihood.projection, {"long_name": "beta = B theta"}),
-            **({} if target.known is None else _earlier(target.known)),
+            **({} if target.information is None else _earlier(target.information)),
         },
         coords={**_coefficient_coordinates(labels), **_parameter_coordinates(labels), **_joints(labels)},
-    )  # fmt: skip
+    )
 
 
 def _earlier(known: Information) -> dict[str, object]:
@@ -378,7 +405,7 @@ def _require_same_sizes(target: Target, moments: Moments, labels: Labels) -> Non
 # ---------------------------------------------------------------------------------------------------------------
 # Files
 # ---------------------------------------------------------------------------------------------------------------
-def write(data: arviz.InferenceData, path: Path | str) -> None:
+def write(data: InferenceData, path: Path | str) -> None:
     """Writes netCDF, compressed, over whatever is there. What a crash leaves half-written is the caller's business."""
     groups = [(name, getattr(data, name)) for name in data.groups()]
     xarray.Dataset(attrs=data.attrs).to_netcdf(path, mode="w", engine=_ENGINE)
@@ -400,7 +427,7 @@ def read_draws(path: Path | str, parameters: Sequence[str] | None = None) -> tup
         parameters: (P,) names that the parameters must have; none are wanted by default.
 
     Raises:
-        InputError: if the file is missing, damaged, not a posterior of bayesid or one of another model.
+        InputError: if the file is missing, damaged, not a posterior of bayesid or that of another model.
     """
     where = str(path)
     theta, noise, names, joints = _read(path, ("theta", "noise"), ("parameter", "joint"))
@@ -438,8 +465,8 @@ def _read(path: Path | str, variables: Sequence[str], names: Sequence[str]) -> l
             words = [group[name].asstr()[()].tolist() for name in names]
     except Exception as error:  # HDF5 raises anything at all at a damaged file
         raise InputError("not the netCDF file of a posterior, or damaged", where, _REMEDY) from error
-    if library != _LIBRARY or any(one.ndim != 3 for one in values):
+    if library != _LIBRARY or any(variable.ndim != 3 for variable in values):
         raise InputError("the posterior of another program", where, _REMEDY)
-    if not all(np.isfinite(one).all() for one in values):
+    if not all(np.isfinite(variable).all() for variable in values):
         raise InputError("some draws are not finite numbers", where, _REMEDY)
     return [*values, *words]

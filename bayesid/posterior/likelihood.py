@@ -20,9 +20,12 @@ from functools import cached_property
 import numpy as np
 from scipy.special import expit
 
-from bayesid.coefficients import BaseCoefficients
-from bayesid.moments import Moments
-from bayesid.motion import Array, Integers
+from bayesid.arrays import Array, Integers
+from bayesid.fit.moments import Moments
+from bayesid.model.coefficients import BaseCoefficients
+
+_LEAST_RESIDUAL = 1e-12
+"""Share of the efforts' energy below which a sum of squared residuals is rounding (its root: `bayesid.fit.moments`)."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +110,7 @@ class Likelihood:
         """(W, n) sum of squared residuals of each joint for coefficients (W, r) and the unknown signs (W, w)."""
         agreement = (signs * (beta @ self.open_gradient.T)) @ self.members + beta @ self.settled.T
         squares: Array = self.curvature(beta) - 2.0 * agreement + self.energy
-        return np.maximum(squares, 1e-12 * self.energy)  # rounding may leave less than nothing
+        return np.maximum(squares, _LEAST_RESIDUAL * self.energy)
 
     def pull(self, beta: Array, log_scale: Array, signs: Array) -> Array:
         """(W, r) gradient of log L in beta (W, r) for given unknown signs (W, w)."""
@@ -128,6 +131,10 @@ class Likelihood:
         :eq:`sign-probability`.
         """
         return expit(2.0 * self.push(theta, log_scale))
+
+    def likelier_signs(self, theta: Array, log_scale: Array) -> Array:
+        """(W, w) the likelier signs of the unknown segments."""
+        return np.where(self.push(theta, log_scale)[:, self.unknown] >= 0.0, 1.0, -1.0)
 
     def draw_signs(self, beta: Array, log_scale: Array, uniform: Array) -> Array:
         """(W, w) signs of the unknown segments given all else, from uniform variables (W, w)."""

@@ -3,8 +3,8 @@
 All unknown signs are summed out, so a walker passes from an assignment of signs to its neighbours by itself. What it
 does not cross is the valley between assignments that differ in much, above all between the two sides of a joint's
 near-symmetry: all its signs turned, and the parameters of the rest bent to suit. The assignments to start from are
-those that the search could not rule out, and the best ones with each joint turned round. What an earlier log has told
-pulls at all of them alike: it may leave one side alone.
+those that the search could not rule out, and the best one with each joint turned round. Information of an earlier log
+pulls at all of them alike: it may rule one side out.
 """
 
 from __future__ import annotations
@@ -13,26 +13,29 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesid.knowledge import Information
-from bayesid.moments import Moments
-from bayesid.motion import Array, Integers
+from bayesid.arrays import Array, Integers
+from bayesid.fit.knowledge import Information
+from bayesid.fit.moments import Moments
+from bayesid.fit.solver import ConeLeastSquares, PreparedLeastSquares
 from bayesid.posterior.start import find_centre
 from bayesid.posterior.target import Target
-from bayesid.search.result import Branch, SearchResult
-from bayesid.solver import ConeLeastSquares
+from bayesid.signs.search.result import Branch, SearchResult
 
 _MOST_BRANCHES = 32
-"""Of the search, cheapest first, that are looked at."""
+"""Assignments of the search's list, cheapest first, that are followed to their centres. A round number; not studied."""
 _MOST_MODES = 6
+"""Modes that are sampled: each takes its share of the budget. A round number; not studied."""
 _DEPTH = 10.0
 """Nats below the best mode's centre under which a mode does not matter: exp(-10) is 5e-5."""
 _HOPELESS = 50.0
-"""Nats by which a best fit may lie below the best one of all; the centres inside the region may differ less."""
+"""Nats by which a start's best fit may lie below the best one of all. Five times the depth, for the centres inside the
+region may differ less."""
 _VALLEY = 3.0
-"""Nats that a valley between two modes is deep, at least."""
+"""Nats that a valley between two modes is deep, at least: walkers cross one of exp(-3) = 5 % of the density."""
 _STEPS = 12
-_SETTLED = 4
-"""Rounds in which signs and parameters are made to agree."""
+"""Into which the straight way between two modes is divided to look for the valley. A round number; not studied."""
+_MOST_ROUNDS = 4
+"""In which signs and parameters are made to agree; more change little. A round number; not studied."""
 
 
 @dataclass(frozen=True)
@@ -56,50 +59,53 @@ def find_modes(target: Target, moments: Moments, solver: ConeLeastSquares, searc
     Args:
         target: the posterior.
         moments: in units of the target's reference noise.
-        solver: for these moments and what the target knows from an earlier log, added.
-        search: what has been found about the signs.
+        solver: for these moments and the target's information, added.
+        search: the result of the search for signs.
 
     Raises:
         SolverError: a cone problem could not be solved.
     """
-    modes = sorted(
-        (_mode(target, signs, theta) for signs, theta in _starts(moments, target.known, solver, search)),
-        key=lambda mode: -mode.log_density,
-    )
+    starts = starting_points(moments, target.information, solver, search)
+    modes = sorted((_mode(target, signs, theta) for signs, theta in starts), key=lambda mode: -mode.log_density)
     kept: list[Mode] = []
     for mode in modes:
-        deep = mode.log_density < modes[0].log_density - _DEPTH
-        if not deep and all(_valley(target, mode, other) >= _VALLEY for other in kept):
+        relevant = mode.log_density >= modes[0].log_density - _DEPTH
+        if relevant and all(_valley(target, mode, denser) >= _VALLEY for denser in kept):
             kept.append(mode)
     return tuple(kept[:_MOST_MODES])
 
 
-def _starts(
-    moments: Moments, known: Information | None, solver: ConeLeastSquares, search: SearchResult
+def starting_points(
+    moments: Moments, information: Information | None, solver: ConeLeastSquares, search: SearchResult
 ) -> list[tuple[Integers, Array]]:
-    """Signs and parameters of the search's branches and of its best assignment with each joint turned round."""
+    """Signs and best parameters of the search's branches and of its best assignment with each joint turned round.
+
+    Those are left out that fit hopelessly worse than the best one.
+    """
     listed = search.branches[:_MOST_BRANCHES] or (Branch(search.signs, search.theta, search.cost, -np.inf),)
-    starts = [branch.signs for branch in listed]
+    starts, prepared = [branch.signs for branch in listed], solver.prepared()
     for joint in np.unique(moments.joint[moments.known == 0]):
         turned = (moments.joint == joint) & (moments.known == 0)
-        starts.append(_settle(moments, known, solver, np.where(turned, -search.signs, search.signs)))
+        starts.append(_settle(moments, information, prepared, np.where(turned, -search.signs, search.signs)))
     distinct = {signs.tobytes(): signs for signs in starts}.values()
-    solutions = [solver.solve(_gradient(moments, known, signs)) for signs in distinct]
-    most = min(solution.cost for solution in solutions) + 2.0 * _HOPELESS
-    return [(signs, found.theta) for signs, found in zip(distinct, solutions, strict=True) if found.cost <= most]
+    fits = [(signs, prepared.solve(_gradient(moments, information, signs))) for signs in distinct]
+    most = min(solution.cost for _, solution in fits) + 2.0 * _HOPELESS
+    return [(signs, solution.theta) for signs, solution in fits if solution.cost <= most]
 
 
-def _gradient(moments: Moments, known: Information | None, signs: Integers) -> Array:
-    """(r,) of everything: the moments under these signs, and what is known besides."""
+def _gradient(moments: Moments, information: Information | None, signs: Integers) -> Array:
+    """(r,) of everything: the moments under these signs, and the information besides."""
     gradient: Array = signs @ moments.gradient
-    return gradient if known is None else gradient + known.gradient
+    return gradient if information is None else gradient + information.gradient
 
 
-def _settle(moments: Moments, known: Information | None, solver: ConeLeastSquares, signs: Integers) -> Integers:
-    """Signs that their own best parameters predict, after a few rounds of adapting one to the other."""
-    for _ in range(_SETTLED):
-        theta = solver.solve(_gradient(moments, known, signs)).theta
-        predicted = np.where(moments.gradient @ solver.project(theta) >= 0.0, 1, -1)
+def _settle(
+    moments: Moments, information: Information | None, prepared: PreparedLeastSquares, signs: Integers
+) -> Integers:
+    """Signs that their best parameters predict, after a few rounds of adapting one to the other."""
+    for _ in range(_MOST_ROUNDS):
+        theta = prepared.solve(_gradient(moments, information, signs)).theta
+        predicted = np.where(moments.gradient @ prepared.project(theta) >= 0.0, 1, -1)
         settled = np.where(moments.known != 0, moments.known, predicted)
         if np.array_equal(settled, signs):
             break
@@ -113,13 +119,13 @@ def _mode(target: Target, signs: Integers, theta: Array) -> Mode:
     return Mode(centre, signs, float(target.log_density(np.append(centre, scale))[0]))
 
 
-def _valley(target: Target, one: Mode, other: Mode) -> float:
+def _valley(target: Target, mode: Mode, other: Mode) -> float:
     """Nats by which the density falls on the straight way between two modes, below the lower one of them.
 
     The region is convex: the way lies inside.
     """
     share = np.linspace(0.0, 1.0, _STEPS + 1)[1:-1, None]
-    theta = (1.0 - share) * one.theta + share * other.theta
+    theta = (1.0 - share) * mode.theta + share * other.theta
     scale = np.zeros((len(theta), target.likelihood.n_joints))
     lowest = float(target.log_density(np.hstack([theta, scale])).min())
-    return min(one.log_density, other.log_density) - lowest
+    return min(mode.log_density, other.log_density) - lowest

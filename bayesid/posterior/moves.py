@@ -18,7 +18,7 @@ from emcee.moves import Move
 from emcee.state import State
 from scipy.special import wrightomega
 
-from bayesid.motion import Array, Integers
+from bayesid.arrays import TINY, Array, Integers
 from bayesid.posterior.region import Region, Uniforms, draw_on_line
 from bayesid.posterior.target import Target
 
@@ -41,23 +41,6 @@ class Directions(Protocol):
 
     def draw(self, random: Random) -> Array:
         """(P, K) directions, in their order."""
-
-
-@dataclass(frozen=True)
-class Rotated:
-    """Directions root Q with Q a random rotation: conjugate for the covariance root root'.
-
-    Attributes:
-        root: (P, d) of a covariance; in (a block of) the parameters.
-    """
-
-    root: Array
-
-    def draw(self, random: Random) -> Array:
-        """(P, d)."""
-        d = self.root.shape[1]
-        q, r = np.linalg.qr(random.standard_normal((d, d)))
-        return self.root @ (q * np.sign(np.diag(r)))
 
 
 @dataclass(frozen=True)
@@ -84,32 +67,6 @@ class Conditional:
         columns = np.zeros((size, size))
         columns[order] = np.linalg.cholesky(self.covariance[np.ix_(order, order)])
         return columns
-
-
-@dataclass(frozen=True)
-class Fixed:
-    """The same directions each time, in random order.
-
-    Attributes:
-        columns: (P, K).
-    """
-
-    columns: Array
-
-    def draw(self, random: Random) -> Array:
-        """(P, K)."""
-        return self.columns[:, np.argsort(random.random_sample(self.columns.shape[1]))]
-
-
-@dataclass(frozen=True)
-class Mixed:
-    """All directions of several families, one family after the other."""
-
-    families: tuple[Directions, ...]
-
-    def draw(self, random: Random) -> Array:
-        """(P, K)."""
-        return np.concatenate([family.draw(random) for family in self.families], axis=1)
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -163,23 +120,21 @@ class HitAndRun(GibbsMove):
 
     def update(self, coordinates: Array, random: Random) -> Array:
         """See GibbsMove."""
-        likelihood, prior, known = self.target.likelihood, self.target.prior, self.target.known
+        likelihood, prior, information = self.target.likelihood, self.target.prior, self.target.information
         theta, log_scale = self.target.split(coordinates)
         beta = theta @ likelihood.projection.T
         signs = likelihood.draw_signs(beta, log_scale, random.random_sample((len(theta), len(likelihood.unknown))))
         pull = likelihood.pull(beta, log_scale, signs)
-        if known is not None:
-            pull += known.gradient - beta @ known.hessian
+        if information is not None:
+            pull += information.gradient - beta @ information.hessian
         gradient = pull @ likelihood.projection + prior.precision * (prior.mean - theta)
         lines = self.directions.draw(random)
-        seen = likelihood.projection @ lines
+        in_beta = likelihood.projection @ lines
         unscaled = lines.T @ (prior.precision[:, None] * lines)
-        if known is not None:
-            unscaled += seen.T @ known.hessian @ seen
-        curvature = np.concatenate([
-            np.einsum("rk,jrl->jkl", seen, likelihood.hessian @ seen),
-            unscaled[None],
-        ])  # fmt: skip
+        if information is not None:
+            unscaled += in_beta.T @ information.hessian @ in_beta
+        scaled = np.einsum("rk,jrl->jkl", in_beta, likelihood.hessian @ in_beta)
+        curvature = np.concatenate([scaled, unscaled[None]])
         weights = np.concatenate([np.exp(-2.0 * log_scale), np.ones((len(theta), 1))], axis=1).T / self.temperature
         slopes = (gradient @ lines).T / self.temperature
         steps = sweep(prior.region, theta.T, lines, slopes, curvature, weights, random)
@@ -235,11 +190,11 @@ class NoiseScales(GibbsMove):
         beta = theta @ likelihood.projection.T
         signs = likelihood.draw_signs(beta, log_scale, random.random_sample((len(theta), len(likelihood.unknown))))
         residual = likelihood.residual(beta, signs)
-        # the mode: n + u* / sd^2 = R exp(-2 u*)
+        # the mode u*: n + u* / sd^2 = R exp(-2 u*)
         tilted = wrightomega(2.0 * variance * likelihood.count + np.log(2.0 * variance * residual)) / (2.0 * variance)
         mode = variance * (tilted - likelihood.count)
         gamma = random.standard_gamma(0.5 * tilted, residual.shape)
-        proposed = -0.5 * np.log(np.maximum(gamma, 1e-300) / (0.5 * residual))
+        proposed = -0.5 * np.log(np.maximum(gamma, TINY) / (0.5 * residual))
         log_ratio = 0.5 * ((log_scale - mode) ** 2 - (proposed - mode) ** 2) / variance
         accepted = np.log1p(-random.random_sample(log_ratio.shape)) < log_ratio
         return np.concatenate([theta, np.where(accepted, proposed, log_scale)], axis=1)

@@ -10,7 +10,7 @@ Parameters theta and logarithms u of the noise scales are independent before the
   inertias, for M and R of `Links`. Where CAD values are known, they and their sd take the place of these.
 - A parameter of an actuator (friction, rotor inertia, offset) is (half-)normal about zero; its sd is the size at which
   it would by itself explain the effort of its joints: it cannot well be larger. Where the log does not show it but an
-  earlier one did, the same holds for what that one has told, and 1 is the least.
+  earlier one did, it is the size that explains that one's effort, and 1 is the least.
 """
 
 from __future__ import annotations
@@ -20,57 +20,19 @@ from functools import cached_property
 
 import numpy as np
 
-from bayesid.inertia import from_pseudo_inertia
-from bayesid.knowledge import Information
-from bayesid.motion import Array
+from bayesid.arrays import TINY, Array
+from bayesid.fit.knowledge import Information, Links, Nominal
+from bayesid.model.parameters import Cone
 from bayesid.posterior.likelihood import Likelihood
 from bayesid.posterior.region import Region
-from bayesid.terms.base import Cone
 
-
-@dataclass(frozen=True)
-class Links:
-    """What is believed of any link before the data.
-
-    Attributes:
-        mass: kg, scale of a link's mass.
-        reach: m, scale of the distances of a link's mass from its frame.
-        typical_mass: kg, where the prior is centred.
-        typical_spread: m, rms distance along each axis there.
-        largest_radius: m, bound on the radius of gyration about the frame.
-        total_mass: kg, window on the mass of all bodies.
-    """
-
-    mass: float = 10.0
-    reach: float = 0.4
-    typical_mass: float = 3.0
-    typical_spread: float = 0.1
-    largest_radius: float = 1.5
-    total_mass: tuple[float, float] = (0.1, 300.0)
-
-    @property
-    def centre(self) -> Array:
-        """(10,) the typical link."""
-        spread = self.typical_mass * self.typical_spread**2
-        return from_pseudo_inertia(np.diag([spread, spread, spread, self.typical_mass]))
-
-    @property
-    def sd(self) -> Array:
-        """(10,) standard deviations."""
-        return self.mass * np.repeat([self.reach**2, self.reach, 1.0], [6, 3, 1])
-
-
-@dataclass(frozen=True)
-class Nominal:
-    """Parameters known beforehand (CAD, data sheet).
-
-    Attributes:
-        mean: (P,) NaN where nothing is known.
-        sd: (P,) their standard deviations.
-    """
-
-    mean: Array
-    sd: Array
+LOG_SCALE_SD = 0.5
+"""Sd of the logarithm of a joint's noise over its reference: a factor of 1.6 (docs/posterior.md). Set by hand,
+wide beside what a log leaves, 1 / sqrt(2 n_j)."""
+_SHOWS = 1e-9
+"""Share of a parameter's curvature from which it counts as showing in a joint; less is rounding."""
+_VISIBLE = 1e-12
+"""Share of the largest curvature from which the log shows a parameter at all; less is rounding."""
 
 
 @dataclass(frozen=True)
@@ -111,10 +73,10 @@ class Prior:
 def make_prior(
     cone: Cone,
     likelihood: Likelihood,
-    links: Links = Links(),
+    links: Links,
     nominal: Nominal | None = None,
-    log_scale_sd: float = 0.5,
-    known: Information | None = None,
+    log_scale_sd: float = LOG_SCALE_SD,
+    information: Information | None = None,
 ) -> Prior:
     """The stated prior for a model.
 
@@ -122,11 +84,11 @@ def make_prior(
         cone: of the model's P parameters.
         likelihood: what sets the sizes of friction, rotor inertia and offsets; only its H_j and c_j are used.
         links: what is believed of any link.
-        nominal: parameters known beforehand.
+        nominal: what is stated of the parameters.
         log_scale_sd: of the logarithm of each joint's noise.
-        known: from an earlier log; it sets the sizes of what this one does not show, and is no part of the prior.
+        information: of an earlier log; it sets the sizes of what this one does not show, and is no part of the prior.
     """
-    mean, sd = np.zeros(cone.size), _sizes(likelihood, known)
+    mean, sd = np.zeros(cone.size), _sizes(likelihood, information)
     for body in cone.bodies:
         mean[body], sd[body] = links.centre, links.sd
     if nominal is not None:
@@ -142,24 +104,24 @@ def _inner_point(cone: Cone, links: Links, sd: Array) -> Array:
     point[cone.nonnegative] = sd[cone.nonnegative]
     least, most = links.total_mass
     total = links.typical_mass * len(cone.bodies)
-    factor = 1.0 if least < total < most else 0.5 * (least + most) / max(total, 1e-300)
+    factor = 1.0 if least < total < most else 0.5 * (least + most) / max(total, TINY)
     for body in cone.bodies:
         point[body] = factor * links.centre
     return point
 
 
-def _sizes(likelihood: Likelihood, known: Information | None) -> Array:
+def _sizes(likelihood: Likelihood, information: Information | None) -> Array:
     """(P,) the size of each parameter that would alone explain the effort of the joints in which it shows."""
-    shows = np.einsum("rp,jrs,sp->jp", likelihood.projection, likelihood.hessian, likelihood.projection)
-    curvature = shows.sum(axis=0)
-    energy = likelihood.energy @ (shows > 1e-9 * curvature)
-    visible = curvature > 1e-12 * curvature.max(initial=1e-300)
+    by_joint = np.einsum("rp,jrs,sp->jp", likelihood.projection, likelihood.hessian, likelihood.projection)
+    curvature = by_joint.sum(axis=0)
+    energy = likelihood.energy @ (by_joint > _SHOWS * curvature)
+    visible = curvature > _VISIBLE * curvature.max(initial=TINY)
     sizes = np.sqrt(np.where(visible, energy, 1.0) / np.where(visible, curvature, 1.0))
-    if known is None:
+    if information is None:
         return sizes
-    earlier = np.einsum("rp,rs,sp->p", likelihood.projection, known.hessian, likelihood.projection)
-    shown = ~visible & (earlier > 1e-12 * earlier.max(initial=1e-300))
-    sizes[shown] = np.sqrt(np.maximum(known.energy / earlier[shown], 1.0))
+    earlier = np.einsum("rp,rs,sp->p", likelihood.projection, information.hessian, likelihood.projection)
+    earlier_only = ~visible & (earlier > _VISIBLE * earlier.max(initial=TINY))
+    sizes[earlier_only] = np.sqrt(np.maximum(information.energy / earlier[earlier_only], 1.0))
     return sizes
 
 

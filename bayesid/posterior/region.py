@@ -18,18 +18,18 @@ from typing import Protocol
 import numpy as np
 from scipy.special import log_ndtr, ndtri_exp
 
-from bayesid.inertia import PSEUDO_INERTIA_BASIS
-from bayesid.motion import Array, Mask
-from bayesid.terms.base import Cone
+from bayesid.arrays import Array, Mask
+from bayesid.model.inertia import PSEUDO_INERTIA_BASIS
+from bayesid.model.parameters import Cone
 
 _TRIANGLE = ((0, 0), (1, 0), (2, 0), (3, 0), (1, 1), (2, 1), (3, 1), (2, 2), (3, 2), (3, 3))
 """Order in which the entries of a symmetric matrix are kept: column after column of the lower triangle."""
 _DIAGONAL = np.array([0, 4, 7, 9])
+"""Places of the diagonal's entries in that order."""
 _BASIS = np.array([PSEUDO_INERTIA_BASIS[:, i, j] for i, j in _TRIANGLE])
-_TRIES = 200
-"""A bracket that has shrunk this often is a point; the walker stays."""
-_CENTRAL = 5.0
-"""Standard deviations up to which probabilities need no logarithms."""
+"""(10, 10) change of a pseudo-inertia's entries, in that order, with each of a body's parameters."""
+_MOST_TRIES = 200
+"""A bracket that has shrunk this often is a point; the walker stays. A round number; not studied."""
 
 
 class Uniforms(Protocol):
@@ -62,11 +62,11 @@ class Region:
         for b, body in enumerate(cone.bodies):
             entries[:, b, body] = _BASIS
         signs = np.eye(cone.size)[cone.nonnegative]
-        more = np.empty((0, cone.size)) if rows is None else rows
-        bounds = np.zeros(len(more)) if offset is None else offset
+        windows = np.empty((0, cone.size)) if rows is None else rows
+        bounds = np.zeros(len(windows)) if offset is None else offset
         diagonals = entries[_DIAGONAL].reshape(-1, cone.size)
         return cls(
-            np.concatenate([signs, more, diagonals]),
+            np.concatenate([signs, windows, diagonals]),
             np.concatenate([np.zeros(len(signs)), bounds, np.zeros(len(diagonals))]),
             entries,
             np.zeros((10, len(cone.bodies))),
@@ -77,16 +77,16 @@ class Region:
         """Number of parameters P."""
         return int(self.rows.shape[1])
 
-    def relaxed(self, by: float, inner: Array) -> Region:
-        """The wider region of all theta with (theta + by * inner) / (1 + by) in this one, for inner (P,) inside it."""
+    def relaxed(self, share: float, inner: Array) -> Region:
+        """The wider region of all theta with (theta + share * inner) / (1 + share) in this one; inner (P,) is in it."""
         return replace(
             self,
-            offset=self.offset + by * self.slack(inner[:, None])[:, 0],
-            constant=self.constant + by * self.matrices(inner[:, None])[..., 0],
+            offset=self.offset + share * self.slack(inner[:, None])[:, 0],
+            constant=self.constant + share * self.matrices(inner[:, None])[..., 0],
         )
 
     def excess(self, theta: Array, inner: Array) -> Array:
-        """(W,) by how much the region must be relaxed to hold theta (P, W); negative inside, -1 at `inner` (P,)."""
+        """(W,) the share by which it must be relaxed to hold theta (P, W); negative inside, -1 at `inner` (P,)."""
         needed = -np.min(self.slack(theta) / self.slack(inner[:, None]), axis=0, initial=np.inf)
         if self.entries.shape[1] == 0:
             return needed
@@ -159,19 +159,19 @@ def draw_on_line(
     sd = 1.0 / np.sqrt(curvature)
     mean = slope / curvature
     step = np.zeros(len(slope))
-    open_ = np.arange(len(slope))
+    walkers = np.arange(len(slope))  # that have not moved yet
     bodies = np.flatnonzero(np.any(matrix != 0.0, axis=0))
-    here, change = matrices if len(bodies) == matrices.shape[1] else matrices[:, bodies], matrix[:, bodies, None]
-    for _ in range(_TRIES):
-        t = truncated_normal(mean, sd, low, high, random)
-        good = positive_definite(here + t * change)
-        if good.all():
-            step[open_] = t
+    current, change = matrices if len(bodies) == matrices.shape[1] else matrices[:, bodies], matrix[:, bodies, None]
+    for _ in range(_MOST_TRIES):
+        t = draw_between(low, high, mean, sd, random)
+        inside = positive_definite(current + t * change)
+        if inside.all():
+            step[walkers] = t
             break
-        step[open_[good]] = t[good]
-        bad = ~good
-        open_, t, mean, sd, here = open_[bad], t[bad], mean[bad], sd[bad], here[..., bad]
-        low, high = np.where(t < 0.0, t, low[bad]), np.where(t > 0.0, t, high[bad])
+        step[walkers[inside]] = t[inside]
+        outside = ~inside
+        walkers, t, mean, sd, current = walkers[outside], t[outside], mean[outside], sd[outside], current[..., outside]
+        low, high = np.where(t < 0.0, t, low[outside]), np.where(t > 0.0, t, high[outside])
     return step
 
 
@@ -183,7 +183,7 @@ def _bracket(slack: Array, row: Array) -> tuple[Array, Array]:
     return low, high
 
 
-def truncated_normal(mean: Array, sd: Array, low: Array, high: Array, random: Uniforms) -> Array:
+def draw_between(low: Array, high: Array, mean: Array, sd: Array, random: Uniforms) -> Array:
     """(W,) draws from normal distributions restricted to [low, high], by inversion; exact far in a tail too."""
     a, b = (low - mean) / sd, (high - mean) / sd
     flip = a > -b  # the left tail is the one with digits to spare

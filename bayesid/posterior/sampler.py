@@ -6,6 +6,7 @@ counts, is common to them. All walkers of all ensembles sit in one emcee sampler
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,37 +15,41 @@ from functools import cached_property
 import emcee
 import numpy as np
 
-from bayesid.motion import Array
+from bayesid.arrays import Array
+from bayesid.errors import InputError
 from bayesid.posterior.diagnostics import Diagnostics, diagnose
 from bayesid.posterior.moves import Conditional, HitAndRun, InTurn, NoiseScales
 from bayesid.posterior.start import body_blocks, find_centre, spread_walkers
 from bayesid.posterior.target import Target
-
-Progress = Callable[[int, int], None]
-"""Called as progress(sweeps done, sweeps expected)."""
+from bayesid.progress import Steps, no_steps
 
 _FEWEST = 8
-"""Sweeps that are kept however little time there is."""
+"""Sweeps that are kept however little time remains: R-hat of split chains is defined from four on (ArviZ)."""
 _GROWTH = 1.5
-"""The run grows by this factor between looks at its diagnostics."""
+"""The run grows by this factor between checks of its diagnostics: at most a third of it is more than was needed."""
+_GOLDEN = 0.5 * (5.0**0.5 - 1.0)
+"""The golden section: its multiples spread evenly over the circle, however many they are (Knuth, TAOCP 3, 6.4)."""
 
 
 @dataclass(frozen=True)
-class SamplerOptions:
-    """How long and with how many.
+class Sampling:
+    """How a posterior is sampled: with how many walkers, how long, and how well.
 
     Attributes:
         ensembles: that R-hat compares.
         walkers: in each.
-        warm_up: sweeps left out at the start.
+        warm_up: sweeps left out at the start; `bayesid study sbc` would show too few.
         first_look: sweeps after which the diagnostics are looked at first.
         most_sweeps: after which the run ends, converged or not.
-        max_rhat: wanted of every quantity.
-        min_ess: wanted of every quantity, bulk and tail.
+        max_rhat: wanted of every quantity; 1.01 is that of Vehtari et al. (2021).
+        min_ess: wanted of every quantity, bulk and tail; 400 is theirs too.
         per_walker: the same for every walker, on average.
         budget: seconds of wall time, warm-up included.
         seed: of all random numbers. Before the budget ends, the draws depend on nothing else.
         repeatable: whether they are never to depend on anything else: the budget does not count then.
+
+    Raises:
+        InputError: the budget is no number of seconds.
     """
 
     ensembles: int = 4
@@ -58,6 +63,15 @@ class SamplerOptions:
     budget: float = 60.0
     seed: int = 0
     repeatable: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.budget < np.inf:
+            raise InputError(f"a budget of {self.budget:g} s", "--posterior-budget", "give 0 or more seconds")
+
+    @property
+    def wanted_ess(self) -> float:
+        """Walkers that never move are as many independent draws; so every one must have made several."""
+        return max(self.min_ess, self.per_walker * self.ensembles * self.walkers)
 
 
 @dataclass(frozen=True)
@@ -95,63 +109,70 @@ class Draws:
         joined = np.concatenate([self.theta, self.log_scale], axis=-1)
         return joined.reshape(-1, joined.shape[-1])
 
+    def spread(self, count: int) -> Array:
+        """(K, P + n) coordinates of at most `count` different draws: all sweeps, ensembles and walkers alike.
 
-def sample(
-    target: Target, theta: Array, options: SamplerOptions = SamplerOptions(), progress: Progress | None = None
-) -> Draws:
+        A constant stride through the list would fall into step with the walkers, and take the draws of very few.
+        """
+        chains = int(np.prod(self.log_density.shape[1:]))
+        stride = round(_GOLDEN * chains)
+        while math.gcd(stride, chains) != 1:
+            stride += 1
+        k = np.arange(min(count, self.sweeps * chains))
+        return self.coordinates[k * self.sweeps // len(k) * chains + k * stride % chains]
+
+
+def sample(target: Target, theta: Array, sampling: Sampling = Sampling(), steps: Steps = no_steps) -> Draws:
     """Samples until the diagnostics are as wanted, the budget ends or `most_sweeps` are done.
 
     Args:
         target: the posterior of a branch.
         theta: (P,) the branch's optimum; it decides where the walkers start.
-        options: see there.
-        progress: called after every sweep.
+        sampling: with how many walkers, how long, how well.
+        steps: called as steps(sweeps done, sweeps expected), after every sweep.
     """
     began = time.perf_counter()
 
     def late() -> bool:
-        return not options.repeatable and time.perf_counter() - began > options.budget
+        return not sampling.repeatable and time.perf_counter() - began > sampling.budget
 
-    random = np.random.RandomState(options.seed)
-    sampler, state = _warmed_up(target, theta, options, random, late)
-    look, done = options.first_look, 0
+    random = np.random.RandomState(sampling.seed)
+    sampler, state = _warmed_up(target, theta, sampling, random, late)
+    next_check, sweeps = sampling.first_look, 0
     while True:
-        for latest in sampler.sample(state, iterations=look - done, skip_initial_state_check=True):
+        for latest in sampler.sample(state, iterations=next_check - sweeps, skip_initial_state_check=True):
             state = latest
-            done += 1
-            if progress is not None:
-                progress(done, look)
-            if late() and done >= _FEWEST:
+            sweeps += 1
+            steps(sweeps, next_check)
+            if late() and sweeps >= _FEWEST:
                 break
-        draws = _quantities(target, sampler, options)
-        diagnostics = diagnose(draws)
-        enough = done >= options.first_look  # fewer sweeps can look like anything
-        converged = enough and diagnostics.passes(options.max_rhat, _wanted_ess(options))
-        if converged or late() or done >= options.most_sweeps:
-            return _result(target, sampler, options, diagnostics, converged, began)
-        look = min(int(np.ceil(_GROWTH * done)), options.most_sweeps)
+        theta, log_scale, beta, log_density = _chains(target, sampler, sampling)
+        diagnostics = diagnose(np.concatenate([beta, log_scale, log_density[..., None]], axis=-1))
+        enough = sweeps >= sampling.first_look  # fewer sweeps can look like anything
+        converged = enough and diagnostics.passes(sampling.max_rhat, sampling.wanted_ess)
+        if converged or late() or sweeps >= sampling.most_sweeps:
+            parameters, seconds = diagnose(theta), time.perf_counter() - began
+            return Draws(theta, log_scale, beta, log_density, diagnostics, parameters, converged, seconds)
+        next_check = min(int(np.ceil(_GROWTH * sweeps)), sampling.most_sweeps)
 
 
 def _warmed_up(
-    target: Target, theta: Array, options: SamplerOptions, random: np.random.RandomState, late: Callable[[], bool]
+    target: Target, theta: Array, sampling: Sampling, random: np.random.RandomState, late: Callable[[], bool]
 ) -> tuple[emcee.EnsembleSampler, emcee.State]:
-    """The sampler and its state after the warm-up; halfway the lines are chosen anew, for the noise found by then."""
+    """The sampler and its state after the warm-up; halfway the lines are chosen anew, for the noise of the walkers."""
     block = body_blocks(target.prior.region)
-    none = np.zeros(target.likelihood.n_joints)
-    centre = find_centre(target, theta, none)
-    directions = Conditional(centre.covariance, block)
-    walkers = options.ensembles * options.walkers
-    coordinates = spread_walkers(target, centre, directions, walkers, random)
-    for k in range(options.warm_up):
-        if k == options.warm_up // 2:
-            of_theta, of_scale = target.split(coordinates.mean(axis=0))
-            directions = Conditional(find_centre(target, of_theta, of_scale).covariance, block)
-        coordinates = _moves(target, directions).update(coordinates, random)
+    centre = find_centre(target, theta, np.zeros(target.likelihood.n_joints))
+    moves = _moves(target, Conditional(centre.covariance, block))
+    walkers = sampling.ensembles * sampling.walkers
+    coordinates = spread_walkers(target, centre, Conditional(centre.covariance, block), walkers, random)
+    for k in range(sampling.warm_up):
+        if k == sampling.warm_up // 2:
+            centre = find_centre(target, *target.split(coordinates.mean(axis=0)))
+            moves = _moves(target, Conditional(centre.covariance, block))
+        coordinates = moves.update(coordinates, random)
         if late():
             break
-    sampler = emcee.EnsembleSampler(
-        walkers, target.dimension, target.log_density, moves=_moves(target, directions), vectorize=True
-    )
+    sampler = emcee.EnsembleSampler(walkers, target.dimension, target.log_density, moves=moves, vectorize=True)
     return sampler, emcee.State(coordinates, random_state=random.get_state())
 
 
@@ -159,33 +180,8 @@ def _moves(target: Target, directions: Conditional) -> InTurn:
     return InTurn([HitAndRun(target, directions), NoiseScales(target)])
 
 
-def _quantities(target: Target, sampler: emcee.EnsembleSampler, options: SamplerOptions) -> Array:
-    """(D, E, W, r + n + 1) coefficients, noise scales and log density."""
-    theta, log_scale = target.split(sampler.get_chain())
-    log_density = sampler.get_log_prob()[..., None]
-    joined = np.concatenate([theta @ target.likelihood.projection.T, log_scale, log_density], axis=-1)
-    return joined.reshape(-1, options.ensembles, options.walkers, joined.shape[-1])
-
-
-def _wanted_ess(options: SamplerOptions) -> float:
-    """Walkers that never move are as many independent draws; so every one must have made several."""
-    return max(options.min_ess, options.per_walker * options.ensembles * options.walkers)
-
-
-def _result(
-    target: Target, sampler: emcee.EnsembleSampler, options: SamplerOptions, diagnostics: Diagnostics,
-    converged: bool, began: float,
-) -> Draws:  # fmt: skip
-    shape = (-1, options.ensembles, options.walkers)
-    chain = sampler.get_chain()
+def _chains(target: Target, sampler: emcee.EnsembleSampler, sampling: Sampling) -> tuple[Array, Array, Array, Array]:
+    """Parameters, noise scales, coefficients (D, E, W, ...) and log densities (D, E, W)."""
+    shape, chain = (-1, sampling.ensembles, sampling.walkers), sampler.get_chain()
     theta, log_scale = target.split(chain.reshape(*shape, chain.shape[-1]))
-    return Draws(
-        theta=theta,
-        log_scale=log_scale,
-        beta=theta @ target.likelihood.projection.T,
-        log_density=sampler.get_log_prob().reshape(shape),
-        diagnostics=diagnostics,
-        parameters=diagnose(theta),
-        converged=converged,
-        seconds=time.perf_counter() - began,
-    )
+    return theta, log_scale, theta @ target.likelihood.projection.T, sampler.get_log_prob().reshape(shape)

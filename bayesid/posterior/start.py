@@ -17,19 +17,30 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from bayesid.motion import Array, Integers
+from bayesid.arrays import Array, Integers
 from bayesid.posterior.moves import Conditional, HitAndRun, InTurn, NoiseScales, Random
 from bayesid.posterior.region import Region
 from bayesid.posterior.target import Target
 
 _MOST_STEPS = 300
-_PRECISION = 1e-6
-"""Newton decrement at which the minimum is taken for found."""
-_LEAST_STEP = 1e-12
+"""Of Newton's method, which needs some tens: an end to rounding, not a limit."""
+_DECREMENT = 1e-6
+"""Half the squared Newton decrement bounds the distance from the minimum (Boyd and Vandenberghe 2004, 9.6.3): less than
+1e-6 nats, where walkers spread over several."""
+_SUFFICIENT = 0.25
+"""Share of the linear decrease that a step must bring: alpha < 1/2 of the line search (the same, 9.2)."""
+_SHORTEST_STEP = 1e-12
+"""Share of a Newton step at which the line search gives up: rounding."""
+_LEAST_RIDGE = 1e-15
+"""The first ridge that a factorisation tries, relative to a unit diagonal: four roundings."""
 _MOST_RIDGE = 1e-9
-"""What rounding may ask for, relative to a unit diagonal."""
-_HOT, _SWEEPS = 4.0, 3
-"""Temperature at which walkers are spread, and sweeps at it."""
+"""The largest: what asks for more is singular, not rounded."""
+_HOT = 4.0
+"""Temperature at which walkers are spread: twice the posterior's sd, as R-hat wants it (Gelman and Rubin 1992)."""
+_HOT_SWEEPS = 3
+"""Sweeps at that temperature. A round number; not studied."""
+_REACH = 0.9
+"""Of the ellipsoid's radius, in which walkers begin: short of 1, for rounding."""
 
 
 @dataclass(frozen=True)
@@ -69,22 +80,22 @@ def barrier_minimum(region: Region, precision: Array, linear: Array, start: Arra
         linear: (P,).
         start: (P,) strictly inside.
     """
-    theta, value = start, _value(region, precision, linear, start)
+    theta, value = start, barrier_value(region, precision, linear, start)
     for _ in range(_MOST_STEPS):
-        slope, bend = _barrier(region, theta)
+        slope, curvature = barrier_derivatives(region, theta)
         gradient = precision @ theta - linear + slope
-        step = -_inverse(precision + bend) @ gradient
+        step = -_inverse(precision + curvature) @ gradient
         decrement = -float(gradient @ step)
-        if decrement < _PRECISION:
+        if decrement < _DECREMENT:
             break
-        length, moved = 1.0, _value(region, precision, linear, theta + step)
-        while moved > value - 0.25 * length * decrement and length > _LEAST_STEP:
+        length, lower = 1.0, barrier_value(region, precision, linear, theta + step)
+        while lower > value - _SUFFICIENT * length * decrement and length > _SHORTEST_STEP:
             length *= 0.5
-            moved = _value(region, precision, linear, theta + length * step)
-        if moved >= value:
+            lower = barrier_value(region, precision, linear, theta + length * step)
+        if lower >= value:
             break  # rounding
-        theta, value = theta + length * step, moved
-    return Centre(theta, _inverse(precision + _barrier(region, theta)[1]))
+        theta, value = theta + length * step, lower
+    return Centre(theta, _inverse(precision + barrier_derivatives(region, theta)[1]))
 
 
 def _inverse(matrix: Array) -> Array:
@@ -102,12 +113,13 @@ def _inverse(matrix: Array) -> Array:
         except np.linalg.LinAlgError:
             if ridge >= _MOST_RIDGE:
                 raise
-        ridge = max(1e-15, 10.0 * ridge)
+        ridge = max(_LEAST_RIDGE, 10.0 * ridge)
     inverse: Array = scale[:, None] * cho_solve(factor, np.eye(len(matrix))) * scale
     return 0.5 * (inverse + inverse.T)
 
 
-def _value(region: Region, precision: Array, linear: Array, theta: Array) -> float:
+def barrier_value(region: Region, precision: Array, linear: Array, theta: Array) -> float:
+    """Phi at theta (P,) but for a constant; inf outside of the region."""
     if not region.contains(theta[:, None])[0]:
         return np.inf
     logs = np.linalg.slogdet(region.full(region.matrices(theta[:, None])[..., 0]))[1]
@@ -115,13 +127,13 @@ def _value(region: Region, precision: Array, linear: Array, theta: Array) -> flo
     return float(0.5 * theta @ precision @ theta - linear @ theta - barrier)
 
 
-def _barrier(region: Region, theta: Array) -> tuple[Array, Array]:
-    """Gradient (P,) and Hessian (P, P) of the barrier."""
+def barrier_derivatives(region: Region, theta: Array) -> tuple[Array, Array]:
+    """Gradient (P,) and Hessian (P, P) of the barrier at theta (P,), which lies inside."""
     scaled = region.rows / region.slack(theta[:, None])
     root = np.linalg.inv(np.linalg.cholesky(region.full(region.matrices(theta[:, None])[..., 0])))
-    seen = root[:, None] @ region.basis @ root.swapaxes(1, 2)[:, None]  # (b, P, 4, 4), symmetric
-    slope = -scaled.sum(axis=0) - np.einsum("bpii->p", seen)
-    flat = seen.swapaxes(0, 1).reshape(len(theta), -1)
+    white = root[:, None] @ region.basis @ root.swapaxes(1, 2)[:, None]  # (b, P, 4, 4), symmetric
+    slope = -scaled.sum(axis=0) - np.einsum("bpii->p", white)
+    flat = white.swapaxes(0, 1).reshape(len(theta), -1)
     return slope, scaled.T @ scaled + flat @ flat.T  # sums of squares: positive semidefinite however rounding goes
 
 
@@ -134,10 +146,10 @@ def spread_walkers(target: Target, centre: Centre, directions: Conditional, walk
     root = np.linalg.cholesky(centre.covariance)
     noise = random.standard_normal((walkers, len(root)))
     radius = random.random_sample((walkers, 1)) / np.linalg.norm(noise, axis=1, keepdims=True)
-    theta = centre.theta + 0.9 * radius * noise @ root.T
+    theta = centre.theta + _REACH * radius * noise @ root.T
     coordinates = np.concatenate([theta, np.zeros((walkers, target.likelihood.n_joints))], axis=1)
     hot = InTurn([HitAndRun(target, directions, _HOT), NoiseScales(target)])
-    for _ in range(_SWEEPS):
+    for _ in range(_HOT_SWEEPS):
         coordinates = hot.update(coordinates, random)
     return coordinates
 
@@ -145,4 +157,6 @@ def spread_walkers(target: Target, centre: Centre, directions: Conditional, walk
 def body_blocks(region: Region) -> Integers:
     """(P,) the matrix in which each parameter shows; one more label for those that show in none."""
     shows = np.any(region.entries != 0.0, axis=0)
-    return np.where(shows.any(axis=0), shows.argmax(axis=0), len(shows)) if len(shows) else np.zeros(region.size, int)
+    if not len(shows):
+        return np.zeros(region.size, dtype=np.int64)
+    return np.where(shows.any(axis=0), shows.argmax(axis=0), len(shows))

@@ -1,7 +1,7 @@
-"""What is sampled: prior times likelihood over coordinates (theta, u), and what an earlier log has told.
+"""What is sampled: prior times likelihood over coordinates (theta, u), times the information of an earlier log.
 
-Of the earlier log there is a normal distribution of the coefficients beta = B theta, exp(-(beta' H beta - 2 g' beta +
-c) / 2). Its noise is settled: it does not go with the scales u of the new log's.
+That information is a normal distribution of the coefficients beta = B theta, exp(-(beta' H beta - 2 g' beta + c) / 2).
+Its noise is settled: it does not go with the scales u of the new log's.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesid.knowledge import Information
-from bayesid.motion import Array
+from bayesid.arrays import Array
+from bayesid.fit.knowledge import Information
 from bayesid.posterior.likelihood import Likelihood
 from bayesid.posterior.prior import Prior
 
@@ -23,12 +23,12 @@ class Target:
     Attributes:
         prior: of both.
         likelihood: of both.
-        known: of the coefficients, from an earlier log; its H is positive semidefinite.
+        information: of the coefficients, from an earlier log; its H is positive semidefinite.
     """
 
     prior: Prior
     likelihood: Likelihood
-    known: Information | None = None
+    information: Information | None = None
 
     @property
     def n_parameters(self) -> int:
@@ -50,10 +50,10 @@ class Target:
         value = self.prior.log_density(theta, log_scale)
         inside = np.isfinite(value)
         value[inside] += self.likelihood.log_likelihood(theta[inside], log_scale[inside])
-        if self.known is not None:
+        if self.information is not None:
             beta = theta[inside] @ self.likelihood.projection.T
-            pulled = beta @ self.known.hessian - 2.0 * self.known.gradient
-            value[inside] -= 0.5 * (np.sum(pulled * beta, axis=1) + self.known.energy)
+            pulled = beta @ self.information.hessian - 2.0 * self.information.gradient
+            value[inside] -= 0.5 * (np.sum(pulled * beta, axis=1) + self.information.energy)
         return value
 
     def quadratic(self, theta: Array, log_scale: Array) -> tuple[Array, Array]:
@@ -67,10 +67,10 @@ class Target:
         """
         likelihood, prior = self.likelihood, self.prior
         scale = log_scale[None]
-        signs = np.where(likelihood.push(theta[None], scale)[:, likelihood.unknown] >= 0.0, 1.0, -1.0)
+        signs = likelihood.likelier_signs(theta[None], scale)
         data = likelihood.pull(np.zeros((1, likelihood.hessian.shape[1])), scale, signs)[0]
         hessian = np.einsum("j,jrs->rs", np.exp(-2.0 * log_scale), likelihood.hessian)
-        if self.known is not None:
-            data, hessian = data + self.known.gradient, hessian + self.known.hessian
+        if self.information is not None:
+            data, hessian = data + self.information.gradient, hessian + self.information.hessian
         precision = likelihood.projection.T @ hessian @ likelihood.projection + np.diag(prior.precision)
         return 0.5 * (precision + precision.T), likelihood.projection.T @ data + prior.precision * prior.mean

@@ -1,1 +1,5 @@
-"""Reports for people: a discrepancy in words, figures and one page."""
+"""Reports for people: verdicts, tables, findings, figures and pages."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach(__name__, ["plot"])

@@ -6,11 +6,12 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
 
+from bayesid.discrepancy.added_effect import AddedEffect
 from bayesid.discrepancy.compare import Excess
-from bayesid.discrepancy.hypotheses import kind_of
 from bayesid.discrepancy.scores import Score
-from bayesid.discrepancy.workflow import Discrepancy, Found
-from bayesid.report.phrases import FORMS, PEOPLE
+from bayesid.discrepancy.workflow import Discrepancy
+from bayesid.model.catalogue import FORMS, noun
+from bayesid.model.effects import Effect, ReadableUnit
 
 Quantity = tuple[float, float, str]
 """Value, standard deviation (NaN where none is known) and unit."""
@@ -18,14 +19,17 @@ Quantity = tuple[float, float, str]
 _UNITS = {"velocity": "rad/s", "position": "rad", "acceleration": "rad/s^2", "load": "N m", "time": "s"}
 _SLIDING = {"velocity": "m/s", "position": "m", "acceleration": "m/s^2", "load": "N", "time": "s"}
 _DIGITS = 3
-_SMALL, _LARGE = 1e-4, 1e6
-"""Sizes from which on numbers are written with a power of ten."""
+"""Significant ones of a number: what a person remembers."""
+_SMALL = 1e-4
+"""Size below which numbers are written with a power of ten, as Python's `repr` does."""
+_LARGE = 1e6
+"""Size from which on they are."""
 _MOST = 3
-"""Joints whose gaps are told one by one."""
+"""Joints whose gaps are named one by one: more make a sentence that nobody reads."""
 _SURE = 0.9
-"""Probability below which it is mentioned."""
+"""Probability below which it is mentioned; a round number."""
 _SAME = 0.98
-"""Share of a gap from which on it has not fallen."""
+"""Share of a gap from which on it has not fallen: 2 % hardly show in two digits."""
 
 
 _CHANGE = "change of "
@@ -70,13 +74,6 @@ def unit_of(discrepancy: Discrepancy, joint: int, variable: str = "load") -> str
 # ---------------------------------------------------------------------------------------------------------------
 # Names
 # ---------------------------------------------------------------------------------------------------------------
-def noun(effect: str) -> str:
-    """An effect with its article; any form of it."""
-    form = FORMS.get(effect) or FORMS.get(effect.split(".")[0])
-    own = form.noun if form else effect.replace("_", " ").replace(".", ", ")
-    return own or noun(effect.split(".")[0])
-
-
 def label(effect: str, joints: Sequence[int] = ()) -> str:
     """An effect without an article, and the joints (from 1) in which it acts."""
     plain = noun(effect).removeprefix("an ").removeprefix("a ")
@@ -85,7 +82,7 @@ def label(effect: str, joints: Sequence[int] = ()) -> str:
 
 def score_label(score: Score) -> str:
     """A candidate, how many effects come with it, and its joints."""
-    others = f" and {len(score.company)} more" if score.company else ""
+    others = f" and {len(score.companions)} more" if score.companions else ""
     where = f", {joints_in_words(score.hypothesis.joints)}" if score.hypothesis.joints else ""
     return f"{label(score.hypothesis.effect)}{others}{where}"
 
@@ -116,40 +113,39 @@ def _upper(text: str) -> str:
 # Sentences
 # ---------------------------------------------------------------------------------------------------------------
 def paragraph(discrepancy: Discrepancy) -> str:
-    """What is missing, how large it is, how far it closes the gap, what is left, and what the log cannot tell."""
-    sentences = [sentence for one in discrepancy.found for sentence in _found(discrepancy, one)]
-    sentences += [_gap(discrepancy)] if discrepancy.found else [_nothing_found(discrepancy)]
-    sentences += [_left(discrepancy, joint, ratio) for joint, ratio in discrepancy.unexplained]
+    """What is missing, how large it is, how far it closes the gap, what remains, and what the log cannot tell."""
+    sentences = [sentence for effect in discrepancy.added for sentence in _added(discrepancy, effect)]
+    sentences += [_gap(discrepancy)] if discrepancy.added else [_nothing_found(discrepancy)]
+    sentences += [_unexplained(discrepancy, joint, ratio) for joint, ratio in discrepancy.unexplained]
     sentences += _not_testable(discrepancy)
     return " ".join(sentences)
 
 
-def told_apart(found: Found) -> str:
+def distinguishing_motions(added: AddedEffect) -> str:
     """The motions that would tell an effect from its equivalents."""
-    kinds = [found.verdict.hypothesis.source.told_by, *(kind_of(name).told_by for name in found.verdict.equivalent)]
+    kinds = [added.hypothesis.source.shown_by, *(FORMS[name].shown_by for name in added.equivalent)]
     return ", or ".join(dict.fromkeys(kinds))
 
 
 def testable_groups(discrepancy: Discrepancy) -> list[tuple[str, tuple[int, ...]]]:
     """Effects that the log could not show, and all joints in which it could not; none: the whole robot."""
     ordered = sorted(discrepancy.not_testable)
-    grouped = [(effect, list(group)) for effect, group in groupby(ordered, key=lambda one: one[0])]
+    grouped = [(effect, list(group)) for effect, group in groupby(ordered, key=lambda pair: pair[0])]
     return [(effect, tuple(sorted({j for _, joints in group for j in joints}))) for effect, group in grouped]
 
 
-def _found(discrepancy: Discrepancy, one: Found) -> list[str]:
-    verdict = one.verdict
-    said = [_change(discrepancy, one) if verdict.hypothesis.changes else _need(discrepancy, one)]
-    if verdict.probability < _SURE:
-        said.append(
-            f"The probability of this is {_percent(verdict.probability)}; that nothing is missing in its place, "
-            f"{_percent(verdict.nothing)}, that it is something outside of the catalogue, "
-            f"{_percent(verdict.something_else)}."
+def _added(discrepancy: Discrepancy, added: AddedEffect) -> list[str]:
+    sentences = [_change(discrepancy, added) if added.hypothesis.changes else _need(discrepancy, added)]
+    if added.probability < _SURE:
+        sentences.append(
+            f"The probability of this is {_percent(added.probability)}; that nothing is missing in its place, "
+            f"{_percent(added.nothing_missing)}, that it is something outside of the catalogue, "
+            f"{_percent(added.something_else)}."
         )
-    if verdict.equivalent:
-        others = listed([noun(name) for name in verdict.equivalent], "or")
-        said.append(f"This log cannot tell it from {others}; {told_apart(one)} would.")
-    return said
+    if added.equivalent:
+        others = listed([noun(name) for name in added.equivalent], "or")
+        sentences.append(f"This log cannot tell it from {others}; {distinguishing_motions(added)} would.")
+    return sentences
 
 
 def _percent(share: float) -> str:
@@ -157,109 +153,109 @@ def _percent(share: float) -> str:
     return "under 1 %" if share < 0.01 else "over 99 %" if share > 0.99 else f"{100.0 * share:.0f} %"
 
 
-def _numbers(discrepancy: Discrepancy, one: Found, changes: bool = False) -> dict[str, Quantity]:
+def _numbers(discrepancy: Discrepancy, added: AddedEffect, changes: bool = False) -> dict[str, Quantity]:
     """The parameters without the joint in their names, as people speak of them; or their changes."""
-    numbers = {}
-    suffixes = [str(joint) for joint in one.joints] or [str(len(discrepancy.before))]
-    for name, number in one.parameters.items():
+    numbers, source = {}, added.hypothesis.source
+    suffixes = [str(joint) for joint in added.joints] or [str(len(discrepancy.before))]
+    for name, number in added.parameters.items():
         if name.startswith(_CHANGE) != changes:
             continue
         symbol = name.removeprefix(_CHANGE)
-        known = ((one.effect, symbol) in PEOPLE) or not symbol.endswith(tuple(suffixes))
+        known = symbol in source.phrase.units or not symbol.endswith(tuple(suffixes))
         short = symbol if known else symbol[: -len(next(s for s in suffixes if symbol.endswith(s)))].rstrip("_")
-        numbers[short] = _for_people(one.effect, short, number, changes)
+        numbers[short] = _for_people(source, short, number, changes)
     return numbers
 
 
-def _for_people(effect: str, symbol: str, number: Quantity, change: bool) -> Quantity:
+def _for_people(effect: Effect, symbol: str, number: Quantity, change: bool) -> Quantity:
     value, sd, unit = number
-    neutral, factor, unit = PEOPLE.get((effect, symbol), (0.0, 1.0, unit))
-    return factor * (value - (0.0 if change else neutral)), factor * sd, "" if unit == "1" else unit
+    people = effect.phrase.units.get(symbol, ReadableUnit("" if unit == "1" else unit))
+    return people.factor * (value - (0.0 if change else people.neutral)), people.factor * sd, people.unit
 
 
-def _need(discrepancy: Discrepancy, one: Found) -> str:
+def _need(discrepancy: Discrepancy, added: AddedEffect) -> str:
     """Joint 3 needs Coulomb friction of 1.9 +- 0.1 N m."""
-    name, numbers = one.verdict.hypothesis.source.name, _numbers(discrepancy, one)
-    form = FORMS.get(name)
-    if form is None or len(one.joints) > 1:
-        return _plainly(one, numbers)
-    who = _upper(joints_in_words(one.joints)) if one.joints else "All joints"
-    whose = f"{who}'s" if one.joints else f"{who}'"
-    shape = one.verdict.hypothesis.source.shape.get(form.size, [0.0])[0]
-    value, sd, unit = numbers.get(form.size, (shape, math.nan, ""))
-    sentence = form.sentence
-    if form.opposite and value < 0.0:
-        sentence, numbers[form.size] = form.opposite, (-value, sd, unit)
+    phrase, numbers = added.hypothesis.source.phrase, _numbers(discrepancy, added)
+    if not phrase.sentence or len(added.joints) > 1:
+        return _plainly(added, numbers)
+    who = _upper(joints_in_words(added.joints)) if added.joints else "All joints"
+    whose = f"{who}'s" if added.joints else f"{who}'"
+    shape = added.hypothesis.source.shape.get(phrase.size, [0.0])[0]
+    value, sd, unit = numbers.get(phrase.size, (shape, math.nan, ""))
+    sentence = phrase.sentence
+    if phrase.opposite and value < 0.0:
+        sentence, numbers[phrase.size] = phrase.opposite, (-value, sd, unit)
     try:
         return sentence.format(who=who, whose=whose, **{key: quantity(*number) for key, number in numbers.items()})
     except KeyError:
-        return _plainly(one, numbers)
+        return _plainly(added, numbers)
 
 
-def _plainly(one: Found, numbers: Mapping[str, Quantity]) -> str:
+def _plainly(added: AddedEffect, numbers: Mapping[str, Quantity]) -> str:
     """Without a sentence of its own, or without its numbers."""
-    where = _upper(joints_in_words(one.joints)) if one.joints else "The robot"
-    told = ", ".join(f"{symbol} = {quantity(*number)}" for symbol, number in numbers.items())
-    needs = "need" if len(one.joints) > 1 else "needs"
-    return f"{where} {needs} {noun(one.verdict.hypothesis.source.name)}{f' ({told})' if told else ''}."
+    where = _upper(joints_in_words(added.joints)) if added.joints else "The robot"
+    parts = ", ".join(f"{symbol} = {quantity(*number)}" for symbol, number in numbers.items())
+    needs = "need" if len(added.joints) > 1 else "needs"
+    return f"{where} {needs} {noun(added.hypothesis.source.name)}{f' ({parts})' if parts else ''}."
 
 
-def _change(discrepancy: Discrepancy, one: Found) -> str:
+def _change(discrepancy: Discrepancy, added: AddedEffect) -> str:
     """Joint 3's Coulomb friction has changed by +0.40 +- 0.10 N m, to 1.90 N m."""
-    name = one.verdict.hypothesis.source.name
-    whose = f"{_upper(joints_in_words(one.joints))}'s" if len(one.joints) == 1 else "The"
-    where = f" of {joints_in_words(one.joints)}" if len(one.joints) > 1 else ""
+    name = added.hypothesis.source.name
+    whose = f"{_upper(joints_in_words(added.joints))}'s" if len(added.joints) == 1 else "The"
+    where = f" of {joints_in_words(added.joints)}" if len(added.joints) > 1 else ""
     plain = label(name)
-    changes, now = _numbers(discrepancy, one, changes=True), _numbers(discrepancy, one)
-    size = FORMS[name].size if name in FORMS else ""
+    changes, now = _numbers(discrepancy, added, changes=True), _numbers(discrepancy, added)
+    size = added.hypothesis.source.phrase.size
     if size in changes:
         changes = {size: changes[size]}
-    told = []
+    parts = []
     for symbol, change in changes.items():
         sign = "+" if change[0] > 0.0 else ""
         named = f" in {symbol}" if len(changes) > 1 else ""
         to = f", to {quantity(now[symbol][0], math.nan, now[symbol][2])}" if symbol in now else ""
-        told.append(f"by {sign}{quantity(*change)}{named}{to}")
-    return f"{whose} {plain}{where} has changed{f' {listed(told)}' if told else ''}."
+        parts.append(f"by {sign}{quantity(*change)}{named}{to}")
+    return f"{whose} {plain}{where} has changed{f' {listed(parts)}' if parts else ''}."
 
 
 def _gap(discrepancy: Discrepancy) -> str:
     """With it the gap on the holdout falls from 2.4 to 0.31 N m in joint 3, the noise floor being 0.30 N m."""
-    joints = _telling(discrepancy)
-    with_ = "With it" if len(discrepancy.found) == 1 else "With them"
-    said = f"{with_} the gap on {_data(discrepancy)} {_falls(discrepancy, joints[:_MOST], with_floor=len(joints) > 1)}"
+    joints, floor = _worth_naming(discrepancy), discrepancy.floor.rms
+    with_ = "With it" if len(discrepancy.added) == 1 else "With them"
+    falls = _falls(discrepancy, joints[:_MOST], with_floor=len(joints) > 1)
+    sentence = f"{with_} the gap on {_data(discrepancy)} {falls}"
     if len(joints) == 1:
-        return f"{said}, the noise floor being {_effort(discrepancy, discrepancy.floor.rms[joints[0] - 1], joints[0])}."
+        return f"{sentence}, the noise floor being {_effort(discrepancy, floor[joints[0] - 1], joints[0])}."
     rest = joints[_MOST:]
     if not rest:
-        return f"{said}."
-    most = max(float(discrepancy.after[j - 1] / discrepancy.floor.rms[j - 1]) for j in rest)
+        return f"{sentence}."
+    most = max(float(discrepancy.after[j - 1] / floor[j - 1]) for j in rest)
     at_most = " at most" if len(rest) > 1 else ""
-    return f"{said}; in {joints_in_words(rest)} it ends at {rounded(most)} times the floor{at_most}."
+    return f"{sentence}; in {joints_in_words(rest)} it ends at {rounded(most)} times the floor{at_most}."
 
 
-def _telling(discrepancy: Discrepancy) -> list[int]:
-    """Joints whose gap is worth telling, the largest first: above the floor before, and not told as unexplained."""
-    left = {joint for joint, _ in discrepancy.unexplained}
-    acting = {joint for one in discrepancy.found for joint in one.joints}
-    above = {one.joint for one in discrepancy.where}
-    everywhere = set(range(1, len(discrepancy.before) + 1))
-    chosen = next((joints for joints in (above - left, acting - left, above, acting) if joints), everywhere)
+def _worth_naming(discrepancy: Discrepancy) -> list[int]:
+    """Joints whose gap is worth naming, the largest first: above the floor before, and not named as unexplained."""
+    unexplained = {joint for joint, _ in discrepancy.unexplained}
+    acting = {joint for added in discrepancy.added for joint in added.joints}
+    above = {excess.joint for excess in discrepancy.where}
+    preferred = above - unexplained, acting - unexplained, above, acting, set(range(1, len(discrepancy.before) + 1))
+    chosen = next(joints for joints in preferred if joints)
     return sorted(chosen, key=lambda j: -float(discrepancy.before[j - 1] / discrepancy.floor.rms[j - 1]))
 
 
 def _falls(discrepancy: Discrepancy, joints: Sequence[int], with_floor: bool) -> str:
     """Falls from 2.4 to 0.31 N m in joint 3 and from 1.2 to 0.20 N m in joint 5."""
-    told: list[str] = []
+    parts: list[str] = []
     verb = ""
     for joint in joints:
         before, after = float(discrepancy.before[joint - 1]), float(discrepancy.after[joint - 1])
         earlier, verb = verb, "falls" if after < _SAME * before else "stays" if after < before / _SAME else "rises"
         sizes = f"at {rounded(after)}" if verb == "stays" else f"from {rounded(before)} to {rounded(after)}"
         floor = f" (noise floor {rounded(float(discrepancy.floor.rms[joint - 1]))})" if with_floor else ""
-        said = f"{sizes} {unit_of(discrepancy, joint)} in joint {joint}{floor}"
-        told.append(said if verb == earlier else f"{verb} {said}")
-    return listed(told)
+        sentence = f"{sizes} {unit_of(discrepancy, joint)} in joint {joint}{floor}"
+        parts.append(sentence if verb == earlier else f"{verb} {sentence}")
+    return listed(parts)
 
 
 def _data(discrepancy: Discrepancy) -> str:
@@ -274,10 +270,10 @@ def _nothing_found(discrepancy: Discrepancy) -> str:
     if discrepancy.unexplained:
         return "Something is missing from the model, but no effect of the catalogue explains it."
     if discrepancy.where:
-        joints = joints_in_words(one.joint for one in discrepancy.where)
-        falls = _falls(discrepancy, _telling(discrepancy)[:_MOST], with_floor=True)
-        said = f"No effect is missing from the model, but its parameters do not quite fit {joints}"
-        return f"{said}: with these identified again, the gap on {_data(discrepancy)} {falls}."
+        joints = joints_in_words(excess.joint for excess in discrepancy.where)
+        falls = _falls(discrepancy, _worth_naming(discrepancy)[:_MOST], with_floor=True)
+        sentence = f"No effect is missing from the model, but its parameters do not quite fit {joints}"
+        return f"{sentence}: with these identified again, the gap on {_data(discrepancy)} {falls}."
     ratio = discrepancy.before / discrepancy.floor.rms
     worst = int(ratio.argmax())
     gap = _effort(discrepancy, discrepancy.before[worst], worst + 1)
@@ -289,8 +285,8 @@ def _nothing_found(discrepancy: Discrepancy) -> str:
     )
 
 
-def _left(discrepancy: Discrepancy, joint: int, ratio: float) -> str:
-    shown = next((one for one in discrepancy.where if one.joint == joint), None)
+def _unexplained(discrepancy: Discrepancy, joint: int, ratio: float) -> str:
+    shown = next((excess for excess in discrepancy.where if excess.joint == joint), None)
     over = f", and it shows best over {_range(discrepancy, shown)}" if shown else ""
     return f"Joint {joint} stays unexplained: what is left there is {rounded(ratio, 2)} times the noise floor{over}."
 
@@ -305,10 +301,10 @@ def _not_testable(discrepancy: Discrepancy) -> list[str]:
     by_joints: dict[tuple[int, ...], list[str]] = {}
     for effect, joints in testable_groups(discrepancy):
         by_joints.setdefault(joints, []).append(noun(effect))
-    told = [
+    parts = [
         f"{listed(names, 'or')} in {joints_in_words(joints)}" if joints else listed(names, "or")
         for joints, names in by_joints.items()
     ]
-    if not told:
+    if not parts:
         return []
-    return [f"Even of a usual size this log could not show {'; '.join(told)}."]
+    return [f"Even of a usual size this log could not show {'; '.join(parts)}."]

@@ -1,0 +1,34 @@
+"""Arrays: their types, and read-only copies that were checked."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+TINY = 1e-300
+"""In place of zero where something is divided by it or its logarithm taken: near the least number of a double."""
+
+
+def frozen(values: object, shape: tuple[int | None, ...], name: str) -> Array:
+    """A read-only float64 copy of `values`, its shape and finiteness checked.
+
+    Args:
+        values: anything numpy can turn into an array.
+        shape: the required shape; None stands for any length.
+        name: what to call the array in the error.
+
+    Raises:
+        ValueError: the shape differs or a value is not finite.
+    """
+    array = np.array(values, dtype=np.float64)
+    fits = array.ndim == len(shape) and all(want in (None, have) for want, have in zip(shape, array.shape, strict=True))
+    if not fits:
+        raise ValueError(f"{name} has shape {array.shape}, expected {shape}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} holds values that are not finite")
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,1 @@
+"""What each command does: read, call the Python interface, write and show. A module a command, with its `run`."""

@@ -1,0 +1,92 @@
+"""`bayesid identify`: one identification of all logs together, or one of each."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from bayesid.cli.options import beliefs, read, reading_options, sampling, term_names
+from bayesid.cli.progress import CountBar, StageBars
+from bayesid.cli.tables import identification_parts, separate_parts
+from bayesid.cli.terminal import complain, show, warn
+from bayesid.errors import BayesidError, InputError
+from bayesid.identification.options import Preparation
+from bayesid.identification.pipeline import identify
+from bayesid.log.log import find_logs, join_logs
+from bayesid.progress import Progress
+from bayesid.results.folders import check_result_folder, save_identification
+from bayesid.results.several_logs import identify_separately
+from bayesid.signs.search.beam import Beam
+from bayesid.signs.search.certified import Certified
+from bayesid.signs.search.protocol import Search
+
+
+def run(options: argparse.Namespace) -> None:
+    """One result folder, or one a log with `--each`."""
+    logs, settings = find_logs(options.logs), _settings(options)
+    if options.each:
+        _identify_each(options, logs, settings)
+        return
+    if options.workers is not None or options.scheduler is not None:
+        said = "one identification runs in one process"
+        raise InputError(said, "--workers or --scheduler", "leave it out, or add --each for one result a log")
+    folder = check_result_folder(options.out or Path(f"bayesid-{logs[0].stem}"))
+    if any(folder.resolve() in (path.resolve(), path.resolve().parent) for path in logs):  # a bag is a folder
+        raise InputError("holds the log, which the result would replace", str(folder), "give --out a new folder")
+    reading = reading_options(options)
+    with StageBars(options.quiet) as bars:
+        bars.show("read", 0, 1)
+        log = join_logs([read(path, reading) for path in logs])
+        result = identify(options.robot, log, **settings, progress=Progress(bars.show))
+        command = shlex.join(["bayesid", *sys.argv[1:]])
+        result = replace(result, provenance=replace(result.provenance, command=command))
+        bars.show("write", 0, 1)
+        save_identification(result, folder, report=not options.no_report, progress=Progress(bars.show))
+    for warning in result.warnings:
+        warn(warning)
+    if not options.quiet:
+        show(*identification_parts(result), f"written to {folder}/")
+
+
+def _settings(options: argparse.Namespace) -> dict[str, Any]:
+    """Keyword arguments of `bayesid.identify`."""
+    return {
+        "terms": term_names(options),
+        "search": _search(options),
+        "posterior": sampling(options),
+        "preparation": Preparation(cutoff=options.cutoff),
+        "beliefs": beliefs(options),
+    }
+
+
+def _search(options: argparse.Namespace) -> Search:
+    beam = Beam(width=options.beam_width, initial_segments=options.initial_segments)
+    if options.search == "beam":
+        return beam
+    return Certified(budget=options.search_budget, fallback=beam, repeatable=options.repeatable)
+
+
+def _identify_each(options: argparse.Namespace, logs: Sequence[Path], settings: Mapping[str, Any]) -> None:
+    folder = options.out or Path(f"bayesid-each-{logs[0].stem}")
+    with CountBar("logs", options.quiet) as bar:
+        settings = {**settings, "reading": reading_options(options), "report": not options.no_report}
+        settings |= {"workers": options.workers, "scheduler": options.scheduler, "progress": bar.show}
+        separate = identify_separately(options.robot, logs, folder, **settings)
+    failed = [result for result in separate.runs if result.error]
+    for result in separate.runs:
+        for warning in result.warnings:
+            warn(f"{result.log}: {warning}")
+        if result.error:
+            complain(f"{result.log}: {result.error.removeprefix(f'{result.log}: ')}")
+    if not options.quiet:
+        show(*separate_parts(separate), f"written to {folder}/")
+    if failed:
+        said = f"{len(failed)} of {len(separate.runs)} logs have no result"
+        if all(result.bad_input for result in failed):
+            raise InputError(said, str(folder), "see above; the other results are complete")
+        raise BayesidError(f"{folder}: {said}; see above; the other results are complete")

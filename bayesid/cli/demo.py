@@ -1,0 +1,184 @@
+"""The paper's experiment, simulated: KR5 Sixx, 13.33 s of |effort| with 5 % noise: signs, Table II, new torques."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from rich.console import RenderableType
+
+from bayesid.arrays import Array
+from bayesid.cli.terminal import table
+from bayesid.fit.knowledge import Beliefs
+from bayesid.fit.noise import relative_rms
+from bayesid.identification.identification import Identification
+from bayesid.identification.pipeline import identify
+from bayesid.log.log import Log
+from bayesid.model.coefficients import base_coefficients
+from bayesid.motion import Motion
+from bayesid.posterior.sampler import Sampling
+from bayesid.progress import SILENT, Progress
+from bayesid.results.folders import check_result_folder, save_identification
+from bayesid.signs.search.certified import Certified
+from bayesid.signs.search.protocol import Search
+from bayesid.simulation.exciting import exciting_trajectory
+from bayesid.simulation.logs import simulate
+from bayesid.simulation.paper import TABLE_II, nominal_parameters, paper_model
+from bayesid.simulation.trajectories import random_trajectory
+
+_SAMPLES = 667
+"""Of each joint, as in the paper."""
+_DURATION = 13.33
+"""s, as there."""
+NOISE = 0.05
+"""Standard deviation relative to each joint's RMS effort; a round number."""
+STRONG = 0.05
+"""Share of its joint's maximum that a sample's |effort| must reach to count, as in the scores of docs/studies.md."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One run of the paper's experiment.
+
+    Attributes:
+        log: the simulated log of |effort|.
+        result: what was identified from it.
+        true_signs: (S,) sign of each segment's largest noise-free effort.
+        strong: (S,) whether the segment holds a sample of at least 5 % of its joint's maximum.
+        estimates: (27,) of Table II.
+        sd: (27,) their standard deviations.
+        torque_error: (n,) relative RMS error of Newton-Euler on a new trajectory, with the feasible parameters.
+        new_log: of that trajectory, with the same noise, and signs.
+    """
+
+    log: Log
+    result: Identification
+    true_signs: Array
+    strong: Array
+    estimates: Array
+    sd: Array
+    torque_error: Array
+    new_log: Log
+
+    @property
+    def wrong(self) -> int:
+        """Strong segments with the wrong sign."""
+        return int(np.sum((self.result.signs != self.true_signs) & self.strong))
+
+
+def run_experiment(
+    seed: int = 0,
+    noise: float = NOISE,
+    *,
+    search: Search = Certified(),
+    posterior: Sampling | bool = False,
+    progress: Progress = SILENT,
+) -> Experiment:
+    """A new exciting trajectory, new noise, and the identification without signs.
+
+    Args:
+        seed: of trajectory and noise.
+        noise: relative to each joint's RMS effort.
+        search: how signs are searched.
+        posterior: how it is sampled, see `identify`.
+        progress: see `identify`.
+    """
+    model, theta = paper_model(), nominal_parameters()
+    coefficients = base_coefficients(model)
+    t = np.linspace(0.0, _DURATION, _SAMPLES)
+    motion = exciting_trajectory(model, coefficients, _DURATION, seed=seed).motion(t)
+    log = simulate(model, theta, motion, rng=np.random.default_rng(seed), noise=noise)
+    result = identify(model.robot, log, terms=["rigid_body"], search=search, posterior=posterior, progress=progress)
+    true_signs, strong = _truth(result, model.effort(motion, theta))
+    rows = np.array([row.row for row in TABLE_II]) @ np.linalg.pinv(coefficients.projection)
+    new = random_trajectory(model.robot.n_joints, _DURATION, seed=seed + 1).motion(t)
+    expected = model.robot.inverse_dynamics(new, theta)
+    error = model.robot.inverse_dynamics(new, result.theta) - expected
+    return Experiment(
+        log=log,
+        result=result,
+        true_signs=true_signs,
+        strong=strong,
+        estimates=rows @ result.beta,
+        sd=np.sqrt(np.einsum("ir,rs,is->i", rows, result.covariance, rows)),
+        torque_error=relative_rms(error, expected, np.ones_like(expected, dtype=bool)),
+        new_log=_recorded(new, expected, noise * np.sqrt(np.mean(model.effort(motion, theta) ** 2, axis=0)), seed + 1),
+    )
+
+
+def _recorded(motion: Motion, effort: Array, sd: Array, seed: int) -> Log:
+    """Signed efforts with noise of a standard deviation (n,), N m: that of the sensors, whatever the motion."""
+    noisy = effort + sd * np.random.default_rng(seed).standard_normal(effort.shape)
+    return Log(motion.t, motion.q, noisy, np.ones(len(sd), dtype=bool), source="simulated, another trajectory")
+
+
+def _truth(result: Identification, effort: Array) -> tuple[Array, Array]:
+    segments, top = result.segments, np.abs(effort).max(axis=0)
+    largest = np.empty(len(segments))
+    for k, (j, a, b) in enumerate(zip(segments.joint, segments.start, segments.end, strict=True)):
+        inside = effort[a:b, j]
+        largest[k] = inside[np.argmax(np.abs(inside))]
+    return np.sign(largest), np.abs(largest) >= STRONG * top[segments.joint]
+
+
+def run_demo(folder: Path, seed: int, posterior: Sampling, progress: Progress = SILENT) -> list[RenderableType]:
+    """Runs the experiment, writes its result folder with the log, and returns what there is to say.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    check_result_folder(folder)
+    experiment = run_experiment(seed, posterior=posterior, progress=progress)
+    truth = nominal_parameters()  # for the report to show beside the estimates; identification knew nothing of it
+    names = [parameter.name for parameter in experiment.result.model.parameters]
+    stated = {name: (value, np.nan) for name, value in zip(names, truth.tolist(), strict=True)}
+    result = replace(experiment.result, beliefs=Beliefs(nominal=stated))
+    save_identification(
+        result, folder, with_log=True, validation=result.validate(experiment.new_log), progress=progress
+    )
+    return [
+        *_signs_lines(experiment),
+        _coefficient_table(experiment),
+        *_error_lines(experiment),
+        f"written to {folder}/",
+    ]
+
+
+def _signs_lines(experiment: Experiment) -> list[str]:
+    """Signs in the order of time, a line a joint; weak segments in brackets, wrong ones marked."""
+    result = experiment.result
+    lines = [
+        f"KUKA KR5 Sixx: {_DURATION} s, {_SAMPLES} samples a joint, noise {NOISE:.0%}, signs removed",
+        "signs of the segments, (in brackets: never above 5 % of the joint's maximum), ! = wrong",
+    ]
+    for j in range(result.model.robot.n_joints):
+        marks = ""
+        for k in np.flatnonzero(result.segments.joint == j):
+            sign = "+" if result.signs[k] > 0 else "-"
+            wrong = "!" if result.signs[k] != experiment.true_signs[k] else ""
+            marks += f"{sign}{wrong}" if experiment.strong[k] else f"({sign}{wrong})"
+        lines.append(f"  joint {j + 1}: {marks}")
+    return [*lines, f"{experiment.wrong} of {int(experiment.strong.sum())} segments above 5 % have the wrong sign", ""]
+
+
+def _coefficient_table(experiment: Experiment) -> RenderableType:
+    rows = [
+        [
+            str(row.number),
+            row.expression,
+            *(f"{value:.4f}" for value in (row.nominal, row.published, estimate, sd)),
+            f"{sd / abs(row.nominal):.1%}" if row.nominal else "-",
+        ]
+        for row, estimate, sd in zip(TABLE_II, experiment.estimates, experiment.sd, strict=True)
+    ]
+    return table(["#", "coefficient", "nominal", "paper", "ours", "sd", "rsd"], rows, left=["coefficient"])
+
+
+def _error_lines(experiment: Experiment) -> list[str]:
+    return [
+        f"{len(experiment.result.coefficients)} coefficients in all; coefficients.csv holds the others",
+        "",
+        "torque error on a new trajectory, Newton-Euler with the feasible parameters, joints 1 to 6:",
+        "  " + "  ".join(f"{error:.2%}" for error in experiment.torque_error),
+    ]

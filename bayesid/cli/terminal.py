@@ -1,0 +1,70 @@
+"""What a user sees: results on stdout, warnings and errors on stderr, coloured on a terminal unless NO_COLOR is set."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Collection, Iterable, Sequence
+from functools import cache
+
+from rich.console import Console, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+_UNWRAPPED = 10_000
+"""Columns of what is no terminal: a file's or a pipe's lines are as long as they are."""
+
+
+_GAP = 3
+"""Columns between those of a table."""
+
+
+class _Console(Console):
+    def on_broken_pipe(self) -> None:
+        """`bayesid.cli.main` ends the command, not rich."""
+        raise
+
+
+@cache
+def console(stderr: bool = False) -> Console:
+    """The console of stdout or stderr."""
+    on_terminal = (sys.stderr if stderr else sys.stdout).isatty()
+    coloured = on_terminal and not os.environ.get("NO_COLOR")
+    return _Console(
+        stderr=stderr,
+        width=None if on_terminal else _UNWRAPPED,
+        color_system="auto" if coloured else None,
+        highlight=False,
+        markup=False,
+        emoji=False,
+    )
+
+
+def show(*parts: RenderableType) -> None:
+    """What a command has to say, on stdout."""
+    for part in parts:
+        console().print(part, soft_wrap=isinstance(part, str | Text))
+
+
+def table(headings: Sequence[str], rows: Iterable[Sequence[str]], left: Collection[str] = ()) -> Table:
+    """A table without rules, numbers to the right; columns `left`, by their headings, hold words."""
+    drawn = Table(box=None, pad_edge=False, padding=(0, _GAP, 0, 0), header_style="bold")
+    for heading in headings:
+        drawn.add_column(heading, justify="left" if heading in left else "right", overflow="fold")
+    for row in rows:
+        drawn.add_row(*row)
+    return drawn
+
+
+def warn(message: str) -> None:
+    """What the user should know, in one line."""
+    _print_message("warning", message, "bold yellow")
+
+
+def complain(message: str, name: str = "bayesid") -> None:
+    """Why a command ends without what was asked for, in one line."""
+    _print_message(name, message, "bold red")
+
+
+def _print_message(head: str, message: str, style: str) -> None:
+    console(stderr=True).print(Text.assemble((f"{head}:", style), " ", message), soft_wrap=True)

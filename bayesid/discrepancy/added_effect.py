@@ -1,0 +1,102 @@
+"""An effect that was added, weighed against all that could stand in its place; and what a log could not show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.special import logsumexp
+
+from bayesid.discrepancy.explanation import LN10, Observations
+from bayesid.discrepancy.hypotheses import EffectKey, Hypothesis
+from bayesid.discrepancy.scores import Library, Score, assess, explain_with, plain_first
+from bayesid.discrepancy.selection import Selection, rivals_of
+from bayesid.discrepancy.thresholds import Thresholds
+from bayesid.model.catalogue import main_forms
+
+Quantity = tuple[float, float, str]
+"""Value, standard deviation (NaN where none is known) and unit."""
+
+
+@dataclass(frozen=True)
+class AddedEffect:
+    """An effect that was added, weighed against all that could stand in its place.
+
+    Attributes:
+        hypothesis: the form that was added.
+        gain: log of the Bayes factor for it, given all others that were added.
+        probability: of the effect in these joints, or one that is equivalent to it, among the catalogue, nothing
+            missing and something else (:eq:`effect-probability`).
+        nothing_missing: probability that nothing is missing in its place.
+        something_else: probability that it is something outside of the catalogue.
+        rivals: scores of the alternatives, best first, itself included.
+        equivalent: names of the effects that the log cannot tell from it.
+        parameters: by their names; of a change both the new value and the change.
+    """
+
+    hypothesis: Hypothesis
+    gain: float
+    probability: float
+    nothing_missing: float
+    something_else: float
+    rivals: tuple[Score, ...]
+    equivalent: tuple[str, ...]
+    parameters: dict[str, Quantity] = field(default_factory=dict)
+
+    @property
+    def effect(self) -> str:
+        """Name in the catalogue."""
+        return self.hypothesis.effect
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """From 1, in which it acts; none named: on the whole robot."""
+        return self.hypothesis.joints
+
+
+def weigh(data: Observations, library: Library, selection: Selection, effect: Hypothesis) -> AddedEffect:
+    """An effect against all that could stand in its place, the others that were added given."""
+    limits = data.thresholds
+    others = [other for other in selection.hypotheses if other is not effect]
+    regression, without = explain_with(data, others, selection.explanation)
+    scores = plain_first(assess(regression, without, rivals_of(library, effect, others)), data)
+    scored = next((score.gain for score in scores if score.key == effect.key), None)
+    gain = selection.explanation.log_evidence - without.log_evidence if scored is None else scored
+    share = (1.0 - limits.nothing_missing - limits.something_else) / len(main_forms())
+    places = max(1, data.effort.shape[1])
+    logs = [s.gain + np.log(share / (places if s.hypothesis.joints else 1)) for s in scores]
+    nothing = without.log_evidence_as_noise - without.log_evidence + np.log(limits.nothing_missing)
+    total = float(logsumexp([*logs, nothing, np.log(limits.something_else)]))
+    equivalent = {s.hypothesis.effect for s in scores if s.gain > gain - limits.equivalent * LN10} - {effect.effect}
+    class_logs = [
+        value
+        for value, score in zip(logs, scores, strict=True)
+        if score.key == effect.key or score.hypothesis.effect in equivalent
+    ]
+    return AddedEffect(
+        hypothesis=effect,
+        gain=gain,
+        probability=float(np.exp(logsumexp(class_logs) - total)) if class_logs else 0.0,
+        nothing_missing=float(np.exp(nothing - total)),
+        something_else=float(np.exp(np.log(limits.something_else) - total)),
+        rivals=tuple(scores),
+        equivalent=tuple(sorted(equivalent)),
+    )
+
+
+def not_testable(scores: Sequence[Score], n_joints: int, thresholds: Thresholds = Thresholds()) -> list[EffectKey]:
+    """Effects and joints that this log could not show even if they were of a usual size.
+
+    Args:
+        scores: of all that could be tried.
+        n_joints: of the robot; an effect that has no score in some joint could not be tried there.
+        thresholds: that decide.
+    """
+    tried = {score.key: score for score in scores}
+    single = {(j,) for j in range(1, n_joints + 1)}
+    places = {effect: {()} if form.whole_robot else single for effect, form in main_forms().items()}
+    untried = {(effect, joints) for effect, where in places.items() for joints in where} - set(tried)
+    testable, needed = thresholds.testable * LN10, thresholds.log10_bayes_factor * LN10
+    invisible = {key for key, score in tried.items() if score.expected_gain < testable and score.gain < needed}
+    return sorted(untried | invisible)

@@ -1,0 +1,283 @@
+"""How well a log is explained by a model with some effects added: a marginal likelihood, linear algebra throughout.
+
+With signs settled, the efforts of joint j are  e_j = Y_j beta + Z_j alpha + d_j + error  (:eq:`effects`), the error as
+in `bayesid.discrepancy.error_model`, whitened by W_j. The earlier log says what beta is (`bayesid.fit.knowledge`),
+alpha is normal about zero with the sd of its effect (on one side of zero where its sign is known); with A the matrix of
+both, :eq:`evidence`::
+
+    log p(e) = sum_j log p(W_j (e_j - d_j - A_j x)) - (x - x0)' L (x - x0) / 2 + log det(D) / 2 - log det(H) / 2 + c
+
+at the best x, H = L + sum_j A_j' W_j' W_j A_j (MacKay 2003, chapter 28; exact for normal errors of given covariance).
+The error's own parameters are those of the highest likelihood; where they exceed the noise floor, each joint pays
+log N.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.special import log_ndtr
+
+from bayesid.arrays import Array, Mask
+from bayesid.discrepancy.error_model import ErrorModel, fit_error
+from bayesid.discrepancy.thresholds import Thresholds
+from bayesid.fit.knowledge import Information
+
+LN10 = float(np.log(10.0))
+"""Nats a decade of a Bayes factor."""
+_TINY = 1e-300
+"""Guard of divisions and roots; no result depends on it."""
+_RIDGE = 1e-12
+"""Added to the unit diagonal of a scaled H before it is factored: a guard against rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """What a hypothesis adds to the efforts: columns with free amplitudes, and a change without.
+
+    Attributes:
+        rows: joint (0-based) to (N, p) columns.
+        shift: joint to (N,) change, N m.
+        sd: (p,) prior standard deviations of the amplitudes.
+        positive: (p,) which of them cannot be negative.
+    """
+
+    rows: dict[int, Array]
+    shift: dict[int, Array]
+    sd: Array
+    positive: Mask
+
+    @property
+    def joints(self) -> set[int]:
+        """Joints in which it acts."""
+        return set(self.rows) | set(self.shift)
+
+
+@dataclass(frozen=True)
+class Observations:
+    """What all hypotheses are judged by: the log with its signs settled, what is known, and how to decide.
+
+    Attributes:
+        columns: (N, n, r) of the model, zero where a sample is not used.
+        effort: (N, n) with their expected signs, zero where not used, N m.
+        used: (N, n) samples that count.
+        information: of the r coefficients, from earlier logs.
+        floor: (n,) RMS of the noise, N m.
+        sharp: (n,) whether the floor holds all of the noise (see `bayesid.discrepancy.compare.NoiseFloor`).
+        limits: (n, 2) largest white and coloured part of the error that is nothing but noise, N m.
+        rate: Hz.
+        thresholds: that decide.
+    """
+
+    columns: Array
+    effort: Array
+    used: Mask
+    information: Information
+    floor: Array
+    sharp: Mask
+    limits: Array
+    rate: float
+    thresholds: Thresholds = Thresholds()
+
+    def mean_square(self, residual: Array) -> Array:
+        """(n,) of residuals (N, n), zero where not used, in units of the floor's."""
+        return (residual**2).sum(axis=0) / np.maximum(self.used.sum(axis=0), 1) / self.floor**2
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A log explained by the model and some effects.
+
+    Attributes:
+        beta: (r,) coefficients.
+        amplitudes: of each effect, (p,) each.
+        sd: of the amplitudes.
+        residual: (N, n) N m, zero where not used.
+        errors: of each joint.
+        log_evidence: up to a constant common to all explanations of the same data.
+        noise_evidence: (n,) log evidence of each joint's residual if it is nothing but noise.
+        free_evidence: (n,) the same if it may be anything.
+        root: R with R'R = H^-1, in the order of coefficients and amplitudes.
+    """
+
+    beta: Array
+    amplitudes: tuple[Array, ...]
+    sd: tuple[Array, ...]
+    residual: Array
+    errors: tuple[ErrorModel, ...]
+    log_evidence: float
+    noise_evidence: Array
+    free_evidence: Array
+    root: Array = field(repr=False)
+
+    @property
+    def log_evidence_as_noise(self) -> float:
+        """Log evidence if what is left is nothing but noise."""
+        return self.log_evidence - float(
+            np.sum(np.maximum(self.noise_evidence, self.free_evidence) - self.noise_evidence)
+        )
+
+
+class Regression:
+    """The log regressed on the model's columns and those of some effects, and on one more if asked.
+
+    Args:
+        data: what is to be explained.
+        effects: added already.
+    """
+
+    def __init__(self, data: Observations, effects: Sequence[Columns] = ()) -> None:
+        self.data, self.effects = data, tuple(effects)
+        self._whitened: dict[tuple[int, ErrorModel], tuple[Array, Array]] = {}
+
+    @cached_property
+    def _systems(self) -> list[tuple[Array, Array]]:
+        """(N, r + p) columns and (N,) effort of each joint."""
+        systems = []
+        for j in range(self.data.effort.shape[1]):
+            used = self.data.used[:, j]
+            parts, effort = [self.data.columns[:, j]], self.data.effort[:, j]
+            for effect in self.effects:
+                parts.append(effect.rows.get(j, np.zeros((len(used), len(effect.sd)))) * used[:, None])
+                effort = effort - effect.shift.get(j, 0.0) * used
+            systems.append((np.concatenate(parts, axis=1), effort))
+        return systems
+
+    def whitened(self, joint: int, error: ErrorModel) -> tuple[Array, Array]:
+        """(N, m + 1) whitened columns and effort of a joint, and their (m + 1, m + 1) products."""
+        key = joint, error
+        if key not in self._whitened:
+            columns, effort = self._systems[joint]
+            white = error.whiten(np.column_stack([columns, effort])) * self.data.used[:, joint, None]
+            self._whitened[key] = white, white.T @ white
+        return self._whitened[key]
+
+    def explain(
+        self, errors: Sequence[ErrorModel], extra: Columns | None = None, previous: Explanation | None = None
+    ) -> Explanation:
+        """The best explanation by these effects, and one more.
+
+        Args:
+            errors: of each joint, to weigh its samples by; what is left is judged by error models of its own.
+            extra: one more effect.
+            previous: another explanation of the same data, whose error models are kept where `extra` does not act.
+        """
+        effects = self.effects if extra is None else (*self.effects, extra)
+        r = self.data.columns.shape[2]
+        precision = np.concatenate([np.zeros(r), *(1.0 / effect.sd**2 for effect in effects)])
+        best, root, volume = _solve(*self._normal_equations(errors, precision, extra))
+        residual = self._residual(best, extra)
+        judged, noise, free = _judge(self.data, residual, None if extra is None else extra.joints, previous)
+        sd = np.sqrt(np.sum(root**2, axis=0))[r:]
+        prior = self._log_prior(best, sd, precision[r:], effects)
+        bounds = np.cumsum([0, *(len(effect.sd) for effect in effects)]).tolist()
+        parts = [slice(start, end) for start, end in pairwise(bounds)]
+        return Explanation(
+            beta=best[:r],
+            amplitudes=tuple(best[r:][part] for part in parts),
+            sd=tuple(sd[part] for part in parts),
+            residual=residual,
+            errors=judged,
+            log_evidence=float(np.maximum(noise, free).sum()) + prior - volume,
+            noise_evidence=noise,
+            free_evidence=free,
+            root=root,
+        )
+
+    def settle(self, start: Explanation, extra: Columns | None = None) -> Explanation:
+        """`explain` once more with the error models that it has found."""
+        first = self.explain(start.errors, extra, start)
+        return self.explain(first.errors, extra, first if extra is not None else None)
+
+    def _log_prior(self, best: Array, sd: Array, precision: Array, effects: Sequence[Columns]) -> float:
+        """Of coefficients and amplitudes: the earlier log's, the effects' normal ones, and those of their sides."""
+        beta, amplitudes = np.split(best, [len(best) - len(precision)])
+        misfit = self.data.information.misfit(beta) + float(amplitudes @ (precision * amplitudes))
+        positive = np.concatenate([np.empty(0, dtype=bool), *(effect.positive for effect in effects)]).astype(bool)
+        sides = float(np.sum(np.log(2.0) + log_ndtr(amplitudes[positive] / sd[positive])))
+        return 0.5 * float(np.log(precision).sum()) - 0.5 * misfit + sides
+
+    def _normal_equations(
+        self, errors: Sequence[ErrorModel], precision: Array, extra: Columns | None
+    ) -> tuple[Array, Array]:
+        """H and g of coefficients and amplitudes, from prior, earlier log and all joints."""
+        information, r = self.data.information, self.data.columns.shape[2]
+        hessian, gradient = np.diag(precision), np.zeros(len(precision))
+        hessian[:r, :r] += information.hessian
+        gradient[:r] += information.gradient
+        m = len(precision) - (0 if extra is None else len(extra.sd))
+        for j, error in enumerate(errors):
+            white, products = self.whitened(j, error)
+            hessian[:m, :m] += products[:-1, :-1]
+            gradient[:m] += products[:-1, -1]
+            if extra is not None and j in extra.joints:
+                _add_effect(hessian, gradient, white, extra, j, error, self.data.used[:, j])
+        return hessian, gradient
+
+    def _residual(self, best: Array, extra: Columns | None) -> Array:
+        """(N, n) what the best coefficients and amplitudes leave, N m."""
+        m = self._systems[0][0].shape[1]
+        residual = np.stack([effort - columns @ best[:m] for columns, effort in self._systems], axis=1)
+        if extra is not None:
+            for j in extra.joints:
+                residual[:, j] -= extra.shift.get(j, 0.0)
+                if j in extra.rows:
+                    residual[:, j] -= extra.rows[j] @ best[m:]
+        return residual * self.data.used
+
+
+def _add_effect(
+    hessian: Array, gradient: Array, white: Array, effect: Columns, joint: int, error: ErrorModel, used: Mask
+) -> None:
+    """Adds one more effect's part of a joint to H and g, given the joint's whitened columns and effort (N, m + 1)."""
+    columns, effort = white[:, :-1], white[:, -1]
+    m = columns.shape[1]
+    if joint in effect.shift:
+        shift = error.whiten(effect.shift[joint] * used) * used
+        gradient[:m] -= columns.T @ shift
+        effort = effort - shift
+    if joint in effect.rows:
+        rows = error.whiten(effect.rows[joint] * used[:, None]) * used[:, None]
+        cross = columns.T @ rows
+        hessian[:m, m:] += cross
+        hessian[m:, :m] += cross.T
+        hessian[m:, m:] += rows.T @ rows
+        gradient[m:] += rows.T @ effort
+
+
+def _solve(hessian: Array, gradient: Array) -> tuple[Array, Array, float]:
+    """H^-1 g, R with R'R = H^-1, and log det(H) / 2."""
+    lengths = np.sqrt(np.maximum(np.diag(hessian), _TINY))
+    factor = np.linalg.cholesky(hessian / np.outer(lengths, lengths) + _RIDGE * np.eye(len(lengths)))
+    root = solve_triangular(factor, np.diag(1.0 / lengths), lower=True)
+    volume = float(np.log(np.diag(factor)).sum() + np.log(lengths).sum())
+    return root.T @ (root @ gradient), root, volume
+
+
+def _judge(
+    data: Observations, residual: Array, changed: set[int] | None, previous: Explanation | None
+) -> tuple[tuple[ErrorModel, ...], Array, Array]:
+    """Error models, and log evidences of what is left in each joint: as noise, and as anything."""
+    n = residual.shape[1]
+    errors: list[ErrorModel] = []
+    noise, free = np.empty(n), np.empty(n)
+    for j in range(n):
+        used, rest = data.used[:, j], residual[:, j]
+        if previous is not None and changed is not None and j not in changed:
+            kept = previous.errors[j]
+            before, after = (kept.log_likelihood(values, used) for values in (previous.residual[:, j], rest))
+            noise[j] = previous.noise_evidence[j] + after - before
+            free[j] = previous.free_evidence[j] + after - before
+            errors.append(kept)
+            continue
+        fitted, value = fit_error(rest, used, data.rate)
+        bounded = fitted.white <= data.limits[j, 0] and fitted.coloured <= data.limits[j, 1]
+        noise[j] = value if bounded else fit_error(rest, used, data.rate, tuple(data.limits[j]))[1]
+        free[j] = value - np.log(max(int(used.sum()), 2))
+        errors.append(fitted)
+    return tuple(errors), noise, free

@@ -1,0 +1,179 @@
+"""Files and folders that are whole or not there: written aside, then renamed into place.
+
+An earlier folder is replaced only if it holds nothing but files that its writer names: other people's files are never
+deleted.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Sequence, Set
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.errors import InputError
+
+
+def replace_file(path: Path, write: Callable[[Path], object]) -> None:
+    """Has `write` fill a file beside the target, then renames it; folders above it are made as needed."""
+    aside = path.with_name(f".{path.name}-{os.getpid()}")
+    with _input_error(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            write(aside)
+            aside.replace(path)
+        finally:
+            aside.unlink(missing_ok=True)
+
+
+def save_table(path: Path, rows: Sequence[dict[str, object]]) -> None:
+    """`write_table`, aside first and then renamed.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    replace_file(path, lambda aside: write_table(aside, rows))
+
+
+def check_folder(folder: str | Path, files: Set[str], marker: str) -> Path:
+    """The folder, if it may be replaced: it is new, empty, or an earlier one of its kind, and can be written.
+
+    Args:
+        folder: the place.
+        files: names of the files that an earlier folder may hold.
+        marker: the one of them by which an earlier folder is known.
+
+    Raises:
+        InputError: something else is there, or the place cannot be written.
+    """
+    folder = Path(folder)
+    remedy = "give --out a new folder"
+    if folder.is_dir():
+        names = {path.name for path in folder.iterdir()}
+        foreign = names if marker not in names else names - files
+        if foreign:
+            raise InputError(f"holds other files ({min(foreign)})", str(folder), remedy)
+        if Path.cwd().is_relative_to(folder.resolve()):
+            raise InputError("is the folder you are in", str(folder), remedy)
+    elif folder.exists():
+        raise InputError("is not a folder", str(folder), remedy)
+    check_place(folder)
+    return folder
+
+
+def check_place(path: Path) -> None:
+    """Checks that something new can be put at a path, folders above it made as needed.
+
+    Raises:
+        InputError: it cannot.
+    """
+    above = next(parent for parent in path.absolute().parents if parent.exists())
+    if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
+        said = f"cannot be written ({above} is {'write-protected' if above.is_dir() else 'not a folder'})"
+        raise InputError(said, str(path), "give --out another place")
+
+
+def save_folder(folder: str | Path, files: Set[str], marker: str, write: Callable[[Path], None]) -> Path:
+    """Has `write` fill a folder beside the target, then renames it; whatever goes wrong, nothing is left behind.
+
+    Args:
+        folder: the place; a link stays a link.
+        files: names of the files that an earlier folder may hold.
+        marker: the one of them by which an earlier folder is known.
+        write: is given the folder to fill.
+
+    Raises:
+        InputError: the folder cannot be written, or holds other files than an earlier one of its kind.
+    """
+    folder = check_folder(folder, files, marker)
+    target = folder.resolve()
+    with _input_error(folder):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(
+            prefix=f".{target.name}-", dir=target.parent, ignore_cleanup_errors=True
+        ) as work:
+            new, old = Path(work) / "new", Path(work) / "old"
+            new.mkdir()
+            write(new)
+            if target.exists():
+                target.rename(old)
+            try:
+                new.rename(target)
+            except BaseException:
+                if old.exists():
+                    old.rename(target)
+                raise
+    return folder
+
+
+@contextmanager
+def _input_error(path: Path) -> Iterator[None]:
+    """Turns what the system says into an `InputError`."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"cannot be written ({error.strerror})", str(path), "give --out another place") from None
+
+
+def write_json(path: Path, content: dict[str, Any]) -> None:
+    """Writes a dictionary as JSON, infinity as null."""
+    path.write_text(json.dumps(plain(content), indent=2) + "\n")
+
+
+def write_rows(path: Path, header: Sequence[str], rows: Iterable[Iterable[object]]) -> None:
+    """Writes a CSV file; floats to their last digit, unless they come as text."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows(rows)
+
+
+def write_table(path: Path, rows: Sequence[dict[str, object]]) -> None:
+    """Writes a CSV file, one column a key; floats to nine digits."""
+    write_rows(path, list(rows[0]), ([_text(row[key]) for key in rows[0]] for row in rows))
+
+
+def _text(value: object) -> object:
+    return f"{value:.9g}" if isinstance(value, float) else value
+
+
+def write_columns(
+    path: Path, names: Sequence[str], t: Array, values: Array, digits: str = "", sources: Sequence[str] | None = None
+) -> None:
+    """Writes columns over time as CSV.
+
+    Args:
+        path: the file.
+        names: of t and of the k columns.
+        t: (N,) time; to the last digit, as it may count from 1970.
+        values: (N, k).
+        digits: format of the values; to the last digit by default.
+        sources: (N,) the log that each row is of, in a last column; none by default.
+    """
+    header = [*names, *([] if sources is None else ["log"])]
+    last: list[list[str]] = [[]] * len(t) if sources is None else [[source] for source in sources]
+    rows = zip(t.tolist(), values.tolist(), last, strict=True)
+    write_rows(path, header, ([time, *(format(value, digits) for value in row), *log] for time, row, log in rows))
+
+
+def numbered(prefix: str, n: int) -> list[str]:
+    """Names of the columns of n joints."""
+    return [f"{prefix}{j}" for j in range(1, n + 1)]
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON can hold it; it has no infinity, and null stands for it."""
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not np.isfinite(value) else value

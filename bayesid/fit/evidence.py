@@ -1,0 +1,66 @@
+"""A log as a model is to explain it: what travels together from the search to the posterior."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from bayesid.arrays import Array, Mask
+from bayesid.fit.knowledge import Information
+from bayesid.fit.moments import Moments, moments
+from bayesid.fit.noise import Noise, residual_noise
+from bayesid.log.segments import Segments
+from bayesid.log.signals import Signals, signed_effort
+from bayesid.model.coefficients import BaseCoefficients, base_coefficients
+from bayesid.model.model import Model
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """A model, a log, and which of its N samples count.
+
+    Attributes:
+        model: robot and terms.
+        coefficients: its r base coefficients.
+        signals: the log.
+        moving: (N, n) samples in motion.
+        fitted: (N, n) those of them that a fit rests on.
+        information: of the coefficients, from earlier logs; None without one.
+    """
+
+    model: Model
+    coefficients: BaseCoefficients
+    signals: Signals
+    moving: Mask
+    fitted: Mask
+    information: Information | None = None
+
+    @classmethod
+    def of(cls, model: Model, signals: Signals, moving: Mask) -> Evidence:
+        """A fit may rest on all samples in motion (N, n), and nothing is known beforehand."""
+        return cls(model, base_coefficients(model), signals, moving, moving)
+
+    @cached_property
+    def used(self) -> Mask:
+        """(N, n) samples that a fit rests on, but for both ends of the log."""
+        return self.fitted & self.signals.inner
+
+    def residual_noise(self, predicted: Array) -> Noise:
+        """Of the residual (N, n) of a prediction, N m, unknown signs as predicted, over the samples used."""
+        residual = np.where(self.used, self.signals.nearest(predicted) - predicted, 0.0)
+        return residual_noise(residual, self.used, self.signals.rate)
+
+    def moments(self, signs: Array, segments: Segments, most_individual: int | None = None) -> Moments:
+        """Moments of the unfiltered efforts (a filter would blur friction's steps, not the columns') in expected signs.
+
+        Args:
+            signs: (N, n) expected sign of every sample, -1 to +1.
+            segments: where to sum.
+            most_individual: segments of each joint with a Hessian of their own (see `bayesid.fit.moments.moments`).
+        """
+        effort, square = signed_effort(self.signals, signs, filtered=False), self.signals.raw_effort**2
+        return moments(
+            self.model, self.coefficients, self.signals.motion, effort, segments, most_individual, square=square
+        )

@@ -1,0 +1,215 @@
+"""What is known before a log: stated of links and parameters, and shown by earlier logs of the robot."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.errors import InputError
+from bayesid.model.coefficients import BaseCoefficients, base_coefficients, embedding
+from bayesid.model.inertia import from_pseudo_inertia
+from bayesid.model.model import Model
+from bayesid.model.parameters import Parameter
+
+_NOTHING = 1e-12
+"""Share of the largest diagonal entry below which an entry is rounding. A round number; not studied."""
+
+
+@dataclass(frozen=True)
+class Information:
+    """What is known of r coefficients: (beta' H beta - 2 g' beta + c) / 2 is minus its logarithm, as that of moments.
+
+    Attributes:
+        hessian: (r, r) H.
+        gradient: (r,) g.
+        energy: c.
+    """
+
+    hessian: Array
+    gradient: Array
+    energy: float
+
+    def misfit(self, beta: Array) -> float:
+        """The quadratic form of coefficients (r,)."""
+        return float(beta @ self.hessian @ beta - 2.0 * self.gradient @ beta + self.energy)
+
+    @classmethod
+    def none(cls, size: int) -> Information:
+        """Nothing is known."""
+        return cls(np.zeros((size, size)), np.zeros(size), 0.0)
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """A normal distribution of the base coefficients of a model.
+
+    Attributes:
+        model: robot and terms.
+        theta: (P,) parameters; the distribution is centred on their coefficients.
+        precision: (r, r) inverse covariance of the r base coefficients; singular where a log has shown nothing.
+    """
+
+    model: Model
+    theta: Array
+    precision: Array
+
+    def coefficients(self, model: Model) -> BaseCoefficients:
+        """The base coefficients of an extended model: what a log and this knowledge can show together."""
+        return base_coefficients(model, earlier=self.model)
+
+    def information(self, model: Model, coefficients: BaseCoefficients) -> Information:
+        """The same in the coefficients of an extended model (see `coefficients`)."""
+        earlier = base_coefficients(self.model)
+        turn = earlier.projection @ embedding(self.model, model) @ np.linalg.pinv(coefficients.projection)
+        centre = earlier.project(self.theta)
+        hessian = turn.T @ self.precision @ turn
+        gradient = turn.T @ (self.precision @ centre)
+        return Information(0.5 * (hessian + hessian.T), gradient, float(centre @ self.precision @ centre))
+
+    def widened(self, names: tuple[str, ...], sd: Array) -> Knowledge:
+        """The same, but that these parameters may have changed, by a normal step of standard deviations sd (p,).
+
+        (C + B D B')^-1 = L - L B (D^-1 + B' L B)^-1 B' L with L = C^-1 (Woodbury).
+        """
+        labels = [parameter.name for parameter in self.model.parameters]
+        steps = base_coefficients(self.model).projection[:, [labels.index(name) for name in names]]
+        pulled = self.precision @ steps
+        middle = np.diag(1.0 / sd**2) + steps.T @ pulled
+        return replace(self, precision=self.precision - pulled @ np.linalg.solve(middle, pulled.T))
+
+
+def of_base(model: Model, coefficients: BaseCoefficients, precision: Array) -> Array:
+    """(r, r) precision of a model's base coefficients, from that (R, R) of coefficients that hold as much or more.
+
+    With an earlier log a payload can be distinguished from the last link, without that log it cannot: what is more is
+    integrated out.
+    """
+    base = base_coefficients(model)
+    if base.names == coefficients.names:
+        return precision
+    turn = base.projection @ np.linalg.pinv(coefficients.projection)
+    across, more = np.linalg.pinv(turn), np.linalg.svd(turn)[2][len(turn) :].T
+    scale = scale_of(more.T @ precision @ more)
+    kept, mixed = across.T @ precision @ across, across.T @ precision @ more / scale
+    inner = np.linalg.pinv(more.T @ precision @ more / scale[:, None] / scale, rcond=_NOTHING, hermitian=True)
+    reduced: Array = kept - mixed @ inner @ mixed.T
+    return 0.5 * (reduced + reduced.T)
+
+
+def scale_of(precision: Array) -> Array:
+    """(r,) what scales the diagonal to 1, up to entries that are rounding: coefficients have units of all kinds."""
+    diagonal = np.abs(np.diag(precision))
+    scale: Array = np.sqrt(np.maximum(diagonal, _NOTHING * float(diagonal.max()))) + np.finfo(float).tiny
+    return scale
+
+
+@dataclass(frozen=True)
+class Links:
+    """What is believed of any link before the data.
+
+    Attributes:
+        mass: kg, scale of a link's mass.
+        reach: m, scale of the distances of a link's mass from its frame.
+        typical_mass: kg, where the prior is centred.
+        typical_spread: m, rms distance along each axis there.
+        largest_radius: m, bound on the radius of gyration about the frame.
+        total_mass: kg, window on the mass of all bodies.
+    """
+
+    mass: float = 10.0
+    reach: float = 0.4
+    typical_mass: float = 3.0
+    typical_spread: float = 0.1
+    largest_radius: float = 1.5
+    total_mass: tuple[float, float] = (0.1, 300.0)
+
+    @property
+    def centre(self) -> Array:
+        """(10,) the typical link."""
+        spread = self.typical_mass * self.typical_spread**2
+        return from_pseudo_inertia(np.diag([spread, spread, spread, self.typical_mass]))
+
+    @property
+    def sd(self) -> Array:
+        """(10,) standard deviations."""
+        return self.mass * np.repeat([self.reach**2, self.reach, 1.0], [6, 3, 1])
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """What is stated of the P parameters of a model.
+
+    Attributes:
+        mean: (P,) NaN where nothing is stated.
+        sd: (P,) their standard deviations.
+    """
+
+    mean: Array
+    sd: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Beliefs:
+    """What is stated before any log.
+
+    Attributes:
+        links: what is believed of any link.
+        nominal: single parameters, from CAD or a data sheet: name to mean and standard deviation.
+    """
+
+    links: Links = Links()
+    nominal: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    def of(self, parameters: Sequence[Parameter]) -> Nominal:
+        """What is stated of a model's parameters.
+
+        Raises:
+            InputError: the model has no such parameter, or a value cannot be used.
+        """
+        places = {parameter.name: k for k, parameter in enumerate(parameters)}
+        mean, sd = np.full(len(places), np.nan), np.full(len(places), np.nan)
+        for name, (value, spread) in self.nominal.items():
+            if name not in places:
+                raise InputError(f"the model has no parameter {name!r}", "nominal values", _REMEDY)
+            if not (np.isfinite(value) and np.isfinite(spread) and spread > 0.0):
+                raise InputError(f"{name} = {value:g} +- {spread:g} cannot be used", "nominal values", _REMEDY)
+            mean[places[name]], sd[places[name]] = value, spread
+        return Nominal(mean, sd)
+
+
+_REMEDY = "give lines name,mean,sd, with names as in parameters.csv"
+
+
+def read_nominal(path: str | Path) -> dict[str, tuple[float, float]]:
+    """Mean and standard deviation of named parameters from a CSV file with the columns name, mean and sd.
+
+    Lines without an sd are left out: so a parameters.csv of an earlier result can be given as it is.
+
+    Raises:
+        InputError: the file cannot be read or holds something else.
+    """
+    try:
+        with Path(path).open(newline="") as file:
+            rows = list(csv.DictReader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"cannot be read ({error})", str(path), _REMEDY) from None
+    if not rows or not {"name", "mean", "sd"} <= set(rows[0]):
+        raise InputError("has no columns name, mean, sd", str(path), _REMEDY)
+    stated: dict[str, tuple[float, float]] = {}
+    for line, row in enumerate(rows, start=2):
+        if not row["sd"]:
+            continue
+        try:
+            mean, sd = float(row["mean"]), float(row["sd"])
+        except (TypeError, ValueError):
+            seen = f"{row['mean']!r}, {row['sd']!r} are no numbers"
+            raise InputError(seen, f"{path}, line {line}", _REMEDY) from None
+        if row["name"] in stated:
+            raise InputError(f"{row['name']} comes twice", f"{path}, line {line}", _REMEDY)
+        stated[row["name"]] = mean, sd
+    return stated

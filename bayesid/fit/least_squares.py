@@ -1,0 +1,225 @@
+"""Ordinary identification: the parameters and their uncertainty once the signs are known, or known but for chance.
+
+Near zero nobody knows the sign of a noisy sample. Its expected sign takes its place: the equations
+sum y_i (E[s_i] |tau|_i - y_i beta) = 0 are those of the maximum of the likelihood with the signs summed out, where the
+likelier sign would pull every small effort away from zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesid.arrays import Array, Mask
+from bayesid.errors import SolverError
+from bayesid.fit.evidence import Evidence
+from bayesid.fit.knowledge import Information
+from bayesid.fit.moments import Moments
+from bayesid.fit.noise import Noise, noise_before_fit, relative_rms
+from bayesid.fit.solver import MARGIN, Solution, move_inside, solve_precisely
+from bayesid.log.segments import Segments
+from bayesid.log.signals import signed_effort
+
+POOR_FIT = 0.25
+"""A fit that leaves more than this share of a joint's effort is poor; a round number, not studied."""
+MOST_CORRECTED = 30_000
+"""Samples up to which the noise is corrected for what the fit took of it: of longer logs a fit takes little, and the
+correction's time grows with their length. A round number; not studied."""
+_BLIND = 1e-10
+"""Curvature, relative to the largest one, that a fit to noise alone leaves out as rounding. A round number; not
+studied."""
+_SILENT = 1e-12
+"""Length of a column, or curvature of columns of unit length, relative to the largest one, that is rounding. A round
+number; not studied."""
+_INVOLVED = 1e-3
+"""Component in a direction without curvature from which on a coefficient is unexcited. A round number; not studied."""
+_NEAR_EDGE = 10.0
+"""Margins of the solver from the edge of the feasible set at which a link's pseudo-inertia counts as on it. A round
+number; not studied."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Least squares in the cone on signed efforts.
+
+    Attributes:
+        theta: (P,) feasible parameters.
+        beta: (r,) their base coefficients.
+        covariance: (r, r) of the coefficients, from the information matrix with effective sample counts
+            (:eq:`information`); inf on the diagonal where the log does not excite a coefficient.
+        information: (r, r) that matrix, what was known before included.
+        noise: of the efforts, per joint: what was there before the fit took its share.
+        residual: of the residual itself, per joint.
+        predicted: (N, n) the model's efforts, N m.
+        relative_residual: (n,) RMS of the residual over RMS of the effort, in motion.
+        condition: condition number of the regressor with columns of unit length (:eq:`condition-number`).
+        smallest_eigenvalues: (links,) of the pseudo-inertias.
+        tolerance: relative gap the solver reached.
+        moved_inside: whether what leaves no trace was chosen to lie as far inside the cone as the data allow.
+    """
+
+    theta: Array
+    beta: Array
+    covariance: Array
+    information: Array
+    noise: Noise
+    residual: Noise
+    predicted: Array
+    relative_residual: Array
+    condition: float
+    smallest_eigenvalues: Array
+    tolerance: float
+    moved_inside: bool
+
+    @property
+    def sd(self) -> Array:
+        """(r,) standard deviations of the coefficients."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def on_edge(self) -> Mask:
+        """(links,) whether a link's pseudo-inertia sits on the edge of the feasible set."""
+        return self.smallest_eigenvalues < _NEAR_EDGE * MARGIN
+
+
+def fit_signed(evidence: Evidence, signs: Array, *, most_corrected: int = MOST_CORRECTED) -> Fit:
+    """Ordinary identification once the signs are known: weighted least squares in the cone (:eq:`cone-least-squares`).
+
+    Args:
+        evidence: the model, the log, and which samples count.
+        signs: (N, n) expected sign of every sample: +1 or -1 where it is known, between them where it is not.
+        most_corrected: samples up to which the noise is given back what the fit took of it.
+
+    Raises:
+        SolverError: Clarabel failed.
+    """
+    model, signals, information = evidence.model, evidence.signals, evidence.information
+    moments = evidence.moments(signs, _stretches(evidence.used))
+    solution, sigma = _solve(evidence, moments)
+    theta, moved_inside = _move_inside(evidence, solution.theta)
+    predicted = model.effort(signals.motion, theta)
+    residual = evidence.residual_noise(predicted)
+    if len(signs) > most_corrected:
+        noise = residual.with_time_of_model(signals.rate)
+    else:
+        noise = _before_fit(evidence, sigma, predicted, residual)
+    effort = signed_effort(signals, np.where(signs >= 0.0, 1.0, -1.0))
+    effective = moments.scaled(noise.sigma * np.sqrt(noise.autocorrelation)).hessian.sum(axis=0)
+    effective = effective if information is None else effective + information.hessian
+    covariance, condition = _covariance(effective)
+    return Fit(
+        theta=theta,
+        beta=evidence.coefficients.project(theta),
+        covariance=covariance,
+        information=effective,
+        noise=noise,
+        residual=residual,
+        predicted=predicted,
+        relative_residual=relative_rms(effort - predicted, effort, evidence.fitted),
+        condition=condition,
+        smallest_eigenvalues=model.cone.smallest_eigenvalues(theta),
+        tolerance=solution.tolerance,
+        moved_inside=moved_inside,
+    )
+
+
+def _solve(evidence: Evidence, moments: Moments) -> tuple[Solution, Array]:
+    """The best parameters in the cone, and (n,) the residuals' sd, N m.
+
+    The noise levels follow from a first fit with equal relative weights. Where something is known beforehand, samples
+    count by the residual's autocorrelation: only then can the two be weighed against each other.
+    """
+    model, coefficients, n = evidence.model, evidence.coefficients, evidence.model.robot.n_joints
+    sigma, autocorrelation = moments.rms_effort(n), np.ones(n)
+    rounds = 2 if evidence.information is None else 3
+    earlier = Information.none(len(coefficients)) if evidence.information is None else evidence.information
+    for i in range(rounds):
+        scaled = moments.scaled(sigma * np.sqrt(autocorrelation))
+        hessian = scaled.hessian.sum(axis=0) + earlier.hessian
+        gradient = scaled.gradient.sum(axis=0) + earlier.gradient
+        energy = float(scaled.energy.sum()) + earlier.energy
+        solution = solve_precisely(model.cone, coefficients, hessian, gradient, energy)
+        sigma = moments.residual_sd(coefficients.project(solution.theta), moments.known, n)
+        if evidence.information is not None and i + 1 < rounds:
+            predicted = model.effort(evidence.signals.motion, solution.theta)
+            autocorrelation = evidence.residual_noise(predicted).autocorrelation
+    return solution, sigma
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Noise
+# ---------------------------------------------------------------------------------------------------------------
+def _before_fit(evidence: Evidence, sigma: Array, predicted: Array, residual: Noise) -> Noise:
+    """The noise of the efforts from that of the residual."""
+    signals, used, size = evidence.signals, evidence.used, len(evidence.coefficients)
+    chunks = evidence.model.chunks(signals.motion)
+    columns = np.concatenate([rows[:, :, evidence.coefficients.kept] for _, rows in chunks])
+    earlier = np.zeros((size, size)) if evidence.information is None else evidence.information.hessian
+    residuals = _refit(np.where(used[:, :, None], columns, 0.0), sigma, earlier)
+    signs = np.where(predicted >= 0.0, 1.0, -1.0)[:, :, None]
+
+    def after_fit(noise: Array) -> Array:
+        noisy = predicted[:, :, None] + noise
+        nearest = np.where(signals.signed[:, None], noisy, signs * np.abs(noisy))  # as for the residual itself
+        return residuals(np.where(used[:, :, None], nearest - predicted[:, :, None], 0.0))
+
+    return noise_before_fit(residual, after_fit, used, signals.rate)
+
+
+def _refit(columns: Array, sigma: Array, earlier: Array) -> Callable[[Array], Array]:
+    """What least squares without the cone leaves of (N, n, K) efforts.
+
+    For columns (N, n, r), sigma (n,) and the information of earlier logs (r, r).
+    """
+    rows = (columns / sigma[:, None]).reshape(-1, columns.shape[2])
+    information = rows.T @ rows + earlier
+    lengths = np.sqrt(np.maximum(np.diag(information), _BLIND * np.diag(information).max()))
+    inverse = np.linalg.pinv(information / np.outer(lengths, lengths), rcond=_BLIND, hermitian=True)
+    inverse /= np.outer(lengths, lengths)
+
+    def residuals(effort: Array) -> Array:
+        scaled = (effort / sigma[:, None]).reshape(len(rows), -1)
+        remainder: Array = (scaled - rows @ (inverse @ (rows.T @ scaled))).reshape(effort.shape) * sigma[:, None]
+        return remainder
+
+    return residuals
+
+
+def _move_inside(evidence: Evidence, theta: Array) -> tuple[Array, bool]:
+    """Parameters farther inside the cone with the same coefficients, and whether there are any; else theta itself."""
+    cone = evidence.model.cone
+    try:
+        moved = move_inside(cone, evidence.coefficients, theta)
+    except SolverError:
+        return theta, False
+    least, before = (cone.smallest_eigenvalues(point).min(initial=np.inf) for point in (moved, theta))
+    return (moved, True) if least >= before else (theta, False)
+
+
+def _stretches(moving: Mask) -> Segments:
+    """One segment of known sign for every stretch in which a joint moves."""
+    joint, start, end = [], [], []
+    for j in range(moving.shape[1]):
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], moving[:, j], [False]]).astype(int)))
+        joint += [j] * (len(edges) // 2)
+        start += edges[0::2].tolist()
+        end += edges[1::2].tolist()
+    ones = np.ones(len(joint), dtype=np.int64)
+    return Segments(np.array(joint), np.array(start), np.array(end), ones, ones.astype(bool))
+
+
+def _covariance(information: Array) -> tuple[Array, float]:
+    """Covariance of the coefficients (inf where the data show nothing) and the scaled condition number."""
+    lengths = np.sqrt(np.diag(information))
+    silent = lengths <= _SILENT * lengths.max()
+    scale = np.where(silent, 0.0, 1.0 / np.where(silent, 1.0, lengths))
+    values, vectors = np.linalg.eigh(scale[:, None] * information * scale + np.diag(silent.astype(float)))
+    blind = values < _SILENT * values.max()
+    inverse = (vectors[:, ~blind] / values[~blind]) @ vectors[:, ~blind].T
+    covariance = scale[:, None] * inverse * scale
+    unexcited = silent | (np.abs(vectors[:, blind]) > _INVOLVED).any(axis=1)
+    covariance[unexcited, unexcited] = np.inf
+    condition = np.inf if unexcited.any() else float(np.sqrt(values[-1] / values[0]))
+    return covariance, condition

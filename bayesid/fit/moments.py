@@ -1,0 +1,195 @@
+"""Moments: all that the data say about a model, in a size that does not depend on the log's length.
+
+For every segment k of constant sign, with Y_k its rows of the regressor and e_k its efforts (absolute values where the
+sign is unknown), :eq:`moments`::
+
+    H_k = Y_k' Y_k,   g_k = Y_k' e_k,   c_k = e_k' e_k,
+
+and the cost of coefficients beta under signs s is  f = beta' (sum H_k) beta - 2 beta' (sum s_k g_k) + sum c_k
+(:eq:`cost`).
+Moments of chunks of one log add; those of different logs, with different segments, join.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from bayesid.arrays import Array, Integers, Mask
+from bayesid.log.segments import Segments
+from bayesid.model.coefficients import BaseCoefficients
+from bayesid.model.model import Model
+from bayesid.motion import Motion
+
+_RELATIVE_FLOOR = 1e-6
+"""Least residual, as a share of the RMS effort: sums of squares cancel to some 1e-14 of themselves, 1e-7 of the RMS."""
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Moments of S segments for r coefficients, in units of the noise when `scaled`.
+
+    H is held in K parts. A search wants the H_k of each strong segment; weak segments of one joint may share a part,
+    which keeps the memory of a long log small.
+
+    Attributes:
+        joint: (S,) 0-based actuator of each segment.
+        known: (S,) sign known beforehand, +1 or -1; 0 where it is unknown.
+        hessian: (K, r, r) sum of H_k over the segments of each part; all of one joint, and all known or none.
+        gradient: (S, r) g_k.
+        energy: (S,) c_k.
+        count: (S,) samples.
+        part: (S,) which part of the Hessian the segment belongs to; one each if empty.
+    """
+
+    joint: Integers
+    known: Integers
+    hessian: Array
+    gradient: Array
+    energy: Array
+    count: Integers
+    part: Integers = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+
+    def __post_init__(self) -> None:
+        if not self.part.size:
+            object.__setattr__(self, "part", np.arange(len(self.joint)))
+
+    def __len__(self) -> int:
+        return len(self.joint)
+
+    @property
+    def individual(self) -> Mask:
+        """(S,) whether the segment shares its part of the Hessian with no other."""
+        individual: Mask = np.bincount(self.part, minlength=len(self.hessian))[self.part] == 1
+        return individual
+
+    def hessian_of(self, segments: Integers) -> Array:
+        """(r, r) sum over the parts to which these segments belong."""
+        total: Array = self.hessian[np.unique(self.part[segments])].sum(axis=0)
+        return total
+
+    def __add__(self, other: Moments) -> Moments:
+        """Moments of the same segments from more of their samples."""
+        if not all(np.array_equal(getattr(self, name), getattr(other, name)) for name in ("joint", "known", "part")):
+            raise ValueError("only moments of the same segments add; join those of different logs")
+        sums = {name: getattr(self, name) + getattr(other, name) for name in ("hessian", "gradient", "energy", "count")}
+        return replace(self, **sums)
+
+    def join(self, other: Moments) -> Moments:
+        """Moments of two logs of the same model: the segments of one after those of the other."""
+        names = ("joint", "known", "hessian", "gradient", "energy", "count")
+        joined = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in names}
+        return Moments(**joined, part=np.concatenate([self.part, len(self.hessian) + other.part]))
+
+    def compact(self, most_individual: int) -> Moments:
+        """The same moments with individual parts for at most so many segments of each joint, those with most energy."""
+        part = _parts(self.joint, self.known, np.where(self.individual, self.energy, -np.inf), most_individual)
+        hessian = np.zeros((part.max(initial=-1) + 1, *self.hessian.shape[1:]))
+        first = np.unique(self.part, return_index=True)[1]
+        np.add.at(hessian, part[first], self.hessian)
+        return replace(self, part=part, hessian=hessian)
+
+    def scaled(self, sigma: Array) -> Moments:
+        """Rows weighted by 1 / sigma (n,), the noise of each joint's effort, N m."""
+        weight = 1.0 / sigma[self.joint] ** 2
+        of_part = np.zeros(len(self.hessian))
+        of_part[self.part] = weight
+        hessian, gradient = of_part[:, None, None] * self.hessian, weight[:, None] * self.gradient
+        return replace(self, hessian=hessian, gradient=gradient, energy=weight * self.energy)
+
+    def rms_effort(self, n: int) -> Array:
+        """(n,) RMS effort of each of n joints, N m; 1 where there are no samples."""
+        return np.sqrt(self._per_sample(self._joint_sums(self.energy, n), 1.0))
+
+    def residual_sd(self, beta: Array, signs: Integers, n: int) -> Array:
+        """(n,) RMS residual of each of n joints under coefficients beta (r,) and signs (S,), N m."""
+        of_part = np.zeros(len(self.hessian), dtype=np.int64)
+        of_part[self.part] = self.joint
+        explained = np.bincount(of_part, weights=self.hessian @ beta @ beta, minlength=n)
+        cost = explained + self._joint_sums(self.energy - 2.0 * signs * (self.gradient @ beta), n)
+        floor = _RELATIVE_FLOOR * self.rms_effort(n)
+        return np.maximum(np.sqrt(np.maximum(self._per_sample(cost, 1.0), 0.0)), floor)
+
+    def _joint_sums(self, values: Array, n: int) -> Array:
+        return np.bincount(self.joint, weights=values, minlength=n).astype(np.float64)
+
+    def _per_sample(self, sums: Array, otherwise: float) -> Array:
+        """(n,) sums over the joints' numbers of samples, and another value where there are none."""
+        count = self._joint_sums(self.count.astype(np.float64), len(sums))
+        return np.where(count > 0.0, sums / np.maximum(count, 1.0), otherwise)
+
+    def cost(self, beta: Array, signs: Array) -> float:
+        """f(beta, s) for coefficients beta (r,) and signs (S,) (:eq:`cost`)."""
+        return float(beta @ self.hessian.sum(axis=0) @ beta - 2 * beta @ (signs @ self.gradient) + self.energy.sum())
+
+
+def moments(
+    model: Model,
+    coefficients: BaseCoefficients,
+    motion: Motion,
+    effort: Array,
+    segments: Segments,
+    most_individual: int | None = None,
+    square: Array | None = None,
+) -> Moments:
+    """Moments of a log, streamed over chunks of its samples.
+
+    Args:
+        model: the model.
+        coefficients: its r base coefficients.
+        motion: N samples of motion.
+        effort: (N, n) efforts, N m; absolute values for segments of unknown sign.
+        segments: where the sign is constant; samples outside of every segment do not count.
+        most_individual: segments of each joint with an individual part, those with most energy; all by default.
+        square: (N, n) expected squares of the efforts where `effort` is an expectation itself; its squares by default.
+    """
+    size, r = len(segments), len(coefficients)
+    ranges = list(zip(segments.joint, segments.start, segments.end, strict=True))
+    square = effort**2 if square is None else square
+    energy = np.array([np.sum(square[a:b, j]) for j, a, b in ranges])
+    part = np.arange(size)
+    if most_individual is not None:
+        part = _parts(segments.joint, segments.known, energy, most_individual)
+    hessian, gradient = np.zeros((part.max(initial=-1) + 1, r, r)), np.zeros((size, r))
+    for rows, columns in model.chunks(motion):
+        columns = columns[:, :, coefficients.kept]
+        for k in np.flatnonzero((segments.start < rows.stop) & (segments.end > rows.start)):
+            j, a, b = ranges[k]
+            inside = slice(max(a, rows.start), min(b, rows.stop))
+            y, e = columns[inside.start - rows.start : inside.stop - rows.start, j], effort[inside, j]
+            hessian[part[k]] += y.T @ y
+            gradient[k] += y.T @ e
+    count = segments.end - segments.start
+    return Moments(segments.joint, segments.known, hessian, gradient, energy, count, part)
+
+
+def join_moments(pieces: Iterable[Moments], most_individual: int) -> Moments:
+    """Moments of many logs, or of the pieces of a long one, joined one after the other in bounded memory.
+
+    Args:
+        pieces: moments of the same model; at least one.
+        most_individual: segments of each joint that keep an individual part, those with most energy.
+    """
+    iterator = iter(pieces)
+    joined, bound = next(iterator), 0
+    for piece in iterator:
+        joined = joined.join(piece)
+        if len(joined.hessian) > bound:  # merging now and then costs less than every time
+            joined = joined.compact(most_individual)
+            bound = 2 * len(joined.hessian)
+    return joined.compact(most_individual)
+
+
+def _parts(joint: Integers, known: Integers, energy: Array, most_individual: int) -> Integers:
+    """(S,) a part each for the strongest unknown segments of a joint, one for the rest of them, one for its known."""
+    shared = np.zeros(len(joint), dtype=np.int64)
+    for j in np.unique(joint):
+        unknown = np.flatnonzero((joint == j) & (known == 0))
+        strongest = unknown[np.argsort(-energy[unknown], kind="stable")][:most_individual]
+        strongest = strongest[np.isfinite(energy[strongest])]
+        shared[unknown] = -2 * j - 1
+        shared[(joint == j) & (known != 0)] = -2 * j - 2
+        shared[strongest] = strongest
+    return np.unique(shared, return_inverse=True)[1].astype(np.int64)

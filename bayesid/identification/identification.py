@@ -1,0 +1,171 @@
+"""What an identification gives: signs, coefficients and parameters of a robot, and how sure they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bayesid.arrays import Array, Integers, Mask
+from bayesid.fit.knowledge import Beliefs, Knowledge
+from bayesid.fit.least_squares import Fit
+from bayesid.fit.noise import Noise
+from bayesid.identification.identified_model import IdentifiedModel
+from bayesid.identification.provenance import Provenance
+from bayesid.identification.validation import Validation
+from bayesid.log.log import Log
+from bayesid.log.segments import Segments
+from bayesid.log.signals import Signals
+from bayesid.model.coefficients import BaseCoefficients
+from bayesid.model.model import Model
+from bayesid.posterior.inference import OF_PRIOR, Posterior
+from bayesid.signs.search.result import SearchResult
+
+_NONE = 1e-9
+"""Share of a coefficient below which a parameter's is rounding."""
+_SILENT = 1e-12
+"""Share of a coefficient that the log does not excite below which a parameter does not depend on it."""
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What a log says about a robot.
+
+    Attributes:
+        identified: the model with its parameters, for predictions and for other logs.
+        coefficients: the model's r base coefficients.
+        log: the raw log.
+        signals: the log on an even grid of N instants.
+        segments: S segments over all samples of all joints.
+        signs: (S,) +1 or -1.
+        confidence: (S,) expected share of the segment's energy, its squared efforts, whose sign is right
+            (:eq:`confidence`).
+        probability: (N, n) P(sign = +) of every sample.
+        fit: parameters by least squares, their uncertainty, and the noise.
+        posterior: draws; None if it was not asked for.
+        sign_terms: terms of the model under which the signs were settled.
+        sign_weight: of that model, against the one asked for where they differ.
+        sign_doubt: (n,) probability that signs are guesses because the model is not the robot's.
+        searched: the segments that are fitted, as the last search had them.
+        search: that search.
+        rounds: searches until no segment's predicted effort crossed zero.
+        timings: stage to seconds.
+        warnings: what the user should know.
+        beliefs: what was stated beforehand.
+        provenance: what was run on which data.
+    """
+
+    identified: IdentifiedModel
+    coefficients: BaseCoefficients
+    log: Log
+    signals: Signals
+    segments: Segments
+    signs: Integers
+    confidence: Array
+    probability: Array
+    fit: Fit
+    posterior: Posterior | None
+    sign_terms: tuple[str, ...]
+    sign_weight: float
+    sign_doubt: Array
+    searched: Segments
+    search: SearchResult
+    rounds: int
+    timings: dict[str, float]
+    warnings: tuple[str, ...]
+    beliefs: Beliefs
+    provenance: Provenance
+
+    @property
+    def model(self) -> Model:
+        """Robot, terms and distortions."""
+        return self.identified.model
+
+    @property
+    def theta(self) -> Array:
+        """(P,) the model's parameters: the posterior's mean, or least squares' where there is no posterior."""
+        return self.identified.theta
+
+    @property
+    def noise(self) -> Noise:
+        """Of the efforts, per joint."""
+        return self.identified.noise
+
+    @property
+    def knowledge(self) -> Knowledge:
+        """What the log has shown of the coefficients, for another log: the posterior as a normal distribution."""
+        return self.identified.knowledge
+
+    @property
+    def beta(self) -> Array:
+        """(r,) the base coefficients of these parameters."""
+        return self.coefficients.project(self.theta)
+
+    @property
+    def covariance(self) -> Array:
+        """(r, r) of the coefficients: the posterior's, or the information matrix's inverse where there is none."""
+        return self.fit.covariance if self.posterior is None else self.posterior.covariance
+
+    @property
+    def sd(self) -> Array:
+        """(r,) standard deviations of the coefficients."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def parameter_sd(self) -> tuple[Array, Mask]:
+        """(P,) standard deviations of the parameters, and (P,) whether the data decide them.
+
+        Without a posterior they come from the information matrix, NaN where a parameter is not decided by itself.
+        """
+        if self.posterior is not None:
+            return self.posterior.parameter_sd, self.posterior.decided_by_data
+        fit, projection = self.fit, self.coefficients.projection
+        lift = np.linalg.pinv(projection)
+        decided = np.abs(lift @ projection - np.eye(len(fit.theta))).max(axis=1) < _NONE
+        finite = np.isfinite(fit.sd)
+        variance = np.einsum("pr,rs,ps->p", lift[:, finite], fit.covariance[np.ix_(finite, finite)], lift[:, finite])
+        by_data: Mask = decided & ~(np.abs(lift[:, ~finite]) > _SILENT).any(axis=1)
+        return np.where(by_data, np.sqrt(variance), np.nan), by_data
+
+    @property
+    def prior_sd(self) -> tuple[Array, Mask]:
+        """(r,) sd of the coefficients under the prior alone, without its cone, and (r,) whether the data decide them.
+
+        As of parameters, nine tenths of the precision must be the data's. Without a posterior there is no prior (NaN),
+        and the data decide what has a standard deviation.
+        """
+        if self.posterior is None:
+            return np.full(len(self.coefficients), np.nan), np.isfinite(self.sd)
+        sd = np.linalg.norm(self.coefficients.projection * self.posterior.target.prior.sd, axis=1)
+        return sd, self.sd**2 <= OF_PRIOR * sd**2
+
+    @property
+    def nominal_beta(self) -> Array:
+        """(r,) the coefficients of the parameters known beforehand; NaN where these do not give one."""
+        stated = {name: mean for name, (mean, _) in self.beliefs.nominal.items()}
+        if not stated:
+            return np.full(len(self.coefficients), np.nan)
+        nominal = np.array([stated.get(parameter.name, np.nan) for parameter in self.model.parameters])
+        unknown = np.isnan(nominal)
+        value = self.coefficients.project(np.where(unknown, 0.0, nominal))
+        return np.where(
+            np.abs(self.coefficients.projection[:, unknown]).max(axis=1, initial=0.0) > _NONE, np.nan, value
+        )
+
+    @property
+    def settled_share(self) -> float | None:
+        """Share of the samples searched on whose sign all assignments within Delta agree; None without a proof."""
+        if self.search.settled is None:
+            return None
+        count = self.searched.end - self.searched.start
+        return float(count[self.search.settled].sum() / count.sum())
+
+    @property
+    def sample_signs(self) -> Array:
+        """(N, n) the likelier sign of every sample, +1 or -1."""
+        return np.where(self.probability >= 0.5, 1.0, -1.0)
+
+    def validate(self, log: Log | str | Path, cutoff: float | None = None) -> Validation:
+        """Predicts another log of the same robot (see `IdentifiedModel.validate`)."""
+        return self.identified.validate(log, cutoff)

@@ -1,0 +1,324 @@
+"""The pipeline: from a log of |effort| to signs, coefficients and feasible parameters.
+
+signals -> segments -> moments -> search (repeated while a segment's predicted effort crosses zero) -> signs of all
+samples -> ordinary identification on the signed efforts -> posterior -> signs of all samples, averaged over its draws.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from bayesid.arrays import Array, Integers
+from bayesid.errors import InputError
+from bayesid.fit.knowledge import Beliefs, Knowledge, of_base
+from bayesid.fit.least_squares import Fit
+from bayesid.identification.identification import Identification
+from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
+from bayesid.identification.options import Preparation, plain_options
+from bayesid.identification.provenance import record_provenance
+from bayesid.identification.warnings import warnings_of
+from bayesid.log.log import Log, read_log
+from bayesid.log.segments import Segments, find_segments
+from bayesid.log.signals import Signals, prepare
+from bayesid.model import terms as catalogue
+from bayesid.model.coefficients import BaseCoefficients, base_coefficients
+from bayesid.model.model import Model
+from bayesid.model.robot import Robot, load_robot
+from bayesid.posterior.inference import Posterior, infer
+from bayesid.posterior.problem import PosteriorProblem
+from bayesid.posterior.sampler import Sampling
+from bayesid.progress import SILENT, Progress
+from bayesid.signs.averaging import AveragedSigns, average_over_models, structural_doubt
+from bayesid.signs.search.certified import Certified
+from bayesid.signs.search.protocol import Search
+from bayesid.signs.settling import Earlier, restored, settle_signs
+from bayesid.signs.smoothing import sign_probabilities
+
+QUICK = Certified(budget=3.0)
+"""Search of signs that an earlier log helps to settle; its budget is a round number, not studied."""
+_LEAST_MOTION = 1e-3
+"""rad; a joint that never leaves this range stands still but for its encoder's noise. A round number; not studied."""
+_SAMPLES_A_COEFFICIENT = 3
+"""Samples in motion that a coefficient needs at least. A round number; not studied."""
+_POINTWISE = 150
+"""Segments of each joint whose likelihood is kept by itself, for comparisons of models; weaker ones share one. A round
+number; not studied."""
+_MOST_SMOOTHED = 24
+"""Draws of the posterior over which the samples' probabilities are averaged: their Monte Carlo error is at most 0.1."""
+_SMOOTHED = 200_000
+"""Samples times draws, from which on there are fewer draws: a long log leaves little doubt about parameters. A round
+number; not studied."""
+_SILENT_EFFORT = 1e-24
+"""(N m)^2 by which a sample counts at least, far below any sensor: a segment of exact zeros has a confidence too."""
+
+
+@threadpool_limits.wrap(limits=1, user_api="blas")  # matrices are small: threads only wait for each other
+def identify(
+    robot: Robot | str | Path,
+    log: Log | str | Path,
+    terms: Iterable[str] = catalogue.STANDARD,
+    *,
+    search: Search = Certified(),
+    posterior: Sampling | bool = True,
+    preparation: Preparation = Preparation(),
+    beliefs: Beliefs = Beliefs(),
+    progress: Progress = SILENT,
+) -> Identification:
+    """Identifies a robot from a log with known, unknown or mixed signs.
+
+    Args:
+        robot: a robot, a built-in name or a file.
+        log: a log or a file, see `bayesid.read_log`.
+        terms: names from `bayesid.model.terms.CATALOGUE`.
+        search: how signs are searched: `Certified`, `Beam`, or an object of your own with their protocol.
+        posterior: how it is sampled, or whether it is.
+        preparation: how the log is made ready.
+        beliefs: what is known of links and parameters beforehand (CAD, data sheet).
+        progress: of long stages.
+
+    With `repeatable` set in `search` and `posterior` the same seed gives the same result, to the last digit, on a busy
+    machine too: budgets then count work instead of seconds.
+
+    Raises:
+        InputError: the robot, the log or an option cannot be used.
+        SolverError: an optimisation failed.
+
+    Example:
+        >>> result = bayesid.identify("ur10e", "log.csv", search=bayesid.Certified(budget=30.0), posterior=False)
+    """
+    name, terms = robot.name if isinstance(robot, Robot) else str(robot), tuple(terms)
+    run = _Run(search, posterior, preparation, beliefs, progress, {"robot": name, "terms": list(terms)})
+    progress("prepare", 0, 1)
+    robot = robot if isinstance(robot, Robot) else load_robot(robot)
+    log = log if isinstance(log, Log) else read_log(log)
+    _check(robot, log)
+    signals = prepare(log, preparation.cutoff)
+    model = Model(robot, catalogue.make_terms(terms, robot, signals.motion))
+    segments = find_segments(signals, robot.actuators(signals.motion), preparation.cutting)
+    _check_amount(segments, base_coefficients(model), log)
+    beliefs.of(model.parameters)  # what cannot be used is refused before the search
+    run.lap("prepare")
+    asked = settle_signs(model, signals, segments, search, progress)
+    run.lap("search")
+    averaged = average_over_models(asked, segments, search, progress)
+    run.lap("second opinion")
+    return _identification(run, log, signals, model, averaged)
+
+
+@threadpool_limits.wrap(limits=1, user_api="blas")
+def identify_again(
+    model: Model,
+    log: Log,
+    knowledge: Knowledge,
+    theta: Array,
+    *,
+    search: Search = QUICK,
+    posterior: Sampling | bool = False,
+    preparation: Preparation = Preparation(),
+    progress: Progress = SILENT,
+) -> Identification:
+    """Identifies an extended model from a log, given what an earlier log has shown.
+
+    Signs are searched from scratch, and settled once more under the parameters given: those that agree better with log
+    and knowledge are kept.
+
+    Args:
+        model: robot, terms and distortions.
+        log: a log.
+        knowledge: of some of the parameters.
+        theta: (P,) parameters from which signs are settled too.
+        search: how signs are searched.
+        posterior: how it is sampled, or whether it is.
+        preparation: how the log is made ready.
+        progress: of long stages.
+
+    Raises:
+        SolverError: an optimisation failed.
+    """
+    names = [*(term.name for term in model.terms), *(distortion.name for distortion in model.distortions)]
+    run = _Run(search, posterior, preparation, Beliefs(), progress, {"model": names})
+    as_read = prepare(log, preparation.cutoff)
+    signals, rows = restored(model, as_read), model.before_sensors
+    segments = find_segments(signals, model.robot.actuators(signals.motion), preparation.cutting)
+    run.lap("prepare")
+    asked = settle_signs(rows, signals, segments, search, progress, Earlier(knowledge, theta))
+    run.lap("search")
+    return replace(_identification(run, log, signals, model, AveragedSigns.alone(asked)), signals=as_read)
+
+
+@dataclass
+class _Run:
+    """What a run was asked for, and the seconds that its stages took."""
+
+    search: Search
+    posterior: Sampling | bool
+    preparation: Preparation
+    beliefs: Beliefs
+    progress: Progress
+    subject: Mapping[str, object]
+    laps: dict[str, float] = field(default_factory=dict)
+    _last: float = field(default_factory=time.perf_counter)
+
+    @property
+    def sampling(self) -> Sampling | None:
+        """How the posterior is sampled; None if it is not."""
+        if isinstance(self.posterior, bool):
+            return Sampling() if self.posterior else None
+        return self.posterior
+
+    @property
+    def asked(self) -> dict[str, object]:
+        """All that was asked for, by name, as plain values."""
+        objects = {"search": self.search, "posterior": self.sampling, "preparation": self.preparation}
+        return plain_options({**self.subject, **objects, "beliefs": self.beliefs})
+
+    def lap(self, stage: str) -> None:
+        """A stage has ended."""
+        now = time.perf_counter()
+        self.laps[stage], self._last = now - self._last, now
+
+
+def _identification(run: _Run, log: Log, signals: Signals, model: Model, averaged: AveragedSigns) -> Identification:
+    """Posterior, doubts, and the signs of segments; `model` holds the sensors' distortions too."""
+    settled, asked, probability, posterior = averaged.settled, averaged.asked, averaged.probability, None
+    if run.sampling is not None:
+        posterior = _sample(run, averaged, run.sampling)
+        run.lap("posterior")
+        if averaged.by_asked:
+            probability = _average_over_draws(averaged, posterior, run.progress)
+        run.lap("smooth")
+    doubt = structural_doubt(settled)
+    probability = (1.0 - doubt) * probability + 0.5 * doubt
+    segments = settled.signs.segments.split(_sign_changes(signals))
+    signs, confidence = segment_signs(segments, probability, signals.raw_effort)
+    return Identification(
+        identified=_identified(model, asked.evidence.coefficients, averaged.fit, posterior),
+        coefficients=asked.evidence.coefficients,
+        log=log,
+        signals=signals,
+        segments=segments,
+        signs=signs,
+        confidence=confidence,
+        probability=probability,
+        fit=averaged.fit,
+        posterior=posterior,
+        sign_terms=tuple(term.name for term in settled.model.terms),
+        sign_weight=averaged.weight,
+        sign_doubt=doubt,
+        searched=settled.signs.segments[settled.signs.segments.fitted],
+        search=settled.signs.search,
+        rounds=settled.signs.rounds,
+        timings=run.laps,
+        warnings=warnings_of(log, averaged, doubt, posterior),
+        beliefs=run.beliefs,
+        provenance=record_provenance(run.asked, log),
+    )
+
+
+def _identified(model: Model, coefficients: BaseCoefficients, fit: Fit, posterior: Posterior | None) -> IdentifiedModel:
+    """The model by the posterior or, without one, by least squares."""
+    if posterior is None:
+        return IdentifiedModel(model, fit.theta, fit.noise, of_base(model, coefficients, fit.information))
+    precision = of_base(model, coefficients, _inverse(posterior.covariance))
+    theta, log_scale = posterior.spread()
+    draws = ParameterDraws(theta, posterior.target.likelihood.sigma * np.exp(log_scale))
+    return IdentifiedModel(model, posterior.theta, fit.noise, precision, draws)
+
+
+def _inverse(covariance: Array) -> Array:
+    """Of a covariance in mixed units: scaled first, so that what is known best is not taken for rounding."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    inverse: Array = np.outer(scale, scale) * np.linalg.pinv(np.outer(scale, scale) * covariance, hermitian=True)
+    return inverse
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Posterior, and signs of samples and segments
+# ---------------------------------------------------------------------------------------------------------------
+def _sample(run: _Run, averaged: AveragedSigns, sampling: Sampling) -> Posterior:
+    """The posterior of the model asked for; signs that another model has settled are given, all others summed out."""
+    evidence, settled, fit = averaged.asked.evidence, averaged.settled, averaged.fit
+    search = settled.signs.search
+    segments = _inner(settled.signs.segments[settled.signs.segments.fitted], evidence.signals)
+    relative = (2.0 * settled.probability - 1.0) * segments.per_sample(search.signs, *settled.probability.shape)
+    moments = evidence.moments(relative, segments, _POINTWISE)
+    if not averaged.by_asked or evidence.information is not None:
+        search = replace(search, theta=fit.theta, branches=(), settled=None)
+    if not averaged.by_asked:
+        moments = replace(moments, known=search.signs)
+    problem = PosteriorProblem(
+        moments=moments,
+        coefficients=evidence.coefficients,
+        cone=evidence.model.cone,
+        noise=fit.noise,
+        links=run.beliefs.links,
+        nominal=run.beliefs.of(evidence.model.parameters),
+        information=evidence.information,
+    )
+    return infer(problem, search, sampling, run.progress.steps("posterior"))
+
+
+def _inner(segments: Segments, signals: Signals) -> Segments:
+    """Segments without the samples at both ends of the log."""
+    inside = np.flatnonzero(signals.inner)
+    ends = int(inside[0]), int(inside[-1]) + 1
+    return replace(segments, start=np.clip(segments.start, *ends), end=np.clip(segments.end, *ends))
+
+
+def _average_over_draws(averaged: AveragedSigns, posterior: Posterior, progress: Progress) -> Array:
+    """(N, n) P(sign = +) of every sample, averaged over draws of parameters and noise."""
+    evidence = averaged.asked.evidence
+    signals = evidence.signals
+    count = int(np.clip(_SMOOTHED / len(signals.motion), 1, _MOST_SMOOTHED))
+    draws, log_scale = posterior.spread(count)
+    draws = draws if count > 1 else posterior.theta[None]
+    predicted = np.stack([evidence.model.effort(signals.motion, theta) for theta in draws], axis=2)
+    noise = averaged.asked.fit.noise.scaled(np.exp(log_scale.mean(axis=0)))
+    known = evidence.moving & signals.inner  # accelerations at both ends are no better known than friction at rest
+    return sign_probabilities(signals, predicted, known, noise, progress.steps("signs of samples"))
+
+
+def _sign_changes(signals: Signals) -> list[tuple[int, int]]:
+    """(joint, sample) at which the effort of a signed joint changes its sign."""
+    positive = signals.effort >= 0.0
+    changes = np.argwhere(positive[1:] != positive[:-1])
+    return [(int(j), int(i) + 1) for i, j in changes if signals.signed[j]]
+
+
+def segment_signs(segments: Segments, probability: Array, effort: Array) -> tuple[Integers, Array]:
+    """(S,) signs and (S,) confidences: each segment's mean probability, weighted with the squared effort.
+
+    Args:
+        segments: S over N samples.
+        probability: (N, n) P(sign = +).
+        effort: (N, n) N m.
+    """
+    share = np.empty(len(segments))
+    for k, (j, a, b) in enumerate(zip(segments.joint, segments.start, segments.end, strict=True)):
+        share[k] = np.average(probability[a:b, j], weights=effort[a:b, j] ** 2 + _SILENT_EFFORT)
+    return np.where(share >= 0.5, 1, -1), np.maximum(share, 1.0 - share)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Checks
+# ---------------------------------------------------------------------------------------------------------------
+def _check(robot: Robot, log: Log) -> None:
+    if robot.n_joints != log.n_joints:
+        counts = f"the log has {log.n_joints} joints, robot {robot.name} has {robot.n_joints}"
+        raise InputError(counts, log.source, "give the log and the robot that belong together")
+    for j in np.flatnonzero(np.ptp(log.q, axis=0) < _LEAST_MOTION):
+        raise InputError(f"joint {j + 1} does not move", log.source, "record a motion in which every joint moves")
+
+
+def _check_amount(segments: Segments, coefficients: BaseCoefficients, log: Log) -> None:
+    samples = int((segments.end - segments.start)[segments.fitted].sum())
+    if samples < _SAMPLES_A_COEFFICIENT * len(coefficients):
+        which = "in motion" if np.array_equal(segments.fitted, segments.moving) else "in motion above the threshold"
+        counts = f"{samples} samples {which} for {len(coefficients)} coefficients"
+        raise InputError(counts, log.source, "record a longer log or name fewer --terms")

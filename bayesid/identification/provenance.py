@@ -1,0 +1,64 @@
+"""What was run on which data: enough to run it again, and to know whether it was the same."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from bayesid.log.log import Log
+
+_PACKAGES = ("bayesid", "numpy", "scipy", "pin", "clarabel", "cvxpy", "emcee", "arviz")
+"""Whose versions may change a result."""
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """How a result came about.
+
+    Attributes:
+        options: what was asked for, by name; plain values only.
+        data: SHA-256 of the samples, see `fingerprint`.
+        files: each file of the log to its SHA-256; a log that never was a file has none.
+        versions: of Python and of the packages that take part.
+        machine: processor and system.
+        date: when it ended, UTC, ISO 8601.
+        command: the command line, if there was one.
+    """
+
+    options: Mapping[str, object]
+    data: str
+    files: Mapping[str, str]
+    versions: Mapping[str, str]
+    machine: str
+    date: str
+    command: str | None = None
+
+
+def record_provenance(options: Mapping[str, object], log: Log) -> Provenance:
+    """What is to be noted after a run on a log with some options."""
+    sources = [piece.source for piece in log.pieces] or [log.source]
+    return Provenance(
+        options=options,
+        data=fingerprint(log),
+        files={source: _digest(Path(source).read_bytes()) for source in sources if Path(source).is_file()},
+        versions={"python": platform.python_version(), **{name: version(name) for name in _PACKAGES}},
+        machine=f"{platform.machine()}, {platform.system()}",
+        date=datetime.now(UTC).isoformat(timespec="seconds"),
+    )
+
+
+def fingerprint(log: Log) -> str:
+    """SHA-256 of t, q, effort, dq and signed, as little-endian float64 row by row: the same from any file format."""
+    parts = [log.t, log.q, log.effort, *([] if log.dq is None else [log.dq]), log.signed]
+    return _digest(b"".join(np.ascontiguousarray(part, dtype="<f8").tobytes() for part in parts))
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()

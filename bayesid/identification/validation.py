@@ -1,0 +1,112 @@
+"""A prediction against a log that the model has not seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.errors import InputError
+from bayesid.fit.noise import Noise, relative_rms
+from bayesid.log.log import Log
+from bayesid.log.segments import Segments, find_segments
+from bayesid.log.signals import Signals, signed_effort
+from bayesid.model.robot import Robot
+from bayesid.signs.smoothing import sign_probabilities
+
+NORMAL_95 = 1.959963984540054
+"""Standard deviations within which 95 % of a normal distribution lie: the 0.975 quantile."""
+
+
+@dataclass(frozen=True)
+class PredictedEfforts:
+    """Efforts predicted for a motion of N instants.
+
+    Attributes:
+        effort: (N, n) N m.
+        sd: (N, n) standard deviation of an unfiltered effort about it, N m.
+        basis: what the standard deviation accounts for.
+    """
+
+    effort: Array
+    sd: Array
+    basis: str
+
+
+@dataclass(frozen=True)
+class Validation:
+    """How well a model predicts a log.
+
+    Attributes:
+        log: the raw log.
+        signals: the log on an even grid of N instants.
+        segments: its segments.
+        probability: (N, n) P(sign = +) of every sample under the model; 0 or 1 where the log is signed.
+        measured: (N, n) efforts with their likelier signs, lightly filtered, N m.
+        predicted: (N, n) the model's efforts, N m.
+        rms_error: (n,) RMS of measured - predicted in motion, N m.
+        relative_residual: (n,) the same over the RMS of the measured effort.
+        lower: (N, n) lower end of the 95 % band of the unfiltered effort, N m (:eq:`prediction-band`).
+        upper: (N, n) its upper end, N m.
+        coverage: (n,) share of the unfiltered efforts in motion, with their likelier signs, that lie in the band.
+        band: what the band accounts for.
+    """
+
+    log: Log
+    signals: Signals
+    segments: Segments
+    probability: Array
+    measured: Array
+    predicted: Array
+    rms_error: Array
+    relative_residual: Array
+    lower: Array
+    upper: Array
+    coverage: Array
+    band: str
+
+
+def check_joints(robot: Robot, log: Log) -> None:
+    """A log has as many joints as a model's robot.
+
+    Raises:
+        InputError: it has not.
+    """
+    if log.n_joints != robot.n_joints:
+        counts = f"the log has {log.n_joints} joints, the model's robot {robot.name} has {robot.n_joints}"
+        raise InputError(counts, log.source, "give a log of the same robot")
+
+
+def compare(log: Log, signals: Signals, robot: Robot, prediction: PredictedEfforts, noise: Noise) -> Validation:
+    """Settles a log's unknown signs under a prediction, and compares the two.
+
+    Args:
+        log: the raw log.
+        signals: the log on an even grid of N instants.
+        robot: of the log.
+        prediction: of its motion.
+        noise: of the model's residual on the log it was identified from.
+    """
+    segments = find_segments(signals, robot.actuators(signals.motion))
+    moving = segments.per_sample(segments.moving, *signals.effort.shape) > 0
+    predicted, half = prediction.effort, NORMAL_95 * prediction.sd
+    probability = sign_probabilities(signals, predicted, moving, noise)
+    signs = np.where(probability >= 0.5, 1.0, -1.0)
+    measured, unfiltered = signed_effort(signals, signs), signed_effort(signals, signs, filtered=False)
+    residual, count = measured - predicted, np.maximum(moving.sum(axis=0), 1)
+    inside = np.abs(unfiltered - predicted) <= half
+    return Validation(
+        log=log,
+        signals=signals,
+        segments=segments,
+        probability=probability,
+        measured=measured,
+        predicted=predicted,
+        rms_error=np.sqrt((residual**2 * moving).sum(axis=0) / count),
+        relative_residual=relative_rms(residual, measured, moving),
+        lower=predicted - half,
+        upper=predicted + half,
+        coverage=(inside & moving).sum(axis=0) / count,
+        band=prediction.basis,
+    )

@@ -1,0 +1,133 @@
+"""What a user should know of an identification, a sentence each; the report's checks say the same by the same words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.fit.least_squares import POOR_FIT, Fit
+from bayesid.log.log import Log
+from bayesid.posterior.inference import Posterior
+from bayesid.signs.averaging import AveragedSigns
+from bayesid.signs.rounds import SegmentSigns
+
+_UNDERSHOOT = 0.05
+"""A filter after the rectifier makes |effort| reach below zero, by less than this share of its maximum. A round number;
+not studied."""
+_GAP = 1e-8
+"""Relative gap of the solver above which there is a warning: a hundred times what is tried first."""
+
+
+def warnings_of(log: Log, averaged: AveragedSigns, doubt: Array, posterior: Posterior | None) -> tuple[str, ...]:
+    """All warnings of an identification.
+
+    Args:
+        log: the raw log.
+        averaged: signs and fit.
+        doubt: (n,) probability that signs are guesses because the model is not the robot's.
+        posterior: draws; None if it was not asked for.
+    """
+    return (
+        *_hardly_negative(log),
+        *_fit_warnings(averaged.fit),
+        *_search_warnings(averaged.settled.signs),
+        *_tolerance_warning(averaged.fit),
+        *_missing_terms(averaged),
+        *_doubt_warning(doubt),
+        *_posterior_warning(posterior),
+    )
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Statements, for warnings and for the report
+# ---------------------------------------------------------------------------------------------------------------
+def not_excited(count: int | str, of: int | None = None) -> str:
+    """That a log does not show some coefficients, of so many."""
+    return f"the log does not excite {count}{'' if of is None else f' of {of}'} coefficients"
+
+
+def on_edge(links: Sequence[int]) -> str:
+    """That links, from 1, are as far from physical as they may be."""
+    return f"the parameters of link {', '.join(map(str, links))} sit on the edge of the feasible set"
+
+
+def not_ruled_out(gap: float, cost: float) -> str:
+    """How much less than the best assignment others may cost, where nothing better is proven."""
+    return f"others may cost up to {gap:.3g} less than {cost:.4g}"
+
+
+def confidences_lowered(doubt: Sequence[float]) -> str:
+    """That (n,) signs are guesses with a probability, because the model is not the robot's."""
+    joints = ", ".join(str(j) for j, share in enumerate(doubt, start=1) if share)
+    lowered = f"confidences of joint {joints} are lowered, to {1.0 - 0.5 * max(doubt):.2f} at worst"
+    return f"the model's own error is large: {lowered}"
+
+
+def convergence(max_rhat: float | None, min_ess: float | None) -> str:
+    """R-hat and effective sample size at worst; None where they are not finite."""
+    rhat = "unknown" if max_rhat is None else f"{max_rhat:.3f}"
+    size = "unknown" if min_ess is None else f"{min_ess:.0f}"
+    return f"R-hat {rhat}, effective sample size {size}"
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Warnings
+# ---------------------------------------------------------------------------------------------------------------
+
+
+def _hardly_negative(log: Log) -> list[str]:
+    least, largest = log.effort.min(axis=0), np.abs(log.effort).max(axis=0)
+    return [
+        f"the effort of joint {j + 1} is hardly ever negative; if it was rectified and then filtered, say "
+        f"--unsigned {j + 1}"
+        for j in np.flatnonzero(log.signed & (least > -_UNDERSHOOT * largest))
+    ]
+
+
+def _fit_warnings(fit: Fit) -> list[str]:
+    warnings = [
+        f"joint {j + 1} leaves {fit.relative_residual[j]:.0%} of its effort unexplained: a term is missing or signs "
+        "are wrong, whatever their confidence; try a wider beam"
+        for j in np.flatnonzero(fit.relative_residual > POOR_FIT)
+    ]
+    unexcited = int(np.isinf(fit.sd).sum())
+    if unexcited:
+        warnings.append(f"{not_excited(unexcited)}; their standard deviation is infinite")
+    if fit.on_edge.any():
+        warnings.append(on_edge((np.flatnonzero(fit.on_edge) + 1).tolist()))
+    return warnings
+
+
+def _search_warnings(signs: SegmentSigns) -> list[str]:
+    search, warnings = signs.search, []
+    if search.lower_bound is not None and not search.certified:
+        gap = not_ruled_out(search.cost - search.lower_bound, search.cost)
+        warnings.append(f"the signs are not proven to be the best: {gap}; give more --search-budget")
+    if signs.unsplit:
+        warnings.append(f"{signs.unsplit} segments still cross zero after {signs.rounds} searches")
+    return warnings
+
+
+def _tolerance_warning(fit: Fit) -> list[str]:
+    return [f"the final fit reached a relative gap of {fit.tolerance:g} only"] if fit.tolerance > _GAP else []
+
+
+def _missing_terms(averaged: AveragedSigns) -> list[str]:
+    if averaged.by_asked:
+        return []
+    names = [term.name for term in averaged.asked.model.terms]
+    missing = ", ".join(term.name for term in averaged.settled.model.terms if term.name not in names)
+    return [f"the model lacks {missing}: with these terms the log is explained far better; signs rest on them"]
+
+
+def _doubt_warning(doubt: Array) -> list[str]:
+    return [confidences_lowered(doubt.tolist())] if doubt.any() else []
+
+
+def _posterior_warning(posterior: Posterior | None) -> list[str]:
+    if posterior is None or posterior.converged:
+        return []
+    figures = convergence(posterior.max_rhat, posterior.min_ess)
+    return [f"the posterior has not converged ({figures}); give more --posterior-budget"]

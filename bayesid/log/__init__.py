@@ -1,0 +1,1 @@
+"""What a controller recorded: reading, filtering, segments of constant sign."""

@@ -1,0 +1,72 @@
+"""Parquet files, with the same names of columns as a CSV log."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.errors import InputError
+from bayesid.log.formats.base import Format, Options
+from bayesid.log.formats.names import choose
+from bayesid.log.formats.table import Column, Table, rows_of, seconds
+
+if TYPE_CHECKING:
+    import pyarrow
+
+_TICKS = {"s": 1, "ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}
+"""Ticks in a second, by the unit of a time."""
+
+
+class ParquetFile(Format):
+    """Columns named as in a CSV log; a time may be a timestamp or a duration."""
+
+    name = "a Parquet file"
+    magic = (b"PAR1",)
+
+    def read(self, path: Path, options: Options) -> Table:
+        """The columns of a log."""
+        return _read(path)
+
+
+def _read(path: Path) -> Table:
+    import pyarrow
+    from pyarrow import parquet
+
+    try:
+        file = parquet.ParquetFile(path)
+        chosen = choose(file.schema_arrow.names, str(path))
+        columns = file.read([source.label for source in chosen])
+    except (pyarrow.ArrowException, pyarrow.ArrowInvalid, OSError) as error:
+        if isinstance(error, FileNotFoundError):
+            raise
+        raise InputError(f"is damaged ({_first_line(error)})", str(path), "write it again") from None
+    read = {}
+    for source in chosen:
+        column = columns.column(source.label)
+        where = f"{path}, column {source.label}"
+        if column.null_count:
+            row = int(np.flatnonzero(column.is_null().to_numpy())[0])
+            said = f"column {source.label} holds no value"
+            raise InputError(said, rows_of(str(path))(row), "remove the row or give the value")
+        values, in_seconds = _numbers(column, source.name == "t", where)
+        read[source.name] = Column(source.label, values, 1.0 if in_seconds else source.unit)
+    return Table(read, str(path), rows_of(str(path)))
+
+
+def _numbers(column: pyarrow.ChunkedArray, is_time: bool, where: str) -> tuple[Array, bool]:
+    """A column's numbers, and whether its type says that they are s."""
+    import pyarrow
+
+    kind = column.type
+    if is_time and (pyarrow.types.is_timestamp(kind) or pyarrow.types.is_duration(kind)):
+        return seconds(column.cast(pyarrow.int64()).to_numpy(), _TICKS[kind.unit]), True
+    if pyarrow.types.is_integer(kind) or pyarrow.types.is_floating(kind) or pyarrow.types.is_decimal(kind):
+        return np.asarray(column.cast(pyarrow.float64(), safe=False).to_numpy(), dtype=float), False
+    raise InputError(f"holds {kind}, not numbers", where, "write it as floats")
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).splitlines()[0] if str(error) else type(error).__name__

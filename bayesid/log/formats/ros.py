@@ -1,0 +1,190 @@
+"""ROS 2 bags: folders, or single .mcap and .db3 files, of `sensor_msgs/msg/JointState`, through the library rosbags.
+
+A message holds names, positions (rad), velocities (rad/s) and efforts (N m by the definition of the message; some
+drivers put currents, A, there). A topic may carry messages of several publishers, such as an arm and a gripper.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.errors import InputError
+from bayesid.log.formats.base import Format, Options
+from bayesid.log.formats.table import Column, Table, seconds
+
+_TYPE = "sensor_msgs/msg/JointState"
+
+
+@dataclass(frozen=True)
+class _Message:
+    """A joint state.
+
+    Attributes:
+        received: when the bag received it, ns.
+        stamp: when it was measured by its publisher's word, ns; 0 where that says nothing.
+        names: of the joints.
+        position, velocity, effort: of the joints, or empty.
+    """
+
+    received: int
+    stamp: int
+    names: tuple[str, ...]
+    position: Array
+    velocity: Array
+    effort: Array
+
+
+class RosBag(Format):
+    """Joint states of one topic.
+
+    By default the topic is the only one, or the only one with efforts, and the joints are all, by their numbers or else
+    as the first message has them.
+    """
+
+    name = "a ROS bag"
+    magic = (b"\x89MCAP0\r\n", b"SQLite format 3\0")
+    options = frozenset({"topic", "joints"})
+
+    def recognises(self, path: Path, head: bytes) -> bool:
+        """Whether it is a bag's folder, or a file of one."""
+        return self.is_folder(path) or head.startswith(self.magic) or _holds_bag_files(path)
+
+    def is_folder(self, path: Path) -> bool:
+        """Whether a folder is a bag: its metadata say so."""
+        return (path / "metadata.yaml").is_file()
+
+    def read(self, path: Path, options: Options) -> Table:
+        """The columns of a log."""
+        if path.is_dir() and not self.is_folder(path):
+            remedy = "run `ros2 bag reindex` on it, or give the file inside"
+            raise InputError("is a bag without its metadata.yaml", str(path), remedy)
+        return _read(path, options)
+
+
+def _holds_bag_files(path: Path) -> bool:
+    return any(path.glob("*.mcap")) or any(path.glob("*.db3"))
+
+
+def _read(path: Path, options: Options) -> Table:
+    topics = _topics(path)
+    topic = _choose_topic(topics, options.topic, str(path))
+    where = f"{path}, topic {topic}"
+    names = _names(topics[topic], options.joints, where)
+    messages = [message for message in topics[topic] if set(names) <= set(message.names)]
+    if not messages:
+        known = dict.fromkeys(name for message in topics[topic] for name in message.names)
+        said = f"no message holds all of the joints {', '.join(names)}"
+        raise InputError(said, where, f"give --joints those of {', '.join(known)}")
+
+    def place(row: int) -> str:
+        return f"{where}, message {row + 1}"
+
+    stamped = any(message.stamp for message in messages)  # not all: the clock of a simulation begins at zero
+    times = seconds([message.stamp if stamped else message.received for message in messages])
+    columns = {"t": Column("t", times, 1.0)}
+    blocks = {
+        "q": _block(messages, "position", names),
+        "i" if options.currents else "tau": _block(messages, "effort", names),
+    }
+    for kind, block in blocks.items():
+        missing = [k for k, row in enumerate(block) if row is None]
+        if missing:
+            said = f"holds no {'position' if kind == 'q' else 'effort'} of each joint"
+            raise InputError(said, place(missing[0]), "record joint states with positions and efforts of all joints")
+    velocity = _block(messages, "velocity", names)
+    if all(row is not None and np.isfinite(row).all() for row in velocity):
+        blocks["dq"] = velocity
+    for kind, block in blocks.items():
+        for j, values in enumerate(np.array(block, dtype=float).T):
+            columns[f"{kind}{j + 1}"] = Column(f"{kind}{j + 1} ({names[j]})", values)
+    notes = []
+    if options.joints is None and not _numbered(names):
+        order = f"joints are taken in the order {', '.join(names)}"
+        notes.append(f"{where}: {order}; if that is not from base to tip, give --joints")
+    if not stamped:
+        notes.append(f"{where}: the stamps are zero; time is when the bag received the messages, which jitters more")
+    return Table(columns, str(path), place, tuple(notes))
+
+
+def _topics(path: Path) -> dict[str, list[_Message]]:
+    """The joint states of each topic, in the order in which the bag received them."""
+    try:
+        from rosbags.rosbag2 import Reader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise InputError("bags need the library rosbags", str(path), "pip install 'bayesid[ros]'") from None
+    decode = get_typestore(Stores.LATEST).deserialize_cdr  # Humble's bags hold no definitions; this one never changed
+    topics: dict[str, list[_Message]] = {}
+    try:
+        with Reader(path) as bag:
+            connections = [known for known in bag.connections if known.msgtype == _TYPE]
+            for connection, received, data in bag.messages(connections) if connections else ():
+                topics.setdefault(connection.topic, []).append(_message(received, decode(data, _TYPE)))
+    except OSError:
+        raise
+    except Exception as error:  # a damaged bag raises whatever the parser stumbles over
+        reason = " ".join(str(error).split()) or type(error).__name__
+        remedy = "repair it: `ros2 bag reindex`, or `mcap recover`"
+        raise InputError(f"cannot be read as a bag ({reason})", str(path), remedy) from None
+    return topics
+
+
+def _message(received: int, state: Any) -> _Message:
+    stamp = state.header.stamp.sec * 1_000_000_000 + state.header.stamp.nanosec
+    return _Message(received, stamp, tuple(state.name), state.position, state.velocity, state.effort)
+
+
+def _choose_topic(topics: dict[str, list[_Message]], topic: str | None, where: str) -> str:
+    if not topics:
+        raise InputError(f"holds no message of {_TYPE}", where, "record the topic of the joint states")
+    if topic is not None:
+        if topic not in topics:
+            raise InputError(f"{topic!r} is no topic of joint states", "--topic", f"give {', '.join(topics)}")
+        return topic
+    chosen = [name for name, messages in topics.items() if any(len(message.effort) for message in messages)]
+    if len(topics) == 1:
+        return next(iter(topics))
+    if len(chosen) != 1:
+        said = f"{len(chosen) or 'none'} of the topics {', '.join(topics)} {'have' if chosen else 'has'} efforts"
+        raise InputError(said, where, "say which with --topic" if chosen else "record one with efforts")
+    return chosen[0]
+
+
+def _names(messages: Sequence[_Message], joints: Sequence[str] | None, where: str) -> tuple[str, ...]:
+    """Which joints, in their order."""
+    if joints is not None:
+        if len(set(joints)) < len(joints):
+            raise InputError("a joint is named twice", "--joints", "name every joint once")
+        return tuple(joints)
+    first = messages[0].names
+    for message in messages:
+        if set(message.names) != set(first):
+            said = f"there are messages of {', '.join(first)}, and of {', '.join(message.names)}"
+            raise InputError(said, where, "say which joints with --joints, from base to tip")
+    return tuple(sorted(first, key=_numbers)) if _numbered(first) else first
+
+
+def _numbered(names: Sequence[str]) -> bool:
+    """Whether names differ by numbers only: these then give the order."""
+    return len({re.sub(r"\d+", "#", name) for name in names}) == 1
+
+
+def _numbers(name: str) -> list[int]:
+    return [int(digits) for digits in re.findall(r"\d+", name)]
+
+
+def _block(messages: Sequence[_Message], field: str, names: Sequence[str]) -> list[Array | None]:
+    """Of each message, the (n,) values of a field in the order of the names; None where joints lack a value."""
+    rows: list[Array | None] = []
+    for message in messages:
+        values = getattr(message, field)
+        complete = len(values) == len(message.names)
+        rows.append(values[[message.names.index(name) for name in names]] if complete else None)
+    return rows

@@ -1,0 +1,128 @@
+"""The columns of a log as a file holds them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bayesid.arrays import Array
+from bayesid.errors import InputError
+
+DEGREE = pi / 180.0
+"""rad."""
+ABSURD = 1e6
+"""No robot moves or pushes this much in SI units; logs in the wild hold 1e282 from uninitialised memory. Any size
+between the two would do."""
+_LONGEST_GAP = 3600.0
+"""A log that pauses longer than this, s, is two recordings, or its clock was set in between. A round number; not
+studied."""
+FEWEST_ROWS = 50
+"""Rows of a log, and distinct instants in it, at least: half a second at the usual 100 Hz, too short to filter. A round
+number; not studied."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column.
+
+    Attributes:
+        label: what the file calls it, for messages.
+        values: (N,) as the file has them.
+        unit: how many SI units one of the file's is; None where the file does not say.
+    """
+
+    label: str
+    values: Array
+    unit: float | None = None
+
+
+@dataclass(frozen=True)
+class Table:
+    """What a file holds of a log: a time, and columns for joints 1 to n without a gap.
+
+    Attributes:
+        columns: of t; q1..qn; tau1..taun (N m) or i1..in (A); and dq1..dqn if velocities were measured.
+        source: the file, for messages.
+        place: what a message calls a row, counted from 0.
+        notes: what had to be assumed, a sentence each.
+    """
+
+    columns: Mapping[str, Column]
+    source: str
+    place: Callable[[int], str]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def t(self) -> Array:
+        """(N,) time, s."""
+        return self._si(self.columns["t"], 1.0)
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints n."""
+        return next(j for j in range(len(self.columns)) if f"q{j + 1}" not in self.columns)
+
+    def block(self, kind: str, unit: float = 1.0) -> Array:
+        """(N, n) the columns of a kind that is there, "q", "dq", "tau" or "i", in SI units.
+
+        Args:
+            kind: what the names of the columns begin with.
+            unit: of the columns of which the file does not say it, in SI units.
+        """
+        columns = (self.columns[f"{kind}{j + 1}"] for j in range(self.n_joints))
+        return np.column_stack([self._si(column, unit) for column in columns])
+
+    @staticmethod
+    def _si(column: Column, unit: float) -> Array:
+        return column.values * (unit if column.unit is None else column.unit)
+
+
+def check(table: Table) -> Table:
+    """The table itself, if its rows are enough, its numbers of this world and its time in order.
+
+    Raises:
+        InputError: they are not.
+    """
+    t = table.columns["t"]
+    if len(t.values) < FEWEST_ROWS:
+        said = f"holds {len(t.values)} rows, too few to identify anything"
+        raise InputError(said, table.source, f"record at least {FEWEST_ROWS} rows, better thousands")
+    _check_numbers(table)
+    with np.errstate(over="ignore"):
+        step = np.diff(table.t)
+    for k in np.flatnonzero((step < 0.0) | (step > _LONGEST_GAP)):
+        before, after = table.t[[k, k + 1]]
+        said = f"time {'runs backwards' if step[k] < 0.0 else 'jumps'}, from {before:.12g} s to {after:.12g} s"
+        raise InputError(said, table.place(int(k) + 1), "sort or cut the log")
+    if table.t[-1] == table.t[0]:
+        raise InputError("time never advances", f"{table.source}, column {t.label}", "give the time of each row in s")
+    return table
+
+
+def _check_numbers(table: Table) -> None:
+    """The first row with a number that cannot be is named; of several in it, that of the first column."""
+    values = np.column_stack([column.values for column in table.columns.values()])
+    largest = [np.inf if name == "t" else ABSURD for name in table.columns]
+    for row, place in np.argwhere(~(np.abs(values) < largest)):
+        said = f"column {list(table.columns.values())[place].label} holds {values[row, place]:g}"
+        raise InputError(said, table.place(int(row)), "remove the row or correct the value")
+
+
+def seconds(counts: ArrayLike, per_second: int = 1_000_000_000) -> Array:
+    """Whole numbers of ticks in s, as exact as a float allows: it cannot hold the nanoseconds since 1970.
+
+    Args:
+        counts: (N,) ticks.
+        per_second: how many ticks a second has; nanoseconds by default.
+    """
+    whole, rest = np.divmod(np.asarray(counts, dtype=np.int64), per_second)
+    return whole + rest / per_second
+
+
+def rows_of(source: str) -> Callable[[int], str]:
+    """What messages call the rows of a file that has no lines."""
+    return lambda row: f"{source}, row {row + 1}"

@@ -1,0 +1,338 @@
+"""Logs: what a controller recorded, checked once on the way in.
+
+A CSV holds the header `t,q1..qn[,dq1..dqn],tau1..taun` (s, rad, rad/s, N m), or currents `i1..in` (A) with gains
+(N m/A at the link side). Other columns are ignored, whatever they hold. Efforts are those of the actuators
+(see `bayesid.model.robot`). Files of other formats hold the same in other words (see `bayesid.log.formats`).
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from glob import glob
+from itertools import chain
+from math import pi
+from pathlib import Path
+
+import numpy as np
+
+from bayesid.arrays import Array, Integers, Mask, frozen
+from bayesid.errors import InputError
+from bayesid.files import numbered, replace_file, write_columns
+from bayesid.log.formats import Options, Table, is_log_folder, read_table
+from bayesid.log.formats.table import ABSURD, DEGREE
+
+_FEW_TURNS = 4.0 * pi
+"""rad; joints turn back before, but for one here and there that turns on and on. Two turns either way: the joints of
+docs/logs-and-robots.md's robots reach one."""
+_ROUNDING = 0.01
+"""Share of a period by which an instant of an even grid may miss the row it belongs to; far above the rounding of times
+that count from 1970 (2.4e-7 s), far below half a period."""
+_PAUSE = 3.0
+"""s between two logs that are joined, at least: longer than any filter looks ahead, which is 1.5 periods of a cut-off
+that is no lower than a few Hz (`bayesid.log.signals`)."""
+_PAUSE_PERIODS = 100
+"""Periods between two logs that are joined, at least: at a low rate, and where most rows repeat, 3 s are no pause. Well
+above the 20 typical periods from which `bayesid.log.signals` leaves a pause out."""
+_SAME_RATE = 0.2
+"""Logs whose rates differ by more than this share are not joined. A round number; not studied."""
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One of the recordings that a log was joined from.
+
+    Attributes:
+        source: where it came from.
+        start_row: its first row in the log.
+        stop_row: the row after its last.
+        t: (stop_row - start_row,) its rows' time on its own clock, s, as recorded: shifted times are rounded ones.
+    """
+
+    source: str
+    start_row: int
+    stop_row: int
+    t: Array
+
+    def __post_init__(self) -> None:
+        if not self.start_row < self.stop_row:
+            raise ValueError("a piece holds no rows")
+        object.__setattr__(self, "t", frozen(self.t, (self.stop_row - self.start_row,), "a piece's t"))
+
+
+@dataclass(frozen=True)
+class Log:
+    """A recorded motion with its actuator efforts, as recorded: no filter, no resampling.
+
+    Attributes:
+        t: (N,) time, s, non-decreasing.
+        q: (N, n) joint positions, rad.
+        effort: (N, n) actuator efforts, N m; absolute values for the joints that are not signed.
+        signed: (n,) whether the effort's sign is known.
+        dq: (N, n) measured joint velocities, rad/s, or None.
+        source: where it came from, for messages.
+        pieces: the recordings it was joined from, which hold its rows one after the other; empty where it is one.
+    """
+
+    t: Array
+    q: Array
+    effort: Array
+    signed: Mask
+    dq: Array | None = None
+    source: str = "log"
+    pieces: tuple[Piece, ...] = ()
+
+    def __post_init__(self) -> None:
+        q = frozen(self.q, (None, None), "q")
+        object.__setattr__(self, "q", q)
+        object.__setattr__(self, "t", frozen(self.t, (q.shape[0],), "t"))
+        object.__setattr__(self, "effort", frozen(self.effort, q.shape, "effort"))
+        if self.dq is not None:
+            object.__setattr__(self, "dq", frozen(self.dq, q.shape, "dq"))
+        signed = np.array(self.signed, dtype=bool)
+        if signed.shape != (q.shape[1],):
+            raise ValueError(f"signed has shape {signed.shape}, expected ({q.shape[1]},)")
+        signed.setflags(write=False)
+        object.__setattr__(self, "signed", signed)
+        if np.any(self.effort[:, ~signed] < 0.0):
+            raise ValueError("the effort of an unsigned joint is an absolute value and cannot be negative")
+        if np.any(np.diff(self.t) < 0.0):
+            raise ValueError("time runs backwards")
+        if self.pieces and [0, *(p.stop_row for p in self.pieces)] != [*(p.start_row for p in self.pieces), len(self)]:
+            raise ValueError("the pieces do not hold the log's rows one after the other")
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def rectified(self) -> Log:
+        """The log as a controller that hides every sign would have written it."""
+        return replace(self, effort=np.abs(self.effort), signed=np.zeros(self.n_joints, dtype=bool))
+
+    @property
+    def pooled(self) -> bool:
+        """Whether it was joined from several recordings."""
+        return len(self.pieces) > 1
+
+    def clock(self, t: Array) -> tuple[Integers, Array]:
+        """Instants of the log on the clock of the recording that each lies in.
+
+        Args:
+            t: (M,) instants on the log's clock, s.
+
+        Returns:
+            (M,) the recording's place in `pieces`, 0 in a log that is one, and -1 where nothing was recorded; and (M,)
+            its own time, s, as the log's clock has it where nothing was recorded.
+        """
+        place, time = np.full(len(t), -1 if self.pooled else 0), np.array(t, dtype=float)
+        slack = _ROUNDING * self.period
+        for k, piece in enumerate(self.pieces if self.pooled else ()):
+            first, last = self.t[[piece.start_row, piece.stop_row - 1]]
+            inside = (t >= first - slack) & (t <= last + slack)
+            place[inside], time[inside] = k, t[inside] - (first - piece.t[0])
+        return place, time
+
+    @property
+    def period(self) -> float:
+        """Typical time between two rows, s."""
+        steps = np.diff(self.t)
+        return float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints n."""
+        return int(self.q.shape[1])
+
+
+def read_log(
+    path: str | Path,
+    gains: Sequence[float] | None = None,
+    unsigned: str | None = None,
+    *,
+    degrees: bool | None = None,
+    topic: str | None = None,
+    joints: Sequence[str] | None = None,
+) -> Log:
+    """Reads and checks a log in one of the formats of `bayesid.log.formats`.
+
+    What had to be assumed, such as the order of a bag's joints, is said in a `UserWarning`.
+
+    Args:
+        path: the file, or a folder that is a recording.
+        gains: n drive gains, N m/A, for a log of currents i1..in; efforts that the format leaves open (those of a ROS
+            bag) are then currents.
+        unsigned: "all", "none" or 1-based joints as in "1,3"; by default a joint whose effort is never negative.
+        degrees: whether positions and velocities are in degrees where the file does not say their unit. All of them
+            are taken as angles: give those of prismatic joints a unit in the header, as in `q3[m]`. By default they
+            are in rad (m), and refused if more than half of the joints, and two at least, leave two turns either way.
+        topic: of a recording with joint states of several topics; by default the only one with efforts.
+        joints: names from base to tip, where joints have names; by default all, in the order of their numbers, or else
+            in that of the first message.
+
+    Raises:
+        InputError: the file, a row, a column or an option cannot be used.
+    """
+    table = read_table(Path(path), Options(topic=topic, joints=joints, currents=gains is not None))
+    angle, factors = _angle(table, degrees), _factors(table, gains)
+    q, measured = table.block("q", angle), table.block("tau" if "tau1" in table.columns else "i")
+    signed = _signed(measured, unsigned, table.n_joints)
+    effort = measured * factors
+    for j in np.flatnonzero(np.ptp(q, axis=0) == 0.0):
+        said = f"column {table.columns[f'q{j + 1}'].label} is constant"
+        raise InputError(said, table.source, "record a motion in which every joint moves")
+    for j in np.flatnonzero(~np.any(effort, axis=0)):
+        said = f"the effort of joint {j + 1} is zero in every row"
+        raise InputError(said, table.source, "check that its sensor was read")
+    for note in table.notes:
+        warnings.warn(note, stacklevel=2)
+    return Log(
+        t=table.t,
+        q=q,
+        effort=np.where(signed, effort, np.abs(effort)),
+        signed=signed,
+        dq=table.block("dq", angle) if "dq1" in table.columns else None,
+        source=table.source,
+    )
+
+
+def find_logs(patterns: Sequence[str | Path]) -> list[Path]:
+    """The logs that paths and patterns name, one after the other; those of a pattern in alphabetical order.
+
+    Args:
+        patterns: paths, or patterns as in "runs/*.csv" with `*`, `?` or `[`; what exists is a path.
+
+    Raises:
+        InputError: no file matches a pattern, or a log is named twice.
+    """
+    named: dict[str, Path] = {}
+    for path in chain.from_iterable(map(_matches, patterns)):
+        place = os.path.realpath(path)
+        if place in named:
+            said = "is named twice" if named[place] == path else f"is the same file as {named[place]}"
+            raise InputError(said, str(path), "name every log once: it would count twice")
+        named[place] = path
+    return list(named.values())
+
+
+def _matches(pattern: str | Path) -> list[Path]:
+    """The path itself, whether it exists or not, or the logs that match it; not the files of a folder that is a log."""
+    if os.path.exists(pattern) or not set("*?[") & set(str(pattern)):
+        return [Path(pattern)]
+    matches = [Path(match) for match in sorted(glob(str(pattern), recursive=True))]
+    logs = [path for path in matches if is_log_folder(path) or (path.is_file() and not is_log_folder(path.parent))]
+    if not logs:
+        raise InputError("matches no file", str(pattern), "give the path of a log, or a pattern of several")
+    return logs
+
+
+def join_logs(logs: Sequence[Log]) -> Log:
+    """Several logs of the same robot as one, with a pause between them: identification leaves pauses out.
+
+    Each keeps its own time in `pieces`.
+
+    Args:
+        logs: at least one; times start over in each of them.
+
+    Raises:
+        InputError: they do not have the same joints, signed joints or measured velocities, or not the same rate.
+    """
+    first = logs[0]
+    if len(logs) == 1:
+        return first
+    for log in logs[1:]:
+        _check_fit(first, log)
+    pause = max(_PAUSE, _PAUSE_PERIODS * max(log.period for log in logs))
+    times, pieces = [first.t], list(_pieces(first, 0))
+    for log in logs[1:]:
+        times.append(log.t - log.t[0] + (times[-1][-1] + pause))
+        pieces += _pieces(log, pieces[-1].stop_row)
+    measured = None if first.dq is None else np.concatenate([log.dq for log in logs if log.dq is not None])
+    return Log(
+        t=np.concatenate(times),
+        q=np.concatenate([log.q for log in logs]),
+        effort=np.concatenate([log.effort for log in logs]),
+        signed=first.signed,
+        dq=measured,
+        source=" + ".join(log.source for log in logs),
+        pieces=tuple(pieces),
+    )
+
+
+def _pieces(log: Log, row: int) -> tuple[Piece, ...]:
+    """The log's recordings in a longer log in which it begins at a row."""
+    pieces = log.pieces or (Piece(log.source, 0, len(log), log.t),)
+    return tuple(replace(p, start_row=p.start_row + row, stop_row=p.stop_row + row) for p in pieces)
+
+
+def _check_fit(first: Log, log: Log) -> None:
+    """Two logs can only be joined where the same is known at the same rate."""
+    if log.n_joints != first.n_joints:
+        said = f"has {log.n_joints} joints, {first.source} has {first.n_joints}"
+        raise InputError(said, log.source, "join logs of one robot")
+    if not np.array_equal(log.signed, first.signed):
+        said = f"other joints are signed than in {first.source}"
+        raise InputError(said, log.source, "say which with --unsigned, or rectify both")
+    if (log.dq is None) != (first.dq is None):
+        said = f"only one of it and {first.source} has measured velocities"
+        raise InputError(said, log.source, "leave the columns dq1..dqn out of the other")
+    rate, expected = 1.0 / log.period, 1.0 / first.period
+    if abs(rate / expected - 1.0) > _SAME_RATE:
+        said = f"{rate:.4g} Hz, {first.source} has {expected:.4g} Hz"
+        raise InputError(said, log.source, "bring the logs to the same rate")
+
+
+def write_log(path: str | Path, log: Log) -> None:
+    """Writes a log in the format that `read_log` reads, with as many digits as it takes to come back the same.
+
+    Nothing in the file says which joints are signed: `read_log` looks for negative efforts, unless `unsigned` says it.
+    """
+    blocks = {"q": log.q, **({} if log.dq is None else {"dq": log.dq}), "tau": log.effort}
+    names = ["t", *(name for kind in blocks for name in numbered(kind, log.n_joints))]
+    replace_file(Path(path), lambda aside: write_columns(aside, names, log.t, np.hstack(list(blocks.values()))))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What a table's numbers mean
+# ---------------------------------------------------------------------------------------------------------------
+def _angle(table: Table, degrees: bool | None) -> float:
+    """The unit, rad, of the positions of which the file does not say it."""
+    if degrees is None:
+        reach = np.abs([c.values for name, c in table.columns.items() if name.startswith("q") and c.unit is None])
+        far = [highest for highest in reach.max(axis=1) if highest > _FEW_TURNS] if len(reach) else []
+        if len(far) > max(1, table.n_joints // 2):
+            said = f"positions reach {max(far):.4g}: are they degrees?"
+            raise InputError(said, table.source, "give --degrees, or --no-degrees if they are rad")
+    return DEGREE if degrees else 1.0
+
+
+def _factors(table: Table, gains: Sequence[float] | None) -> Array:
+    """(n,) N m per unit of what was measured."""
+    n, where = table.n_joints, table.source
+    if "tau1" in table.columns:
+        if gains is not None:
+            raise InputError("gains are given but the log holds torques tau1..taun", where, "drop --gains")
+        return np.ones(n)
+    if gains is None:
+        raise InputError("the log holds currents but no gains are given", where, "give --gains K1,..,Kn in N m/A")
+    if len(gains) != n:
+        raise InputError(f"{len(gains)} gains for {n} joints", "--gains", "give one gain per joint, N m/A")
+    factors = np.array(gains, dtype=float)
+    if not np.all((np.abs(factors) < ABSURD) & (factors != 0.0)):
+        raise InputError("a gain is zero or not finite", "--gains", "give one gain per joint, N m/A")
+    return factors
+
+
+def _signed(measured: Array, unsigned: str | None, n: int) -> Mask:
+    if unsigned is None:
+        negative: Mask = np.any(measured < 0.0, axis=0)
+        return negative
+    if unsigned in ("all", "none"):
+        return np.full(n, unsigned == "none")
+    signed = np.full(n, True)
+    for word in unsigned.split(","):
+        if not word.strip().isdecimal() or not 1 <= int(word) <= n:
+            remedy = f"give all, none or joints from 1 to {n}"
+            raise InputError(f"{word.strip()!r} is not a joint", "--unsigned", remedy)
+        signed[int(word) - 1] = False
+    return signed

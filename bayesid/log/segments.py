@@ -1,0 +1,188 @@
+"""Segments: stretches of a joint's effort over which its sign does not change.
+
+|effort| touches zero where the sign changes, but a filter rounds that cusp off and noise lifts it, and dry friction
+lets the effort jump through zero between two samples where the joint's velocity reverses. So the cuts are generous:
+every prominent minimum of the lightly filtered |effort|, every upward jump of its slope that is no minimum (a fast
+crossing between unequal efforts), every velocity reversal, every jump of the acceleration and every edge of a
+standstill or of a pause of the log. A cut too many costs a binary unknown, a cut too few samples of the wrong sign.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from scipy.signal import find_peaks
+
+from bayesid.arrays import Array, Integers, Mask
+from bayesid.errors import InputError
+from bayesid.log.signals import Signals
+from bayesid.motion import Motion
+
+_JUMP = 0.1
+"""Share of the 99th percentile by which the slope must jump, over half a period of the efforts' cut-off. Set by hand;
+not studied."""
+_JERK = 0.5
+"""Share of its 99th percentile by which the acceleration must jump within one period of the efforts' cut-off. A round
+number; not studied."""
+_CEILING = 0.35
+"""Share of the 99th percentile above which no minimum is a zero in disguise. Set by hand; not studied."""
+
+
+@dataclass(frozen=True)
+class Cutting:
+    """Thresholds by which an effort of unknown sign is cut.
+
+    Both are shares of the 99th percentile of the joint's lightly filtered |effort|.
+
+    Attributes:
+        prominence: by which a minimum must lie below its surroundings to be a cut.
+        threshold: under which samples take no part in search and fit, as in the paper; 0 leaves none out. Their signs
+            follow from the identified model.
+
+    Raises:
+        InputError: a threshold is outside its range.
+    """
+
+    prominence: float = 0.02
+    threshold: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.prominence < 1.0:
+            raise InputError(f"a prominence of {self.prominence:g}", "cutting", "give a number between 0 and 1")
+        if not 0.0 <= self.threshold < 1.0:
+            raise InputError(f"a threshold of {self.threshold:g}", "cutting", "give 0, or a number below 1")
+
+
+USUAL = Cutting()
+"""How efforts are cut by default."""
+
+
+@dataclass(frozen=True)
+class Segments:
+    """S half-open ranges of samples, sorted by joint and start; together they cover every sample of every joint.
+
+    Attributes:
+        joint: (S,) 0-based actuator.
+        start: (S,) first sample.
+        end: (S,) sample after the last.
+        known: (S,) +1 where the effort is signed already, 0 where the sign is to be found.
+        moving: (S,) whether the actuator moves.
+        fitted: (S,) whether the segment takes part in search and fit; if empty, those in motion do. A segment in motion
+            may be left out because its effort is small.
+    """
+
+    joint: Integers
+    start: Integers
+    end: Integers
+    known: Integers
+    moving: Mask
+    fitted: Mask = field(default_factory=lambda: np.empty(0, dtype=bool))
+
+    def __post_init__(self) -> None:
+        if not self.fitted.size:
+            object.__setattr__(self, "fitted", self.moving)
+
+    def __len__(self) -> int:
+        return len(self.joint)
+
+    def __getitem__(self, chosen: Mask | Integers) -> Segments:
+        return Segments(
+            self.joint[chosen],
+            self.start[chosen],
+            self.end[chosen],
+            self.known[chosen],
+            self.moving[chosen],
+            self.fitted[chosen],
+        )
+
+    def split(self, cuts: list[tuple[int, int]]) -> Segments:
+        """The segments cut once more before each given (joint, sample)."""
+        rows = []
+        for k in range(len(self)):
+            inside = sorted({at for j, at in cuts if j == self.joint[k] and self.start[k] < at < self.end[k]})
+            edges = [int(self.start[k]), *inside, int(self.end[k])]
+            rows += [(self.joint[k], a, b, self.known[k], self.moving[k], self.fitted[k]) for a, b in pairwise(edges)]
+        return _from_rows(rows)
+
+    def per_sample(self, values: Array | Integers | Mask, n_samples: int, n_joints: int) -> Array:
+        """(N, n) the segments' values (S,) laid out over the samples."""
+        laid = np.zeros((n_samples, n_joints))
+        for j, a, b, value in zip(self.joint, self.start, self.end, values, strict=True):
+            laid[a:b, j] = value
+        return laid
+
+
+def find_segments(signals: Signals, actuators: Motion, cutting: Cutting = USUAL) -> Segments:
+    """Cuts every joint's effort into segments.
+
+    Args:
+        signals: the filtered log.
+        actuators: its motion in actuator coordinates.
+        cutting: thresholds.
+    """
+    n_samples = len(actuators)
+    half_period = max(1, round(signals.rate / (2.0 * signals.effort_cutoff)))
+    rows = []
+    for j in range(actuators.n_joints):
+        speed = actuators.dq[:, j]
+        moving = signals.measured[:, j] & (np.abs(speed) > actuators.standstill_speed[j])
+        edges, fitted, effort = _changes(moving), moving, signals.effort[:, j]
+        if not signals.signed[j]:
+            cuts = _reversals(speed) | _minima(effort, cutting.prominence) | _jerks(actuators.ddq[:, j], half_period)
+            edges |= cuts | _slope_jumps(effort, half_period, edges | cuts)
+            fitted = moving & _strong(effort, cutting.threshold)
+            edges |= _changes(fitted)  # last: they mark no sign change, and must not stand in for a cut that does
+        bounds = sorted({0, n_samples} | edges)
+        known = int(signals.signed[j])
+        rows += [(j, a, b, known, bool(moving[a]), bool(fitted[a])) for a, b in pairwise(bounds)]
+    return _from_rows(rows)
+
+
+def _from_rows(rows: list[tuple[int, int, int, int, bool, bool]]) -> Segments:
+    joint, start, end, known, moving, fitted = np.array(rows, dtype=np.int64).T
+    return Segments(joint, start, end, known, moving.astype(bool), fitted.astype(bool))
+
+
+def _strong(magnitude: Array, threshold: float) -> Mask:
+    """(N,) samples that reach a share of the 99th percentile; what is filtered may undershoot below zero."""
+    strong: Mask = np.abs(magnitude) >= threshold * np.percentile(magnitude, 99)
+    return strong
+
+
+def _changes(state: Mask) -> set[int]:
+    """Samples that differ from the one before."""
+    return {int(i) for i in np.flatnonzero(np.diff(state)) + 1}
+
+
+def _reversals(speed: Array) -> set[int]:
+    """Samples at which the velocity has changed its sign."""
+    sign = np.sign(speed)
+    return {int(i) for i in np.flatnonzero(sign[1:] * sign[:-1] < 0) + 1}
+
+
+def _jerks(acceleration: Array, span: int) -> set[int]:
+    """Samples at which the acceleration jumps (trapezoidal speeds): inertia lets the effort jump through zero there."""
+    scale = np.percentile(np.abs(acceleration), 99)
+    jump = np.zeros_like(acceleration)
+    jump[span:-span] = np.abs(acceleration[2 * span :] - acceleration[: -2 * span])
+    peaks, _ = find_peaks(jump, height=_JERK * scale, distance=2 * span)
+    return {int(i) for i in peaks}
+
+
+def _minima(magnitude: Array, prominence: float) -> set[int]:
+    """Prominent low minima of |effort|."""
+    scale = np.percentile(magnitude, 99)
+    peaks, _ = find_peaks(-magnitude, prominence=prominence * scale, height=-_CEILING * scale)
+    return {int(i) for i in peaks}
+
+
+def _slope_jumps(magnitude: Array, span: int, known: set[int]) -> set[int]:
+    """Low samples at which the slope jumps upwards, farther than `span` from every known cut."""
+    scale = np.percentile(magnitude, 99)
+    jump = np.zeros_like(magnitude)
+    jump[span:-span] = magnitude[2 * span :] - 2.0 * magnitude[span:-span] + magnitude[: -2 * span]
+    peaks, _ = find_peaks(np.where(magnitude < _CEILING * scale, jump, 0.0), height=_JUMP * scale, distance=span)
+    places = np.array(sorted(known))
+    return {int(i) for i in peaks if not places.size or np.abs(places - i).min() > span}

@@ -1,0 +1,258 @@
+"""From a raw log to evenly sampled, filtered signals.
+
+The controller rectifies before anyone can filter, so absolute values are filtered as they are, and lightly: a filter
+rounds off the cusp at which |effort| touches zero. Least squares needs no quiet efforts, it averages their noise; it
+does need quiet accelerations. So the motion passes a zero-phase low-pass at the cut-off, efforts at twice the cut-off.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import signal
+from scipy.interpolate import CubicSpline, PchipInterpolator
+
+from bayesid.arrays import Array, Integers, Mask
+from bayesid.errors import InputError
+from bayesid.log.formats.table import FEWEST_ROWS
+from bayesid.log.log import Log
+from bayesid.motion import Motion
+
+_ORDER = 4
+"""Butterworth order; run forwards and backwards, so the attenuation is that of twice the order. The field's custom."""
+_ENCODER = 1e-3
+"""rad; a joint that never leaves this range shows its encoder's noise, which says nothing about the motion."""
+_SLOWEST = 5.0
+"""Hz; no cut-off is chosen below it: friction's steps are faster than any motion. A round number; not studied."""
+_EVENED = 51
+"""Rows over which jittering time stamps are evened out: half a second at the usual 100 Hz. Not studied."""
+_SMOOTHER = 0.25
+"""Evened stamps are used where they divide the positions' roughness by four or more. A round number; not studied."""
+_HELD = 10
+"""A repeated row is kept after this many typical periods without a new one: the robot stood still. A round number; not
+studied."""
+
+
+@dataclass(frozen=True)
+class Signals:
+    """A log on an even time grid.
+
+    Attributes:
+        motion: filtered joint positions with their velocities and accelerations.
+        effort: (N, n) lightly filtered efforts; of |effort| for unsigned joints, N m.
+        raw_effort: (N, n) efforts, resampled but not filtered, N m.
+        signed: (n,) whether the effort's sign is known.
+        rate: sampling rate of the grid, Hz.
+        cutoff: cut-off of the motion's low-pass, Hz.
+        processing: what was done to the log, for summary.json.
+        measured: (N, n) False where the log pauses, for half a period of the cut-off around, or where a sensor
+            is blind: nothing is known there.
+    """
+
+    motion: Motion
+    effort: Array
+    raw_effort: Array
+    signed: Mask
+    rate: float
+    cutoff: float
+    processing: dict[str, object]
+    measured: Mask
+
+    @property
+    def effort_cutoff(self) -> float:
+        """Cut-off of the efforts' light low-pass, Hz."""
+        return _effort_cutoff(self.cutoff, self.rate)
+
+    @property
+    def magnitude(self) -> Array:
+        """(N, n) absolute values of the unfiltered efforts, N m."""
+        return np.abs(self.raw_effort)
+
+    @property
+    def inner(self) -> Mask:
+        """(N, 1) samples far enough from both ends for their accelerations to be trusted: half a cut-off's period."""
+        margin, t = 0.5 / self.cutoff, self.motion.t
+        return ((t >= t[0] + margin) & (t <= t[-1] - margin))[:, None]
+
+    def nearest(self, predicted: Array) -> Array:
+        """(N, n) unfiltered efforts, N m: signed where the sign is known, else with that of the prediction (N, n)."""
+        return np.where(self.signed, self.raw_effort, np.where(predicted >= 0.0, 1.0, -1.0) * self.magnitude)
+
+    def with_known_signs(self, probability: Array) -> Array:
+        """(N, n) P(sign = +): 0 or 1 where the sign is known, else the given one."""
+        return np.where(self.signed, (self.raw_effort >= 0.0).astype(float), probability)
+
+
+def prepare(log: Log, cutoff: float | None = None) -> Signals:
+    """Drops repeated rows, resamples, filters and differentiates a log.
+
+    Args:
+        log: the raw log.
+        cutoff: cut-off of the zero-phase low-pass, Hz; chosen by `choose_cutoff` when None.
+
+    Raises:
+        InputError: nothing moves, too few distinct rows, or a cut-off beyond the log's Nyquist frequency.
+    """
+    keep = _distinct_rows(log)
+    t = _instants(log.t[keep], log.q[keep])
+    periods = np.diff(t)
+    rate = 1.0 / float(np.median(periods))
+    grid = t[0] + np.arange(int((t[-1] - t[0]) * rate * (1 + 1e-9)) + 1) / rate
+    if len(grid) < FEWEST_ROWS:
+        raise InputError(f"only {len(grid)} distinct instants", log.source, "record a longer log")
+    q = CubicSpline(t, log.q[keep])(grid)
+    dq = None if log.dq is None else PchipInterpolator(t, log.dq[keep])(grid)
+    effort = PchipInterpolator(t, log.effort[keep])(grid)
+    effort[:, ~log.signed] = np.maximum(effort[:, ~log.signed], 0.0)
+    chosen = cutoff is None
+    cutoff = choose_cutoff(q, dq, rate) if cutoff is None else cutoff
+    if not 0.0 < cutoff < rate / 2:
+        remedy = f"give a value between 0 and {rate / 2:g} Hz, half the log's rate"
+        raise InputError(f"a cut-off of {cutoff:g} Hz does not suit a log of {rate:g} Hz", "--cutoff", remedy)
+    processing: dict[str, object] = {
+        "rows": len(log),
+        "repeated_rows_dropped": len(log) - len(t),
+        "time_stamps": "as logged" if np.array_equal(t, log.t[keep]) else "evened out",
+        "rate_hz": rate,
+        "period_ms": {"min": 1e3 * float(periods.min()), "max": 1e3 * float(periods.max())},
+        "cutoff_hz": cutoff,
+        "cutoff_chosen_from": "data" if chosen else "user",
+        "effort_cutoff_hz": _effort_cutoff(cutoff, rate),
+        "filter": f"zero-phase Butterworth, order {_ORDER} each way",
+        "velocity": "measured" if dq is not None else "differentiated",
+    }
+    return Signals(
+        motion=_smooth_motion(grid, q, dq, rate, cutoff),
+        effort=lowpass(effort, _effort_cutoff(cutoff, rate), rate),
+        raw_effort=effort,
+        signed=log.signed,
+        rate=rate,
+        cutoff=cutoff,
+        processing=processing,
+        measured=np.repeat(_measured(grid, t, 0.5 / cutoff)[:, None], log.n_joints, axis=1),
+    )
+
+
+def signed_effort(signals: Signals, signs: Array, filtered: bool = True) -> Array:
+    """(N, n) efforts with their signs, through the same light low-pass as the rectified ones, or unfiltered, N m.
+
+    Signs first, filter second: the cusps of |effort| that a filter would round off are gone.
+    """
+    signed = np.where(signals.signed, signals.raw_effort, signs * signals.raw_effort)
+    return lowpass(signed, signals.effort_cutoff, signals.rate) if filtered else signed
+
+
+def _effort_cutoff(cutoff: float, rate: float) -> float:
+    return min(2.0 * cutoff, 0.45 * rate)
+
+
+def lowpass(values: Array, cutoff: float, rate: float) -> Array:
+    """Zero-phase low-pass along the first axis; both ends are extended by a point reflection.
+
+    Args:
+        values: (N, ...) evenly sampled values.
+        cutoff: Hz; at or above 0.45 of the rate nothing is filtered.
+        rate: Hz.
+    """
+    if cutoff >= 0.45 * rate:
+        return values
+    padding = min(len(values) - 1, int(3 * rate / cutoff))
+    return signal.sosfiltfilt(_sections(cutoff, rate), values, axis=0, padlen=padding)
+
+
+def _lowpass_motion(values: Array, cutoff: float, rate: float) -> Array:
+    """`lowpass` with both ends extended by a cubic.
+
+    A point reflection turns the curvature round, so that a log that ends in mid-motion would lose the accelerations of
+    its ends; a cubic through the last period of the cut-off goes on as the motion does.
+    """
+    if cutoff >= 0.45 * rate:
+        return values
+    window = min(len(values), max(8, round(rate / cutoff)))
+    padding = round(1.5 * rate / cutoff)
+    before = _extrapolate(values[:window], np.arange(-padding, 0))
+    after = _extrapolate(values[-window:], window + np.arange(padding))
+    extended = np.concatenate([before, values, after])
+    return signal.sosfiltfilt(_sections(cutoff, rate), extended, axis=0)[padding : padding + len(values)]
+
+
+def _extrapolate(values: Array, places: Integers) -> Array:
+    """(len(places), n) least-squares cubics through values (m, n) at 0 ... m - 1, taken at other places."""
+    scale = len(values)
+    powers = np.polynomial.polynomial.polyvander(np.arange(scale) / scale, 3)
+    weights = np.linalg.lstsq(powers, values, rcond=None)[0]
+    return np.polynomial.polynomial.polyvander(places / scale, 3) @ weights
+
+
+def _sections(cutoff: float, rate: float) -> Array:
+    return signal.butter(_ORDER, cutoff, fs=rate, output="sos")
+
+
+def choose_cutoff(q: Array, dq: Array | None, rate: float) -> float:
+    """A cut-off that keeps the motion's dynamics: ten times the frequency below which 95 % of the speed's energy lies.
+
+    That is :eq:`motion-cutoff`. Torques hold harmonics of the motion (products of velocities), hence a filter well
+    above the motion's own bandwidth (Gautier, Khalil, "Exciting trajectories", 1992, take five to ten times).
+    """
+    moves = np.ptp(q, axis=0) > _ENCODER
+    if not moves.any():
+        return min(_SLOWEST, 0.4 * rate)
+    velocity = np.gradient(q[:, moves], 1.0 / rate, axis=0) if dq is None else dq[:, moves]
+    frequency, power = signal.periodogram(velocity - velocity.mean(axis=0), fs=rate, axis=0)
+    share = np.cumsum(power, axis=0) / np.maximum(power.sum(axis=0), 1e-300)
+    bandwidth = max(float(frequency[np.searchsorted(s, 0.95)]) for s in share.T)
+    return float(np.clip(10.0 * bandwidth, min(_SLOWEST, 0.4 * rate), 0.4 * rate))
+
+
+def _distinct_rows(log: Log) -> Integers:
+    """Rows that bring something new: a later time and a changed reading (controllers repeat the last one)."""
+    readings = [log.q, log.effort] + ([] if log.dq is None else [log.dq])
+    same = np.all(np.diff(np.hstack(readings), axis=0) == 0.0, axis=1)
+    fresh = np.concatenate([[True], ~same])
+    typical = float(np.median(np.diff(log.t[fresh]))) if fresh.sum() > 2 else 0.0
+    keep: list[int] = []
+    for i in range(len(log)):
+        later = not keep or log.t[i] > log.t[keep[-1]]
+        if later and (fresh[i] or log.t[i] - log.t[keep[-1]] > _HELD * typical):
+            keep.append(i)
+    return np.array(keep)
+
+
+def _instants(t: Array, q: Array) -> Array:
+    """(N,) when the positions were read: the stamps, or evened ones where positions are much smoother in those.
+
+    A logger's stamps may jitter while the controller samples evenly. Each position is predicted from its two
+    neighbours, once with either instants; jitter of the stamps alone makes the prediction worse.
+    """
+    window = min(_EVENED, (len(t) - 1) // 2 * 2 + 1)
+    if np.diff(t).max() > _HELD * np.median(np.diff(t)):
+        return t
+    even = t[0] + signal.savgol_filter(t - t[0], window, 1)
+    if np.diff(even).min() <= 0.0 or _roughness(even, q) > _SMOOTHER * _roughness(t, q):
+        return t
+    return even
+
+
+def _roughness(t: Array, q: Array) -> float:
+    """Mean square error of every position between its neighbours, linearly, in units of the joint's variance."""
+    share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
+    error = q[1:-1] - (1.0 - share) * q[:-2] - share * q[2:]
+    return float(np.mean(error**2 / np.maximum(q.var(axis=0), 1e-300)))
+
+
+def _measured(grid: Array, t: Array, margin: float) -> Mask:
+    """(N,) whether an instant is farther than `margin`, s, from every pause of the log."""
+    periods = np.diff(t)
+    measured = np.ones(len(grid), dtype=bool)
+    for k in np.flatnonzero(periods > 2 * _HELD * np.median(periods)):
+        measured &= (grid < t[k] - margin) | (grid > t[k + 1] + margin)
+    return measured
+
+
+def _smooth_motion(grid: Array, q: Array, dq: Array | None, rate: float, cutoff: float) -> Motion:
+    """Derivatives of the cubic spline: its error is of fourth order, a central difference loses 10 % at rate / 8."""
+    smooth_q = _lowpass_motion(q, cutoff, rate)
+    velocity = CubicSpline(grid, smooth_q)(grid, 1) if dq is None else _lowpass_motion(dq, cutoff, rate)
+    acceleration = CubicSpline(grid, velocity)(grid, 1)
+    return Motion(grid, smooth_q, velocity, acceleration)

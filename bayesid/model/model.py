@@ -1,0 +1,128 @@
+"""A dynamic model: a robot, the sum of terms that makes its actuator efforts, and what distorts them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property, partial, reduce
+
+import numpy as np
+
+from bayesid.arrays import Array, Mask
+from bayesid.model.distortions.base import Distortion
+from bayesid.model.effects import Effect, Scene
+from bayesid.model.parameters import Cone, Parameter
+from bayesid.model.robot import Robot
+from bayesid.model.terms.base import Term
+from bayesid.motion import Motion
+
+CHUNK = 4096
+"""Samples whose columns are in memory at once."""
+LOOK_BACK = 4096
+"""Samples before a chunk that effects with a memory see: presliding is forgotten after a few strokes, 4 s at 1 kHz."""
+LOOK_AHEAD = 16
+"""Samples behind a chunk: the end of a cubic spline is felt 0.27 times less with every sample, 1e-9 after these."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """efforts = D(Y(motion) theta), theta in a cone (:eq:`model`); D is the identity without distortions.
+
+    Attributes:
+        robot: the robot.
+        terms: the terms; their parameters are stacked in this order.
+        distortions: of rows first, of readings last; each acts on what those of its kind before it have made.
+    """
+
+    robot: Robot
+    terms: tuple[Term, ...]
+    distortions: tuple[Distortion, ...] = ()
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The P parameters of all terms."""
+        return tuple(parameter for term in self.terms for parameter in term.parameters(self.robot))
+
+    @cached_property
+    def cone(self) -> Cone:
+        """The product of the terms' cones."""
+        return reduce(lambda total, term: total + term.cone(self.robot), self.terms, Cone.free(0))
+
+    def extend(self, effect: Effect) -> Model:
+        """A new model with one more effect, the last of the terms or of the distortions."""
+        if isinstance(effect, Term):
+            return replace(self, terms=(*self.terms, effect))
+        if isinstance(effect, Distortion):
+            return replace(self, distortions=(*self.distortions, effect))
+        raise TypeError(f"{effect.name} is neither a term nor a distortion")
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Terms and distortions."""
+        return (*self.terms, *self.distortions)
+
+    @property
+    def before_sensors(self) -> Model:
+        """The model of the efforts themselves, without what sensors make of them."""
+        return replace(self, distortions=tuple(d for d in self.distortions if not d.of_sensor))
+
+    def parts(self, theta: Array) -> list[tuple[Term, Array]]:
+        """The terms, each with its own part of theta (P,)."""
+        sizes = [len(term.parameters(self.robot)) for term in self.terms]
+        return list(zip(self.terms, np.split(theta, np.cumsum(sizes)[:-1]), strict=True))
+
+    def links(self, theta: Array) -> Array:
+        """(n, 10) parameters of the links with what they carry, of the parameters theta (P,); zero where none are."""
+        parts = (term.link_parameters(self.robot, values) for term, values in self.parts(theta))
+        return sum(parts, np.zeros((self.robot.n_joints, 10)))
+
+    def scene(self, motion: Motion, theta: Array, effort: Array, measured: Array) -> Scene:
+        """What effects may look at where the model, with the parameters theta (P,), meets a log.
+
+        Args:
+            motion: N samples of the log.
+            theta: (P,) the parameters.
+            effort: (N, n) the model's effort, N m.
+            measured: (N, n) absolute values of the measured efforts, N m.
+        """
+
+        def effort_with(robot: Robot) -> Array:
+            return replace(self, robot=robot).effort(motion, theta)
+
+        actuators, links = self.robot.actuators(motion), self.links(theta).ravel()
+        return Scene(self.robot, motion, actuators, effort, measured, links, effort_with)
+
+    def columns(self, motion: Motion) -> Array:
+        """(N, n, P) columns of all terms, rows distorted, N m per unit of each parameter."""
+        rows: Callable[[Robot, Motion], Array] = self._plain_columns
+        for distortion in self.distortions:
+            rows = partial(distortion.columns, rows)
+        return rows(self.robot, motion)
+
+    def chunks(self, motion: Motion) -> Iterator[tuple[slice, Array]]:
+        """Rows and their columns, at most CHUNK samples at a time; effects with a memory see some samples around."""
+        memory = any(effect.memory for effect in self.effects)
+        for start in range(0, len(motion), CHUNK):
+            rows = slice(start, min(start + CHUNK, len(motion)))
+            first = max(0, start - LOOK_BACK) if memory else start
+            last = min(len(motion), rows.stop + LOOK_AHEAD) if memory else rows.stop
+            yield rows, self.columns(motion[first:last])[start - first : rows.stop - first]
+
+    def effort(self, motion: Motion, theta: Array) -> Array:
+        """(N, n) actuator efforts as they are read, N m, of the parameters theta (P,)."""
+        return self.read(np.concatenate([columns @ theta for _, columns in self.chunks(motion)]))
+
+    def read(self, effort: Array) -> Array:
+        """(N, n) what sensors read of efforts (N, n), N m."""
+        return reduce(lambda read, distortion: distortion.measured(read), self.distortions, effort)
+
+    def unread(self, magnitude: Array) -> tuple[Array, Mask]:
+        """(N, n) absolute efforts before the sensors' doing, N m, and (N, n) where the readings show them."""
+        valid = np.ones(magnitude.shape, dtype=bool)
+        for distortion in reversed(self.distortions):
+            magnitude, valid_here = distortion.restored(magnitude)
+            valid &= valid_here
+        return magnitude, valid
+
+    def _plain_columns(self, robot: Robot, motion: Motion) -> Array:
+        return np.concatenate([term.columns(robot, motion) for term in self.terms], axis=2)

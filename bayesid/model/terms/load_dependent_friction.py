@@ -1,0 +1,63 @@
+"""Dry friction in proportion to the load."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.model.effects import Phrase, ReadableUnit, Scene
+from bayesid.model.robot import Robot
+from bayesid.model.terms.coulomb_friction import DryTerm
+from bayesid.motion import Motion
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadDependentFriction(DryTerm):
+    """Fl |load| tanh(u' / v), Fl >= 0; the load is the rigid bodies' effort.
+
+    Args:
+        links: (10 n,) parameters of the rigid bodies that make the load, as identified earlier.
+    """
+
+    links: tuple[float, ...]
+
+    name: ClassVar[str] = "load_dependent_friction"
+    physics: ClassVar[str] = "Dry friction in gears and bearings that grows with the torque they carry."
+    reference: ClassVar[str] = "Hamon, Gautier, Garrec, Dry friction depending on load and velocity, IROS 2010"
+    variable: ClassVar[str] = "load"
+    shown_by: ClassVar[str] = "moving both ways, loaded and unloaded, at equal speeds"
+    phrase: ClassVar[Phrase] = Phrase(
+        "{who} needs dry friction that grows with the load, by {Fl} of it.",
+        "load-dependent friction",
+        units={"Fl": ReadableUnit("%", 100.0)},
+    )
+    symbols: ClassVar[tuple[str, ...]] = ("Fl",)
+    units: ClassVar[tuple[tuple[str, str], ...]] = (("1", "1"),)
+    nonnegative: ClassVar[bool] = True
+    given: ClassVar[tuple[str, ...]] = ("smoothing", "links")
+
+    @classmethod
+    def variants(cls, scene: Scene) -> Iterator[Self]:
+        """In each actuator by itself."""
+        links = tuple(scene.links.tolist())
+        for j, speed in enumerate(scene.actuators.standstill_speed.tolist(), start=1):
+            yield cls(joints=(j,), smoothing=(speed,), links=links)
+
+    def check(self, n_joints: int) -> None:
+        """Ten numbers a link, one smoothing speed an actuator."""
+        if len(self.links) != 10 * n_joints:
+            raise ValueError(f"links has {len(self.links)} numbers for {n_joints} joints")
+        DryTerm(joints=self.joints, smoothing=self.smoothing).check(n_joints)
+
+    def columns(self, robot: Robot, motion: Motion) -> Array:
+        """(N, n, m) the size of the load times the direction of motion."""
+        acting = self.acting(robot.n_joints)
+        load = np.abs(robot.inverse_dynamics(motion, np.array(self.links)))
+        columns = np.zeros((len(motion), robot.n_joints, len(acting)))
+        direction = self.direction(robot.actuators(motion).joints(acting))
+        columns[:, acting, np.arange(len(acting))] = load[:, acting] * direction
+        return columns

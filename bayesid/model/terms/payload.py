@@ -1,0 +1,59 @@
+"""A body on the last link."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.model.effects import Phrase
+from bayesid.model.inertia import NAMES, UNITS
+from bayesid.model.parameters import Cone, Parameter
+from bayesid.model.robot import Robot
+from bayesid.model.terms.base import WholeRobotTerm
+from bayesid.motion import Motion
+
+_INERTIA, _FIRST_MOMENT = 0.03, 0.15
+"""kg m^2 and kg m: of 1 kg at 0.15 m from the flange, and 1 kg (0.17 m)^2; round numbers for tools and workpieces."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Payload(WholeRobotTerm):
+    """Ten inertial parameters of a body fixed to the last link, in that link's frame.
+
+    Without an earlier model they cannot be separated from the last link's own.
+    """
+
+    name: ClassVar[str] = "payload"
+    physics: ClassVar[str] = "A body held by the flange: inertia, Coriolis, centrifugal and gravity torques."
+    reference: ClassVar[str] = "Atkeson, An, Hollerbach, Inertial parameters of manipulator loads and links, 1986"
+    variable: ClassVar[str] = "load"
+    shown_by: ClassVar[str] = "turning the wrist while the arm is stretched and at rest, then accelerating it"
+    phrase: ClassVar[Phrase] = Phrase(
+        "The robot carries a payload of {mp} that the model lacks.", "a payload", size="mp"
+    )
+
+    of_links: ClassVar[bool] = True
+    links_remark: ClassVar[str] = "{last} includes the payload."
+    typical: ClassVar[tuple[float, ...]] = (*(_INERTIA,) * 6, *(_FIRST_MOMENT,) * 3, 1.0)
+    typical_scales: ClassVar[tuple[float, ...]] = (0.1, 0.5, 3.0)  # kg
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """Jxxp ... mp."""
+        return tuple(
+            Parameter(f"{name}p{robot.n_joints}", unit, robot.n_joints) for name, unit in zip(NAMES, UNITS, strict=True)
+        )
+
+    def cone(self, robot: Robot) -> Cone:
+        """A positive semidefinite pseudo-inertia."""
+        return Cone.rigid_bodies(1)
+
+    def columns(self, robot: Robot, motion: Motion) -> Array:
+        """(N, n, 10) those of the last link."""
+        return robot.regressor(motion)[:, :, -10:]
+
+    def link_parameters(self, robot: Robot, theta: Array) -> Array:
+        """(n, 10) added to the last link, in whose frame they are."""
+        return np.concatenate([np.zeros((robot.n_joints - 1, 10)), theta[None, :]])

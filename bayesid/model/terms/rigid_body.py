@@ -1,0 +1,58 @@
+"""Rigid links: inertia, Coriolis, centrifugal and gravity torques."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+from bayesid.arrays import Array
+from bayesid.model.effects import Scene
+from bayesid.model.inertia import NAMES, UNITS
+from bayesid.model.parameters import Cone, Parameter
+from bayesid.model.robot import Robot
+from bayesid.model.terms.base import WholeRobotTerm
+from bayesid.motion import Motion
+
+
+def _parameter_name(symbol: str, link: int) -> str:
+    """Jxx of link 2 is J2xx, mcx is mc2x, m is m2, as in the literature."""
+    stem = symbol.rstrip("xyz")
+    return f"{stem}{link}{symbol[len(stem) :]}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigidBody(WholeRobotTerm):
+    """Ten inertial parameters a link (`bayesid.model.inertia`), linear in the torque (Atkeson, An, Hollerbach 1986)."""
+
+    name: ClassVar[str] = "rigid_body"
+    physics: ClassVar[str] = "Rigid links: inertia, Coriolis, centrifugal and gravity torques, ten parameters each."
+    reference: ClassVar[str] = "Atkeson, An, Hollerbach, IJRR 1986"
+    variable: ClassVar[str] = "load"
+    shown_by: ClassVar[str] = "an exciting trajectory"
+
+    can_be_missing: ClassVar[bool] = False
+    of_links: ClassVar[bool] = True
+
+    @classmethod
+    def variants(cls, scene: Scene) -> Iterable[Self]:
+        """None: it is what the others are missing from."""
+        return ()
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """Ten a link, from base to tip."""
+        links = range(1, robot.n_joints + 1)
+        pairs = list(zip(NAMES, UNITS, strict=True))
+        return tuple(Parameter(_parameter_name(name, i), unit, i) for i in links for name, unit in pairs)
+
+    def cone(self, robot: Robot) -> Cone:
+        """One positive semidefinite pseudo-inertia a link."""
+        return Cone.rigid_bodies(robot.n_joints)
+
+    def columns(self, robot: Robot, motion: Motion) -> Array:
+        """(N, n, 10 n) Newton-Euler regressor."""
+        return robot.regressor(motion)
+
+    def link_parameters(self, robot: Robot, theta: Array) -> Array:
+        """(n, 10) the parameters themselves."""
+        return theta.reshape(-1, 10)

@@ -1,0 +1,101 @@
+"""Modes that were sampled: their weights, and the draws of all of them as one sample."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayesid.arrays import Array, Integers
+from bayesid.errors import SolverError
+from bayesid.posterior.diagnostics import Diagnostics
+from bayesid.posterior.marginal_likelihood import Integration, MarginalLikelihood, integrate, mode_weights
+from bayesid.posterior.modes import Mode
+from bayesid.posterior.sampler import Draws
+from bayesid.posterior.target import Target
+
+_NEGLIGIBLE = 1e-3
+"""A mode of less weight leaves no draws: of the 4096 that posterior.nc keeps, four."""
+
+
+@dataclass(frozen=True)
+class SampledMode:
+    """One mode and its draws.
+
+    Attributes:
+        mode: where the walkers started.
+        draws: of this mode alone.
+        marginal_likelihood: its mass; None where there is but one mode.
+        weight: its share of all modes' mass.
+    """
+
+    mode: Mode
+    draws: Draws
+    marginal_likelihood: MarginalLikelihood | None
+    weight: float
+
+
+def weigh(target: Target, modes: Sequence[Mode], draws: Sequence[Draws], seed: int) -> tuple[SampledMode, ...]:
+    """The modes with their weights, heaviest first.
+
+    Raises:
+        SolverError: the mass of a mode could not be computed.
+    """
+    if len(modes) == 1:
+        return (SampledMode(modes[0], draws[0], None, 1.0),)
+    try:
+        masses = [integrate(target, of_mode, Integration(seed=seed)) for of_mode in draws]
+    except RuntimeError as error:  # what splitting says when its levels do not end
+        raise SolverError("marginal likelihoods of the modes", str(error)) from error
+    weights = mode_weights(np.array([mass.log_value for mass in masses])).tolist()
+    weighed = [SampledMode(*columns) for columns in zip(modes, draws, masses, weights, strict=True)]
+    return tuple(sorted(weighed, key=lambda sampled: -sampled.weight))
+
+
+def pool(modes: tuple[SampledMode, ...]) -> Draws:
+    """All modes' draws as one: first those of the heaviest mode, then of the next ones, as many as their weights ask.
+
+    The sweep at which one mode follows on another differs by one between walkers, so that shares finer than a sweep are
+    held.
+    """
+    if len(modes) == 1:
+        return modes[0].draws
+    heavy = [sampled.draws for sampled in modes if sampled.weight >= _NEGLIGIBLE]
+    place = _places(heavy, np.array([sampled.weight for sampled in modes if sampled.weight >= _NEGLIGIBLE]))
+    names = "theta", "log_scale", "beta", "log_density"
+    return replace(
+        heavy[0],
+        **{name: np.concatenate([getattr(draws, name) for draws in heavy])[place] for name in names},
+        diagnostics=_worst([sampled.draws.diagnostics for sampled in modes]),
+        parameters=_worst([sampled.draws.parameters for sampled in modes]),
+        converged=all(sampled.draws.converged for sampled in modes),
+        seconds=sum(sampled.draws.seconds for sampled in modes),
+    )
+
+
+def _places(heavy: Sequence[Draws], weight: Array) -> tuple[Integers, ...]:
+    """Indices (sweep, ensemble, walker) of the pooled draws among those of all modes, one mode's after the other's."""
+    sweeps = np.array([draws.sweeps for draws in heavy])
+    total = max(1, int(np.min(sweeps * weight.sum() / weight)))
+    ensembles, walkers = heavy[0].log_density.shape[1:]
+    late = (np.arange(ensembles * walkers).reshape(walkers, ensembles).T + 0.5) / (ensembles * walkers)
+    shares = np.cumsum(np.append(0.0, weight / weight.sum()))
+    bounds = np.floor(total * shares[:, None, None] + late).astype(int)  # where each walker's modes begin and end
+    bounds[-1] = total
+    sweep = np.arange(total)[:, None, None]
+    mode = np.sum(sweep >= bounds[1:-1, None], axis=0)
+    begin = np.take_along_axis(bounds, mode, axis=0)
+    count = np.take_along_axis(bounds, mode + 1, axis=0) - begin
+    chosen = (2 * (sweep - begin) + 1) * sweeps[mode] // (2 * count)  # of the mode's sweeps
+    first = np.cumsum(np.append(0, sweeps[:-1]))
+    return (first[mode] + chosen, *np.ogrid[:ensembles, :walkers])
+
+
+def _worst(of_modes: list[Diagnostics]) -> Diagnostics:
+    """The worst of any mode, of each quantity; NaN where there is one."""
+    return Diagnostics(
+        np.max([diagnostics.rhat for diagnostics in of_modes], axis=0),
+        np.min([diagnostics.bulk for diagnostics in of_modes], axis=0),
+        np.min([diagnostics.tail for diagnostics in of_modes], axis=0),
+    )

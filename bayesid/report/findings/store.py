@@ -1,0 +1,102 @@
+"""What there is to show, in a result folder: findings.npz, beside summary.json and posterior.nc."""
+
+from __future__ import annotations
+
+import json
+import zlib
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.errors import InputError
+from bayesid.report.findings.content import (
+    Alternatives,
+    CoefficientTable,
+    Correlation,
+    Findings,
+    Prediction,
+    Samples,
+    SegmentTable,
+)
+from bayesid.report.findings.summary import Summary, from_json
+
+FILE = "findings.npz"
+_REMEDY = "give a folder that `bayesid identify` wrote, or identify again to write it anew"
+_PARTS: Mapping[str, type] = {
+    "samples": Samples,
+    "segments": SegmentTable,
+    "correlation": Correlation,
+    "coefficients": CoefficientTable,
+    "alternatives": Alternatives,
+    "prediction": Prediction,
+}
+_NEEDED = _PARTS.keys() - {"prediction"}
+_BULKY = ("samples", "prediction")
+"""Whose arrays of samples and joints are kept in single precision: nobody sees the rest of a curve's digits."""
+_WORDS = ("effort_unit", "position_unit", "prior_parameters")
+
+
+def write_findings(findings: Findings, path: Path) -> None:
+    """Writes the arrays as `findings.npz`, keys as in `samples.t`; efforts and motion in single precision."""
+    arrays: dict[str, Any] = {name: np.array(getattr(findings, name), dtype=str) for name in _WORDS}
+    for part in _PARTS:
+        content = getattr(findings, part)
+        for entry in fields(_PARTS[part]) if content is not None else ():
+            value = np.asarray(getattr(content, entry.name))
+            single = part in _BULKY and value.ndim == 2 and value.dtype == np.float64
+            arrays[f"{part}.{entry.name}"] = value.astype(np.float32) if single else value
+    with path.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+
+
+def read_findings(folder: str | Path) -> Findings:
+    """What a result folder holds to show.
+
+    Raises:
+        InputError: the folder is no result, or one of a version that kept less.
+    """
+    place = Path(folder)
+    try:
+        summary = from_json(Summary, json.loads((place / "summary.json").read_text(encoding="utf-8")))
+        with np.load(place / FILE, allow_pickle=False) as kept:
+            arrays = {name: kept[name] for name in kept.files}
+        kept_parts = _NEEDED | {name.partition(".")[0] for name in arrays}
+        parts: dict[str, Any] = {name: _part(_PARTS[name], name, arrays) for name in _PARTS if name in kept_parts}
+        parts |= {name: tuple(arrays[name].tolist()) for name in _WORDS}
+        return Findings(summary=summary, **parts, draws=_read_draws(place / "posterior.nc"))
+    except (FileNotFoundError, NotADirectoryError) as error:
+        missing = Path(error.filename).name
+        raise InputError(f"holds no {missing}", str(folder), _REMEDY) from None
+    except KeyError as error:
+        said = f"holds no {error}: another version wrote it, or it is damaged"
+        raise InputError(said, str(folder), _REMEDY) from None
+    except InputError:  # of posterior.nc
+        raise
+    except (OSError, EOFError, ValueError, TypeError, AttributeError, BadZipFile, zlib.error) as error:
+        raise InputError(f"cannot be read ({error})", str(folder), _REMEDY) from None
+
+
+def _part(kind: type, name: str, arrays: Mapping[str, Any]) -> Any:
+    values: dict[str, Any] = {}
+    for entry in fields(kind):
+        value = arrays[f"{name}.{entry.name}"]
+        if value.ndim == 0:
+            values[entry.name] = value.item()
+        elif value.dtype.kind == "U":
+            values[entry.name] = tuple(value.tolist())
+        else:
+            values[entry.name] = value.astype(np.float64) if value.dtype == np.float32 else value
+    return kind(**values)
+
+
+def _read_draws(path: Path) -> Array | None:
+    if not path.exists():
+        return None
+    from bayesid.posterior.inference_data import read_coefficients
+
+    return read_coefficients(path)

@@ -1,0 +1,428 @@
+"""The numbers of an identification: what summary.json holds, typed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass
+from types import UnionType
+from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from bayesid.files import plain
+from bayesid.identification.identification import Identification
+from bayesid.identification.provenance import Provenance
+from bayesid.log.log import Log
+from bayesid.report.findings.recorded import recorded_segments
+
+Kind = TypeVar("Kind")
+Number = float | None
+"""None where it is not finite: JSON has no infinity."""
+Numbers = tuple[Number, ...]
+"""One a joint."""
+
+
+@dataclass(frozen=True)
+class LogPart:
+    """One of the logs that a log was joined from."""
+
+    source: str
+    n_samples: int
+
+
+@dataclass(frozen=True)
+class AmbiguousSegment:
+    """A segment whose sign the proof does not settle.
+
+    Attributes:
+        joint: from 1.
+        start: s, on the clock of its log.
+        end: s, its last sample.
+        n_samples: in it.
+        log: that it is of, where several were joined.
+    """
+
+    joint: int
+    start: float
+    end: float
+    n_samples: int
+    log: str = ""
+
+
+@dataclass(frozen=True)
+class SearchSummary:
+    """How the signs were searched, and what is proven about them; None where nothing is.
+
+    Attributes:
+        method: of the search.
+        beam_width: w of T-PBPR.
+        cost: of the best assignment.
+        certified: whether no assignment costs less.
+        lower_bound: that no assignment's cost falls below.
+        gap: cost less lower bound.
+        within: of the best cost, all assignments are listed.
+        assignments: number of these, the best among them.
+        missed_mass: posterior mass that the list leaves out, at most, relative to the best one's.
+        settled_share: share of the samples whose sign is the same in all of them.
+        ambiguous: the segments of the other samples.
+        seconds: taken.
+        sdp_solves: least-squares problems over the feasible parameters that were solved.
+        nodes: partial assignments that were bounded.
+        rounds: searches until no segment's predicted effort crossed zero.
+    """
+
+    method: str
+    beam_width: int | None
+    cost: Number
+    certified: bool
+    lower_bound: Number
+    gap: Number
+    within: Number
+    assignments: int | None
+    missed_mass: Number
+    settled_share: Number
+    ambiguous: tuple[AmbiguousSegment, ...] | None
+    seconds: float
+    sdp_solves: int
+    nodes: int
+    rounds: int
+
+
+@dataclass(frozen=True)
+class SignsSummary:
+    """The model under which signs were settled.
+
+    Attributes:
+        model: its terms.
+        weight: of it, against the model asked for.
+        doubt: (n,) probability that signs are guesses because the model is not the robot's.
+    """
+
+    model: tuple[str, ...]
+    weight: Number
+    doubt: Numbers
+
+
+@dataclass(frozen=True)
+class ModeSummary:
+    """A mode of the posterior: its weight, and the standard error of its log evidence."""
+
+    weight: Number
+    log_evidence_se: Number
+
+
+@dataclass(frozen=True)
+class PosteriorSummary:
+    """How the posterior was sampled.
+
+    Attributes:
+        converged: whether R-hat and the effective sample size are as they should be.
+        max_rhat: of the coefficients, at worst.
+        min_ess: effective sample size, at worst.
+        max_rhat_of_parameters: of the standard parameters, at worst.
+        draws: number of them.
+        ensembles: that were run.
+        walkers: of each.
+        seed: of all random numbers.
+        seconds: taken.
+        prior: in words.
+        prior_sd: parameter to its standard deviation.
+        noise_scale: (n,) posterior mean of noise over reference noise.
+        modes: of the posterior.
+        assignments: posterior probability of each assignment that the search lists.
+        assignments_elsewhere: and of all others.
+    """
+
+    converged: bool
+    max_rhat: Number
+    min_ess: Number
+    max_rhat_of_parameters: Number
+    draws: int
+    ensembles: int
+    walkers: int
+    seed: int
+    seconds: float
+    prior: str
+    prior_sd: Mapping[str, Number]
+    noise_scale: Numbers
+    modes: tuple[ModeSummary, ...]
+    assignments: Numbers
+    assignments_elsewhere: Number
+
+
+@dataclass(frozen=True)
+class NoiseSummary:
+    """The noise of the efforts, (n,) each, N m.
+
+    Attributes:
+        assumed: in words.
+        sd: of all of it.
+        white_sd: of the sensor's.
+        coloured_sd: of what lasts longer.
+        correlation_time_s: of that, s.
+        samples_that_count_as_one: integrated autocorrelation time, samples.
+        effective_samples: samples in motion over it.
+        residual_sd: of what the fit leaves.
+    """
+
+    assumed: str
+    sd: Numbers
+    white_sd: Numbers
+    coloured_sd: Numbers
+    correlation_time_s: Numbers
+    samples_that_count_as_one: Numbers
+    effective_samples: Numbers
+    residual_sd: Numbers
+
+
+@dataclass(frozen=True)
+class FitSummary:
+    """The least-squares fit.
+
+    Attributes:
+        relative_residual: (n,) RMS of what it leaves over that of the effort.
+        condition_number: of the regressor, rows over their noise and columns of equal length; None if it is singular.
+        relative_gap: that the solver reached.
+        parameters_moved_inside: whether the solution was moved into the cone.
+        smallest_eigenvalues: of each link's pseudo-inertia.
+        links_on_edge: links, from 1, on the edge of what is physically feasible.
+        standard_deviations: what those of the coefficients are, in words.
+    """
+
+    relative_residual: Numbers
+    condition_number: Number
+    relative_gap: Number
+    parameters_moved_inside: bool
+    smallest_eigenvalues: Numbers
+    links_on_edge: tuple[int, ...]
+    standard_deviations: str
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The numbers of an identification.
+
+    Attributes:
+        robot: its name.
+        log: its source.
+        logs: that it was joined from; empty where it is one.
+        terms: of the model.
+        distortions: of the model.
+        n_samples: rows of the log.
+        n_segments: of what was recorded.
+        n_segments_searched: of these, whose signs were searched.
+        n_coefficients: r.
+        signed_joints: from 1, whose signs were known.
+        processing: of the signals.
+        search: of the signs.
+        signs: the model under which they were settled.
+        posterior: None if it was not sampled.
+        noise: of the efforts.
+        fit: by least squares.
+        timings: stage to seconds.
+        warnings: what the user should know.
+        provenance: what was run on which data.
+    """
+
+    robot: str
+    log: str
+    logs: tuple[LogPart, ...] = field(default=(), kw_only=True)
+    terms: tuple[str, ...]
+    distortions: tuple[str, ...]
+    n_samples: int
+    n_segments: int
+    n_segments_searched: int
+    n_coefficients: int
+    signed_joints: tuple[int, ...]
+    processing: Mapping[str, Any]
+    search: SearchSummary
+    signs: SignsSummary
+    posterior: PosteriorSummary | None
+    noise: NoiseSummary
+    fit: FitSummary
+    timings: Mapping[str, float]
+    warnings: tuple[str, ...]
+    provenance: Provenance
+
+    @property
+    def hidden_joints(self) -> int:
+        """Number of joints whose signs were hidden."""
+        return len(self.noise.sd) - len(self.signed_joints)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Of an identification
+# ---------------------------------------------------------------------------------------------------------------
+def summarise(identification: Identification) -> Summary:
+    """The numbers of an identification, as its summary.json holds them."""
+    model, log = identification.model, identification.log
+    summary = Summary(
+        robot=model.robot.name,
+        log=log.source,
+        logs=log_parts(log),
+        terms=tuple(dict.fromkeys(term.name for term in model.terms)),
+        distortions=tuple(distortion.name for distortion in model.distortions),
+        n_samples=len(log),
+        n_segments=len(recorded_segments(identification)[0]),
+        n_segments_searched=len(identification.search.signs),
+        n_coefficients=len(identification.coefficients),
+        signed_joints=_joints(log.signed),
+        processing=identification.signals.processing,
+        search=_search(identification),
+        signs=SignsSummary(
+            identification.sign_terms, identification.sign_weight, tuple(identification.sign_doubt.tolist())
+        ),
+        posterior=_posterior(identification),
+        noise=_noise(identification),
+        fit=_fit(identification),
+        timings=identification.timings,
+        warnings=identification.warnings,
+        provenance=identification.provenance,
+    )
+    return from_json(Summary, as_json(summary))  # so that it is what a file gives: None for what is not finite
+
+
+def log_parts(log: Log) -> tuple[LogPart, ...]:
+    """The logs that a log was joined from; none where it is one."""
+    return tuple(LogPart(part.source, part.stop_row - part.start_row) for part in log.pieces) if log.pooled else ()
+
+
+def _joints(chosen: Sequence[bool] | np.ndarray) -> tuple[int, ...]:
+    """From 1."""
+    return tuple((np.flatnonzero(chosen) + 1).tolist())
+
+
+def _search(identification: Identification) -> SearchSummary:
+    search = identification.search
+    return SearchSummary(
+        method=search.method,
+        beam_width=search.width,
+        cost=search.cost,
+        certified=search.certified,
+        lower_bound=search.lower_bound,
+        gap=None if search.lower_bound is None else search.cost - search.lower_bound,
+        within=search.within if search.branches else None,
+        assignments=len(search.branches) or None,
+        missed_mass=search.missed,
+        settled_share=identification.settled_share,
+        ambiguous=_ambiguous(identification),
+        seconds=identification.timings["search"],
+        sdp_solves=search.solves,
+        nodes=search.nodes,
+        rounds=identification.rounds,
+    )
+
+
+def _ambiguous(identification: Identification) -> tuple[AmbiguousSegment, ...] | None:
+    """None without a proof."""
+    settled, segments, log = identification.search.settled, identification.searched, identification.log
+    if settled is None:
+        return None
+    place, t = log.clock(identification.signals.motion.t)
+    return tuple(
+        AmbiguousSegment(
+            joint=int(segments.joint[k]) + 1,
+            start=float(t[segments.start[k]]),
+            end=float(t[segments.end[k] - 1]),
+            n_samples=int(segments.end[k] - segments.start[k]),
+            log=log.pieces[place[segments.start[k]]].source if log.pooled else "",
+        )
+        for k in np.flatnonzero(~settled)
+    )
+
+
+def _posterior(identification: Identification) -> PosteriorSummary | None:
+    posterior = identification.posterior
+    if posterior is None:
+        return None
+    draws, prior = posterior.draws, posterior.target.prior
+    names = [parameter.name for parameter in identification.model.parameters]
+    return PosteriorSummary(
+        converged=posterior.converged,
+        max_rhat=posterior.max_rhat,
+        min_ess=posterior.min_ess,
+        max_rhat_of_parameters=max(mode.draws.parameters.max_rhat for mode in posterior.modes),
+        draws=int(np.prod(draws.theta.shape[:3])),
+        ensembles=posterior.sampling.ensembles,
+        walkers=posterior.sampling.walkers,
+        seed=posterior.sampling.seed,
+        seconds=posterior.seconds,
+        prior="normal about a typical link inside the feasible set and its windows; see docs/posterior.md",
+        prior_sd=dict(zip(names, prior.sd.tolist(), strict=True)),
+        noise_scale=tuple(np.exp(draws.log_scale).mean(axis=(0, 1, 2)).tolist()),
+        modes=tuple(
+            ModeSummary(mode.weight, getattr(mode.marginal_likelihood, "standard_error", None))
+            for mode in posterior.modes
+        ),
+        assignments=tuple(posterior.branch_mass.tolist()),
+        assignments_elsewhere=posterior.elsewhere,
+    )
+
+
+def _noise(identification: Identification) -> NoiseSummary:
+    noise, segments = identification.fit.noise, identification.searched
+    count = np.bincount(segments.joint, weights=segments.end - segments.start, minlength=len(noise.autocorrelation))
+    return NoiseSummary(
+        assumed="white sensor noise plus exponentially correlated model error, per joint, before the fit took its "
+        "share; samples count by the integrated autocorrelation time",
+        sd=tuple(noise.sigma.tolist()),
+        white_sd=tuple(noise.white.tolist()),
+        coloured_sd=tuple(noise.coloured.tolist()),
+        correlation_time_s=tuple(noise.correlation.tolist()),
+        samples_that_count_as_one=tuple(noise.autocorrelation.tolist()),
+        effective_samples=tuple((count / noise.autocorrelation).tolist()),
+        residual_sd=tuple(identification.fit.residual.sigma.tolist()),
+    )
+
+
+def _fit(identification: Identification) -> FitSummary:
+    fit = identification.fit
+    return FitSummary(
+        relative_residual=tuple(fit.relative_residual.tolist()),
+        condition_number=fit.condition,
+        relative_gap=fit.tolerance,
+        parameters_moved_inside=fit.moved_inside,
+        smallest_eigenvalues=tuple(fit.smallest_eigenvalues.tolist()),
+        links_on_edge=_joints(fit.on_edge),
+        standard_deviations="information matrix with effective sample counts; the cone is not accounted for"
+        if identification.posterior is None
+        else "of the posterior",
+    )
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# JSON
+# ---------------------------------------------------------------------------------------------------------------
+def as_json(part: Any) -> dict[str, Any]:
+    """A summary, or a part of one, as JSON has it: a field that may be empty is left out where it is."""
+    values = {one.name: getattr(part, one.name) for one in fields(part)}
+    optional = {one.name for one in fields(part) if one.default in ("", ())}
+    return {name: _json(value) for name, value in values.items() if value or name not in optional}
+
+
+def _json(value: Any) -> Any:
+    if is_dataclass(value):
+        return as_json(value)
+    return [_json(item) for item in value] if isinstance(value, tuple) else plain(value)
+
+
+def from_json(kind: type[Kind], content: Mapping[str, Any]) -> Kind:
+    """The reverse of `as_json`; what the dataclass does not know is left out.
+
+    Raises:
+        KeyError: a field is missing.
+        TypeError: something is not what it should be.
+    """
+    hints = get_type_hints(kind)
+    chosen = [one for one in fields(cast(Any, kind)) if one.name in content or one.default not in ("", ())]
+    return kind(**{one.name: _typed(hints[one.name], content[one.name]) for one in chosen})
+
+
+def _typed(kind: Any, value: Any) -> Any:
+    if isinstance(kind, UnionType):  # with None
+        return None if value is None else _typed(get_args(kind)[0], value)
+    if is_dataclass(kind):
+        return from_json(cast(type[Any], kind), value)
+    if get_origin(kind) is tuple:
+        return tuple(_typed(get_args(kind)[0], item) for item in value)
+    return value

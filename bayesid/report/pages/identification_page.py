@@ -1,0 +1,379 @@
+"""An identification as one self-contained page: words, traffic lights, figures and tables; nothing is fetched."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from bayesid.identification.warnings import convergence
+from bayesid.progress import SILENT, Progress
+from bayesid.report import plot
+from bayesid.report.findings import Findings
+from bayesid.report.findings.summary import SearchSummary
+from bayesid.report.pages.rendering import Picture, data, number, picture, render
+from bayesid.report.plot.remainder import VARIABLES
+from bayesid.report.plot.style import new_figure
+from bayesid.report.plot.svg import inline_svg
+from bayesid.report.verdicts import SURE, State, check_findings, sure_share, worst
+from bayesid.report.words import listed, quantity
+
+_STATES: Mapping[State, Mapping[str, str]] = {
+    "good": {"colour": "good", "text": "good"},
+    "look": {"colour": "look", "text": "look at"},
+    "bad": {"colour": "bad", "text": "bad"},
+    "not done": {"colour": "open", "text": "not done"},
+}
+"""Of each state the class on the page and the word."""
+_VERDICT: Mapping[State, str] = {
+    "good": "Nothing speaks against this result",
+    "look": "Usable; look at what is marked",
+    "bad": "Do not rely on this result yet",
+}
+_WELL_KNOWN = 0.1
+"""Relative standard deviation of a coefficient that is known well, as the terminal counts them."""
+_DOUBTS = 20
+"""Ambiguous segments that are listed: a screen full."""
+_ALTERNATIVES = 10
+"""Other assignments that are listed: half a screen, as each is a long row."""
+_SPANS = 5
+"""Segments of another assignment that are linked: what fits into a cell."""
+_PANEL = (5.4, 4.4)
+"""in, width and height of a joint's four panels: two such figures stand side by side."""
+_ROUNDING = 1e-9
+"""Of a coefficient: what remains of link parameters that cancel, some 1e6 times the spacing of numbers."""
+_SLIM_HEIGHT = 2.3
+"""in, of a figure over time on a narrow screen: with its width of 5.4 in, letters stay legible at 400 px."""
+_BAR = (60.0, 28.0, 2.0)
+"""Zero of a coefficient's bar, its own size, and where it is cut off in such sizes: the picture is 120 wide."""
+
+
+def identification_page(findings: Findings, progress: Progress = SILENT) -> str:
+    """The report of an identification, in HTML: opens in a browser from anywhere, light or dark, and prints.
+
+    Args:
+        findings: what there is to show.
+        progress: called as progress("report", done, total).
+    """
+    checks = check_findings(findings)
+    state = worst(checks)
+    content: dict[str, Any] = {
+        "status": {"colour": _STATES[state]["colour"], "text": _VERDICT[state]},
+        "lead": _lead(findings),
+        "about": _about(findings),
+        "warnings": findings.summary.warnings,
+        "checks": [(check, _STATES[check.state]) for check in checks],
+        "hidden": findings.summary.hidden_joints > 0,
+    }
+    parts = (_torques, _doubts, _coefficients, _posterior, _residuals, _proof, _validation, _run)
+    for done, part in enumerate(parts, start=1):
+        content |= part(findings)
+        progress("report", done, len(parts))
+    return render("identification.html.jinja", "Identification", findings.summary.robot, script="zoom.js", **content)
+
+
+def _lead(findings: Findings) -> str:
+    summary, share = findings.summary, np.array(findings.summary.fit.relative_residual, dtype=float)
+    n, hidden = findings.n_joints, summary.hidden_joints
+    known = int((findings.coefficients.relative_sd < _WELL_KNOWN).sum())
+    signs = (
+        f"The signs were hidden in {'all' if hidden == n else f'{hidden} of {n}'} joints. Of the |effort|, "
+        f"{sure_share(findings):.1%} now has a sign that is sure to {SURE:.0%}. "
+        if hidden
+        else "All signs were known. "
+    )
+    return (
+        f"{signs}{summary.n_coefficients} dynamic coefficients were found, {known} of them known to {_WELL_KNOWN:.0%}. "
+        f"The model leaves {share.min():.1%} to {share.max():.1%} of a joint's effort unexplained."
+    )
+
+
+def _about(findings: Findings) -> list[tuple[str, str]]:
+    summary = findings.summary
+    return [
+        ("Robot", summary.robot),
+        ("Log", f"{summary.log}, {summary.n_samples} rows, {findings.samples.t[-1]:.4g} s"),
+        ("Terms", ", ".join([*summary.terms, *summary.distortions])),
+        ("Run", summary.provenance.date),
+    ]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Sections
+# ---------------------------------------------------------------------------------------------------------------
+def _torques(findings: Findings) -> dict[str, Any]:
+    every = findings.samples.every
+    return {
+        "thinned": "" if every == 1 else f" One of {every} samples is shown.",
+        "torques": [
+            _zoomable(
+                partial(plot.torques, findings, [j + 1], key=False),
+                f"torque{j + 1}",
+                f"Effort of joint {j + 1} over time: recorded, signed, and by the model. {_signs(findings, j)}",
+                f"Joint {j + 1}.",
+                _bands(findings, j),
+            )
+            for j in range(findings.n_joints)
+        ],
+    }
+
+
+def _signs(findings: Findings, j: int) -> str:
+    """A joint's segments in words."""
+    table = findings.segments
+    here = table.joint == j
+    plus = int((table.sign[here] > 0).sum())
+    return f"{plus} segments are plus, {int(here.sum()) - plus} minus, {int(table.ambiguous[here].sum())} ambiguous."
+
+
+def _bands(findings: Findings, j: int) -> list[list[float]]:
+    """Start, end, sign, confidence, and 1 if ambiguous, of a joint's segments, for the page's script."""
+    table = findings.segments
+    here = np.flatnonzero(table.joint == j)
+    times = np.round([table.start[here], table.end[here]], 4).tolist()
+    confidence = np.round(table.confidence[here], 3).tolist()
+    return [
+        [start, end, int(table.sign[k]), sure, int(table.ambiguous[k])]
+        for k, start, end, sure in zip(here, *times, confidence, strict=True)
+    ]
+
+
+def _doubts(findings: Findings) -> dict[str, Any]:
+    table, size = findings.segments, findings.segment_size
+    doubtful = np.flatnonzero(table.ambiguous & table.moving)
+    largest = doubtful[np.argsort(-size[doubtful], kind="stable")][:_DOUBTS]
+    rows = [
+        {
+            "joint": int(table.joint[k]),
+            "start": table.start[k],
+            "end": table.end[k],
+            "sign": table.sign[k],
+            "confidence": table.confidence[k],
+            "size": size[k],
+        }
+        for k in largest
+    ]
+    which = "Segments" if len(rows) == len(doubtful) else f"The {len(rows)} largest of {len(doubtful)} segments"
+    caption = (
+        f"{which} in motion whose sign is not sure, by their largest |effort|. The sign of a small effort matters "
+        "little to the coefficients: its likelihood is averaged over both."
+    )
+    return {"doubts": rows, "doubts_caption": caption}
+
+
+def _coefficients(findings: Findings) -> dict[str, Any]:
+    table, bar = findings.coefficients, findings.coefficients.bar
+    rows = [
+        {
+            "name": table.name[k],
+            "mean": mean,
+            "quantity": quantity(float(mean), float(table.sd[k]), table.unit[k]),
+            "relative_sd": table.relative_sd[k],
+            "relative_text": _percent(table.relative_sd[k]),
+            "bounded": np.isfinite([table.low[k], table.high[k]]).all(),  # else the log does not show a coefficient
+            "low": table.low[k],
+            "high": table.high[k],
+            "nominal": _nominal(table.nominal[k], mean),
+            "by_data": table.by_data[k],
+            "bar": _bar(bar.mean[k], bar.low[k], bar.high[k], bar.nominal[k]),
+            "expression": table.expression[k],
+        }
+        for k, mean in enumerate(table.mean)
+    ]
+    nominal = bool(np.isfinite(table.nominal).any())
+    return {"coefficients": rows, "nominal": nominal, "prior_parameters": findings.prior_parameters}
+
+
+def _nominal(value: float, mean: float) -> Markup:
+    """A sum of link parameters that is zero but for rounding is written as zero."""
+    return data(value, "0") if abs(value) < _ROUNDING * abs(mean) else number(value)
+
+
+def _percent(share: float) -> str:
+    return f"{share:.1%}" if share < 0.1 else f"{share:.0%}" if share < 10.0 else "> 1000 %"
+
+
+def _bar(mean: float, low: float, high: float, nominal: float) -> Markup:
+    """A small picture of numbers that stand beside it."""
+    zero, size, most = _BAR
+
+    def place(value: float) -> float:
+        return zero + size * float(np.clip(value, -most, most))
+
+    tick = "" if np.isnan(nominal) else f'<path class="tick" d="M{place(nominal):.1f} 1v14"/>'
+    return Markup(
+        '<svg class="bar" viewBox="0 0 120 16" aria-hidden="true"><path class="zero" d="M60 0v16"/>'
+        f'<rect x="{min(place(mean), zero):.1f}" y="4" width="{abs(place(mean) - zero):.1f}" height="8"/>'
+        f'<path class="range" d="M{place(low):.1f} 8H{place(high):.1f}"/>{tick}</svg>'
+    )
+
+
+def _posterior(findings: Findings) -> dict[str, Any]:
+    posterior = findings.summary.posterior
+    if findings.draws is None or posterior is None:
+        return {"posterior": None}
+    few = len(findings.coefficients.mean) < 2
+    drawn = [
+        ("forest", plot.forest(findings), "Intervals of 94 % of the worst-decided coefficients, one an ensemble."),
+        *([] if few else [("pair", plot.pair(findings)[0], "Draws of the three worst-decided against each other.")]),
+        ("trace", plot.trace(findings)[0], "Densities and draws, sweep after sweep; one colour an ensemble."),
+        ("rank", plot.rank(findings)[0], "Ranks of each ensemble's draws: flat where the ensembles agree."),
+    ]
+    return {
+        "posterior": posterior,
+        "convergence": convergence(posterior.max_rhat, posterior.min_ess),
+        "draws": [picture(_figure_of(ax), name, caption) for name, ax, caption in drawn],
+    }
+
+
+def _residuals(findings: Findings) -> dict[str, Any]:
+    return {"residuals": [_residual(findings, joint) for joint in range(1, findings.n_joints + 1)]}
+
+
+def _residual(findings: Findings, joint: int) -> Picture:
+    width, height = _PANEL
+    figure = new_figure(height, width)
+    *panels, last = figure.subplots(2, 2).ravel().tolist()
+    for variable, ax in zip(VARIABLES, panels, strict=True):
+        plot.residuals(findings, variable, [joint], [ax])
+    plot.autocorrelation(findings, [joint], [last])
+    caption = f"Joint {joint}: residual over time, velocity and position, and its autocorrelation."
+    return picture(figure, f"residual{joint}", caption)
+
+
+def _proof(findings: Findings) -> dict[str, Any]:
+    search, count = findings.summary.search, len(findings.alternatives.cost)
+    if not findings.summary.hidden_joints:
+        return {}
+    proven = search.lower_bound is not None
+    others = list(_others(findings)) if search.certified else []  # else the list says nothing about the others
+    pictures = (
+        [picture(_figure_of(plot.alternatives(findings)), "alternatives", "Costs of the assignments that remain.")]
+        if proven
+        else []
+    )
+    return {
+        "search_text": _search_text(search),
+        "proven": proven,
+        "alternatives": pictures,
+        "others": others,
+        "others_caption": f"The cheapest of {count - 1} other assignments that remain; where they differ from the "
+        "best.",
+        "alone": search.certified and count == 1,
+    }
+
+
+def _search_text(search: SearchSummary) -> str:
+    text = (
+        f"Search: {search.method}. It weighed {search.nodes} partial assignments by lower bounds of their cost, "
+        f"solved {search.sdp_solves} least-squares problems over the feasible parameters, and took "
+        f"{search.seconds:.1f} s in {search.rounds} round{'s' * (search.rounds != 1)}. The best assignment costs "
+        f"{search.cost:.6g}."
+    )
+    if search.lower_bound is None:
+        return f"{text} Nothing is proven about the others."
+    text += (
+        " No assignment costs less: every one was either weighed or ruled out by a bound."
+        if search.certified
+        else f" Every assignment costs at least {search.lower_bound:.6g}; what lies between is not ruled out."
+    )
+    if search.settled_share is not None and search.within is not None:
+        text += (
+            f" {search.settled_share:.1%} of the samples have the same sign in all assignments that cost at most "
+            f"{search.within:.1f} more, which is {np.exp(-search.within / 2.0):.1g} of the best one's probability."
+        )
+    return text
+
+
+def _others(findings: Findings) -> Iterator[dict[str, Any]]:
+    """The cheapest other assignments."""
+    table = findings.alternatives
+    for b in range(1, min(len(table.cost), _ALTERNATIVES + 1)):
+        here = np.flatnonzero(table.branch == b)
+        joints = sorted({int(j) + 1 for j in table.joint[here]})
+        yield {
+            "above": table.cost[b] - table.cost[0],
+            "mass": table.mass[b],
+            "difference": f"{len(here)} in joint{'s' * (len(joints) > 1)} {listed([str(j) for j in joints])}",
+            "spans": [
+                {"joint": int(table.joint[k]), "start": table.start[k], "end": table.end[k]} for k in here[:_SPANS]
+            ],
+            "more": len(here) > _SPANS,
+        }
+
+
+def _validation(findings: Findings) -> dict[str, Any]:
+    prediction = findings.prediction
+    if prediction is None:
+        return {"prediction": None}
+    pictures = [
+        _zoomable(
+            partial(plot.validation, findings, [joint], key=False),
+            f"validation{joint}",
+            f"Effort of joint {joint} over time on another log: measured, predicted, and the band of 95 %.",
+            f"Joint {joint}.",
+            [],
+        )
+        for joint in range(1, findings.n_joints + 1)
+    ]
+    return {"prediction": prediction, "effort_unit": findings.effort_unit, "validations": pictures}
+
+
+def _run(findings: Findings) -> dict[str, Any]:
+    run = findings.summary.provenance
+    rows = [
+        *([("Command", run.command)] if run.command else []),
+        *((f"Option {name}", _option(value)) for name, value in run.options.items()),
+        *((f"SHA-256 of {name}", digest) for name, digest in run.files.items()),
+        ("SHA-256 of the samples", run.data),
+        *((f"Version of {name}", number) for name, number in run.versions.items()),
+        ("Machine", run.machine),
+        *((f"Seconds: {name}", f"{seconds:.1f}") for name, seconds in findings.summary.timings.items()),
+    ]
+    return {"run": rows}
+
+
+def _option(value: object) -> str:
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Figures over time
+# ---------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class _Zoomable:
+    """A figure over time, for wide and for narrow screens, with its ends and what its script draws anew."""
+
+    name: str
+    caption: str
+    left: float
+    right: float
+    bands: Sequence[Sequence[float]]
+    broad: Markup
+    slim: Markup
+
+
+def _zoomable(
+    draw: Callable[..., list[Axes]], name: str, alt: str, caption: str, bands: Sequence[Sequence[float]]
+) -> _Zoomable:
+    images, left, right = [], 0.0, 1.0
+    for kind, axes in (("broad", None), ("slim", [new_figure(_SLIM_HEIGHT).subplots()])):
+        (ax,) = draw(axes=axes)
+        ax.patch.set_gid("area")
+        ax.xaxis.set_gid("xaxis")
+        left, right = (float(end) for end in ax.get_xlim())
+        images.append(Markup(inline_svg(_figure_of(ax), f"{name}{kind}", alt)))
+    return _Zoomable(name, caption, left, right, bands, *images)
+
+
+def _figure_of(ax: Axes) -> Figure:
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    return figure

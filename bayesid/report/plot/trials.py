@@ -1,0 +1,93 @@
+"""Figures of many trials: medians with their spread over what was varied, axes of shares and errors, and the file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import cycle
+from pathlib import Path
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure as Figure
+from matplotlib.ticker import NullLocator
+
+from bayesid.arrays import Array
+from bayesid.files import replace_file
+
+COLOURS = ("#1b7f79", "#c0392b", "#2c5d9b", "#d08a1d", "#6a4c93", "#555555", "#a0522d")
+"""Distinct for people who do not see red and green alike, and in print together with the markers."""
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+_SIZE = (7.5, 3.6)
+"""Of a figure, in: two panels side by side fill the width of a page of docs/studies.md."""
+_QUANTILES = (0.1, 0.9)
+"""Between which a bar stands: eight trials of ten."""
+_BESIDE = 0.012
+"""Distance of two lines' points, as a share of the axis: as wide as their bars' caps."""
+_LABELS = 32
+"""Letters that fit below a panel at a size of 8 points."""
+_LEAST_WRONG = 0.1
+"""%, below which an axis of wrong signs is linear: a study's logs hold some thousand strong samples each."""
+_WRONG_TICKS = (0.0, 0.1, 1.0, 10.0, 50.0)
+"""%"""
+
+
+def save_figure(draw: Callable[[Figure], None], path: Path) -> None:
+    """Has `draw` fill a figure and writes it, aside first."""
+    figure = Figure(figsize=_SIZE, layout="constrained")
+    FigureCanvasAgg(figure)
+    draw(figure)
+    with rc_context({"svg.hashsalt": "bayesid"}):  # and without a date: the same rows, the same file
+        replace_file(path, lambda aside: figure.savefig(aside, format=path.suffix[1:], metadata={"Date": None}))
+
+
+def spreads(axes: Axes, groups: Mapping[str, Sequence[tuple[float, Sequence[float]]]]) -> None:
+    """For each group a line of medians over x, with bars from the 10 % to the 90 % quantile.
+
+    Args:
+        axes: where.
+        groups: name of the line to (x, values) pairs.
+    """
+    count = len(groups)
+    for k, ((name, pairs), colour, marker) in enumerate(zip(groups.items(), cycle(COLOURS), cycle(MARKERS))):
+        if not pairs:  # a short run has not come to it
+            continue
+        x = _aside(axes, np.array([x for x, _ in pairs], dtype=float), (k - (count - 1) / 2) * _BESIDE)
+        middle = np.array([np.median(values) for _, values in pairs])
+        low, high = (np.array([np.quantile(values, q) for _, values in pairs]) for q in _QUANTILES)
+        bars = np.clip([middle - low, high - middle], 0.0, None)
+        axes.errorbar(x, middle, bars, color=colour, marker=marker, ms=4, lw=1.2, elinewidth=0.8, capsize=2, label=name)
+
+
+def name_ticks(axes: Axes, places: Mapping[str, float]) -> None:
+    """Labels at their places on the x axis, turned where they would touch."""
+    turned = 60 if sum(map(len, places)) > _LABELS else 0
+    axes.set_xticks(list(places.values()), list(places), rotation=turned, fontsize=8)
+    axes.xaxis.set_minor_locator(NullLocator())
+
+
+def wrong_axis(axes: Axes) -> None:
+    """Shares that are mostly zero, in percent: linear near zero, logarithmic above."""
+    axes.set_ylabel("strong samples with the wrong sign, %")
+    axes.set_yscale("symlog", linthresh=_LEAST_WRONG)
+    axes.set_ylim(-0.01, max(1.5, 1.3 * axes.get_ylim()[1]))
+    ticks = [value for value in _WRONG_TICKS if value < axes.get_ylim()[1]]
+    axes.set_yticks(ticks, [f"{value:g}" for value in ticks])
+    axes.minorticks_off()
+
+
+def error_axis(axes: Axes) -> None:
+    """Errors of predicted efforts in percent, logarithmic."""
+    axes.set_ylabel("effort error, new motion, %")
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter("")
+    axes.grid(axis="y", color="#dddddd", lw=0.6)
+
+
+def _aside(axes: Axes, x: Array, share: float) -> Array:
+    """Points a little beside each other, so that bars do not hide bars."""
+    if axes.get_xscale() == "log":
+        return x * (x.max() / x.min()) ** share
+    return x + share * (x.max() - x.min())

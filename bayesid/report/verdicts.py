@@ -1,0 +1,232 @@
+"""Traffic lights: what speaks for an identification, what against it, and what to do about it.
+
+A check is `good`, to be `looked at`, `bad`, or `not done`. Its limits are stated where they stand; they rest on the
+studies of docs/studies.md or on the field's customs, as said there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from bayesid.fit.least_squares import POOR_FIT
+from bayesid.identification.warnings import confidences_lowered, convergence, not_excited, not_ruled_out, on_edge
+from bayesid.report.findings import AMBIGUOUS, Findings, Summary
+
+State = Literal["good", "look", "bad", "not done"]
+
+_WELL_CONDITIONED = 100.0
+"""Condition number up to which a motion excites well: the field's custom. Study `excitation`: efforts of a new motion
+are 2 % off at 66."""
+_ILL_CONDITIONED = 1000.0
+"""Condition number beyond which it does not: a round number between 66 and 6000, where efforts of a new motion are some
+20 % off in study `excitation`."""
+_MOSTLY_SURE = 0.95
+"""Share of the |effort| that should have a sign which is as good as certain: the custom of 95 %."""
+_UNSURE = 0.8
+"""Such a share below which too much is guessed; a round number, not studied."""
+SURE = 0.99
+"""Probability from which on a sign is as good as certain: what the project's README promises (of the samples given as
+much, at most 0.05 % are wrong)."""
+_WHITE = 0.3
+"""Share of the residual's variance that may last longer than sensor noise does; a round number, not studied."""
+_SMALL_RESIDUAL = 0.1
+"""Share of a joint's effort that a model may well leave; a round number, not studied."""
+_DECIDED = 0.9
+"""Share of the coefficients that the data should decide; a round number, not studied."""
+_HALF_DECIDED = 0.5
+"""Such a share below which the prior decides most."""
+_POORLY_KNOWN = 1.0
+"""Standard deviation over value from which on not even the sign of a coefficient is known."""
+_COVERED = (0.9, 0.99)
+"""Share of a new log's efforts inside a band of 95 %: outside of this the standard deviations do not hold there; round
+numbers about 95 %."""
+_WORSE = 1.5
+"""Times the RMS residual of the log itself that a new log's may reach, as shares of the effort depend on the motion; a
+round number, not studied."""
+_TINY = 1e-300
+"""Keeps a division by nothing finite."""
+
+_EXCITE = "`bayesid excite` designs one for your robot"
+_DISCREPANCY = "`bayesid discrepancy` names what the model lacks"
+_ALTERNATIVES = "see below where they differ; the posterior weighs them"
+
+
+@dataclass(frozen=True)
+class Check:
+    """One traffic light.
+
+    Attributes:
+        name: of what was checked.
+        state: how it stands.
+        message: what was seen, one sentence.
+        remedy: what to do about it; empty where nothing is to be done.
+    """
+
+    name: str
+    state: State
+    message: str
+    remedy: str = ""
+
+
+def check_findings(findings: Findings) -> tuple[Check, ...]:
+    """All checks of an identification, in the order of the pipeline."""
+    return (
+        _excitation(findings),
+        _segments(findings),
+        proof(findings.summary),
+        sampling(findings.summary),
+        _fit(findings.summary),
+        _whiteness(findings.summary),
+        _decided(findings),
+        _validation(findings),
+        _warnings(findings.summary),
+    )
+
+
+def worst(checks: Iterable[Check]) -> State:
+    """The worst state among them; what was not done counts as to be looked at only."""
+    states = {check.state for check in checks}
+    return "bad" if "bad" in states else "look" if states & {"look", "not done"} else "good"
+
+
+def _excitation(findings: Findings) -> Check:
+    condition = findings.summary.fit.condition_number
+    silent = int(np.isinf(findings.coefficients.sd).sum())
+    if condition is None or silent:
+        message = not_excited(silent or "some", len(findings.coefficients.mean))
+        return Check("Excitation", "bad", message, f"record a motion that moves more joints at once: {_EXCITE}")
+    number = f"the condition number of the regressor is {condition:.0f}"
+    message = f"{number} (rows over their noise, columns of equal length)"
+    if condition <= _WELL_CONDITIONED:
+        return Check("Excitation", "good", message)
+    state: State = "look" if condition <= _ILL_CONDITIONED else "bad"
+    return Check("Excitation", state, message, f"some coefficients can hardly be separated: {_EXCITE}")
+
+
+def _segments(findings: Findings) -> Check:
+    name, share = "Signs of the segments", sure_share(findings)
+    if not findings.summary.hidden_joints:
+        return Check(name, "good", "all signs were known")
+    moving = findings.segments.moving
+    doubtful = findings.segments.ambiguous & moving
+    message = (
+        f"{share:.1%} of the |effort| has a sign that is sure to {SURE:.0%}; {int(doubtful.sum())} of "
+        f"{int(moving.sum())} segments in motion are ambiguous (confidence below {AMBIGUOUS:g})"
+    )
+    doubt = [share or 0.0 for share in findings.summary.signs.doubt]
+    if any(doubt):
+        message += f"; {confidences_lowered(doubt)}"
+    if share >= _MOSTLY_SURE and not any(doubt):
+        return Check(name, "good", message)
+    remedy = "validate on a log with known signs, move these joints faster or loaded, or join several logs"
+    return Check(name, "look" if share >= _UNSURE else "bad", message, remedy)
+
+
+def sure_share(findings: Findings) -> float:
+    """Share of the |effort| in motion, each joint alike, whose sign is as good as certain."""
+    samples = findings.samples
+    certain = np.maximum(samples.probability, 1.0 - samples.probability) >= SURE
+    effort = np.abs(samples.recorded) * samples.used
+    return float(np.mean((effort * certain).sum(axis=0) / np.maximum(effort.sum(axis=0), _TINY)))
+
+
+def proof(summary: Summary) -> Check:
+    """What is proven about all other assignments of signs."""
+    name, search = "Proof", summary.search
+    if not summary.hidden_joints:
+        return Check(name, "good", "there was nothing to prove: all signs were known")
+    if search.certified:
+        others = (search.assignments or 1) - 1
+        also = "no other comes" if not others else "one other comes" if others == 1 else f"{others} others come"
+        message = f"no assignment of signs costs less, and {also} within {search.within or 0.0:.1f} of its cost"
+        return Check(name, "good" if not others else "look", message, _ALTERNATIVES if others else "")
+    if search.lower_bound is None:
+        message = "nothing is proven: the signs were found by a beam, which may miss the best ones"
+        return Check(name, "look", message, "leave out --search beam")
+    message = f"not proven: {not_ruled_out(search.gap or 0.0, search.cost or 0.0)}"
+    return Check(name, "look", message, "give more --search-budget, or a longer log")
+
+
+def sampling(summary: Summary) -> Check:
+    """Whether the posterior was sampled, and has converged."""
+    name, posterior = "Sampling", summary.posterior
+    if posterior is None:
+        message = "no posterior was sampled: standard deviations leave physical feasibility out"
+        return Check(name, "not done", message, "leave out --no-posterior")
+    message = convergence(posterior.max_rhat, posterior.min_ess)
+    if posterior.converged:
+        return Check(name, "good", f"converged: {message}, at worst")
+    return Check(name, "bad", f"not converged: {message}, at worst", "give more --posterior-budget")
+
+
+def _fit(summary: Summary) -> Check:
+    share = np.array(summary.fit.relative_residual, dtype=float)
+    joint = int(share.argmax())
+    message = f"the model leaves {share.min():.1%} to {share.max():.1%} of a joint's effort, most in joint {joint + 1}"
+    links = summary.fit.links_on_edge
+    if links:
+        message += f"; {on_edge(links)}"
+    if share.max() > POOR_FIT:
+        return Check("Fit", "bad", message, f"a term is missing, or signs are wrong: {_DISCREPANCY}")
+    if share.max() > _SMALL_RESIDUAL or links:
+        return Check("Fit", "look", message, _DISCREPANCY)
+    return Check("Fit", "good", message)
+
+
+def _whiteness(summary: Summary) -> Check:
+    name, noise = "Whiteness of the residual", summary.noise
+    lasting = (np.array(noise.coloured_sd, dtype=float) / np.array(noise.sd, dtype=float)) ** 2
+    joint = int(lasting.argmax())
+    count = np.array(noise.samples_that_count_as_one, dtype=float).max()
+    message = (
+        f"up to {lasting.max():.0%} of the residual's variance lasts longer than sensor noise (joint {joint + 1}), so "
+        f"that up to {count:.0f} samples count as one"
+    )
+    if lasting.max() <= _WHITE:
+        return Check(name, "good", message)
+    remedy = f"the standard deviations allow for it, but something is missing from the model: {_DISCREPANCY}"
+    return Check(name, "look", message, remedy)  # how large it is, the fit says
+
+
+def _decided(findings: Findings) -> Check:
+    table, by_prior = findings.coefficients, len(findings.prior_parameters)
+    count, by_data = len(table.mean), int(table.by_data.sum())
+    poor = int((table.relative_sd > _POORLY_KNOWN).sum())
+    message = (
+        f"the data decide {by_data} of {count} coefficients; {poor} are smaller than their standard deviation; "
+        f"{by_prior} single parameters rest on the prior, as efforts show them only in sums"
+    )
+    remedy = f"{_EXCITE}; or give what you know by --nominal"
+    if by_data >= _DECIDED * count:
+        return Check("Data or prior", "good", message)
+    return Check("Data or prior", "look" if by_data >= _HALF_DECIDED * count else "bad", message, remedy)
+
+
+def _validation(findings: Findings) -> Check:
+    prediction = findings.prediction
+    if prediction is None:
+        message = "the model has not been tried on a log that it has not seen"
+        return Check("Validation", "not done", message, "run `bayesid report RESULT --validation ANOTHER_LOG`")
+    share, coverage = prediction.relative_residual, prediction.coverage
+    message = (
+        f"on {prediction.source} it leaves {share.min():.1%} to {share.max():.1%} of a joint's effort, and "
+        f"{coverage.min():.0%} to {coverage.max():.0%} of the efforts lie in the bands of 95 %"
+    )
+    if share.max() > POOR_FIT:
+        return Check("Validation", "bad", message, f"do not use the model for this motion; {_DISCREPANCY}")
+    covered = _COVERED[0] <= coverage.min() and coverage.max() <= _COVERED[1]
+    if covered and np.all(prediction.rms_error <= _WORSE * np.array(findings.summary.noise.residual_sd, dtype=float)):
+        return Check("Validation", "good", message)
+    return Check("Validation", "look", message, f"other loads, speeds or temperatures than in the log? {_DISCREPANCY}")
+
+
+def _warnings(summary: Summary) -> Check:
+    count = len(summary.warnings)
+    if not count:
+        return Check("Warnings", "good", "none")
+    message = f"{count}, listed above" if count > 1 else "one, above"
+    return Check("Warnings", "look", message, "read them: some say what to do")

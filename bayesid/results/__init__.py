@@ -1,0 +1,1 @@
+"""What stays: result folders, the model file, exports, and several logs of one robot."""

@@ -1,0 +1,255 @@
+"""Whether separate runs of one robot agree as well as their standard deviations say.
+
+A coefficient of a robot is one number, so its estimates from K independent logs scatter by their standard deviations,
+if these are right and nothing has changed between the logs. Their weighted mean and chi-square (Birge 1932; Cochran's
+Q) test that, coefficient by coefficient. What scatters more holds errors that no single log shows: effects that the
+model lacks, gains, temperature, another payload.
+
+Two things to know. A prior that the runs share pulls all of them to the same value, so a coefficient that the prior
+decides scatters less than its standard deviation. And coefficients of one run are correlated: several of them may
+differ, or agree, together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from bayesid.arrays import Array, Integers, Mask
+from bayesid.errors import InputError
+
+_LEVEL = 0.01
+"""p-value below which a coefficient is said to differ between the runs: a usual level; of 60 coefficients less than
+one does by chance."""
+_CHANCE = 1e-3
+"""Probability below which a number of such coefficients is more than chance: a round number, a tenth of the level, for
+all coefficients together are tested once."""
+_ALIKE = 1.3
+"""Runs that differ up to so many times as much as they should, and down to its inverse, agree as they should: with
+right standard deviations nine in ten pairs of runs of a UR10e do (58 coefficients, correlated as in its posterior)."""
+_WORST = 10
+"""Coefficients in the printed table: as many as a terminal shows with the sentence above; all are in agreement.csv."""
+
+Row = Mapping[str, Any]
+"""A coefficient of one run, as in coefficients.csv: `name`, `expression`, `unit`, `mean`, `sd`; others are ignored."""
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """C coefficients as K separate runs have them; NaN where nothing can be said.
+
+    Attributes:
+        n_runs: K.
+        names: (C,) parameter that each is built on.
+        expressions: (C,) in the standard parameters; the same name with another expression is another coefficient.
+        units: (C,).
+        shared: (C,) whether every run's model has it.
+        runs: (C,) k, how many runs decide it: their standard deviation is finite.
+        mean: (C,) over these runs, weighted with 1 / sd^2, in the coefficient's unit.
+        sd: (C,) of that mean, if the runs' standard deviations are right: (sum of 1 / sd^2)^-1/2; inf if k = 0.
+        spread: (C,) sample standard deviation of the runs' means (divided by k - 1); needs k >= 2, as all below.
+        typical_sd: (C,) root mean square of the runs' standard deviations.
+        chi_square: (C,) Cochran's Q, the sum of (mean of a run - weighted mean)^2 / sd^2.
+        dof: (C,) its degrees of freedom, k - 1, and 0 if k = 0.
+        p: (C,) probability that chance alone gives so large a chi-square, the standard deviations being right.
+    """
+
+    n_runs: int
+    names: tuple[str, ...]
+    expressions: tuple[str, ...]
+    units: tuple[str, ...]
+    shared: Mask
+    runs: Integers
+    mean: Array
+    sd: Array
+    spread: Array
+    typical_sd: Array
+    chi_square: Array
+    dof: Integers
+    p: Array
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def compared(self) -> Mask:
+        """(C,) whether two runs or more decide it."""
+        return self.dof > 0
+
+    @property
+    def ratio(self) -> Array:
+        """(C,) spread over typical standard deviation: its square is 1 on average where these are right.
+
+        Where all runs are equally sure this is the Birge ratio, the root of chi-square over its degrees of freedom
+        (R. T. Birge, "The calculation of errors by the method of least squares", Phys. Rev. 40, 207, 1932).
+        """
+        return self.spread / self.typical_sd
+
+    @property
+    def median_ratio(self) -> float:
+        """Of the ratio, over the coefficients compared; NaN if there are none.
+
+        With few runs chance alone gives less than 1: 0.67 with two, 0.83 with three. `factor` takes that into account.
+        """
+        return _median(self.ratio[self.compared])
+
+    @property
+    def factor(self) -> float:
+        """By how much all standard deviations would have to grow for the typical coefficient to agree as it should.
+
+        The median, over the coefficients compared, of the root of chi-square over the median of its distribution: a
+        Birge ratio whose median is 1 for any number of runs. NaN if no coefficient is compared.
+        """
+        chi_square, dof = self.chi_square[self.compared], self.dof[self.compared]
+        return _median(np.sqrt(chi_square / stats.chi2.median(dof)))
+
+    @property
+    def differing(self) -> Mask:
+        """(C,) whether the runs differ at 1 %."""
+        differing: Mask = self.p < _LEVEL  # NaN is not
+        return differing
+
+    @property
+    def share_differing(self) -> float:
+        """Share of the coefficients compared in which the runs differ at 1 %; NaN if there are none."""
+        return float(self.differing.sum() / self.compared.sum()) if self.compared.any() else np.nan
+
+    @property
+    def beyond_chance(self) -> bool:
+        """Whether runs with right standard deviations would hardly ever differ so: about once in a thousand times.
+
+        Either in so many coefficients, or in any one so much (Bonferroni's bound). The first is for independent ones;
+        with the correlations of a UR10e's posterior it is 3 to 5 times in a thousand.
+        """
+        number, count = int(self.compared.sum()), int(self.differing.sum())
+        if not number:
+            return False
+        return bool(stats.binom.sf(count - 1, number, _LEVEL) < _CHANCE or np.nanmin(self.p) < _CHANCE / number)
+
+    @property
+    def sentence(self) -> str:
+        """What there is to say, in plain words."""
+        number, k, absent = int(self.compared.sum()), self.n_runs, int((~self.shared).sum())
+        apart = f"; {absent} coefficient{' is' if absent == 1 else 's are'} not in every run's model" if absent else ""
+        if not number:
+            return f"the {k} runs cannot be compared: no coefficient is decided by two of them{apart}"
+        say, times = "their standard deviations say", f"{self.factor:.1f} times as much"
+        of = f"(median of {number} coefficient{'s' * (number > 1)}, {k} runs)"
+        differing = f"{int(self.differing.sum())} of {number} differ at 1 %"
+        count = f"{differing}, chance alone gives {_LEVEL * number:.2g}{apart}"
+        if self.factor > _ALIKE:
+            chance = "" if self.beyond_chance else ", which may be chance"
+            return f"the runs differ {times} as {say} {of}{chance}: {count}"
+        if self.beyond_chance:
+            return f"some coefficients differ by more than {say}, though the typical one differs {times} {of}: {count}"
+        words = "as well as" if self.factor >= 1.0 / _ALIKE else "better than"
+        return f"the runs agree {words} {say}, they differ {times} {of}: {count}"
+
+
+def agreement(runs: Sequence[Sequence[Row]]) -> Agreement:
+    """Compares the coefficients of separate runs.
+
+    A run that lacks a coefficient, or does not decide it (its standard deviation is infinite), is left out for that
+    coefficient. Coefficients come in the order of the first run that has them.
+
+    Args:
+        runs: two or more, the rows of each run's coefficients.csv (numbers, or text that is a number).
+
+    Raises:
+        InputError: there are fewer than two runs, or a run holds a coefficient twice.
+        KeyError: a row lacks a column.
+    """
+    if len(runs) < 2:
+        raise InputError(f"takes two runs or more, not {len(runs)}", "agreement", "give more logs")
+    tables = [_by_coefficient(run) for run in runs]
+    keys = list(dict.fromkeys(key for table in tables for key in table))
+    absent = (np.nan, np.inf)
+    values = np.array([[table.get(key, absent) for key in keys] for table in tables]).reshape(len(tables), len(keys), 2)
+    mean, sd = values[:, :, 0], values[:, :, 1]
+    decided = np.isfinite(mean) & np.isfinite(sd) & (sd > 0.0)
+    return Agreement(
+        n_runs=len(runs),
+        names=tuple(key[0] for key in keys),
+        expressions=tuple(key[1] for key in keys),
+        units=tuple(key[2] for key in keys),
+        shared=np.array([all(key in table for table in tables) for key in keys], dtype=bool),
+        **_statistics(np.where(decided, mean, 0.0), np.where(decided, sd, np.inf), decided),
+    )
+
+
+def _by_coefficient(run: Sequence[Row]) -> dict[tuple[str, str, str], tuple[float, float]]:
+    """Mean and standard deviation of each (name, expression, unit) of a run."""
+    table = {(row["name"], row["expression"], row["unit"]): (float(row["mean"]), float(row["sd"])) for row in run}
+    if len(table) < len(run):
+        raise InputError("a run holds a coefficient twice", "agreement", "give each run's coefficients once")
+    return table
+
+
+def _statistics(mean: Array, sd: Array, decided: Mask) -> dict[str, Any]:
+    """All columns of an `Agreement` that are numbers, from (K, C) means, sds and who decides what.
+
+    Where a run does not decide a coefficient the sd is infinite, so that its weight is 0. Cochran's Q as in W. G.
+    Cochran, "The combination of estimates from different experiments", Biometrics 10, 101, 1954.
+    """
+    k = decided.sum(axis=0)
+    several = k >= 2
+    weight = 1.0 / sd**2
+    with np.errstate(divide="ignore", invalid="ignore"):  # of coefficients that no run, or a single run, decides: NaN
+        pooled = (weight * mean).sum(axis=0) / weight.sum(axis=0)
+        of_mean = 1.0 / np.sqrt(weight.sum(axis=0))
+        centre = mean.sum(axis=0) / k
+        spread = np.sqrt((np.where(decided, mean - centre, 0.0) ** 2).sum(axis=0) / (k - 1))
+        typical = np.sqrt((np.where(decided, sd, 0.0) ** 2).sum(axis=0) / k)
+        chi_square = (weight * np.where(decided, mean - pooled, 0.0) ** 2).sum(axis=0)
+    return {
+        "runs": k,
+        "mean": pooled,
+        "sd": of_mean,
+        "spread": np.where(several, spread, np.nan),
+        "typical_sd": np.where(several, typical, np.nan),
+        "chi_square": np.where(several, chi_square, np.nan),
+        "dof": np.maximum(k - 1, 0),
+        "p": np.where(several, stats.chi2.sf(chi_square, np.maximum(k - 1, 1)), np.nan),
+    }
+
+
+def _median(values: Array) -> float:
+    return float(np.median(values)) if len(values) else np.nan
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What the user sees
+# ---------------------------------------------------------------------------------------------------------------
+_COLUMNS = ("runs", "mean", "sd", "spread", "typical_sd", "ratio", "chi_square", "dof", "p")
+
+
+def rows(agreement: Agreement) -> list[dict[str, object]]:
+    """agreement.csv: one row a coefficient, in the order of the runs; empty where nothing can be said."""
+    values = {name: getattr(agreement, name).tolist() for name in _COLUMNS}
+    labels = zip(agreement.names, agreement.expressions, agreement.units, strict=True)
+    return [
+        {"name": name, "expression": expression, "unit": unit}
+        | {column: "" if values[column][c] != values[column][c] else values[column][c] for column in _COLUMNS}
+        for c, (name, expression, unit) in enumerate(labels)
+    ]
+
+
+def text(agreement: Agreement) -> str:
+    """What to print: the sentence, and the ten coefficients that differ most by their ratio."""
+    worst = np.flatnonzero(agreement.compared)
+    worst = worst[np.argsort(-agreement.ratio[worst], kind="stable")][:_WORST]
+    if not len(worst):
+        return agreement.sentence
+    named = [f"{agreement.names[c]}, {agreement.units[c]}" for c in worst]
+    width = max(map(len, [*named, "coefficient"]))
+    head = f"{'mean':>10}   {'spread':>9}   {'typical sd':>10}   {'ratio':>5}   {'p':>6}"
+    lines = [agreement.sentence, f"{'coefficient':<{width}}   runs   {head}"]
+    for name, c in zip(named, worst, strict=True):
+        figures = f"{agreement.mean[c]:>10.4g}   {agreement.spread[c]:>9.3g}   {agreement.typical_sd[c]:>10.3g}"
+        verdict = f"{agreement.ratio[c]:>5.1f}   {agreement.p[c]:>6.1g}"
+        lines.append(f"{name:<{width}}   {agreement.runs[c]:>4}   {figures}   {verdict}")
+    return "\n".join(lines)

@@ -1,0 +1,70 @@
+"""What discrepancy.json says."""
+
+from __future__ import annotations
+
+from itertools import groupby
+from typing import Any
+
+from bayesid.discrepancy.added_effect import AddedEffect
+from bayesid.discrepancy.explanation import LN10
+from bayesid.discrepancy.scores import Score
+from bayesid.discrepancy.workflow import Discrepancy
+from bayesid.model.catalogue import FORMS
+
+
+def discrepancy_summary(discrepancy: Discrepancy) -> dict[str, Any]:
+    """discrepancy.json of a result: SI units, joints from 1, gaps as RMS in N m."""
+    return {
+        "status": discrepancy.status,
+        "where": [
+            {"joint": at.joint, "excess": at.excess, "variable": at.variable, "range": list(at.range)}
+            for at in discrepancy.where
+        ],
+        "found": [_added(effect) for effect in discrepancy.added],
+        "gap": {
+            "before": discrepancy.before.tolist(),
+            "after": discrepancy.after.tolist(),
+            "noise_floor": discrepancy.floor.rms.tolist(),
+            "noise_floor_from": list(discrepancy.floor.origin),
+            "holdout": discrepancy.holdout,
+        },
+        "unexplained": [{"joint": joint, "ratio_to_floor": ratio} for joint, ratio in discrepancy.unexplained],
+        "candidates": [_candidate(score) for score in discrepancy.scores],
+        "not_borne_out": [{"effect": effect, "joints": list(joints)} for effect, joints in discrepancy.vetoed],
+        "not_testable": [
+            {"effect": effect, "joints": sorted(j for _, joints in group for j in joints)}
+            for effect, group in groupby(discrepancy.not_testable, key=lambda pair: pair[0])
+        ],
+        "log": discrepancy.identification.log.source,
+        "seconds": discrepancy.seconds,
+        "warnings": list(discrepancy.warnings),
+    }
+
+
+def _added(effect: AddedEffect) -> dict[str, Any]:
+    return {
+        "effect": effect.effect,
+        "form": effect.hypothesis.source.name,
+        "joints": list(effect.joints),
+        "change_of_what_was_there": bool(effect.hypothesis.changes),
+        "equivalent": list(effect.equivalent),
+        "told_apart_by": {name: FORMS[name].shown_by for name in (effect.effect, *effect.equivalent)}
+        if effect.equivalent
+        else {},
+        "log10_bayes_factor": effect.gain / LN10,
+        "probability": effect.probability,
+        "probability_nothing_missing": effect.nothing_missing,
+        "probability_something_else": effect.something_else,
+        "parameters": {
+            name: {"value": value, "sd": sd, "unit": unit} for name, (value, sd, unit) in effect.parameters.items()
+        },
+        "alternatives": [_candidate(rival) for rival in effect.rivals[:5]],
+    }
+
+
+def _candidate(score: Score) -> dict[str, Any]:
+    return {
+        "effect": score.hypothesis.effect,
+        "joints": list(score.hypothesis.joints),
+        "log10_bayes_factor": score.gain / LN10,
+    }

@@ -1,0 +1,227 @@
+"""The result folder: what `identify` leaves behind and `validate` reads.
+
+Every folder is written aside and renamed into place, so there is never half of one. An earlier one is replaced only if
+it holds nothing but files that the same command writes: other people's files, and models, are never deleted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Set
+from pathlib import Path
+
+import numpy as np
+import tomli_w
+
+from bayesid.arrays import Array
+from bayesid.discrepancy.workflow import Discrepancy
+from bayesid.errors import InputError
+from bayesid.files import (
+    check_folder,
+    check_place,
+    numbered,
+    replace_file,
+    save_folder,
+    write_columns,
+    write_json,
+    write_table,
+)
+from bayesid.identification.identification import Identification
+from bayesid.identification.validation import Validation
+from bayesid.log.log import Log, write_log
+from bayesid.log.signals import Signals
+from bayesid.progress import SILENT, Progress
+from bayesid.report.findings import FILE as FINDINGS
+from bayesid.report.findings import Findings, as_json, find_findings, read_findings, write_findings
+from bayesid.report.tables import coefficient_rows, inference_data, parameter_rows, segment_rows, validation_summary
+from bayesid.results.discrepancy_json import discrepancy_summary
+from bayesid.results.export import mjcf, urdf
+from bayesid.results.model_file import model_table
+
+MARKER, _REPORT = "summary.json", "report.html"
+IDENTIFICATION_FILES = frozenset(
+    {
+        "summary.json",
+        "segments.csv",
+        "signed_log.csv",
+        "coefficients.csv",
+        "parameters.csv",
+        "model.toml",
+        "robot.urdf",
+        "robot.xml",
+        "posterior.nc",
+        "report.html",
+        "log.csv",
+        "discrepancy.json",
+        "discrepancy.html",
+        FINDINGS,
+    }
+)
+"""What a result folder may hold; log.csv is the demo's."""
+VALIDATION_FILES = frozenset({"summary.json", "signed_log.csv", "prediction.csv"})
+
+
+def save_identification(
+    identification: Identification,
+    folder: str | Path,
+    with_log: bool = False,
+    report: bool = True,
+    validation: Validation | None = None,
+    progress: Progress = SILENT,
+) -> Path:
+    """Writes the result folder.
+
+    Args:
+        identification: what to write.
+        folder: where; an earlier result there is replaced as a whole.
+        with_log: whether the log itself goes in too, as log.csv.
+        report: whether report.html is made too, which takes some seconds; `bayesid.make_report` makes it later.
+        validation: of another log, for the report.
+        progress: called as progress("report", done, total).
+
+    Raises:
+        InputError: the folder cannot be written, or holds other files than an earlier result.
+        ValueError: the model has no rigid bodies to make a URDF of.
+    """
+
+    def write(place: Path) -> None:
+        findings = _write_identification(place, identification, validation)
+        if with_log:
+            write_log(place / "log.csv", identification.log)
+        if report:
+            _write_report(findings, place / _REPORT, progress)
+
+    return save_folder(folder, IDENTIFICATION_FILES, MARKER, write)
+
+
+def make_report(
+    folder: str | Path, validation: Validation | None = None, out: str | Path | None = None, progress: Progress = SILENT
+) -> Path:
+    """Makes the report of a result folder: one file that needs no other.
+
+    Args:
+        folder: a result of `save_identification`.
+        validation: of another log; the folder keeps what its report shows of it, in place of an earlier one.
+        out: the file; report.html in the folder by default. A file that is there is replaced.
+        progress: called as progress("report", done, total).
+
+    Returns:
+        The file.
+
+    Raises:
+        InputError: the folder holds no result, or a file cannot be written.
+    """
+    findings = read_findings(folder)
+    path = Path(folder) / _REPORT if out is None else Path(out)
+    if path.is_dir():
+        raise InputError("is a folder", str(path), "give --out the name of a file")
+    check_place(path)
+    if validation is not None:
+        findings = findings.with_validation(validation)
+        replace_file(Path(folder) / FINDINGS, lambda aside: write_findings(findings, aside))
+    replace_file(path, lambda aside: _write_report(findings, aside, progress))
+    return path
+
+
+def _write_report(findings: Findings, path: Path, progress: Progress) -> None:
+    from bayesid.report.pages.identification_page import identification_page  # matplotlib takes a second to import
+
+    path.write_text(identification_page(findings, progress), encoding="utf-8")
+
+
+def save_discrepancy(
+    discrepancy: Discrepancy, folder: str | Path, report: bool = True, progress: Progress = SILENT
+) -> Path:
+    """Writes discrepancy.json, a report of it, and the result folder of the extended model.
+
+    Args:
+        discrepancy: what to write.
+        folder: where; an earlier result there is replaced as a whole.
+        report: whether the extended model's own report.html is made too, which takes some seconds.
+        progress: called as progress("report", done, total).
+
+    Raises:
+        InputError: the folder cannot be written, or holds other files than an earlier result.
+        ValueError: the model has no rigid bodies to make a URDF of.
+    """
+
+    def write(place: Path) -> None:
+        from bayesid.report.pages.discrepancy_page import discrepancy_page  # matplotlib takes a second to import
+
+        findings = _write_identification(place, discrepancy.identification)
+        if report:
+            _write_report(findings, place / _REPORT, progress)
+        write_json(place / "discrepancy.json", discrepancy_summary(discrepancy))
+        (place / "discrepancy.html").write_text(discrepancy_page(discrepancy), encoding="utf-8")
+
+    return save_folder(folder, IDENTIFICATION_FILES, MARKER, write)
+
+
+def _write_identification(
+    place: Path, identification: Identification, validation: Validation | None = None
+) -> Findings:
+    findings = find_findings(identification)
+    findings = findings if validation is None else findings.with_validation(validation)
+    write_json(place / "summary.json", as_json(findings.summary))
+    write_table(place / "segments.csv", segment_rows(identification))
+    _write_signed_log(place / "signed_log.csv", identification.log, identification.signals, identification.probability)
+    write_table(place / "coefficients.csv", coefficient_rows(identification))
+    write_table(place / "parameters.csv", parameter_rows(identification))
+    (place / "model.toml").write_text(tomli_w.dumps(model_table(identification.identified)))
+    (place / "robot.urdf").write_text(urdf(identification.model, identification.theta), encoding="utf-8")
+    (place / "robot.xml").write_text(mjcf(identification.model, identification.theta), encoding="utf-8")
+    if identification.posterior is not None:
+        from bayesid.posterior.inference_data import write
+
+        write(inference_data(identification), place / "posterior.nc")
+    write_findings(findings, place / FINDINGS)
+    return findings
+
+
+def save_validation(validation: Validation, folder: str | Path) -> Path:
+    """Writes summary.json, signed_log.csv and prediction.csv of a validation.
+
+    Raises:
+        InputError: the folder cannot be written, or holds other files than an earlier validation.
+    """
+    n = validation.log.n_joints
+
+    def write(place: Path) -> None:
+        write_json(place / "summary.json", validation_summary(validation))
+        _write_signed_log(place / "signed_log.csv", validation.log, validation.signals, validation.probability)
+        names = ["t", *(name for prefix in ("tau", "predicted", "lower", "upper") for name in numbered(prefix, n))]
+        efforts = np.hstack([validation.measured, validation.predicted, validation.lower, validation.upper])
+        log = validation.log
+        pieces, t = log.clock(validation.signals.motion.t)
+        kept = pieces >= 0
+        sources = [log.pieces[k].source for k in pieces[kept]] if log.pooled else None
+        write_columns(place / "prediction.csv", names, t[kept], efforts[kept], ".8g", sources)
+
+    return save_folder(folder, VALIDATION_FILES, MARKER, write)
+
+
+def _write_signed_log(path: Path, log: Log, signals: Signals, probability: Array) -> None:
+    """The log's own rows: efforts with their likelier signs, and the probability that the sign is +.
+
+    Rows of logs that were joined keep their own times, to the last digit.
+    """
+    nearest = np.rint((log.t - signals.motion.t[0]) * signals.rate).astype(int)
+    p = np.round(probability[np.clip(nearest, 0, len(probability) - 1)], 6)
+    p = np.where(log.signed, (log.effort >= 0.0).astype(float), p)
+    effort = np.where(log.signed, log.effort, np.where(p >= 0.5, 1.0, -1.0) * log.effort)
+    names = ["t", *numbered("tau", log.n_joints), *numbered("p", log.n_joints)]
+    t = np.concatenate([piece.t for piece in log.pieces]) if log.pooled else log.t
+    sources = [piece.source for piece in log.pieces for _ in piece.t] if log.pooled else None
+    write_columns(path, names, t, np.hstack([effort, p]), sources=sources)
+
+
+def check_result_folder(folder: str | Path, files: Set[str] = IDENTIFICATION_FILES) -> Path:
+    """The folder, if a result may be written there (see `bayesid.files.check_folder`).
+
+    Args:
+        folder: where the result is to stand.
+        files: names of the files that an earlier result may hold.
+
+    Raises:
+        InputError: something else is there, or the place cannot be written.
+    """
+    return check_folder(folder, files, MARKER)

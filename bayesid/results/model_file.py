@@ -1,0 +1,149 @@
+"""model.toml: a model with its parameters, noise, and what is known of its coefficients."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import replace
+from functools import reduce
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayesid.arrays import Array, frozen
+from bayesid.errors import InputError
+from bayesid.fit.knowledge import scale_of
+from bayesid.fit.noise import Noise
+from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
+from bayesid.model.catalogue import make_effect
+from bayesid.model.coefficients import base_coefficients
+from bayesid.model.distortions import CATALOGUE as DISTORTIONS
+from bayesid.model.model import Model
+from bayesid.model.robot import robot_from_table, robot_table
+from bayesid.model.terms import CATALOGUE as TERMS
+from bayesid.motion import Motion
+
+_ROUNDING = 1e-6
+"""Of an entry of a precision, relative to its row's and column's diagonal entries."""
+
+
+def load_model(folder: str | Path) -> IdentifiedModel:
+    """The model of a result folder.
+
+    Raises:
+        InputError: there is no readable model.toml.
+    """
+    path = Path(folder) / "model.toml"
+    remedy = "give a folder that `bayesid identify` wrote"
+    try:
+        table = tomllib.loads(path.read_text())
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError("holds no model.toml", str(folder), remedy) from None
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"cannot be read ({error})", str(path), remedy) from None
+    try:
+        stored = _stored_model(table, str(path))
+        return replace(stored, draws=_stored_draws(stored.model, path.with_name("posterior.nc")))
+    except InputError:
+        raise
+    except KeyError as error:
+        raise InputError(f"key {error} is missing", str(path), remedy) from None
+    except (AttributeError, OverflowError, TypeError, ValueError) as error:
+        raise InputError(f"does not hold what bayesid writes ({error})", str(path), remedy) from None
+
+
+def _stored_model(table: dict[str, Any], where: str) -> IdentifiedModel:
+    robot = robot_from_table(table["robot"], f"{where}, robot")
+    named = _named(table["terms"], "term", TERMS, where)
+    named += _named(table.get("distortions", []), "distortion", DISTORTIONS, where)
+    model = reduce(Model.extend, (make_effect(name, shape) for name, shape in named), Model(robot, ()))
+    _check_shapes(model)
+    names = [parameter.name for parameter in model.parameters]
+    if len(set(names)) < len(names):
+        raise ValueError("a term comes twice")
+    theta = frozen([table["values"][name] for name in names], (len(names),), "values")
+    noise = _stored_noise(table["noise"], robot.n_joints)
+    return IdentifiedModel(model, theta, noise, _stored_precision(table.get("knowledge"), model))
+
+
+def _stored_precision(table: dict[str, Any] | None, model: Model) -> Array:
+    """(r, r); zero where the file says nothing (a nominal model)."""
+    kept = base_coefficients(model).names
+    if table is None:
+        return np.zeros((len(kept), len(kept)))
+    if list(table["coefficients"]) != list(kept):
+        raise ValueError("the knowledge is of other coefficients than the model's")
+    precision = frozen(table["precision"], (len(kept), len(kept)), "knowledge, precision,")
+    scale = scale_of(precision)
+    scaled = precision / scale[:, None] / scale
+    if np.abs(scaled - scaled.T).max() > _ROUNDING or np.linalg.eigvalsh(scaled)[0] < -_ROUNDING:
+        raise ValueError("the knowledge's precision is not that of a normal distribution")
+    return precision
+
+
+def _stored_draws(model: Model, path: Path) -> ParameterDraws | None:
+    if not path.exists():
+        return None
+    from bayesid.posterior.inference_data import read_draws
+
+    return ParameterDraws(*read_draws(path, [parameter.name for parameter in model.parameters]))
+
+
+def _named(
+    rows: Sequence[Mapping[str, Any]], kind: str, known: Container[str], where: str
+) -> list[tuple[str, Mapping[str, Any]]]:
+    """Names and shapes of terms or distortions."""
+    for row in rows:
+        if row["name"] not in known:
+            raise InputError(f"unknown {kind} {row['name']!r}", where, "read it with the version that wrote it")
+    named = [(row["name"], row.get("shape", {})) for row in rows]
+    for name, shape in named:
+        if any(type(j) is not int for j in shape.get("joints", [])):
+            raise ValueError(f"the joints of {name} are not whole numbers")
+    return named
+
+
+def _check_shapes(model: Model) -> None:
+    """Every actuator has its own shape numbers, and a robot at rest has finite columns."""
+    n = model.robot.n_joints
+    for effect in model.effects:
+        for key, values in effect.shape.items():
+            frozen(values, (None,), key)
+        effect.check(n)
+    for sensor in model.distortions:
+        if sensor.of_sensor and any(min(values) < 0.0 for values in sensor.shape.values()):
+            raise ValueError(f"a number of {sensor.name} is negative")
+    rest = np.zeros((2, n))
+    with np.errstate(all="ignore"):
+        if not np.isfinite(model.columns(Motion(np.arange(2.0), rest, rest, rest))).all():
+            raise ValueError("a joint's axis or a term's shape cannot be used")
+
+
+def _stored_noise(table: dict[str, Any], n: int) -> Noise:
+    noise = Noise(**{key: frozen(values, (n,), f"noise, {key},") for key, values in table.items()})
+    if min(np.min(values) for values in vars(noise).values()) <= 0.0:
+        raise ValueError("the noise is not positive")
+    return noise
+
+
+def model_table(stored: IdentifiedModel) -> dict[str, Any]:
+    """What model.toml holds of an identified model."""
+    names = [parameter.name for parameter in stored.model.parameters]
+    noise = stored.noise
+    return {
+        "robot": robot_table(stored.model.robot),
+        "terms": [{"name": term.name, "shape": dict(term.shape)} for term in stored.model.terms],
+        "distortions": [{"name": one.name, "shape": dict(one.shape)} for one in stored.model.distortions],
+        "values": dict(zip(names, stored.theta.tolist(), strict=True)),
+        "noise": {
+            "white": noise.white.tolist(),
+            "coloured": noise.coloured.tolist(),
+            "correlation": noise.correlation.tolist(),
+            "autocorrelation": noise.autocorrelation.tolist(),
+        },
+        "knowledge": {
+            "coefficients": list(base_coefficients(stored.model).names),
+            "precision": stored.precision.tolist(),
+        },
+    }

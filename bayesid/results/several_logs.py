@@ -1,0 +1,191 @@
+"""Several logs of one robot, each identified by itself on the runner, and whether the results agree.
+
+Pooled (`bayesid.join_logs`) they would give one model with smaller standard deviations; separately they show whether
+these standard deviations are true.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from bayesid.errors import InputError
+from bayesid.files import check_place, save_table
+from bayesid.identification.identification import Identification
+from bayesid.identification.pipeline import identify
+from bayesid.log.log import read_log
+from bayesid.model.robot import Robot, load_robot
+from bayesid.report.tables import coefficient_rows
+from bayesid.results.agreement import Agreement, agreement
+from bayesid.results.agreement import rows as agreement_rows
+from bayesid.results.folders import check_result_folder, save_identification
+from bayesid.study.runner import Outcome, Tally, no_tally, run
+
+RUNS, AGREEMENT = "runs.csv", "agreement.csv"
+"""Files beside the results' folders."""
+_REMEDY = "give --out a new folder"
+
+
+@dataclass(frozen=True)
+class Run:
+    """What became of one log.
+
+    Attributes:
+        log: its file.
+        folder: its result folder.
+        error: why there is none; empty if there is.
+        bad_input: whether that is a fault of the log or an option.
+        figures: for runs.csv.
+        coefficients: rows of its coefficients.csv.
+        warnings: what the user should know.
+    """
+
+    log: Path
+    folder: Path
+    error: str = ""
+    bad_input: bool = False
+    figures: Mapping[str, Any] = field(default_factory=dict)
+    coefficients: Sequence[Mapping[str, Any]] = ()
+    warnings: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class Separate:
+    """Runs, in the order of the logs, and how well they agree; None with fewer than two results."""
+
+    runs: tuple[Run, ...]
+    agreement: Agreement | None
+
+
+@dataclass(frozen=True)
+class _Job:
+    """One log, for a worker."""
+
+    robot: Robot
+    log: Path
+    folder: Path
+    reading: Mapping[str, Any]
+    options: Mapping[str, Any]
+    report: bool
+
+
+def identify_separately(
+    robot: Robot | str | Path,
+    logs: Sequence[str | Path],
+    out: str | Path,
+    *,
+    reading: Mapping[str, Any] | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    report: bool = True,
+    progress: Tally = no_tally,
+    **options: Any,
+) -> Separate:
+    """Identifies a robot from each log by itself; results stand in a folder for each, named like its log.
+
+    Args:
+        robot: a robot, a built-in name or a file.
+        logs: files, or folders of ROS bags.
+        out: folder for the results' folders, runs.csv and agreement.csv.
+        reading: options of `bayesid.read_log`, such as `gains`.
+        workers: processes on this machine; one a core by default, 0 for none but this one.
+        scheduler: address of a Dask scheduler, whose workers are used instead; they must see the same files.
+        report: whether each folder gets its report.html.
+        progress: called after every batch.
+        options: of `bayesid.identify`.
+
+    Raises:
+        InputError: the robot, a folder or the scheduler cannot be used. A log that cannot is a `Run` with its error.
+        LostSchedulerError: the scheduler ended before the work.
+    """
+    robot = robot if isinstance(robot, Robot) else load_robot(robot)
+    place, paths = Path(out), [Path(log) for log in logs]
+    folders = [place / name for name in _names(paths)]
+    _check(place, folders, paths)
+    jobs = [
+        _Job(robot, log.absolute(), folder.absolute(), reading or {}, options, report)
+        for log, folder in zip(paths, folders, strict=True)
+    ]
+    done: dict[int, Run] = {}
+    with closing(run(_identify, jobs, workers, scheduler)) as batches:
+        for batch in batches:
+            done.update({result.index: _run(paths[result.index], folders[result.index], result) for result in batch})
+            progress(len(done), len(jobs), sum(bool(result.error) for result in done.values()))
+    runs = tuple(done[k] for k in range(len(jobs)))
+    good = [result.coefficients for result in runs if not result.error]
+    separate = Separate(runs, agreement(good) if len(good) > 1 else None)
+    _save(separate, place)
+    return separate
+
+
+def _identify(job: _Job) -> Run:
+    """In the worker: reads, identifies, saves."""
+    try:
+        result = identify(job.robot, read_log(job.log, **job.reading), **job.options)
+        save_identification(result, job.folder, report=job.report)
+    except InputError as error:
+        return Run(job.log, job.folder, str(error), bad_input=True)
+    return Run(
+        job.log, job.folder, figures=_figures(result), coefficients=coefficient_rows(result), warnings=result.warnings
+    )
+
+
+def _figures(result: Identification) -> dict[str, Any]:
+    return {
+        "n_samples": len(result.log),
+        "n_segments": len(result.segments),
+        "certified": bool(result.search.certified),
+        "converged": "" if result.posterior is None else bool(result.posterior.converged),
+        "condition_number": float(result.fit.condition),
+        "worst_relative_residual": float(result.fit.relative_residual.max()),
+        "seconds": float(sum(result.timings.values())),
+    }
+
+
+def _run(log: Path, folder: Path, outcome: Outcome) -> Run:
+    if outcome.error:
+        return Run(log, folder, outcome.error)
+    result: Run = outcome.value
+    return replace(result, log=log, folder=folder, error=result.error.replace(str(log.absolute()), str(log)))
+
+
+def _names(logs: Sequence[Path]) -> list[str]:
+    """A folder's name for each log: its stem, with its own folder's name where stems repeat."""
+    stems = Counter(log.stem for log in logs)
+    names = [log.stem if stems[log.stem] == 1 else f"{log.absolute().parent.name}-{log.stem}" for log in logs]
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise InputError("several logs have this name", name, "rename one of them")
+    return names
+
+
+def _check(place: Path, folders: Sequence[Path], logs: Sequence[Path]) -> None:
+    """The place holds nothing else, and no folder there is more than an earlier result."""
+    if place.exists() and not place.is_dir():
+        raise InputError("is not a folder", str(place), _REMEDY)
+    files = {path.name for path in place.iterdir() if not path.is_dir()} if place.is_dir() else set()
+    if foreign := files - {RUNS, AGREEMENT}:
+        raise InputError(f"holds other files ({min(foreign)})", str(place), _REMEDY)
+    check_place(place)
+    for folder in folders:
+        if any(log.resolve().parent == folder.resolve() for log in logs):
+            raise InputError("holds a log, which the result would replace", str(folder), _REMEDY)
+        check_result_folder(folder)
+
+
+def _save(separate: Separate, place: Path) -> None:
+    place.mkdir(parents=True, exist_ok=True)
+    empty = dict.fromkeys((name for run in separate.runs for name in run.figures), "")
+    rows = [
+        {"log": str(run.log), "folder": run.folder.name, "error": run.error, **empty, **run.figures}
+        for run in separate.runs
+    ]
+    save_table(place / RUNS, rows)
+    if separate.agreement is not None:
+        save_table(place / AGREEMENT, agreement_rows(separate.agreement))
+    else:
+        (place / AGREEMENT).unlink(missing_ok=True)

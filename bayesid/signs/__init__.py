@@ -1,0 +1,1 @@
+"""From |effort| to signs."""

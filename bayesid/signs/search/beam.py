@@ -1,0 +1,245 @@
+"""T-PBPR: a tree of sign choices, pruned by what a feasible robot could cost (Gaz and De Luca, Algorithm 1).
+
+The first s0 segments are enumerated (2^s0 nodes), the w cheapest nodes survive, and each step gives every survivor two
+children, one for each sign of the next segment. A node's cost is that of the best parameters for the segments it has
+decided. The unconstrained least squares (the paper's OLS per node) bounds that cost from below
+(:eq:`unconstrained-bound`) and is nearly free, so a node whose bound already exceeds the w-th best cost is never solved
+in the cone.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayesid.arrays import Array, Integers
+from bayesid.errors import InputError
+from bayesid.fit.moments import Moments
+from bayesid.progress import Steps, no_steps
+from bayesid.signs.search.protocol import NodeCost, NodeCostFactory, Search, SignProblem
+from bayesid.signs.search.result import SearchResult, UnconstrainedBound
+
+_WIDER = 4
+"""A first search that leaves a poor fit is repeated with a beam so many times as wide; a round number, not studied."""
+_MOST_INITIAL = 12
+"""Segments that may be enumerated at the start: 2^12 nodes."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Beam(Search):
+    """T-PBPR as a method.
+
+    Attributes:
+        width: w of T-PBPR, nodes that survive each step.
+        initial_segments: s0 of T-PBPR, segments that are enumerated at the start.
+        node_cost: what prices a node, made from (cone, coefficients, hessian, energy); None for the cone.
+    """
+
+    width: int = 5
+    initial_segments: int = 5
+    node_cost: NodeCostFactory | None = None
+
+    def __post_init__(self) -> None:
+        if self.width < 1:
+            raise InputError(f"a beam of width {self.width}", "--beam-width", "give at least 1")
+        if not 1 <= self.initial_segments <= _MOST_INITIAL:
+            what = f"{self.initial_segments} initial segments"
+            raise InputError(what, "--initial-segments", f"give 1 to {_MOST_INITIAL} (2^s nodes)")
+
+    @property
+    def any_model(self) -> bool:
+        """Not where a price of the user's is given: it may know the model asked for only."""
+        return self.node_cost is None
+
+    def find(self, problem: SignProblem, steps: Steps = no_steps) -> SearchResult:
+        """A beam; in the first round a wider one too, where the fit is poor.
+
+        Raises:
+            SolverError: a node could not be priced.
+        """
+        result = self._search(problem, self.width, steps)
+        if problem.earlier is not None or not problem.is_poor(result):
+            return result
+        wider = self._search(problem, _WIDER * self.width, steps)
+        best = min(result, wider, key=lambda candidate: candidate.cost)
+        return replace(best, nodes=result.nodes + wider.nodes, solves=result.solves + wider.solves)
+
+    def _search(self, problem: SignProblem, width: int, steps: Steps) -> SearchResult:
+        """A beam with its joints turned where that helps; the signs of an earlier search are not lost."""
+        moments, pricing = problem.moments, self._pricing(problem)
+        result = beam(moments, pricing, width, self.initial_segments, steps)
+        if problem.earlier is not None:
+            result = keep_incumbent(moments, pricing, result, problem.coefficients.project(problem.earlier.theta))
+        return turn_joints(moments, pricing, result)
+
+    def _pricing(self, problem: SignProblem) -> NodeCost:
+        if self.node_cost is None:
+            return problem.solver()
+        return self.node_cost(problem.cone, problem.coefficients, problem.hessian, problem.energy)
+
+
+@dataclass(frozen=True)
+class _Level:
+    """The surviving nodes at one depth.
+
+    Attributes:
+        signs: (w, d) the choices made, in search order: the path back to the root.
+        gradient: (w, r) sum of s_k g_k over the decided segments.
+        cost: (w,) node costs.
+        theta: the best node's parameters.
+    """
+
+    signs: Integers
+    gradient: Array
+    cost: Array
+    theta: Array
+
+
+def beam(
+    moments: Moments, node_cost: NodeCost, width: int | None = 5, initial: int = 5, steps: Steps = no_steps
+) -> SearchResult:
+    """Searches the signs of all unknown segments, those with the most energy first.
+
+    Args:
+        moments: scaled moments of S segments.
+        node_cost: prices a node; `bayesid.fit.solver.ConeLeastSquares` by default, PBPR as in the paper.
+        width: w, nodes that survive each step; None for all (exhaustive).
+        initial: s0, segments that are enumerated at the start.
+        steps: called as steps(decided, total) after each step.
+
+    Raises:
+        SolverError: a node could not be priced.
+    """
+    began = time.perf_counter()
+    known, order = np.flatnonzero(moments.known), _search_order(moments)
+    pricing = _Pricing(node_cost)
+    hessian = moments.hessian_of(known)
+    energy = float(moments.energy[known].sum())
+    level = _Level(
+        signs=np.empty((1, 0), dtype=np.int64),
+        gradient=(moments.known[known] @ moments.gradient[known])[None, :],
+        cost=np.zeros(1),
+        theta=np.empty(0),
+    )
+    depth = 0
+    while True:
+        group = order[depth : depth + (initial if depth == 0 else 1)]
+        hessian = hessian + moments.hessian_of(group)
+        energy += float(moments.energy[group].sum())
+        candidates = _expand(level, moments.gradient[group])
+        depth += len(group)
+        level = pricing.select(candidates, hessian, energy, 1 if depth >= len(order) else width)
+        steps(depth, len(order))
+        if depth >= len(order):
+            break
+    signs = moments.known.copy()
+    signs[order] = level.signs[0]
+    result = SearchResult(
+        signs=signs,
+        theta=level.theta,
+        cost=float(level.cost[0]),
+        method="beam",
+        width=width,
+        nodes=pricing.nodes,
+        solves=pricing.solves,
+        tolerance=pricing.tolerance,
+        seconds=time.perf_counter() - began,
+    )
+    if np.all(signs):
+        return result
+    unconstrained = np.linalg.lstsq(hessian, level.gradient[0], rcond=None)[0]
+    return _with_weak_segments(moments, node_cost, result, unconstrained)
+
+
+def _with_weak_segments(moments: Moments, node_cost: NodeCost, result: SearchResult, beta: Array) -> SearchResult:
+    """Segments that share a Hessian take the signs that the other ones' coefficients (r,) predict."""
+    predicted = np.where(moments.gradient @ beta >= 0.0, 1, -1)
+    signs = np.where(result.signs != 0, result.signs, predicted)
+    solution = node_cost.prepared(moments.hessian.sum(axis=0)).solve(signs @ moments.gradient)
+    cost = float(moments.energy.sum()) + solution.cost
+    return replace(result, signs=signs, theta=solution.theta, cost=cost, solves=result.solves + 1)
+
+
+def _search_order(moments: Moments) -> Integers:
+    """Unknown segments, those with the most energy first: they decide most and are mistaken least."""
+    unknown = np.flatnonzero((moments.known == 0) & moments.individual)
+    return unknown[np.argsort(-moments.energy[unknown], kind="stable")]
+
+
+def _expand(level: _Level, gradients: Array) -> tuple[Integers, Array]:
+    """Every node with every choice of signs for the next segments: (children, d') signs and (children, r) gradients."""
+    d = len(gradients)
+    choices = np.array(list(itertools.product((1, -1), repeat=d)), dtype=np.int64).reshape(2**d, d)
+    repeated = np.repeat(level.signs, len(choices), axis=0)
+    tiled = np.tile(choices, (len(level.signs), 1))
+    gradient = np.repeat(level.gradient, len(choices), axis=0) + tiled @ gradients
+    return np.hstack([repeated, tiled]), gradient
+
+
+class _Pricing:
+    """Selects the cheapest nodes of a depth, solving as few cone problems as it can; counts what it did."""
+
+    def __init__(self, node_cost: NodeCost) -> None:
+        self._node_cost = node_cost
+        self.nodes = 0
+        self.solves = 0
+        self.tolerance = 0.0
+
+    def select(self, candidates: tuple[Integers, Array], hessian: Array, energy: float, width: int | None) -> _Level:
+        signs, gradient = candidates
+        bound = energy + UnconstrainedBound(hessian)(gradient)
+        self.nodes += len(signs)
+        width = len(signs) if width is None else width
+        prepared = self._node_cost.prepared(hessian)
+        survivors: list[tuple[float, int, Array]] = []
+        for i in np.argsort(bound, kind="stable"):
+            if len(survivors) >= width and bound[i] >= survivors[width - 1][0]:
+                break
+            solution = prepared.solve(gradient[i])
+            self.solves += 1
+            self.tolerance = max(self.tolerance, solution.tolerance)
+            survivors.append((energy + solution.cost, int(i), solution.theta))
+            survivors.sort(key=lambda node: node[:2])
+        survivors = survivors[:width]
+        chosen = [i for _, i, _ in survivors]
+        cost = np.array([cost for cost, _, _ in survivors])
+        return _Level(signs[chosen], gradient[chosen], cost, survivors[0][2])
+
+
+def keep_incumbent(moments: Moments, node_cost: NodeCost, result: SearchResult, beta: Array) -> SearchResult:
+    """The result, or the signs that earlier coefficients beta (r,) predict where those cost less.
+
+    A narrow beam on re-cut segments may lose what the search before it had.
+    """
+    predicted = np.where(moments.gradient @ beta >= 0.0, 1, -1)
+    signs = np.where(moments.known != 0, moments.known, predicted)
+    solution = node_cost.prepared(moments.hessian.sum(axis=0)).solve(signs @ moments.gradient)
+    cost = float(moments.energy.sum()) + solution.cost
+    result = replace(result, solves=result.solves + 1, tolerance=max(result.tolerance, solution.tolerance))
+    return replace(result, signs=signs, theta=solution.theta, cost=cost) if cost < result.cost else result
+
+
+def turn_joints(moments: Moments, node_cost: NodeCost, result: SearchResult) -> SearchResult:
+    """The result with all signs of a joint turned round wherever that lowers the cost.
+
+    With friction in the model each joint is nearly symmetric by itself: a beam that loses the right half of that
+    symmetry at its root cannot come back to it one segment at a time.
+    """
+    prepared = node_cost.prepared(moments.hessian.sum(axis=0))
+    energy = float(moments.energy.sum())
+    joints = np.unique(moments.joint[moments.known == 0])
+    better = True
+    while better:
+        better = False
+        for joint in joints:
+            signs = np.where((moments.joint == joint) & (moments.known == 0), -result.signs, result.signs)
+            solution = prepared.solve(signs @ moments.gradient)
+            better = energy + solution.cost < result.cost
+            result = replace(result, solves=result.solves + 1, tolerance=max(result.tolerance, solution.tolerance))
+            if better:
+                result = replace(result, signs=signs, theta=solution.theta, cost=energy + solution.cost)
+                break
+    return result

@@ -1,0 +1,256 @@
+"""Certified search: the best signs, a proof that no others cost less, and all others that still matter.
+
+Candidates first. Each joint's rows alone almost decide its pattern up to a flip of the whole joint; the best patterns
+of all joints are combined, priced by the unconstrained bound and settled in the cone in the order of that bound.
+
+Then the proof. With U the cost of the best signs so far and D_j the least cost of joint j's own rows,
+
+1. joint by joint: every pattern of joint j's strong segments with a bound under U + Delta - (sum of the other D_i);
+2. joints together: these lists are joined one after the other and cut by the unconstrained bound of all their rows;
+3. in the cone: a semidefinite program, by its dual bound, for the combinations that remain;
+4. the weak segments: settled given the rest, and proven by what turning them would cost (`tree`, `flips`).
+
+Dropping rows is a valid bound, so weak segments need not be enumerated.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.errors import InputError
+from bayesid.fit.moments import Moments
+from bayesid.fit.solver import ConeLeastSquares
+from bayesid.progress import SILENT, Progress, Steps, no_steps
+from bayesid.signs.search.beam import Beam
+from bayesid.signs.search.combinations import TooManyError, combinations, combine, least_costs, shortest_first
+from bayesid.signs.search.limits import Limits
+from bayesid.signs.search.patterns import LOG2, Keep
+from bayesid.signs.search.problem import OutOfTimeError, Problem
+from bayesid.signs.search.protocol import Search, SignProblem
+from bayesid.signs.search.result import Branch, SearchResult
+from bayesid.signs.search.tree import Proof, prove, settled
+
+_REPEATED = 0.2
+"""Share of the budget for which a first search goes on that leaves a poor fit; a round number, not studied."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Certified(Search):
+    """The certified search as a method.
+
+    Attributes:
+        budget: seconds for the proof.
+        missed_mass: posterior mass that its list of assignments may leave out, relative to the best assignment's.
+        fallback: another search, which tries too where the budget ends before the proof does.
+        repeatable: whether the budget counts work in nominal seconds (`bayesid.signs.search.problem`) instead of the
+            clock's.
+    """
+
+    budget: float = 10.0
+    missed_mass: float = 1e-3
+    fallback: Search = Beam()
+    repeatable: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.fallback.any_model:
+            remedy = "search with a beam to price nodes otherwise"
+            raise InputError("a certificate holds for least squares in the cone only", "node_cost", remedy)
+        if not 0.0 <= self.budget < np.inf:
+            raise InputError(f"a budget of {self.budget:g} s", "--search-budget", "give 0 or more seconds")
+        if not 0.0 < self.missed_mass < 1.0:
+            raise InputError(f"a missed mass of {self.missed_mass:g}", "missed_mass", "give a number between 0 and 1")
+
+    def find(self, problem: SignProblem, steps: Steps = no_steps) -> SearchResult:
+        """Candidates without a proof; in the first round a share of the budget too, where the fit is poor.
+
+        Raises:
+            SolverError: a cone problem could not be solved.
+        """
+        result = self._search(problem, 0.0, steps)
+        if problem.earlier is not None or not problem.is_poor(result):
+            return result
+        better = self._search(replace(problem, earlier=result), _REPEATED * self.budget, steps)
+        return replace(better, nodes=result.nodes + better.nodes, solves=result.solves + better.solves)
+
+    def conclude(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
+        """The proof; where the budget ends before it, the cheaper of its and the fallback's signs.
+
+        Raises:
+            SolverError: an optimisation failed.
+        """
+        result = self._search(problem, self.budget, progress.steps("proof"))
+        if result.certified or self.budget == 0.0:
+            return result
+        other = self.fallback.find(replace(problem, earlier=result), progress.steps("search, beam"))
+        best = replace(other, lower_bound=result.lower_bound) if other.cost < result.cost else result
+        nodes, solves = result.nodes + other.nodes, result.solves + other.solves
+        method = f"{result.method}, then {other.method}"
+        return replace(best, method=method, width=other.width, nodes=nodes, solves=solves)
+
+    def _search(self, problem: SignProblem, budget: float, steps: Steps) -> SearchResult:
+        start = None if problem.earlier is None else problem.earlier.theta
+        return certified(
+            problem.moments, problem.solver(), budget, self.missed_mass, start, steps, repeatable=self.repeatable
+        )
+
+
+def certified(
+    moments: Moments,
+    solver: ConeLeastSquares,
+    budget: float = 10.0,
+    missed: float = 1e-3,
+    start: Array | None = None,
+    steps: Steps = no_steps,
+    repeatable: bool = False,
+    limits: Limits = Limits(),
+) -> SearchResult:
+    """Finds the best signs and proves as much about all others as the budget allows.
+
+    Args:
+        moments: scaled moments of S segments.
+        solver: for the cone and for H and energy of all segments.
+        budget: seconds; the candidates are looked for however few they are.
+        missed: the mass, relative to the best assignment's, that the branches may leave out.
+        start: (P,) parameters of an earlier search; what they predict is a candidate too.
+        steps: called as steps(stages done, stages).
+        repeatable: whether the budget counts work in nominal seconds instead (`Problem`).
+        limits: how much work to do at each step.
+
+    Raises:
+        SolverError: a cone problem could not be solved.
+    """
+    began = time.perf_counter()
+    problem = Problem(moments, solver, budget, repeatable, limits)
+    best, lower_bound, proof = candidate(problem), 0.0, None
+    if start is not None:
+        earlier = problem.price(problem.settle(moments.known, start).signs)
+        best = min(best, earlier, key=lambda branch: branch.cost)
+    steps(1, 2)
+    try:
+        least = least_costs(problem)
+        lower_bound = float(least.sum()) - problem.slack
+        proof = _prove_enough(problem, best, least, float(np.log(missed)))
+    except (OutOfTimeError, TooManyError):
+        pass
+    steps(2, 2)
+    result = _result(problem, best, lower_bound, proof, missed)
+    seconds = time.perf_counter() - began
+    return replace(result, nodes=problem.nodes, solves=problem.solves, tolerance=problem.tolerance, seconds=seconds)
+
+
+def _result(problem: Problem, best: Branch, lower_bound: float, proof: Proof | None, missed: float) -> SearchResult:
+    if proof is not None and proof.branches:
+        best = min([proof.branches[0], best], key=lambda branch: branch.cost)
+    result = SearchResult(
+        signs=best.signs,
+        theta=best.theta,
+        cost=best.cost,
+        method="certified",
+        lower_bound=max(min(lower_bound, best.lower_bound), 0.0),  # the cost is a sum of squares
+    )
+    if proof is None or not proof.branches or proof.branches[0].cost > best.cost + problem.exact:
+        return result  # nothing is proven, or rounding has excluded what is there
+    result = replace(
+        result,
+        certified=proof.runner_up >= best.cost - problem.exact,
+        lower_bound=max(result.lower_bound or 0.0, proof.lower_bound),
+    )
+    kept, within, log_missed = _what_matters(proof, best.cost, missed)
+    if within < 0.0:
+        return result  # the budget has ended while something below the best cost was open
+    agreed = [
+        settled(problem, branch, decided, best.cost + within) & (branch.signs == best.signs)
+        for branch, decided in zip(proof.branches[:kept], proof.decided[:kept], strict=True)
+    ]
+    return replace(
+        result,
+        branches=proof.branches[:kept],
+        within=within,
+        missed=float(np.exp(log_missed)),
+        settled=np.all(agreed, axis=0),
+        decided=proof.decided[:kept],
+    )
+
+
+def _what_matters(proof: Proof, cost: float, missed: float) -> tuple[int, float, float]:
+    """How many branches are kept, within which Delta, and the log of the mass left out, relative to the best's.
+
+    The proof went farther than it had to: its dearest branches are dropped as long as the mass allows.
+    """
+    least = -2.0 * float(np.log(missed))
+    masses = np.array([-0.5 * (branch.lower_bound - cost) for branch in proof.branches])
+    log_missed, kept = proof.log_missed + 0.5 * cost, len(proof.branches)
+    while kept > 1 and proof.branches[kept - 1].lower_bound > cost + least:
+        more = float(np.logaddexp(log_missed, masses[kept - 1]))
+        if more > np.log(missed):
+            break
+        log_missed, kept = more, kept - 1
+    proven = min([proof.limit, *(branch.lower_bound for branch in proof.branches[kept:])]) - cost
+    return kept, min(proven, max(least, proof.branches[kept - 1].cost - cost)), log_missed
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Candidates
+# ---------------------------------------------------------------------------------------------------------------
+def candidate(problem: Problem) -> Branch:
+    """The best assignment among combinations of each joint's best patterns, without any proof."""
+    limits = problem.limits
+
+    def best_of_all(_: list[int]) -> tuple[Keep, float]:
+        return lambda bound: np.argsort(bound, kind="stable")[: limits.candidate_combinations], np.inf
+
+    lists = [block.best(limits.candidate_patterns, block.strong(limits.candidate_share)) for block in problem.blocks]
+    joined = combine(problem, lists, shortest_first(lists), best_of_all)
+    hessian, energy = problem.decided_moments(joined)
+    prepared = problem.prepared(hessian)
+    solved: list[tuple[float, int, Array]] = []
+    for row in np.argsort(joined.bound, kind="stable")[: limits.candidates_solved]:
+        if solved and joined.bound[row] - problem.slack >= solved[0][0]:
+            break
+        solution = problem.solve(prepared, joined.gradient[row])
+        solved.append((energy + solution.cost, int(row), solution.theta))
+        solved.sort(key=lambda candidate: candidate[:2])
+    settled = [
+        problem.settle(problem.decided(joined, row), theta) for _, row, theta in solved[: limits.candidates_settled]
+    ]
+    best = min(settled, key=lambda branch: branch.cost)
+    return _turned(problem, problem.price(problem.settle(problem.moments.known, best.theta).signs))
+
+
+def _turned(problem: Problem, branch: Branch) -> Branch:
+    """The branch with single segments turned where that pays: those that draw the parameters to their present sign."""
+    known = problem.moments.known
+    unknown = np.flatnonzero(known == 0)
+    for _ in range(problem.limits.turned):
+        changes = problem.single_flips(branch, unknown)
+        k = int(np.argmin(changes)) if unknown.size else 0
+        if not unknown.size or changes[k] >= -problem.exact:
+            break
+        decided = known.copy()
+        decided[unknown[k]] = -branch.signs[unknown[k]]
+        turned = problem.price(problem.settle(decided, branch.theta).signs)
+        if turned.cost < branch.cost:
+            branch = turned
+        else:
+            unknown = np.delete(unknown, k)
+    return branch
+
+
+def _prove_enough(problem: Problem, best: Branch, least: Array, log_missed: float) -> Proof:
+    """A proof with a Delta so wide that it leaves out no more than it may, or as far as the budget goes."""
+    within = -2.0 * log_missed + problem.limits.allowance
+    while True:
+        limit = best.cost + within
+        survivors = combinations(problem, limit, least)
+        excess = survivors.log_missed + 0.5 * best.cost - (log_missed - LOG2)
+        if excess <= 0.0 or problem.out_of_time:
+            proof = prove(problem, survivors, limit, best.theta)
+            best = min([best, *proof.branches], key=lambda branch: branch.cost)
+            excess = proof.log_missed + 0.5 * best.cost - log_missed
+            if excess <= 0.0 or problem.out_of_time:
+                return proof
+        within += 2.0 * excess + problem.limits.growth

@@ -1,0 +1,232 @@
+"""Combinations of the joints' patterns that no bound excludes: the joints' own, all rows together, in the cone.
+
+From coarse to fine. A few strong segments of each joint give short lists and few combinations, and on these the cone
+excludes whole flips of joints. Finer lists are then joined within each combination that has survived.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesid.arrays import Array, Integers
+from bayesid.signs.search.patterns import LOG2, Block, Keep, Patterns, Remainder, join, log_sum, stack
+from bayesid.signs.search.problem import UNDECIDED_PULL, Problem
+from bayesid.signs.search.result import UnconstrainedBound
+
+
+class TooManyError(Exception):
+    """There are more combinations than are held."""
+
+
+@dataclass(frozen=True)
+class Combinations:
+    """m sign choices of the same segments of all joints.
+
+    Attributes:
+        patterns: their signs and gradients.
+        lower: (m,) lower bounds of the cost, weaker segments included.
+        log_missed: log of the sum of exp(-b / 2) over all other choices, b their bounds.
+        thetas: parameters (P,) of those that were solved, by row.
+    """
+
+    patterns: Patterns
+    lower: Array
+    log_missed: float
+    thetas: dict[int, Array]
+
+    def __len__(self) -> int:
+        return len(self.lower)
+
+
+def least_costs(problem: Problem) -> Array:
+    """(blocks,) lower bounds of the joints' own costs: the least of as many segments as a list can decide.
+
+    Raises:
+        OutOfTimeError: the budget has ended.
+    """
+    return np.array([_least_cost(problem, block) for block in problem.blocks])
+
+
+def _least_cost(problem: Problem, block: Block) -> float:
+    problem.check(0)
+    depth, limits = len(block.segments), problem.limits
+    upper = float(block.best(limits.least_width, depth).bound.min()) + problem.rounding
+    return float(block.within(upper, depth, limits.least_list, problem.check).bound.min())
+
+
+def combinations(problem: Problem, limit: float, least: Array) -> Combinations:
+    """All combinations that may cost up to `limit`, of as many segments as can be afforded (:eq:`joint-bound`).
+
+    Args:
+        problem: the problem.
+        limit: of the cost.
+        least: (blocks,) from `least_costs`.
+
+    Raises:
+        OutOfTimeError: the budget has ended.
+        TooManyError: there are too many even of the strongest segment of each joint.
+    """
+    limits = problem.limits
+    finest = _Level.make(problem, limit, least, limits.shares[-1])
+    joined = finest.joined(None)
+    if joined is not None and len(joined) <= limits.few_combinations:
+        return finest.in_the_cone(joined)
+    survivors: Combinations | None = None
+    for share in limits.shares:
+        level = finest if share == limits.shares[-1] else _Level.make(problem, limit, least, share, finest.depth)
+        joined = level.joined(survivors)
+        if joined is None:
+            break
+        survivors = level.in_the_cone(joined)
+    if survivors is None:
+        raise TooManyError
+    return survivors
+
+
+@dataclass(frozen=True)
+class _Level:
+    """The segments of all joints from a share of their strongest one's energy on.
+
+    Attributes:
+        problem: the problem.
+        limit: of the cost.
+        lists: each block's patterns.
+        least: (blocks,) lower bounds of the joints' own costs.
+        rest: (blocks,) lower bounds of what the segments that the lists do not decide cost by themselves.
+    """
+
+    problem: Problem
+    limit: float
+    lists: list[Patterns]
+    least: Array
+    rest: Array
+
+    @property
+    def depth(self) -> int:
+        """How many segments the lists decide."""
+        return sum(len(patterns.segments) for patterns in self.lists)
+
+    @classmethod
+    def make(cls, problem: Problem, limit: float, least: Array, share: float, finest: int = 0) -> _Level:
+        """The lists of one level.
+
+        What is excluded here counts as often as it has completions among the `finest` segments that are decided in the
+        end, so the limit is higher.
+        """
+        depths = [block.strong(share) for block in problem.blocks]
+        limit += 2.0 * LOG2 * max(0, finest - sum(depths))
+        share_of_pull = UNDECIDED_PULL / len(problem.blocks) * problem.pull
+        rests = [block.after(depth, share_of_pull) for block, depth in zip(problem.blocks, depths, strict=True)]
+        rest = np.array([_least_cost(problem, block) for block in rests])
+        lists = []
+        for i, block in enumerate(problem.blocks):
+            within = limit + problem.slack - float(np.delete(least, i).sum() + rest[i])
+            remainder = Remainder(float(rest[i]), float(least[i]))
+            lists.append(block.within(within, depths[i], problem.limits.longest_list, problem.check, remainder))
+        return cls(problem, limit, lists, least, rest)
+
+    def joined(self, coarser: Combinations | None) -> Combinations | None:
+        """All combinations of the lists by unconstrained bounds, within those of a coarser level where one is given.
+
+        None if there are more than may be held, of all joints or of some of them on the way there.
+        """
+        try:
+            return self._joined(coarser)
+        except TooManyError:
+            return None
+
+    def _joined(self, coarser: Combinations | None) -> Combinations:
+        order, slack, held = shortest_first(self.lists), self.problem.slack, dict.fromkeys(range(len(self.lists)), 0)
+
+        def within(to_come: list[int]) -> tuple[Keep, float]:
+            highest = self.limit + slack - float(self.least[to_come].sum() + np.delete(self.rest, to_come).sum())
+
+            def keep(bound: Array) -> Integers:
+                self.problem.check(len(bound))
+                kept = np.flatnonzero(bound <= highest)
+                held[len(to_come)] += len(kept)
+                if held[len(to_come)] > self.problem.limits.most_combinations:
+                    raise TooManyError
+                return kept
+
+            return keep, highest
+
+        if coarser is None:
+            joined = combine(self.problem, self.lists, order, within)
+            lower = joined.bound + self.rest.sum() - slack
+            return Combinations(joined, lower, joined.log_missed + 0.5 * slack, {})
+        groups, lowers = [], []
+        for row, bound in enumerate(coarser.lower):
+            self.problem.check(sum(len(patterns) for patterns in self.lists))
+            decided = self.problem.decided(coarser.patterns, row)
+            lists = [patterns.beginning_with(decided) for patterns in self.lists]
+            groups.append(combine(self.problem, lists, order, within))
+            lowers.append(np.maximum(groups[-1].bound + self.rest.sum() - slack, bound))
+        joined = stack(groups)
+        finer = len(joined.segments) - len(coarser.patterns.segments)
+        log_missed = np.logaddexp(joined.log_missed + 0.5 * slack, coarser.log_missed + finer * LOG2)
+        return Combinations(joined, np.concatenate(lowers), float(log_missed), {})
+
+    def in_the_cone(self, joined: Combinations) -> Combinations:
+        """The combinations whose lower bound in the cone is up to the limit.
+
+        A solved problem bounds the rest too: with other signs its cost changes by -2 step' beta, it is strongly convex
+        around its optimum, and the least over all d of d'(H + Q / 2) d - 2 step'(beta + d) remains
+        (:eq:`convexity-bound`). So few need be solved. The other half of Q pays for the share u of the pull in the
+        bounds of undecided rows, u (beta + d)' Q (beta + d) <= 2 u beta' Q beta + d' Q d / 2.
+        """
+        problem, patterns, lower = self.problem, joined.patterns, joined.lower.copy()
+        hessian, energy = problem.decided_moments(patterns)
+        prepared = problem.prepared(hessian)
+        unconstrained = UnconstrainedBound(hessian + 0.5 * problem.pull, 0.0)
+        rest = float(self.rest.sum())
+        solved: dict[int, Array] = {}
+        remaining = np.flatnonzero(lower <= self.limit)
+        waiting = remaining
+        while waiting.size and not problem.out_of_time:
+            row = int(waiting[np.argmin(lower[waiting])])
+            solution = problem.solve(prepared, patterns.gradient[row])
+            solved[row], beta = solution.theta, problem.project(solution.theta)
+            problem.count(len(remaining))
+            bound = energy + solution.lower_bound + rest - 2.0 * UNDECIDED_PULL * float(beta @ problem.pull @ beta)
+            steps = patterns.gradient[remaining] - patterns.gradient[row]
+            reach = -unconstrained(steps)
+            doubt = 2.0 * np.sqrt((solution.cost - solution.lower_bound) * reach)
+            lower[remaining] = np.maximum(lower[remaining], bound - 2.0 * steps @ beta - reach - doubt)
+            remaining = remaining[lower[remaining] <= self.limit]
+            waiting = remaining[~np.isin(remaining, list(solved))]
+        log_missed = float(np.logaddexp(joined.log_missed, log_sum(np.delete(lower, remaining))))
+        thetas = {new: solved[old] for new, old in enumerate(remaining.tolist()) if old in solved}
+        return Combinations(patterns[remaining], lower[remaining], log_missed, thetas)
+
+
+def shortest_first(lists: list[Patterns]) -> list[int]:
+    """The order in which lists are joined with the least work."""
+    return [int(i) for i in np.argsort([len(patterns) for patterns in lists], kind="stable")]
+
+
+def combine(
+    problem: Problem, lists: list[Patterns], order: list[int], choose: Callable[[list[int]], tuple[Keep, float]]
+) -> Patterns:
+    """The joints' lists joined one after the other.
+
+    Args:
+        problem: the problem.
+        lists: of patterns, for each block.
+        order: of the blocks.
+        choose: makes, from the blocks that are still to come, what chooses among the combinations of those so far, and
+            a limit of the sum of their separate bounds.
+    """
+    joined, hessian, energy = lists[order[0]], np.zeros_like(problem.pull), 0.0
+    for position, i in enumerate(order):
+        depth = len(lists[i].segments)
+        hessian = hessian + problem.blocks[i].hessian(depth)
+        energy += problem.blocks[i].energy(depth)
+        if position > 0:
+            problem.combined += len(joined) * len(lists[i])
+            keep, limit = choose(order[position + 1 :])
+            joined = join(joined, lists[i], hessian, energy, keep, limit, problem.limits.pairs_at_once)
+    return joined

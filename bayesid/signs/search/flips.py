@@ -1,0 +1,214 @@
+"""Flips: what it would cost, at least, to turn segments round when the best parameters for some signs are known.
+
+Let theta be the best feasible parameters for the signs s, beta = B theta. The cost under s is strongly convex, so by
+the variational inequality (Boyd and Vandenberghe 2004, 4.2.3) every feasible point at a distance d costs at least
+d'(H + Q)d more, Q the pull. Turning the set T of segments adds 4 sum over T of s_k g_k'(beta + d), and minimising over
+all d leaves :eq:`flip-bound`::
+
+    F(s with T turned) - F(s)  >=  4 (sum over T of a_k  -  sum over T x T of K_kl),
+    a_k = s_k g_k' beta,   K_kl = s_k g_k' (H + Q)^-1 g_l s_l.
+
+The right side is a quadratic function of binary unknowns. A segment k with a_k > K_kk + 2 sum of max(K_kl, 0) makes
+every T that holds it dearer than without it (persistency, :eq:`persistency`; Boros and Hammer 2002), so it is settled,
+and those that remain have fewer to interfere with. Weak segments, whose signs no enumeration could afford to try, are
+settled like this.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from bayesid.arrays import Array, Integers
+from bayesid.fit.moments import Moments
+from bayesid.signs.search.limits import Limits
+from bayesid.signs.search.result import UnconstrainedBound
+
+_LEAST_LINEAR = 1e-12
+"""In the place of an a_k that is not positive, where charges are shared in proportion to a_k."""
+
+
+class Flips:
+    """Flips of some segments from a settled assignment.
+
+    Args:
+        moments: scaled moments of all segments.
+        unconstrained: prepared for the H of all segments and the pull.
+        signs: (S,) s.
+        beta: (r,) coefficients that are best for s, up to `gap`.
+        gap: how much less the best cost under s may be than that of beta.
+        free: the segments that may be turned.
+        limits: how much work to do.
+    """
+
+    def __init__(
+        self,
+        moments: Moments,
+        unconstrained: UnconstrainedBound,
+        signs: Integers,
+        beta: Array,
+        gap: float,
+        free: Integers,
+        limits: Limits = Limits(),
+    ) -> None:
+        turned = signs[free, None] * moments.gradient[free]
+        self.free, self._limits = free, limits
+        self._unconstrained, self._beta, self._gap = unconstrained, beta, max(gap, 0.0)
+        self._white = unconstrained.whiten(turned)
+        self._diagonal = np.sum(self._white**2, axis=1)
+        # beta may be |d| <= sqrt(gap) off the best point, and a_k then by sqrt(gap K_kk).
+        self._linear = turned @ beta - np.sqrt(self._gap * self._diagonal)
+
+    @property
+    def undecided(self) -> Integers:
+        """Positions in `free` that persistency does not settle."""
+        return self._persistency[0]
+
+    @cached_property
+    def _persistency(self) -> tuple[Integers, float]:
+        """Positions that remain, and the least margin (in quarters) with which the others have been settled."""
+        remaining, least = np.arange(len(self.free)), np.inf
+        while remaining.size:
+            margin = self._linear[remaining] + self._diagonal[remaining]
+            margin = margin - 2.0 * self._interference(remaining, remaining)
+            settled = margin > 0.0
+            if not np.any(settled):
+                break
+            least = min(least, float(margin[settled].min()))
+            remaining = remaining[~settled]
+        return remaining, least
+
+    @property
+    def alone(self) -> Array:
+        """(free,) lower bounds of the change if one segment alone is turned."""
+        return 4.0 * (self._linear - self._diagonal)
+
+    @property
+    def heaviest(self) -> int:
+        """Position in `free` of the undecided segment that the parameters depend on most."""
+        return int(self.undecided[np.argmax(self._diagonal[self.undecided])])
+
+    def _interference(self, rows: Integers, columns: Integers) -> Array:
+        """(rows,) sums over the columns of max(K_kl, 0), or upper bounds of them where there are very many."""
+        if len(columns) > self._limits.many_flips:
+            return self._most_interference(rows, columns)
+        sums = np.empty(len(rows))
+        for start in range(0, len(rows), self._limits.rows_at_once):
+            chunk = slice(start, start + self._limits.rows_at_once)
+            sums[chunk] = np.maximum(self._white[rows[chunk]] @ self._white[columns].T, 0.0).sum(axis=1)
+        return sums
+
+    def _most_interference(self, rows: Integers, columns: Integers) -> Array:
+        """The same by Cauchy and Schwarz, in time linear in the segments: sum |K_kl| <= sqrt(n sum K_kl^2)."""
+        white = self._white[columns]
+        plain = self._white[rows] @ white.sum(axis=0)
+        squares = np.sum((self._white[rows] @ (white.T @ white)) * self._white[rows], axis=1)
+        most: Array = 0.5 * (plain + np.sqrt(len(columns) * np.maximum(squares, 0.0)))
+        return most
+
+    @cached_property
+    def best(self) -> tuple[float, Integers]:
+        """Lower bound of the change (<= 0) over all sets of flips, and the segments of the set that it belongs to."""
+        change, positions = self._least_change()
+        return min(change, 0.0), self.free[positions if change < 0.0 else []]
+
+    @property
+    def any(self) -> float:
+        """Lower bound of the change over all sets of flips but the empty one; inf where nothing is free."""
+        # Each settled segment that is taken out of a set makes it cheaper by its margin, down to the undecided ones.
+        margin = 4.0 * self._persistency[1]
+        return min(margin + self.best[0], self._least_change()[0])
+
+    def _least_change(self) -> tuple[float, Integers]:
+        """Lower bound over all sets of undecided segments but the empty one, and the positions of that set."""
+        undecided = self.undecided
+        if not undecided.size:
+            return np.inf, undecided
+        if len(undecided) > self._limits.enumerated:
+            slope = self._slopes(undecided)
+            return 4.0 * float(np.minimum(slope, 0.0).sum()), undecided[slope < 0.0]
+        chosen = (np.arange(1, 2 ** len(undecided))[:, None] >> np.arange(len(undecided))) & 1
+        change = chosen @ self._linear[undecided] - np.sum((chosen @ self._white[undecided]) ** 2, axis=1)
+        least = int(np.argmin(change))
+        return 4.0 * float(change[least]), undecided[chosen[least] == 1]
+
+    @cached_property
+    def _slope(self) -> Array:
+        return self._slopes(np.arange(len(self.free)))
+
+    def _slopes(self, among: Integers) -> Array:
+        """(among,) the sum of these over any set of flips bounds its change from below, in quarters.
+
+        A pair of flips may gain 2 max(K_kl, 0) together. That is charged to the two in shares that keep as many slopes
+        as possible from being negative (roof duality; Boros and Hammer 2002): first in proportion to what each costs
+        by itself, then by handing charges on from segments that have a negative slope to those that have some to spare.
+        """
+        if len(among) > self._limits.many_flips:
+            return self._linear[among] + self._diagonal[among] - 2.0 * self._interference(among, among)
+        linear, slopes = np.maximum(self._linear[among], _LEAST_LINEAR), np.empty(len(among))
+        charged = len(among) <= self._limits.charged_flips
+        charges = np.empty((len(among), len(among)) if charged else (0, 0))
+        for start in range(0, len(among), self._limits.rows_at_once):
+            chunk = slice(start, start + self._limits.rows_at_once)
+            pairs = np.maximum(self._white[among[chunk]] @ self._white[among].T, 0.0)
+            rows = np.arange(len(pairs))
+            pairs[rows, start + rows] = 0.0
+            pairs *= 2.0 * linear[chunk, None] / (linear[chunk, None] + linear)
+            slopes[chunk] = self._linear[among[chunk]] - self._diagonal[among[chunk]] - pairs.sum(axis=1)
+            if charged:
+                charges[chunk] = pairs
+        return _handed_on(slopes, charges, self._limits.sweeps) if charged else slopes
+
+    def forced(self, steps: Array) -> Array:
+        """(m,) lower bounds of the change if other segments are turned, whatever happens to the free ones.
+
+        Args:
+            steps: (m, r) sum of s_k g_k over the segments that are turned.
+        """
+        white = self._unconstrained.whiten(steps)
+        diagonal = np.sum(white**2, axis=1)
+        linear = steps @ self._beta - np.sqrt(self._gap * diagonal)
+        of_free = np.minimum(self._slope - 2.0 * white @ self._white.T, 0.0)
+        change: Array = 4.0 * (linear - diagonal + of_free.sum(axis=1))
+        return change
+
+    def changes(self) -> Array:
+        """(free,) lower bounds of the change over all sets of flips that hold the segment."""
+        if len(self.free) > self._limits.many_flips:
+            return 4.0 * (self._linear - self._diagonal + self._rest_of_many())
+        changes = np.empty(len(self.free))
+        for start in range(0, len(self.free), self._limits.rows_at_once):
+            chunk = slice(start, start + self._limits.rows_at_once)
+            rest = np.minimum(self._slope - 2.0 * self._white[chunk] @ self._white.T, 0.0)
+            rows = np.arange(len(rest))
+            rest[rows, start + rows] = 0.0
+            changes[chunk] = self._linear[chunk] - self._diagonal[chunk] + rest.sum(axis=1)
+        return 4.0 * changes
+
+    def _rest_of_many(self) -> Array:
+        """(free,) lower bounds of what the flips of all others add, without looking at pairs of settled ones."""
+        everything = np.arange(len(self.free))
+        negative = np.flatnonzero(self._slope < 0.0)
+        few = np.minimum(self._slope[negative] - 2.0 * self._white @ self._white[negative].T, 0.0).sum(axis=1)
+        few[negative] -= np.minimum(self._slope[negative] - 2.0 * self._diagonal[negative], 0.0)
+        return few - 2.0 * self._interference(everything, everything)
+
+
+def _handed_on(slopes: Array, charges: Array, sweeps: int) -> Array:
+    """Slopes (n,) after charges (n, n; row k is charged to k) were handed on to segments with slope to spare."""
+    slopes = slopes.copy()
+    for _ in range(sweeps):
+        if np.all(slopes >= 0.0):
+            break
+        for k in np.flatnonzero(slopes > 0.0):
+            needed = np.minimum(np.maximum(-slopes, 0.0), charges[:, k])
+            total = float(needed.sum())
+            if total <= 0.0:
+                continue
+            needed *= min(1.0, slopes[k] / total)
+            charges[:, k] -= needed
+            charges[k] += needed
+            slopes += needed
+            slopes[k] -= needed.sum()
+    return slopes

@@ -1,0 +1,250 @@
+"""Patterns: the sign choices of one joint's segments, or of several joints', that a bound does not exclude.
+
+The rows of one joint almost decide its own pattern. With any set D of decided segments, and without the cone,
+:eq:`dropped-rows`::
+
+    b(s) = min over beta of  sum over k in D of |s_k e_k - Y_k beta|^2 + a share of the pull
+
+bounds the cost of every completion from below: the rows left out could only add to it, and so could the cone. So
+patterns whose bound exceeds what can still matter are never looked at again. Segments are decided in the order of
+their energy, which keeps the lists short as long as the data say anything about a sign.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import logsumexp
+
+from bayesid.arrays import Array, Integers, Mask
+from bayesid.fit.moments import Moments
+from bayesid.signs.search.result import UnconstrainedBound
+
+LOG2 = float(np.log(2.0))
+
+Keep = Callable[[Array], Integers]
+"""Chooses, from the bounds (m,) of the next patterns, the indices of those to keep; may raise to stop the work."""
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What the segments that are not decided add to a pattern's bound.
+
+    Attributes:
+        undecided: lower bound of what their rows cost by themselves.
+        total: lower bound of what all rows of the joints cost, under any signs.
+    """
+
+    undecided: float = 0.0
+    total: float = 0.0
+
+    def __add__(self, other: Remainder) -> Remainder:
+        """Of the joints of both."""
+        return Remainder(self.undecided + other.undecided, self.total + other.total)
+
+    def log_mass(self, bound: Array) -> float:
+        """Log of the sum of exp(-b / 2), b what patterns with these bounds cost at least, all segments included."""
+        return log_sum(np.maximum(bound + self.undecided, self.total))
+
+
+@dataclass(frozen=True)
+class Patterns:
+    """m sign choices of the same decided segments, with their bounds.
+
+    Attributes:
+        segments: (d,) the decided segments.
+        signs: (m, d) +1 or -1.
+        gradient: (m, r) sum of s_k g_k over the decided segments and those known beforehand.
+        bound: (m,) lower bounds of the cost.
+        remainder: of the segments that are not decided.
+        log_missed: log of the sum of exp(-b / 2) over all patterns of the same segments that were not kept.
+    """
+
+    segments: Integers
+    signs: Array
+    gradient: Array
+    bound: Array
+    remainder: Remainder = Remainder()
+    log_missed: float = -np.inf
+
+    def __len__(self) -> int:
+        return len(self.bound)
+
+    @property
+    def log_mass(self) -> float:
+        """Log of the sum of exp(-b / 2) over all patterns, kept or not."""
+        return float(np.logaddexp(self.remainder.log_mass(self.bound), self.log_missed))
+
+    def __getitem__(self, rows: Integers | Mask) -> Patterns:
+        """Some of the patterns, as if they were all that had been kept."""
+        return replace(self, signs=self.signs[rows], gradient=self.gradient[rows], bound=self.bound[rows])
+
+    def beginning_with(self, decided: Integers) -> Patterns:
+        """Those that agree with the signs that are decided (S,), 0 for all others."""
+        wanted = decided[self.segments]
+        return self[np.flatnonzero(np.all((self.signs == wanted) | (wanted == 0), axis=1))]
+
+
+class Block:
+    """The segments of one joint in the order in which they are decided; prepares its bounds once.
+
+    Segments that share a part of the Hessian are never decided.
+
+    Args:
+        moments: scaled moments of all segments.
+        known: those of the joint's segments whose sign is known beforehand.
+        segments: the others, strongest first.
+        pull: (r, r) this block's share of the pull.
+    """
+
+    def __init__(self, moments: Moments, known: Integers, segments: Integers, pull: Array) -> None:
+        self.segments = segments
+        self._moments = moments
+        self._gradient = moments.known[known] @ moments.gradient[known]
+        self._energy = float(moments.energy[known].sum()) + np.cumsum(
+            np.concatenate([[0.0], moments.energy[self.segments]])
+        )
+        self._root = pull + moments.hessian_of(known)
+        self._last = self._root
+        self._bounds: list[UnconstrainedBound] = []
+        self.nodes = 0
+
+    def after(self, depth: int, pull: Array) -> Block:
+        """The segments beyond `depth` as another block, with another share of the pull (r, r)."""
+        return Block(self._moments, self.segments[:0], self.segments[depth:], pull)
+
+    def strong(self, share: float) -> int:
+        """How many segments have at least this share of the strongest one's energy."""
+        energy = self._moments.energy[self.segments]
+        return int(np.sum(energy >= share * energy.max(initial=0.0)))
+
+    def hessian(self, depth: int) -> Array:
+        """(r, r) of the known and the first `depth` unknown segments, the share of the pull included."""
+        return self._root + self._moments.hessian_of(self.segments[:depth])
+
+    def energy(self, depth: int) -> float:
+        """Energy of the known and the first `depth` unknown segments."""
+        return float(self._energy[depth])
+
+    def best(self, width: int, depth: int) -> Patterns:
+        """The `width` best patterns that a beam finds for the first `depth` segments."""
+        return self._grow(depth, None, Remainder(), lambda bound, _: np.argsort(bound, kind="stable")[:width])
+
+    def within(
+        self, limit: float, depth: int, longest: int, check: Callable[[int], None], remainder: Remainder = Remainder()
+    ) -> Patterns:
+        """All patterns of the first `depth` segments with a bound up to `limit`, or of as many as `longest` can hold.
+
+        The limit is higher while segments are still to come, by 2 log 2 for each: what is excluded then counts as often
+        as it has completions. `check` is called at every segment with the number of patterns priced; it may raise to
+        stop the work.
+        """
+
+        def keep(bound: Array, to_come: int) -> Integers:
+            check(len(bound))
+            return np.flatnonzero(bound <= limit + 2.0 * LOG2 * to_come)
+
+        return self._grow(depth, longest, remainder, keep)
+
+    def _grow(
+        self, depth: int, longest: int | None, remainder: Remainder, keep: Callable[[Array, int], Integers]
+    ) -> Patterns:
+        root = self._gradient[None]
+        bound = self._bound(0, root)
+        parents = Patterns(self.segments[:0], np.ones((1, 0), dtype=np.int8), root, bound, remainder)
+        for d in range(1, depth + 1):
+            step = self._moments.gradient[self.segments[d - 1]]
+            children = np.concatenate([parents.gradient + step, parents.gradient - step])
+            bound = self._bound(d, children)
+            kept = keep(bound, depth - d)
+            if longest is not None and len(kept) > longest:
+                return parents
+            choice = np.where(kept < len(parents), 1, -1).astype(np.int8)
+            signs = np.column_stack([parents.signs[kept % len(parents)], choice])
+            missed = np.logaddexp(parents.log_missed + LOG2, remainder.log_mass(np.delete(bound, kept)))
+            parents = Patterns(self.segments[:d], signs, children[kept], bound[kept], remainder, float(missed))
+        return parents
+
+    def _bound(self, depth: int, gradient: Array) -> Array:
+        while len(self._bounds) <= depth:
+            if self._bounds:
+                self._last = self._last + self._moments.hessian_of(self.segments[[len(self._bounds) - 1]])
+            self._bounds.append(UnconstrainedBound(self._last, 0.0))
+        bound: Array = self._energy[depth] + self._bounds[depth](gradient)
+        self.nodes += len(bound)
+        return bound
+
+
+def make_blocks(moments: Moments, pull: Array) -> list[Block]:
+    """A block for every joint that has segments, each with the same share of the pull (r, r)."""
+    joints = np.unique(moments.joint)
+    blocks = []
+    for joint in joints:
+        here = np.flatnonzero(moments.joint == joint)
+        known = here[moments.known[here] != 0]
+        unknown = here[(moments.known[here] == 0) & moments.individual[here]]
+        strongest_first = unknown[np.argsort(-moments.energy[unknown], kind="stable")]
+        blocks.append(Block(moments, known, strongest_first, pull / len(joints)))
+    return blocks
+
+
+def join(
+    first: Patterns,
+    second: Patterns,
+    hessian: Array,
+    energy: float,
+    keep: Keep,
+    limit: float = np.inf,
+    pairs_at_once: int = 50_000,
+) -> Patterns:
+    """All pairs of patterns of two sets of segments that are kept, with the bound of their rows together.
+
+    Args:
+        first: patterns of one set of segments.
+        second: patterns of another one.
+        hessian: (r, r) H of both, with their shares of the pull.
+        energy: c of both.
+        keep: called for some pairs at a time.
+        limit: pairs whose separate bounds add up to more are not looked at.
+        pairs_at_once: how many are priced together; bounds the memory.
+    """
+    unconstrained = UnconstrainedBound(hessian, 0.0)
+    at_once = max(1, pairs_at_once // max(1, len(second)))
+    # Whatever one list misses is paired with all of the other: its cost is at least the sum of their bounds.
+    remainder = first.remainder + second.remainder
+    log_missed = float(np.logaddexp(first.log_missed + second.log_mass, first.log_mass + second.log_missed))
+    pairs, gradients, bounds = [np.empty(0, dtype=np.int64)], [first.gradient[:0]], [first.bound[:0]]
+    for start in range(0, len(first), at_once):
+        apart = (first.bound[start : start + at_once, None] + second.bound).ravel()
+        hopeful = np.flatnonzero(apart <= limit)  # costs nothing
+        pair = start * len(second) + hopeful
+        gradient = first.gradient[pair // len(second)] + second.gradient[pair % len(second)]
+        bound = np.maximum(energy + unconstrained(gradient), apart[hopeful])
+        kept = keep(bound)
+        excluded = np.concatenate([np.delete(apart, hopeful), np.delete(bound, kept)])
+        log_missed = float(np.logaddexp(log_missed, remainder.log_mass(excluded)))
+        pairs.append(pair[kept])
+        gradients.append(gradient[kept])
+        bounds.append(bound[kept])
+    pair = np.concatenate(pairs)
+    signs = np.hstack([first.signs[pair // len(second)], second.signs[pair % len(second)]])
+    segments = np.concatenate([first.segments, second.segments])
+    return Patterns(segments, signs, np.concatenate(gradients), np.concatenate(bounds), remainder, log_missed)
+
+
+def stack(lists: list[Patterns]) -> Patterns:
+    """Lists of different patterns of the same segments as one."""
+    return replace(
+        lists[0],
+        signs=np.concatenate([patterns.signs for patterns in lists]),
+        gradient=np.concatenate([patterns.gradient for patterns in lists]),
+        bound=np.concatenate([patterns.bound for patterns in lists]),
+        log_missed=float(np.logaddexp.reduce([patterns.log_missed for patterns in lists])),
+    )
+
+
+def log_sum(bound: Array) -> float:
+    """Log of the sum of exp(-b / 2)."""
+    return float(logsumexp(-0.5 * bound)) if bound.size else -np.inf

@@ -1,0 +1,216 @@
+"""The sign problem of one set of moments: what every stage of the certified search shares.
+
+A budget in seconds of the clock ends wherever the machine has got to by then. Where a search must give the same result
+in every run it counts its work instead, in *nominal seconds*: numbers of steps, sign choices, cone problems and pairs
+of segments, each times about what it takes on one core.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesid.arrays import Array, Integers
+from bayesid.fit.moments import Moments
+from bayesid.fit.solver import ConeLeastSquares, PreparedLeastSquares, Solution
+from bayesid.signs.search.flips import Flips
+from bayesid.signs.search.limits import Limits
+from bayesid.signs.search.patterns import Patterns, make_blocks
+from bayesid.signs.search.result import Branch, UnconstrainedBound
+
+UNDECIDED_PULL = 1e-4
+"""Share of the pull in the bounds of undecided rows: keeps them well conditioned, and takes next to nothing from those
+of decided ones. A round number; any share keeps the bounds valid."""
+_ROUNDING = 1e-8
+"""Share of the energy by which rounding, and the ridge against it, may raise an unconstrained bound: a round number far
+above double precision; not studied."""
+_EXACT = 1e-8
+"""Share of the energy below which two costs count as equal (docs/certified-search.md): that of the finest solutions'
+gaps (tests/fit/test_solver.py)."""
+
+
+@dataclass(frozen=True)
+class NominalSeconds:
+    """What work counts as, in nominal seconds.
+
+    Round numbers from timed searches of the UR10e's, Panda's and TX40's logs and of simulated ones, on one core; other
+    machines differ, which changes how long a budget takes and never what it gives.
+
+    Attributes:
+        step: of a loop.
+        choice: pricing a sign choice, by the number r of coefficients.
+        solve: a cone problem, by the square of the number P of parameters.
+        pair: of segments that may turn.
+    """
+
+    step: float = 4.5e-4
+    choice: float = 5e-9
+    solve: float = 1e-6
+    pair: float = 3e-8
+
+
+class OutOfTimeError(Exception):
+    """The budget has ended."""
+
+
+class Problem:
+    """The moments, one block for each joint, and what is prepared once; counts what was done.
+
+    The pull (beta - b)' Q (beta - b) is at least beta' Q beta / 2 - b' Q b (:eq:`pull-share`). The first part is shared
+    among the joints' own bounds, which keeps them well conditioned and lets them add up: all but `UNDECIDED_PULL` of it
+    among the rows that are decided, that share among those that are not. The second part is `slack`, by which the sum
+    may be too high (with an allowance for rounding).
+
+    Args:
+        moments: scaled moments of S segments.
+        solver: for the cone and for H and energy of all segments.
+        budget: seconds from now on.
+        repeatable: whether these are nominal seconds (`spent`), so that the budget ends at the same point of every run.
+        limits: how much work to do.
+
+    Attributes:
+        energy: c of all segments.
+        exact: cost below which two assignments count as equal.
+        slack: to be taken from an unconstrained bound.
+        pull: (r, r) Q.
+        blocks: of the joints that have segments.
+        solves: cone problems solved.
+        combined: combinations of several joints' patterns that were priced.
+        tolerance: coarsest relative gap of a cone problem.
+    """
+
+    def __init__(
+        self,
+        moments: Moments,
+        solver: ConeLeastSquares,
+        budget: float,
+        repeatable: bool = False,
+        limits: Limits = Limits(),
+    ) -> None:
+        self._began, self._budget, self._repeatable = time.perf_counter(), budget, repeatable
+        self.pull, centre = solver.pull()
+        self.moments, self.limits, self._solver = moments, limits, solver
+        self._hessian, self.energy = moments.hessian.sum(axis=0), float(moments.energy.sum())
+        self._unconstrained = UnconstrainedBound(self._hessian + self.pull, 0.0)
+        self.exact = _EXACT * self.energy
+        self.rounding = _ROUNDING * self.energy
+        self.slack = float(centre @ self.pull @ centre) + self.rounding
+        self.blocks = make_blocks(moments, (0.5 - UNDECIDED_PULL) * self.pull)
+        self.solves = self.combined = 0
+        self.tolerance = 0.0
+        self._steps = self._choices = self._solved = self._pairs = 0
+
+    @property
+    def nodes(self) -> int:
+        """Sign choices priced by the unconstrained bound."""
+        return self.combined + sum(block.nodes for block in self.blocks)
+
+    @property
+    def spent(self) -> float:
+        """Seconds since the start: by the clock or, where a run is to be repeatable, by the work done."""
+        return self._nominal if self._repeatable else time.perf_counter() - self._began
+
+    @property
+    def _nominal(self) -> float:
+        price, choices = NominalSeconds(), len(self.pull) * self._choices
+        counted = price.step * self._steps + price.choice * choices
+        return counted + price.solve * self._solved + price.pair * self._pairs
+
+    @property
+    def out_of_time(self) -> bool:
+        """Whether the budget has ended."""
+        return self.spent > self._budget
+
+    def count(self, choices: int) -> None:
+        """Takes down a step of the work, in which so many sign choices were priced."""
+        self._steps += 1
+        self._choices += choices
+
+    def check(self, choices: int) -> None:
+        """Takes down a step, and raises OutOfTimeError when the budget has ended."""
+        self.count(choices)
+        if self.out_of_time:
+            raise OutOfTimeError
+
+    # -----------------------------------------------------------------------------------------------------------
+    # Partial assignments
+    # -----------------------------------------------------------------------------------------------------------
+    def decided(self, patterns: Patterns, row: int) -> Integers:
+        """(S,) the signs known beforehand and those of a pattern; 0 elsewhere."""
+        signs = self.moments.known.copy()
+        signs[patterns.segments] = patterns.signs[row]
+        return signs
+
+    def decided_moments(self, patterns: Patterns) -> tuple[Array, float]:
+        """(r, r) H and energy of the segments known beforehand and those that the patterns decide."""
+        rows = np.concatenate([np.flatnonzero(self.moments.known), patterns.segments])
+        return self.moments.hessian_of(rows), float(self.moments.energy[rows].sum())
+
+    def prepared(self, hessian: Array) -> PreparedLeastSquares:
+        """A solver for the H (r, r) of some segments."""
+        return self._solver.prepared(hessian)
+
+    def solve(self, prepared: PreparedLeastSquares, gradient: Array) -> Solution:
+        """The best parameters for g (r,) and the prepared H."""
+        return self._counted(prepared.solve(gradient))
+
+    def project(self, theta: Array) -> Array:
+        """(r,) coefficients of parameters (P,)."""
+        return self._solver.project(theta)
+
+    # -----------------------------------------------------------------------------------------------------------
+    # Full assignments
+    # -----------------------------------------------------------------------------------------------------------
+    def complete(self, decided: Integers, theta: Array) -> Branch:
+        """The undecided segments (0 in `decided`, (S,)) with the signs that theta (P,) predicts, and the best cost."""
+        signs = self._completed(decided, theta)
+        return self._branch(signs, self.solve(self.prepared(self._hessian), signs @ self.moments.gradient))
+
+    def settle(self, decided: Integers, theta: Array) -> Branch:
+        """The undecided segments (0 in `decided`, (S,)) and the parameters settled in turn, starting from theta (P,).
+
+        Neither step can raise the cost. The lower bound is that of the resulting signs alone.
+        """
+        prepared, signs = self.prepared(self._hessian), self._completed(decided, theta)
+        for _ in range(self.limits.settling_rounds):
+            solution = self.solve(prepared, signs @ self.moments.gradient)
+            after = self._completed(decided, solution.theta)
+            if np.array_equal(after, signs):
+                break
+            signs = after
+        else:
+            solution = self.solve(prepared, signs @ self.moments.gradient)
+        return self._branch(signs, solution)
+
+    def price(self, signs: Integers) -> Branch:
+        """The best parameters for given signs (S,), as precisely as the solver can."""
+        solution = self.prepared(self._hessian).solve_precisely(signs @ self.moments.gradient)
+        return self._branch(signs, self._counted(solution))
+
+    def flips(self, branch: Branch, free: Integers) -> Flips:
+        """What turning some of the free segments of a branch costs."""
+        self._pairs += len(free) ** 2
+        return self._flips(branch, free)
+
+    def single_flips(self, branch: Branch, free: Integers) -> Array:
+        """(free,) lower bounds of what turning one of the free segments by itself costs."""
+        return self._flips(branch, free).alone
+
+    def _flips(self, branch: Branch, free: Integers) -> Flips:
+        beta, gap = self._solver.project(branch.theta), branch.cost - branch.lower_bound
+        return Flips(self.moments, self._unconstrained, branch.signs, beta, gap, free, self.limits)
+
+    def _completed(self, decided: Integers, theta: Array) -> Integers:
+        predicted = np.where(self.moments.gradient @ self._solver.project(theta) >= 0.0, 1, -1)
+        return np.where(decided != 0, decided, predicted)
+
+    def _branch(self, signs: Integers, solution: Solution) -> Branch:
+        return Branch(signs, solution.theta, self.energy + solution.cost, self.energy + solution.lower_bound)
+
+    def _counted(self, solution: Solution) -> Solution:
+        self.solves += 1
+        self._solved += len(solution.theta) ** 2
+        self.tolerance = max(self.tolerance, solution.tolerance)
+        return solution

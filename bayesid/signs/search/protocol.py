@@ -1,0 +1,121 @@
+"""What every search for signs answers to, and what it is given.
+
+A log is searched in rounds (`bayesid.signs.rounds`): each round asks a search to `find` the signs of the segments, and
+splits those segments whose predicted effort crosses zero. Once none is split any more, the search may `conclude`.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.fit.least_squares import POOR_FIT
+from bayesid.fit.moments import Moments
+from bayesid.fit.solver import ConeLeastSquares, Solution
+from bayesid.model.coefficients import BaseCoefficients
+from bayesid.model.parameters import Cone
+from bayesid.progress import SILENT, Progress, Steps, no_steps
+from bayesid.signs.search.result import SearchResult
+
+
+@dataclass(frozen=True)
+class SignProblem:
+    """The sign problem of one log and one model.
+
+    Attributes:
+        moments: of S segments, rows in units of the noise.
+        cone: the cone of the model's P parameters.
+        coefficients: the model's r base coefficients.
+        earlier: the result of the search before, on this log but perhaps on longer segments and with other noise; None
+            in the first round.
+    """
+
+    moments: Moments
+    cone: Cone
+    coefficients: BaseCoefficients
+    earlier: SearchResult | None = None
+
+    @cached_property
+    def hessian(self) -> Array:
+        """(r, r) H of all segments."""
+        return self.moments.hessian.sum(axis=0)
+
+    @property
+    def energy(self) -> float:
+        """The energy c of all segments."""
+        return float(self.moments.energy.sum())
+
+    def solver(self) -> ConeLeastSquares:
+        """A new solver for least squares in the cone, prepared for all segments."""
+        return ConeLeastSquares(self.cone, self.coefficients, self.hessian, self.energy)
+
+    def is_poor(self, result: SearchResult) -> bool:
+        """Whether a joint's residual exceeds `POOR_FIT` of its effort: the search may have gone wrong."""
+        n_joints = int(self.moments.joint.max(initial=-1)) + 1
+        residual = self.moments.residual_sd(self.coefficients.project(result.theta), result.signs, n_joints)
+        return bool(np.any(residual >= POOR_FIT * self.moments.rms_effort(n_joints)))
+
+
+class Search(Protocol):
+    """A method of finding signs; best a frozen dataclass, whose `repr` then says in a result how it was searched.
+
+    A search of your own derives from this class and defines `find`.
+    """
+
+    @property
+    def any_model(self) -> bool:
+        """Whether it can search under another model than the one that the user asked for, for a second opinion."""
+        return True
+
+    @abstractmethod
+    def find(self, problem: SignProblem, steps: Steps = no_steps) -> SearchResult:
+        """Signs by which segments are split.
+
+        Args:
+            problem: the sign problem of this round.
+            steps: called as steps(done, total).
+
+        Raises:
+            SolverError: an optimisation failed.
+        """
+
+    def conclude(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
+        """The last word, once no segment is split any more: by default the last round's result.
+
+        Args:
+            problem: the sign problem of the last round; its `earlier` is that round's result, its noise has been
+                estimated with it.
+            progress: called as progress(stage, done, total).
+
+        Returns:
+            The result; its `nodes` and `solves` count the work of this step only.
+
+        Raises:
+            SolverError: an optimisation failed.
+        """
+        assert problem.earlier is not None
+        return replace(problem.earlier, nodes=0, solves=0)
+
+
+class PreparedNode(Protocol):
+    """What prices the nodes of one depth."""
+
+    def solve(self, gradient: Array) -> Solution:
+        """The best parameters for g (r,)."""
+
+
+class NodeCost(Protocol):
+    """What prices the nodes of a beam."""
+
+    def prepared(self, hessian: Array) -> PreparedNode:
+        """Prepares for the H (r, r) of one depth; never changes what has been prepared before."""
+
+
+NodeCostFactory = Callable[[Cone, BaseCoefficients, Array, float], NodeCost]
+"""Makes the price of a node from the model's cone and coefficients and the moments H (r, r) and c of all data."""

@@ -1,0 +1,126 @@
+"""What a search returns, and the bound that searches share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from bayesid.arrays import Array, Integers, Mask
+
+_RIDGE = 1e-9
+"""Curvature added to columns of unit length: a hundredth of the solver's pull to typical links
+(`bayesid.fit.solver.PULL_WEIGHT`), so that the bound stays below the cost."""
+_LEAST_RIDGE = 1e-15
+"""The first ridge that is tried where rounding spoils a factor: a few units in the last place."""
+_RIDGE_GROWTH = 10.0
+"""From one ridge that is tried to the next."""
+_MOST_RIDGE = 1e-11
+"""What rounding may ask for where H holds a share of the pull already: ten thousand units in the last place."""
+_LEAST_SQUARE = 1e-300
+"""In the place of a column's squared length where it is zero."""
+
+
+@dataclass(frozen=True)
+class Branch:
+    """One assignment of signs and the best parameters under it.
+
+    Attributes:
+        signs: (S,) +1 or -1 for each segment of the moments.
+        theta: (P,) best feasible parameters.
+        cost: min over the cone of f(theta, signs) + rho(theta), efforts in units of their noise
+            (:eq:`assignment-cost`).
+        lower_bound: proven bound on the cost of every assignment that the branch stands for: those with the same signs
+            in the segments that the proof decided one by one, whatever the signs of the weak ones.
+    """
+
+    signs: Integers
+    theta: Array
+    cost: float
+    lower_bound: float
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """The best assignment of a search, and what is proven about all others.
+
+    Attributes:
+        signs: (S,) +1 or -1 for each segment of the moments.
+        theta: (P,) best feasible parameters under these signs.
+        cost: min over the cone of f(theta, signs) + rho(theta), efforts in units of their noise
+            (:eq:`assignment-cost`).
+        method: of the search.
+        width: of the beam; None if it was unlimited or there was none.
+        certified: whether no other assignment can cost less (by more than 1e-8 of the efforts' energy).
+        lower_bound: proven bound on the cost of every assignment, or None.
+        nodes: priced by the unconstrained bound.
+        solves: cone problems solved.
+        tolerance: coarsest relative gap among them.
+        seconds: of wall time.
+        branches: the best assignment and all others that may cost at most `within` more, cheapest first; empty if
+            nothing is proven about the others.
+        within: Delta, in units of the cost.
+        missed: bound on the sum of exp(-(cost - best cost) / 2) over all assignments of the segments decided one by
+            one that `branches` leaves out (:eq:`missed-mass`); inf if nothing is proven.
+        settled: (S,) whether all assignments within Delta give the segment the same sign.
+        decided: (B, S) segments that each branch decides one by one; it stands for all signs of the others.
+    """
+
+    signs: Integers
+    theta: Array
+    cost: float
+    method: str
+    width: int | None = None
+    certified: bool = False
+    lower_bound: float | None = None
+    nodes: int = 0
+    solves: int = 0
+    tolerance: float = 0.0
+    seconds: float = 0.0
+    branches: tuple[Branch, ...] = ()
+    within: float = 0.0
+    missed: float = np.inf
+    settled: Mask | None = None
+    decided: Mask | None = None
+
+
+class UnconstrainedBound:
+    """min over all coefficients of beta' H beta - 2 g' beta, for many g: a lower bound of the cost in the cone.
+
+    The least over beta of :eq:`binary-quadratic`, and the bound of :eq:`unconstrained-bound`, without the energy c.
+
+    Args:
+        hessian: (r, r) H.
+        ridge: curvature added to columns of unit length; 0 where H holds a share of the pull.
+    """
+
+    def __init__(self, hessian: Array, ridge: float = _RIDGE) -> None:
+        lengths = np.sqrt(np.maximum(np.diag(hessian), _LEAST_SQUARE + ridge * np.diag(hessian).max()))
+        scaled = hessian / np.outer(lengths, lengths) + ridge * np.eye(len(hessian))
+        self._factor = solve_triangular(_cholesky(scaled), np.diag(1.0 / lengths), lower=True)
+
+    def __call__(self, gradient: Array) -> Array:
+        """(m,) minima -g' H^-1 g for the rows of gradient (m, r)."""
+        return -np.sum(self.whiten(gradient) ** 2, axis=1)
+
+    def whiten(self, gradient: Array) -> Array:
+        """(m, r) rows W g with |W g|^2 = g' H^-1 g."""
+        white: Array = gradient @ self._factor.T
+        return white
+
+
+def _cholesky(matrix: Array) -> Array:
+    """L with L L' = matrix, plus the smallest ridge that rounding asks for.
+
+    Raises:
+        LinAlgError: the matrix is not positive definite but for rounding.
+    """
+    ridge = 0.0
+    while True:
+        try:
+            return np.linalg.cholesky(matrix + ridge * np.eye(len(matrix))).astype(np.float64)
+        except np.linalg.LinAlgError:
+            if ridge >= _MOST_RIDGE:
+                raise
+        ridge = max(_LEAST_RIDGE, _RIDGE_GROWTH * ridge)

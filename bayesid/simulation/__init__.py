@@ -1,0 +1,1 @@
+"""Logs given parameters: trajectories, simulated logs, the paper's experiment."""

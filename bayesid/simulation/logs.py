@@ -1,0 +1,268 @@
+"""Simulated logs: what a controller would record of a model, and of a robot with effects that a model may lack."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.signal import lfilter
+
+from bayesid.arrays import Array
+from bayesid.errors import InputError
+from bayesid.log.log import Log
+from bayesid.model.catalogue import main_forms
+from bayesid.model.coefficients import base_coefficients
+from bayesid.model.distortions.base import Direction, Distortion
+from bayesid.model.effects import Scene
+from bayesid.model.model import Model
+from bayesid.model.robot import Robot, load_robot
+from bayesid.model.terms import RigidBody, Term
+from bayesid.motion import Motion
+from bayesid.simulation.exciting import exciting_trajectory
+from bayesid.simulation.paper import nominal_parameters
+from bayesid.simulation.parameters import random_body, random_parameters, rms
+
+_RANGES = {"--duration": (1.0, 1e5), "--rate": (10.0, 1e4), "--noise": (0.0, 1e2)}
+"""s, Hz, and a share of the effort: from too few samples for a motion to a day; wide, to catch slips of the pen."""
+_MOST_SAMPLES = 1e7
+"""Of a log: 1.4 GB of memory for six joints."""
+_LARGEST_LEVEL = 1e3
+"""Of an effect, relative to the effort; wide, to catch slips of the pen."""
+_TRACE = 1e-4
+"""Share of an effect on the joint where it acts most, below which it does not act on another."""
+_CLOSE = 0.01
+"""How far from the level that is asked for an effect may end, relative to it."""
+_SMALLEST = 1.0 / 64.0
+"""Of the largest magnitude of a distortion, where the search for its level begins; it is doubled from there."""
+_XTOL = 1e-6
+"""Of a magnitude, relative to it, in that search."""
+_GRIP = 0.2
+"""m, how far a simulated payload reaches from the flange; a gripper with a workpiece."""
+_GIRTH = 0.04
+"""m, its radius."""
+
+
+def simulate(
+    model: Model,
+    theta: Array,
+    motion: Motion,
+    *,
+    rng: np.random.Generator,
+    noise: float = 0.05,
+    colour: float = 0.0,
+    signed: bool | Sequence[bool] = False,
+) -> Log:
+    """A log of a motion, positions exact, efforts with Gaussian noise and rectified where they are not signed.
+
+    A controller rectifies what it measures, so the noise is added first; an absolute value near zero is then biased. A
+    sensor's distortions act on the noise as well.
+
+    Args:
+        model: the model.
+        theta: (P,) its parameters.
+        motion: N samples of motion.
+        rng: draws the noise.
+        noise: standard deviation of the noise relative to the RMS of each joint's effort.
+        colour: correlation of the noise from one sample to the next, AR(1); 0 is white.
+        signed: whether the efforts keep their sign, for all joints or each (n,).
+
+    Raises:
+        ValueError: the noise is negative or not finite, or its colour not in [0, 1).
+    """
+    if not 0.0 <= noise < np.inf:
+        raise ValueError(f"the noise must be a finite share of the effort, not {noise}")
+    if not 0.0 <= colour < 1.0:
+        raise ValueError(f"the noise's correlation must lie in [0, 1), not {colour}")
+    effort = model.before_sensors.effort(motion, theta)
+    effort = model.read(effort + noise * rms(effort) * _ar1(rng.standard_normal(effort.shape), colour))
+    keeps = np.broadcast_to(np.asarray(signed, dtype=bool), motion.n_joints)
+    effort = np.where(keeps, effort, np.abs(effort))
+    return Log(motion.t, motion.q, effort, keeps, source=f"simulated {model.robot.name}")
+
+
+def _ar1(white: Array, colour: float) -> Array:
+    """(N, n) stationary noise of unit variance from white noise (N, n): x_i = c x_(i-1) + sqrt(1 - c^2) e_i."""
+    scale = np.sqrt(1.0 - colour**2)
+    shaped: Array = lfilter([scale], [1.0, -colour], white, axis=0, zi=(1.0 - scale) * white[:1])[0]
+    return shaped
+
+
+@dataclass(frozen=True)
+class SimulatedEffect:
+    """An effect to be added to a simulated robot.
+
+    Attributes:
+        name: of an effect in `bayesid.model.catalogue.main_forms()`.
+        joint: 1-based; where the whole robot is affected, the joint that has the level.
+        level: RMS of the change of the joint's effort relative to the RMS of that effort without it.
+    """
+
+    name: str
+    joint: int
+    level: float
+
+    def __str__(self) -> str:
+        """As on the command line."""
+        return f"{self.name}:{self.joint}:{self.level:g}"
+
+
+def parse_effect(text: str, robot: Robot) -> SimulatedEffect:
+    """NAME:JOINT:LEVEL as on the command line.
+
+    Raises:
+        InputError: it is not of that form, or names no effect of one of the robot's joints.
+    """
+    remedy = f"give NAME:JOINT:LEVEL, NAME one of {', '.join(main_forms())}"
+    try:
+        name, joint, level = text.split(":")
+        effect = SimulatedEffect(name, int(joint), float(level))
+    except ValueError:
+        raise InputError(f"{text!r} is not NAME:JOINT:LEVEL", "--effect", remedy) from None
+    possible = 1 <= effect.joint <= robot.n_joints and 0.0 <= effect.level <= _LARGEST_LEVEL
+    if effect.name not in main_forms() or not possible:
+        raise InputError(f"{text!r} names no effect of this robot", "--effect", remedy)
+    return effect
+
+
+def simulate_log(
+    robot: Robot, duration: float, rate: float, noise: float, effects: Sequence[SimulatedEffect], seed: int
+) -> tuple[Log, Log]:
+    """A log of |effort| on an exciting trajectory, and the same log with its signs.
+
+    Args:
+        robot: gets the paper's parameters if it is the KR5, else random feasible ones.
+        duration: s.
+        rate: Hz.
+        noise: relative to each joint's RMS effort.
+        effects: on top of the rigid bodies; sensors distort what all others have made.
+        seed: of parameters, trajectory, noise and the form of each effect.
+
+    Raises:
+        InputError: duration, rate or noise cannot be used, or an effect cannot have its level.
+    """
+    for value, (option, (least, most)) in zip((duration, rate, noise), _RANGES.items(), strict=True):
+        if not least <= value <= most:
+            raise InputError(f"{value:g} cannot be used", option, f"give {least:g} to {most:g}")
+    if duration * rate > _MOST_SAMPLES:
+        raise InputError(f"{duration * rate:g} samples", "--duration", f"ask for at most {_MOST_SAMPLES:g}")
+    rng = np.random.default_rng(seed)
+    model = Model(robot, (RigidBody(),))
+    known = robot.same_kinematics(load_robot("kr5"))
+    theta = nominal_parameters() if known else random_parameters(model, rng)
+    trajectory = exciting_trajectory(model, base_coefficients(model), duration, seed=seed)
+    motion = trajectory.motion(np.arange(int(duration * rate) + 1) / rate)
+    model, theta = with_effects(model, theta, motion, effects, seed)
+    signed = simulate(model, theta, motion, rng=rng, noise=noise, signed=True)
+    return signed.rectified(), signed
+
+
+def with_effects(
+    model: Model, theta: Array, motion: Motion, added: Sequence[SimulatedEffect], seed: int
+) -> tuple[Model, Array]:
+    """Model and parameters with terms, then distortions of rows, then those of sensors.
+
+    The level of a term is relative to the rigid bodies' effort, that of a distortion to the effort that it meets. Each
+    effect draws its form from a stream of its own, so that the others leave it alone.
+    """
+    scene = _scene(model, theta, motion)
+    streams = [np.random.default_rng([seed, k]) for k in range(1, len(added) + 1)]
+    pairs = [(effect, rng) for effect, rng in zip(added, streams, strict=True) if effect.level > 0.0]
+    drawn = [(_form(effect, scene, rng), effect, rng) for effect, rng in pairs]
+    for form, effect, rng in sorted(drawn, key=lambda each: (isinstance(each[0], Distortion), each[0].of_sensor)):
+        if isinstance(form, Distortion):
+            here = _scene(model, theta, motion)
+            model = model.extend(_scaled_distortion(form, effect, model, here, theta, rng))
+        else:
+            model, theta = model.extend(form), np.concatenate([theta, _scaled_term(form, effect, scene, rng)])
+    return model, theta
+
+
+def _scene(model: Model, theta: Array, motion: Motion) -> Scene:
+    effort = model.effort(motion, theta)
+    return model.scene(motion, theta, effort, np.abs(effort))
+
+
+def _form(effect: SimulatedEffect, scene: Scene, rng: np.random.Generator) -> Term | Distortion:
+    """One of the forms in which the effect may be hidden in this joint, or in the whole robot."""
+    variants: Iterable[Term | Distortion] = main_forms()[effect.name].variants(scene)
+    forms = [form for form in variants if form.joints in ((), (effect.joint,))]
+    if not forms:
+        raise _unreachable(effect, "it has no form in this joint and motion")
+    return forms[int(rng.integers(len(forms)))]
+
+
+def _unreachable(effect: SimulatedEffect, why: str) -> InputError:
+    return InputError(f"{str(effect)!r} cannot be had: {why}", "--effect", "give another level, joint or seed")
+
+
+def _scaled_term(term: Term, effect: SimulatedEffect, scene: Scene, rng: np.random.Generator) -> Array:
+    """(p,) parameters in a random direction, at the level."""
+    unit = _inside_cone(term, scene.robot, rng)
+    size = rms(Model(scene.robot, (term,)).effort(scene.motion, unit))
+    j = effect.joint - 1
+    wanted = effect.level * rms(scene.effort)[j]
+    if not (size[j] > _TRACE * size.max() and wanted > 0.0):
+        raise _unreachable(effect, "it does not act on this joint, or nothing else does")
+    return unit * (wanted / size[j])
+
+
+def _inside_cone(term: Term, robot: Robot, rng: np.random.Generator) -> Array:
+    """(p,) a point inside the term's cone, no parameter near zero: 1 if there is but one, a tool of 1 kg for a body."""
+    cone = term.cone(robot)
+    if len(cone.bodies):
+        towards = rng.standard_normal(3)
+        return random_body(np.outer([0.0, _GRIP], towards / np.linalg.norm(towards)), 1.0, _GIRTH, rng)
+    if cone.size == 1:
+        return np.ones(1)
+    values = rng.uniform(0.5, 1.0, cone.size) * rng.choice([-1.0, 1.0], cone.size)
+    values[cone.nonnegative] = np.abs(values[cone.nonnegative])
+    return values
+
+
+def _scaled_distortion(
+    form: Distortion, effect: SimulatedEffect, model: Model, scene: Scene, theta: Array, rng: np.random.Generator
+) -> Distortion:
+    """The distortion with the magnitude that has the level; the smallest, if there are several.
+
+    Args:
+        form: of the distortion, in a joint or the whole robot.
+        effect: what is asked for.
+        model: what is distorted.
+        scene: the model's effort.
+        theta: (P,) the model's parameters.
+        rng: draws the direction.
+    """
+    before, j, direction = scene.effort, effect.joint - 1, _direction(effect, rng)
+    whole = rms(before)[j]
+
+    def distorted(magnitude: float) -> Distortion:
+        return form.of_magnitude(magnitude, direction, scene)
+
+    def level(magnitude: float) -> float:
+        if magnitude == 0.0:
+            return 0.0
+        distortion = distorted(magnitude)
+        sensor = distortion.of_sensor
+        after = distortion.measured(before) if sensor else model.extend(distortion).effort(scene.motion, theta)
+        return float(rms(after - before)[j] / whole)
+
+    largest = form.largest_magnitude(scene)
+    low, high = 0.0, _SMALLEST * largest
+    while whole > 0.0 and level(high) < effect.level and high < largest:
+        low, high = high, min(2.0 * high, largest)
+    if not (whole > 0.0 and level(high) >= effect.level):
+        raise _unreachable(effect, f"{form.name} does not change this joint's effort as much")
+    root = brentq(lambda x: level(x) - effect.level, low, high, xtol=_XTOL * high, rtol=_XTOL)
+    near = (root - 2.0 * _XTOL * high, root, root + 2.0 * _XTOL * high)  # the level may jump at the root
+    missed, best = min((abs(level(x) - effect.level), x) for x in near)
+    if missed > _CLOSE * effect.level:
+        raise _unreachable(effect, f"the samples of this joint make it change in steps, as to {level(best):.4g}")
+    return distorted(best)
+
+
+def _direction(effect: SimulatedEffect, rng: np.random.Generator) -> Direction:
+    """Either way, unless the effect would have to take away all of the effort."""
+    sign = 1.0 if effect.level >= 1.0 else float(rng.choice([-1.0, 1.0]))
+    return Direction(sign, float(rng.uniform(0.0, 2.0 * np.pi)))

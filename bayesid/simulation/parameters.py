@@ -1,0 +1,109 @@
+"""Plausible parameters of any model."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.model.inertia import from_pseudo_inertia
+from bayesid.model.model import Model
+from bayesid.model.robot import Robot
+from bayesid.motion import Motion
+
+_KG_PER_M = 25.0
+"""Mass of an arm per metre of stretched length: about 20 for the UR10e and the Panda, 32 for the KR5."""
+_SLENDERNESS = 0.1
+"""Radius of the first link relative to the reach."""
+_SHORTEST_REACH = 0.1
+"""m, of an arm whose joints all lie in one place."""
+_LIGHTEST = 0.7
+"""Least mass of a random arm, relative to the usual."""
+_HEAVIEST = 1.4
+"""Largest mass of a random arm, relative to the usual."""
+_TAPER = (0.55, 0.9)
+"""Mass of a link over that of the one before it: links grow lighter towards the tip."""
+_OF_EITHER_SIGN = (0.01, 0.05)
+"""Share of the bodies' effort that a parameter without a sign of its own makes, as offsets do."""
+_OF_ONE_SIGN = (0.05, 0.25)
+"""The same where it cannot be negative, as friction and rotor inertia."""
+
+
+def random_parameters(model: Model, rng: np.random.Generator) -> Array:
+    """(P,) plausible parameters of any model, strictly inside its cone and without symmetries.
+
+    Bodies are made to measure for the link they belong to. Every other parameter is so large that its effort is some
+    share of the bodies' effort: 5 to 25 % if it cannot be negative (friction, rotor inertia), 1 to 5 % of either sign
+    if it can (offsets). Without bodies in the model that share is of 1 N m.
+    """
+    theta, cone = np.zeros(len(model.parameters)), model.cone
+    ends, masses = _link_ends(model.robot), _random_masses(model.robot, rng)
+    radii = _SLENDERNESS * _reach(model.robot) * np.cbrt(masses / masses[0])
+    for body in cone.bodies:
+        link = model.parameters[body[0]].joint - 1
+        theta[body] = random_body(ends[link], masses[link], radii[link], rng)
+    columns = model.columns(_random_motion(model.robot.n_joints, rng))
+    others = np.setdiff1d(np.arange(cone.size), cone.bodies)
+    shares = rng.uniform(*_OF_EITHER_SIGN, cone.size) * rng.choice([-1.0, 1.0], cone.size)
+    shares[cone.nonnegative] = rng.uniform(*_OF_ONE_SIGN, len(cone.nonnegative))
+    theta[others] = shares[others] * _whole(rms(columns @ theta), rms(columns[:, :, others]))
+    return theta
+
+
+def rms(values: Array) -> Array:
+    """Root mean square over the samples, the first axis."""
+    size: Array = np.sqrt(np.mean(values**2, axis=0))
+    return size
+
+
+def _whole(effort: Array, columns: Array) -> Array:
+    """(k,) parameters whose RMS effort is that of the joint they act on most, from RMS values (n,) and (n, k)."""
+    strongest, largest = np.argmax(columns, axis=0), np.max(columns, axis=0)
+    whole: Array = np.where(effort > 0.0, effort, 1.0)[strongest] / np.where(largest > 0.0, largest, 1.0)
+    return whole
+
+
+def _random_motion(n_joints: int, rng: np.random.Generator) -> Motion:
+    """200 unrelated instants at the speeds of an industrial arm at work."""
+    shape = (200, n_joints)
+    q, dq, ddq = (rng.uniform(-limit, limit, shape) for limit in (2.0, 2.0, 5.0))
+    return Motion(np.arange(200.0), q, dq, ddq)
+
+
+def _link_ends(robot: Robot) -> Array:
+    """(n, 2, 3) where each link starts and ends, in its own frame, m: from its joint to the next.
+
+    The last link ends at its own frame, which the standard convention puts at the flange.
+    """
+    ends = []
+    for i, joint in enumerate(robot.joints):
+        children = [child.placement for child in robot.joints if child.parent == i]
+        far = (children[0] if children else joint.link_frame)[:3, 3]
+        rotation, origin = joint.link_frame[:3, :3], joint.link_frame[:3, 3]
+        ends.append((np.stack([np.zeros(3), far]) - origin) @ rotation)
+    return np.array(ends)
+
+
+def _reach(robot: Robot) -> float:
+    """Length of the stretched arm, m."""
+    ends = _link_ends(robot)
+    return max(_SHORTEST_REACH, float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum()))
+
+
+def _random_masses(robot: Robot, rng: np.random.Generator) -> Array:
+    """(n,) masses, kg, each link lighter than the one before it."""
+    total = _KG_PER_M * _reach(robot) * rng.uniform(_LIGHTEST, _HEAVIEST)
+    relative = np.cumprod(rng.uniform(*_TAPER, robot.n_joints))
+    masses: Array = total * relative / relative.sum()
+    return masses
+
+
+def random_body(ends: Array, mass: float, radius: float, rng: np.random.Generator) -> Array:
+    """(10,) parameters of a lopsided rod between `ends` (2, 3): a positive definite spread about its centre of mass."""
+    along = ends[1] - ends[0]
+    centre = ends[0] + rng.uniform(0.3, 0.7) * along + radius * rng.uniform(-0.5, 0.5, 3)
+    axes = np.linalg.qr(rng.standard_normal((3, 3)))[0] * (radius * rng.uniform(0.5, 1.0, 3))
+    spread = axes @ axes.T + np.outer(along, along) / 12
+    point = np.append(centre, 1.0)
+    pseudo_inertia = np.outer(point, point)
+    pseudo_inertia[:3, :3] += spread
+    return from_pseudo_inertia(mass * pseudo_inertia)

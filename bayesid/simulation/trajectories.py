@@ -1,0 +1,164 @@
+"""Periodic trajectories within limits.
+
+Each joint follows a finite Fourier series (Swevers, Ganseman, Tukel, De Schutter and Van Brussel, "Optimal robot
+excitation and identification", IEEE Trans. Robotics and Automation 1997), so positions, velocities and accelerations
+are exact and band-limited. The series is stretched until each joint touches one of its limits; what is left, the shape,
+is free.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesid.arrays import Array, frozen
+from bayesid.motion import Motion
+
+HARMONICS = 5
+"""Sines and cosines a joint, as in Swevers et al. 1997."""
+_INSTANTS = 100
+"""Instants at which a candidate is judged; 667 instants give the same condition number to a percent."""
+_SHIFT = 0.5
+"""A joint's centre stays within this share of its half range around the middle, so that it has room to swing."""
+
+
+@dataclass(frozen=True)
+class MotionLimits:
+    """What the joints may do, one number for all or one each; the defaults suit most small industrial arms.
+
+    Attributes:
+        lower: lowest position, rad (m for a prismatic joint).
+        upper: highest position, rad.
+        velocity: highest speed, rad/s.
+        acceleration: highest acceleration, rad/s^2.
+    """
+
+    lower: float | tuple[float, ...] = -2.0
+    upper: float | tuple[float, ...] = 2.0
+    velocity: float | tuple[float, ...] = 3.0
+    acceleration: float | tuple[float, ...] = 15.0
+
+    def __post_init__(self) -> None:
+        if not np.all(np.subtract(self.upper, self.lower) > 0.0):
+            raise ValueError("the upper position limit must lie above the lower one")
+        if not (np.all(np.greater(self.velocity, 0.0)) and np.all(np.greater(self.acceleration, 0.0))):
+            raise ValueError("velocity and acceleration limits must be positive")
+
+
+INDUSTRIAL_ARM = MotionLimits()
+
+
+@dataclass(frozen=True)
+class FourierTrajectory:
+    """q_j(t) = centre_j + sum over h of sine_jh sin(2 pi h f t) + cosine_jh cos(2 pi h f t), h = 1 ... H.
+
+    Attributes:
+        frequency: the fundamental f, Hz; the motion repeats after 1 / f.
+        sine: (n, H) amplitudes, rad.
+        cosine: (n, H) amplitudes, rad.
+        centre: (n,) mean positions, rad.
+    """
+
+    frequency: float
+    sine: Array
+    cosine: Array
+    centre: Array
+
+    def __post_init__(self) -> None:
+        sine = frozen(self.sine, (None, None), "sine")
+        object.__setattr__(self, "sine", sine)
+        object.__setattr__(self, "cosine", frozen(self.cosine, sine.shape, "cosine"))
+        object.__setattr__(self, "centre", frozen(self.centre, sine.shape[:1], "centre"))
+        if not 0.0 < self.frequency < np.inf:
+            raise ValueError(f"the fundamental frequency must be positive, not {self.frequency} Hz")
+
+    def motion(self, t: Array) -> Motion:
+        """Positions and their exact derivatives at the instants t (N,), s."""
+        omega = 2 * np.pi * self.frequency * np.arange(1, self.sine.shape[1] + 1)
+        sin, cos = np.sin(np.outer(t, omega)), np.cos(np.outer(t, omega))
+        q = sin @ self.sine.T + cos @ self.cosine.T
+        dq = (omega * cos) @ self.sine.T - (omega * sin) @ self.cosine.T
+        ddq = -(omega**2 * sin) @ self.sine.T - (omega**2 * cos) @ self.cosine.T
+        return Motion(t, self.centre + q, dq, ddq)
+
+
+def random_trajectory(
+    n_joints: int,
+    duration: float,
+    *,
+    seed: int = 0,
+    limits: MotionLimits = INDUSTRIAL_ARM,
+    harmonics: int = HARMONICS,
+    periods: int = 1,
+) -> FourierTrajectory:
+    """A random trajectory that uses the limits but is not optimised, for tests on new motions.
+
+    Args:
+        n_joints: number of joints n.
+        duration: length of the motion, s.
+        seed: of the draw.
+        limits: of the joints; they hold at every instant.
+        harmonics: sines and cosines a joint.
+        periods: whole number of periods in the duration.
+
+    Raises:
+        ValueError: a duration or number that is not positive, or limits for another number of joints.
+    """
+    shape = random_shape(n_joints, harmonics, np.random.default_rng(seed))
+    return within_limits(shape, fundamental(duration, harmonics, periods), limits)
+
+
+def fundamental(duration: float, harmonics: int, periods: int) -> float:
+    """The fundamental frequency, Hz, of so many periods in a duration, s; ValueError if a number is out of range."""
+    if not 0.0 < duration < np.inf:
+        raise ValueError(f"the duration must be positive, not {duration} s")
+    if harmonics < 1 or periods < 1:
+        raise ValueError(f"{harmonics} harmonics and {periods} periods: both must be at least 1")
+    return periods / duration
+
+
+def instants(harmonics: int) -> int:
+    """Enough for the highest harmonic of the accelerations, and for a tight bound between the instants."""
+    return max(_INSTANTS, 20 * harmonics)
+
+
+def random_shape(n_joints: int, harmonics: int, rng: np.random.Generator) -> Array:
+    """(n, 2 H + 1) relative amplitudes of sines and cosines, alike in velocity, and relative shifts of the centres."""
+    waves = rng.standard_normal((n_joints, 2, harmonics)) / np.arange(1, harmonics + 1)
+    return np.column_stack([waves.reshape(n_joints, -1), rng.uniform(-1.0, 1.0, n_joints)])
+
+
+def from_rest(shape: Array) -> Array:
+    """The nearest shape (n, 2 H + 1) whose motion starts, and so ends, at rest: no velocity, no acceleration at t = 0.
+
+    q'(0) is proportional to sum_h h sine_h and q''(0) to -sum_h h^2 cosine_h: both sums are projected out. It takes two
+    harmonics, with one nothing would be left.
+    """
+    harmonics = shape.shape[1] // 2
+    h = np.arange(1.0, harmonics + 1.0)
+    sine, cosine, centre = np.split(shape, [harmonics, 2 * harmonics], axis=1)
+    sine = sine - np.outer(sine @ h, h) / (h @ h)
+    cosine = cosine - np.outer(cosine @ h**2, h**2) / (h**2 @ h**2)
+    return np.hstack([sine, cosine, centre])
+
+
+def within_limits(shape: Array, frequency: float, limits: MotionLimits) -> FourierTrajectory:
+    """The trajectory of a shape (n, 2 H + 1), each joint stretched until it touches the first of its limits.
+
+    Between N even instants a trigonometric polynomial of degree H is at most 1 / cos(pi H / N) times as large as at
+    them (Ehlich and Zeller, "Schwankung von Polynomen zwischen Gitterpunkten", 1964), so the limits hold everywhere.
+    """
+    n, harmonics = len(shape), shape.shape[1] // 2
+    lower, upper, velocity, acceleration = (
+        np.broadcast_to(limit, n) for limit in (limits.lower, limits.upper, limits.velocity, limits.acceleration)
+    )
+    half = (upper - lower) / 2
+    shift = _SHIFT * half * np.clip(shape[:, -1], -1.0, 1.0)
+    count = instants(harmonics)
+    wave = FourierTrajectory(frequency, shape[:, :harmonics], shape[:, harmonics:-1], np.zeros(n))
+    motion = wave.motion(np.arange(count) / count / frequency)
+    room = zip((half - np.abs(shift), velocity, acceleration), (motion.q, motion.dq, motion.ddq), strict=True)
+    stretch = np.min([limit / np.abs(values).max(axis=0) for limit, values in room], axis=0)
+    stretch = stretch[:, None] * np.cos(np.pi * harmonics / count)
+    return FourierTrajectory(frequency, stretch * wave.sine, stretch * wave.cosine, (lower + upper) / 2 + shift)

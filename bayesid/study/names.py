@@ -1,0 +1,23 @@
+"""The studies there are: the command line lists them, and loads one only where it is run."""
+
+from __future__ import annotations
+
+STUDIES = {
+    "noise": "how much noise in the efforts can the signs bear?",
+    "duration": "how short may a log be?",
+    "excitation": "how poor may the excitation be?",
+    "cutoff": "which cut-off of the low-pass is right, and does the automatic one find it?",
+    "threshold": "how deep must a minimum be to cut there, and which small efforts should be dropped?",
+    "beam_width": "how wide must the beam of T-PBPR be?",
+    "initial_segments": "how many segments should T-PBPR enumerate first?",
+    "prior": "what does the prior decide, and what do values from a drawing change?",
+    "scaling": "what does a larger robot or a longer log cost?",
+    "paper": "the paper's experiment, its numbers beside ours",
+    "real": "real logs with their signs hidden: which come back right?",
+    "calibration": "do confidences and standard deviations mean what they say?",
+    "misfit": "the same with an effect that the model does not hold",
+    "sbc": "does the sampler sample the posterior?",
+    "discrepancy": "is the missing effect named? Blind cases played by MuJoCo",
+    "real_discrepancy": "the same on real logs of a UR10e",
+}
+"""Modules of `bayesid.studies`, and the question that each answers."""

@@ -1,0 +1,183 @@
+"""The tables of README and docs/, the reports and the figures of docs/studies.md, from the rows of studies.
+
+    python docs/make_tables.py FOLDER
+
+FOLDER holds results of studies under their names, as `bayesid study NAME --out FOLDER/NAME` leaves them; what a study
+of FOLDER has no rows for stays as it is. A table stands between `<!-- table: NAME -->` and `<!-- end of table -->`, a
+report in the text block of its study's section.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from bayesid.model.terms import STANDARD
+from bayesid.studies.discrepancy import CLEAR, by_kind, count, decoded, outside_right, share
+from bayesid.studies.paper import covered
+from bayesid.studies.real import SURE
+from bayesid.study.names import STUDIES
+from bayesid.study.record import Row, read_rows
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+NAMES = {
+    "ur10e/a_50s": "UR10e, 50 s",
+    "ur10e/b_20s": "UR10e, 20 s",
+    "ur10e/c_unloaded": "UR10e, 50 s, unloaded",
+    "ur10e/c_loaded": "UR10e, 50 s, 2.8 kg",
+    "panda/a": "Panda, 10 s",
+    "tx40/a": "TX40, 5 s, coupled wrist",
+}
+"""What the real logs are called."""
+_KNOWN = 0.1
+"""Relative standard deviation up to which a coefficient is known, as in the studies."""
+_TABLE = r"(<!-- table: {} -->\n)(.*?)(?=<!-- end of table -->)"
+_SECTION = r"(^### {}\n(?:(?!^### ).)*?^```text\n)(.*?)(?=^```$)"
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Tables
+# ---------------------------------------------------------------------------------------------------------------
+def signs(rows: Sequence[Row]) -> str:
+    """Real logs: how many signs come back right."""
+    head = ["log", "segments", "all", "in motion", "in motion, smooth truth", "sign(velocity) alone", "certified"]
+    lines = []
+    for row in _with_friction(rows):
+        shares = [f"{row[key]:.2%}" for key in ("all", "motion", "smooth")]
+        cells = [NAMES[row["log"]], row["segments"], *shares, f"{row['velocity']:.1%}"]
+        lines.append([*cells, "yes" if row["certified"] else "no", f"{row['settled']:.1%}"])
+    return markdown([*head, "settled"], lines)
+
+
+def signs_in_short(rows: Sequence[Row]) -> str:
+    """Real logs: the shares that matter, beside what needs no model."""
+    head = ["log", "right signs", "sign of the velocity alone", "proven best"]
+    lines = [
+        [NAMES[row["log"]], f"{row['motion']:.2%}", f"{row['velocity']:.1%}", "yes" if row["certified"] else "no"]
+        for row in _with_friction(rows)
+    ]
+    return markdown(head, lines)
+
+
+def confidences(rows: Sequence[Row]) -> str:
+    """Real logs: what the confidences are worth, also with a model that lacks friction."""
+    poor = {row["log"]: row for row in rows if not row["predicts"] and tuple(row["terms"]) != STANDARD}
+    areas = "wrong segments are the least confident (AUC), all / in motion"
+    without = f"without friction in the model: {SURE:g} and more, wrong, AUC"
+    lines = []
+    for row in _with_friction(rows):
+        other = poor.get(row["log"])
+        cells = [NAMES[row["log"]], f"{row['every_sure']:.1%}", f"{row['every_sure_wrong']:.3%}"]
+        last = f"{other['every_sure']:.1%}, {other['every_sure_wrong']:.3%}, {other['auc']:.2f}" if other else ""
+        lines.append([*cells, f"{row['auc']:.2f} / {row['auc_moving']:.2f}", last])
+    return markdown(["log", f"confidence {SURE:g} and more", "of these wrong", areas, without], lines)
+
+
+def paper(rows: Sequence[Row]) -> str:
+    """The paper's experiment, its numbers beside ours."""
+    right = sum(row["wrong"] == 0 for row in rows)
+    known = int(np.sum(np.median([row["rsd"] for row in rows], axis=0) < _KNOWN))
+    torque = ", ".join(f"{error:.1%}" for error in np.median([row["torque_error"] for row in rows], axis=0))
+    lines = [
+        ["runs in which every segment above 5 % has the right sign", f"{right} of {len(rows)}", "1 of 1"],
+        ["coefficients", rows[0]["coefficients"], "36"],
+        ["of the 26 of Table II that are not zero: known to 10 % (median run)", known, ""],
+        ["torque error on a new trajectory, joints 1 to 6 (median)", torque, ""],
+        ["95 % intervals that hold the nominal value", f"{covered(rows):.1%}", ""],
+    ]
+    return markdown(["", "ours", "paper (one run)"], lines)
+
+
+def effects(rows: Sequence[Row]) -> str:
+    """Blind cases: which effects are named."""
+    rows = decoded(rows)
+    kinds = by_kind(rows)
+    clear = [row for row in kinds["single"] if row["size"] >= CLEAR]
+    mended = [row for row in rows if row["hidden"] and row["hidden"][0][0] != "outside"]
+    seconds = [row["timings"]["discrepancy"] for row in rows]
+    right = [row["signs"] for row in rows]
+    lines = [
+        [f"named first (or its class), size >= {CLEAR:g}", share(clear, "first")],
+        ["joint right", share([row for row in clear if row["hidden"][0][1] and row["first"]], "joint")],
+        ["nothing hidden, something named", count(kinds["none"], lambda row: bool(row["named"]))],
+        ["outside of the catalogue: unexplained, with the right joint", count(kinds["outside"], outside_right)],
+        ["two effects, both found in their joints", share(kinds["pairs"], "all")],
+        ["holdout gap over the true floor, median before and after", _gaps(mended)],
+        [f"the same, size >= {CLEAR:g}", _gaps([row for row in mended if row["size"] >= CLEAR])],
+        ["signs right afterwards (strong samples), mean and least", f"{np.mean(right):.2%}, {min(right):.2%}"],
+        ["seconds a log, without identification, median and most", f"{np.median(seconds):.1f}, {max(seconds):.0f}"],
+    ]
+    return markdown([f"{len(rows)} cases", ""], lines)
+
+
+def _gaps(rows: Sequence[Row]) -> str:
+    before, after = (np.median([row[key] for row in rows]) for key in ("before", "after"))
+    return f"{before:.2f}, {after:.3f}"
+
+
+def _with_friction(rows: Sequence[Row]) -> list[Row]:
+    """The ordinary rows of `real`."""
+    return [row for row in rows if not row["predicts"] and tuple(row["terms"]) == STANDARD]
+
+
+def markdown(head: Sequence[str], lines: Sequence[Sequence[object]]) -> str:
+    """A table of Markdown."""
+    rows = [head, ["---"] * len(head), *lines]
+    return "".join(f"| {' | '.join(map(str, row))} |\n" for row in rows)
+
+
+TABLES: dict[str, tuple[str, Callable[[Sequence[Row]], str]]] = {
+    "signs": ("real", signs),
+    "signs in short": ("real", signs_in_short),
+    "confidences": ("real", confidences),
+    "paper": ("paper", paper),
+    "effects": ("discrepancy", effects),
+}
+"""A table to the study whose rows it shows, and what makes it."""
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Pages
+# ---------------------------------------------------------------------------------------------------------------
+def with_tables(page: str, rows: Mapping[str, Sequence[Row]]) -> str:
+    """A page with the tables of the studies whose rows are given, by name."""
+    for name, (study, table) in TABLES.items():
+        if study in rows:
+            page = _replaced(_TABLE.format(name), page, table(rows[study]))
+    return page
+
+
+def with_reports(page: str, reports: Mapping[str, str]) -> str:
+    """A page with reports of studies, by name, in their sections."""
+    for study, report in reports.items():
+        page = _replaced(_SECTION.format(study), page, report)
+    return page
+
+
+def _replaced(pattern: str, page: str, text: str) -> str:
+    """The second group of a pattern, where it occurs, replaced by a text."""
+    return re.sub(pattern, lambda found: f"{found[1]}{text}", page, flags=re.S | re.M)
+
+
+def main(folder: Path) -> None:
+    """Renews all pages, and copies the figures."""
+    finished = [folder / name for name in STUDIES if (folder / name / "report.txt").exists()]
+    rows = {place.name: [row for row in read_rows(place) if not row["error"]] for place in finished}
+    reports = {place.name: (place / "report.txt").read_text(encoding="utf-8") for place in finished}
+    for path in PAGES:
+        text = with_reports(with_tables(path.read_text(encoding="utf-8"), rows), reports)
+        path.write_text(text, encoding="utf-8")
+    for place in finished:
+        figure = ROOT / "docs" / "studies" / f"{place.name}.svg"
+        if figure.exists():
+            shutil.copy(place / "figure.svg", figure)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,1 @@
+"""Benchmarks: scripts that print what something costs, and beside what else."""

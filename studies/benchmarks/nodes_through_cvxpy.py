@@ -1,0 +1,95 @@
+"""T-PBPR with every node solved through cvxpy: what a plain implementation of the paper costs."""
+
+from __future__ import annotations
+
+import itertools
+import warnings
+from dataclasses import dataclass
+
+import cvxpy as cp
+import numpy as np
+
+from bayesid.arrays import Array, Integers
+from bayesid.errors import SolverError
+from bayesid.fit.solver import PULL_WEIGHT
+from bayesid.model.inertia import PSEUDO_INERTIA_BASIS
+from bayesid.model.parameters import Cone
+from bayesid.studies.benchmarks.problems import LogProblem
+
+
+@dataclass(frozen=True)
+class PlainNode:
+    """The price of a node as a user of cvxpy writes it down: the whole problem, stated anew every time.
+
+    Attributes:
+        cone: the cone of the P parameters.
+        projection: (r, P) B.
+        size: (P,) of the parameters.
+        typical: (P,) where the pull rho(theta) = 1e-7 c sum of ((theta - typical) / size)^2 leads.
+        energy: c of all data.
+    """
+
+    cone: Cone
+    projection: Array
+    size: Array
+    typical: Array
+    energy: float
+
+    def cost(self, hessian: Array, gradient: Array, energy: float) -> float:
+        """The least cost of a feasible robot for the H (r, r), g (r,) and energy of some data.
+
+        Raises:
+            SolverError: Clarabel has not solved it.
+        """
+        scaled = cp.Variable(self.cone.size)
+        theta = cp.multiply(self.size, scaled)
+        columns = self.projection * self.size
+        data = cp.quad_form(scaled, cp.psd_wrap(columns.T @ hessian @ columns / self.energy))
+        pull = PULL_WEIGHT * cp.sum_squares(scaled - self.typical / self.size)
+        constraints = [theta[self.cone.nonnegative] >= 0.0] if len(self.cone.nonnegative) else []
+        for body in self.cone.bodies:
+            constraints.append(sum(theta[int(i)] * PSEUDO_INERTIA_BASIS[k] for k, i in enumerate(body)) >> 0)
+        problem = cp.Problem(cp.Minimize(data - 2.0 * (gradient @ columns / self.energy) @ scaled + pull), constraints)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of an inaccurate solution: a few nodes end with 1e-5
+            problem.solve(solver=cp.CLARABEL)
+        if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
+            raise SolverError("a node through cvxpy", problem.status)
+        return energy + self.energy * float(problem.value)
+
+
+def plain_node(problem: LogProblem) -> PlainNode:
+    """The price with the same pull as the fast solver's, read off it as the quadratic that it is."""
+    solver, cone = problem.solver(), problem.model.cone
+    steps = np.eye(cone.size)
+    up, down = (np.array([solver.regularisation(sign * step) for step in steps]) for sign in (1.0, -1.0))
+    weight = 0.5 * (up + down) - solver.regularisation(np.zeros(cone.size))
+    size = np.sqrt(PULL_WEIGHT * problem.energy / weight)
+    return PlainNode(cone, problem.coefficients.projection, size, 0.25 * (down - up) / weight, problem.energy)
+
+
+def tree_through_cvxpy(problem: LogProblem, width: int = 5, initial: int = 5) -> tuple[Integers, float, int]:
+    """T-PBPR (Gaz and De Luca, Algorithm 1), every node solved: signs (S,), cost, and the number of nodes.
+
+    Nothing is shared with `bayesid.signs.search.beam`: no bound spares a node, and no node's problem is prepared.
+    """
+    moments, node = problem.moments, plain_node(problem)
+    order = np.argsort(-moments.energy)
+    survivors: list[tuple[float, tuple[int, ...]]] = [(0.0, ())]
+    nodes, depth = 0, 0
+    while depth < len(order):
+        step = initial if depth == 0 else 1
+        depth = min(depth + step, len(order))
+        decided = order[:depth]
+        hessian, energy = moments.hessian[moments.part[decided]].sum(axis=0), float(moments.energy[decided].sum())
+        children = []
+        for _, path in survivors:
+            for choice in itertools.product((1, -1), repeat=depth - len(path)):
+                child = (*path, *choice)
+                children.append((node.cost(hessian, np.array(child) @ moments.gradient[decided], energy), child))
+        nodes += len(children)
+        survivors = sorted(children)[:width]
+    cost, best = survivors[0]
+    signs = np.zeros(len(order), dtype=np.int64)
+    signs[order] = best
+    return signs, cost, nodes

@@ -1,0 +1,36 @@
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import small_robot, smooth_motion
+
+from bayesid.discrepancy.case import Case
+from bayesid.fit.knowledge import Knowledge
+from bayesid.model.inertia import NAMES
+from bayesid.model.model import Model
+from bayesid.model.terms import make_terms
+from bayesid.simulation.parameters import random_parameters
+
+N = 3
+ORDERS = (
+    ("rigid_body", "viscous_friction"),
+    ("viscous_friction", "rigid_body", "rotor_inertia"),
+    ("torque_offset", "payload", "coulomb_friction", "rigid_body"),
+    ("viscous_friction", "coulomb_friction"),
+)
+
+
+@pytest.mark.parametrize("names", ORDERS)
+def test_effects_see_the_links_wherever_their_term_stands(names):
+    """By the parameters' names: J2xx, mc3y, m1; what the last link carries is part of it."""
+    robot, motion = small_robot(N, seed=2), smooth_motion(N, 2.0, 50.0, seed=4)
+    model = Model(robot, make_terms(names, robot, motion))
+    theta = random_parameters(model, np.random.default_rng(1))
+    knowledge = Knowledge(model, theta, np.zeros((1, 1)))
+    trial = SimpleNamespace(signals=SimpleNamespace(motion=motion), actuators=motion, magnitude=None)
+    scene = Case(knowledge, None, None, trial, None, None).scene(model.effort(motion, theta))
+    value = dict(zip((parameter.name for parameter in model.parameters), theta, strict=True))
+    stems = [(name.rstrip("xyz"), name[len(name.rstrip("xyz")) :]) for name in NAMES]
+    expected = np.array([[value.get(f"{stem}{i}{axes}", 0.0) for stem, axes in stems] for i in (1, 2, 3)])
+    expected[-1] += [value.get(f"{name}p{N}", 0.0) for name in NAMES]
+    np.testing.assert_array_equal(scene.links, expected.ravel())

@@ -1,0 +1,308 @@
+import numpy as np
+import pytest
+from conftest import small_robot, smooth_motion
+
+from bayesid.discrepancy import compare
+from bayesid.discrepancy.compare import Trial, make_trial, noise_floor, shortened, where_it_shows
+from bayesid.discrepancy.error_model import fit_error
+from bayesid.fit.noise import Noise
+from bayesid.log.log import Log
+from bayesid.log.signals import Signals, prepare
+from bayesid.model.model import Model
+from bayesid.model.terms import make_terms
+from bayesid.motion import Motion
+
+RATE = 100.0
+
+
+def made_trial(motion, effort, used=None, signed=False):
+    """A log as it would be after filters that cost nothing, every sample used unless stated otherwise."""
+    every = np.ones(effort.shape, dtype=bool)
+    flags = np.broadcast_to(np.asarray(signed, dtype=bool), effort.shape[1])
+    raw = np.where(flags, effort, np.abs(effort))
+    return Trial(Signals(motion, raw, raw, flags, RATE, 20.0, {}, every), motion, every if used is None else used)
+
+
+def periodic_motion(periods, period=4.0, samples=0):
+    """Two joints, each a sum of two harmonics."""
+    t = np.arange(int(periods * period * RATE) + samples) / RATE
+    q, dq, ddq = np.zeros((3, len(t), 2))
+    for j, terms in enumerate((((0.5, 1, 0.3), (0.2, 3, 1.0)), ((0.3, 2, 2.0), (0.25, 1, 0.4)))):
+        for size, harmonic, phase in terms:
+            w = 2.0 * np.pi * harmonic / period
+            q[:, j] += size * np.sin(w * t + phase)
+            dq[:, j] += size * w * np.cos(w * t + phase)
+            ddq[:, j] -= size * w**2 * np.sin(w * t + phase)
+    return Motion(t, q, dq, ddq)
+
+
+def rms(values):
+    return np.sqrt(np.mean(np.square(values), axis=0))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Trials
+# ---------------------------------------------------------------------------------------------------------------
+def test_gap_is_the_rms_of_what_is_left():
+    """Joint 1 has its own signs, joint 2 those of the prediction: 3 and -2 leave 5 in the one, 1 in the other."""
+    motion = smooth_motion(2, 1.0, RATE)
+    used = np.arange(100)[:, None] >= np.array([10, 60])
+    effort = np.where(used, 3.0, 99.0)
+    trial = made_trial(motion, effort, used, signed=[True, False])
+    predicted = np.full((100, 2), -2.0)
+    np.testing.assert_allclose(trial.gap(predicted), [5.0, 1.0])
+    predicted[1::2] = 17.0
+    assert (trial.gap(predicted) > 5.0).all()
+    np.testing.assert_array_equal(trial.nearest(predicted)[61], [3.0, 3.0])
+    np.testing.assert_array_equal(trial.nearest(predicted)[60], [3.0, -3.0])
+
+
+def test_probability_is_one_or_zero_where_the_log_has_signs():
+    """And elsewhere that of the prediction where that is clear."""
+    motion = smooth_motion(2, 4.0, RATE, seed=3)
+    effort = 4.0 * np.sin(3.0 * motion.t[:, None] + np.array([0.4, 2.0])) + 1.0
+    noisy = effort + 0.1 * np.random.default_rng(1).standard_normal(effort.shape)
+    trial = made_trial(motion, noisy, signed=[True, False])
+    probability = trial.probability(effort + 0.2)
+    np.testing.assert_array_equal(probability[:, 0], noisy[:, 0] >= 0.0)
+    clear = np.abs(effort[:, 1]) > 1.0
+    np.testing.assert_allclose(probability[clear, 1], effort[clear, 1] > 0.0, atol=1e-3)
+    near = np.abs(effort[:, 1]) < 0.03
+    assert np.all((probability[near, 1] > 0.01) & (probability[near, 1] < 0.999))
+
+
+def test_samples_count_in_motion_and_away_from_the_ends():
+    """2.5 times a hundredth of the highest speed; half a period of the cut-off."""
+    robot, motion = small_robot(2), smooth_motion(2, 8.0, RATE, seed=5)
+    q = motion.q.copy()
+    q[300:400, 1] = q[300, 1]
+    model = Model(robot, make_terms(["rigid_body"], robot, motion))
+    signals = prepare(Log(motion.t, q, np.abs(motion.q) + 1.0, np.zeros(2, bool)), cutoff=10.0)
+    trial = make_trial(model, signals)
+    t, speed = signals.motion.t, np.abs(signals.motion.dq)
+    inside = (t >= t[0] + 0.05) & (t <= t[-1] - 0.05)
+    expected = (speed > 0.025 * speed.max(axis=0)) & inside[:, None]
+    np.testing.assert_array_equal(trial.used, expected)
+    assert not trial.used[320:380, 1].any()
+    assert trial.used.mean() > 0.8
+    np.testing.assert_array_equal(trial.magnitude, signals.raw_effort)
+
+
+def test_a_long_log_is_stood_for_by_stretches_of_it():
+    motion = smooth_motion(1, 137.0, RATE, seed=2)
+    trial = made_trial(motion, 5.0 + motion.q)
+    short = shortened(trial)
+    assert len(short.used) == 10_000
+    steps = np.diff(short.signals.motion.t)
+    assert (steps > 0.0).all()
+    seams = np.flatnonzero(steps > 1.5 / RATE) + 1
+    assert len(seams) == 7
+    rows = np.searchsorted(motion.t, short.signals.motion.t - 1e-9)
+    assert (rows[0], rows[-1]) == (0, len(motion) - 1)
+    for name in ("raw_effort", "effort"):
+        np.testing.assert_array_equal(getattr(short.signals, name), getattr(trial.signals, name)[rows])
+    np.testing.assert_array_equal(short.actuators.ddq, motion.ddq[rows])
+    assert short.signals.motion.origin == motion.origin
+    for seam in (*seams, 0, 10_000):
+        assert not short.used[max(0, seam - 10) : seam + 10].any()
+    assert short.used.sum() == 10_000 - 8 * 20
+    few = made_trial(smooth_motion(1, 100.0, RATE), np.ones((10_000, 1)))
+    assert shortened(few) is few
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# The floor
+# ---------------------------------------------------------------------------------------------------------------
+def noise_of(white, coloured, correlation=(0.1, 0.1)):
+    return Noise(np.array(white), np.array(coloured), np.array(correlation), np.ones(len(white)))
+
+
+def periodic_trial(noise, periods=3, seed=0, samples=0, signed=False):
+    motion = periodic_motion(periods, samples=samples)
+    effort = np.stack([9.0 + 5.0 * np.sin(motion.q[:, 0] * 4.0), 20.0 * motion.ddq[:, 1]], axis=1)
+    noisy = effort + noise.draw(len(motion), 1, RATE, np.random.default_rng(seed))[:, :, 0]
+    return made_trial(motion, noisy, signed=signed), noisy - effort
+
+
+@pytest.mark.parametrize("noise", [noise_of((0.3, 2.0), (1e-9, 1e-9)), noise_of((0.1, 0.5), (0.4, 1.2))])
+@pytest.mark.parametrize(("periods", "samples"), [(2, 0), (2, 1), (3, 0), (3, 170)])
+def test_floor_of_repeated_periods_is_the_sd_of_what_does_not_repeat(noise, periods, samples):
+    """N pairs, 21 of which are as one where the noise lasts for 0.1 s (and a half lasts longer where a period comes
+    in three): within 4.5 sd of the estimate, whatever the model and the log before have left."""
+    trial, _ = periodic_trial(noise, periods, samples=samples, signed=True)
+    bad = np.random.default_rng(1).standard_normal(trial.used.shape) * 50.0
+    floor = noise_floor(trial, bad, noise_of((40.0, 40.0), (40.0, 40.0)))
+    assert floor.origin == ("repeated periods",) * 2
+    assert floor.sharp.all()
+    as_one = 1.0 + 20.0 * (noise.coloured[0] > 0.01)
+    pairs = (len(trial.used) - 400) / as_one / (1.5 if periods > 2 else 1.0)
+    np.testing.assert_allclose(floor.rms, noise.sigma, rtol=4.5 / np.sqrt(2.0 * pairs))
+
+
+def test_a_repeated_motion_is_found_where_a_joint_stands_still():
+    noise = noise_of((0.3, 2.0), (1e-9, 1e-9))
+    trial, _ = periodic_trial(noise)
+    motion, rng = trial.signals.motion, np.random.default_rng(2)
+    still = np.column_stack([motion.q, 0.4 + 2e-6 * rng.standard_normal(len(motion))])
+    motion = Motion(motion.t, still, np.zeros_like(still), np.zeros_like(still))
+    effort = np.column_stack([trial.signals.raw_effort, 3.0 + 0.7 * rng.standard_normal(len(motion))])
+    floor = noise_floor(made_trial(motion, effort), np.zeros_like(effort), noise_of((1.0,) * 3, (1.0,) * 3, (0.1,) * 3))
+    assert floor.origin == ("repeated periods",) * 3
+    np.testing.assert_allclose(floor.rms, [0.3, 2.0, 0.7], rtol=0.15)
+
+
+def test_unused_samples_and_hidden_signs_do_not_spoil_the_repeated_periods():
+    """Away from zero |effort| repeats as the effort does."""
+    noise = noise_of((0.3, 0.3), (1e-9, 1e-9))
+    trial, _ = periodic_trial(noise)
+    raw = trial.signals.raw_effort.copy()
+    raw[350:380] = 1e3
+    used = np.ones_like(trial.used)
+    used[350:380] = False
+    floor = noise_floor(
+        made_trial(trial.signals.motion, raw, used), np.zeros_like(raw), noise_of((9.0, 9.0), (9.0, 9.0))
+    )
+    np.testing.assert_allclose(floor.rms, 0.3, rtol=4.5 / np.sqrt(2.0 * 770 / 1.5))
+
+
+def test_a_motion_that_nearly_repeats_does_not():
+    """An amplitude that grows by two hundredths from one period to the next."""
+    noise = noise_of((0.3, 2.0), (0.1, 0.1))
+    trial, error = periodic_trial(noise)
+    motion = trial.signals.motion
+    grown = Motion(motion.t, motion.q * (1.0 + 0.005 * motion.t[:, None]), motion.dq, motion.ddq)
+    floor = noise_floor(made_trial(grown, trial.signals.raw_effort), error, noise)
+    assert floor.origin == ("earlier model's residual",) * 2
+
+
+def other_trial(noise, seed=0):
+    motion = smooth_motion(2, 30.0, RATE, seed=4)
+    effort = np.stack([9.0 + 5.0 * np.sin(motion.q[:, 0] * 4.0), 20.0 * motion.ddq[:, 1]], axis=1)
+    error = noise.draw(len(motion), 1, RATE, np.random.default_rng(seed))[:, :, 0]
+    return made_trial(motion, effort + error, signed=True), error
+
+
+def test_floor_is_the_earlier_noise_where_the_earlier_model_was_good():
+    """Less than a fifth of the effort in joint 1, not in joint 2, whose floor is what changes between neighbours."""
+    trial, error = other_trial(noise_of((0.3, 2.0), (0.5, 0.2)))
+    size = rms(trial.signals.raw_effort)
+    earlier = noise_of((0.3, 0.6 * size[1]), (0.5, 0.6 * size[1]))
+    floor = noise_floor(trial, error, earlier)
+    assert floor.origin == ("earlier model's residual", "fast part of the residual")
+    assert floor.sharp.tolist() == [True, False]
+    assert floor.rms[0] == pytest.approx(np.hypot(0.3, 0.5), rel=0.05)
+    assert floor.rms[1] == pytest.approx(2.0, rel=0.05)
+    refit = noise_floor(trial, error, earlier, np.array([5.0, 3.3]))
+    assert refit.origin == ("earlier model's residual", "refit with standard effects")
+    assert refit.rms.tolist() == [floor.rms[0], 3.3]
+
+
+def test_the_fast_part_is_that_of_white_noise_whatever_lasts():
+    """Slow residuals of 8 N m over white noise; gaps, beside which differences mean nothing, are skipped."""
+    trial, _ = other_trial(noise_of((0.3, 2.0), (0.5, 0.2)))
+    t, rng = trial.signals.motion.t, np.random.default_rng(3)
+    residual = 8.0 * np.sin(t)[:, None] + np.array([0.3, 2.0]) * rng.standard_normal((len(t), 2))
+    used = np.arange(len(t))[:, None] % np.array([50, 37]) > 4
+    floor = noise_floor(
+        made_trial(trial.signals.motion, trial.signals.raw_effort, used),
+        np.where(used, residual, 0.0),
+        noise_of((99.0, 99.0), (99.0, 99.0)),
+    )
+    np.testing.assert_allclose(floor.rms, [0.3, 2.0], rtol=0.06)
+
+
+@pytest.mark.parametrize("factor", [1.3, 3.0])
+def test_white_noise_that_has_grown_raises_the_floor_but_not_without_bound(factor):
+    """By half at most: more than that is a finding."""
+    trial, error = other_trial(noise_of((0.6 * factor, 2.0 * factor), (1e-9, 1e-9)))
+    floor = noise_floor(trial, error, noise_of((0.6, 2.0), (0.1, 0.1)))
+    np.testing.assert_allclose(floor.rms, np.hypot(min(factor, 1.5) * np.array([0.6, 2.0]), 0.1), rtol=0.05)
+
+
+def test_limits_let_the_earlier_noise_pass_and_no_larger_one():
+    """Of twenty draws each; a fitted white or coloured part beyond its limit is more than noise."""
+    earlier = noise_of((0.3, 1.0), (0.2, 0.8))
+    passed = {1.0: [], 2.0: []}
+    for factor, found in passed.items():
+        for seed in range(20):
+            trial, error = other_trial(noise_of((0.3, 1.0), factor * np.array([0.2, 0.8])), seed)
+            limits = noise_floor(trial, error, earlier).limits
+            for j in range(2):
+                fitted = fit_error(error[:, j], trial.used[:, j], RATE)[0]
+                found.append(fitted.white <= limits[j, 0] and fitted.coloured <= limits[j, 1])
+    assert np.mean(passed[1.0]) > 0.9
+    assert np.mean(passed[2.0]) < 0.1
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Where
+# ---------------------------------------------------------------------------------------------------------------
+def where_case(seed=0):
+    """Two joints whose positions, speeds, accelerations and loads have little to do with each other."""
+    rng = np.random.default_rng(seed)
+    motion = smooth_motion(2, 40.0, RATE, seed=9)
+    load = 10.0 * np.sin(1.3 * motion.t[:, None] + np.array([0.3, 1.1])) + motion.q
+    noise = 0.1 * rng.standard_normal((len(motion), 2))
+    return made_trial(motion, np.abs(load)), load, noise
+
+
+RESIDUALS = {
+    "velocity": (lambda m, load: m.dq[:, 1], 0.9, 1.0),
+    "position": (lambda m, load: m.q[:, 1], 0.0, 0.12),
+    "acceleration": (lambda m, load: m.ddq[:, 1], 0.88, 1.0),
+    "load": (lambda m, load: load[:, 1], 0.3, 0.45),
+    "time": (lambda m, load: m.t, 0.7, 1.0),
+}
+
+
+@pytest.mark.parametrize("name", RESIDUALS)
+def test_the_variable_and_its_range_are_named(name):
+    """A residual of 1 N m over some of a variable's values, to within a bin, a twelfth of the samples."""
+    trial, load, noise = where_case()
+    of, low, high = RESIDUALS[name]
+    values = of(trial.actuators, load)
+    edges = np.quantile(values, [low, high])
+    residual = noise.copy()
+    residual[:, 1] += (values >= edges[0]) & (values <= edges[1])
+    used = np.ones_like(trial.used)
+    used[500:600] = False
+    trial = made_trial(trial.signals.motion, trial.signals.raw_effort, used)
+    residual = np.where(used, residual, 0.0)
+    floor = np.array([0.1, 0.1])
+    quiet, found = where_it_shows(trial, residual, load, floor, [0, 1])
+    assert (quiet.joint, found.joint) == (1, 2)
+    assert quiet.excess < 0.02
+    assert found.excess == pytest.approx(np.sqrt(np.mean(residual[used[:, 1], 1] ** 2) - 0.01), rel=1e-6)
+    assert found.variable == name
+    place = [np.mean(values[used[:, 1]] <= edge) for edge in found.range]
+    assert place[0] == pytest.approx(low, abs=1.0 / 12.0 + 0.01)
+    assert place[1] == pytest.approx(high, abs=1.0 / 12.0 + 0.01)
+
+
+def test_friction_shows_over_velocity_and_a_drift_over_time():
+    """Smooth functions over the whole range: the ends that hold most of it are named."""
+    trial, load, noise = where_case()
+    motion = trial.actuators
+    noise[:, 0] += 2.0 * np.tanh(motion.dq[:, 0] / 0.05)
+    noise[:, 1] += 2.0 * (1.0 - np.exp(-motion.t / 15.0)) ** 2
+    first, second = where_it_shows(trial, noise, load, np.array([0.1, 0.1]), [0, 1])
+    assert (first.variable, second.variable) == ("velocity", "time")
+    assert first.range[0] < 0.0 < first.range[1]
+    assert second.range[0] > 5.0
+    assert second.range[1] == pytest.approx(40.0, abs=0.1)
+
+
+def test_time_counts_from_the_beginning_of_the_recording():
+    trial, load, _ = where_case()
+    motion = trial.actuators
+    late = Motion(motion.t + 1.7e9, motion.q, motion.dq, motion.ddq)
+    np.testing.assert_allclose(compare.variables(made_trial(late, load), load, 0)["time"], motion.t, atol=1e-5)
+    part = made_trial(late[1000:], load[1000:])
+    assert compare.variables(part, load[1000:], 0)["time"][0] == pytest.approx(10.0, abs=1e-5)
+
+
+def test_nothing_above_the_floor_is_no_excess():
+    trial, load, noise = where_case()
+    (found,) = where_it_shows(trial, noise, load, np.array([0.2, 0.2]), [1])
+    assert found.excess == 0.0
+    assert found.joint == 2

@@ -1,0 +1,294 @@
+"""The workflow from end to end: blind cases, the command, and what it must refuse."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import real_log, small_robot, smooth_motion
+
+import bayesid
+from bayesid.cli import main
+from bayesid.discrepancy.case import BLOCKS, HELD_BACK_BLOCKS
+from bayesid.discrepancy.explanation import LN10
+from bayesid.log.log import Log, read_log, write_log
+from bayesid.model.model import Model
+from bayesid.model.robot import robot_table
+from bayesid.model.terms import make_terms
+from bayesid.simulation.logs import simulate
+from bayesid.simulation.parameters import random_parameters
+from bayesid.studies import blind
+
+TERMS = ("rigid_body", "viscous_friction")
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Blind cases: MuJoCo plays the robot, the effect is written independently, the truth is read last
+# ---------------------------------------------------------------------------------------------------------------
+def blind_case(folder, seed, effect, size, style="bare"):
+    truth = blind.make_case(folder, seed, effect, size, robot="random", style=style)
+    terms = (folder / "terms.txt").read_text().strip().split(",")
+    healthy = bayesid.identify(folder / "robot.toml", folder / "baseline.csv", terms=terms, posterior=False)
+    return healthy, truth
+
+
+@pytest.mark.parametrize(
+    ("effect", "style", "seed"),
+    [
+        ("coulomb_friction", "bare", 3),
+        ("rotor_inertia", "standard", 14),
+        ("payload", "bare", 5),
+        ("base_tilt", "standard", 7),
+        ("clipping", "bare", 11),
+        ("torque_ripple", "standard", 4),
+    ],
+)
+def test_hidden_effect_is_named_and_added(tmp_path, effect, style, seed):
+    healthy, truth = blind_case(tmp_path / "case", seed, effect, 5.0, style)
+    result = bayesid.find_discrepancy(
+        healthy, tmp_path / "case" / "log.csv", tmp_path / "case" / "holdout.csv", posterior=False
+    )
+    assert result.status == "explained"
+    first = result.added[0]
+    assert effect in (first.effect, *first.equivalent)
+    assert first.joints == truth.joints[0]
+    assert first.gain > 2.0 * LN10
+    assert first.probability > 0.9
+    assert np.max(result.before / truth.floor) > 1.5
+    assert np.max(result.after / truth.floor) < 1.15
+    strong = np.abs(truth.log_efforts) > 0.05 * np.abs(truth.log_efforts).max(axis=0)
+    assert np.mean((result.identification.sample_signs == truth.log_signs)[strong]) > 0.995
+
+
+def test_nothing_hidden_nothing_named(tmp_path):
+    healthy, truth = blind_case(tmp_path / "case", 21, None, 0.0, "standard")
+    result = bayesid.find_discrepancy(healthy, tmp_path / "case" / "log.csv", posterior=False)
+    assert result.status == "no_discrepancy"
+    assert not result.added
+    assert not result.unexplained
+    assert not result.where
+    np.testing.assert_allclose(result.floor.rms, truth.noise, rtol=0.1)
+    np.testing.assert_allclose(result.after / truth.noise, 1.0, atol=0.15)  # a quarter of 2400 samples, or less
+
+
+def test_outside_of_the_catalogue_is_unexplained(tmp_path):
+    healthy, truth = blind_case(tmp_path / "case", 30, "outside", 6.0)
+    result = bayesid.find_discrepancy(
+        healthy, tmp_path / "case" / "log.csv", tmp_path / "case" / "holdout.csv", posterior=False
+    )
+    assert result.status == "unexplained"
+    (joint,) = truth.joints[0]
+    assert [j for j, _ in result.unexplained] == [joint]
+    assert [excess.joint for excess in result.where] == [joint]
+    assert not result.added
+
+
+def test_two_effects_in_one_joint_are_both_found(tmp_path):
+    folder = tmp_path / "case"
+    for seed in range(40, 60):
+        truth = blind.make_case(folder, seed, ("coulomb_friction", "gain_error"), 5.0, robot="random", style="bare")
+        if truth.joints[0] == truth.joints[1]:
+            break
+    healthy = bayesid.identify(folder / "robot.toml", folder / "baseline.csv", terms=["rigid_body"], posterior=False)
+    result = bayesid.find_discrepancy(healthy, folder / "log.csv", folder / "holdout.csv", posterior=False)
+    named = {effect.joints: set() for effect in result.added}
+    for effect in result.added:
+        named[effect.joints] |= {effect.effect, *effect.equivalent}
+    assert set(named) == {truth.joints[0]}
+    assert {"coulomb_friction", "gain_error"} <= named[truth.joints[0]]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# A robot of three joints whose second one has grown a spring and lost friction
+# ---------------------------------------------------------------------------------------------------------------
+def arm_log(seed, extra=None, signed=False, duration=14.0, robot=2):
+    """The same arm, whatever the seed; `extra` changes its effort (N, n)."""
+    robot = small_robot(3, seed=robot)
+    motion = smooth_motion(3, duration, 100.0, seed=seed)
+    model = Model(robot, make_terms(TERMS, robot, motion))
+    theta = random_parameters(model, np.random.default_rng(5))
+    log = simulate(model, theta, motion, rng=np.random.default_rng(seed), noise=0.02, signed=True)
+    effort = log.effort if extra is None else log.effort + extra(motion)
+    return Log(log.t, log.q, effort if signed else np.abs(effort), np.full(3, signed), source=f"log{seed}")
+
+
+def spring(motion):
+    return np.array([0.0, 7.0, 0.0]) * motion.q
+
+
+@pytest.fixture(scope="module")
+def healthy():
+    return bayesid.identify(small_robot(3, seed=2), arm_log(1), terms=TERMS, posterior=False)
+
+
+@pytest.mark.parametrize("signed", [False, True])
+def test_parameters_and_their_deviations_are_those_of_the_hidden_effect(healthy, signed):
+    result = bayesid.find_discrepancy(healthy, arm_log(2, spring, signed), arm_log(3, spring, signed), posterior=False)
+    (effect,) = result.added
+    assert (effect.effect, effect.joints) == ("joint_spring", (2,))
+    value, sd, unit = effect.parameters["k2"]
+    assert unit == "N m/rad"
+    assert 0.0 < sd < 0.3
+    assert abs(value - 7.0) < 4.0 * sd
+
+
+def test_what_the_model_has_already_is_a_change(healthy):
+    def worn(motion):
+        return np.array([0.0, 0.0, 0.4]) * motion.dq
+
+    result = bayesid.find_discrepancy(healthy, arm_log(2, worn), arm_log(3, worn), posterior=False)
+    (effect,) = result.added
+    assert (effect.effect, effect.joints) == ("viscous_friction", (3,))
+    change, sd, _ = effect.parameters["change of Fv3"]
+    assert abs(change - 0.4) < 5.0 * sd + 0.01
+    names = [parameter.name for parameter in result.identification.model.parameters]
+    assert names == [parameter.name for parameter in healthy.model.parameters]
+
+
+def test_held_back_stretches_choose_nothing(healthy):
+    """Nonsense in them leaves the first scores as they were, but for their edges; what is chosen fails on them."""
+    log = arm_log(2, spring)
+    held = np.isin(np.minimum(np.arange(len(log)) * BLOCKS // len(log), BLOCKS - 1), HELD_BACK_BLOCKS)
+    inner = held & np.roll(held, 30) & np.roll(held, -30)
+    nonsense = replace(log, effort=np.where(inner[:, None], log.effort[::-1] * 1.5, log.effort))
+    plain, odd = (bayesid.find_discrepancy(healthy, noisy, posterior=False) for noisy in (log, nonsense))
+    assert [(effect.effect, effect.joints) for effect in plain.added] == [("joint_spring", (2,))]
+    assert plain.scores[0].key == odd.scores[0].key == ("joint_spring", (2,))
+    assert plain.scores[0].gain == pytest.approx(odd.scores[0].gain, rel=0.05)
+    assert ("joint_spring", (2,)) in odd.vetoed
+    assert np.all(odd.before > 2.0 * plain.before)
+    assert plain.holdout == "stretches 3 and 6 of 8 of log2"
+
+
+def test_an_effect_that_unseen_data_do_not_bear_out_is_left_out(healthy):
+    """The spring is in the log, but not in the holdout."""
+    result = bayesid.find_discrepancy(healthy, arm_log(2, spring), arm_log(3), posterior=False)
+    assert ("joint_spring", (2,)) in result.vetoed
+    assert all(effect.effect != "joint_spring" for effect in result.added)
+    assert result.status == "unexplained"
+
+
+def test_what_a_log_cannot_show_is_not_testable(healthy):
+    """Joint 3 shows nothing but its encoder's noise."""
+    motion, rng = smooth_motion(3, 14.0, 100.0, seed=2), np.random.default_rng(0)
+    moves = np.array([1.0, 1.0, 0.0])
+    rest = replace(motion, q=motion.q * moves + [0.0, 0.0, 0.4], dq=motion.dq * moves, ddq=motion.ddq * moves)
+    effort = healthy.model.effort(rest, healthy.theta) + 0.05 * rng.normal(size=motion.q.shape)
+    log = Log(rest.t, rest.q + 1e-6 * rng.normal(size=motion.q.shape), np.abs(effort), np.zeros(3, dtype=bool))
+    result = bayesid.find_discrepancy(healthy, log, posterior=False)
+    assert ("hysteresis", (3,)) in result.not_testable
+    assert ("torque_ripple", (3,)) in result.not_testable
+    assert ("viscous_friction", (1,)) not in result.not_testable
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# The command
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def folder(healthy, tmp_path_factory):
+    place = tmp_path_factory.mktemp("logs")
+    bayesid.save_identification(healthy, place / "healthy", report=False)
+    write_log(place / "log.csv", arm_log(2, spring))
+    write_log(place / "holdout.csv", arm_log(3, spring))
+    write_log(place / "short.csv", arm_log(2, spring, duration=1.2))
+    return place
+
+
+def test_command_leaves_report_and_extended_model(folder, capsys):
+    out = folder / "extended"
+    arguments = ["discrepancy", str(folder / "healthy"), str(folder / "log.csv"), "--no-posterior", "--out", str(out)]
+    assert main([*arguments, "--holdout", str(folder / "holdout.csv")]) == 0
+    printed = capsys.readouterr().out
+    assert "joint_spring" in printed
+    written = json.loads((out / "discrepancy.json").read_text())
+    assert written["status"] == "explained"
+    assert [(effect["effect"], effect["joints"]) for effect in written["found"]] == [("joint_spring", [2])]
+    assert written["found"][0]["parameters"]["k2"]["unit"] == "N m/rad"
+    assert written["where"][0]["joint"] == 2
+    assert written["where"][0]["variable"] == "position"
+    assert written["gap"]["holdout"].endswith("holdout.csv")
+    assert written["gap"]["after"][1] < 0.5 * written["gap"]["before"][1]
+    assert written["unexplained"] == []
+    page = (out / "discrepancy.html").read_text()
+    assert "joint_spring" in page or "spring" in page
+    stored = bayesid.load_model(out)
+    assert "joint_spring" in [term.name for term in stored.model.terms]
+    check = stored.validate(arm_log(4, spring))
+    assert check.rms_error[1] < 1.3 * stored.noise.sigma[1]
+    again = bayesid.find_discrepancy(stored, arm_log(5, spring), posterior=False)
+    assert again.status == "no_discrepancy"
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda f: {"holdout": f / "log.csv"}, "same motion as the log"),
+        (lambda f: {"result": f / "nowhere"}, "holds no model.toml"),
+        (lambda f: {"log": f / "short.csv"}, "samples in motion"),
+        (lambda f: {"log": f / "two.csv"}, "the log has 2 joints"),
+        (lambda f: {"log": f / "other.csv"}, "the robot that the model was identified from"),
+        (lambda f: {"log": f / "still.csv"}, "constant"),
+        (lambda f: {"out": f}, "holds"),
+        (lambda f: {"result": f / "broken"}, "model.toml"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(folder, tmp_path, capsys, change, said):
+    write_other_logs(folder)
+    options = {"result": folder / "healthy", "log": folder / "log.csv", "out": tmp_path / "out", **change(folder)}
+    arguments = ["discrepancy", str(options["result"]), str(options["log"]), "--no-posterior", "--out"]
+    holdout = ["--holdout", str(options["holdout"])] if "holdout" in options else []
+    assert main([*arguments, str(options["out"]), *holdout]) == 2
+    error = capsys.readouterr().err.strip()
+    assert said in error
+    assert "\n" not in error
+    assert not (tmp_path / "out").exists()
+
+
+def write_other_logs(folder):
+    if (folder / "two.csv").exists():
+        return
+    log = arm_log(2)
+    write_log(folder / "two.csv", Log(log.t, log.q[:, :2], log.effort[:, :2], log.signed[:2]))
+    write_log(folder / "other.csv", arm_log(2, robot=9))
+    write_log(folder / "still.csv", replace(log, q=np.zeros_like(log.q)))
+    shutil.copytree(folder / "healthy", folder / "broken")
+    (folder / "broken" / "model.toml").write_text("robot = 3\n")
+
+
+def test_nominal_model_says_what_it_does_not_know(folder, tmp_path):
+    """A model.toml without knowledge is one whose parameters nobody has measured."""
+    shutil.copytree(folder / "healthy", tmp_path / "nominal")
+    path = tmp_path / "nominal" / "model.toml"
+    text = path.read_text()
+    path.write_text(text[: text.index("[knowledge]")])
+    result = bayesid.find_discrepancy(bayesid.load_model(tmp_path / "nominal"), arm_log(2), posterior=False)
+    assert any("nothing is known" in warning for warning in result.warnings)
+
+
+def test_robot_survives_the_round_trip(folder):
+    assert robot_table(bayesid.load_model(folder / "healthy").model.robot)["name"] == "arm3"
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Real logs
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.long
+def test_ur10e_payload():
+    model = bayesid.identify("ur10e", read_log(real_log("ur10e/c_unloaded.csv")).rectified(), posterior=False)
+    log = read_log(real_log("ur10e/c_loaded.csv")).rectified()
+    result = bayesid.find_discrepancy(model, log, posterior=False)
+    assert result.added[0].effect == "payload"
+    assert abs(result.added[0].parameters["mp6"][0] / 2.8 - 1.0) < 0.15
+
+
+@pytest.mark.long
+def test_ur10e_friction():
+    log = read_log(real_log("ur10e/a_50s.csv")).rectified()
+    terms = ("rigid_body", "torque_offset", "rotor_inertia")
+    rough = bayesid.identify("ur10e", log, terms=terms, posterior=False)
+    result = bayesid.find_discrepancy(rough, log, posterior=False)
+    named = {(effect.effect, effect.joints) for effect in result.added}
+    assert named == {(name, (j,)) for name in ("coulomb_friction", "viscous_friction") for j in range(1, 7)}

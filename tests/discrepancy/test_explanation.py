@@ -1,0 +1,433 @@
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from scipy.integrate import simpson
+from scipy.linalg import block_diag
+from scipy.stats import multivariate_normal, norm
+
+from bayesid.discrepancy import explanation as evidence
+from bayesid.discrepancy.error_model import ErrorModel, fit_error
+from bayesid.discrepancy.explanation import Columns, Observations, Regression
+from bayesid.discrepancy.screening import Screening
+from bayesid.fit.knowledge import Information
+
+RATE = 50.0
+ERRORS = (ErrorModel(0.3, 0.5, 0.1, RATE), ErrorModel(1.1, 0.7, 0.3, RATE))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Dense formulas
+# ---------------------------------------------------------------------------------------------------------------
+def filter_matrix(error, count):
+    """(count, count) T with T x white, of unit size: x_i - phi x_(i-1) is a moving average of order one."""
+    phi = np.exp(-1.0 / (error.correlation * error.rate))
+    own = error.coloured**2 * (1.0 - phi**2) + error.white**2 * (1.0 + phi**2)
+    next_to = -phi * error.white**2
+    theta = min(np.roots([next_to, own, next_to]).real, key=abs)
+    shift = np.eye(count, k=-1)
+    return np.linalg.solve(np.eye(count) - theta * shift, np.eye(count) - phi * shift) / np.sqrt(-next_to / theta)
+
+
+def stationary(error, count):
+    apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count))) / error.rate
+    return error.white**2 * np.eye(count) + error.coloured**2 * np.exp(-apart / error.correlation)
+
+
+@dataclass
+class Dense:
+    """The used samples of all joints below each other: columns, effort and covariance of the error."""
+
+    data: Observations
+    stationary: bool = False
+
+    @property
+    def used(self):
+        return [np.flatnonzero(mask) for mask in self.data.used.T]
+
+    def stacked(self, of_joint):
+        return np.concatenate([of_joint(j)[rows] for j, rows in enumerate(self.used)])
+
+    def rows(self, effects):
+        count = len(self.data.effort)
+        parts = [self.stacked(lambda j: self.data.columns[:, j])]
+        for one in effects:
+            blank = np.zeros((count, len(one.sd)))
+            parts.append(self.stacked(lambda j, one=one, blank=blank: one.rows.get(j, blank)))
+        return np.concatenate(parts, axis=1)
+
+    def effort(self, effects=()):
+        left = self.stacked(lambda j: self.data.effort[:, j])
+        blank = np.zeros(len(self.data.effort))
+        for one in effects:
+            left = left - self.stacked(lambda j, one=one: one.shift.get(j, blank))
+        return left
+
+    def covariance(self):
+        blocks = []
+        for error, rows in zip(ERRORS, self.used, strict=False):
+            if self.stationary:
+                blocks.append(stationary(error, len(self.data.effort))[np.ix_(rows, rows)])
+            else:
+                inverse = np.linalg.inv(filter_matrix(error, len(self.data.effort))[np.ix_(rows, rows)])
+                blocks.append(inverse @ inverse.T)
+        return block_diag(*blocks)
+
+    def least_squares(self, effects=()):
+        """Coefficients and amplitudes with their covariance."""
+        rows, inverse = self.rows(effects), np.linalg.inv(self.covariance())
+        known = self.data.information
+        prior = block_diag(known.hessian, *(np.diag(1.0 / one.sd**2) for one in effects))
+        pull = np.concatenate([known.gradient, *(np.zeros(len(one.sd)) for one in effects)])
+        spread = np.linalg.inv(prior + rows.T @ inverse @ rows)
+        return spread @ (pull + rows.T @ inverse @ self.effort(effects)), spread
+
+    def log_density(self, effects=()):
+        """Of the efforts, coefficients and amplitudes integrated out, the earlier log a proper prior."""
+        known = self.data.information
+        spread = block_diag(np.linalg.inv(known.hessian), *(np.diag(one.sd**2) for one in effects))
+        centre = np.concatenate([np.linalg.solve(known.hessian, known.gradient), np.zeros(len(spread) - 3)])
+        rows = self.rows(effects)
+        total = self.covariance() + rows @ spread @ rows.T
+        return multivariate_normal(rows @ centre, total).logpdf(self.effort(effects))
+
+    def log_likelihood_of(self, effect, amplitudes):
+        """(K,) of the efforts given amplitudes (K, p) of an effect, coefficients integrated out."""
+        known, rows = self.data.information, self.rows(())
+        total = self.covariance() + rows @ np.linalg.solve(known.hessian, rows.T)
+        columns = self.rows((effect,))[:, rows.shape[1] :]
+        left = self.effort((effect,)) - rows @ np.linalg.solve(known.hessian, known.gradient)
+        return multivariate_normal(np.zeros(len(left)), total).logpdf(left - amplitudes @ columns.T)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# A log of two joints and effects on it
+# ---------------------------------------------------------------------------------------------------------------
+def noise(count, rng):
+    """Cholesky."""
+    return np.stack([np.linalg.cholesky(stationary(e, count)) @ rng.standard_normal(count) for e in ERRORS], axis=1)
+
+
+def made_data(count=120, seed=0, gaps=True, amount=0.0):
+    """Three coefficients, an earlier log about them, and a tenth of the samples unused in stretches."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(count) / RATE
+    waves = np.sin(np.multiply.outer(t, rng.uniform(1.0, 9.0, (2, 3))) + rng.uniform(0.0, 6.0, (2, 3)))
+    used = np.ones((count, 2), dtype=bool)
+    if gaps:
+        used[30:38, 0] = used[70:75, 0] = used[:6, 1] = used[95:103, 1] = False
+    root = rng.normal(size=(3, 5))
+    hessian = 4.0 * root @ root.T
+    centre = np.array([1.0, -2.0, 0.5])
+    known = Information(hessian, hessian @ centre, float(centre @ hessian @ centre) + 3.0)
+    effort = waves @ np.array([1.2, -1.7, 0.4]) + noise(count, rng)
+    for effect in made_effects(count):
+        effort[:, 1] += amount * effect.rows[1].sum(axis=1) if effect.rows else 0.0
+    return Observations(
+        columns=waves * used[:, :, None],
+        effort=effort * used,
+        used=used,
+        information=known,
+        floor=np.ones(2),
+        sharp=np.ones(2, dtype=bool),
+        limits=np.full((2, 2), np.inf),
+        rate=RATE,
+    )
+
+
+def made_effects(count=120, seed=5):
+    """Two amplitudes in both joints; one in the second; a shift in the first; both in both."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(count) / RATE
+    rows = [np.cos(np.multiply.outer(t, rng.uniform(1.0, 8.0, p)) + rng.uniform(0.0, 6.0, p)) for p in (2, 2, 1, 2, 2)]
+    shift = [0.6 * np.tanh(np.sin(3.0 * t + phase)) for phase in (0.3, 1.9, 4.0)]
+    free = np.zeros(2, dtype=bool)
+    return (
+        Columns({0: rows[0], 1: rows[1]}, {}, np.array([0.4, 1.1]), free),
+        Columns({1: rows[2]}, {}, np.array([0.7]), free[:1]),
+        Columns({}, {0: shift[0]}, np.zeros(0), free[:0]),
+        Columns({0: rows[3], 1: rows[4]}, {0: shift[1], 1: shift[2]}, np.array([0.8, 0.3]), free),
+    )
+
+
+EFFECTS = ("two amplitudes", "one amplitude", "shift", "both")
+
+
+@pytest.fixture
+def kept(monkeypatch):
+    """Error models as they are: joints are recognised by which of their samples are used."""
+
+    def fixed(data):
+        def as_given(residual, used, rate, limits=None):
+            j = next(j for j, mask in enumerate(data.used.T) if np.array_equal(mask, used))
+            return ERRORS[j], ERRORS[j].log_likelihood(residual, used)
+
+        monkeypatch.setattr(evidence, "fit_error", as_given)
+        return data
+
+    return fixed
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Explanations
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("chosen", [(), (0,), (1, 3), (2, 0), (3, 2, 1, 0)])
+@pytest.mark.parametrize("last_is_extra", [False, True])
+def test_explanation_is_generalised_least_squares(chosen, last_is_extra, kept):
+    data, effects = kept(made_data()), made_effects()
+    picked = [effects[k] for k in chosen]
+    found = (
+        Regression(data, picked[:-1]).explain(ERRORS, picked[-1])
+        if last_is_extra and picked
+        else Regression(data, picked).explain(ERRORS)
+    )
+    best, spread = Dense(data).least_squares(picked)
+    np.testing.assert_allclose(found.beta, best[:3], rtol=1e-7)
+    np.testing.assert_allclose(np.concatenate([[], *found.amplitudes]), best[3:], rtol=1e-7)
+    np.testing.assert_allclose(np.concatenate([[], *found.sd]), np.sqrt(np.diag(spread))[3:], rtol=1e-7)
+    np.testing.assert_allclose(found.root.T @ found.root, spread, rtol=0, atol=1e-8 * spread.max())
+    assert [len(one) for one in found.amplitudes] == [len(one.sd) for one in picked]
+    left = Dense(data).effort(picked) - Dense(data).rows(picked) @ best
+    for j, rows in enumerate(Dense(data).used):
+        start = 0 if j == 0 else len(Dense(data).used[0])
+        np.testing.assert_allclose(found.residual[rows, j], left[start : start + len(rows)], atol=1e-7)
+        assert not found.residual[~data.used[:, j], j].any()
+
+
+def test_evidences_differ_by_the_density_of_the_efforts(kept):
+    """e ~ N(Y b0, C + Y L^-1 Y' + Z D Z'), dense; constants are common to all explanations."""
+    data, effects = kept(made_data(amount=0.5)), made_effects()
+    nothing = Regression(data).explain(ERRORS).log_evidence
+    base = Dense(data).log_density()
+    gains = []
+    for picked in [(effects[0],), (effects[1],), (effects[2],), (effects[3],), effects[:2], effects[1:]]:
+        gains.append(Regression(data, picked).explain(ERRORS).log_evidence - nothing)
+        assert gains[-1] == pytest.approx(Dense(data).log_density(picked) - base, abs=1e-6)
+    assert np.ptp(gains) > 5.0
+
+
+def test_against_the_stationary_covariance_only_the_beginning_differs(kept):
+    """Without gaps: a filter from rest gives the first sample sigma^2 / v, here 3 and 1.2 times, the weight due."""
+    data, effects = kept(made_data(400, gaps=False)), made_effects(400)
+    picked = (effects[0], effects[3])
+    found, (best, spread) = Regression(data, picked).explain(ERRORS), Dense(data, stationary=True).least_squares(picked)
+    sd = np.sqrt(np.diag(spread))
+    off = np.concatenate([found.beta, *found.amplitudes]) - best
+    assert np.abs(off / sd).max() < 0.4
+    np.testing.assert_allclose(np.concatenate(found.sd), sd[3:], rtol=0.05)
+
+
+@pytest.mark.parametrize("positive", [False, True])
+@pytest.mark.parametrize("amount", [-0.4, 0.0, 0.5])
+def test_evidence_of_one_amplitude_is_the_integral(positive, amount, kept):
+    """Over its prior, normal or half-normal: exact for one amplitude."""
+    data, effect = kept(made_data(amount=amount)), made_effects()[1]
+    effect = replace(effect, positive=np.array([positive]))
+    grid = np.linspace(0.0 if positive else -4.5, 4.5, 2001)[:, None]
+    prior = norm(0.0, effect.sd[0]).logpdf(grid[:, 0]) + (np.log(2.0) if positive else 0.0)
+    density = Dense(data).log_likelihood_of(effect, grid) + prior
+    expected = np.log(simpson(np.exp(density - density.max()), x=grid[:, 0])) + density.max()
+    nothing = Dense(data).log_likelihood_of(effect, np.zeros((1, 1)))
+    gain = Regression(data).explain(ERRORS, effect).log_evidence - Regression(data).explain(ERRORS).log_evidence
+    assert gain == pytest.approx(expected - nothing, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("positive", "tolerance"),
+    [((False, False), 1e-4), ((True, False), 1e-4), ((False, True), 1e-4), ((True, True), 0.1)],
+)
+def test_evidence_of_two_amplitudes_is_the_integral(positive, tolerance, kept):
+    """Of two half-normals the probability to be positive is taken for each by itself, which is exact for one."""
+    data, effect = kept(made_data(amount=0.3)), replace(made_effects()[0], positive=np.array(positive))
+    axes = [sd * np.linspace(0.0 if side else -5.0, 5.0, 161) for sd, side in zip(effect.sd, positive, strict=True)]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    density = Dense(data).log_likelihood_of(effect, grid) + norm(0.0, effect.sd).logpdf(grid).sum(axis=1)
+    cells = np.exp(density - density.max()).reshape(161, 161)
+    expected = np.log(simpson(simpson(cells, x=axes[1]), x=axes[0])) + density.max() + sum(positive) * np.log(2.0)
+    nothing = Dense(data).log_likelihood_of(effect, np.zeros((1, 2)))
+    gain = Regression(data).explain(ERRORS, effect).log_evidence - Regression(data).explain(ERRORS).log_evidence
+    assert gain == pytest.approx(expected - nothing, abs=tolerance)
+
+
+def test_product_of_two_sides_is_near_the_quadrant_of_correlated_amplitudes(kept):
+    """Twins that replace each other: the product is too large, but by less than a decade."""
+    data = kept(made_data(amount=0.6))
+    single = made_effects()[1].rows[1][:, 0]
+    twin = np.stack([single, single + 0.05 * np.cos(20.0 * np.arange(120) / RATE)], axis=1)
+    effect = Columns({1: twin}, {}, np.array([0.7, 0.7]), np.ones(2, dtype=bool))
+    free = replace(effect, positive=np.zeros(2, dtype=bool))
+    best, spread = Dense(data).least_squares((free,))
+    draws = np.random.default_rng(0).multivariate_normal(best[3:], spread[3:, 3:], 200_000)
+    quadrant = np.log(4.0 * np.mean((draws > 0.0).all(axis=1)))
+    sides = Regression(data).explain(ERRORS, effect).log_evidence - Regression(data).explain(ERRORS, free).log_evidence
+    alone = norm.logcdf(best[3:] / np.sqrt(np.diag(spread)[3:])).sum() + np.log(4.0)
+    assert sides == pytest.approx(alone, abs=1e-6)
+    correlation = spread[3, 4] / np.sqrt(spread[3, 3] * spread[4, 4])
+    assert correlation < -0.7
+    assert quadrant < sides < quadrant + np.log(10.0)
+
+
+def test_earlier_information_acts_as_a_second_log(kept):
+    """Joint 2 as a log of its own, of which the moments are known, or as a joint beside the first."""
+    both, effect = made_data(), replace(made_effects()[0], rows={0: made_effects()[0].rows[0]})
+    whitener = filter_matrix(ERRORS[1], 120)[np.ix_(both.used[:, 1], both.used[:, 1])]
+    rows, effort = (whitener @ values[both.used[:, 1], 1] for values in (both.columns, both.effort))
+    old = both.information
+    moments = Information(
+        old.hessian + rows.T @ rows, old.gradient + rows.T @ effort, old.energy + float(effort @ effort)
+    )
+    first = replace(
+        both,
+        columns=both.columns[:, :1],
+        effort=both.effort[:, :1],
+        used=both.used[:, :1],
+        information=moments,
+        floor=np.ones(1),
+        sharp=np.ones(1, bool),
+        limits=np.full((1, 2), np.inf),
+    )
+    found = []
+    for data, errors in ((both, ERRORS), (first, ERRORS[:1])):
+        kept(data)
+        found.append([Regression(data).explain(errors), Regression(data).explain(errors, effect)])
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_allclose(one.beta, other.beta, rtol=1e-8)
+        np.testing.assert_allclose(one.root.T @ one.root, other.root.T @ other.root, rtol=1e-7, atol=1e-10)
+        np.testing.assert_allclose(one.residual[:, 0], other.residual[:, 0], atol=1e-9)
+    gains = [with_.log_evidence - without.log_evidence for without, with_ in found]
+    assert gains[0] == pytest.approx(gains[1], abs=1e-8)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What is left
+# ---------------------------------------------------------------------------------------------------------------
+def test_what_is_left_is_judged_by_its_own_likeliest_error():
+    """As noise within the limits, or as anything, at the price of log N, whichever is likelier."""
+    data = replace(made_data(300, gaps=False), limits=np.array([[0.2, 0.1], [9.0, 9.0]]))
+    found = Regression(data).explain(ERRORS)
+    for j, limits in enumerate(data.limits):
+        error, value = fit_error(found.residual[:, j], data.used[:, j], RATE)
+        assert found.errors[j] == error
+        assert found.free_evidence[j] == pytest.approx(value - np.log(300))
+        within = fit_error(found.residual[:, j], data.used[:, j], RATE, tuple(limits))[1]
+        assert found.noise_evidence[j] == pytest.approx(value if j else within)
+    assert found.noise_evidence[0] < found.free_evidence[0]
+    assert found.noise_evidence[1] == pytest.approx(found.free_evidence[1] + np.log(300))
+    assert found.log_evidence_as_noise == pytest.approx(
+        found.log_evidence - (found.free_evidence[0] - found.noise_evidence[0])
+    )
+
+
+def test_errors_of_joints_that_an_effect_leaves_alone_are_kept():
+    data, effect = made_data(300, gaps=False, amount=0.5), made_effects(300)[1]
+    regression = Regression(data)
+    before = regression.explain(ERRORS)
+    after = regression.explain(before.errors, effect, before)
+    assert after.errors[0] is before.errors[0]
+    assert after.errors[1] == fit_error(after.residual[:, 1], data.used[:, 1], RATE)[0]
+    moved = [before.errors[0].log_likelihood(one.residual[:, 0], data.used[:, 0]) for one in (before, after)]
+    assert after.noise_evidence[0] - before.noise_evidence[0] == pytest.approx(moved[1] - moved[0], abs=1e-9)
+    assert after.free_evidence[0] - before.free_evidence[0] == pytest.approx(moved[1] - moved[0], abs=1e-9)
+    own = regression.explain(before.errors, effect)
+    assert own.errors[0] != before.errors[0]
+    assert abs(own.log_evidence - after.log_evidence) < 0.5
+
+
+def test_settled_errors_are_those_of_the_truth():
+    """Begun with a wrong error model; within the sampling error of 1500 samples."""
+    data = made_data(1500, gaps=False)
+    regression, wrong = Regression(data), (ErrorModel(3.0, 0.1, 0.5, RATE),) * 2
+    settled = regression.settle(replace(regression.explain(wrong), errors=wrong))
+    for found, truth in zip(settled.errors, ERRORS, strict=True):
+        assert found.white == pytest.approx(truth.white, rel=0.15)
+        assert found.coloured == pytest.approx(truth.coloured, rel=0.35)
+    again = regression.settle(settled)
+    assert again.log_evidence == pytest.approx(settled.log_evidence, abs=0.3)
+
+
+def test_mean_square_is_that_of_used_samples_in_units_of_the_floor():
+    data = replace(made_data(), floor=np.array([0.5, 3.0]))
+    residual = np.where(data.used, [2.0, -6.0], 0.0)
+    np.testing.assert_allclose(data.mean_square(residual), [16.0, 4.0])
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Many at once
+# ---------------------------------------------------------------------------------------------------------------
+def family(effect, size, seed=9):
+    """Effects of the same joints and number of amplitudes, all different."""
+    rng = np.random.default_rng(seed)
+    made = []
+    for _ in range(size):
+        sizes = rng.uniform(0.5, 2.0, len(effect.sd))
+        rows = {j: one * sizes + 0.1 * rng.normal(size=one.shape) for j, one in effect.rows.items()}
+        shift = {j: one * rng.uniform(0.3, 2.0) for j, one in effect.shift.items()}
+        made.append(replace(effect, rows=rows, shift=shift, sd=effect.sd * rng.uniform(0.3, 3.0, len(effect.sd))))
+    return made
+
+
+@pytest.mark.parametrize("already", [(), (0,), (1, 2)])
+@pytest.mark.parametrize("kind", range(4), ids=EFFECTS)
+def test_screen_gains_what_an_explanation_would(kind, already, kept):
+    """With the errors kept; also where amplitudes have a sign, as long as none added before has."""
+    data, effects = kept(made_data(amount=0.4)), made_effects()
+    regression = Regression(data, [effects[k] for k in already])
+    screening, now = Screening(regression, ERRORS), regression.explain(ERRORS)
+    for positive in (False, True):
+        group = [replace(one, positive=np.full(len(one.sd), positive)) for one in family(effects[kind], 4)]
+        gains, _ = screening.gains(group)
+        expected = [regression.explain(ERRORS, one).log_evidence - now.log_evidence for one in group]
+        np.testing.assert_allclose(gains, expected, atol=1e-6)
+        assert np.ptp(gains) > 0.01
+
+
+def test_screen_takes_effects_of_which_only_some_have_a_shift(kept):
+    data, effect = kept(made_data()), made_effects()[3]
+    group = [effect, replace(effect, shift={1: effect.shift[1]}), replace(effect, shift={})]
+    regression = Regression(data)
+    expected = [regression.explain(ERRORS, one).log_evidence - regression.explain(ERRORS).log_evidence for one in group]
+    np.testing.assert_allclose(Screening(regression, ERRORS).gains(group)[0], expected, atol=1e-6)
+
+
+def test_visible_is_the_mean_gain_of_effects_of_their_usual_size(kept):
+    """Over 400 draws of amplitudes, coefficients and noise (of the filter's own covariance)."""
+    effect, rng = made_effects()[0], np.random.default_rng(3)
+    data = made_data()
+    dense = Dense(data)
+    root, rows = np.linalg.cholesky(dense.covariance()), dense.rows((effect,))
+    known = data.information
+    centre, spread = np.linalg.solve(known.hessian, known.gradient), np.linalg.cholesky(np.linalg.inv(known.hessian))
+    kept(data)
+    visible = Screening(Regression(data), ERRORS).gains([effect])[1][0]
+    gains = []
+    for _ in range(400):
+        beta = centre + spread @ rng.standard_normal(3)
+        amplitude = effect.sd * rng.standard_normal(2)
+        drawn = rows @ np.concatenate([beta, amplitude]) + root @ rng.standard_normal(len(root))
+        effort = np.zeros_like(data.effort)
+        effort.T[data.used.T] = drawn
+        gains.append(Screening(Regression(replace(data, effort=effort)), ERRORS).gains([effect])[0][0])
+    assert np.mean(gains) == pytest.approx(visible, abs=4.5 * np.std(gains) / 20.0)
+    assert visible > 3.0
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Unused samples
+# ---------------------------------------------------------------------------------------------------------------
+def spoiled(effect, used):
+    """Something else where samples do not count."""
+    rows = {j: np.where(used[:, j, None], one, 1e3) for j, one in effect.rows.items()}
+    shift = {j: np.where(used[:, j], one, -1e3) for j, one in effect.shift.items()}
+    return replace(effect, rows=rows, shift=shift)
+
+
+@pytest.mark.parametrize("kind", range(4), ids=EFFECTS)
+def test_unused_samples_say_nothing(kind, kept):
+    data, effects = kept(made_data(amount=0.4)), made_effects()
+    bad = [spoiled(one, data.used) for one in effects]
+    clean = Regression(data, [effects[0]]).explain(ERRORS, effects[kind])
+    found = Regression(data, [bad[0]]).explain(ERRORS, bad[kind])
+    np.testing.assert_allclose(found.residual, clean.residual, atol=1e-9)
+    assert found.log_evidence == pytest.approx(clean.log_evidence, abs=1e-8)
+    gains = [Screening(Regression(data, [group[0]]), ERRORS).gains([group[kind]])[0] for group in (effects, bad)]
+    np.testing.assert_allclose(gains[0], gains[1], atol=1e-8)

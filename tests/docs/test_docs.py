@@ -1,0 +1,194 @@
+"""Every example of README.md and docs/ runs, and prints what the page says.
+
+Each page has a temporary directory and one namespace. Its blocks run in the order of the page:
+
+    ```python     as it stands; a ```text block right after it is what it prints, numbers to about the digits shown
+    ```console    lines that begin with `bayesid`, through the command line's own entry; ```sh alike
+    <!-- file: NAME -->   before a block: it is written to NAME, for the examples of every page
+    <!-- not run -->      before a block: it is left alone
+
+The directory holds the logs that a user would have, simulated.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import shlex
+from contextlib import redirect_stdout
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import zip_longest
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bayesid
+from bayesid.cli import demo, main
+from bayesid.log.log import Log, write_log
+from bayesid.model.model import Model
+from bayesid.model.terms import make_terms
+from bayesid.report.findings import as_json, summarise
+from bayesid.simulation.logs import simulate
+from bayesid.simulation.parameters import random_parameters
+from bayesid.simulation.trajectories import random_trajectory
+
+ROOT = Path(__file__).parents[2]
+FOLDERS = (ROOT / "docs", ROOT / "docs" / "how-to")
+PAGES = [ROOT / "README.md", *(page for folder in FOLDERS for page in sorted(folder.glob("*.md")))]
+ROBOTS = {"use.md": "ur10e", "coupled-wrists.md": "tx40", "data-sheet-robot.md": "ur5e.toml"}
+"""Whose logs a page's commands read; robot.toml of docs/logs-and-robots.md if not here."""
+PAYLOAD = np.array([0.017, -0.004, -0.01, 0.022, -0.002, 0.025, 0.2, 0.04, 0.1, 2.0])
+"""Of a body of 2 kg, as in `bayesid.model.inertia`: on the flange in the log of a page about gains."""
+SAMPLED = ("posterior.md", "python.md", "extending.md")
+"""Pages whose examples need draws that have converged; elsewhere as few as there can be do."""
+GAINS = np.array([14.9, 13.3, 11.1])
+"""N m/A, as on docs/logs-and-robots.md."""
+HURRY = {
+    "identify": ["--no-posterior", "--no-report"],
+    "discrepancy": ["--no-posterior"],
+    "study": ["--trials", "2"],
+    "excite": ["--harmonics", "2"],
+}
+"""Options by which commands take less time."""
+FEW = bayesid.Sampling(budget=0.0)
+"""As few draws as there can be."""
+NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?(?!\w)")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block: what stands in the comment before it, its language, its text, and the line it begins on."""
+
+    remark: str
+    language: str
+    text: str
+    line: int
+
+
+def blocks_of(page: Path) -> list[Block]:
+    """All fenced blocks of a page."""
+    pattern = re.compile(r"(?:^<!-- *(?P<remark>.*?) *-->\n)?^```(?P<language>\w+)\n(?P<text>.*?)^```$", re.M | re.S)
+    text = page.read_text(encoding="utf-8")
+    return [
+        Block(found["remark"] or "", found["language"], found["text"], text[: found.start("text")].count("\n"))
+        for found in pattern.finditer(text)
+    ]
+
+
+def write_files(folder: Path, page: Path | None = None) -> None:
+    """The files that docs/logs-and-robots.md shows, and those of the page."""
+    for block in [*blocks_of(ROOT / "docs" / "logs-and-robots.md"), *([] if page is None else blocks_of(page))]:
+        if block.remark.startswith("file:"):
+            (folder / block.remark.removeprefix("file:").strip()).write_text(block.text)
+
+
+def simulated(robot: str | Path, duration: float, rate: float, seed: int, load: np.ndarray | float = 0.0) -> Log:
+    """A signed log of a robot; the same robot, whatever the seed. The load (10,) is added to its last link."""
+    arm = bayesid.load_robot(robot)
+    motion = random_trajectory(arm.n_joints, duration, seed=seed).motion(np.arange(int(duration * rate) + 1) / rate)
+    model = Model(arm, make_terms(["rigid_body", "viscous_friction", "coulomb_friction"], arm, motion))
+    theta = random_parameters(model, np.random.default_rng(0))
+    theta[model.cone.bodies[-1]] += load
+    return simulate(model, theta, motion, rng=np.random.default_rng(seed), noise=0.03, signed=True)
+
+
+def write_logs(folder: Path, page: str) -> None:
+    """What the user of a page has recorded."""
+    robot = ROBOTS.get(page, "robot.toml")
+    log, other = (simulated(robot, 6.0, 50.0, seed) for seed in (1, 2))
+    write_log(folder / "log.csv", log.rectified())
+    write_log(folder / "another_log.csv", other.rectified())
+    write_log(folder / "signed.csv", log)
+    (folder / "week").mkdir()
+    for day, recorded in (("monday", log), ("tuesday", other)):
+        write_log(folder / "week" / f"{day}.csv", recorded.rectified())
+    if page not in ROBOTS:
+        write_currents(folder / "currents.csv", log)
+        write_currents(folder / "loaded.csv", simulated(robot, 6.0, 50.0, seed=3, load=PAYLOAD))
+
+
+def write_currents(path: Path, log: Log) -> None:
+    """A log of |current|."""
+    write_log(path, replace(log.rectified(), effort=np.abs(log.effort) / GAINS))
+    path.write_text(path.read_text().replace("tau", "i", len(GAINS)))
+
+
+def assert_alike(printed: str, promised: str) -> None:
+    """The same words; numbers within two of the last digit shown, or 10 %; whole numbers exactly."""
+    here, there = " ".join(printed.split()), " ".join(promised.split())
+    assert NUMBER.sub("#", here) == NUMBER.sub("#", there), f"prints\n{printed}\ninstead of\n{promised}"
+    for ours, theirs in zip(NUMBER.findall(here), NUMBER.findall(there), strict=True):
+        mantissa, _, exponent = theirs.partition("e")
+        last = 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
+        exact = "." not in theirs and not exponent
+        tolerance = 0.0 if exact else max(2.01 * last, 0.1 * abs(float(theirs)))
+        assert abs(float(ours) - float(theirs)) <= tolerance, f"prints\n{printed}\ninstead of\n{promised}"
+
+
+def run_commands(block: Block) -> None:
+    """The `bayesid` lines of a block; identifications with as few draws, studies with as few trials as there can be."""
+    for line in block.text.replace("\\\n", " ").splitlines():
+        if line.startswith("bayesid "):
+            arguments = shlex.split(line, comments=True)[1:]
+            hurry = HURRY.get(arguments[0], [])
+            assert main([*arguments, *hurry]) == 0, line
+
+
+def identify_few(identify, *arguments, posterior, **options):
+    """An identification with few draws, where it samples at all."""
+    return identify(*arguments, posterior=posterior and FEW, **options)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_examples_run_and_print_what_the_page_says(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    if page.name not in SAMPLED:
+        monkeypatch.setattr(bayesid, "identify", partial(bayesid.identify, posterior=FEW))
+        monkeypatch.setattr(demo, "identify", partial(identify_few, demo.identify))
+    blocks = [block for block in blocks_of(page) if block.remark != "not run"]
+    write_files(tmp_path, page)
+    if any(block.language in ("console", "sh") for block in blocks):
+        write_logs(tmp_path, page.name)
+    namespace: dict[str, object] = {"__name__": "__main__"}
+    for block, following in zip_longest(blocks, blocks[1:]):
+        printed = io.StringIO()
+        with redirect_stdout(printed):
+            if block.language == "python":
+                code = "\n" * block.line + block.text
+                exec(compile(code, str(page), "exec", dont_inherit=True), namespace)
+            elif block.language in ("console", "sh"):
+                run_commands(block)
+        if block.language == "python" and following is not None and following.language == "text":
+            assert_alike(printed.getvalue(), following.text)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_somewhere(page):
+    for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text(encoding="utf-8")):
+        assert "://" in target or (page.parent / target).exists(), target
+
+
+def test_method_names_every_file_column_and_key(tmp_path):
+    """Section 13 of docs/method.md is complete."""
+    text = (ROOT / "docs" / "method.md").read_text(encoding="utf-8")
+    spans = re.findall(r"`([^`]+)`", text)
+    named = {*spans, *(word for span in spans for word in re.split(r"[., ]+", span))}
+    write_files(tmp_path)
+    log = simulated(tmp_path / "robot.toml", 6.0, 50.0, seed=1)
+    result = bayesid.identify(tmp_path / "robot.toml", log, ["rigid_body", "viscous_friction"], posterior=FEW)
+    bayesid.save_identification(result, tmp_path / "result")
+    bayesid.save_validation(result.validate(log), tmp_path / "validation")
+    for path in [*(tmp_path / "result").iterdir(), *(tmp_path / "validation").iterdir()]:
+        assert f"`{path.name}`" in text, path.name
+        if path.suffix == ".csv":
+            header = path.read_text().splitlines()[0].split(",")
+            unnumbered = {re.sub(r"^(tau|p|predicted|lower|upper)\d+$", r"\g<1>1", name) for name in header}
+            missing = {name for name in unnumbered if f"`{name}`" not in text} - named
+            assert not missing, f"{path.name}: {missing}"
+    summary = as_json(summarise(result))
+    parts = ("search", "signs", "posterior", "noise", "fit", "timings")
+    keys = {*summary, *(key for part in parts for key in summary[part])}
+    missing = keys - named - {"assumed", "standard_deviations"}
+    assert not missing, f"summary.json: {missing}"

@@ -1,0 +1,469 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from bayesid.errors import InputError
+from bayesid.excitation.design import Objective, TrajectoryShape, amplification, design_excitation
+from bayesid.excitation.expectation import expect
+from bayesid.excitation.judgement import judge_log
+from bayesid.excitation.limits import check_limits, read_limits
+from bayesid.excitation.resolvability import (
+    JointFlips,
+    SegmentFlips,
+    groups_of,
+    joint_grams,
+    mistaken,
+    noise_tolerance,
+    turn_joints,
+    turn_measured,
+    turn_segments,
+)
+from bayesid.fit.knowledge import Beliefs
+from bayesid.fit.moments import moments
+from bayesid.log.segments import Segments
+from bayesid.model.coefficients import base_coefficients
+from bayesid.model.model import Model
+from bayesid.model.robot import robot_from_table
+from bayesid.model.terms import RigidBody, ViscousFriction
+from bayesid.report.excitation_text import design_text, judgement_text
+from bayesid.results.designs import save_design
+from bayesid.simulation.exciting import condition_number, log_condition_of
+from bayesid.simulation.logs import simulate
+from bayesid.simulation.parameters import random_parameters
+from bayesid.simulation.trajectories import (
+    FourierTrajectory,
+    MotionLimits,
+    from_rest,
+    random_shape,
+    random_trajectory,
+    within_limits,
+)
+from tests.conftest import real_log, small_robot, smooth_motion
+
+LIMITS = MotionLimits(
+    lower=(-1.4, -0.3, -2.0), upper=(0.9, 1.8, 2.2), velocity=(1.5, 2.5, 3.1), acceleration=(4.0, 9.0, 6.0)
+)
+TERMS = ("rigid_body", "viscous_friction")
+QUICK = {"shape": TrajectoryShape(duration=6.0, rate=50.0, periods=2), "limits": LIMITS, "seed": 4}
+OBJECTIVE = Objective(evaluations=600)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return Model(small_robot(3, seed=2), (RigidBody(), ViscousFriction()))
+
+
+@pytest.fixture(scope="module")
+def design(model):
+    return design_excitation(model.robot, TERMS, objective=OBJECTIVE, **QUICK)
+
+
+@pytest.fixture(scope="module")
+def problem(model):
+    """Columns, efforts, speeds and noise of a motion; every joint's noise is another."""
+    motion, coefficients = smooth_motion(3, 4.0, 60.0, seed=1), base_coefficients(model)
+    columns = model.columns(motion)[:, :, coefficients.kept]
+    beta = coefficients.project(random_parameters(model, np.random.default_rng(3)))
+    return columns, beta, motion, np.array([0.7, 0.2, 1.9])
+
+
+def least_cost(columns, target, sigma):
+    """Of all coefficients, by an SVD of all weighted rows."""
+    rows = (columns / sigma[:, None]).reshape(-1, columns.shape[2])
+    target = (target / sigma).ravel()
+    rest = target - rows @ np.linalg.lstsq(rows, target, rcond=1e-13)[0]
+    return float(rest @ rest)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Resolvability
+# ---------------------------------------------------------------------------------------------------------------
+def test_a_turned_segment_costs_what_least_squares_says(problem):
+    columns, beta, motion, sigma = problem
+    effort = columns @ beta
+    flips = turn_segments(columns, effort, motion.dq, sigma, weight=1.0)
+    rounding = 1e-11 * np.sum((effort / sigma) ** 2)
+    assert min(np.bincount(flips.joint)) > 2
+    assert flips.share.sum() == pytest.approx(1.0)
+    for k, (j, a, b) in enumerate(zip(flips.joint, flips.start, flips.end, strict=True)):
+        signs = np.sign(effort[a:b, j]) * np.sign(motion.dq[a:b, j])
+        assert len(set(signs)) == 1
+        turned = effort.copy()
+        turned[a:b, j] *= -1.0
+        # (2) is a difference of energies: it keeps their rounding, 1e-16 times the square of the condition number
+        assert flips.resolvability[k] == pytest.approx(least_cost(columns, turned, sigma), rel=1e-6, abs=rounding)
+    covered = np.zeros(effort.shape, dtype=int)
+    for j, a, b in zip(flips.joint, flips.start, flips.end, strict=True):
+        covered[a:b, j] += 1
+    assert np.all(covered == 1)
+
+
+def test_turned_joints_cost_what_least_squares_says(problem):
+    columns, beta, _, sigma = problem
+    groups = groups_of([0, 1, 2])
+    assert groups == ((0,), (1,), (2,), (0, 1), (0, 2), (1, 2))
+    flips = turn_joints(joint_grams(columns) / sigma[:, None, None] ** 2, beta, groups)
+    for group, found in zip(groups, flips.resolvability, strict=True):
+        turned = columns @ beta
+        turned[:, list(group)] *= -1.0
+        assert found == pytest.approx(least_cost(columns, turned, sigma), rel=1e-6)
+    np.testing.assert_allclose(flips.resolvability[:3], flips.resolvability[5:2:-1], rtol=1e-6)  # complements
+    energy = ((columns @ beta / sigma) ** 2).sum(axis=0)
+    share = energy / energy.sum()
+    np.testing.assert_allclose(flips.share[:3], np.minimum(share, 1.0 - share))
+
+
+def test_segments_of_a_log_agree_with_those_of_the_expectation(problem, model):
+    columns, beta, motion, sigma = problem
+    effort = columns @ beta
+    want = turn_segments(columns, effort, motion.dq, sigma, weight=0.3)
+    known = np.zeros(len(want.joint), dtype=np.int64)
+    known[2] = 1
+    segments = Segments(want.joint, want.start, want.end, known, np.ones(len(known), dtype=bool))
+    found = moments(model, base_coefficients(model), motion, np.abs(effort), segments, most_individual=0).scaled(sigma)
+    have = turn_measured(found, segments.start, segments.end, weight=0.3)
+    np.testing.assert_allclose(have.resolvability, np.delete(want.resolvability, 2), rtol=1e-6, atol=1e-6)
+    np.testing.assert_array_equal(have.start, np.delete(want.start, 2))
+    np.testing.assert_allclose(have.share, np.delete(want.share, 2))
+
+
+def test_the_chance_of_a_mistake_is_what_noise_makes_of_it():
+    """4000 draws of noise; the formula is of first order, another factor in its argument would be off by 0.1."""
+    rng = np.random.default_rng(8)
+    columns, beta = rng.normal(size=(120, 1, 2)), np.array([0.4, -0.15])
+    tau = columns[:, 0] @ beta
+    turned = tau.copy()
+    turned[30:43] *= -1.0
+    rows = columns[:, 0]
+    rest = np.eye(120) - rows @ np.linalg.pinv(rows)
+    found = turned @ rest @ turned
+    assert 4.0 < found < 12.0
+    noise = rng.normal(size=(4000, 120))
+    side = np.sign(tau) * np.sign(turned)
+    true, other = (tau + noise) @ rest, (side * (tau + noise)) @ rest
+    wrong = np.mean((other**2).sum(axis=1) < (true**2).sum(axis=1))
+    assert wrong == pytest.approx(float(mistaken(np.array([found]))[0]), abs=0.025)
+
+
+def test_an_arm_of_one_joint_can_be_turned_at_no_cost():
+    model = Model(small_robot(1, seed=5), (RigidBody(), ViscousFriction()))
+    expectation = expect(model, 1)
+    grams = joint_grams(expectation.columns(smooth_motion(1, 5.0, 50.0)))
+    flips = turn_joints(grams, expectation.betas[0], groups_of([0]))
+    energy = expectation.betas[0] @ grams[0] @ expectation.betas[0]
+    assert flips.groups == ((0,),)
+    assert flips.resolvability[0] < 1e-9 * energy
+
+
+def test_a_single_joint_has_a_design_too():
+    shape = TrajectoryShape(duration=6.0, rate=50.0)
+    design = design_excitation(small_robot(1, seed=5), TERMS, shape=shape, objective=Objective(evaluations=60))
+    assert np.isfinite(design.reached.condition)
+    assert design.reached.condition <= design.start.condition
+    assert design.reached.joints.resolvability.max() < 1e-3
+
+
+def test_at_the_noise_tolerance_a_tenth_is_wrong():
+    joints = JointFlips(((0,), (1,)), np.array([0.3, 0.3]), np.array([900.0, 2500.0]))
+    segments = SegmentFlips(*np.zeros((3, 3), dtype=int), np.array([0.5, 0.3, 0.2]), np.array([1e4, 400.0, 25.0]))
+    found = noise_tolerance(joints, segments, noise=0.07)
+    roots = [np.sqrt(one.resolvability) * 0.07 / found / 2 for one in (joints, segments)]
+    wrong = joints.share @ norm.sf(roots[0]) + segments.share @ norm.sf(roots[1])
+    assert wrong == pytest.approx(0.1, abs=1e-5)
+    louder = [replace(one, resolvability=one.resolvability / 4.0) for one in (joints, segments)]
+    assert noise_tolerance(*louder, noise=0.14) == pytest.approx(found, rel=1e-5)
+
+
+def test_what_is_left_is_the_posterior_of_a_linear_regression(problem, model):
+    columns, _, _, _ = problem
+    expectation = expect(model, 2)
+    sd = expectation.uncertainty(joint_grams(columns), len(columns), noise=3.0, weight=0.25)
+    rms = np.sqrt(np.mean([np.mean((columns @ beta) ** 2, axis=0) for beta in expectation.betas], axis=0))
+    rows = (columns / (3.0 * rms)[:, None]).reshape(-1, columns.shape[2]) * 0.5
+    stacked = np.vstack([rows, np.diag(1.0 / expectation.size)])
+    _, values, vectors = np.linalg.svd(stacked * expectation.size, full_matrices=False)
+    np.testing.assert_allclose(sd, np.linalg.norm(vectors.T / values, axis=1), rtol=1e-6)
+    assert 0.05 < sd.min() < sd.max() < 1.0
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Design
+# ---------------------------------------------------------------------------------------------------------------
+def test_a_series_from_rest_has_no_velocity_and_no_acceleration_at_its_ends():
+    shape = from_rest(random_shape(3, 4, np.random.default_rng(6)))
+    ends = within_limits(shape, 0.21, LIMITS).motion(np.array([0.0, 1 / 0.21]))
+    np.testing.assert_allclose(ends.dq, 0.0, atol=1e-12)
+    np.testing.assert_allclose(ends.ddq, 0.0, atol=1e-12)
+    np.testing.assert_allclose(from_rest(shape), shape, atol=1e-14)  # a projection
+    assert np.abs(shape[:, :8]).max(axis=1).min() > 0.1
+
+
+def test_a_design_keeps_its_limits_and_ends_where_it_starts(design):
+    fine = design.trajectory.motion(np.linspace(0.0, 6.0, 10 * len(design.motion)))
+    assert np.all(fine.q >= LIMITS.lower)
+    assert np.all(fine.q <= LIMITS.upper)
+    assert np.all(np.abs(fine.dq) <= LIMITS.velocity)
+    assert np.all(np.abs(fine.ddq) <= LIMITS.acceleration)
+    used = np.array([np.abs(values).max(axis=0) for values in vars_of(design.of_limits)])
+    assert np.all(used <= 1.0)
+    motion = design.motion
+    assert motion.t[-1] == 6.0
+    assert design.trajectory.frequency == pytest.approx(1 / 3)
+    np.testing.assert_allclose(motion.q[-1], motion.q[0], atol=1e-12)
+    np.testing.assert_allclose(motion.dq[[0, -1]], 0.0, atol=1e-11)
+    np.testing.assert_allclose(motion.ddq[[0, -1]], 0.0, atol=1e-10)
+
+
+def vars_of(motion):
+    return motion.q, motion.dq, motion.ddq
+
+
+def test_a_design_gains_on_its_start_and_in_signs_on_the_condition_number_alone(design, model):
+    assert design.reached.condition < design.start.condition
+    assert design.reached.tolerance > design.start.tolerance
+    plain = design_excitation(model.robot, TERMS, objective=replace(OBJECTIVE, sign_weight=0.0), **QUICK)
+    of_signs, of_plain = (one.reached.joints.resolvability for one in (design, plain))
+    assert of_signs.min() > 2.0 * of_plain.min()
+    assert design.reached.tolerance > 1.5 * plain.reached.tolerance
+    assert design.reached.condition < 2.5 * plain.reached.condition  # an arm of three joints pays more than one of six
+    expectation = expect(model, 4)
+    assert amplification(expectation, design.motion) < amplification(expectation, plain.motion)
+
+
+def test_the_figures_of_a_design_are_those_of_its_motion(design):
+    quality, model = design.reached, design.model
+    assert quality.condition == pytest.approx(condition_number(model, design.coefficients, design.motion))
+    columns = model.columns(design.motion)[:, :, design.coefficients.kept]
+    assert np.exp(log_condition_of(joint_grams(columns).sum(axis=0))) == pytest.approx(quality.condition, rel=1e-6)
+    turned = quality.effort.copy()
+    turned[:, 1] *= -1.0
+    sigma = 0.05 * np.sqrt(np.mean(quality.effort**2, axis=0))
+    weight = 20.0 * 6.0 / len(design.motion)
+    assert quality.joints.resolvability[1] == pytest.approx(weight * least_cost(columns, turned, sigma), rel=1e-6)
+    np.testing.assert_array_equal(quality.magnitude, np.abs(quality.effort))
+
+
+def test_the_same_seed_gives_the_same_design(design, model):
+    again = design_excitation(model.robot, TERMS, objective=OBJECTIVE, **QUICK)
+    np.testing.assert_array_equal(again.motion.q, design.motion.q)
+
+
+def test_known_parameters_take_the_place_of_drawn_ones(model):
+    names = [one.name for one in model.parameters]
+    expectation = expect(model, 0, Beliefs(nominal={"m2": (3.25, 0.1), "Fv3": (0.4, 0.2)}))
+    np.testing.assert_array_equal(expectation.thetas[:, names.index("m2")], 3.25)
+    np.testing.assert_array_equal(expectation.thetas[:, names.index("Fv3")], 0.4)
+    assert np.ptp(expectation.thetas[:, names.index("m1")]) > 0.1
+    with pytest.raises(InputError, match="m9"):
+        expect(model, 0, Beliefs(nominal={"m9": (1.0, 0.1)}))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "where"),
+    [
+        ({"duration": 0.1}, "--duration"),
+        ({"duration": float("nan")}, "--duration"),
+        ({"rate": 3.0}, "--rate"),
+        ({"rate": 1e9}, "--rate"),
+        ({"harmonics": 1}, "--harmonics"),
+        ({"periods": 0}, "--periods"),
+        ({"noise": 0.0}, "--noise"),
+        ({"limits": MotionLimits(velocity=(1.0, 2.0))}, "--limits"),
+        ({"terms": ("gravity",)}, "--terms"),
+    ],
+)
+def test_options_that_cannot_be_used_are_named(model, wrong, where):
+    options = {"duration": 6.0, "terms": TERMS, **wrong}
+    of_shape = {key: options.pop(key) for key in ("duration", "rate", "harmonics", "periods") if key in options}
+    of_objective = {key: options.pop(key) for key in ("noise",) if key in options}
+    with pytest.raises(InputError, match=where):
+        design_excitation(
+            model.robot, shape=TrajectoryShape(**of_shape), objective=Objective(**of_objective), **options
+        )
+
+
+def test_a_folder_holds_the_motion_and_the_series_that_makes_it(design, tmp_path):
+    folder = save_design(design, tmp_path / "out")
+    assert sorted(path.name for path in folder.iterdir()) == ["design.json", "excitation.svg", "trajectory.csv"]
+    lines = (folder / "trajectory.csv").read_text().splitlines()
+    assert lines[0] == "t,q1,q2,q3,dq1,dq2,dq3,ddq1,ddq2,ddq3"
+    rows = np.array([line.split(",") for line in lines[1:]], dtype=float)
+    assert np.all(rows[[0, -1], 4:] == 0.0)
+    assert "-0.000000000" not in "".join(lines)
+    written = json.loads((folder / "design.json").read_text())
+    series = FourierTrajectory(**{key: written["series"][key] for key in ("frequency", "sine", "cosine", "centre")})
+    again = series.motion(rows[:, 0])
+    np.testing.assert_allclose(rows[:, 1:], np.hstack([again.q, again.dq, again.ddq]), atol=2e-7)
+    assert written["limits"]["given"]["upper"] == [0.9, 1.8, 2.2]
+    reached = written["limits"]["reached"]
+    assert reached["velocity"] == pytest.approx(np.abs(rows[:, 4:7]).max(axis=0).tolist(), rel=1e-6)
+    assert written["reached"]["condition_number"] < written["start"]["condition_number"]
+    save_design(design, folder)  # an earlier design is replaced
+    (folder / "mine.txt").write_text("x")
+    with pytest.raises(InputError, match=r"mine\.txt"):
+        save_design(design, folder)
+
+
+def test_the_text_of_a_design_names_starting_position_and_what_is_not_checked(design):
+    text = design_text(design)
+    assert f"{design.motion.q[0, 1]:.3f}" in text
+    assert "not checked: collisions" in text
+    assert f"{design.reached.condition:.1f} reached" in text
+
+
+def test_the_figure_shows_every_joint_and_segment(design):
+    from bayesid.report.plot.designs import excitation
+
+    axes = excitation(design)
+    assert len(axes) == 12
+    np.testing.assert_allclose(axes[4].lines[0].get_ydata(), design.of_limits.dq[:, 1])
+    curves = axes[10].collections[0].get_segments()
+    assert len(curves) == np.sum(design.reached.segments.joint == 1)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Limits
+# ---------------------------------------------------------------------------------------------------------------
+def test_limits_from_a_table(tmp_path):
+    path = tmp_path / "limits.toml"
+    path.write_text("lower = [-1, -2.5]\nupper = 2\nvelocity = [1.5, 0.5]\n")
+    limits = read_limits(path)
+    assert limits == MotionLimits(lower=(-1.0, -2.5), upper=2.0, velocity=(1.5, 0.5))
+    assert check_limits(limits, small_robot(2)).acceleration == (15.0, 15.0)
+    with pytest.raises(InputError, match="2 numbers for 'lower'"):
+        check_limits(limits, small_robot(3))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "lower = ",
+        "lower = 'low'",
+        "lower = [1, true]",
+        "lower = []",
+        "speed = 2",
+        "velocity = 0.0",
+        "upper = nan",
+        "lower = [3, 3]",
+        "lower = [-1, -2]\nupper = [1, 2, 3]",
+        "[lower]\na = 1",
+    ],
+)
+def test_limits_that_cannot_be_used_are_refused(tmp_path, text):
+    path = tmp_path / "limits.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"limits\.toml"):
+        read_limits(path)
+
+
+def test_a_missing_file_of_limits_is_named(tmp_path):
+    with pytest.raises(InputError, match=r"none\.toml"):
+        read_limits(tmp_path / "none.toml")
+
+
+def joint(name, kind, parent, child, limit=""):
+    links = f'<parent link="{parent}"/><child link="{child}"/>'
+    return f'<joint name="{name}" type="{kind}">{links}{limit}</joint>'
+
+
+def test_limits_from_a_urdf_follow_the_chain_not_the_file(tmp_path):
+    joints = [
+        joint("c", "continuous", "l2", "l3", '<limit velocity="0.9" effort="1"/>'),
+        joint("b", "prismatic", "flange", "l2", '<limit lower="-0.1" upper="0.4" velocity="0.2" effort="1"/>'),
+        joint("fixed", "fixed", "l1", "flange"),
+        joint("a", "revolute", "base", "l1", '<limit lower="-2.9" upper="1.7" velocity="2.1" effort="1"/>'),
+    ]
+    path = tmp_path / "arm.urdf"
+    path.write_text(f"<robot name='arm'>{''.join(joints)}</robot>")
+    assert read_limits(path) == MotionLimits((-2.9, -0.1, -2.0), (1.7, 0.4, 2.0), (2.1, 0.2, 0.9))
+    path.write_text(f"<robot name='arm'>{''.join(joints)}{joint('d', 'revolute', 'l1', 'l9')}</robot>")
+    with pytest.raises(InputError, match="branches"):
+        read_limits(path)
+
+
+def test_a_joint_that_slides_needs_limits():
+    rows = [{"a": 0.1, "alpha": 0.3, "d": 0.2, "theta": 0.0, "type": kind} for kind in ("revolute", "prismatic")]
+    robot = robot_from_table({"name": "slider", "convention": "standard", "joints": rows}, "test")
+    with pytest.raises(InputError, match="joint 2 slides"):
+        design_excitation(robot, shape=TrajectoryShape(duration=5.0))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Judgement of a log
+# ---------------------------------------------------------------------------------------------------------------
+def log_of(model, trajectory, duration=20.0, rate=50.0, signed=False):
+    motion = trajectory.motion(np.arange(round(duration * rate) + 1) / rate)
+    rng = np.random.default_rng(7)
+    return simulate(model, random_parameters(model, rng), motion, rng=rng, noise=0.02, signed=signed)
+
+
+def test_a_good_log_has_a_green_light_and_its_own_figures(model, design):
+    trajectory = random_trajectory(3, 20.0, seed=2, periods=4, limits=LIMITS)
+    judgement = judge_log(model.robot, log_of(model, trajectory), TERMS)
+    assert judgement.light == "green"
+    exact = condition_number(model, judgement.coefficients, trajectory.motion(np.arange(1001) / 50.0))
+    assert judgement.condition == pytest.approx(exact, rel=0.05)
+    assert judgement.doubtful.max() < 0.05
+    assert "excitation is green" in judgement_text(judgement)
+
+
+def test_a_joint_that_hardly_moves_is_found(model):
+    series = random_trajectory(3, 20.0, seed=2, periods=4, limits=LIMITS)
+    still = np.array([1.0, 0.02, 1.0])[:, None]
+    judgement = judge_log(
+        model.robot, log_of(model, replace(series, sine=still * series.sine, cosine=still * series.cosine)), TERMS
+    )
+    assert judgement.light == "red"
+    assert judgement.reach[1] < 0.1
+    assert any(remark.startswith("joint 2 covers") for remark in judgement.remarks)
+    assert not any(remark.startswith(("joint 1 covers", "joint 3 covers")) for remark in judgement.remarks)
+    assert len(judgement.undecided) > 0
+    assert judgement.condition > 10.0 * judge_log(model.robot, log_of(model, series), TERMS).condition
+
+
+def test_a_joint_that_nothing_but_the_cone_can_sign_is_found():
+    model = Model(small_robot(1, seed=5), (RigidBody(), ViscousFriction()))
+    trajectory = random_trajectory(1, 20.0, seed=3, periods=3)
+    judgement = judge_log(model.robot, log_of(model, trajectory), TERMS)
+    assert judgement.light == "red"
+    assert any("signs of joint 1 could all be turned" in remark for remark in judgement.remarks)
+    signed = judge_log(model.robot, log_of(model, trajectory, signed=True), TERMS)
+    assert signed.joints is None
+    assert len(signed.segments.joint) == 0
+    assert signed.light == "green"
+
+
+def test_pauses_are_named(model):
+    log = log_of(model, within_limits(from_rest(random_shape(3, 4, np.random.default_rng(1))), 0.25, LIMITS), 4.0)
+    pause = np.repeat(log.q[-1:], 600, axis=0)
+    t = np.arange(len(log) + 600) / 50.0
+    effort = np.vstack([log.effort, np.repeat(log.effort[-1:], 600, axis=0)])
+    longer = replace(log, t=t, q=np.vstack([log.q, pause]), effort=effort + 1e-3 * np.sin(t)[:, None] ** 2)
+    judgement = judge_log(model.robot, longer, TERMS)
+    assert judgement.idle.min() > 0.6
+    assert sum("stands still" in remark for remark in judgement.remarks) == 3
+
+
+def test_a_rotor_that_no_motion_shows_is_named():
+    robot = small_robot(2, seed=1)
+    model = Model(robot, (RigidBody(),))
+    log = log_of(model, random_trajectory(2, 20.0, seed=3, periods=4))
+    remarks = judge_log(robot, log, ("rigid_body", "rotor_inertia")).remarks
+    assert any(remark.startswith("Ia1 shows only in a sum with J1") for remark in remarks)
+
+
+def test_a_log_of_another_robot_and_a_bad_noise_are_refused(model):
+    log = log_of(model, random_trajectory(3, 20.0, seed=2))
+    with pytest.raises(InputError, match="has 2"):
+        judge_log(small_robot(2), log)
+    with pytest.raises(InputError, match="--noise"):
+        judge_log(model.robot, log, noise=-1.0)
+
+
+def test_a_real_log_of_the_ur10e_excites_well():
+    judgement = judge_log("ur10e", real_log("ur10e/a_50s.csv"))
+    assert judgement.light == "green"
+    assert 5.0 < judgement.condition < 30.0

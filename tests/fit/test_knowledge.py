@@ -1,0 +1,192 @@
+import numpy as np
+import pytest
+from conftest import random_motion, small_robot
+from oracles import assert_close
+
+from bayesid.fit.knowledge import Information, Knowledge, of_base
+from bayesid.model.catalogue import make_effect
+from bayesid.model.coefficients import base_coefficients, embedding
+from bayesid.model.model import Model
+from bayesid.model.terms import make_terms
+
+SIZES = np.array([0.3, 2.0, 0.8])
+"""Noise of the three joints, N m."""
+
+
+def plain_model(names=("rigid_body", "viscous_friction", "torque_offset")):
+    robot = small_robot(3, seed=6)
+    return Model(robot, make_terms(names, robot, random_motion(3, 50)))
+
+
+def weighted_rows(model, motion):
+    """(N n, P) columns in units of the noise."""
+    return (model.columns(motion) / SIZES[:, None]).reshape(-1, len(model.parameters))
+
+
+def known_from(model, motion, effort):
+    """A log's moments of the model's own base coefficients, as knowledge."""
+    coefficients = base_coefficients(model)
+    rows, effort = weighted_rows(model, motion)[:, coefficients.kept], (effort / SIZES).ravel()
+    precision = rows.T @ rows
+    return Knowledge(model, coefficients.lift(np.linalg.solve(precision, rows.T @ effort)), precision)
+
+
+def log_of(model, seed, rng):
+    """A motion, and efforts of random parameters with noise."""
+    motion = random_motion(3, 60, seed)
+    theta = rng.normal(size=len(model.parameters))
+    return motion, model.effort(motion, theta) + SIZES * rng.standard_normal((60, 3))
+
+
+EXTENSIONS = {
+    "nothing": (),
+    "a payload": (("payload", {}),),
+    "a spring and a force": (("joint_spring", {"joints": (2,)}), ("tool_wrench", {})),
+}
+
+
+@pytest.fixture(params=EXTENSIONS)
+def whole(request):
+    model = plain_model()
+    for name, shape in EXTENSIONS[request.param]:
+        model = model.extend(make_effect(name, shape))
+    return model
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Information
+# ---------------------------------------------------------------------------------------------------------------
+def test_information_and_a_second_log_are_both_logs_together(whole, rng):
+    """The first log knows nothing of what was added: its columns there are zero. Constants apart, all is the same."""
+    part = plain_model()
+    motion, effort = log_of(part, 1, rng)
+    knowledge = known_from(part, motion, effort)
+    coefficients = knowledge.coefficients(whole)
+    info = knowledge.information(whole, coefficients)
+    first = np.zeros((180, len(whole.parameters)))
+    first[:, : len(part.parameters)] = weighted_rows(part, motion)
+    second = weighted_rows(whole, log_of(whole, 2, rng)[0])
+    after = rng.normal(size=180)
+    both = np.vstack([first, second])[:, coefficients.kept]
+    assert_close(info.hessian + second[:, coefficients.kept].T @ second[:, coefficients.kept], both.T @ both, 1e-9)
+    efforts = np.concatenate([(effort / SIZES).ravel(), after])
+    assert_close(info.gradient + second[:, coefficients.kept].T @ after, both.T @ efforts, 1e-9)
+    points = rng.normal(size=(2, len(coefficients)))
+    by_hand = [np.sum((first[:, coefficients.kept] @ x - efforts[:180]) ** 2) for x in points]
+    assert info.misfit(points[0]) - info.misfit(points[1]) == pytest.approx(by_hand[0] - by_hand[1], rel=1e-9)
+    assert np.array_equal(info.hessian, info.hessian.T)
+    assert np.linalg.matrix_rank(both) == len(coefficients)
+
+
+def test_the_centre_is_no_misfit(whole, rng):
+    """Parameters of the part as they were, and anything for what was added."""
+    knowledge = known_from(plain_model(), *log_of(plain_model(), 1, rng))
+    coefficients = knowledge.coefficients(whole)
+    info = knowledge.information(whole, coefficients)
+    scale = knowledge.information(plain_model(), base_coefficients(plain_model())).energy
+    added = rng.normal(size=len(whole.parameters) - len(knowledge.theta))
+    beta = coefficients.project(np.concatenate([knowledge.theta, added]))
+    assert info.misfit(beta) == pytest.approx(0.0, abs=1e-9 * scale)
+    np.testing.assert_allclose(info.hessian @ beta, info.gradient, atol=1e-9 * np.abs(info.gradient).max())
+
+
+def test_parameters_in_another_order_are_found_by_their_names(rng):
+    """The whole has its friction before its bodies."""
+    part, whole = plain_model(("rigid_body", "viscous_friction")), plain_model(("viscous_friction", "rigid_body"))
+    motion, effort = log_of(part, 1, rng)
+    knowledge = known_from(part, motion, effort)
+    info = knowledge.information(whole, knowledge.coefficients(whole))
+    rows = weighted_rows(whole, motion)[:, knowledge.coefficients(whole).kept]
+    assert_close(info.hessian, rows.T @ rows, 1e-9)
+    assert_close(info.gradient, rows.T @ (effort / SIZES).ravel(), 1e-9)
+
+
+def test_nothing_is_nothing():
+    none = Information.none(4)
+    assert none.misfit(np.array([3.0, -1.0, 2.0, 8.0])) == 0.0
+    assert none.hessian.shape == (4, 4)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Embedding
+# ---------------------------------------------------------------------------------------------------------------
+def test_embedding_takes_parameters_by_name():
+    part = plain_model(("torque_offset", "viscous_friction"))
+    whole = plain_model(("rigid_body", "viscous_friction", "rotor_inertia", "torque_offset"))
+    names = [parameter.name for parameter in whole.parameters]
+    theta = np.arange(1.0, len(names) + 1.0)
+    expected = [theta[names.index(parameter.name)] for parameter in part.parameters]
+    np.testing.assert_array_equal(embedding(part, whole) @ theta, expected)
+
+
+@pytest.mark.parametrize("missing", ["torque_offset", "viscous_friction"])
+def test_a_whole_that_lacks_a_parameter_holds_no_such_part(missing):
+    names = [name for name in ("rigid_body", "viscous_friction", "torque_offset") if name != missing]
+    with pytest.raises(ValueError, match="is not in list"):
+        embedding(plain_model(), plain_model(names))
+    knowledge = Knowledge(plain_model(), np.zeros(len(plain_model().parameters)), np.eye(3))
+    with pytest.raises(ValueError, match="is not in list"):
+        knowledge.coefficients(plain_model(names))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Changes
+# ---------------------------------------------------------------------------------------------------------------
+NAMES, SD = ("Fv2", "mc3x", "offset1"), np.array([0.4, 0.05, 3.0])
+
+
+def test_widened_is_the_covariance_of_a_sum():
+    """Coefficients of theta + a step: C + B D B'."""
+    knowledge = known_from(plain_model(), *log_of(plain_model(), 1, np.random.default_rng(3)))
+    projection = base_coefficients(plain_model()).projection
+    labels = [parameter.name for parameter in plain_model().parameters]
+    steps = projection[:, [labels.index(name) for name in NAMES]]
+    covariance = np.linalg.inv(knowledge.precision) + steps @ np.diag(SD**2) @ steps.T
+    wide = knowledge.widened(NAMES, SD)
+    assert_close(np.linalg.inv(wide.precision), covariance, 1e-8)
+    np.testing.assert_array_equal(wide.theta, knowledge.theta)
+    twice = knowledge.widened(NAMES[:1], SD[:1]).widened(NAMES[1:], SD[1:])
+    assert_close(twice.precision, wide.precision, 1e-9)
+
+
+def test_widened_needs_no_inverse_of_what_is_known():
+    """A log that has shown nothing of two coefficients, as the limit of one that has shown very little."""
+    model = plain_model()
+    coefficients, rng = base_coefficients(model), np.random.default_rng(5)
+    root = rng.normal(size=(len(coefficients), len(coefficients) - 2))
+    knowledge = Knowledge(model, np.zeros(len(model.parameters)), root @ root.T)
+    labels = [parameter.name for parameter in model.parameters]
+    steps = coefficients.projection[:, [labels.index(name) for name in NAMES]]
+    nearly = np.linalg.inv(root @ root.T + 1e-7 * np.eye(len(coefficients))) + steps @ np.diag(SD**2) @ steps.T
+    assert_close(knowledge.widened(NAMES, SD).precision, np.linalg.inv(nearly), 1e-5)
+
+
+def test_a_change_that_may_be_anything_leaves_nothing_known_of_its_parameter():
+    knowledge = known_from(plain_model(), *log_of(plain_model(), 1, np.random.default_rng(3)))
+    wide = knowledge.widened(("Fv2",), np.array([1e6]))
+    at = base_coefficients(plain_model()).names.index("Fv2")
+    scale = np.sqrt(np.diag(knowledge.precision))
+    assert np.abs(wide.precision[at] / scale / scale[at]).max() < 1e-9
+    covariance = np.linalg.inv(knowledge.precision)
+    rest = [k for k in range(len(covariance)) if k != at]
+    others = np.ix_(rest, rest)
+    assert_close(wide.precision[others], np.linalg.inv(covariance[others]), 1e-8)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Other coefficients
+# ---------------------------------------------------------------------------------------------------------------
+def test_what_a_model_cannot_show_by_itself_is_integrated_out():
+    """Its own coefficients are sums of those that an earlier log tells apart: their covariance, dense."""
+    part, rng = plain_model(), np.random.default_rng(2)
+    whole = part.extend(make_effect("payload", {}))
+    both, own = base_coefficients(whole, earlier=part), base_coefficients(whole)
+    root = rng.normal(size=(len(both),) * 2)
+    precision = root @ root.T + np.eye(len(both))
+    sums = np.linalg.lstsq(both.projection.T, own.projection.T, rcond=None)[0].T
+    assert_close(sums @ both.projection, own.projection, 1e-9)
+    found = of_base(whole, both, precision)
+    assert found.shape == (len(own),) * 2
+    assert len(own) < len(both)
+    assert_close(np.linalg.inv(found), sums @ np.linalg.solve(precision, sums.T), 1e-7)
+    assert of_base(part, base_coefficients(part), precision) is precision

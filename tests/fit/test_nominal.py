@@ -1,0 +1,142 @@
+import numpy as np
+import pytest
+from conftest import small_robot
+
+from bayesid.errors import InputError
+from bayesid.fit.knowledge import Beliefs, read_nominal
+from bayesid.identification.pipeline import identify
+from bayesid.model.model import Model
+from bayesid.model.terms import make_terms
+from bayesid.simulation.logs import simulate
+from bayesid.simulation.parameters import random_parameters
+from bayesid.simulation.trajectories import random_trajectory
+
+TERMS = ("rigid_body", "viscous_friction")
+T = np.arange(301) / 50.0
+MOTION = random_trajectory(2, 6.0, seed=3).motion(T)
+
+
+@pytest.fixture(scope="module")
+def model():
+    robot = small_robot(2, 1)
+    return Model(robot, make_terms(TERMS, robot, MOTION))
+
+
+def written(tmp_path, text):
+    path = tmp_path / "known.csv"
+    path.write_text(text)
+    return path
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Reading
+# ---------------------------------------------------------------------------------------------------------------
+def test_names_means_and_deviations(tmp_path):
+    path = written(tmp_path, "name,mean,sd\nm2,1.25,0.1\nmc2x,-3e-2,5e-3\n")
+    assert read_nominal(path) == {"m2": (1.25, 0.1), "mc2x": (-0.03, 0.005)}
+    assert read_nominal(str(path)) == read_nominal(path)
+
+
+def test_other_columns_and_lines_without_an_sd_are_left_out(tmp_path):
+    """A parameters.csv as `identify` writes it."""
+    text = "name,unit,joint,mean,sd,decided_by\nm1,kg,1,3.5,,prior\nFv2,N m s,2,0.7,0.02,data\n"
+    assert read_nominal(written(tmp_path, text)) == {"Fv2": (0.7, 0.02)}
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "what"),
+    [
+        ("", "", "columns"),
+        ("name,mean,sd\n", "", "columns"),
+        ("name,value,sd\nm2,1.0,0.1\n", "", "columns"),
+        ("m2,1.0,0.1\n", "", "columns"),
+        ("name,mean,sd\nm1,1.0,0.1\nm2,heavy,0.1\n", "line 3", "'heavy'"),
+        ("name,mean,sd\nm2,1.0,little\n", "line 2", "'little'"),
+        ("name,mean,sd\nm2,,0.1\n", "line 2", "no numbers"),
+        ("name,mean,sd\nm2,1.0,0.1\nm1,2.0,0.1\nm2,1.0,0.1\n", "line 4", "m2"),
+    ],
+)
+def test_a_file_that_holds_something_else(tmp_path, text, line, what):
+    path = written(tmp_path, text)
+    with pytest.raises(InputError) as refusal:
+        read_nominal(path)
+    assert refusal.value.where.startswith(str(path))
+    assert line in refusal.value.where
+    assert what in refusal.value.what
+    assert "name,mean,sd" in refusal.value.remedy
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_file_that_cannot_be_read(tmp_path):
+    (tmp_path / "picture.csv").write_bytes(b"\xff\xd8\x00" * 100)
+    for name in ("nowhere.csv", "picture.csv", "."):
+        with pytest.raises(InputError, match="cannot be read") as refusal:
+            read_nominal(tmp_path / name)
+        assert str(tmp_path) in refusal.value.where
+        assert "\n" not in str(refusal.value)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Of a model
+# ---------------------------------------------------------------------------------------------------------------
+def test_known_parameters_stand_in_the_models_order(model):
+    stated = {"Fv2": (0.5, 0.1), "m1": (2.0, 0.3), "mc1y": (-0.4, 0.2)}
+    nominal = Beliefs(nominal=stated).of(model.parameters)
+    names = [parameter.name for parameter in model.parameters]
+    known = {names[k]: (nominal.mean[k], nominal.sd[k]) for k in np.flatnonzero(np.isfinite(nominal.mean))}
+    assert known == stated
+    np.testing.assert_array_equal(np.isfinite(nominal.sd), np.isfinite(nominal.mean))
+    assert nominal.mean.shape == nominal.sd.shape == (len(names),)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "what"),
+    [
+        ("m3", (1.0, 0.1), "'m3'"),
+        ("", (1.0, 0.1), "''"),
+        ("m2", (1.0, 0.0), "m2 = 1 +- 0"),
+        ("m2", (1.0, -0.1), "m2 = 1 +- -0.1"),
+        ("m2", (np.nan, 0.1), "nan"),
+        ("m2", (1.0, np.nan), "nan"),
+        ("m2", (np.inf, 0.1), "inf"),
+        ("m2", (1.0, np.inf), "inf"),
+    ],
+)
+def test_values_that_cannot_be_used(model, name, value, what):
+    with pytest.raises(InputError) as refusal:
+        Beliefs(nominal={"m1": (2.0, 0.1), name: value}).of(model.parameters)
+    assert what in refusal.value.what
+    assert "\n" not in str(refusal.value)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# In an identification
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def log(model):
+    theta = random_parameters(model, np.random.default_rng(2))
+    return simulate(model, theta, MOTION, rng=np.random.default_rng(3), noise=0.03, signed=True)
+
+
+def test_a_known_parameter_that_the_data_leave_open_is_what_it_is_said_to_be(model, log):
+    """The first link's mass leaves no trace in this arm; a value a few prior sd away from the typical link's 3 kg."""
+    names = [parameter.name for parameter in model.parameters]
+    first = names.index("m1")
+    assert np.abs(model.columns(MOTION)[:, :, first]).max() == 0.0
+    free = identify(model.robot, log, TERMS)
+    stated = identify(model.robot, log, TERMS, beliefs=Beliefs(nominal={"m1": (31.5, 0.4)}))
+    draws, count = stated.posterior.draws.theta[..., first], 400.0
+    assert draws.mean() == pytest.approx(31.5, abs=5.0 * 0.4 / np.sqrt(count))
+    assert draws.std() == pytest.approx(0.4, rel=5.0 / np.sqrt(2.0 * count))
+    assert abs(free.posterior.theta[first] - 31.5) > 10.0
+    assert free.posterior.parameter_sd[first] > 2.0
+    assert stated.posterior.target.prior.sd[first] == 0.4
+    friction = [k for k, name in enumerate(names) if name.startswith("Fv")]
+    off = np.abs(stated.theta[friction] - free.theta[friction]) / free.posterior.parameter_sd[friction]
+    assert off.max() < 0.3, "what the data decide stays"
+
+
+@pytest.mark.parametrize(("known", "what"), [({"m9": (1.0, 0.1)}, "m9"), ({"m1": (1.0, 0.0)}, "m1")])
+def test_an_identification_refuses_what_it_does_not_know(model, log, known, what):
+    with pytest.raises(InputError, match=what):
+        identify(model.robot, log, TERMS, beliefs=Beliefs(nominal=known))

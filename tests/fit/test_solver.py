@@ -1,0 +1,350 @@
+from types import SimpleNamespace
+
+import clarabel
+import numpy as np
+import pytest
+from conftest import random_motion, small_robot
+from scipy.optimize import minimize, nnls
+from sign_problems import synthetic
+
+from bayesid.errors import SolverError
+from bayesid.fit.solver import MARGIN, ConeLeastSquares, solve_precisely
+from bayesid.model.coefficients import base_coefficients
+from bayesid.model.inertia import from_pseudo_inertia
+from bayesid.model.model import Model
+from bayesid.model.terms import STANDARD, RigidBody, make_terms
+from bayesid.simulation.parameters import random_parameters
+
+
+def problem(names, seed, n=2, noise=0.3):
+    """Moments of random, infeasible data on a small arm: the cone binds."""
+    robot, motion = small_robot(n), random_motion(n, 200, seed)
+    model = Model(robot, make_terms(names, robot, motion))
+    coefficients = base_coefficients(model)
+    rng = np.random.default_rng(seed)
+    columns = model.columns(motion)[:, :, coefficients.kept].reshape(-1, len(coefficients))
+    efforts = columns @ rng.normal(size=len(coefficients)) + noise * rng.normal(size=len(columns))
+    return model, coefficients, columns.T @ columns, columns.T @ efforts, float(efforts @ efforts)
+
+
+def test_without_bodies_it_is_nonnegative_least_squares():
+    model, coefficients, hessian, gradient, energy = problem(["viscous_friction", "coulomb_friction"], 3)
+    solution = solve_precisely(model.cone, coefficients, hessian, gradient, energy)
+    root = np.linalg.cholesky(hessian).T
+    expected, distance = nnls(root, np.linalg.solve(root.T, gradient))
+    assert (expected == 0).any(), "the cone should bind, or the test shows nothing"
+    np.testing.assert_allclose(solution.theta, expected, atol=1e-5 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_optimum_in_the_cone_against_a_smooth_parametrisation(seed):
+    """P = L L' has no constraint left: a local search from many starts must not get below the SDP, and must meet it."""
+    model, coefficients, hessian, gradient, energy = problem(["rigid_body"], seed)
+    solver = ConeLeastSquares(model.cone, coefficients, hessian, energy, tolerance=1e-9)
+    solution = solver.prepared().solve(gradient)
+    assert model.cone.smallest_eigenvalues(solution.theta).min() > -1e-7
+    unconstrained = -gradient @ np.linalg.solve(hessian, gradient)
+    assert solution.cost > unconstrained * (1 - 1e-3), "the cone should bind"
+
+    def cost(x):
+        factors = np.zeros((2, 4, 4))
+        factors[:, *np.tril_indices(4)] = x.reshape(2, 10)
+        theta = from_pseudo_inertia(factors @ factors.swapaxes(1, 2)).ravel()
+        beta = coefficients.project(theta)
+        return beta @ hessian @ beta - 2 * gradient @ beta + solver.regularisation(theta)
+
+    rng = np.random.default_rng(seed)
+    options = {"maxiter": 5000, "maxfun": 200000}
+    best = min(minimize(cost, rng.normal(size=20), method="L-BFGS-B", options=options).fun for _ in range(3))
+    assert solution.cost <= best + 1e-6 * energy
+    assert solution.cost == pytest.approx(best, abs=2e-4 * energy)
+
+
+def test_a_statement_is_prepared_for_many_hessians_and_gradients():
+    model, coefficients, hessian, gradient, energy = problem(STANDARD, 5)
+    solver = ConeLeastSquares(model.cone, coefficients, hessian, energy)
+    first = solver.prepared().solve(gradient)
+    prepared = solver.prepared(3.0 * hessian)
+    tripled = prepared.solve(3.0 * gradient)
+    assert tripled.cost == pytest.approx(3.0 * first.cost, rel=1e-2), "but for the pull, which does not triple"
+    flipped = prepared.solve(-3.0 * gradient)
+    fresh = solver.prepared(3.0 * hessian).solve(-3.0 * gradient)
+    assert flipped.cost == pytest.approx(fresh.cost, rel=1e-4)
+    assert flipped.cost != pytest.approx(tripled.cost, rel=1e-2)
+
+
+def test_margin_keeps_parameters_strictly_inside():
+    model, coefficients, hessian, gradient, energy = problem(["rigid_body"], 2)
+    theta = solve_precisely(model.cone, coefficients, hessian, gradient, energy).theta
+    assert model.cone.smallest_eigenvalues(theta).min() >= 0.9 * MARGIN
+
+
+def test_what_leaves_no_trace_is_drawn_to_a_typical_link():
+    robot, motion = small_robot(3), random_motion(3, 300, 4)
+    model = Model(robot, make_terms(STANDARD, robot, motion))
+    coefficients = base_coefficients(model)
+    truth = random_parameters(model, np.random.default_rng(4))
+    beta = coefficients.project(truth)
+    columns = model.columns(motion)[:, :, coefficients.kept].reshape(-1, len(coefficients))
+    hessian, energy = columns.T @ columns, float(np.sum((columns @ beta) ** 2))
+    theta = solve_precisely(model.cone, coefficients, hessian, hessian @ beta, energy).theta
+    allowed = 1e-3 * np.sqrt(energy / len(columns))
+    np.testing.assert_allclose(columns @ coefficients.project(theta), columns @ beta, atol=allowed)
+    first_mass = [p.name for p in model.parameters].index("m1")
+    assert theta[first_mass] == pytest.approx(3.0, abs=0.3), "m1 leaves no trace"
+
+
+def test_a_status_other_than_solved_is_an_error():
+    model, coefficients, hessian, gradient, energy = problem(["rigid_body"], 2)
+    solver = ConeLeastSquares(model.cone, coefficients, hessian, energy, tolerance=1e-30)
+    with pytest.raises(SolverError, match="cone least squares"):
+        solver.prepared().solve(gradient)
+
+
+def test_rigid_body_alone_reaches_known_parameters():
+    """Efforts of a physical robot without noise: the optimum is the truth, cost zero."""
+    robot, motion = small_robot(3, seed=4), random_motion(3, 300, 9)
+    model = Model(robot, (RigidBody(),))
+    coefficients = base_coefficients(model)
+    spread = [[0.05, 0.02, 0.08, 4.0], [0.01, 0.03, 0.02, 2.5], [0.004, 0.01, 0.006, 1.2]]
+    bodies = np.array([np.diag(values) for values in spread])
+    bodies[:, :3, 3] = bodies[:, 3, :3] = [[0.1, -0.05, 0.2], [0.05, 0.1, -0.03], [-0.02, 0.01, 0.04]]
+    theta = from_pseudo_inertia(bodies).ravel()
+    columns = model.columns(motion)[:, :, coefficients.kept].reshape(-1, len(coefficients))
+    efforts = columns @ coefficients.project(theta)
+    moments = columns.T @ columns, columns.T @ efforts, float(efforts @ efforts)
+    solution = solve_precisely(model.cone, coefficients, *moments)
+    found = coefficients.project(solution.theta)
+    np.testing.assert_allclose(columns @ found, efforts, atol=1e-4 * np.abs(efforts).max())
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Lower bounds and the pull
+# ---------------------------------------------------------------------------------------------------------------
+def feasible(cone, rng):
+    """A random point of the cone, of any size."""
+    theta = rng.normal(size=cone.size) * 10.0 ** rng.uniform(-3, 1)
+    theta[cone.nonnegative] = np.abs(theta[cone.nonnegative])
+    for body in cone.bodies:
+        root = rng.normal(size=(4, rng.integers(1, 5))) * 10.0 ** rng.uniform(-2, 0)
+        theta[body] = from_pseudo_inertia(root @ root.T)
+    return theta
+
+
+def objective(solver, hessian, gradient, theta):
+    beta = solver.project(theta)
+    return beta @ hessian @ beta - 2 * gradient @ beta + solver.regularisation(theta)
+
+
+MODELS = (["rigid_body"], ["viscous_friction", "coulomb_friction"], list(STANDARD))
+
+
+@pytest.mark.parametrize("names", MODELS)
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-2])
+def test_no_feasible_point_costs_less_than_the_lower_bound(names, tolerance):
+    """However coarse the solver: the random points, those near the best one, and the best one."""
+    for seed in range(4):
+        model, coefficients, hessian, gradient, energy = problem(names, seed)
+        solver = ConeLeastSquares(model.cone, coefficients, hessian, energy, tolerance=tolerance)
+        bound = solver.prepared().solve(gradient).lower_bound
+        best = solver.prepared().solve_precisely(gradient).theta
+        rng = np.random.default_rng(seed)
+        points = [feasible(model.cone, rng) for _ in range(200)]
+        points += [(1 - t) * best + t * point for t in (1e-4, 1e-2, 0.3) for point in points[:50]]
+        costs = [objective(solver, hessian, gradient, point) for point in points]
+        assert bound <= min(costs)
+        assert bound <= objective(solver, hessian, gradient, best) + 1e-9 * energy, "best may be off the cone by 1e-9"
+
+
+@pytest.mark.parametrize("names", MODELS)
+def test_the_lower_bound_is_close(names):
+    """The gap is what the tolerance asks for, in units of the energy."""
+    for seed in range(4):
+        model, coefficients, hessian, gradient, energy = problem(names, seed)
+        solver = ConeLeastSquares(model.cone, coefficients, hessian, energy)
+        prepared = solver.prepared()
+        usual, precise = prepared.solve(gradient), prepared.solve_precisely(gradient)
+        assert 0.0 <= usual.cost - usual.lower_bound <= 1e-5 * energy
+        assert 0.0 <= precise.cost - precise.lower_bound <= max(1e-8, 10 * precise.tolerance) * energy
+        assert precise.tolerance <= 1e-8
+        assert usual.lower_bound <= precise.cost
+        assert precise.lower_bound <= usual.cost + 1e-9 * energy
+
+
+def test_the_lower_bound_meets_what_active_sets_find():
+    model, coefficients, hessian, gradient, energy = problem(["viscous_friction", "coulomb_friction"], 3)
+    solver = ConeLeastSquares(model.cone, coefficients, hessian, energy)
+    ridge = [solver.regularisation(step) for step in np.eye(model.cone.size)]  # the pull is to zero
+    root = np.linalg.cholesky(coefficients.projection.T @ hessian @ coefficients.projection + np.diag(ridge)).T
+    target = np.linalg.solve(root.T, gradient @ coefficients.projection)
+    least = nnls(root, target)[1] ** 2 - target @ target
+    solution = solver.prepared().solve_precisely(gradient)
+    assert solution.lower_bound <= least + 1e-12 * energy
+    assert solution.lower_bound == pytest.approx(least, abs=1e-8 * energy)
+
+
+@pytest.mark.parametrize("margin", [0.0, 1e-3])
+def test_the_lower_bound_knows_the_margin(margin):
+    """Points inside by the margin are bounded; the bound rises with the margin, as there are fewer of them."""
+    model, coefficients, hessian, gradient, energy = problem(["rigid_body"], 1)
+    solver = ConeLeastSquares(model.cone, coefficients, hessian, energy, margin)
+    solution = solver.prepared().solve_precisely(gradient)
+    assert solution.lower_bound == pytest.approx(solution.cost, abs=1e-8 * energy)
+    rng, inside = np.random.default_rng(0), from_pseudo_inertia(margin * np.eye(4))
+    for _ in range(200):
+        theta = feasible(model.cone, rng) + np.tile(inside, len(model.cone.bodies))
+        assert solution.lower_bound <= objective(solver, hessian, gradient, theta)
+    closest = ConeLeastSquares(model.cone, coefficients, hessian, energy).prepared().solve_precisely(gradient)
+    assert (solution.cost > closest.cost + 1e-6 * energy) == (margin > 0.0)
+
+
+@pytest.mark.parametrize("factor", [0.1, 10.0])
+def test_the_lower_bound_follows_a_change_of_the_hessian(factor):
+    """More curvature or less than that of all data; a coarse solver, whose own cost would be too high a bound."""
+    model, coefficients, hessian, gradient, energy = problem(STANDARD, 5)
+    solver = ConeLeastSquares(model.cone, coefficients, hessian, energy, tolerance=1e-2)
+    other = factor * np.diag(np.linspace(0.1, 1.0, len(hessian))) * np.trace(hessian) / len(hessian)
+    prepared = solver.prepared(other)
+    coarse, precise = prepared.solve(gradient), prepared.solve_precisely(gradient)
+    assert coarse.cost > precise.cost + 1e-6 * energy, "or a bound that is too high would not show"
+    assert coarse.lower_bound <= precise.cost + 1e-9 * energy
+    assert precise.lower_bound == pytest.approx(precise.cost, abs=1e-8 * energy)
+
+
+@pytest.mark.parametrize("names", MODELS)
+@pytest.mark.parametrize("size", [1e-3, 0.1, 3.0])
+def test_multipliers_need_not_be_right_for_the_bound_to_hold(names, size, monkeypatch):
+    """Whatever the solver says of the dual, far from optimal or not even in the cone."""
+    model, coefficients, hessian, gradient, energy = problem(names, 3)
+    best = ConeLeastSquares(model.cone, coefficients, hessian, energy).prepared().solve_precisely(gradient)
+    rng, make = np.random.default_rng(3), clarabel.DefaultSolver
+
+    class Careless:
+        def __init__(self, *arguments):
+            self.inner = make(*arguments)
+
+        def solve(self):
+            right = self.inner.solve()
+            z = np.array(right.z)
+            return SimpleNamespace(status=right.status, x=1.1 * np.array(right.x), z=z + size * rng.normal(size=len(z)))
+
+    monkeypatch.setattr("bayesid.fit.solver.clarabel.DefaultSolver", Careless)
+    for _ in range(20):
+        solution = ConeLeastSquares(model.cone, coefficients, hessian, energy).prepared().solve(gradient)
+        assert solution.cost > best.cost + 1e-4 * energy, "or a bound that is too high would not show"
+        assert solution.lower_bound <= best.cost + 1e-9 * energy
+
+
+def test_the_cost_includes_the_pull():
+    model, coefficients, hessian, gradient, energy = problem(STANDARD, 6)
+    solver = ConeLeastSquares(model.cone, coefficients, hessian, energy)
+    solution = solver.prepared().solve(gradient)
+    assert solution.cost == pytest.approx(objective(solver, hessian, gradient, solution.theta), rel=1e-12)
+    assert solver.regularisation(solution.theta) > 0.0
+
+
+@pytest.mark.parametrize("names", MODELS)
+def test_the_pull_on_coefficients_is_the_least_on_parameters(names):
+    """(beta - b)' Q (beta - b) = min of rho(theta) over B theta = beta: the optimality conditions, solved as such."""
+    model, coefficients, hessian, gradient, energy = problem(names, 7)
+    solver, size = ConeLeastSquares(model.cone, coefficients, hessian, energy), model.cone.size
+    rho, steps = solver.regularisation, np.eye(size)
+    at_zero = rho(np.zeros(size))
+    ahead, behind = (np.array([rho(sign * step) for step in steps]) for sign in (1.0, -1.0))
+    weight = 0.5 * (ahead + behind) - at_zero
+    centre = 0.25 * (behind - ahead) / weight
+    projection = coefficients.projection
+    pull, drawn_to = solver.pull()
+    np.testing.assert_allclose(pull, pull.T, rtol=1e-9, atol=1e-12 * np.abs(pull).max())
+    for beta in np.random.default_rng(7).normal(size=(5, len(coefficients))):
+        # stationary: 2 w (theta - t) = B' l,  so  theta = t + B' l / 2 w  with  B theta = beta
+        inner = (projection / weight) @ projection.T
+        multipliers = np.linalg.solve(inner, beta - projection @ centre)
+        theta = centre + (projection.T @ multipliers) / weight
+        np.testing.assert_allclose(projection @ theta, beta, atol=1e-8)
+        assert (beta - drawn_to) @ pull @ (beta - drawn_to) == pytest.approx(rho(theta), rel=1e-6)
+
+
+def test_the_pulls_of_two_logs_add():
+    """rho weighs a parameter by its own curvature, and what leaves no trace by the energy: both add over logs."""
+    model, coefficients, hessian, _, energy = problem(STANDARD, 8)
+    _, _, other, _, more = problem(STANDARD, 9)
+    apart = [ConeLeastSquares(model.cone, coefficients, *data) for data in ((hessian, energy), (other, more))]
+    joined = ConeLeastSquares(model.cone, coefficients, hessian + other, energy + more)
+    rng = np.random.default_rng(8)
+    for _ in range(5):
+        theta = feasible(model.cone, rng)
+        assert joined.regularisation(theta) == pytest.approx(sum(one.regularisation(theta) for one in apart))
+
+
+def test_a_cone_without_constraints_is_plain_least_squares():
+    """The solver is given no cone at all: the optimum is that of the normal equations."""
+    names = ["torque_offset"]
+    model, coefficients, hessian, gradient, energy = problem(names, 10)
+    solver = ConeLeastSquares(model.cone, coefficients, hessian, energy)
+    solution = solver.prepared().solve_precisely(gradient)
+    best = np.linalg.solve(hessian, gradient)
+    np.testing.assert_allclose(coefficients.project(solution.theta), best, rtol=1e-5)
+    assert solution.lower_bound == pytest.approx(solution.cost, abs=1e-9 * energy)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Where Clarabel has had trouble
+# ---------------------------------------------------------------------------------------------------------------
+STALLED = (
+    (1645, {"segments": 8, "size": 5, "noise": 0.5, "spread": 3.0, "longest": 4, "scale": 100.0}),
+    (14496, {"segments": 8, "size": 7, "noise": 0.5, "longest": 3, "scale": 10.0}),
+)
+
+
+@pytest.mark.parametrize(("seed", "options"), STALLED)
+def test_well_conditioned_nonnegative_least_squares_are_solved(seed, options):
+    """Condition numbers of 3 to 5, and full steps of the solver go back and forth without end."""
+    small = synthetic(seed, **options)
+    solver = small.solver().prepared()
+    for signs, cost in zip(small.assignments, small.costs, strict=True):
+        solution = solver.solve(signs @ small.moments.gradient)
+        assert solution.cost + small.energy == pytest.approx(cost, abs=1e-5 * small.energy)
+
+
+class PanicException(BaseException):
+    """As pyo3 raises it where Rust code panics; it is no Exception, and cannot be imported."""
+
+
+def test_a_solver_that_panics_is_an_error(monkeypatch):
+    """Clarabel does where the eigenvalues of a nearly optimal block fail: about one cone problem in 100 000."""
+
+    class Panicking:
+        def __init__(self, *_):
+            pass
+
+        def solve(self):
+            raise PanicException("Eigval error: Eigen(1)")
+
+    model, coefficients, hessian, gradient, energy = problem(["rigid_body"], 2)
+    solver = ConeLeastSquares(model.cone, coefficients, hessian, energy)
+    monkeypatch.setattr("bayesid.fit.solver.clarabel.DefaultSolver", Panicking)
+    with pytest.raises(SolverError, match="cone least squares"):
+        solver.prepared().solve(gradient)
+    with pytest.raises(SolverError, match="cone least squares"):
+        solver.prepared().solve_precisely(gradient)
+
+
+def test_after_a_panic_the_next_attempt_is_made(monkeypatch):
+    model, coefficients, hessian, gradient, energy = problem(["rigid_body"], 2)
+    solver = ConeLeastSquares(model.cone, coefficients, hessian, energy)
+    expected, make, made = solver.prepared().solve(gradient), clarabel.DefaultSolver, []
+
+    class PanicsOnce:
+        def __init__(self, *arguments):
+            made.append(None)
+            self.inner, self.panics = make(*arguments), len(made) == 1
+
+        def solve(self):
+            if self.panics:
+                raise PanicException("Eigval error: Eigen(1)")
+            return self.inner.solve()
+
+    monkeypatch.setattr("bayesid.fit.solver.clarabel.DefaultSolver", PanicsOnce)
+    again = ConeLeastSquares(model.cone, coefficients, hessian, energy).prepared().solve(gradient)
+    assert again.cost == pytest.approx(expected.cost, abs=1e-5 * energy)

@@ -1,0 +1,122 @@
+"""What a user is warned of, each sentence by itself; whole identifications that end in a warning."""
+
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import small_robot, smooth_motion
+
+from bayesid.identification.pipeline import identify
+from bayesid.identification.warnings import warnings_of
+from bayesid.log.log import Log
+from bayesid.signs.search.certified import Certified
+
+
+def fit_with(relative=(0.1, 0.2), sd=(0.3, 0.5, 0.1), on_edge=(False, False, False), tolerance=1e-10):
+    return SimpleNamespace(
+        relative_residual=np.array(relative), sd=np.array(sd), on_edge=np.array(on_edge), tolerance=tolerance
+    )
+
+
+def signs_with(certified=True, lower_bound=90.0, unsplit=0):
+    search = SimpleNamespace(certified=certified, lower_bound=lower_bound, cost=120.0)
+    return SimpleNamespace(search=search, unsplit=unsplit, rounds=4)
+
+
+def model_of(*names):
+    return SimpleNamespace(model=SimpleNamespace(terms=[SimpleNamespace(name=name) for name in names]))
+
+
+@dataclass
+class Averaged:
+    """Signs by the model asked for, nothing wrong with them."""
+
+    fit: SimpleNamespace = field(default_factory=fit_with)
+    settled: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(signs=signs_with()))
+    asked: SimpleNamespace = field(default_factory=lambda: model_of("rigid_body"))
+    by_asked: bool = True
+
+
+@pytest.fixture(scope="module")
+def log():
+    """Joint 1 is rectified, joint 2 has its signs."""
+    motion = smooth_motion(2, 2.0, 50.0)
+    return Log(
+        motion.t, motion.q, np.stack([np.abs(motion.dq[:, 0]), motion.dq[:, 1]], axis=1), np.array([False, True])
+    )
+
+
+def warnings(log, doubt=(0.0, 0.0), posterior=None, **changes):
+    return warnings_of(log, Averaged(**changes), np.array(doubt), posterior)
+
+
+def test_nothing_wrong_is_nothing_said(log):
+    assert warnings(log) == ()
+    assert warnings(log, posterior=SimpleNamespace(converged=True)) == ()
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"fit": fit_with(relative=(0.1, 0.26))}, "joint 2 leaves 26% of its effort unexplained"),
+        ({"fit": fit_with(sd=(0.3, np.inf, np.inf))}, "the log does not excite 2 coefficients"),
+        ({"fit": fit_with(on_edge=(True, False, True))}, "the parameters of link 1, 3 sit on the edge"),
+        ({"fit": fit_with(tolerance=2e-8)}, "a relative gap of 2e-08 only"),
+        ({"settled": SimpleNamespace(signs=signs_with(certified=False))}, "others may cost up to 30 less than 120"),
+        ({"settled": SimpleNamespace(signs=signs_with(unsplit=3))}, "3 segments still cross zero after 4 searches"),
+        ({"doubt": (0.0, 0.3)}, "confidences of joint 2 are lowered, to 0.85 at worst"),
+        (
+            {"posterior": SimpleNamespace(converged=False, max_rhat=1.0512, min_ess=73.4)},
+            "has not converged (R-hat 1.051, effective sample size 73); give more --posterior-budget",
+        ),
+    ],
+)
+def test_each_fault_is_one_sentence(log, changes, sentence):
+    (warning,) = warnings(log, **changes)
+    assert sentence in warning
+    assert "\n" not in warning
+
+
+def test_a_search_that_proves_nothing_has_no_gap(log):
+    """A beam has no lower bound; not to have one is no fault."""
+    assert warnings(log, settled=SimpleNamespace(signs=signs_with(certified=False, lower_bound=None))) == ()
+
+
+def test_terms_that_are_missing_are_named(log):
+    richer = SimpleNamespace(signs=signs_with(), **vars(model_of("rigid_body", "viscous_friction", "torque_offset")))
+    (warning,) = warnings(log, settled=richer, by_asked=False)
+    assert "the model lacks viscous_friction, torque_offset:" in warning
+
+
+def test_a_joint_that_is_hardly_ever_negative_is_named(log):
+    """Signed by the rule, but no lower than 5 % of its largest effort below zero."""
+    effort = log.effort.copy()
+    effort[:, 1] = np.abs(effort[:, 1])
+    for share, named in ((0.049, True), (0.051, False)):
+        effort[7, 1] = -share * effort[:, 1].max()
+        sentences = warnings(Log(log.t, log.q, effort, log.signed))
+        assert ["--unsigned 2" in sentence for sentence in sentences] == [True] * named
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Whole identifications
+# ---------------------------------------------------------------------------------------------------------------
+def test_a_rectified_effort_that_undershoots_is_pointed_out():
+    """A filter after the rectifier: hardly ever negative, yet by the rule it counts as signed."""
+    motion = smooth_motion(2, 6.0, 100.0, seed=3)
+    effort = np.abs(motion.ddq) + 0.5
+    effort[7, 1] = -0.01
+    log = Log(motion.t, motion.q, effort, np.array([False, True]))
+    result = identify(small_robot(2, 1), log, terms=["rigid_body"], posterior=False)
+    assert any("--unsigned 2" in warning for warning in result.warnings)
+    assert not any("--unsigned 1" in warning for warning in result.warnings)
+
+
+def test_a_poor_fit_is_said_aloud():
+    """Efforts that have nothing to do with the motion: the confidences rest on a model that does not hold."""
+    robot, motion = small_robot(2, 1), smooth_motion(2, 6.0, 100.0, seed=3)
+    effort = np.abs(np.stack([3.0 * np.sin(11.0 * motion.t), 2.0 * np.sin(13.0 * motion.t + 1.0)], axis=1))
+    log = Log(motion.t, motion.q, effort, np.zeros(2, dtype=bool))
+    result = identify(robot, log, terms=["rigid_body"], search=Certified(budget=0.5), posterior=False)
+    assert any("unexplained" in warning for warning in result.warnings)

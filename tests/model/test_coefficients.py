@@ -1,0 +1,207 @@
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from oracles import assert_close, random_motion, random_table
+
+from bayesid.model.catalogue import make_effect
+from bayesid.model.coefficients import base_coefficients, embedding
+from bayesid.model.model import Model
+from bayesid.model.robot import BUILT_IN, load_robot, robot_from_table
+from bayesid.model.terms import STANDARD, RigidBody, make_terms
+
+# Gaz and De Luca, Table II, its wrapped lines put right (DESIGN.md, section 5)
+TABLE_II = """
+J1yy + J2yy + J3zz + a1^2 m1 + (a1^2 - a2^2) m2 + (a1^2 - a2^2 - a3^2) M3 + 2 a1 mc1x
+J2xx - J2yy + a2^2 M2
+J3xx - J3zz + J4zz + a3^2 m3 + (d4^2 + a3^2) M4 - 2 d4 mc4y
+J3xz
+J3yy + J4zz - a3^2 m3 + (d4^2 - a3^2) M4 - 2 d4 mc4y
+J3yz
+J4xx - J4zz + J5zz
+J4yy + J5zz
+J5xx + J6yy - J5zz + d6^2 m6 - 2 d6 mc6z
+J5xy
+J5xz
+J5yy + J6yy + d6^2 m6 - 2 d6 mc6z
+J5yz
+J6xx - J6yy
+J6xy
+J6xz
+J6yz
+J6zz
+a2 M2 + mc2x
+mc2y
+a3 M3 + mc3x
+d4 M4 - mc4y + mc3z
+mc4x
+mc5y + mc4z
+d6 m6 + mc5z - mc6z
+mc6x
+mc6y
+""".strip().splitlines()
+
+TABLES = {
+    **{f"standard{n}": random_table("standard", n, seed=n) for n in (1, 3, 5)},
+    **{f"modified{n}": random_table("modified", n, seed=n, coupled=True) for n in (2, 4, 6)},
+}
+ROBOTS = {name: load_robot(name) for name in BUILT_IN} | {k: robot_from_table(t, "test") for k, t in TABLES.items()}
+
+
+def evaluate(expression, model, theta):
+    """The value of 'J1yy + 2 a1 mc1x - a2^2 M2', for parameters in the last axis of theta."""
+    values = {parameter.name: theta[..., k] for k, parameter in enumerate(model.parameters)}
+    n = model.robot.n_joints
+    values |= {f"M{i}": sum(values[f"m{j}"] for j in range(i, n + 1)) for i in range(1, n + 1)}
+    python = re.sub(r"(?<=[\w)]) (?=[\w(])", "*", expression.replace("^", "**"))
+    return eval(python, {"__builtins__": {}}, values | dict(model.robot.lengths))
+
+
+@pytest.fixture(params=ROBOTS)
+def model(request):
+    robot = ROBOTS[request.param]
+    return Model(robot, make_terms(STANDARD, robot, random_motion(robot.n_joints)))
+
+
+def torque_rows(robot, samples, seed):
+    """Efforts of unit parameters by Newton-Euler, scaled to columns of unit length; the ones of zero dropped."""
+    motion = random_motion(robot.n_joints, samples, seed)
+    base = np.tile(np.eye(10)[9], robot.n_joints)  # Newton-Euler needs masses
+    without = robot.inverse_dynamics(motion, base)
+    columns = [(robot.inverse_dynamics(motion, base + e) - without).ravel() for e in np.eye(10 * robot.n_joints)]
+    lengths = np.linalg.norm(columns, axis=1)
+    return np.array([c / length for c, length in zip(columns, lengths, strict=True) if length > 1e-9 * lengths.max()]).T
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_rank_is_that_of_newton_euler(name):
+    singular = np.linalg.svd(torque_rows(ROBOTS[name], 150, seed=7), compute_uv=False)
+    singular = np.append(singular, 1e-16)  # a full rank ends at rounding
+    rank = int(np.argmax(singular[:-1] / singular[1:])) + 1
+    assert singular[rank - 1] > 1e6 * singular[rank], "the gap is clear"
+    assert len(base_coefficients(Model(ROBOTS[name], (RigidBody(),)))) == rank
+
+
+def test_numbers_of_coefficients():
+    assert len(base_coefficients(Model(load_robot("kr5"), (RigidBody(),)))) == 36
+    robot = load_robot("ur10e")
+    names = base_coefficients(Model(robot, make_terms(STANDARD, robot, random_motion(6)))).names
+    assert len(names) == 58
+    assert sum(name.startswith("Ia") for name in names) == 4
+    assert sum(name.startswith(("Fv", "Fc", "offset")) for name in names) == 18
+
+
+@pytest.mark.parametrize("expression", TABLE_II)
+def test_table_two_of_the_paper_is_in_the_row_space(expression):
+    model = Model(load_robot("kr5"), (RigidBody(),))
+    row = evaluate(expression, model, np.eye(60))
+    projection = base_coefficients(model).projection
+    weights = np.linalg.lstsq(projection.T, row, rcond=None)[0]
+    np.testing.assert_allclose(weights @ projection, row, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", [*BUILT_IN, *TABLES])
+def test_expressions_say_what_is_computed(name):
+    model = Model(ROBOTS[name], (RigidBody(),))
+    coefficients, theta = base_coefficients(model), np.random.default_rng(3).normal(size=(4, len(model.parameters)))
+    found = np.array([evaluate(expression, model, theta) for expression in coefficients.expressions]).T
+    exact = all(not re.search(r"\d\.\d", expression) for expression in coefficients.expressions)
+    assert exact or name not in BUILT_IN, "every length of a built-in robot is spelled out"
+    assert_close(found, coefficients.project(theta), 1e-9 if exact else 1e-5)
+
+
+def test_efforts_depend_on_the_coefficients_alone(model):
+    coefficients = base_coefficients(model)
+    rng = np.random.default_rng(1)
+    theta, motion = rng.normal(size=(3, len(model.parameters))), random_motion(model.robot.n_joints, 20, seed=8)
+    columns = model.columns(motion)
+    expected = columns @ theta.T
+    assert_close(columns[:, :, coefficients.kept] @ coefficients.project(theta).T, expected, 1e-10)
+    assert_close(columns @ coefficients.lift(coefficients.project(theta)).T, expected, 1e-10)
+
+
+def test_lift_then_project_changes_nothing(model):
+    coefficients = base_coefficients(model)
+    beta = np.random.default_rng(2).normal(size=(3, len(coefficients)))
+    np.testing.assert_allclose(coefficients.project(coefficients.lift(beta)), beta, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(coefficients.project(coefficients.lift(beta[0])), beta[0], rtol=0, atol=1e-11)
+
+
+def test_coefficients_are_named_after_what_they_are_built_on(model):
+    coefficients = base_coefficients(model)
+    r = len(coefficients)
+    assert len(set(coefficients.names)) == len(set(coefficients.expressions)) == len(coefficients.units) == r
+    assert list(coefficients.names) == [model.parameters[k].name for k in coefficients.kept]
+    np.testing.assert_array_equal(coefficients.projection[:, coefficients.kept], np.eye(r))
+    assert all(np.diff(coefficients.kept) > 0)
+
+
+def test_another_seed_finds_the_same(model):
+    first, second = base_coefficients(model, seed=0), base_coefficients(model, seed=11)
+    assert first.expressions == second.expressions
+    np.testing.assert_allclose(first.projection, second.projection, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("gravity", [[0.0, 0.0, 0.0], [4.0, 2.0, -8.0]])
+def test_gravity_decides_what_the_first_link_shows(gravity):
+    """About a vertical first axis only Jzz shows; a tilted base adds two first moments."""
+    robot = replace(load_robot("panda"), gravity=np.array(gravity))
+    names = base_coefficients(Model(robot, (RigidBody(),))).names
+    expected = ("J1zz",) if not any(gravity) else ("J1zz", "mc1x", "mc1y")
+    assert tuple(name for name in names if name[1:2] == "1" or name[2:3] == "1") == expected
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Two models, one after the other
+# ---------------------------------------------------------------------------------------------------------------
+def with_payload(name):
+    """The robot with all standard effects, and the same with a payload."""
+    robot = ROBOTS[name]
+    part = Model(robot, make_terms(STANDARD, robot, random_motion(robot.n_joints)))
+    return part, part.extend(make_effect("payload", {}))
+
+
+@pytest.mark.parametrize("name", ["ur10e", "tx40", "modified4", "standard1"])
+def test_a_payload_is_no_news_but_to_one_who_knew_the_robot_without_it(name):
+    """As many coefficients more as the last link has of its own, by singular values."""
+    part, whole = with_payload(name)
+    r = len(base_coefficients(part))
+    assert len(base_coefficients(whole)) == r
+    columns = whole.columns(random_motion(ROBOTS[name].n_joints, 150, seed=7))[:, :, -10:].reshape(-1, 10)
+    lengths = np.linalg.norm(columns, axis=0)
+    seen = columns[:, lengths > 1e-9 * lengths.max()] / lengths[lengths > 1e-9 * lengths.max()]
+    own = np.linalg.matrix_rank(seen, tol=1e-6)
+    both = base_coefficients(whole, earlier=part)
+    assert len(both) == r + own
+    assert set(base_coefficients(part).names) <= set(both.names)
+
+
+@pytest.mark.parametrize("name", ["ur10e", "modified4"])
+def test_efforts_of_both_models_depend_on_the_coefficients_of_both(name):
+    part, whole = with_payload(name)
+    both, rng = base_coefficients(whole, earlier=part), np.random.default_rng(4)
+    theta = rng.normal(size=len(whole.parameters))
+    motion = random_motion(ROBOTS[name].n_joints, 20, seed=8)
+    for columns in (whole.columns(motion), part.columns(motion) @ embedding(part, whole)):
+        assert_close(columns[:, :, both.kept] @ both.project(theta), columns @ theta, 1e-9)
+
+
+def test_an_earlier_model_of_the_same_structure_changes_nothing(model):
+    alone, both = base_coefficients(model), base_coefficients(model, earlier=model)
+    assert alone.names == both.names
+    np.testing.assert_allclose(alone.projection, both.projection, rtol=0, atol=1e-8)
+
+
+def test_two_logs_show_a_payloads_mass_and_neither_does_alone():
+    """With the last link's mass it makes one coefficient in the later log; in both logs it is one of its own."""
+    part, whole = with_payload("ur10e")
+    names = [parameter.name for parameter in whole.parameters]
+    mass = np.eye(len(names))[names.index("mp6")]
+
+    def left(coefficients):
+        weights = np.linalg.lstsq(coefficients.projection.T, mass, rcond=None)[0]
+        return np.abs(weights @ coefficients.projection - mass).max()
+
+    assert left(base_coefficients(whole)) > 0.3
+    assert left(base_coefficients(whole, earlier=part)) < 1e-6

@@ -1,0 +1,94 @@
+import numpy as np
+import pytest
+from oracles import cloud_parameters, random_clouds, turn
+
+from bayesid.model import inertia
+from bayesid.model.parameters import Cone
+
+CLOUDS = random_clouds(5, seed=3)
+PARAMETERS = np.array([cloud_parameters(*cloud) for cloud in CLOUDS])
+CONE = Cone.rigid_bodies(1)
+ROTATION = turn((0.6, 0.0, 0.8), 0.7) @ turn((0.0, 1.0, 0.0), -2.1)
+SHIFT = np.array([0.3, -0.7, 1.1])
+
+
+def test_order_of_the_parameters():
+    assert inertia.NAMES == ("Jxx", "Jxy", "Jxz", "Jyy", "Jyz", "Jzz", "mcx", "mcy", "mcz", "m")
+    assert len(inertia.UNITS) == 10
+    np.testing.assert_array_equal(inertia.inertia_matrix(np.arange(1.0, 11)), [[1, 2, 3], [2, 4, 5], [3, 5, 6]])
+
+
+def test_pseudo_inertia_is_the_second_moment_of_the_mass():
+    for (points, masses), parameters in zip(CLOUDS, PARAMETERS, strict=True):
+        homogeneous = np.column_stack([points, np.ones(len(points))])
+        moment = (homogeneous.T * masses) @ homogeneous
+        np.testing.assert_allclose(inertia.pseudo_inertia(parameters), moment, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(inertia.from_pseudo_inertia(moment), parameters, rtol=0, atol=1e-14)
+
+
+def test_pseudo_inertia_and_back():
+    parameters = np.random.default_rng(0).normal(size=(2, 3, 10))
+    matrices = inertia.pseudo_inertia(parameters)
+    assert matrices.shape == (2, 3, 4, 4)
+    np.testing.assert_allclose(inertia.from_pseudo_inertia(matrices), parameters, rtol=0, atol=1e-14)
+    linear = np.einsum("...k,kij->...ij", parameters, inertia.PSEUDO_INERTIA_BASIS)
+    np.testing.assert_allclose(linear, matrices, rtol=0, atol=1e-14)
+
+
+def test_change_of_frame_moves_the_points():
+    change = inertia.change_of_frame(ROTATION, SHIFT)
+    for (points, masses), parameters in zip(CLOUDS, PARAMETERS, strict=True):
+        moved = cloud_parameters(points @ ROTATION.T + SHIFT, masses)
+        np.testing.assert_allclose(change @ parameters, moved, rtol=0, atol=1e-13)
+
+
+def test_change_of_frame_and_back():
+    change = inertia.change_of_frame(ROTATION, SHIFT)
+    back = inertia.change_of_frame(ROTATION.T, -ROTATION.T @ SHIFT)
+    np.testing.assert_allclose(back @ change, np.eye(10), rtol=0, atol=1e-13)
+    np.testing.assert_array_equal(inertia.change_of_frame(np.eye(3), np.zeros(3)), np.eye(10))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_bodies_are_inside_the_cone(seed):
+    for points, masses in random_clouds(3, seed):
+        assert CONE.contains(cloud_parameters(points, masses))
+        assert CONE.contains(cloud_parameters(points[:1], masses[:1]), tolerance=1e-15), "one point is on the boundary"
+        assert not CONE.contains(cloud_parameters(points[:1], masses[:1]) - 1e-3)
+
+
+# a body of 2 kg about its centre, a block of 0.3 x 0.2 x 0.1 m, and what no body can be
+BLOCK = np.array([0.05, 0.0, 0.0, 0.1, 0.0, 0.13, 0.0, 0.0, 0.0, 12.0]) / 6
+UNPHYSICAL = {
+    "negative mass": {"m": -2.0},
+    "no mass but inertia and first moment": {"m": 0.0, "mcx": 0.01},
+    "triangle inequality": {"Jzz": BLOCK[0] + BLOCK[3] + 1e-4},
+    "negative inertia": {"Jxx": -0.001},
+    "product of inertia": {"Jyz": 0.03},
+    "centre of mass too far for the inertia": {"mcx": 2.0 * 0.2},
+    "a mirror image through the origin": {"Jxx": -BLOCK[0], "Jyy": -BLOCK[3], "Jzz": -BLOCK[5], "m": -2.0},
+}
+
+
+@pytest.mark.parametrize("change", UNPHYSICAL.values(), ids=UNPHYSICAL.keys())
+def test_unphysical_parameters_are_refused(change):
+    assert CONE.contains(BLOCK)
+    body = BLOCK.copy()
+    body[[inertia.NAMES.index(name) for name in change]] = list(change.values())
+    assert not CONE.contains(body)
+    assert CONE.smallest_eigenvalues(body)[0] < -1e-6
+
+
+def test_cones_add_up_in_order():
+    cone = Cone.orthant(2) + Cone.rigid_bodies(2) + Cone.free(3) + Cone.orthant(1)
+    assert cone.size == 26
+    assert cone.nonnegative.tolist() == [0, 1, 25]
+    np.testing.assert_array_equal(cone.bodies, np.arange(2, 22).reshape(2, 10))
+    good = np.concatenate([[0.1, 0.2], BLOCK, PARAMETERS[0], [-1, 0, 1], [0.3]])
+    assert cone.contains(good)
+    for index in (0, 1, 11, 21, 25):  # friction, masses, friction
+        bad = good.copy()
+        bad[index] = -0.01
+        assert not cone.contains(bad)
+        assert cone.contains(bad, tolerance=1.0)
+    np.testing.assert_allclose(cone.pseudo_inertias(good)[1], inertia.pseudo_inertia(PARAMETERS[0]), atol=1e-14)

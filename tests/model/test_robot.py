@@ -1,0 +1,253 @@
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from oracles import (
+    STEP,
+    actuator_efforts,
+    assert_close,
+    built_in_table,
+    dh_chain,
+    joint_torques,
+    parameters_of,
+    positions,
+    random_clouds,
+    random_motion,
+    random_table,
+    urdf_chain,
+    urdf_text,
+)
+
+from bayesid.errors import InputError
+from bayesid.model.robot import BUILT_IN, load_robot, robot_from_table, robot_from_urdf, robot_table
+from bayesid.motion import Motion
+
+RANDOM = [(convention, n) for convention in ("standard", "modified") for n in range(1, 8)]
+TABLES = {
+    **{f"{convention}{n}": random_table(convention, n, seed=n) for convention, n in RANDOM},
+    **{f"{convention}{n}coupled": random_table(convention, n, seed=n, coupled=True) for convention, n in RANDOM[1::2]},
+    **{name: built_in_table(name) for name in BUILT_IN},
+}
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_dynamics_equal_those_of_point_masses(name):
+    table = TABLES[name]
+    n = len(table["joints"])
+    robot, clouds, motion = robot_from_table(table, "test"), random_clouds(n, seed=n), random_motion(n)
+    torques = joint_torques(dh_chain(table), clouds, table["gravity"], motion)
+    expected = actuator_efforts(torques, table.get("transmission"))
+    theta = parameters_of(clouds)
+    assert_close(robot.regressor(motion) @ theta, expected, 1e-12)
+    assert_close(robot.inverse_dynamics(motion, theta), expected, 1e-12)
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_gravity_torque_is_the_slope_of_the_potential_energy(name):
+    table = TABLES[name] | {"transmission": None}
+    n = len(table["joints"])
+    robot, clouds, chain = robot_from_table(table, "test"), random_clouds(n), dh_chain(table)
+    masses = np.concatenate([m for _, m in clouds])
+    q = random_motion(n, 1).q[0]
+    slopes = [-(masses @ positions(chain, clouds, q + 1j * STEP * e) @ robot.gravity).imag / STEP for e in np.eye(n)]
+    rest = Motion([0.0], [q], np.zeros((1, n)), np.zeros((1, n)))
+    assert_close(robot.inverse_dynamics(rest, parameters_of(clouds))[0], np.array(slopes), 1e-12)
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_frames_are_the_products_of_the_dh_matrices(name):
+    robot, q = robot_from_table(TABLES[name], "test"), random_motion(len(TABLES[name]["joints"]), 1).q[0]
+    data = robot._pinocchio.createData()
+    pin.forwardKinematics(robot._pinocchio, data, q)
+    found = [data.oMi[i].homogeneous @ joint.link_frame for i, joint in enumerate(robot.joints, start=1)]
+    np.testing.assert_allclose(found, dh_chain(TABLES[name])(q)[0], rtol=0, atol=1e-14)
+
+
+def test_link_without_mass_may_have_inertia():
+    robot, motion = load_robot("kr5"), random_motion(6)
+    theta = parameters_of(random_clouds(6))
+    theta[6:10] = theta[36:40] = 0.0
+    assert_close(robot.inverse_dynamics(motion, theta), robot.regressor(motion) @ theta, 1e-12)
+    np.testing.assert_allclose(robot.inverse_dynamics(motion, 0 * theta), 0.0, atol=1e-300)
+
+
+def test_planar_arm_of_the_textbooks():
+    """Siciliano, Sciavicco, Villani, Oriolo, "Robotics", 7.3: a vertical plane, angles from the horizontal."""
+    a1, a2, g = 0.7, 0.45, 9.81
+    m1, m2, l1, l2, i1, i2 = 3.1, 1.7, 0.31, 0.12, 0.21, 0.034  # l from the joint; i about the centre of mass
+    rows = [{"a": a, "alpha": 0.0, "d": 0.0, "theta": 0.0} for a in (a1, a2)]
+    robot = robot_from_table({"convention": "standard", "joints": rows, "gravity": [0.0, -g, 0.0]}, "test")
+    motion = random_motion(2, 20)
+    (q1, q2), (v1, v2), (w1, w2) = motion.q.T, motion.dq.T, motion.ddq.T
+    h11 = i1 + m1 * l1**2 + i2 + m2 * (a1**2 + l2**2 + 2 * a1 * l2 * np.cos(q2))
+    h12 = i2 + m2 * (l2**2 + a1 * l2 * np.cos(q2))
+    c = -m2 * a1 * l2 * np.sin(q2)
+    g2 = m2 * l2 * g * np.cos(q1 + q2)
+    g1 = (m1 * l1 + m2 * a1) * g * np.cos(q1) + g2
+    expected = np.column_stack(
+        [h11 * w1 + h12 * w2 + 2 * c * v1 * v2 + c * v2**2 + g1, h12 * w1 + (i2 + m2 * l2**2) * w2 - c * v1**2 + g2]
+    )
+    theta = np.zeros((2, 10))  # about the link frames, which sit at the links' far ends
+    for row, m, a, length, i in zip(theta, (m1, m2), (a1, a2), (l1, l2), (i1, i2), strict=True):
+        row[5:7], row[9] = [i + m * (a - length) ** 2, m * (length - a)], m
+    assert_close(robot.inverse_dynamics(motion, theta.ravel()), expected, 1e-13)
+    assert_close(robot.regressor(motion) @ theta.ravel(), expected, 1e-13)
+
+
+@pytest.mark.parametrize("name", ["tx40", "standard4coupled", "modified5coupled"])
+def test_transmission_conserves_power(name):
+    robot = robot_from_table(TABLES[name], "test")
+    motion, theta = random_motion(robot.n_joints, 10), parameters_of(random_clouds(robot.n_joints))
+    torques = replace(robot, transmission=None).inverse_dynamics(motion, theta)
+    efforts = robot.inverse_dynamics(motion, theta)
+    power = np.sum(torques * motion.dq, axis=1)
+    assert_close(np.sum(efforts * robot.actuators(motion).dq, axis=1), power, 1e-12)
+    motor_speeds = motion.dq @ np.array(TABLES[name]["transmission"]).T
+    assert_close(np.sum(efforts / np.abs(np.diag(robot.transmission)) * motor_speeds, axis=1), power, 1e-12)
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_built_in_robots_load(name):
+    robot = load_robot(name)
+    assert robot.n_joints == len(TABLES[name]["joints"])
+    assert (robot.transmission is not None) == (name == "tx40")
+    assert all(value != 0.0 for value in robot.lengths.values())
+    assert robot.same_kinematics(robot_from_table(TABLES[name], "test"))
+
+
+@pytest.mark.parametrize("name", [*BUILT_IN, "standard5", "modified5coupled"])
+def test_robot_table_comes_back_the_same(name):
+    robot = robot_from_table(TABLES[name], "test")
+    back, motion = robot_from_table(robot_table(robot), "test"), random_motion(robot.n_joints)
+    np.testing.assert_array_equal(back.regressor(motion), robot.regressor(motion))
+    assert back.lengths == robot.lengths
+
+
+CHANGES = [("a", 0.1), ("alpha", 0.1), ("d", 0.1), ("theta", 0.1), ("type", "prismatic")]
+
+
+@pytest.mark.parametrize(("key", "value"), CHANGES)
+@pytest.mark.parametrize("joint", [0, 2, 5])
+def test_another_geometry_is_not_the_same(key, value, joint):
+    table = built_in_table("kr5")
+    row = table["joints"][joint]
+    row[key] = value if key == "type" else row[key] + value
+    assert not robot_from_table(table, "test").same_kinematics(load_robot("kr5"))
+
+
+@pytest.mark.parametrize("change", [{"gravity": [0.0, 0.1, -9.81]}, {"transmission": np.diag([1, 1, 1, 1, 1, -2.0])}])
+def test_another_mounting_or_gear_is_not_the_same(change):
+    assert not replace(load_robot("kr5"), **change).same_kinematics(load_robot("kr5"))
+    assert not load_robot("kr5").same_kinematics(load_robot("panda"))
+
+
+def test_urdf_with_fixed_continuous_and_skewed_joints(tmp_path):
+    path = tmp_path / "odd.urdf"
+    path.write_text(urdf_text())
+    robot, clouds, motion = load_robot(path), random_clouds(3), random_motion(3)
+    assert [joint.prismatic for joint in robot.joints] == [False, True, False]
+    assert robot.name == "odd"
+    expected = joint_torques(urdf_chain(), clouds, [0, 0, -9.81], motion)
+    assert_close(robot.regressor(motion) @ parameters_of(clouds), expected, 1e-12)
+    assert_close(robot.inverse_dynamics(motion, parameters_of(clouds)), expected, 1e-12)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Bad files
+# ---------------------------------------------------------------------------------------------------------------
+def refusal(path):
+    with pytest.raises(InputError) as caught:
+        load_robot(path)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert path.name in message
+    assert caught.value.remedy
+    return message
+
+
+ROW = "[[joints]]\na = 0.1\nalpha = 0.2\nd = 0.3\ntheta = 0.4\n"
+HEAD = 'convention = "standard"\n'
+BAD_TOML = {
+    "convention = ": "is not valid TOML",
+    "": "key 'convention' is missing",
+    ROW: "key 'convention' is missing",
+    'convention = "denavit"\n' + ROW: "unknown convention 'denavit'",
+    HEAD: "key 'joints' is missing",
+    HEAD + "joints = []": "key 'joints' is missing",
+    HEAD + "joints = [1]": "joint 1: is not a table",
+    HEAD + ROW + ROW.replace("alpha = 0.2\n", ""): "joint 2: key 'alpha' is missing",
+    HEAD + ROW + ROW.replace("0.3", '"x"'): "joint 2: key 'd' cannot be used",
+    HEAD + ROW.replace("0.3", "nan"): "joint 1: key 'd' cannot be used",
+    HEAD + ROW.replace("0.3", "[1, 2]"): "joint 1: key 'd' cannot be used",
+    HEAD + ROW + 'type = "helical"\n': "joint 1: unknown joint type 'helical'",
+    HEAD + "gravity = [0, 9.81]\n" + ROW: "key 'gravity' cannot be used",
+    HEAD + 'gravity = "down"\n' + ROW: "key 'gravity' cannot be used",
+    HEAD + "transmission = [[1, 2], [3, 4]]\n" + ROW: "key 'transmission' cannot be used",
+    HEAD + "transmission = [1, 1]\n" + ROW + ROW: "key 'transmission' cannot be used",
+    HEAD + "transmission = [[1, 2], [2, 4]]\n" + ROW + ROW: "key 'transmission' cannot be used",
+    HEAD + "transmission = [[0, 1], [1, 0]]\n" + ROW + ROW: "key 'transmission' cannot be used",
+}
+
+
+@pytest.mark.parametrize(("text", "said"), BAD_TOML.items())
+def test_bad_dh_file(tmp_path, text, said):
+    path = tmp_path / "arm.toml"
+    path.write_text(text)
+    assert said in refusal(path)
+
+
+def arm(joint='<axis xyz="0 1 0"/>', kind="revolute", parent="b", child="l", extra=""):
+    ends = f'<parent link="{parent}"/><child link="{child}"/>'
+    links = '<link name="b"/><link name="l"/>'
+    return f'<robot name="r">{links}<joint name="elbow" type="{kind}">{ends}{joint}</joint>{extra}</robot>'
+
+
+BAD_URDF = {
+    "": "is not readable as URDF",
+    "<robot": "is not readable as URDF",
+    "<html/>": "its root is <html>",
+    '<robot name="r"><link name="b"/></robot>': "has no moving joint",
+    '<robot name="r"/>': "has 0 links without a parent joint",
+    arm(kind="fixed"): "has no moving joint",
+    arm(kind="floating"): "joint elbow: is of type 'floating'",
+    arm(kind="planar"): "joint elbow: is of type 'planar'",
+    arm(kind="ball"): "joint elbow: is of type 'ball'",
+    arm('<mimic joint="x"/>'): "joint elbow: is a mimic joint",
+    arm('<axis xyz="0 0 0"/>'): "joint elbow: key 'axis xyz' cannot be used",
+    arm('<axis xyz="0 1"/>'): "joint elbow: key 'axis xyz' cannot be used",
+    arm('<origin xyz="0 0 up"/>'): "joint elbow: key 'origin xyz' cannot be used",
+    arm('<origin rpy="0 0 nan"/>'): "joint elbow: key 'origin rpy' cannot be used",
+    arm(parent="x"): "joint elbow: its <parent> names no link",
+    arm(extra='<link name="c"/>'): "has 2 links without a parent joint: b, c",
+    arm(extra='<link name="l"/>'): "link l: appears twice",
+    arm(extra='<joint name="x" type="fixed"><parent link="l"/><child link="b"/></joint>'): "has 0 links without",
+    arm(extra='<joint name="x" type="fixed"><parent link="b"/><child link="l"/></joint>'): "link l: is the child of",
+    arm(extra='<link name="c"/><joint name="elbow" type="fixed"><parent link="l"/><child link="c"/></joint>'): (
+        "joint elbow: appears twice"
+    ),
+}
+
+
+@pytest.mark.parametrize(("text", "said"), BAD_URDF.items())
+def test_bad_urdf(tmp_path, capfd, text, said):
+    path = tmp_path / "arm.urdf"
+    path.write_text(text)
+    assert said in refusal(path)
+    assert capfd.readouterr() == ("", ""), "the URDF library's own complaints are not ours"
+
+
+@pytest.mark.parametrize("joint", ["", "<limit/>", '<limit effort="x"/>', '<dynamics damping="x"/>', "<axis/>"])
+def test_urdf_parts_that_do_not_move_the_arm_do_not_matter(joint):
+    robot = robot_from_urdf(arm(joint), "test")
+    np.testing.assert_array_equal(robot.joints[0].axis, [1, 0, 0])
+
+
+def test_no_such_file_and_no_text(tmp_path):
+    assert "no such robot" in refusal(tmp_path / "absent.urdf")
+    assert "no such robot" in refusal(tmp_path)
+    for name in ("arm.urdf", "arm.toml"):
+        (tmp_path / name).write_bytes(b"\xff\xfe\x00")
+        assert "cannot be read" in refusal(tmp_path / name)
+    with pytest.raises(InputError, match="kr55: no such robot; give one of kr5"):
+        load_robot("kr55")

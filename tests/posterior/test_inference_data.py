@@ -1,0 +1,480 @@
+import json
+import warnings
+from dataclasses import replace
+
+import arviz as az
+import numpy as np
+import pytest
+import xarray
+from posterior_problems import whole_space
+
+from bayesid.errors import InputError
+from bayesid.fit.knowledge import Information
+from bayesid.fit.moments import Moments
+from bayesid.model.coefficients import BaseCoefficients
+from bayesid.model.parameters import Parameter
+from bayesid.posterior.diagnostics import Diagnostics, diagnose
+from bayesid.posterior.inference_data import Labels, make_inference_data, pointwise, read_draws, write
+from bayesid.posterior.likelihood import make_likelihood
+from bayesid.posterior.prior import Prior
+from bayesid.posterior.sampler import Draws
+from bayesid.posterior.target import Target
+
+JOINTS = ("A1", "A2", "A3")
+SIGMA = np.array([0.5, 2.0, 1.3])
+AUTOCORRELATION = np.array([4.0, 1.0, 7.5])
+PROJECTION = np.array([[1.0, 0.0, 0.0, 0.7, 0.0], [0.0, 1.0, 0.0, 0.0, -0.4], [0.0, 0.0, 1.0, 0.2, 1.0]])
+THETA = np.array([1.0, -0.6, 0.8, 0.3, -0.2])
+
+
+class Problem:
+    """Rows of 24 segments in three joints, and all that comes of them."""
+
+    def __init__(self, own=None, fixed=(), known=(3, 9, 11)):
+        rng = np.random.default_rng(5)
+        self.rows = [rng.standard_normal((int(m), 3)) for m in rng.integers(20, 60, 24)]
+        joint = np.arange(24) % 3
+        turned = np.array([*np.ones(12), *-np.ones(12)])
+        noise = [SIGMA[j] * rng.standard_normal(len(y)) for j, y in zip(joint, self.rows, strict=True)]
+        pairs = zip(turned, self.rows, noise, strict=True)
+        self.effort = [s * (y @ PROJECTION @ THETA + e) for s, y, e in pairs]
+        signs = np.zeros(24, dtype=np.int64)
+        signs[list(known)] = turned[list(known)]
+        moments = Moments(
+            joint,
+            signs,
+            hessian=np.array([y.T @ y for y in self.rows]),
+            gradient=np.array([y.T @ e for y, e in zip(self.rows, self.effort, strict=True)]),
+            energy=np.array([e @ e for e in self.effort]),
+            count=np.array([len(y) for y in self.rows]),
+        )
+        self.moments = moments if own is None else moments.compact(own)
+        coefficients = BaseCoefficients(
+            ("m1", "fv1", "Ia1"), ("m1 + 0.7 m2", "fv1", "Ia1"), ("kg", "N m s", "kg m2"), np.arange(3), PROJECTION
+        )
+        branch = np.zeros(24, dtype=np.int64)
+        branch[list(fixed)] = 1
+        likelihood = make_likelihood(self.moments, coefficients, SIGMA, AUTOCORRELATION, branch)
+        prior = Prior(whole_space(5), np.full(5, 0.1), np.full(5, 2.0), np.full(3, 0.4), np.zeros(5))
+        self.target = Target(prior, likelihood)
+        parameters = [Parameter(f"p{k}", "kg", 1) for k in range(5)]
+        self.labels = Labels(coefficients, parameters, JOINTS, 0.5 * np.arange(24), 0.5 * np.arange(24) + 0.4)
+
+    def draws(self, sweeps=40, ensembles=4, walkers=8, seed=0):
+        """From the normal approximation at the truth, which is the posterior to within a little."""
+        rng = np.random.default_rng(seed)
+        precision, pull = self.target.quadratic(THETA, np.zeros(3))
+        factor = np.linalg.cholesky(np.linalg.inv(precision))
+        shape = (sweeps, ensembles, walkers)
+        theta = np.linalg.solve(precision, pull) + rng.standard_normal((*shape, 5)) @ factor.T
+        log_scale = rng.standard_normal((*shape, 3)) / np.sqrt(2.0 * self.target.likelihood.count)
+        return self.of(theta, log_scale)
+
+    def of(self, theta, log_scale):
+        joined = np.concatenate([theta, log_scale], axis=-1)
+        density = self.target.log_density(joined.reshape(-1, 8)).reshape(theta.shape[:3])
+        none = Diagnostics(np.ones(1), np.ones(1), np.ones(1))
+        return Draws(theta, log_scale, theta @ PROJECTION.T, density, none, none, True, 1.0)
+
+    def data(self, draws=None, attributes=None, **options):
+        draws = self.draws() if draws is None else draws
+        return make_inference_data(draws, self.target, self.moments, self.labels, attributes or {"seed": 3}, **options)
+
+
+@pytest.fixture(params=[False, True], ids=["memory", "file"])
+def data(request, tmp_path):
+    made = Problem().data()
+    if request.param:
+        write(made, tmp_path / "posterior.nc")
+        made = az.from_netcdf(tmp_path / "posterior.nc")
+    return made
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What it holds
+# ---------------------------------------------------------------------------------------------------------------
+def test_groups_dimensions_and_names(data):
+    assert set(data.groups()) == {"posterior", "sample_stats", "log_likelihood", "observed_data", "constant_data"}
+    posterior = data.posterior
+    assert posterior.beta.dims == ("chain", "draw", "coefficient")
+    assert posterior.theta.dims == ("chain", "draw", "parameter")
+    assert posterior.noise.dims == ("chain", "draw", "joint")
+    assert dict(posterior.sizes) == {"chain": 4, "draw": 320, "coefficient": 3, "parameter": 5, "joint": 3}
+    assert all(posterior[name].dtype == np.float64 for name in ("beta", "theta", "noise"))
+    assert posterior.coefficient.values.tolist() == ["m1", "fv1", "Ia1"]
+    assert posterior.coefficient_unit.values.tolist() == ["kg", "N m s", "kg m2"]
+    assert posterior.coefficient_expression.values[0] == "m1 + 0.7 m2"
+    assert posterior.parameter.values.tolist() == ["p0", "p1", "p2", "p3", "p4"]
+    assert posterior.parameter_unit.values.tolist() == ["kg"] * 5
+    assert posterior.joint.values.tolist() == list(JOINTS)
+    assert posterior.noise.attrs["units"] == "N m"
+    for name in ("lp", "walker", "sweep"):
+        assert data.sample_stats[name].dims == ("chain", "draw")
+    assert data.log_likelihood.effort.dims == ("chain", "draw", "segment")
+    assert data.log_likelihood.effort.dtype == np.float32
+    assert data.observed_data.effort.dims == ("segment",)
+    assert data.constant_data.sigma_ref.values.tolist() == SIGMA.tolist()
+    assert np.allclose(data.constant_data.autocorrelation, AUTOCORRELATION)
+    assert np.allclose(data.constant_data.prior_sd, 2.0)
+    assert np.allclose(data.constant_data.projection, PROJECTION)
+
+
+def test_what_an_earlier_log_has_told_is_kept(tmp_path):
+    problem = Problem()
+    root = np.array([[2.0, 0.3, 0.0], [0.0, 1.0, -0.7]])
+    known = Information(root.T @ root, np.array([0.4, -1.0, 0.2]), 3.5)
+    assert not any(str(name).startswith("earlier") for name in problem.data().constant_data)
+    without = problem.data().sample_stats.lp.values
+    problem.target = replace(problem.target, information=known)
+    draws = Problem().draws()
+    write(problem.data(problem.of(draws.theta, draws.log_scale)), tmp_path / "posterior.nc")
+    made = az.from_netcdf(tmp_path / "posterior.nc")
+    kept, beta = made.constant_data, made.posterior.beta.values
+    misfit = np.einsum("cdr,rs,cds->cd", beta, kept.earlier_hessian.values, beta)
+    misfit += float(kept.earlier_energy) - 2.0 * beta @ kept.earlier_gradient.values
+    assert np.allclose(made.sample_stats.lp.values, without - 0.5 * misfit, rtol=1e-12)
+    assert kept.earlier_gradient.values.tolist() == known.gradient.tolist()
+    assert misfit.min() > 0.0
+
+
+def test_segments_are_named_and_measured(data):
+    observed = data.observed_data
+    assert np.array_equal(observed.segment, data.log_likelihood.segment)
+    assert len(set(observed.segment.values.tolist())) == 24
+    assert observed.segment.values[4] == "A2 2.00-2.40 s"
+    assert observed.joint.values[4] == "A2"
+    assert observed.start.dtype == np.float64
+    assert np.allclose([observed.start[4], observed.end[4]], [2.0, 2.4])
+    problem = Problem()
+    assert observed.n_samples.values.tolist() == [len(y) for y in problem.rows]
+    assert np.allclose(observed.effort, [np.sqrt(np.mean(e**2)) for e in problem.effort])
+    assert np.allclose(observed.effort_energy, [np.sum(e**2) for e in problem.effort])
+    assert observed.n_unknown.values.tolist() == [int(k not in (3, 9, 11)) for k in range(24)]
+    assert observed.fixed_sign.values.tolist() == [int(k in (3, 9, 11)) for k in range(24)]
+
+
+def test_draws_are_in_walker_major_order(data):
+    draws = Problem().draws()
+    stats = data.sample_stats
+    for chain, draw in ((0, 0), (2, 41), (3, 319)):
+        at = {"chain": chain, "draw": draw}
+        walker, sweep = int(stats.walker.sel(at)), int(stats.sweep.sel(at))
+        assert (walker, sweep) == divmod(draw, 40)
+        assert np.array_equal(data.posterior.theta.sel(at), draws.theta[sweep, chain, walker])
+        assert np.array_equal(data.posterior.beta.sel(at), draws.beta[sweep, chain, walker])
+        assert np.allclose(data.posterior.noise.sel(at), SIGMA * np.exp(draws.log_scale[sweep, chain, walker]))
+        assert float(stats.lp.sel(at)) == draws.log_density[sweep, chain, walker]
+
+
+@pytest.mark.parametrize(("most", "every"), [(4096, 1), (1280, 1), (1279, 2), (640, 2), (100, 14), (1, 40)])
+def test_whole_sweeps_are_left_out_evenly(most, every):
+    made = Problem().data(most=most)
+    sweeps = np.unique(made.sample_stats.sweep)
+    assert made.attrs["kept_every"] == every
+    assert sweeps[-1] == 39
+    assert set(np.diff(sweeps)) <= {every}
+    assert made.posterior.sizes["draw"] == 8 * len(sweeps)
+    assert 32 * len(sweeps) <= max(most, 32)  # never less than one sweep
+
+
+def test_attributes_of_all_kinds(tmp_path):
+    kinds = {
+        "converged": True,
+        "robot": "ur10e",
+        "max_rhat": np.float64(1.004),
+        "seed": np.int64(7),
+        "empty": "",
+        "terms": ["links", "viscous"],
+        "pair": (1, 2.5),
+        "nothing": None,
+        "shape": {"stribeck": [0.1]},
+        "sigma": np.array([1.0, 2.0]),
+        "counts": [np.int64(3)],
+        "large": 2**70,
+        "path": [tmp_path],
+        "worst": np.inf,
+        "name": "d\u00e9j\u00e0",
+    }
+    write(Problem().data(attributes=kinds), tmp_path / "p.nc")
+    read = az.from_netcdf(tmp_path / "p.nc").attrs
+    assert read["converged"] == 1
+    assert (read["robot"], read["name"], read["empty"]) == ("ur10e", "d\u00e9j\u00e0", "")
+    assert (read["max_rhat"], read["seed"], read["worst"]) == (1.004, 7, np.inf)
+    assert json.loads(read["terms"]) == ["links", "viscous"]
+    assert json.loads(read["pair"]) == [1, 2.5]
+    assert json.loads(read["nothing"]) is None
+    assert json.loads(read["shape"]) == {"stribeck": [0.1]}
+    assert json.loads(read["sigma"]) == [1.0, 2.0]
+    assert json.loads(read["counts"]) == [3]
+    assert json.loads(read["large"]) == 2**70
+    assert json.loads(read["path"]) == [str(tmp_path)]
+    assert (read["inference_library"], read["ensembles"], read["walkers"], read["sweeps"]) == ("bayesid", 4, 8, 40)
+
+
+def test_what_does_not_belong_together_is_refused():
+    problem = Problem()
+    short = replace(problem.labels, start=problem.labels.start[1:])
+    with pytest.raises(ValueError, match="starts"):
+        make_inference_data(problem.draws(), problem.target, problem.moments, short, {})
+    one = replace(problem.labels, joints=["A1"])
+    with pytest.raises(ValueError, match="joints"):
+        make_inference_data(problem.draws(), problem.target, problem.moments, one, {})
+    other = replace(problem.moments, joint=problem.moments.joint[::-1])
+    with pytest.raises(ValueError, match="different joints"):
+        make_inference_data(problem.draws(), problem.target, other, problem.labels, {})
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# The pointwise likelihood
+# ---------------------------------------------------------------------------------------------------------------
+def _brute_force(problem, theta, log_scale, k):
+    """Tempered normal densities of a segment's rows, the mean over both signs if it is unknown."""
+    j = problem.moments.joint[k]
+    sd, power = SIGMA[j] * np.exp(log_scale[j]), 1.0 / AUTOCORRELATION[j]
+    predicted, measured = problem.rows[k] @ PROJECTION @ theta, problem.effort[k]
+
+    def log_density(sign):
+        return power * np.sum(-0.5 * ((sign * measured - predicted) / sd) ** 2 - np.log(sd) - 0.5 * np.log(2 * np.pi))
+
+    fixed = problem.target.likelihood.fixed[k]
+    return log_density(fixed) if fixed else np.logaddexp(log_density(1), log_density(-1)) - np.log(2)
+
+
+@pytest.mark.parametrize("own", [None, 2, 0])
+def test_pointwise_is_the_density_of_the_rows(own, rng):
+    problem = Problem(own=own, fixed=(0, 7, 12))
+    theta, log_scale = THETA + 0.5 * rng.standard_normal((4, 5)), 0.3 * rng.standard_normal((4, 3))
+    terms = pointwise(problem.target.likelihood, problem.moments, theta, log_scale)
+    assert terms.shape == (4, {None: 24, 2: 6 + 3 + 2, 0: 3 + 2}[own])
+    wanted = np.zeros_like(terms)
+    for w in range(4):
+        for k in range(24):
+            wanted[w, problem.moments.part[k]] += _brute_force(problem, theta[w], log_scale[w], k)
+    assert np.allclose(terms, wanted, rtol=1e-10, atol=1e-8)
+
+
+@pytest.mark.parametrize("own", [None, 2])
+def test_pointwise_adds_up_to_the_likelihood(own):
+    problem = Problem(own=own, fixed=(0, 7, 12))
+    likelihood, draws = problem.target.likelihood, problem.draws()
+    made = problem.data(draws)
+    theta, log_scale = draws.theta.reshape(-1, 5), draws.log_scale.reshape(-1, 3)
+    constant = np.log(2.0) * len(likelihood.unknown) + np.sum(0.5 * likelihood.count * np.log(2.0 * np.pi * SIGMA**2))
+    whole = likelihood.log_likelihood(theta, log_scale) - constant
+    assert np.allclose(pointwise(likelihood, problem.moments, theta, log_scale).sum(axis=1), whole, rtol=1e-11)
+    stats = made.sample_stats
+    of_draw = whole.reshape(40, 4, 8)[stats.sweep.values, stats.chain.values[:, None], stats.walker.values]
+    assert np.allclose(made.log_likelihood.effort.sum("segment"), of_draw, rtol=1e-5)
+
+
+def test_pointwise_in_blocks_is_the_same(monkeypatch):
+    problem, rng = Problem(), np.random.default_rng(1)
+    theta, log_scale = THETA + rng.standard_normal((50, 5)), rng.standard_normal((50, 3))
+    whole = pointwise(problem.target.likelihood, problem.moments, theta, log_scale)
+    monkeypatch.setattr("bayesid.posterior.inference_data._BLOCK", 700)
+    pieces = pointwise(problem.target.likelihood, problem.moments, theta, log_scale)
+    assert np.allclose(whole, pieces, rtol=1e-12)
+
+
+def test_a_joint_without_segments_does_no_harm():
+    problem = Problem()
+    here = problem.moments.joint != 1
+    kept = problem.moments
+    moments = Moments(
+        kept.joint[here], kept.known[here], kept.hessian[here], kept.gradient[here], kept.energy[here], kept.count[here]
+    )
+    labels = replace(problem.labels, start=problem.labels.start[here], end=problem.labels.end[here])
+    unknown = np.zeros(16, dtype=np.int64)
+    likelihood = make_likelihood(moments, labels.coefficients, SIGMA, AUTOCORRELATION, unknown)
+    made = make_inference_data(problem.draws(), replace(problem.target, likelihood=likelihood), moments, labels, {})
+    assert np.isfinite(made.log_likelihood.effort).all()
+    assert np.isnan(made.constant_data.autocorrelation.values).tolist() == [False, True, False]
+
+
+def test_shared_parts_say_whose_they_are():
+    problem = Problem(own=2, fixed=(0,))
+    observed = problem.data().observed_data
+    assert observed.n_segments.sum() == 24
+    assert observed.n_unknown.sum() == 24 - 3 - 1
+    assert observed.n_samples.sum() == problem.moments.count.sum()
+    weak = observed.sel(segment="A1 4 segments of unknown sign")
+    members = problem.moments.part == np.flatnonzero(observed.segment == weak.segment)[0]
+    assert set(problem.moments.joint[members]) == {0}
+    assert weak.n_segments == 4
+    assert weak.joint == "A1"
+    assert weak.start == problem.labels.start[members].min()
+    assert weak.end == problem.labels.end[members].max()
+    assert weak.fixed_sign == 0
+    both = observed.sel(segment="A1 2 segments of known sign")
+    assert both.fixed_sign == 1
+    assert both.n_unknown == 0
+    assert np.isclose(both.effort_energy, sum(np.sum(problem.effort[k] ** 2) for k in (3, 9)))
+
+
+def test_segments_at_the_same_times_are_told_apart():
+    problem = Problem()
+    problem.labels = replace(problem.labels, start=np.zeros(24), end=np.ones(24))  # of 8 logs, each from zero
+    names = problem.data().observed_data.segment.values.tolist()
+    assert len(set(names)) == 24
+    assert names[:4] == ["A1 0.00-1.00 s", "A2 0.00-1.00 s", "A3 0.00-1.00 s", "A1 0.00-1.00 s (2)"]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# ArviZ with it
+# ---------------------------------------------------------------------------------------------------------------
+def _autoregressive(shape, correlation, size, rng):
+    """(D, E, W, size) stationary AR(1) walkers of unit variance."""
+    values = rng.standard_normal((*shape, size))
+    for t in range(1, shape[0]):
+        values[t] = correlation * values[t - 1] + np.sqrt(1.0 - correlation**2) * values[t]
+    return values
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.7, 0.95])
+def test_ess_of_what_is_stored_is_that_of_the_run(correlation, rng):
+    problem, sweeps = Problem(), 60
+    shape = (sweeps, 4, 32)
+    theta, log_scale = (_autoregressive(shape, correlation, k, rng) for k in (5, 3))
+    lags = np.arange(1, sweeps)  # of the mean over a walker's sweeps, exactly
+    truth = np.prod(shape) / (1.0 + 2.0 * np.sum((1.0 - lags / sweeps) * correlation**lags))
+    made = problem.data(problem.of(theta, log_scale), most=10**6)
+    stored = az.ess(made, var_names="theta").theta.values
+    for reference in (truth, diagnose(theta).bulk):
+        assert (stored / reference).min() > 0.6
+        assert (stored / reference).max() < 1.6
+    if correlation > 0.5:  # walkers in turn would hide the correlation
+        interleaved = theta.transpose(1, 0, 2, 3).reshape(4, -1, 5)
+        assert az.ess(interleaved[..., 0]) > 3.0 * truth
+
+
+def test_ess_of_thinned_draws_is_that_of_the_run(rng):
+    problem, shape = Problem(), (160, 4, 16)
+    theta, log_scale = (_autoregressive(shape, 0.9, k, rng) for k in (5, 3))
+    made = problem.data(problem.of(theta, log_scale), most=2560)
+    assert made.attrs["kept_every"] == 4
+    ratio = az.ess(made, var_names="theta").theta.values / diagnose(theta).bulk
+    assert ratio.min() > 0.6
+    assert ratio.max() < 1.6
+
+
+def test_walkers_that_never_move_count_once(rng):
+    problem, start = Problem(), rng.standard_normal((1, 4, 64, 5))
+    theta = np.repeat(start, 40, axis=0) + 1e-9 * rng.standard_normal((40, 4, 64, 5))
+    log_scale = rng.standard_normal((40, 4, 64, 3))
+    made = problem.data(problem.of(theta, log_scale), most=10**6)
+    ess = az.ess(made, var_names="theta").theta.values  # 256 walkers, 10240 draws
+    assert ess.min() > 80
+    assert ess.max() < 500
+
+
+def test_summary(data):
+    table = az.summary(data, var_names=["beta", "noise"])
+    assert list(table.index) == [*(f"beta[{c}]" for c in ("m1", "fv1", "Ia1")), *(f"noise[{j}]" for j in JOINTS)]
+    assert np.all(np.abs(table["mean"].iloc[:3] - PROJECTION @ THETA) < 6 * table["sd"].iloc[:3])
+    assert np.all(table["r_hat"] < 1.03)
+
+
+def test_leave_one_out(data):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        result = az.loo(data, pointwise=True)
+    assert result.n_data_points == 24
+    assert np.isfinite(result.pareto_k).all()
+    assert np.all(result.pareto_k < 0.7)
+    assert 0.0 < result.p_loo < 10.0
+    assert result.pareto_k.sel(segment="A2 2.00-2.40 s").joint == "A2"
+    problem, draws = Problem(), Problem().draws()
+    theta, log_scale = draws.theta.swapaxes(0, 1).reshape(4, -1, 5), draws.log_scale.swapaxes(0, 1).reshape(4, -1, 3)
+    exact = [pointwise(problem.target.likelihood, problem.moments, t, u) for t, u in zip(theta, log_scale, strict=True)]
+    with_doubles = az.from_dict(posterior={"theta": theta}, log_likelihood={"effort": np.array(exact)})
+    assert np.isclose(result.elpd_loo, az.loo(with_doubles, reff=1.0).elpd_loo, atol=0.05)
+
+
+def test_plots(data):
+    matplotlib = pytest.importorskip("matplotlib")
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    az.plot_trace(data, var_names=["noise"])
+    az.plot_forest(data, var_names=["beta"], combined=True)
+    az.plot_rank(data, var_names=["noise"])
+    az.plot_pair(data, var_names=["beta"], kind="kde")
+    az.plot_khat(az.loo(data, pointwise=True))
+    pyplot.close("all")
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Files
+# ---------------------------------------------------------------------------------------------------------------
+def test_draws_come_back(tmp_path):
+    problem = Problem()
+    draws, made = problem.draws(), problem.data()
+    write(made, tmp_path / "p.nc")
+    theta, noise = read_draws(tmp_path / "p.nc", [parameter.name for parameter in problem.labels.parameters])
+    assert np.array_equal(theta, draws.theta.transpose(1, 2, 0, 3).reshape(-1, 5))
+    assert np.allclose(noise, SIGMA * np.exp(draws.log_scale.transpose(1, 2, 0, 3).reshape(-1, 3)))
+    for name, group in az.from_netcdf(tmp_path / "p.nc").items():
+        with group:
+            assert group.load().identical(made[name])
+    (tmp_path / "again").mkdir()
+    write(made, tmp_path / "again" / "p.nc")
+    assert (tmp_path / "again" / "p.nc").read_bytes() == (tmp_path / "p.nc").read_bytes()
+    write(problem.data(most=64), tmp_path / "p.nc")  # over the other one
+    assert len(read_draws(tmp_path / "p.nc")[0]) == 64
+
+
+def test_no_file_or_another_is_said(tmp_path):
+    path = tmp_path / "p.nc"
+    with pytest.raises(InputError, match="no such file"):
+        read_draws(path)
+    with pytest.raises(InputError, match="no such file"):
+        read_draws(tmp_path)
+    for content in (b"", b"time,q1\n0,1\n", b"\x89HDF\r\n\x1a\n" + 200 * b"\0"):
+        path.write_bytes(content)
+        with pytest.raises(InputError, match="not the netCDF file of a posterior"):
+            read_draws(path)
+    xarray.Dataset({"x": ("t", np.arange(3.0))}).to_netcdf(path, engine="h5netcdf")
+    with pytest.raises(InputError, match="not the netCDF file of a posterior"):
+        read_draws(path)
+    az.from_dict(posterior={"mu": np.zeros((2, 10))}).to_netcdf(str(path))
+    with pytest.raises(InputError, match="not the netCDF file of a posterior"):
+        read_draws(path)
+    draws = {"theta": np.zeros((2, 10, 3)), "noise": np.zeros((2, 10, 2))}
+    dims, coords = {"theta": ["parameter"], "noise": ["joint"]}, {"parameter": ["a", "b", "c"], "joint": ["1", "2"]}
+    az.from_dict(posterior=draws, dims=dims, coords=coords).to_netcdf(str(path))
+    with pytest.raises(InputError, match="another program"):
+        read_draws(path)
+
+
+def test_another_model_is_said(tmp_path):
+    write(Problem().data(), tmp_path / "p.nc")
+    for names in (["p0", "p1"], ["p1", "p0", "p2", "p3", "p4"]):
+        with pytest.raises(InputError, match="another model"):
+            read_draws(tmp_path / "p.nc", names)
+
+
+def test_draws_that_are_no_numbers_are_said(tmp_path):
+    made = Problem().data()
+    made.posterior["noise"][0, 3, 1] = np.nan
+    write(made, tmp_path / "p.nc")
+    with pytest.raises(InputError, match="not finite"):
+        read_draws(tmp_path / "p.nc")
+
+
+@pytest.mark.filterwarnings("error")  # whoever reads it must not complain on its own
+def test_damage_is_said(tmp_path):
+    path, rng = tmp_path / "p.nc", np.random.default_rng(2)
+    write(Problem().data(), path)
+    whole, wanted = path.read_bytes(), read_draws(path)
+    for share in (0.01, 0.1, 0.5, 0.9, 0.999):
+        path.write_bytes(whole[: int(share * len(whole))])
+        with pytest.raises(InputError, match="damaged"):
+            read_draws(path)
+    for _ in range(60):  # somewhere in the file, which read_draws need not look at
+        at = int(rng.integers(len(whole) - 16))
+        path.write_bytes(whole[:at] + rng.bytes(16) + whole[at + 16 :])
+        try:
+            read = read_draws(path)
+        except InputError:
+            continue
+        assert all(np.array_equal(a, b) for a, b in zip(read, wanted, strict=True))

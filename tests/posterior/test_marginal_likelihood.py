@@ -1,0 +1,77 @@
+import numpy as np
+import pytest
+from posterior_problems import disc, quadrature, simulate, target_in
+from scipy import stats
+
+from bayesid.model.inertia import from_pseudo_inertia
+from bayesid.model.parameters import Cone
+from bayesid.posterior.marginal_likelihood import (
+    Integration,
+    Normal,
+    bridge,
+    integrate,
+    mode_weights,
+    truncate,
+    truncate_by_splitting,
+)
+from bayesid.posterior.region import Region
+from bayesid.posterior.sampler import Sampling, sample
+
+MANY = Integration(groups=10, walkers=400)
+
+
+@pytest.mark.parametrize("theta", [0.3, -0.6])
+def test_one_dimension_matches_quadrature(theta, rng):
+    region = Region.of(Cone.orthant(1))
+    target = simulate(target_in(region, np.ones(1)), np.array([theta]), np.zeros(1), rng, rows=20, segments=5)
+    exact = quadrature(target, [np.linspace(0, 3, 3001)[1:] - 5e-4, np.linspace(-1.5, 1.5, 400)])[0]
+    draws = sample(target, np.array([0.1]), Sampling(walkers=32))
+    mass = integrate(target, draws, MANY)
+    assert abs(mass.log_value - exact) < max(4 * mass.standard_error, 0.03)
+    assert mass.standard_error < 0.1
+
+
+@pytest.mark.parametrize("theta", [(0.5, 0.2), (1.5, -1.0)])
+def test_two_dimensions_match_quadrature(theta, rng):
+    target = simulate(target_in(disc(), np.zeros(2)), np.array(theta), np.zeros(1), rng, rows=20, segments=5)
+    axes = [np.linspace(-1, 1, 800), np.linspace(-0.3, 1, 520), np.linspace(-1.2, 1.2, 40)]
+    exact = quadrature(target, axes)[0]
+    draws = sample(target, np.array(theta), Sampling(walkers=32))
+    mass = integrate(target, draws, MANY)
+    assert abs(mass.log_value - exact) < max(4 * mass.standard_error, 0.06)
+
+
+@pytest.mark.parametrize("mean", [0.5, -3.0, -12.0])
+def test_share_of_a_half_line(mean):
+    region = Region.of(Cone.orthant(1))
+    normal = Normal(np.array([[4.0]]), np.array([4.0 * mean]))
+    exact = stats.norm.logcdf(2.0 * mean)
+    for method in (truncate, truncate_by_splitting):
+        truncated = method(region, normal, np.ones(1), MANY, np.random.RandomState(0))
+        error = truncated.log_mass.std(ddof=1) / np.sqrt(10)
+        assert abs(truncated.log_mass.mean() - normal.log_integral - exact) < max(4 * error, 0.03)
+        assert np.all(truncated.theta > 0.0)
+
+
+def test_share_of_a_rigid_body_matches_rejection(rng):
+    region, body = Region.of(Cone.rigid_bodies(1)), from_pseudo_inertia(np.diag([0.3, 0.5, 0.8, 1.0]))
+    share = region.contains((body + 0.5 * rng.standard_normal((400_000, 10))).T).mean()
+    normal = Normal(4.0 * np.eye(10), 4.0 * body)
+    truncated = truncate(region, normal, body, MANY, np.random.RandomState(0))
+    error = truncated.log_mass.std(ddof=1) / np.sqrt(10)
+    assert abs(truncated.log_mass.mean() - normal.log_integral - np.log(share)) < max(4 * error, 0.05)
+
+
+def test_bridge_between_two_normal_distributions(rng):
+    a, b = rng.standard_normal(20_000), 1.0 + 2.0 * rng.standard_normal(10_000)
+
+    def log_ratio(x):
+        return -0.5 * x**2 + 0.125 * (x - 1.0) ** 2
+
+    assert abs(bridge(log_ratio(a), log_ratio(b)) - np.log(0.5)) < 0.03
+
+
+def test_weights_sum_to_one():
+    weights = mode_weights(np.array([-1000.0, -1001.0, -2000.0]))
+    assert np.isclose(weights.sum(), 1.0)
+    assert np.isclose(weights[1] / weights[0], np.exp(-1.0))

@@ -1,0 +1,78 @@
+import numpy as np
+import pytest
+from posterior_problems import disc
+from scipy import stats
+
+from bayesid.model.inertia import PSEUDO_INERTIA_BASIS, from_pseudo_inertia
+from bayesid.model.parameters import Cone
+from bayesid.posterior.region import Region, draw_between, draw_on_line, positive_definite
+
+
+def bodies(rng, count, shift):
+    factor = rng.standard_normal((count, 4, 4))
+    return from_pseudo_inertia(factor @ factor.swapaxes(1, 2) + shift * np.eye(4))
+
+
+def test_elimination_agrees_with_eigenvalues(rng):
+    theta = np.concatenate([bodies(rng, 300, s) for s in (-2.0, -0.2, 0.0, 1.0)])
+    region = Region.of(Cone.rigid_bodies(1))
+    least = np.linalg.eigvalsh(np.einsum("wk,kij->wij", theta, PSEUDO_INERTIA_BASIS))[:, 0]
+    far = np.abs(least) > 1e-9
+    assert 100 < (least < 0).sum() < 1100
+    assert np.array_equal(positive_definite(region.matrices(theta.T))[far], (least > 0)[far])
+
+
+def test_region_contains_what_the_cone_contains(rng):
+    cone = Cone.rigid_bodies(2) + Cone.orthant(2) + Cone.free(1)
+    region = Region.of(cone)
+    actuators = rng.standard_normal((400, 3)) + np.array([1.0, 1.0, 0.0])
+    theta = np.concatenate([bodies(rng, 400, -0.1), bodies(rng, 400, 0.5), actuators], axis=1)
+    expected = [cone.contains(row) for row in theta]
+    assert np.array_equal(region.contains(theta.T), expected)
+    assert 10 < sum(expected) < 390
+
+
+def test_excess_is_what_relaxing_needs(rng):
+    region, inner = disc(), np.array([0.1, 0.2])
+    theta = 3.0 * rng.standard_normal((2, 500))
+    excess = region.excess(theta, inner)
+    assert np.array_equal(excess < 0.0, region.contains(theta))
+    for k in np.flatnonzero(excess > 0.0)[:20]:
+        assert region.relaxed(excess[k] * 1.001, inner).contains(theta[:, [k]])[0]
+        assert not region.relaxed(excess[k] * 0.999, inner).contains(theta[:, [k]])[0]
+
+
+@pytest.mark.parametrize(("low", "high"), [(-1.0, 0.5), (3.0, np.inf), (-np.inf, -8.0), (20.0, 21.0), (-0.1, 30.0)])
+def test_a_normal_distribution_between_two_bounds(low, high):
+    random = np.random.RandomState(0)
+    many = np.ones(20_000)
+    draws = draw_between(low * many, high * many, 0.3 * many, 1.2 * many, random)
+    a, b = (low - 0.3) / 1.2, (high - 0.3) / 1.2
+    assert stats.kstest(draws, stats.truncnorm(a, b, 0.3, 1.2).cdf).pvalue > 1e-3
+
+
+@pytest.mark.parametrize("slope", [0.0, 4.0, -60.0])
+def test_line_inside_the_cone_is_drawn_exactly(slope, rng):
+    region = Region.of(Cone.rigid_bodies(2))
+    theta, direction = bodies(rng, 2, 0.01).ravel(), rng.standard_normal(20)
+    many = 20_000
+    start = np.repeat(theta[:, None], many, axis=1)
+    t = draw_on_line(
+        region.slack(start),
+        region.matrices(start),
+        region.rows @ direction,
+        region.entries @ direction,
+        np.full(many, slope),
+        np.full(many, 0.5),
+        np.random.RandomState(1),
+    )
+    # the chord by generalised eigenvalues
+    low, high = -np.inf, np.inf
+    for body in (slice(0, 10), slice(10, 20)):
+        p, d = (np.einsum("k,kij->ij", v[body], PSEUDO_INERTIA_BASIS) for v in (theta, direction))
+        root = np.linalg.inv(np.linalg.cholesky(p))
+        values = np.linalg.eigvalsh(root @ d @ root.T)
+        low, high = max(low, -1.0 / values[-1]), min(high, -1.0 / values[0])
+    mean, sd = slope / 0.5, 1.0 / np.sqrt(0.5)
+    exact = stats.truncnorm((low - mean) / sd, (high - mean) / sd, mean, sd)
+    assert stats.kstest(t, exact.cdf).pvalue > 1e-3

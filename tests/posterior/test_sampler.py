@@ -1,0 +1,88 @@
+import numpy as np
+import pytest
+from posterior_problems import disc, quadrature, simulate, target_in
+
+from bayesid.errors import InputError
+from bayesid.posterior.diagnostics import diagnose
+from bayesid.posterior.sampler import Sampling, sample
+from bayesid.posterior.start import barrier_derivatives, barrier_minimum, barrier_value, body_blocks, find_centre
+
+FEW = Sampling(walkers=16)
+
+
+def small(rng, **kwargs):
+    return simulate(target_in(disc(), np.zeros(2)), np.array([0.9, -0.2]), np.zeros(2), rng, **kwargs)
+
+
+def test_runs_until_converged(rng):
+    target = small(rng)
+    draws = sample(target, np.array([0.9, -0.2]), FEW)
+    assert draws.converged
+    assert draws.diagnostics.max_rhat <= 1.01
+    assert draws.diagnostics.min_ess >= 400
+    assert draws.theta.shape == (draws.sweeps, 4, 16, 2)
+    assert draws.log_density.shape == draws.theta.shape[:3]
+    assert np.allclose(target.log_density(draws.coordinates), draws.log_density.ravel())
+    axes = [np.linspace(-1, 1, 80), np.linspace(-0.3, 1, 80), np.linspace(-1, 1, 41), np.linspace(-1, 1, 41)]
+    _, mean, sd = quadrature(target, axes)
+    assert np.all(np.abs(draws.coordinates.mean(axis=0) - mean) < 0.2 * sd)
+
+
+def test_the_seed_decides_the_draws(rng):
+    target = small(rng)
+    runs = [sample(target, np.array([0.9, -0.2]), Sampling(walkers=8, seed=s)) for s in (1, 1, 2)]
+    assert np.array_equal(runs[0].theta, runs[1].theta)
+    assert not np.array_equal(runs[0].theta, runs[2].theta)
+
+
+def test_a_budget_that_ends_is_said(rng):
+    calls = []
+    options = Sampling(walkers=4, budget=0.0)
+    draws = sample(small(rng), np.array([0.9, -0.2]), options, lambda done, total: calls.append((done, total)))
+    assert not draws.converged
+    assert draws.sweeps == 8 == len(calls)
+
+
+def test_ensembles_apart_are_not_converged(rng):
+    draws = rng.standard_normal((50, 4, 8, 3))
+    assert diagnose(draws).max_rhat < 1.01
+    assert diagnose(draws).bulk.min() > 1000
+    apart = draws + 0.5 * np.arange(4)[:, None, None]
+    assert diagnose(apart).max_rhat > 1.05
+    drifting = draws + np.linspace(0, 2, 50)[:, None, None, None]
+    assert diagnose(drifting).max_rhat > 1.05
+    stuck = np.repeat(rng.standard_normal((1, 4, 8, 1)), 50, axis=0) + 1e-3 * rng.standard_normal((50, 4, 8, 1))
+    assert diagnose(stuck).bulk[0] < 60
+
+
+def test_barrier_has_the_right_derivatives():
+    region, theta = disc(), np.array([0.3, 0.4])
+    slope, curvature = barrier_derivatives(region, theta)
+    zero = np.zeros((2, 2))
+    step = 1e-5 * np.eye(2)
+    value = [[barrier_value(region, zero, zero[0], theta + sign * e) for sign in (1, -1)] for e in step]
+    assert np.allclose(slope, np.diff(value)[:, 0] / -2e-5, rtol=1e-6)
+    slopes = [[barrier_derivatives(region, theta + sign * e)[0] for sign in (1, -1)] for e in step]
+    numeric = [(after - before) / 2e-5 for after, before in slopes]
+    assert np.allclose(curvature, numeric, rtol=1e-6)
+
+
+def test_centre_is_inside_however_far_outside_the_optimum(rng):
+    target = small(rng, rows=4000, noise=0.01)
+    centre = find_centre(target, np.array([5.0, -3.0]), np.zeros(2))
+    assert target.prior.region.contains(centre.theta[:, None])[0]
+    precision = 1e8 * np.eye(2)
+    centre = barrier_minimum(disc(), precision, precision @ np.array([4.0, 3.0]), np.zeros(2))
+    assert np.allclose(centre.theta, [0.8, 0.6], atol=1e-3)
+
+
+def test_blocks_are_bodies():
+    assert np.array_equal(body_blocks(disc()), [0, 0])
+
+
+@pytest.mark.parametrize("budget", [-1.0, np.nan, np.inf])
+def test_a_budget_that_is_no_time_is_refused(budget):
+    with pytest.raises(InputError) as error:
+        Sampling(budget=budget)
+    assert error.value.where == "--posterior-budget"
+    assert "0 or more seconds" in error.value.remedy

@@ -1,0 +1,129 @@
+"""The information of an earlier log, as a part of what is sampled."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from posterior_problems import information_of, simulate, target_in, whole_space
+from test_modes import make_log
+
+from bayesid.fit.knowledge import Information, Links
+from bayesid.model.parameters import Cone
+from bayesid.posterior.likelihood import make_likelihood
+from bayesid.posterior.prior import make_prior
+
+PROJECTION = [[1.0, 0.0, 0.6, 0.0], [0.0, 1.0, -2.0, 0.0], [0.0, 0.0, 0.0, 1.5]]
+THETA = (0.8, 0.3, -0.4, 0.9)
+
+
+def two_logs():
+    """Of the same four parameters, three coefficients and two joints; the earlier one's signs are all known."""
+    common = {
+        "joint": (0, 1, 0, 1, 0),
+        "sigma": (0.7, 1.9),
+        "time": (2.0, 1.3),
+        "projection": PROJECTION,
+        "cone": Cone.orthant(1) + Cone.free(3),
+        "mean": (0.2, 0.0, 0.1, -0.3),
+        "sd": (1.5, 1.0, 0.7, 2.0),
+    }
+    new = make_log(THETA, rows=(6, 9, 5, 7, 8), known=(1, 0, 0, 1, 0), seed=3, **common)
+    earlier = make_log(
+        THETA, rows=(12, 4, 9, 6, 15), known=(1,) * 5, sees=((1.0, 0.2, 0.0), (0.3, 1.0, 2.0)), seed=4, **common
+    )
+    return new, earlier
+
+
+def information(log):
+    """The information of a log of known signs, row by row, in units of its noise."""
+    weights = [1.0 / (log.sigma[j] * np.sqrt(log.time[j])) for j in log.joint]
+    columns = np.concatenate([w * y for w, (y, _) in zip(weights, log.rows, strict=True)])
+    effort = np.concatenate([w * s * e for w, s, (_, e) in zip(weights, log.known, log.rows, strict=True)])
+    return information_of(columns, effort)
+
+
+def test_the_density_has_the_rows_of_both_logs_and_the_earlier_ones_keep_their_noise():
+    new, earlier = two_logs()
+    rng = np.random.default_rng(8)
+    theta = rng.standard_normal((40, 4)) * 2.0
+    theta[:, 0] = np.abs(theta[:, 0])
+    log_scale = 0.6 * rng.standard_normal((40, 2))
+    of_earlier = earlier.segment_logs(theta, np.zeros((40, 2)))[(1 - earlier.known) // 2, np.arange(5)].sum(axis=0)
+    exact = new.log_density(theta, log_scale) + of_earlier
+    target = replace(new.target, information=information(earlier))
+    values = target.log_density(np.hstack([theta, log_scale]))
+    assert np.allclose(np.diff(values), np.diff(exact), rtol=1e-10, atol=1e-9)
+    assert np.abs(np.diff(of_earlier)).max() > 10.0
+    outside = np.concatenate([theta[0] * np.array([-1.0, 1.0, 1.0, 1.0]), log_scale[0]])
+    assert target.log_density(outside)[0] == -np.inf
+
+
+def test_the_quadratic_function_is_the_density_for_given_signs():
+    new, earlier = two_logs()
+    strong = replace(new, sigma=np.array([0.02, 0.03]))  # no sign is in doubt
+    target = replace(strong.target, information=information(replace(earlier, sigma=np.array([0.05, 0.01]))))
+    theta, log_scale = np.array(THETA) + 0.02, np.array([0.4, -0.3])
+    push = target.likelihood.push(theta[None], log_scale[None])[0]
+    assert np.abs(push[target.likelihood.unknown]).min() > 50.0
+    precision, linear = target.quadratic(theta, log_scale)
+
+    def value(moved):
+        return float(target.log_density(np.append(moved, log_scale))[0])
+
+    size = 1e-2  # the function is quadratic: steps need not be small
+    steps = size * np.eye(4)
+    slope = np.array([value(theta + step) - value(theta - step) for step in steps]) / (2.0 * size)
+    assert np.allclose(slope, linear - precision @ theta, rtol=1e-6, atol=1e-6 * np.abs(linear).max())
+    bend = np.array(
+        [
+            [value(theta + a + b) - value(theta + a - b) - value(theta - a + b) + value(theta - a - b) for b in steps]
+            for a in steps
+        ]
+    ) / (4.0 * size**2)
+    assert np.allclose(-bend, precision, rtol=1e-6, atol=1e-6 * np.abs(precision).max())
+
+
+@pytest.mark.parametrize("shape", [(3, 1), (5, 2)])
+def test_nothing_known_changes_no_bit(shape, rng):
+    size, n = shape
+    target = simulate(target_in(whole_space(size), np.zeros(size)), rng.standard_normal(size), np.zeros(n), rng)
+    same = replace(target, information=Information.none(size))
+    points = rng.standard_normal((20, size + n))
+    assert np.array_equal(target.log_density(points), same.log_density(points))
+    for without, with_none in zip(
+        *(which.quadratic(points[0, :size], points[0, size:]) for which in (target, same)), strict=True
+    ):
+        assert np.array_equal(without, with_none)
+
+
+def test_what_neither_log_shows_is_left_to_the_prior():
+    new, earlier = two_logs()
+    target = replace(new.target, information=information(earlier))
+    blind = np.array([-0.6, 2.0, 1.0, 0.0])
+    assert np.allclose(new.projection @ blind, 0.0)
+    theta = np.array([2.0, 0.1, -0.3, 0.5])
+    points = np.append(theta + np.array([[0.0], [1.5]]) * blind, np.full((2, 2), 0.2), axis=1)
+    of_prior = target.prior.log_density(points[:, :4], points[:, 4:])
+    assert np.isclose(np.diff(target.log_density(points))[0], np.diff(of_prior)[0], rtol=1e-9)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Sizes
+# ---------------------------------------------------------------------------------------------------------------
+def test_what_the_log_does_not_show_is_as_large_as_the_earlier_one_says():
+    new = make_log((1.0, 40.0, 0.3, 0.1), rows=(20, 20), known=(1, 1), sees=((1.0, 0.0, 0.0, 0.0),), sigma=(0.5,))
+    likelihood = make_likelihood(new.moments, new.coefficients, new.sigma, new.time, np.zeros(2, dtype=int))
+    columns = np.zeros((4, 4))
+    columns[:, :3] = [[0.0, 2.0, 0.0], [1e-3, -1.0, 0.0], [0.0, 0.0, 900.0], [0.0, 0.0, 100.0]]
+    known = information_of(columns, columns @ np.array([0.0, 40.0, 0.3, 0.0]))
+
+    def sd(information):
+        return make_prior(new.cone, likelihood, Links(), information=information).sd
+
+    without, both = sd(None), sd(known)
+    assert np.array_equal(without[1:], np.ones(3))
+    assert both[0] == without[0]  # the log shows it
+    assert both[1] == pytest.approx(np.sqrt((5.0 * 40.0**2 + 820_000.0 * 0.3**2) / 5.0))  # explains all of the earlier
+    assert both[1] > 40.0
+    assert both[2] == 1.0  # 0.31 would explain it; never narrower than without
+    assert both[3] == 1.0  # none has shown it

@@ -1,0 +1,306 @@
+"""The page of an identification: whole, self-contained, and with the numbers that were found."""
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_findings import make_findings, with_alternatives, with_summary
+from test_discrepancy_page import Page
+
+from bayesid.report.pages.identification_page import identification_page
+from bayesid.report.pages.rendering import typeset
+from bayesid.report.verdicts import check_findings
+
+EVIL = "<script>alert('x')</script> \" & <b>"
+
+
+class IdentificationPage(Page):
+    """The bars of the coefficients are hidden from those who hear the page: their numbers stand beside them."""
+
+    def __init__(self, text):
+        self.figures, self.hidden, self.links = {}, 0, []
+        super().__init__(text)
+
+    def handle_starttag(self, tag, attributes):
+        named = dict(attributes)
+        if tag == "svg" and named.get("aria-hidden") == "true":
+            self.hidden += 1
+            attributes = [*attributes, ("aria-label", "hidden")]
+        if tag == "figure" and "id" in named:
+            self.figures[named["id"]] = named
+        if tag == "a":
+            self.links.append(named)
+        super().handle_starttag(tag, attributes)
+
+
+def everything():
+    """Validation, nominal values, other assignments, warnings, and names that could be mistaken for HTML."""
+    found = with_alternatives(make_findings(n=2, validated=True))
+    found = with_summary(found, robot=f"arm {EVIL}", log=f"log {EVIL}.csv", warnings=(f"beware {EVIL}", "and again"))
+    found = with_summary(
+        found, "provenance", command=f"bayesid identify {EVIL}", files={EVIL: "ab" * 32}, options={EVIL: EVIL}
+    )
+    return replace(found, prediction=replace(found.prediction, source=f"new {EVIL}.csv"))
+
+
+def one_joint():
+    """Of two coefficients one is not shown by the log."""
+    found = make_findings(n=1, coefficients=2)
+    table = found.coefficients
+    ends = {"low": np.array([table.low[0], -np.inf]), "high": np.array([table.high[0], np.inf])}
+    table = replace(table, sd=np.array([table.sd[0], np.inf]), nominal=np.full(2, np.nan), **ends)
+    return replace(found, coefficients=table)
+
+
+def beam():
+    """Nothing is proven, nothing was sampled."""
+    found = make_findings(n=1, draws=False, coefficients=3)
+    nothing = {
+        "certified": False,
+        "lower_bound": None,
+        "gap": None,
+        "within": None,
+        "assignments": None,
+        "settled_share": None,
+        "method": "beam",
+    }
+    return with_summary(with_summary(found, posterior=None), "search", **nothing)
+
+
+def signed():
+    found = make_findings(n=2, signed_joints=(1, 2), draws=False, coefficients=3)
+    return with_summary(found, posterior=None)
+
+
+def unproven():
+    """A bound, but not a proof."""
+    found = make_findings(n=1, draws=False, coefficients=3)
+    gap = {
+        "certified": False,
+        "lower_bound": 800.25,
+        "gap": 12.25,
+        "within": None,
+        "assignments": None,
+        "settled_share": None,
+    }
+    return with_summary(with_summary(found, posterior=None), "search", **gap)
+
+
+MADE = {"everything": everything, "one_joint": one_joint, "beam": beam, "signed": signed, "unproven": unproven}
+
+
+@pytest.fixture(scope="module")
+def pages():
+    """Each is made once: findings, page, text."""
+    made = {}
+
+    def get(name):
+        if name not in made:
+            findings = MADE[name]()
+            text = identification_page(findings)
+            made[name] = findings, IdentificationPage(text), text
+        return made[name]
+
+    return get
+
+
+def test_only_a_proof_says_that_nothing_else_remains(pages):
+    said = "No other assignment of the strong segments remains"
+    assert said in pages("one_joint")[2]
+    assert not any(said in pages(name)[2] for name in ("unproven", "beam", "signed", "everything"))
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_the_page_is_whole_and_needs_nothing_else(pages, name):
+    findings, page, text = pages(name)
+    static = text.partition("<script>")[0]
+    assert all(one.startswith(("#", "data:image/png;base64,")) for one in page.references)
+    assert not re.search(r"https?:|@import|url\((?!#)|<link|<iframe|srcset", text)
+    assert page.tags.count("script") == 1
+    assert len(set(page.identifiers)) == len(page.identifiers)
+    inside = {one[1:] for one in page.references if one.startswith("#")}
+    assert inside <= set(page.identifiers)
+    assert set(re.findall(r'(?:url\(#|aria-labelledby=")([^")]*)', static)) <= set(page.identifiers)
+    assert all(page.labels)
+    assert page.hidden == len(findings.coefficients.mean)
+    assert page.tags.count("figure") == page.tags.count("figcaption")
+    assert page.tags.count("h1") == page.tags.count("main") == 1
+    assert all(page.captions)
+    assert text.count("<table") == text.count("<caption>")
+    words = re.sub(r"<svg.*?</svg>", "", static, flags=re.DOTALL)
+    assert not re.search(r"\bnan\b|\bNone\b|np\.|array\(|\binf\b(?!\")", words)
+    assert text.endswith("</html>\n")
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_all_checks_are_told(pages, name):
+    findings, _, text = pages(name)
+    for one in check_findings(findings):
+        word = {"good": "good", "look": "look at", "bad": "bad", "not done": "not done"}[one.state]
+        assert f'<span class="light">{word}</span><div><strong>{one.name}:</strong>' in text
+        assert typeset(one.message.split("`")[0]) in text
+        assert typeset(one.remedy.split("`")[0]) in text
+
+
+def test_the_numbers_of_the_tables_are_those_found(pages):
+    findings, page, _ = pages("everything")
+    found = findings.coefficients
+    rows = page.table("Base coefficients")[1:]
+    assert len(rows) == len(found.mean)
+    for k, row in enumerate(rows):
+        assert row[1] == [found.mean[k]]
+        assert row[2] == [found.relative_sd[k]]
+        assert row[3] == [found.low[k], found.high[k]]
+        assert row[4] == ([] if np.isnan(found.nominal[k]) else [found.nominal[k]])
+    seen = findings.prediction
+    for j, row in enumerate(page.table("new ")[1:]):
+        assert row[1:4] == [[seen.rms_error[j]], [seen.relative_residual[j]], [seen.coverage[j]]]
+    others = page.table("The cheapest of 2")[1:]
+    assert [row[1:3] for row in others] == [[[2.75], [0.27]], [[6.5], [0.02]]]
+
+
+def test_bars_are_drawn_to_scale(pages):
+    """120 wide, zero in the middle, 28 a coefficient's own size."""
+    findings, _, text = pages("everything")
+    bars = re.findall(r'<svg class="bar".*?</svg>', text)
+    own = findings.coefficients.bar
+    for k, bar in enumerate(bars):
+        x, width = (float(re.search(rf' {key}="([-\d.]+)"', bar)[1]) for key in ("x", "width"))
+        assert (x, x + width) == pytest.approx(sorted([60.0, 60.0 + 28.0 * own.mean[k]]), abs=0.11)
+        low, high = map(float, re.search(r"M([\d.]+) 8H([\d.]+)", bar).groups())
+        assert low == pytest.approx(60.0 + 28.0 * max(own.low[k], -2.0), abs=0.06)
+        assert high == pytest.approx(60.0 + 28.0 * min(own.high[k], 2.0), abs=0.06)
+        assert ('class="tick"' in bar) == np.isfinite(own.nominal[k])
+
+
+def test_ambiguous_segments_are_listed_by_their_size(pages):
+    """A link leads to the figure of the joint and names the segment's ends; what stands still is not listed."""
+    findings, page, _ = pages("everything")
+    table, samples = findings.segments, findings.samples
+    rows = page.table("Segments in motion")[1:]
+    doubtful = [int(k) for k in np.flatnonzero(table.ambiguous & table.moving)]
+
+    def size(k):
+        inside = (samples.t >= table.start[k]) & (samples.t <= table.end[k])
+        of_joint = np.abs(samples.recorded[:, table.joint[k]])
+        return of_joint[inside].max() / of_joint.max()
+
+    ordered = sorted(doubtful, key=size, reverse=True)
+    assert [row[3:5] for row in rows] == [[[table.confidence[k]], [size(k)]] for k in ordered]
+    links = [(one["href"], float(one["data-from"]), float(one["data-to"])) for one in page.links]
+    assert links[: len(ordered)] == [
+        (f"#torque{table.joint[k] + 1}", *(pytest.approx(one[k], abs=1e-4) for one in (table.start, table.end)))
+        for k in ordered
+    ]
+    others = findings.alternatives
+    assert sorted(links[len(ordered) :]) == sorted(
+        (f"#torque{j + 1}", a, b) for j, a, b in zip(others.joint, others.start, others.end, strict=True)
+    )
+
+
+def test_figures_that_zoom_know_their_range_and_segments(pages):
+    findings, page, _ = pages("everything")
+    table = findings.segments
+    assert set(page.figures) == {"torque1", "torque2", "validation1", "validation2"}
+    for j in range(2):
+        figure = page.figures[f"torque{j + 1}"]
+        assert float(figure["data-left"]) == findings.samples.t[0]
+        assert float(figure["data-right"]) == findings.samples.t[-1]
+        mine = table.joint == j
+        start, end, sign, confidence, ambiguous = np.array(json.loads(figure["data-bands"])).T
+        np.testing.assert_allclose(start, table.start[mine], atol=5.1e-5)
+        np.testing.assert_allclose(end, table.end[mine], atol=5.1e-5)
+        np.testing.assert_array_equal(sign, table.sign[mine])
+        np.testing.assert_allclose(confidence, table.confidence[mine], atol=5.1e-4)
+        np.testing.assert_array_equal(ambiguous, table.ambiguous[mine])
+
+
+def test_text_from_outside_is_escaped(pages):
+    _, page, text = pages("everything")
+    assert "<script>alert" not in text
+    assert text.count("&lt;script&gt;alert") >= 8
+    assert "b" not in page.tags
+    for start in ("arm", "log", "beware", "new", "bayesid identify"):
+        assert f"{start} &lt;script&gt;alert(&#39;x&#39;)&lt;/script&gt; &#34; &amp; &lt;b&gt;" in text
+
+
+def test_what_was_run_is_told(pages):
+    findings, _, text = pages("signed")
+    table = findings.summary.provenance
+    run = table.data, table.files["log.csv"], table.machine, table.command, table.date
+    for value in (*run, "Version of python", "3.11.7", "Option seed", "<code>7</code>"):
+        assert value in text
+    assert "<code>null</code>" in text  # an option left as it is
+    assert "<code>[&#34;rigid_body&#34;]</code>" in text
+
+
+@pytest.mark.parametrize(
+    ("name", "there", "not_there"),
+    [
+        ("everything", ["hidden in all joints", "listed above", "RMS error", "Nominal</th>"], ["No posterior"]),
+        ("one_joint", ["No other assignment", "has not been tried", "not done"], ["Nominal</th>", ">Thinned"]),
+        ("beam", ["No posterior was sampled", "Nothing is proven"], ['id="alternatives-']),
+        ("signed", ["All signs were known", ">recorded</li>"], ['id="proof"', "hidden in", "Hatched"]),
+        ("unproven", ["costs at least 800.25", 'id="alternatives-', "is not ruled out"], ["No assignment costs less"]),
+    ],
+)
+def test_what_is_there_is_told_and_what_is_not_is_not(pages, name, there, not_there):
+    _, _, text = pages(name)
+    for words in there:
+        assert words in text
+    for words in not_there:
+        assert words not in text
+
+
+def test_what_the_log_does_not_show_has_no_interval(pages):
+    _, page, text = pages("one_joint")
+    rows = page.table("Base coefficients")[1:]
+    assert rows[1][3] == []
+    assert rows[1][2] == [np.inf]
+    assert "&gt; 1000" in text
+    assert "Do not rely on this result yet" in text
+
+
+def test_all_figures_are_there(pages):
+    _, _, text = pages("everything")
+    for name in (
+        "forest",
+        "pair",
+        "trace",
+        "rank",
+        "residual1",
+        "residual2",
+        "alternatives",
+        "torque1broad",
+        "torque1slim",
+        "validation2broad",
+    ):
+        assert f'id="{name}-' in text
+    _, _, text = pages("one_joint")
+    assert 'id="pair-' in text  # of two
+
+
+def test_the_same_findings_make_the_same_page(pages):
+    """And progress is told, part by part."""
+    findings, _, text = pages("unproven")
+    seen = []
+    assert identification_page(findings, lambda *step: seen.append(step)) == text
+    assert seen == [("report", done, len(seen)) for done in range(1, len(seen) + 1)]
+
+
+def test_a_minute_of_seven_joints_fits_into_a_mail():
+    """60 s at 1 kHz, thinned as findings are; 900 segments, 68 coefficients' worth of draws, and a validation."""
+    found = make_findings(n=7, count=40_000, per_joint=129, validated=True)
+    long = replace(
+        found,
+        samples=replace(found.samples, every=2, t=found.samples.t * 0.15),
+        segments=replace(found.segments, start=found.segments.start * 0.15, end=found.segments.end * 0.15),
+        prediction=replace(found.prediction, t=found.prediction.t * 0.15),
+    )
+    text = identification_page(long)
+    assert len(text.encode()) < 5_000_000
+    assert "One of 2 samples is shown" in text
+    assert "The 7 largest" not in text
+    IdentificationPage(text)

@@ -1,0 +1,384 @@
+"""Figures: what is drawn is what was found, in the Axes given, and nothing is left behind."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from made_findings import make_findings, with_alternatives, with_summary
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex, to_rgba
+from matplotlib.figure import Figure
+
+import bayesid
+from bayesid.errors import InputError
+from bayesid.report import plot
+from bayesid.report.plot.style import BLUE, INK, MAGENTA, ORANGE
+from bayesid.report.thinning import binned, envelope
+from bayesid.results.folders import save_identification
+from bayesid.simulation.logs import simulate_log
+
+FOUND = make_findings(n=3, validated=True)
+BARE = replace(FOUND, draws=None, prediction=None)
+SAMPLES, SEGMENTS = FOUND.samples, FOUND.segments
+OF_JOINTS = {
+    "torques": plot.torques,
+    "validation": plot.validation,
+    "residuals": plot.residuals,
+    "autocorrelation": plot.autocorrelation,
+}
+OF_DRAWS = {"forest": plot.forest, "pair": plot.pair, "trace": plot.trace, "rank": plot.rank}
+SINGLE = {"coefficients": plot.coefficients, "alternatives": plot.alternatives}
+ALL = {**OF_JOINTS, **OF_DRAWS, **SINGLE}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def no_windows():
+    """Figures belong to nobody: pyplot keeps none of them."""
+    before = plt.get_fignums()
+    yield
+    assert plt.get_fignums() == before
+
+
+def axes_of(drawn):
+    return [drawn] if isinstance(drawn, Axes) else drawn
+
+
+def curves(ax):
+    """Label to (N, 2) data."""
+    return {line.get_label(): line.get_xydata() for line in ax.lines}
+
+
+def gid(ax, name):
+    (one,) = [artist for artist in ax.get_children() if artist.get_gid() == name]
+    return one
+
+
+def intervals(bands):
+    """(K, 2) left and right ends of bands."""
+    return np.array([[p.vertices[:, 0].min(), p.vertices[:, 0].max()] for p in bands.get_paths()])
+
+
+def test_a_stretch_of_time_can_be_looked_at(recwarn, tmp_path):
+    """Signs of segments outside of it neither show nor take room."""
+    whole, part = (plot.torques(FOUND, [1], [Figure(layout="constrained").subplots()])[0] for _ in range(2))
+    part.set_xlim(SAMPLES.t[0], SAMPLES.t[0] + 0.2 * (SAMPLES.t[-1] - SAMPLES.t[0]))
+    pages = []
+    for ax in (whole, part):
+        ax.figure.savefig(tmp_path / "figure.svg")
+        pages.append((tmp_path / "figure.svg").read_text())
+    assert pages[1].count('id="glyph-') < pages[0].count('id="glyph-')
+    width, kept = (ax.get_position().width for ax in (whole, part))
+    assert kept > 0.9 * width
+    assert not [one for one in recwarn if "constrained" in str(one.message)]
+
+
+# --- Where it is drawn -----------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("name", ALL)
+def test_axes_come_back_in_a_figure_of_their_own(name):
+    drawn = axes_of(ALL[name](FOUND))
+    assert all(isinstance(ax, Axes) for ax in drawn)
+    assert len({id(ax.figure) for ax in drawn}) == 1
+    assert isinstance(drawn[0].figure, Figure)
+    assert plt.get_fignums() == []
+
+
+@pytest.mark.parametrize("name", OF_JOINTS)
+def test_given_axes_are_used(name):
+    axes = Figure().subplots(2)
+    assert OF_JOINTS[name](FOUND, joints=[3, 1], axes=list(axes)) == axes.tolist()
+    assert "3" in axes[0].get_ylabel()
+    assert "1" in axes[1].get_ylabel()
+    assert len(axes[0].figure.axes) == 2
+
+
+@pytest.mark.parametrize("name", SINGLE | {"forest": plot.forest})
+def test_a_given_axes_is_used(name):
+    ax = Figure().subplots()
+    assert ALL[name](FOUND, axes=ax) is ax
+    assert ax.figure.axes == [ax]
+
+
+def test_given_grids_are_used():
+    for draw, shape, count in ((plot.pair, (2, 2), 3), (plot.trace, (3, 2), 3), (plot.rank, (3,), 3)):
+        grid = Figure().subplots(*shape)
+        drawn = draw(FOUND, count, grid)
+        assert set(drawn) <= set(grid.ravel().tolist())
+        assert set(grid.ravel()[0].figure.axes) <= set(grid.ravel().tolist())
+        assert all(ax.has_data() for ax in drawn)
+
+
+@pytest.mark.parametrize("name", OF_JOINTS)
+@pytest.mark.parametrize("joints", [[0], [4], [1, -1], []])
+def test_joints_that_there_are_not(name, joints):
+    with pytest.raises(ValueError, match="choose from 1 to 3"):
+        OF_JOINTS[name](FOUND, joints=joints)
+
+
+@pytest.mark.parametrize("name", OF_JOINTS)
+def test_not_one_axes_for_each_joint(name):
+    with pytest.raises(ValueError, match="2 axes for 3 joints"):
+        OF_JOINTS[name](FOUND, axes=Figure().subplots(2).tolist())
+
+
+@pytest.mark.parametrize("name", OF_DRAWS)
+def test_without_a_posterior(name):
+    with pytest.raises(ValueError, match="no posterior was sampled"):
+        OF_DRAWS[name](BARE)
+
+
+def test_without_a_validation_or_a_proof_or_such_a_variable():
+    with pytest.raises(ValueError, match="nothing was validated"):
+        plot.validation(BARE)
+    with pytest.raises(ValueError, match="nothing has been proven"):
+        plot.alternatives(with_summary(FOUND, "search", lower_bound=None, certified=False))
+    with pytest.raises(ValueError, match="'acceleration' is none of t, velocity, position"):
+        plot.residuals(FOUND, "acceleration")
+    with pytest.raises(ValueError, match="two coefficients"):
+        plot.pair(make_findings(coefficients=1))
+
+
+def test_identifications_and_folders_can_be_drawn(tmp_path):
+    robot = bayesid.load_robot("kr5")
+    log = simulate_log(robot, 3.0, 50.0, 0.05, [], 0)[1]
+    result = bayesid.identify(
+        robot, log, terms=["rigid_body"], search=bayesid.Certified(repeatable=True), posterior=False
+    )
+    folder = save_identification(result, tmp_path / "result", report=False)
+    (by_result,), (by_folder,) = plot.torques(result, [2]), plot.torques(str(folder), [2])
+    for one, other in zip(by_result.lines, by_folder.lines, strict=True):
+        np.testing.assert_allclose(other.get_ydata(), one.get_ydata(), rtol=1e-6, atol=1e-30)
+    for wrong in (tmp_path, str(tmp_path / "nowhere")):
+        with pytest.raises(InputError, match=r"holds no summary\.json"):
+            plot.torques(wrong)
+
+
+# --- What is drawn ---------------------------------------------------------------------------------------------------
+def test_efforts_are_those_found():
+    for j, ax in enumerate(plot.torques(FOUND)):
+        drawn = curves(ax)
+        for label, values in (
+            ("recorded, without sign", SAMPLES.recorded),
+            ("with signs", SAMPLES.signed),
+            ("model", SAMPLES.predicted),
+        ):
+            np.testing.assert_array_equal(drawn[label], np.column_stack([SAMPLES.t, values[:, j]]))
+        assert to_hex(ax.lines[2].get_color()) == MAGENTA
+        assert ax.get_xlim() == (SAMPLES.t[0], SAMPLES.t[-1])
+        assert ax.get_ylabel() == f"joint {j + 1}: effort, {'N' if j == 2 else 'N m'}"
+
+
+def test_a_sign_that_was_known_needs_no_second_curve():
+    (ax,) = plot.torques(make_findings(n=3, signed_joints=(2,)), [2])
+    assert list(curves(ax)) == ["recorded", "model"]
+
+
+def test_many_samples_are_drawn_by_their_extremes():
+    many = make_findings(n=1, count=9000, draws=False)
+    (ax,) = plot.torques(many, axes=[Figure(figsize=(6.0, 2.0)).subplots()])
+    values = many.samples.predicted[:, 0]
+    rows = envelope(values, 1800)
+    np.testing.assert_array_equal(curves(ax)["model"], np.column_stack([many.samples.t[rows], values[rows]]))
+    assert len(rows) < 2000
+
+
+@pytest.mark.parametrize(("sign", "name", "colour"), [(1, "x-plus", BLUE), (-1, "x-minus", ORANGE)])
+def test_bands_are_segments(sign, name, colour):
+    """Blue is plus; opacity from 0.05 at confidence 0.5 to 0.34 at 1, a straight line."""
+    for j, ax in enumerate(plot.torques(FOUND)):
+        mine = np.flatnonzero((SEGMENTS.joint == j) & (SEGMENTS.sign == sign))
+        bands = gid(ax, name)
+        np.testing.assert_allclose(intervals(bands), np.column_stack([SEGMENTS.start[mine], SEGMENTS.end[mine]]))
+        alpha = np.interp(SEGMENTS.confidence[mine], [0.5, 1.0], [0.05, 0.34])
+        np.testing.assert_allclose(bands.get_facecolors(), [to_rgba(colour, one) for one in alpha], atol=1e-12)
+        height = bands.get_paths()[0].vertices[:, 1]
+        assert (height.min(), height.max()) == (0.0, 1.0)  # of the axes, however large the efforts
+
+
+def test_ambiguous_segments_are_hatched():
+    for j, ax in enumerate(plot.torques(FOUND)):
+        mine = np.flatnonzero((SEGMENTS.joint == j) & SEGMENTS.ambiguous)
+        assert len(mine) == 1
+        bands = gid(ax, "x-doubt")
+        np.testing.assert_allclose(intervals(bands), np.column_stack([SEGMENTS.start[mine], SEGMENTS.end[mine]]))
+        assert bands.get_hatch() == "////"
+        assert to_hex(bands.get_edgecolor()[0]) == INK
+    sure = replace(FOUND, segments=replace(SEGMENTS, ambiguous=np.zeros_like(SEGMENTS.ambiguous)))
+    assert not [one for one in plot.torques(sure)[0].get_children() if one.get_gid() == "x-doubt"]
+
+
+def test_signs_stand_above_their_segments():
+    minus = "\N{MINUS SIGN}"
+    for j, ax in enumerate(plot.torques(FOUND)):
+        glyphs = {text.get_gid(): text for text in ax.texts}
+        assert set(glyphs) == {f"glyph-{k}" for k in np.flatnonzero(SEGMENTS.joint == j)}
+        for k in np.flatnonzero(SEGMENTS.joint == j):
+            text = glyphs[f"glyph-{k}"]
+            assert text.get_text() == ("+" if SEGMENTS.sign[k] > 0 else minus) + "?" * bool(SEGMENTS.ambiguous[k])
+            assert text.xy[0] == pytest.approx(0.5 * (SEGMENTS.start[k] + SEGMENTS.end[k]))
+            assert text.get_annotation_clip()  # one that zooms leaves none beside the axes
+
+
+def test_signs_that_have_no_room_are_left_out():
+    """0.13 in of a figure of 10 in, at 300 segments: every one is narrower."""
+    (ax,) = plot.torques(make_findings(n=1, per_joint=300, draws=False))
+    assert not ax.texts
+    assert len(intervals(gid(ax, "x-plus"))) + len(intervals(gid(ax, "x-minus"))) == 300
+
+
+def test_a_validation_is_drawn_with_its_band():
+    seen = FOUND.prediction
+    for j, ax in enumerate(plot.validation(FOUND)):
+        drawn = curves(ax)
+        np.testing.assert_array_equal(drawn["measured"], np.column_stack([seen.t, seen.measured[:, j]]))
+        np.testing.assert_array_equal(drawn["predicted"], np.column_stack([seen.t, seen.predicted[:, j]]))
+        (path,) = gid(ax, "x-band").get_paths()
+        corners = {tuple(np.round(one, 9)) for one in path.vertices}
+        for edge in (seen.lower, seen.upper):
+            assert {tuple(np.round(one, 9)) for one in zip(seen.t, edge[:, j], strict=True)} <= corners
+
+
+@pytest.mark.parametrize("variable", ["t", "velocity", "position"])
+def test_residuals_are_drawn_over_a_variable(variable):
+    for j, ax in enumerate(plot.residuals(FOUND, variable)):
+        used = SAMPLES.used[:, j]
+        value = SAMPLES.t[used] if variable == "t" else getattr(SAMPLES, variable)[used, j]
+        points = np.asarray(ax.collections[0].get_offsets())
+        np.testing.assert_array_equal(points, np.column_stack([value, SAMPLES.residual[used, j]]))
+        centre, mean, error = binned(value, SAMPLES.residual[used, j])
+        (line, caps, (bars,)) = ax.containers[0]
+        np.testing.assert_array_equal(line.get_xydata(), np.column_stack([centre, mean]))
+        ends = np.array([segment[:, 1] for segment in bars.get_segments()])
+        np.testing.assert_allclose(ends, np.column_stack([mean - 2.0 * error, mean + 2.0 * error]))
+        unit = {"t": "s", "velocity": "m/s" if j == 2 else "rad/s", "position": "m" if j == 2 else "rad"}[variable]
+        assert ax.get_xlabel().endswith(f", {unit}")
+        assert len(caps) == 2
+
+
+def test_the_autocorrelation_is_drawn_with_what_noise_would_do():
+    table = FOUND.correlation
+    for j, ax in enumerate(plot.autocorrelation(FOUND)):
+        np.testing.assert_array_equal(ax.lines[0].get_xydata(), np.column_stack([table.lag, table.value[j]]))
+        box = ax.patches[0].get_extents().transformed(ax.transData.inverted())
+        np.testing.assert_allclose([box.y0, box.y1], [-table.bound[j], table.bound[j]], rtol=1e-9)
+
+
+def test_coefficients_are_drawn_in_units_of_their_size():
+    bar, by_data = FOUND.coefficients.bar, FOUND.coefficients.by_data
+    ax = plot.coefficients(FOUND)
+    for container, chosen, colour in zip(ax.containers, (by_data, ~by_data), (BLUE, ORANGE), strict=True):
+        np.testing.assert_allclose([one.get_width() for one in container], bar.mean[chosen])
+        np.testing.assert_allclose([one.get_y() + 0.3 for one in container], np.flatnonzero(chosen))
+        assert {to_hex(one.get_facecolor()) for one in container} == {colour}
+    for lines, chosen in zip(ax.collections, (by_data, ~by_data), strict=True):
+        ends = np.array([segment[:, 0] for segment in lines.get_segments()])
+        clipped = np.column_stack([bar.low[chosen], bar.high[chosen]]).clip(-2.5, 2.5)
+        np.testing.assert_allclose(ends, clipped)
+    known = np.isfinite(bar.nominal)
+    np.testing.assert_allclose(ax.lines[0].get_xdata(), bar.nominal[known].clip(-2.5, 2.5))
+    np.testing.assert_array_equal(ax.lines[0].get_ydata(), np.flatnonzero(known))
+    assert [text.get_text() for text in ax.get_yticklabels()] == list(FOUND.coefficients.name)
+    assert ax.get_ylim()[0] > ax.get_ylim()[1]  # the first one on top
+
+
+def test_coefficients_that_the_log_does_not_show_have_lines_without_end():
+    table = FOUND.coefficients
+    shown = replace(table, sd=np.where(np.arange(8) == 1, np.inf, table.sd))
+    ends = plot.coefficients(replace(FOUND, coefficients=shown)).collections[0].get_segments()[1][:, 0]
+    assert ends.tolist() == [-2.5, 2.5]
+
+
+def test_alternatives_are_drawn_by_what_they_cost_more():
+    ax = plot.alternatives(with_alternatives(FOUND))
+    others, best = ax.collections[:2]
+    np.testing.assert_allclose(others.get_offsets(), [[2.75, 1.0], [6.5, 2.0]])
+    np.testing.assert_allclose(best.get_offsets(), [[0.0, 0.0]])
+    (shade,) = ax.patches
+    assert shade.get_x() == pytest.approx(13.8)
+    only = plot.alternatives(FOUND)
+    names = [text.get_text() for text in only.figure.legends[0].get_texts()]
+    assert names == ["best found", "all others"]
+
+
+def test_what_is_not_ruled_out_is_drawn():
+    open_end = with_summary(
+        FOUND, "search", certified=False, lower_bound=800.25, gap=12.25, within=None, assignments=None
+    )
+    (shade,) = plot.alternatives(open_end).patches
+    assert (shade.get_x(), shade.get_width()) == pytest.approx((-12.25, 12.25))
+
+
+def test_intervals_of_draws_are_those_of_each_ensemble():
+    """ArviZ's lines from the highest density's ends; the worst-decided on top."""
+    ax = plot.forest(FOUND, 3)
+    chosen = FOUND.worst(3)
+    labels = [text.get_text() for text in ax.get_yticklabels()]
+    assert labels == [FOUND.coefficients.name[k] for k in chosen[::-1]]
+    scaled = np.sort(FOUND.standardised(chosen), axis=1)
+    inside = int(np.floor(0.94 * scaled.shape[1]))
+    lines = [one.get_segments()[0] for one in ax.collections[::2]]  # each is followed by its quartiles
+    for line, (k, e) in zip(lines, [(k, e) for k in (2, 1, 0) for e in (0, 1)], strict=True):
+        draws = scaled[e, :, k]
+        shortest = np.argmin(draws[inside:] - draws[: len(draws) - inside])
+        np.testing.assert_allclose(line[:, 0], draws[[shortest, shortest + inside]], rtol=1e-9)
+
+
+def test_pairs_and_traces_show_the_draws():
+    chosen = FOUND.worst(2)
+    scaled = FOUND.standardised(chosen)
+    (ax,) = plot.pair(FOUND, 2)
+    drawn = np.asarray(ax.collections[0].get_offsets())
+    np.testing.assert_allclose(np.sort(drawn, axis=0), np.sort(scaled.reshape(-1, 2), axis=0))
+    np.testing.assert_allclose(drawn[:3], scaled[0, :3])
+    names = [FOUND.coefficients.name[k] for k in chosen]
+    assert [ax.get_xlabel(), ax.get_ylabel()] == names
+    grid = plot.trace(FOUND, 2)
+    for row, k in enumerate(chosen):
+        lines = grid[2 * row + 1].lines
+        for line, ensemble in zip(lines, FOUND.standardised(np.array([k]))[:, :, 0], strict=False):
+            np.testing.assert_allclose(line.get_ydata(), ensemble)
+        assert grid[2 * row].get_ylabel() == names[row]
+
+
+def test_ranks_are_counted():
+    """Of two ensembles each bar's height above its base is in proportion to how many of its draws have such a rank."""
+    ax = plot.rank(FOUND, 1)[0]
+    scaled = FOUND.standardised(FOUND.worst(1))[:, :, 0]
+    ranks = scaled.ravel().argsort().argsort().reshape(scaled.shape)
+    bars = [one for one in ax.patches if one.get_height() > 0.0]
+    per_ensemble = len(bars) // 2
+    for e in range(2):
+        heights = np.array([one.get_height() for one in bars[e * per_ensemble : (e + 1) * per_ensemble]])
+        counts, _ = np.histogram(ranks[e], bins=per_ensemble, range=(0, scaled.size))
+        assert np.corrcoef(heights, counts)[0, 1] > 0.95
+
+
+@pytest.mark.parametrize("coefficients", [1, 2, 3])
+@pytest.mark.parametrize("name", ["forest", "trace", "rank"])
+def test_few_coefficients_can_be_drawn(name, coefficients):
+    assert axes_of(OF_DRAWS[name](make_findings(n=1, coefficients=coefficients)))
+
+
+def test_drawing_changes_nothing():
+    """Neither what was found nor how the user's own figures look."""
+    import matplotlib as mpl
+
+    style = dict(mpl.rcParams)
+    before = {key: value.copy() for key, value in vars(SAMPLES).items() if isinstance(value, np.ndarray)}
+    for draw in ALL.values():
+        draw(FOUND)
+    assert dict(mpl.rcParams) == style
+    for key, value in before.items():
+        np.testing.assert_array_equal(getattr(SAMPLES, key), value)
+
+
+def test_nothing_heavy_is_imported_before_it_is_needed():
+    code = """
+import sys, bayesid
+print(*[name for name in ("matplotlib", "arviz", "xarray") if name in sys.modules])
+print(bayesid.plot.torques.__name__)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "\ntorques\n"

@@ -1,0 +1,259 @@
+import csv
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from bayesid.errors import InputError
+from bayesid.results.agreement import agreement, rows, text
+
+
+def run(mean, sd, names=None, expressions=None, unit="kg"):
+    """The rows of one run's coefficients."""
+    names = [f"m{c}" for c in range(len(mean))] if names is None else names
+    expressions = names if expressions is None else expressions
+    return [
+        {"name": name, "expression": expression, "unit": unit, "mean": value, "sd": width, "rsd_percent": 3.0}
+        for name, expression, value, width in zip(names, expressions, mean, sd, strict=True)
+    ]
+
+
+def simulated(truth, sd, inflation=1.0, seed=0):
+    """Runs (K, C) whose standard deviations sd are too small by a factor."""
+    rng = np.random.default_rng(seed)
+    return [run(truth + inflation * width * rng.normal(size=len(truth)), width) for width in sd]
+
+
+def uneven(n_runs, number, seed=0):
+    """Truths (C,) of all sizes, and standard deviations (K, C) that differ tenfold between the runs."""
+    rng = np.random.default_rng(seed)
+    size = 10.0 ** rng.uniform(-4, 2, number)
+    return size * rng.normal(size=number), size * 10.0 ** rng.uniform(-1.5, -0.5, (n_runs, number))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# The numbers
+# ---------------------------------------------------------------------------------------------------------------
+def test_by_hand():
+    """Means 1, 2, 4 with sd 1, 2, 1/2: weights 1, 1/4, 4; and what only two of three runs decide."""
+    found = agreement([run([1.0, 7.0], [1.0, np.inf]), run([2.0, -3.0], [2.0, 3.0]), run([4.0, 7.0], [0.5, 4.0])])
+    assert found.n_runs == 3
+    assert found.names == ("m0", "m1")
+    np.testing.assert_array_equal(found.runs, [3, 2])
+    np.testing.assert_array_equal(found.dof, [2, 1])
+    np.testing.assert_allclose(found.mean, [17.5 / 5.25, (-3.0 / 9 + 7.0 / 16) / (1 / 9 + 1 / 16)])
+    np.testing.assert_allclose(found.sd, [1.0 / np.sqrt(5.25), 12.0 / 5.0])
+    np.testing.assert_allclose(found.spread, [np.sqrt(7.0 / 3.0), 10.0 / np.sqrt(2.0)])
+    np.testing.assert_allclose(found.typical_sd, [np.sqrt(1.75), 5.0 / np.sqrt(2.0)])
+    np.testing.assert_allclose(found.ratio, [np.sqrt(4.0 / 3.0), 2.0])
+    np.testing.assert_allclose(found.chi_square, [23.0 / 3.0, 4.0])
+    np.testing.assert_allclose(found.p, [np.exp(-23.0 / 6.0), 2.0 * stats.norm.sf(2.0)])
+    assert found.median_ratio == pytest.approx(0.5 * (np.sqrt(4.0 / 3.0) + 2.0))
+    assert found.factor == pytest.approx(0.5 * (np.sqrt(23.0 / 6.0 / np.log(2.0)) + 2.0 / stats.norm.ppf(0.75)))
+
+
+@pytest.mark.parametrize("n_runs", [2, 3, 7])
+def test_right_standard_deviations_pass(n_runs):
+    """Runs of very different precision: p is uniform, the ratio's square 1 on average, the mean as sure as it says."""
+    truth, sd = uneven(n_runs, 4000)
+    found = agreement(simulated(truth, sd))
+    assert stats.kstest(found.p, "uniform").pvalue > 1e-3
+    assert stats.kstest((found.mean - truth) / found.sd, "norm").pvalue > 1e-3
+    square = found.ratio**2
+    assert square.mean() == pytest.approx(1.0, abs=4.0 * square.std() / np.sqrt(4000))
+    assert found.factor == pytest.approx(1.0, abs=0.05)
+    assert found.share_differing == pytest.approx(0.01, abs=0.007)
+    assert not found.beyond_chance
+
+
+@pytest.mark.parametrize(("n_runs", "chance"), [(2, 0.674), (3, 0.833), (10, 0.963)])
+def test_with_equal_precision_the_ratio_is_a_scaled_chi(n_runs, chance):
+    """And few runs give less than 1 in the median, which `factor` takes into account."""
+    truth, sd = uneven(1, 4000)
+    found = agreement(simulated(truth, np.repeat(sd, n_runs, axis=0)))
+    scaled = stats.chi(n_runs - 1, scale=1.0 / np.sqrt(n_runs - 1))
+    assert stats.kstest(found.ratio, scaled.cdf).pvalue > 1e-3
+    np.testing.assert_allclose(found.ratio, np.sqrt(found.chi_square / found.dof))
+    assert found.median_ratio == pytest.approx(chance, abs=0.03)
+
+
+@pytest.mark.parametrize("n_runs", [2, 3, 7])
+@pytest.mark.parametrize("inflation", [0.3, 2.4])
+def test_the_factor_is_by_how_much_the_standard_deviations_are_wrong(n_runs, inflation):
+    truth, sd = uneven(n_runs, 4000)
+    found = agreement(simulated(truth, sd, inflation))
+    assert found.factor == pytest.approx(inflation, rel=0.05)
+    expected = stats.chi2.sf(stats.chi2.isf(0.01, n_runs - 1) / inflation**2, n_runs - 1)
+    assert found.share_differing == pytest.approx(expected, abs=0.04)
+    assert found.beyond_chance == (inflation > 1.0)
+
+
+def test_false_alarms_are_rare():
+    """58 coefficients of right standard deviation, as many as a UR10e has: said to differ about once in 500 times."""
+    alarms = sum(agreement(simulated(*uneven(3, 58), seed=seed)).beyond_chance for seed in range(1000))
+    assert alarms <= 8, "2 expected"
+
+
+@pytest.mark.parametrize("number", range(8))
+def test_so_many_that_differ_are_chance(number):
+    """By the binomial sum; none of them by so much that it alone were more than chance."""
+    found = two_runs([3.0] * number + [0.7] * (58 - number))
+    so_many = 1.0 - sum(math.comb(58, k) * 0.01**k * 0.99 ** (58 - k) for k in range(number))
+    assert found.differing.sum() == number
+    assert found.beyond_chance == (so_many < 1e-3)
+
+
+def test_the_order_of_runs_does_not_matter():
+    runs = simulated(*uneven(4, 50))
+    one, other = agreement(runs), agreement(runs[::-1])
+    for name in ("mean", "sd", "spread", "typical_sd", "chi_square", "p"):
+        np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=1e-9)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Which coefficients
+# ---------------------------------------------------------------------------------------------------------------
+def test_what_not_every_run_decides():
+    """Missing, infinite, not a number or zero: left out of that run."""
+    nan, inf = np.nan, np.inf
+    first = run([1.0, 2.0, 3.0, 4.0, 5.0], [0.1, inf, 0.1, nan, inf], names=list("abcde"))
+    second = run([1.1, 2.1, nan, 4.1, 5.0, 6.0], [0.1, 0.1, 0.1, 0.0, inf, 0.1], names=list("abcdef"))
+    found = agreement([first, second])
+    assert found.names == tuple("abcdef")
+    np.testing.assert_array_equal(found.runs, [2, 1, 1, 0, 0, 1])
+    np.testing.assert_array_equal(found.compared, [True, False, False, False, False, False])
+    np.testing.assert_array_equal(found.shared, [True] * 5 + [False])
+    np.testing.assert_allclose(found.mean, [1.05, 2.1, 3.0, nan, nan, 6.0])
+    np.testing.assert_allclose(found.sd, [0.1 / np.sqrt(2.0), 0.1, 0.1, inf, inf, 0.1])
+    for name in ("spread", "typical_sd", "ratio", "chi_square", "p"):
+        np.testing.assert_array_equal(np.isfinite(getattr(found, name)), found.compared, err_msg=name)
+    assert found.median_ratio == found.ratio[0]
+    assert found.sentence.endswith("; 1 coefficient is not in every run's model")
+
+
+def test_coefficients_are_told_apart_by_what_they_are():
+    """The same name with a payload in its expression is another coefficient."""
+    bare = run([1.0, 2.0], [0.1, 0.1], names=["m6", "Fv1"], expressions=["m6", "Fv1"])
+    loaded = run([3.8, 2.0], [0.1, 0.1], names=["m6", "Fv1"], expressions=["m6 + mP", "Fv1"])
+    found = agreement([bare, loaded, loaded])
+    assert list(zip(found.names, found.expressions, found.runs, found.shared, strict=True)) == [
+        ("m6", "m6", 1, False),
+        ("Fv1", "Fv1", 3, True),
+        ("m6", "m6 + mP", 2, False),
+    ]
+    assert "2 coefficients are not in every run's model" in found.sentence
+    assert "chance" in found.sentence
+
+
+def test_what_cannot_be_compared():
+    one = run([1.0], [0.1])
+    for runs in ([], [one]):
+        with pytest.raises(InputError, match=f"two runs or more, not {len(runs)}"):
+            agreement(runs)
+    with pytest.raises(InputError, match="twice"):
+        agreement([one, one + one])
+    with pytest.raises(KeyError, match="unit"):
+        agreement([one, [{"name": "m0", "expression": "m0", "mean": 1.0, "sd": 0.1}]])
+    for runs in ([one, run([1.0], [np.inf])], [one, run([1.0], [0.1], names=["m9"])], [[], []]):
+        nothing = agreement(runs)
+        assert text(nothing) == nothing.sentence
+        assert nothing.sentence.startswith("the 2 runs cannot be compared: no coefficient is decided by two of them")
+        assert np.isnan([nothing.factor, nothing.median_ratio, nothing.share_differing]).all()
+        assert not nothing.beyond_chance
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What is said
+# ---------------------------------------------------------------------------------------------------------------
+def two_runs(distances):
+    """Two runs of sd 1 whose means lie so many times the sd of their difference apart."""
+    zero = np.zeros(len(distances))
+    return agreement([run(zero, zero + 1.0), run(np.sqrt(2.0) * np.array(distances), zero + 1.0)])
+
+
+TYPICAL = stats.norm.ppf(np.linspace(0.5, 1.0, 58, endpoint=False) + 0.5 / 116)
+"""Distances of 58 coefficients as chance has them, evenly."""
+
+
+@pytest.mark.parametrize(
+    ("distances", "verdict", "count"),
+    [
+        (TYPICAL, "the runs agree as well as {say}, they differ 1.0 times as much {of}", 1),
+        (0.4 * TYPICAL, "the runs agree better than {say}, they differ 0.4 times as much {of}", 0),
+        (2.4 * TYPICAL, "the runs differ 2.4 times as much as {say} {of}", 16),
+        (
+            [*TYPICAL[:57], 9.0],
+            "some coefficients differ by more than {say}, though the typical one differs 1.0 times as much {of}",
+            1,
+        ),
+        (1.2 * TYPICAL, "the runs agree as well as {say}, they differ 1.2 times as much {of}", 2),
+        ([1.5], "the runs differ 2.2 times as much as {say} {of}, which may be chance", 0),
+        ([2.6], "the runs differ 3.9 times as much as {say} {of}, which may be chance", 1),
+        ([3.4], "the runs differ 5.0 times as much as {say} {of}", 1),
+    ],
+)
+def test_the_sentence_says_what_the_numbers_say(distances, verdict, count):
+    """Counted here by the normal distribution's 1 %."""
+    found, number = two_runs(distances), len(distances)
+    assert count == (np.abs(distances) > 2.5758).sum()
+    of = f"(median of {number} coefficient{'s' if number > 1 else ''}, 2 runs)"
+    said = verdict.format(say="their standard deviations say", of=of)
+    assert found.sentence == f"{said}: {count} of {number} differ at 1 %, chance alone gives {0.01 * number:.2g}"
+    assert text(found).splitlines()[0] == found.sentence
+
+
+def test_the_table_names_the_ten_worst():
+    found = two_runs(np.array([0.1, 12.0, *np.linspace(3.0, 4.0, 9), 11.0, 0.2]))
+    _, head, *lines = text(found).splitlines()
+    assert head.split() == ["coefficient", "runs", "mean", "spread", "typical", "sd", "ratio", "p"]
+    assert [line.split(",")[0] for line in lines] == ["m1", "m11", *(f"m{k}" for k in range(10, 2, -1))]
+    assert lines[0].split() == ["m1,", "kg", "2", "8.485", "12", "1", "12.0", "4e-33"]
+    assert {len(line) for line in lines} == {len(head)}
+    assert len(text(two_runs([1.0, 2.0])).splitlines()) == 4
+
+
+def test_the_file_says_the_same(tmp_path):
+    """Written and read as a table; rows that another process has written as text are as good."""
+    runs = [run([1.0, 7.0], [1.0, np.inf]), run([2.0, -3.0], [2.0, np.inf]), run([4.0, 7.0], [0.5, 4.0], unit="kg")]
+    written = rows(agreement(runs))
+    with (tmp_path / "agreement.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(written[0]))
+        writer.writeheader()
+        writer.writerows(written)
+    with (tmp_path / "agreement.csv").open(newline="") as file:
+        first, second = csv.DictReader(file)
+    assert list(first) == [
+        "name",
+        "expression",
+        "unit",
+        "runs",
+        "mean",
+        "sd",
+        "spread",
+        "typical_sd",
+        "ratio",
+        "chi_square",
+        "dof",
+        "p",
+    ]
+    assert [first[key] for key in ("name", "expression", "unit", "runs", "dof")] == ["m0", "m0", "kg", "3", "2"]
+    assert float(first["p"]) == pytest.approx(np.exp(-23.0 / 6.0))
+    assert [second[key] for key in ("runs", "mean", "sd", "dof")] == ["1", "7.0", "4.0", "0"]
+    assert [second[key] for key in ("spread", "typical_sd", "ratio", "chi_square", "p")] == [""] * 5
+    texts = [[{key: str(value) for key, value in row.items()} for row in one] for one in runs]
+    assert rows(agreement(texts)) == written
+
+
+def test_a_changed_run_is_told():
+    """The same robot with a heavier tool in one of five runs."""
+    truth, sd = uneven(5, 40)
+    runs = simulated(truth, sd)
+    runs[3][7]["mean"] += 20.0 * runs[3][7]["sd"]
+    found = agreement(runs)
+    assert found.beyond_chance
+    assert np.argmin(found.p) == 7
+    assert text(found).splitlines()[2].startswith("m7, kg")
+    assert not agreement([*runs[:3], *runs[4:]]).beyond_chance
+    assert not replace(found, p=np.full(40, 0.5)).beyond_chance

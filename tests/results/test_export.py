@@ -1,0 +1,362 @@
+import xml.etree.ElementTree as ET
+from dataclasses import fields, replace
+from itertools import product
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+from oracles import assert_close, dh_chain, parameters_of, random_clouds, random_motion, random_table, turn, urdf_text
+from oracles import joint_torques as torques_of_points
+
+from bayesid.model.catalogue import make_effect
+from bayesid.model.distortions import CATALOGUE as DISTORTIONS
+from bayesid.model.model import Model
+from bayesid.model.robot import BUILT_IN, Joint, Robot, load_robot, robot_from_table, robot_from_urdf
+from bayesid.model.terms import CATALOGUE, STANDARD, ActuatorTerm, RigidBody, ViscousFriction, make_terms
+from bayesid.motion import Motion
+from bayesid.results.export import urdf
+from bayesid.results.export.urdf_text import roll_pitch_yaw
+
+MOVES = {name: load_robot(name) for name in BUILT_IN} | {
+    "standard": robot_from_table(random_table("standard", 6, seed=1), "test"),
+    "modified": robot_from_table(random_table("modified", 7, seed=2), "test"),
+    "coupled": replace(robot_from_table(random_table("standard", 4, seed=3, coupled=True), "test"), name="coupled"),
+    "urdf": replace(robot_from_urdf(urdf_text(), "test"), gravity=np.array([1.0, -2.0, -9.0])),
+}
+
+
+HELD = {"staubli_tx40": [1, 1, 1, 1, 1, 0], "coupled": [0, 0, 0, 0]}
+"""Of robots with a transmission: whether a motor's friction is its joint's; the TX40's motor 6 turns with 5 and 6."""
+
+MUJOCO = 1e-9 if int(mujoco.__version__.split(".")[0]) >= 4 else 1e-6
+"""Share of the torques; before version 4 MuJoCo diagonalises a URDF's inertias to seven digits."""
+
+
+@pytest.fixture(params=MOVES)
+def robot(request):
+    return MOVES[request.param]
+
+
+@pytest.fixture
+def model(robot):
+    return Model(robot, make_terms(STANDARD, robot, random_motion(robot.n_joints)))
+
+
+@pytest.fixture
+def theta(model):
+    n = model.robot.n_joints
+    return np.concatenate([parameters_of(random_clouds(n, seed=n)), np.random.default_rng(5).uniform(0.1, 2.0, 4 * n)])
+
+
+def joint_torques(model, motion, theta):
+    """Torques at the joints, before any motor coupling, of the rigid bodies."""
+    return replace(model.robot, transmission=None).inverse_dynamics(motion, theta[: 10 * model.robot.n_joints])
+
+
+def test_pinocchio_finds_the_same_torques(model, theta):
+    loaded = pin.buildModelFromXML(urdf(model, theta))
+    loaded.gravity.linear = model.robot.gravity
+    data, motion = loaded.createData(), random_motion(model.robot.n_joints, 20)
+    found = [pin.rnea(loaded, data, *sample) for sample in zip(motion.q, motion.dq, motion.ddq, strict=True)]
+    assert_close(np.array(found), joint_torques(model, motion, theta), 1e-12)
+
+
+def inverse(loaded, motion):
+    """(N, n) torques that MuJoCo finds for the motion of a loaded model."""
+    data, found = mujoco.MjData(loaded), []
+    for data.qpos[:], data.qvel[:], data.qacc[:] in zip(motion.q, motion.dq, motion.ddq, strict=True):
+        mujoco.mj_inverse(loaded, data)
+        found.append(data.qfrc_inverse.copy())
+    return np.array(found)
+
+
+def test_mujoco_finds_the_same_torques(model, theta):
+    """It reads gravity too, from an element of its own."""
+    loaded = mujoco.MjModel.from_xml_string(urdf(model, theta))
+    n = model.robot.n_joints
+    held = HELD.get(model.robot.name, np.ones(n))
+    np.testing.assert_allclose(loaded.dof_damping, theta[10 * n : 11 * n] * held, rtol=1e-15)
+    np.testing.assert_allclose(loaded.dof_frictionloss, theta[11 * n : 12 * n] * held, rtol=1e-15)
+    loaded.dof_damping[:] = loaded.dof_frictionloss[:] = 0.0
+    motion = random_motion(n, 20)
+    assert_close(inverse(loaded, motion), joint_torques(model, motion, theta), MUJOCO)
+
+
+def test_friction_completes_the_torques_as_urdf_defines_it(robot):
+    """damping * q' + friction * sign(q'), wherever the motion is no standstill: in MuJoCo itself, and by hand."""
+    n = robot.n_joints
+    rng = np.random.default_rng(4)
+    q, ddq = rng.uniform(-3.0, 3.0, (2, 20, n))
+    motion = Motion(np.arange(20.0), q, rng.uniform(0.5, 3.0, (20, n)) * rng.choice([-1.0, 1.0], (20, n)), ddq)
+    shape = {"smoothing": [0.02] * n}  # rad/s: tanh(0.5 / 0.02) is 1 to rounding
+    friction = ViscousFriction(), make_effect("coulomb_friction", shape)
+    model = Model(replace(robot, transmission=None), (RigidBody(), *friction))
+    theta = np.concatenate([parameters_of(random_clouds(n, seed=7)), rng.uniform(0.5, 3.0, 2 * n)])
+    text, expected = urdf(model, theta), model.effort(motion, theta)
+    loaded = pin.buildModelFromXML(text)
+    loaded.gravity.linear = robot.gravity
+    data = loaded.createData()
+    rigid = [pin.rnea(loaded, data, *sample) for sample in zip(motion.q, motion.dq, motion.ddq, strict=True)]
+    assert_close(np.array(rigid) + loaded.damping * motion.dq + loaded.friction * np.sign(motion.dq), expected, 1e-12)
+    assert_close(inverse(mujoco.MjModel.from_xml_string(text), motion), expected, MUJOCO)
+
+
+def test_bayesid_loads_it_again(model, theta):
+    """In the exported robot the links' frames are the joints'; the point masses are moved there by hand."""
+    n = model.robot.n_joints
+    again = replace(robot_from_urdf(urdf(model, theta), "test"), gravity=model.robot.gravity)
+    frames = [joint.link_frame for joint in model.robot.joints]
+    clouds = zip(random_clouds(n, seed=n), frames, strict=True)
+    moved = [(points @ frame[:3, :3].T + frame[:3, 3], masses) for (points, masses), frame in clouds]
+    motion = random_motion(n, 5)
+    assert_close(again.inverse_dynamics(motion, parameters_of(moved)), joint_torques(model, motion, theta), 1e-12)
+    for joint, original in zip(again.joints, model.robot.joints, strict=True):
+        np.testing.assert_allclose(joint.placement, original.placement, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(joint.axis, original.axis, rtol=0, atol=1e-15)
+    own_frames = all(np.array_equal(frame, np.eye(4)) for frame in frames)
+    assert again.same_kinematics(replace(model.robot, transmission=None)) == own_frames
+
+
+def test_effects_without_a_place_are_in_the_comment(model, theta):
+    text = urdf(model, theta)
+    comment = text[text.index("<!--") : text.index("-->")]
+    for parameter, value in list(zip(model.parameters, theta, strict=True))[10 * model.robot.n_joints :]:
+        in_joint = HELD.get(model.robot.name, np.ones(model.robot.n_joints))[parameter.joint - 1]
+        held = parameter.name[:2] in ("Fv", "Fc") and in_joint
+        assert (f"{parameter.name} = {float(value)!r} {parameter.unit}" in comment) != held
+    assert f"gravity = {' '.join(map(str, model.robot.gravity.tolist()))} m/s^2" in comment
+    assert ("motor speeds" in comment) == (model.robot.transmission is not None)
+    joints = ET.fromstring(text).findall("joint")
+    held = HELD.get(model.robot.name, np.ones(model.robot.n_joints))
+    assert [joint.find("dynamics") is not None for joint in joints] == list(map(bool, held))
+
+
+def test_terms_may_be_absent_or_come_in_another_order():
+    robot = MOVES["standard"]
+    bodies, friction = parameters_of(random_clouds(6)), np.array([0.1, 0.2, -1e-12, 0.4, 0.5, 0.6])
+    root = ET.fromstring(urdf(Model(robot, (ViscousFriction(), RigidBody())), np.concatenate([friction, bodies])))
+    found = [element.attrib for element in root.findall("joint/dynamics")]
+    assert found == [{"damping": str(value)} for value in (0.1, 0.2, 0.0, 0.4, 0.5, 0.6)]
+    assert ET.fromstring(urdf(Model(robot, (RigidBody(),)), bodies)).find("joint/dynamics") is None
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Models with effects in some joints
+# ---------------------------------------------------------------------------------------------------------------
+SPEED = 0.4  # rad/s, of the tanh that stands for the direction of motion
+DAMPING = [1.5, 0.0, 2.0 + 0.25, 0.0, 0.75, 0.0]  # N m s/rad, of the terms below
+DRY = [0.0, 6.0, 4.0 + 1.0, 3.0 + 2.0, 0.0, 7.0]  # N m
+
+
+def loaded_arm(convention):
+    """A robot's table and a model: a payload, and friction of several terms in some joints, in no order."""
+    table = random_table(convention, 6, seed=8)
+    terms = [
+        ("coulomb_friction", {"joints": [3], "smoothing": [SPEED]}, [4.0]),
+        ("viscous_friction", {"joints": [5, 1, 3]}, [0.75, 1.5, 2.0]),
+        ("payload", {}, parameters_of([PAYLOAD])),
+        ("coulomb_friction", {"joints": [6, 4], "smoothing": [SPEED] * 2}, [7.0, 3.0]),
+        ("rigid_body", {}, parameters_of(random_clouds(6, seed=8))),
+        ("viscous_friction", {"joints": [3]}, [0.25]),
+        ("coulomb_friction", {"joints": [2, 3, 4], "smoothing": [SPEED] * 3}, [6.0, 1.0, 2.0]),
+    ]
+    model = Model(robot_from_table(table, "test"), tuple(make_effect(name, shape) for name, shape, _ in terms))
+    return table, model, np.concatenate([values for *_, values in terms])
+
+
+PAYLOAD = random_clouds(1, seed=30)[0]
+
+
+def by_hand(table, motion):
+    """Torques of point masses, those of the payload on the last link, with viscous friction."""
+    *clouds, (points, masses) = random_clouds(6, seed=8)
+    last = np.concatenate([points, PAYLOAD[0]]), np.concatenate([masses, PAYLOAD[1]])
+    rigid = torques_of_points(dh_chain(table), [*clouds, last], np.array(table["gravity"]), motion)
+    return rigid + DAMPING * motion.dq
+
+
+@pytest.mark.parametrize("convention", ["standard", "modified"])
+def test_payload_and_friction_of_some_joints_in_pinocchio(convention):
+    table, model, theta = loaded_arm(convention)
+    loaded = pin.buildModelFromXML(urdf(model, theta))
+    loaded.gravity.linear = model.robot.gravity
+    data, motion = loaded.createData(), random_motion(6, 20)
+    rigid = [pin.rnea(loaded, data, *sample) for sample in zip(motion.q, motion.dq, motion.ddq, strict=True)]
+    np.testing.assert_allclose(loaded.damping, DAMPING, rtol=1e-15)
+    np.testing.assert_allclose(loaded.friction, DRY, rtol=1e-15)
+    found = np.array(rigid) + loaded.damping * motion.dq
+    assert_close(found, by_hand(table, motion), 1e-11)
+    assert_close(found + loaded.friction * np.tanh(motion.dq / SPEED), model.effort(motion, theta), 1e-12)
+
+
+@pytest.mark.parametrize("convention", ["standard", "modified"])
+def test_payload_and_friction_of_some_joints_in_mujoco(convention):
+    table, model, theta = loaded_arm(convention)
+    loaded = mujoco.MjModel.from_xml_string(urdf(model, theta))
+    np.testing.assert_allclose(loaded.dof_frictionloss, DRY, rtol=1e-15)
+    loaded.dof_frictionloss[:] = 0.0
+    motion = random_motion(6, 20)
+    assert_close(inverse(loaded, motion), by_hand(table, motion), MUJOCO)
+
+
+def test_joints_without_a_friction_term_have_no_friction_and_the_payload_is_announced():
+    _, model, theta = loaded_arm("standard")
+    text = urdf(model, theta)
+    found = [joint.find("dynamics") for joint in ET.fromstring(text).findall("joint")]
+    kinds = [{"damping"}, {"friction"}, {"damping", "friction"}, {"friction"}, {"damping"}, {"friction"}]
+    assert [set(element.attrib) for element in found] == kinds
+    assert "link6 includes the payload" in text
+    assert "mcxp6" not in text
+    assert "Fc" not in text
+
+
+def comment_of(text):
+    """The lines at the head, of text that is an XML document."""
+    ET.fromstring(text)
+    return [line.strip() for line in text[text.index("<!--") : text.index("-->")].splitlines()]
+
+
+@pytest.mark.parametrize("table", ["standard", "coupled"])
+@pytest.mark.parametrize("name", [name for name, kind in CATALOGUE.items() if kind is not RigidBody])
+def test_every_other_term_stands_at_the_head_with_its_numbers(table, name):
+    robot, rng = MOVES[table], np.random.default_rng(9)
+    shapes = {
+        "smoothing": 0.05,
+        "speed": 0.125,
+        "harmonic": 23.5,
+        "width": 0.375,
+        "time": 17.5,
+        "start": -0.25,
+        "side": -1.0,
+    }
+    of_joints = issubclass(CATALOGUE[name], ActuatorTerm)
+    needed = {one.name for one in fields(CATALOGUE[name])} - {"joints", "links"}
+    shapes |= dict.fromkeys(needed - set(shapes), 0.625)
+    shape = {key: [shapes[key]] for key in needed} | ({"joints": [3]} if of_joints else {})
+    if name == "load_dependent_friction":
+        shape["links"] = rng.uniform(size=10 * robot.n_joints).tolist()
+    term, bodies = make_effect(name, shape), parameters_of(random_clouds(robot.n_joints))
+    parameters = term.parameters(robot)
+    values = rng.uniform(0.1, 2.0, len(parameters))
+    lines = comment_of(urdf(Model(robot, (RigidBody(), term)), np.concatenate([bodies, values])))
+    remarks = {f"{name}: {p.name} = {float(v)!r} {p.unit}" for p, v in zip(parameters, values, strict=True)}
+    has_place = "urdf" in CATALOGUE[name].places
+    assert has_place or name not in ("viscous_friction", "coulomb_friction")
+    in_the_robot = name == "payload" or (has_place and table != "coupled")
+    assert not remarks & set(lines) if in_the_robot else remarks <= set(lines)
+    own, unit = needed - {"smoothing", "side"}, "m" if robot.joints[2].prismatic else "rad"
+    units = {"speed": f"{unit}/s", "harmonic": f"1/{unit}", "width": unit, "time": "s", "start": unit}
+    known = {f"{name}: {key}3 = {shapes[key]} {units[key]}" for key in own & set(units)}
+    assert known <= set(lines)
+
+
+def test_distortions_stand_at_the_head():
+    robot = MOVES["standard"]
+    unit = ["N" if joint.prismatic else "N m" for joint in robot.joints]
+    numbers = {
+        "gain_error": ({"gain": [1.125, 0.75], "joints": [2, 5]}, ["gain2 = 1.125 1", "gain5 = 0.75 1"]),
+        "delay": ({"lag": [0.0125]}, ["lag = 0.0125 s"]),
+        "base_tilt": ({"angle": [0.25, -0.0625]}, ["tilt1 = 0.25 rad", "tilt2 = -0.0625 rad"]),
+        "clipping": ({"limit": [50.5], "joints": [1]}, [f"limit1 = 50.5 {unit[0]}"]),
+        "dead_zone": ({"width": [0.5] * 6}, [f"width{j + 1} = 0.5 {unit[j]}" for j in range(6)]),
+        "dead_zone.shrinking": ({"width": [0.75], "joints": [6]}, [f"width6 = 0.75 {unit[5]}"]),
+    }
+    assert set(numbers) <= set(DISTORTIONS)
+    made = tuple(make_effect(name, shape) for name, (shape, _) in numbers.items())
+    bodies = parameters_of(random_clouds(6))
+    plain, distorted = (urdf(Model(robot, (RigidBody(),), some), bodies) for some in ((), made))
+    remarks = [f"{name}: {line}" for name, (_, lines) in numbers.items() for line in lines]
+    assert comment_of(distorted) == [*comment_of(plain)[:-1], *remarks, ""]
+    assert distorted[distorted.index("-->") :] == plain[plain.index("-->") :]
+
+
+def test_branches_keep_their_order():
+    rng = np.random.default_rng(0)
+    parents = [-1, 0, -1, 2, 3, 2, 0, -1, 1, 1, 4, -1]
+    order = [0, 1, 8, 9, 6, 2, 3, 4, 10, 5, 7, 11]  # depth first, as pinocchio numbers joints
+    parents = [order.index(parents[i]) if parents[i] >= 0 else -1 for i in order]
+    frames = np.tile(np.eye(4), (12, 1, 1))
+    frames[:, :3, 3] = rng.normal(size=(12, 3))
+    joints = tuple(Joint(frame, np.eye(3)[i % 3], i % 2 == 0, parents[i]) for i, frame in enumerate(frames))
+    robot = Robot("tree", joints, np.array([0.0, 0.0, -9.81]))
+    text = urdf(Model(robot, (RigidBody(),)), parameters_of(random_clouds(12)))
+    assert robot_from_urdf(text, "test").same_kinematics(robot)
+
+
+ANGLES = (-3.1, -np.pi / 2, -0.4, 0.0, 1e-9, np.pi / 2, 1.2, np.pi)
+
+
+@pytest.mark.parametrize("pitch", [*ANGLES, np.pi / 2 - 1e-8, 1e-12 - np.pi / 2])
+def test_angles_give_the_rotation_back(pitch):
+    def rotation(roll, pitch, yaw):
+        return turn((0, 0, 1), yaw) @ turn((0, 1, 0), pitch) @ turn((1, 0, 0), roll)
+
+    for roll, yaw in product(ANGLES, ANGLES):
+        expected = rotation(roll, pitch, yaw)
+        np.testing.assert_allclose(rotation(*roll_pitch_yaw(expected)), expected, rtol=0, atol=2e-15)
+
+
+def test_text_is_plain_urdf():
+    text = urdf(Model(replace(MOVES["standard"], name='a "b" & <c>'), (RigidBody(),)), parameters_of(random_clouds(6)))
+    root = ET.fromstring(text)
+    assert root.get("name") == 'a "b" & <c>'
+    assert [link.get("name") for link in root.findall("link")] == ["base", *(f"link{i}" for i in range(1, 7))]
+    assert {joint.get("type") for joint in root.findall("joint")} == {"revolute", "prismatic"}
+    assert all(joint.find("limit") is not None for joint in root.findall("joint"))
+    assert text.endswith("</robot>\n")
+
+
+EDGES = {  # points in each body, their masses' share of the usual, and how far the moments of inertia are off
+    "points": ([1] * 6, [1.0] * 6, 0.0),
+    "rods": ([2] * 6, [1.0] * 6, 0.0),
+    "plates": ([3] * 6, [1.0] * 6, 0.0),
+    "outside": ([1, 2, 3, 1, 2, 3], [1.0] * 6, -1e-13),  # where a solver may end
+    "heavy and light": ([2, 3, 3, 1, 2, 1], [1e6, 1e5, 1e4, 1e-9, 1.0, 1e-12], 0.0),
+}
+
+
+@pytest.mark.parametrize("edge", EDGES)
+def test_bodies_without_thickness_load_everywhere(edge):
+    """MuJoCo refuses inertias that rounding has put outside the triangle inequality, or that are zero."""
+    table, (counts, shares, off) = random_table("standard", 6, seed=11), EDGES[edge]
+    robot = robot_from_table(table, "test")
+    full = zip(random_clouds(6, seed=11), counts, shares, strict=True)
+    clouds = [(points[:count], share * masses[:count]) for (points, masses), count, share in full]
+    theta = parameters_of(clouds).reshape(6, 10)
+    theta[:, [0, 3, 5]] *= 1.0 + off
+    text, motion = urdf(Model(robot, (RigidBody(),)), theta.ravel()), random_motion(6, 20)
+    expected = torques_of_points(dh_chain(table), clouds, robot.gravity, motion)
+    assert_close(inverse(mujoco.MjModel.from_xml_string(text), motion), expected, max(MUJOCO, 1e-8))
+    again = pin.buildModelFromXML(text)
+    again.gravity.linear = robot.gravity
+    data = again.createData()
+    found = [pin.rnea(again, data, *sample) for sample in zip(motion.q, motion.dq, motion.ddq, strict=True)]
+    assert_close(np.array(found), expected, 1e-8)
+
+
+def test_a_motor_that_moves_its_joint_alone_leaves_its_friction_there():
+    gears = np.diag([30.0, -50.0, 40.0, 20.0, 25.0, 60.0])
+    gears[5, 4] = 7.0
+    robot = replace(MOVES["standard"], transmission=gears)
+    theta = np.concatenate([parameters_of(random_clouds(6)), np.arange(1.0, 7.0)])
+    text = urdf(Model(robot, (RigidBody(), ViscousFriction())), theta)
+    found = [joint.find("dynamics") for joint in ET.fromstring(text).findall("joint")]
+    assert [each.get("damping") for each in found[:5]] == ["1.0", "2.0", "3.0", "4.0", "5.0"]
+    assert found[5] is None
+    assert [line for line in comment_of(text) if "Fv" in line] == ["viscous_friction: Fv6 = 6.0 N m s/rad"]
+
+
+@pytest.mark.parametrize("mass", [0.0, -1.0])
+def test_infeasible_mass_is_refused(mass):
+    theta = parameters_of(random_clouds(6))
+    theta[39] = mass
+    with pytest.raises(ValueError, match="link4 has mass"):
+        urdf(Model(MOVES["standard"], (RigidBody(),)), theta)
+
+
+def test_parameters_must_fit_the_model():
+    with pytest.raises(ValueError, match="no rigid_body term"):
+        urdf(Model(MOVES["standard"], (ViscousFriction(),)), np.ones(6))
+    with pytest.raises(ValueError, match="theta has shape"):
+        urdf(Model(MOVES["standard"], (RigidBody(),)), np.ones(59))

@@ -1,0 +1,171 @@
+import csv
+import json
+
+import numpy as np
+import pytest
+
+import bayesid
+from bayesid.cli import main
+from bayesid.log.log import read_log, write_log
+from bayesid.model.model import Model
+from bayesid.model.robot import robot_from_table
+from bayesid.model.terms import make_terms
+from bayesid.results.several_logs import identify_separately
+from bayesid.simulation.logs import simulate
+from bayesid.simulation.parameters import random_parameters
+from bayesid.simulation.trajectories import random_trajectory
+
+TERMS = ("rigid_body", "viscous_friction", "coulomb_friction")
+OPTIONS = {"terms": TERMS, "search": bayesid.Certified(repeatable=True), "posterior": False}
+ARM = """
+name = "arm"
+convention = "standard"
+[[joints]]
+a = 0.0
+alpha = 1.5707963267948966
+d = 0.4
+theta = 0.0
+[[joints]]
+a = 0.35
+alpha = 0.0
+d = 0.0
+theta = 0.0
+"""
+
+
+@pytest.fixture(scope="module")
+def week(tmp_path_factory):
+    """Three logs of one arm; in the last one joint 2 has half as much viscous friction again."""
+    place = tmp_path_factory.mktemp("week")
+    (place / "arm.toml").write_text(ARM)
+    robot = bayesid.load_robot(place / "arm.toml")
+    t = np.arange(1201) / 100.0
+    for k, day in enumerate(("mon", "tue", "wed")):
+        motion = random_trajectory(2, 12.0, seed=k).motion(t)
+        model = Model(robot, make_terms(TERMS, robot, motion))
+        theta = random_parameters(model, np.random.default_rng(5))
+        names = [parameter.name for parameter in model.parameters]
+        theta[names.index("Fv2")] *= 1.0 if day != "wed" else 1.5
+        write_log(place / f"{day}.csv", simulate(model, theta, motion, rng=np.random.default_rng(10 + k), noise=0.05))
+    return place
+
+
+def table(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture(scope="module")
+def separate(week, tmp_path_factory):
+    """All three logs, in this process: where the results stand, and what they are."""
+    out = tmp_path_factory.mktemp("separate") / "out"
+    return out, identify_separately(week / "arm.toml", sorted(week.glob("*.csv")), out, workers=0, **OPTIONS)
+
+
+def test_each_result_is_that_of_its_log_alone(week, separate):
+    out, result = separate
+    for log, run in zip(sorted(week.glob("*.csv")), result.runs, strict=True):
+        alone = bayesid.identify(week / "arm.toml", log, **OPTIONS)
+        assert run.error == ""
+        assert run.folder == out / log.stem
+        assert [row["mean"] for row in run.coefficients] == alone.beta.tolist()
+        written = [float(row["mean"]) for row in table(run.folder / "coefficients.csv")]
+        np.testing.assert_allclose(written, alone.beta, rtol=1e-7)
+        assert json.loads((run.folder / "summary.json").read_text())["n_samples"] == len(read_log(log))
+    assert [row["folder"] for row in table(out / "runs.csv")] == ["mon", "tue", "wed"]
+    assert len(table(out / "agreement.csv")) == len(alone.beta)
+
+
+def test_a_change_between_logs_shows_in_the_coefficient_that_changed(separate):
+    agreement = separate[1].agreement
+    p = dict(zip(agreement.names, agreement.p, strict=True))
+    assert p.pop("Fv2") < 1e-6
+    assert min(p.values()) > 1e-4
+
+
+def test_workers_give_the_same_and_a_table_of_the_robot_will_do(week, separate, tmp_path):
+    joints = [{"a": 0.0, "alpha": np.pi / 2, "d": 0.4, "theta": 0.0}, {"a": 0.35, "alpha": 0.0, "d": 0.0, "theta": 0.0}]
+    robot = robot_from_table({"name": "arm", "convention": "standard", "joints": joints}, "arm")
+    logs = [week / "mon.csv", week / "tue.csv"]
+    by_workers = identify_separately(robot, logs, tmp_path / "out", workers=2, **OPTIONS)
+    for here, there in zip(separate[1].runs, by_workers.runs, strict=False):
+        assert not there.error
+        assert [row["mean"] for row in here.coefficients] == [row["mean"] for row in there.coefficients]
+
+
+def test_a_bad_log_is_named_and_the_rest_is_complete(week, tmp_path, capsys):
+    (tmp_path / "short.csv").write_text("".join((week / "mon.csv").read_text().splitlines(keepends=True)[:20]))
+    out = tmp_path / "out"
+    logs = [week / "mon.csv", tmp_path / "short.csv", week / "tue.csv"]
+    code = main(
+        [
+            "identify",
+            *map(str, logs),
+            "--each",
+            "--robot",
+            str(week / "arm.toml"),
+            "--terms",
+            ",".join(TERMS),
+            "--no-posterior",
+            "--workers",
+            "1",
+            "--out",
+            str(out),
+        ]
+    )
+    printed = capsys.readouterr()
+    assert code == 2
+    assert "short.csv" in printed.err
+    assert "too few" in printed.err
+    assert "1 of 3 logs" in printed.err
+    assert "Traceback" not in printed.err
+    assert sorted(path.name for path in out.iterdir()) == ["agreement.csv", "mon", "runs.csv", "tue"]
+    assert [bool(row["error"]) for row in table(out / "runs.csv")] == [False, True, False]
+    assert "2 runs" in printed.out
+
+
+def test_one_log_has_nothing_to_agree_with(week, tmp_path):
+    result = identify_separately(week / "arm.toml", [week / "mon.csv"], tmp_path / "out", workers=0, **OPTIONS)
+    assert result.agreement is None
+    assert not (tmp_path / "out" / "agreement.csv").exists()
+
+
+def test_logs_of_one_name_get_folders_of_their_own(week, tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "log.csv").write_text((week / "mon.csv").read_text())
+    logs = [tmp_path / "a" / "log.csv", tmp_path / "b" / "log.csv"]
+    result = identify_separately(week / "arm.toml", logs, tmp_path / "out", workers=0, **OPTIONS)
+    assert [run.folder.name for run in result.runs] == ["a-log", "b-log"]
+    with pytest.raises(bayesid.InputError, match="name"):
+        identify_separately(week / "arm.toml", [logs[0], logs[0]], tmp_path / "more", workers=0, **OPTIONS)
+
+
+@pytest.mark.parametrize("case", ["file", "other", "folder", "log"])
+def test_nothing_of_others_is_replaced(week, tmp_path, case):
+    out, log = tmp_path / "out", week / "mon.csv"
+    if case == "file":
+        out.write_text("mine")
+    else:
+        out.mkdir()
+    if case == "other":
+        (out / "notes.txt").write_text("mine")
+    if case == "folder":
+        (out / "mon").mkdir()
+        (out / "mon" / "notes.txt").write_text("mine")
+    if case == "log":
+        (out / "mon").mkdir()
+        log = out / "mon" / "mon.csv"
+        log.write_text((week / "mon.csv").read_text())
+    with pytest.raises(bayesid.InputError):
+        identify_separately(week / "arm.toml", [log], out, workers=0, **OPTIONS)
+    assert not (out / "runs.csv").exists()
+
+
+def test_a_bad_robot_or_option_is_named_once(week, tmp_path, capsys):
+    code = main(["identify", str(week / "mon.csv"), "--each", "--robot", "nosuch", "--out", str(tmp_path / "out")])
+    assert code == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+    code = main(["identify", str(week / "mon.csv"), "--workers", "2", "--robot", str(week / "arm.toml")])
+    assert code == 2
+    assert "--each" in capsys.readouterr().err

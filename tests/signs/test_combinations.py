@@ -1,0 +1,238 @@
+"""Combinations of the joints' patterns, against the costs of all assignments."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+from sign_problems import ROUNDING, arm, moments_of, strong, synthetic
+
+from bayesid.signs.search.combinations import TooManyError, combinations, least_costs
+from bayesid.signs.search.limits import Limits
+from bayesid.signs.search.problem import OutOfTimeError, Problem
+
+
+class Combined:
+    """The combinations of a small problem up to a limit, and the brute force to hold them to."""
+
+    def __init__(self, problem, within, solver=None, **limits):
+        self.problem = problem
+        self.view = Problem(problem.moments, solver or problem.solver(), np.inf, limits=Limits(**limits))
+        self.limit = problem.least + within
+        self.found = combinations(self.view, self.limit, least_costs(self.view))
+        self.decided = np.concatenate([np.flatnonzero(problem.moments.known), self.found.patterns.segments])
+        signs = problem.assignments[:, self.decided]
+        self.least: dict[tuple, float] = {}
+        for choice, cost in zip(map(tuple, signs.tolist()), problem.costs, strict=True):
+            self.least[choice] = min(cost, self.least.get(choice, np.inf))
+        known = problem.moments.known[problem.moments.known != 0]
+        self.listed = [(*known.tolist(), *choice) for choice in self.found.patterns.signs.tolist()]
+
+    def assert_sound(self):
+        """All that can cost up to the limit is there; the bounds hold; what is missing is bounded."""
+        exact = self.problem.exact
+        assert len(set(self.listed)) == len(self.listed)
+        inside = {choice for choice, cost in self.least.items() if cost <= self.limit - exact}
+        assert inside <= set(self.listed)
+        for choice, bound in zip(self.listed, self.found.lower, strict=True):
+            assert bound <= self.least[choice] + exact
+            assert bound <= self.limit
+        missing = [cost for choice, cost in self.least.items() if choice not in set(self.listed)]
+        if missing:
+            assert logsumexp(-0.5 * np.array(missing)) <= self.found.log_missed + exact + 1e-6
+
+
+def random_problems():
+    for cone in ("free", "orthant", "half", "body"):
+        for seed in range(12):
+            rng = np.random.default_rng(seed)
+            yield synthetic(
+                seed,
+                segments=int(rng.integers(3, 7 if cone == "body" else 9)),
+                joints=int(rng.integers(1, 4)),
+                cone=cone,
+                size=int(rng.integers(2, 8)),
+                noise=(0.1, 0.5, 1.0)[seed % 3],
+                longest=(2, 6)[seed % 2],
+                spread=(1.0, 2.0, 10.0)[seed // 4],
+                known=int(rng.integers(0, 3)),
+                scale=(1.0, 10.0)[seed % 2],
+                load=(1.0, 1e-3)[seed % 4 == 3],
+            )
+    for seed in range(3):
+        yield arm(seed, 5, 2, ("rigid_body", "viscous_friction"), 0.5)
+
+
+@pytest.fixture(scope="module")
+def problems():
+    return list(random_problems())
+
+
+@pytest.mark.parametrize("within", [1.0, 30.0, 1000.0])
+def test_nothing_that_may_cost_up_to_the_limit_is_left_out(problems, within):
+    for problem in problems:
+        Combined(problem, within).assert_sound()
+
+
+@pytest.mark.parametrize("within", [1.0, 30.0])
+def test_nor_from_coarse_to_fine(problems, within):
+    for problem in problems:
+        Combined(problem, within, few_combinations=0).assert_sound()
+
+
+def test_a_coarse_solver_leaves_nothing_out_either(problems):
+    for problem in problems:
+        Combined(problem, 1.0, problem.solver(tolerance=1e-2)).assert_sound()
+
+
+class Off:
+    """A solver whose parameters are off the best ones, in a direction of their own each time."""
+
+    def __init__(self, problem):
+        self.problem, self.inner, self.rng = problem, problem.solver(), np.random.default_rng(0)
+        self.pull, self.project = self.inner.pull, self.inner.project
+
+    def prepared(self, hessian):
+        return OffPrepared(self, hessian)
+
+
+class OffPrepared:
+    def __init__(self, off, hessian):
+        self.off, self.hessian, self.inner = off, hessian, off.inner.prepared(hessian)
+        self.solve_precisely = self.inner.solve_precisely
+
+    def solve(self, gradient):
+        best = self.inner.solve(gradient)
+        theta = best.theta + self.off.rng.normal(size=len(best.theta)) * np.linalg.norm(best.theta) * 0.3
+        beta = self.off.project(theta)
+        cost = beta @ self.hessian @ beta - 2 * gradient @ beta + self.off.inner.regularisation(theta)
+        return replace(best, theta=theta, cost=cost)
+
+
+def test_parameters_that_are_not_the_best_bound_the_others_by_less():
+    """Without a cone the bounds for other signs are exact, but for what the parameters' error may have cost."""
+    for seed in range(10):
+        problem = synthetic(seed, 7, joints=2, cone="free", size=5, noise=0.5, scale=3.0)
+        Combined(problem, 1.0, Off(problem)).assert_sound()
+
+
+def test_parameters_of_twice_a_typical_link_cost_less_than_a_pull_to_zero_would():
+    """The bounds' half of the pull, to zero, is then as high as it can be above the pull itself: by the slack.
+
+    The motion hardly shows these parameters, which makes the pull a share of the efforts that counts.
+    """
+    for seed in range(4):
+        base = synthetic(seed, 5, joints=2, cone="body", size=5)
+        rng, beta = np.random.default_rng(seed), 2.0 * base.coefficients.project(base.pull[1])
+        hides = np.eye(5) - 0.99 * np.outer(beta, beta) / (beta @ beta)
+        rows = [(y, y @ beta) for y in rng.normal(size=(5, 6, 5)) @ hides]
+        problem = base.but(moments_of(rows, [0, 1, 0, 1, 0], [0] * 5))
+        assert Problem(problem.moments, problem.solver(), np.inf).slack > 1e-7 * problem.energy, "beyond rounding"
+        Combined(problem, 2e-8 * problem.energy).assert_sound()
+
+
+def test_what_a_coarse_level_excludes_counts_with_all_its_completions():
+    """The cone settles one segment; four others, half as strong, have no gradient: their 16 choices cost the same."""
+    rng = np.random.default_rng(6)
+    columns = rng.normal(size=(5, 8, 3))
+    target = np.cos(np.arange(8))
+    rows = [(columns[0], columns[0] @ np.array([1.0, 2.0, 0.5]))]
+    for y in columns[1:]:
+        away = target - y @ np.linalg.lstsq(y, target, rcond=None)[0]
+        rows.append((1e-4 * y, np.sqrt(0.5) * np.linalg.norm(rows[0][1]) / np.linalg.norm(away) * away))
+    problem = synthetic(6, 2, size=3).but(moments_of(rows, [0] * 5, [0] * 5))
+    combined = Combined(problem, 1.0, few_combinations=0)
+    assert len(combined.decided) == 5
+    assert [choice[0] for choice in combined.listed] == [1] * 16
+    combined.assert_sound()
+    missing = np.array([cost for choice, cost in combined.least.items() if choice[0] == -1])
+    assert combined.found.log_missed == pytest.approx(logsumexp(-0.5 * missing), abs=0.1), "and no more often"
+
+
+def test_parameters_belong_to_their_combination(problems):
+    solved = 0
+    for problem in problems[::3]:
+        combined = Combined(problem, 30.0)
+        solver = problem.solver()
+        prepared = solver.prepared(problem.moments.hessian[combined.decided].sum(axis=0))
+        for row, theta in combined.found.thetas.items():
+            best = prepared.solve(combined.found.patterns.gradient[row])
+            beta, gradient = solver.project(theta), combined.found.patterns.gradient[row]
+            hessian = problem.moments.hessian[combined.decided].sum(axis=0)
+            cost = beta @ hessian @ beta - 2 * gradient @ beta + solver.regularisation(theta)
+            assert cost <= best.cost + 1e-4 * problem.energy
+            solved += 1
+    assert solved > 20
+
+
+def test_strong_segments_are_all_decided(problems):
+    for problem in problems:
+        assert set(np.flatnonzero(strong(problem.moments))) == set(Combined(problem, 10.0).decided)
+
+
+def test_where_there_are_too_many_fewer_segments_are_decided():
+    problem = synthetic(1, 9, joints=2, cone="orthant", noise=1.0, scale=0.5)
+    whole = Combined(problem, 30.0)
+    fewer = []
+    for held in (200, 100, 50, 20):
+        found = Combined(problem, 30.0, few_combinations=0, most_combinations=held)
+        found.assert_sound()
+        fewer.append(len(found.decided))
+    assert fewer == sorted(fewer, reverse=True)
+    assert 0 < fewer[-1] < len(whole.decided)
+    with pytest.raises(TooManyError):
+        Combined(problem, 30.0, few_combinations=0, most_combinations=0)
+
+
+def test_lists_that_are_too_long_decide_fewer_segments():
+    problem = synthetic(1, 9, joints=2, cone="orthant", noise=1.0, scale=0.5)
+    whole = Combined(problem, 30.0)
+    fewer = Combined(problem, 30.0, longest_list=4)
+    fewer.assert_sound()
+    assert 0 < len(fewer.decided) < len(whole.decided)
+
+
+def test_the_cone_excludes_what_unconstrained_bounds_cannot():
+    """Without a cone all signs may be turned round; with it, one of the two is gone."""
+    problem = synthetic(3, 7, cone="orthant", noise=0.1, longest=6, scale=10.0)
+    signs = Combined(problem, 20.0).found.patterns.signs
+    assert not np.any(np.all(signs[:, None] == -signs, axis=2))
+    free = synthetic(3, 7, cone="free", noise=0.1, longest=6, scale=10.0)
+    signs = Combined(free, 20.0).found.patterns.signs
+    assert np.all(np.any(np.all(signs[:, None] == -signs, axis=2), axis=1))
+
+
+def test_least_costs_are_what_each_joints_rows_cost_by_themselves(problems):
+    """The least over all patterns of min over beta of |s e - Y beta|^2 + beta' share beta, from the rows."""
+    for problem in problems:
+        if not problem.rows:
+            continue
+        view, m = Problem(problem.moments, problem.solver(), np.inf), problem.moments
+        for block, found in zip(view.blocks, least_costs(view), strict=True):
+            joint = np.unique(m.joint)[view.blocks.index(block)]
+            here = np.flatnonzero(m.joint == joint)
+            share = block.hessian(0) - m.hessian_of(here[m.known[here] != 0])
+            columns = np.vstack([*(problem.rows[k][0] for k in here), np.linalg.cholesky(share).T])
+            costs = []
+            for signs in np.unique(problem.assignments[:, here], axis=0):
+                efforts = [s * problem.rows[k][1] for s, k in zip(signs, here, strict=True)]
+                target = np.concatenate([*efforts, np.zeros(len(share))])
+                left = columns @ np.linalg.lstsq(columns, target, rcond=None)[0] - target
+                costs.append(left @ left)
+            assert found == pytest.approx(min(costs), abs=ROUNDING * problem.energy)
+
+
+def test_a_least_cost_for_which_the_list_is_too_long_is_still_a_bound():
+    problem = synthetic(4, 8, cone="free", noise=1.0, longest=2, known=1)
+    exact, short = (
+        least_costs(Problem(problem.moments, problem.solver(), np.inf, limits=limits))
+        for limits in (Limits(), Limits(least_list=2))
+    )
+    assert np.all(short <= exact + ROUNDING * problem.energy)
+    assert np.all(short >= 0.0)
+
+
+def test_work_stops_when_the_budget_has_ended():
+    problem = synthetic(5, 6, joints=2)
+    with pytest.raises(OutOfTimeError):
+        least_costs(Problem(problem.moments, problem.solver(), -np.inf))

@@ -1,0 +1,244 @@
+"""What turning segments costs at least, against the cost of all 2^k ways to turn them."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sign_problems import synthetic
+
+from bayesid.signs.search.limits import Limits
+from bayesid.signs.search.problem import Problem
+
+
+class Flipped:
+    """A branch of a small problem, its flips, and what all of them cost by brute force.
+
+    Args:
+        problem: the sign problem.
+        rank: of the branch among all assignments, by cost.
+        fixed: segments that are not free.
+        tolerance: of the branch's parameters; None for as precise as possible.
+    """
+
+    def __init__(self, problem, rank=0, fixed=(), tolerance=None):
+        self.problem, self.fixed = problem, np.array(fixed, dtype=np.int64)
+        self.view = Problem(problem.moments, problem.solver(tolerance or 1e-6), np.inf)
+        self.signs = problem.assignments[np.argsort(problem.costs)[rank]]
+        if tolerance is None:
+            self.branch = self.view.price(self.signs)
+        else:
+            self.branch = self.view.complete(self.signs, np.zeros(problem.cone.size))
+        unknown = np.flatnonzero(problem.moments.known == 0)
+        self.free = np.setdiff1d(unknown, self.fixed)
+        self.flips = self.view.flips(self.branch, self.free)
+        self.turned = problem.assignments != self.signs
+        self.changes = problem.costs - self.branch.lower_bound
+        self.rounding = problem.precision
+
+    def limited(self, **limits):
+        """The same flips, with less work done on them."""
+        view = Problem(self.problem.moments, self.problem.solver(), np.inf, limits=Limits(**limits))
+        return view.flips(self.branch, self.free)
+
+    def least(self, *chosen):
+        """The least change over those sets of flips, of free segments only, for which all the masks hold."""
+        only_free = ~np.any(self.turned[:, self.fixed], axis=1)
+        rows = np.all([only_free, *chosen], axis=0)
+        return self.changes[rows].min(initial=np.inf)
+
+    @property
+    def some(self):
+        """Whether anything is turned."""
+        return np.any(self.turned, axis=1)
+
+
+def flipped_cases():
+    """Every cone; the best branch, a good one and a poor one; parameters that few rows leave open; weak segments."""
+    for cone in ("free", "orthant", "half", "body"):
+        for seed in range(8):
+            segments = 6 if cone == "body" else 7
+            problem = synthetic(
+                seed,
+                segments,
+                cone=cone,
+                size=2 + seed % 6,
+                noise=(0.1, 0.5, 1.0)[seed % 3],
+                longest=(2, 6)[seed % 2],
+                spread=(1.0, 10.0)[seed // 4],
+                known=seed % 3,
+                scale=3.0,
+            )
+            for rank in (0, 1, len(problem.assignments) // 2):
+                yield Flipped(problem, rank, fixed=np.flatnonzero(problem.moments.known == 0)[: seed % 3])
+
+
+@pytest.fixture(scope="module")
+def cases():
+    return list(flipped_cases())
+
+
+def test_no_set_of_flips_gains_more_than_is_said(cases):
+    for case in cases:
+        bound, segments = case.flips.best
+        assert bound <= case.least() + case.rounding
+        assert bound <= 0.0
+        assert set(segments) <= set(case.free)
+
+
+def test_any_flip_at_all_costs_what_is_said(cases):
+    for case in cases:
+        assert case.flips.any <= case.least(case.some) + case.rounding
+
+
+def test_a_segment_turned_alone_costs_what_is_said(cases):
+    for case in cases:
+        alone = np.sum(case.turned, axis=1) == 1
+        for k, bound in zip(case.free, case.flips.alone, strict=True):
+            assert bound <= case.least(alone & case.turned[:, k]) + case.rounding
+
+
+def test_a_segment_turned_with_any_others_costs_what_is_said(cases):
+    for case in cases:
+        for k, bound in zip(case.free, case.flips.changes(), strict=True):
+            assert bound <= case.least(case.turned[:, k]) + case.rounding
+
+
+def test_segments_turned_by_force_cost_what_is_said_whatever_the_free_ones_do(cases):
+    rng = np.random.default_rng(0)
+    for case in cases:
+        m, unknown = case.problem.moments, np.flatnonzero(case.problem.moments.known == 0)
+        free = rng.choice(unknown, len(unknown) // 2, replace=False)
+        forced = np.setdiff1d(unknown, free)
+        flips = case.view.flips(case.branch, free)
+        sets = rng.integers(0, 2, (10, len(forced))).astype(bool)
+        steps = np.array([case.signs[forced[one]] @ m.gradient[forced[one]] for one in sets])
+        for one, bound in zip(sets, flips.forced(steps), strict=True):
+            exactly = np.all(case.turned[:, forced] == one, axis=1)
+            assert bound <= case.changes[exactly].min() + case.rounding
+
+
+def test_nothing_turned_by_force_leaves_the_free_flips(cases):
+    for case in cases:
+        (bound,) = case.flips.forced(np.zeros((1, case.problem.moments.gradient.shape[1])))
+        assert bound <= case.flips.best[0] + case.rounding, "the slopes are no sharper than the enumeration"
+
+
+def test_where_all_is_decided_the_branch_is_the_best(cases):
+    settled = [case for case in cases if not case.flips.undecided.size and case.free.size]
+    assert len(settled) > 10, "or nothing is shown"
+    for case in settled:
+        assert case.least() >= -case.problem.exact
+        assert case.flips.best[0] == 0.0
+        assert case.flips.any > 0.0
+
+
+def test_where_other_signs_are_better_something_is_undecided(cases):
+    poor = [case for case in cases if case.least() < -case.problem.exact]
+    assert len(poor) > 20
+    for case in poor:
+        assert case.flips.undecided.size
+        assert case.flips.best[0] < 0.0
+        assert len(case.flips.best[1])
+
+
+def test_the_bounds_are_no_worse_than_the_quadratic_itself_for_few_segments(cases):
+    """`best` is the least of 4 (sum a - sum K) over all sets, here written out set by set."""
+    for case in cases:
+        m, beta = case.problem.moments, case.problem.coefficients.project(case.branch.theta)
+        pull = case.problem.solver().pull()[0]
+        turned = case.signs[case.free, None] * m.gradient[case.free]
+        inner = turned @ np.linalg.solve(m.hessian.sum(axis=0) + pull, turned.T)
+        doubt = np.sqrt(max(case.branch.cost - case.branch.lower_bound, 0.0) * np.diag(inner))
+        gains = turned @ beta - doubt
+        sets = (np.arange(2 ** len(case.free))[:, None] >> np.arange(len(case.free))) & 1
+        least = 4.0 * np.min(sets @ gains - np.einsum("tk,kl,tl->t", sets, inner, sets))
+        assert case.flips.best[0] == pytest.approx(least, abs=case.rounding)
+
+
+def test_flips_too_many_to_enumerate_are_bounded_all_the_same(cases):
+    for case in cases:
+        flips = case.limited(enumerated=0)
+        assert flips.best[0] <= case.flips.best[0] + case.rounding
+        assert flips.any <= case.least(case.some) + case.rounding
+
+
+def test_rows_at_a_time_make_no_difference(cases):
+    case = max(cases, key=lambda case: (len(case.flips.undecided), len(case.free)))
+    whole, pieces = case.flips, case.limited(rows_at_once=2)
+    np.testing.assert_allclose(pieces.changes(), whole.changes(), rtol=1e-9, atol=case.rounding)
+    assert pieces.best[0] == pytest.approx(whole.best[0], abs=case.rounding)
+    assert pieces.undecided.tolist() == whole.undecided.tolist()
+
+
+def test_nothing_free_leaves_nothing_to_turn():
+    case = Flipped(synthetic(0, 4, known=4))
+    assert case.free.size == 0
+    assert case.flips.best[0] == 0.0
+    assert case.flips.any == np.inf
+    assert case.flips.undecided.size == 0
+    assert case.flips.changes().size == 0
+
+
+def test_the_heaviest_segment_is_the_one_that_moves_the_parameters_most(cases):
+    case = next(one for one in cases if len(one.flips.undecided) >= 3)
+    m = case.problem.moments
+    pull = case.problem.solver().pull()[0]
+    turned = case.signs[case.free, None] * m.gradient[case.free]
+    own = np.diag(turned @ np.linalg.solve(m.hessian.sum(axis=0) + pull, turned.T))
+    assert case.flips.heaviest in case.flips.undecided
+    assert own[case.flips.heaviest] == pytest.approx(own[case.flips.undecided].max())
+
+
+def test_parameters_that_are_not_quite_the_best_are_allowed_for():
+    """A coarse tolerance leaves beta off the best point; the gap that it leaves takes care of that."""
+    for cone in ("orthant", "half", "body"):
+        for seed in range(6):
+            problem = synthetic(seed, 6, cone=cone, size=5, noise=0.5, longest=3, scale=10.0)
+            precise, coarse = Flipped(problem, 1), Flipped(problem, 1, tolerance=1e-2)
+            assert coarse.branch.cost - coarse.branch.lower_bound > precise.branch.cost - precise.branch.lower_bound
+            assert coarse.flips.best[0] <= coarse.least() + coarse.rounding
+            m, pull = problem.moments, problem.solver().pull()[0]
+            steps, beta = coarse.signs[:2] @ m.gradient[:2], problem.coefficients.project(coarse.branch.theta)
+            own = steps @ np.linalg.solve(m.hessian.sum(axis=0) + pull, steps)
+            doubt = np.sqrt((coarse.branch.cost - coarse.branch.lower_bound) * own)
+            nothing_free = coarse.view.flips(coarse.branch, coarse.free[:0])
+            assert nothing_free.forced(steps[None])[0] == pytest.approx(4.0 * (steps @ beta - doubt - own), rel=1e-6)
+            for k, bound in zip(coarse.free, coarse.flips.changes(), strict=True):
+                assert bound <= coarse.least(coarse.turned[:, k]) + coarse.rounding
+
+
+@settings(max_examples=80, deadline=None, derandomize=True)
+@given(
+    seed=st.integers(0, 10**6),
+    cone=st.sampled_from(["free", "orthant", "half", "body"]),
+    segments=st.integers(1, 6),
+    size=st.integers(1, 8),
+    longest=st.sampled_from([1, 2, 5]),
+    spread=st.sampled_from([1.0, 5.0, 30.0]),
+    data=st.data(),
+)
+def test_every_bound_holds_on_every_problem(seed, cone, segments, size, longest, spread, data):
+    problem = synthetic(seed, segments, cone=cone, size=size, noise=0.5, longest=longest, spread=spread, scale=10.0)
+    rank = data.draw(st.integers(0, len(problem.assignments) - 1))
+    fixed = data.draw(st.lists(st.integers(0, segments - 1), max_size=2, unique=True))
+    case = Flipped(problem, rank, fixed)
+    assert case.flips.best[0] <= case.least() + case.rounding
+    assert case.flips.any <= case.least(case.some) + case.rounding
+    for k, bound in zip(case.free, case.flips.changes(), strict=True):
+        assert bound <= case.least(case.turned[:, k]) + case.rounding
+    if not case.flips.undecided.size:
+        assert case.least() >= -problem.exact
+
+
+def test_many_segments_are_bounded_without_looking_at_pairs(cases):
+    """Looser than pair by pair, never above it, and never above brute force."""
+    looser = 0
+    for case in cases:
+        flips, changes = case.limited(many_flips=1), case.flips.changes()
+        assert flips.best[0] <= case.flips.best[0] + case.rounding
+        assert np.all(flips.changes() <= changes + case.rounding)
+        assert flips.best[0] <= case.least(case.some) + case.rounding
+        for position, change in enumerate(flips.changes()):
+            assert change <= case.least(case.turned[:, case.free[position]]) + case.rounding
+        looser += bool(np.any(flips.changes() < changes - case.rounding))
+    assert looser > 10, "or the pairs were looked at after all"

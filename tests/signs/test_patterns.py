@@ -1,0 +1,434 @@
+"""Lists of patterns against all 2^d of them, each bound against the least squares of the rows themselves."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.special import logsumexp
+from sign_problems import ROUNDING, moments_of, synthetic
+
+from bayesid.signs.search.patterns import Remainder, join, log_sum, stack
+from bayesid.signs.search.problem import Problem
+
+ALL = 10**9
+
+
+def never(_):
+    """No budget ends."""
+
+
+def prepared(seed, **options):
+    """A sign problem and the search's view of it."""
+    problem = synthetic(seed, **options)
+    return problem, Problem(problem.moments, problem.solver(), np.inf)
+
+
+def everything(bound):
+    return np.arange(len(bound))
+
+
+def least_squares(problem, segments, signs, share):
+    """min over beta of the rows' squares under these signs and beta' share beta."""
+    columns = [problem.rows[k][0] for k in segments] + [np.linalg.cholesky(share).T]
+    efforts = [s * problem.rows[k][1] for k, s in zip(segments, signs, strict=True)] + [np.zeros(len(share))]
+    y, e = np.vstack(columns), np.concatenate(efforts)
+    return float(np.sum((y @ np.linalg.lstsq(y, e, rcond=None)[0] - e) ** 2))
+
+
+def brute_force(problem, block, depth):
+    """(2^depth, depth) patterns, their bounds, and those of all their beginnings (2^depth, depth + 1)."""
+    m = problem.moments
+    joint = m.joint[block.segments[0]]
+    known = np.flatnonzero((m.joint == joint) & (m.known != 0))
+    share = block.hessian(0) - m.hessian_of(known)
+    patterns = np.array(list(itertools.product((1, -1), repeat=depth)))
+    bounds = np.empty((len(patterns), depth + 1))
+    for d in range(depth + 1):
+        segments = np.concatenate([known, block.segments[:d]])
+        priced: dict[tuple, float] = {}
+        for row, pattern in enumerate(patterns[:, :d]):
+            key = tuple(pattern)
+            if key not in priced:
+                priced[key] = least_squares(problem, segments, [*m.known[known], *pattern], share)
+            bounds[row, d] = priced[key]
+    return patterns, bounds[:, -1], bounds
+
+
+def as_dict(patterns):
+    return {tuple(signs): bound for signs, bound in zip(patterns.signs.tolist(), patterns.bound, strict=True)}
+
+
+def cases():
+    """(seed, options) with and without known segments, with parameters that few rows leave open."""
+    for seed in range(12):
+        yield (
+            seed,
+            {
+                "segments": 7,
+                "joints": 1 + seed % 2,
+                "cone": ("orthant", "body")[seed % 2],
+                "size": 3 + seed % 4,
+                "longest": (2, 6)[seed % 2],
+                "known": seed % 3,
+                "noise": 0.4,
+                "spread": (1.0, 5.0)[seed // 6],
+            },
+        )
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# One joint
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("seed", "options"), list(cases()))
+def test_a_list_without_limit_holds_all_patterns_and_their_bounds(seed, options):
+    problem, view = prepared(seed, **options)
+    for block in view.blocks:
+        depth = len(block.segments)
+        patterns, bounds, _ = brute_force(problem, block, depth)
+        found = block.within(np.inf, depth, ALL, never)
+        assert len(found) == 2**depth
+        listed = as_dict(found)
+        expected = [listed[tuple(pattern)] for pattern in patterns.tolist()]
+        np.testing.assert_allclose(expected, bounds, rtol=0, atol=ROUNDING * problem.energy)
+        assert found.log_missed == -np.inf
+        assert found.segments.tolist() == block.segments.tolist()
+
+
+@pytest.mark.parametrize(("seed", "options"), list(cases()))
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+def test_a_list_holds_exactly_the_patterns_up_to_its_limit(seed, options, share):
+    problem, view = prepared(seed, **options)
+    block = max(view.blocks, key=lambda b: len(b.segments))
+    depth = len(block.segments)
+    patterns, bounds, _ = brute_force(problem, block, depth)
+    ordered = np.sort(bounds)
+    place = int(share * (len(ordered) - 1))
+    limit = 0.5 * (ordered[place] + ordered[place + 1])
+    found = block.within(limit, depth, ALL, never)
+    assert set(as_dict(found)) == {tuple(p) for p in patterns[bounds <= limit].tolist()}
+    assert 0 < len(found) < 2**depth
+
+
+@pytest.mark.parametrize(("seed", "options"), list(cases()))
+def test_what_a_list_leaves_out_is_bounded_and_not_absurdly(seed, options):
+    """At least the mass of the patterns that are missing; at most as if each of them were at the limit."""
+    problem, view = prepared(seed, **options)
+    for block in view.blocks:
+        depth = len(block.segments)
+        _, bounds, _ = brute_force(problem, block, depth)
+        limit = float(np.quantile(bounds, 0.4))
+        found = block.within(limit, depth, ALL, never)
+        out = bounds[bounds > limit]
+        if out.size:
+            assert logsumexp(-0.5 * out) - 1e-6 <= found.log_missed <= np.log(len(out)) - 0.5 * limit + 1e-6
+
+
+def test_a_pattern_left_out_counts_as_often_as_it_has_completions():
+    """Exactly: 2^(segments to come) times exp(-b / 2), b the bound of the beginning that was cut off."""
+    problem, view = prepared(7, segments=6, size=3, noise=0.3)
+    (block,) = view.blocks
+    _, _, beginnings = brute_force(problem, block, 6)
+    limit = float(np.quantile(beginnings[:, -1], 0.3))
+    raised = limit + 2.0 * np.log(2.0) * np.arange(6, -1, -1)
+    cut = beginnings > raised
+    first = np.argmax(cut, axis=1)[np.any(cut, axis=1)]
+    cut_off = beginnings[np.any(cut, axis=1), first]
+    found = block.within(limit, 6, ALL, never)
+    assert found.log_missed == pytest.approx(logsumexp(-0.5 * cut_off), abs=1e-9)
+    assert np.any(first < 6), "some should be cut off early"
+
+
+def test_what_the_other_segments_cost_makes_up_for_what_is_left_out():
+    problem, view = prepared(8, segments=6, size=3, noise=0.3)
+    (block,) = view.blocks
+    _, bounds, _ = brute_force(problem, block, 6)
+    limit = float(np.quantile(bounds, 0.3))
+    out = bounds[bounds > limit]
+    least = float(np.median(out)) + 3.0
+    found = block.within(limit, 6, ALL, never, Remainder(undecided=3.0, total=least))
+    assert set(as_dict(found)) == set(as_dict(block.within(limit, 6, ALL, never))), "it does not change the limit"
+    assert found.log_missed >= logsumexp(-0.5 * np.maximum(out + 3.0, least)) - 1e-6
+    assert found.log_missed <= np.log(len(out)) - 0.5 * least + 1e-6
+
+
+def test_the_mass_is_that_of_all_patterns_kept_or_not():
+    problem, view = prepared(9, segments=5, size=3, noise=0.3)
+    (block,) = view.blocks
+    _, bounds, _ = brute_force(problem, block, 5)
+    whole = block.within(np.inf, 5, ALL, never)
+    assert whole.log_mass == pytest.approx(logsumexp(-0.5 * bounds), abs=1e-6)
+    some = block.within(float(np.median(bounds)), 5, ALL, never)
+    assert some.log_mass >= whole.log_mass - 1e-9
+    assert some.log_mass == pytest.approx(np.logaddexp(log_sum(some.bound), some.log_missed))
+
+
+@pytest.mark.parametrize("width", [1, 3, 10])
+def test_the_best_are_those_of_a_beam(width):
+    problem, view = prepared(10, segments=8, size=4, noise=0.6, longest=3, known=1)  # or turned patterns would tie
+    (block,) = view.blocks
+    _, _, beginnings = brute_force(problem, block, 7)
+    choices = np.array(list(itertools.product((1, -1), repeat=7)))
+    beam = {()}
+    for d in range(1, 8):
+        price = {tuple(c[:d]): b for c, b in zip(choices.tolist(), beginnings[:, d], strict=True)}
+        beam = set(sorted((c for c in price if c[:-1] in beam), key=price.__getitem__)[:width])
+    assert set(as_dict(block.best(width, 7))) == beam
+
+
+def test_a_list_that_would_be_too_long_decides_fewer_segments():
+    problem, view = prepared(11, segments=8, size=4, noise=1.0, longest=2)
+    (block,) = view.blocks
+    _, bounds, _ = brute_force(problem, block, 8)
+    limit = float(np.quantile(bounds, 0.5))
+    found = block.within(limit, 8, 20, never)
+    depth = len(found.segments)
+    assert 0 < depth < 8
+    assert len(found) <= 20
+    assert found.segments.tolist() == block.segments[:depth].tolist()
+    allowed = limit + 2.0 * np.log(2.0) * (8 - depth)
+    _, shorter, _ = brute_force(problem, block, depth)
+    assert len(found) == np.sum(shorter <= allowed)
+
+
+def test_work_stops_where_the_budget_ends():
+    _, view = prepared(12, segments=6)
+    (block,) = view.blocks
+    calls = []
+
+    def check(priced):
+        calls.append(priced)
+        if len(calls) == 3:
+            raise TimeoutError
+
+    with pytest.raises(TimeoutError):
+        block.within(np.inf, 6, ALL, check)
+    calls.clear()
+    assert len(block.within(np.inf, 2, ALL, check)) == 4
+
+
+def test_segments_are_decided_strongest_first_and_only_where_they_stand_alone():
+    problem, _ = prepared(13, segments=9, joints=2, known=2, spread=5.0)
+    compact = problem.moments.compact(2)
+    view = Problem(compact, problem.solver(), np.inf)
+    for block in view.blocks:
+        energy = compact.energy[block.segments]
+        assert np.all(np.diff(energy) <= 0.0)
+        assert np.all(compact.known[block.segments] == 0)
+        assert np.all(compact.individual[block.segments])
+        assert len(block.segments) == 2
+        joint = compact.joint[block.segments[0]]
+        others = (compact.joint == joint) & (compact.known == 0)
+        assert np.sum(compact.energy[others] > energy[-1]) == 1, "the strongest ones"
+
+
+def test_strong_segments_are_counted_by_their_share_of_the_strongest():
+    rng = np.random.default_rng(0)
+    shapes = [np.sqrt(share) * rng.normal(size=(4, 3)) / 2.0 for share in (0.05, 1.0, 0.4, 0.2)]
+    rows = [(y, np.sqrt(share) * np.ones(4)) for y, share in zip(shapes, (0.05, 1.0, 0.4, 0.2), strict=True)]
+    base = synthetic(0, 4, size=3)
+    problem = base.but(moments_of(rows, [0] * 4, [0] * 4))
+    (block,) = Problem(problem.moments, problem.solver(), np.inf).blocks
+    assert block.segments.tolist() == [1, 2, 3, 0]
+    assert [block.strong(share) for share in (1.0, 0.39, 0.19, 0.04)] == [1, 2, 3, 4]
+
+
+def test_hessian_and_energy_are_those_of_the_decided_segments():
+    problem, view = prepared(14, segments=12, joints=2, known=3)
+    m = problem.moments
+    for block in view.blocks:
+        known = np.flatnonzero((m.joint == m.joint[block.segments[0]]) & (m.known != 0))
+        used = np.concatenate([known, block.segments[:2]])
+        by_hand = block.hessian(0) - m.hessian[known].sum(axis=0) + m.hessian[used].sum(axis=0)
+        np.testing.assert_allclose(block.hessian(2), by_hand, rtol=1e-12, atol=1e-9)
+        assert block.energy(2) == pytest.approx(m.energy[used].sum())
+
+
+def test_shares_of_the_pull_add_up_to_less_than_half_of_it():
+    """Half is what is left of the pull once it is drawn to zero instead of to typical links; the rest is the slack."""
+    for seed in range(6):
+        problem, view = prepared(seed, segments=8, joints=3, cone="body", known=1, load=(1.0, 1e-3)[seed % 2])
+        m = problem.moments
+        shares = sum(block.hessian(0) for block in view.blocks) - m.hessian_of(np.flatnonzero(m.known))
+        pull, centre = problem.solver().pull()
+        left = np.linalg.eigvalsh(0.5 * pull - shares)
+        assert left.min() >= -1e-12 * np.linalg.eigvalsh(pull).max()
+        rng = np.random.default_rng(seed)
+        betas = 10.0 ** rng.uniform(-2, 2, (50, 1)) * rng.normal(size=(50, len(centre)))
+        for beta in [*betas, *(factor * centre for factor in (0.5, 1.0, 2.0, 3.0))]:
+            drawn = (beta - centre) @ pull @ (beta - centre)
+            assert beta @ shares @ beta - view.slack <= drawn * (1 + 1e-9)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Several joints
+# ---------------------------------------------------------------------------------------------------------------
+def two_joints(seed, depth=3, **options):
+    options = {"segments": 10, "size": 4, "noise": 0.5, "longest": 3, **options}
+    problem = synthetic(seed, **options)
+    joint = np.arange(len(problem.moments)) % 2
+    problem = replace(problem, moments=replace(problem.moments, joint=joint))
+    view = Problem(problem.moments, problem.solver(), np.inf)
+    left, right = view.blocks
+    hessian = left.hessian(depth) + right.hessian(depth)
+    energy = left.energy(depth) + right.energy(depth)
+    return problem, view, hessian, energy
+
+
+def pair_bounds(problem, view, depth):
+    """Bounds of all pairs of patterns, by the signs of the left's segments and then of the right's."""
+    m = problem.moments
+    known = np.flatnonzero(m.known)
+    used = np.concatenate([known, *(block.segments[:depth] for block in view.blocks)])
+    share = sum(block.hessian(0) for block in view.blocks) - m.hessian_of(known)
+    choices = list(itertools.product((1, -1), repeat=2 * depth))
+    return {signs: least_squares(problem, used, [*m.known[known], *signs], share) for signs in choices}
+
+
+@pytest.mark.parametrize(("seed", "known"), [(0, 0), (1, 2), (2, 0), (3, 1)])
+def test_a_join_prices_all_pairs(seed, known):
+    problem, view, hessian, energy = two_joints(seed, known=known)
+    lists = [block.within(np.inf, 3, ALL, never) for block in view.blocks]
+    joined = join(*lists, hessian, energy, everything)
+    expected = pair_bounds(problem, view, 3)
+    found = as_dict(joined)
+    assert set(found) == set(expected)
+    for signs, bound in expected.items():
+        assert found[signs] == pytest.approx(bound, abs=ROUNDING * problem.energy)
+    np.testing.assert_array_equal(joined.segments, np.concatenate([one.segments for one in lists]))
+    assert joined.log_missed == -np.inf
+
+
+def test_a_joins_gradients_are_those_of_its_signs():
+    problem, view, hessian, energy = two_joints(4, known=2)
+    joined = join(*(block.within(np.inf, 3, ALL, never) for block in view.blocks), hessian, energy, everything)
+    m = problem.moments
+    by_hand = m.known @ m.gradient + joined.signs @ m.gradient[joined.segments]
+    np.testing.assert_allclose(joined.gradient, by_hand, rtol=1e-12, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_join_keeps_the_pairs_up_to_a_limit_and_bounds_the_mass_of_the_others(seed):
+    """Those left out by one of the lists, by the sum of two bounds, or by the bound of all rows together."""
+    problem, view, hessian, energy = two_joints(seed)
+    expected = pair_bounds(problem, view, 3)
+    limit = float(np.quantile(list(expected.values()), 0.3))
+    lists = []
+    for block in view.blocks:
+        _, bounds, _ = brute_force(problem, block, 3)
+        lists.append(block.within(float(np.quantile(bounds, 0.6)), 3, ALL, never))
+    assert any(len(one) < 8 for one in lists)
+    joined = join(*lists, hessian, energy, lambda bound: np.flatnonzero(bound <= limit), limit)
+    kept = as_dict(joined)
+    listed = {a + b for a in as_dict(lists[0]) for b in as_dict(lists[1])}
+    assert set(kept) == {signs for signs in listed if expected[signs] <= limit}
+    out = np.array([bound for signs, bound in expected.items() if signs not in kept])
+    assert logsumexp(-0.5 * out) - 1e-6 <= joined.log_missed
+    least = min(min(one.bound) for one in lists)
+    assert joined.log_missed <= np.log(4 * len(out)) - 0.5 * least, "not absurdly above"
+
+
+def test_pairs_whose_own_bounds_add_up_to_too_much_are_left_out_with_that_sum():
+    _, view, hessian, energy = two_joints(3)
+    lists = [block.within(np.inf, 3, ALL, never) for block in view.blocks]
+    apart = np.add.outer(*(one.bound for one in lists)).ravel()
+    limit = float(np.quantile(apart, 0.3))
+    joined = join(*lists, hessian, energy, everything, limit)
+    assert len(joined) == np.sum(apart <= limit)
+    assert joined.log_missed == pytest.approx(logsumexp(-0.5 * apart[apart > limit]))
+
+
+def test_a_join_in_pieces_is_the_same():
+    _, view, hessian, energy = two_joints(5)
+    lists = [block.within(np.inf, 3, ALL, never) for block in view.blocks]
+    limit = float(np.median(join(*lists, hessian, energy, everything).bound))
+
+    def joined(**options):
+        return join(*lists, hessian, energy, lambda bound: np.flatnonzero(bound <= limit), **options)
+
+    whole, pieces = joined(), joined(pairs_at_once=11)
+    assert as_dict(pieces) == pytest.approx(as_dict(whole))
+    assert pieces.log_missed == pytest.approx(whole.log_missed)
+
+
+def test_remainders_of_two_lists_add_up():
+    _, view, hessian, energy = two_joints(6)
+    free = [block.within(np.inf, 3, ALL, never) for block in view.blocks]
+    out = np.sort(join(*free, hessian, energy, everything).bound)[5:]
+    least = float(out[9]) + 3.5
+    remainders = Remainder(undecided=1.0, total=least - 7.0), Remainder(undecided=2.5, total=7.0)
+    lists = [b.within(np.inf, 3, ALL, never, rest) for b, rest in zip(view.blocks, remainders, strict=True)]
+    joined = join(*lists, hessian, energy, lambda bound: np.argsort(bound)[:5])
+    assert (joined.remainder.undecided, joined.remainder.total) == pytest.approx((3.5, least))
+    assert joined.log_missed == pytest.approx(logsumexp(-0.5 * np.maximum(out + 3.5, least)))
+
+
+def test_lists_can_be_empty():
+    _, view, hessian, energy = two_joints(7)
+    left, right = (block.within(np.inf, 3, ALL, never) for block in view.blocks)
+    nothing = right[np.empty(0, dtype=np.int64)]
+    for pair in ((left, nothing), (nothing, left)):
+        assert len(join(*pair, hessian, energy, everything)) == 0
+
+
+def test_patterns_that_begin_with_given_signs():
+    problem, view, *_ = two_joints(8)
+    patterns = view.blocks[0].within(np.inf, 3, ALL, never)
+    decided = np.zeros(len(problem.moments), dtype=np.int64)
+    first, _, third = patterns.segments
+    decided[[first, third]] = [-1, 1]
+    assert {tuple(s) for s in patterns.beginning_with(decided).signs} == {(-1, 1, 1), (-1, -1, 1)}
+    assert len(patterns.beginning_with(np.zeros_like(decided))) == 8
+
+
+def test_lists_of_different_patterns_stack():
+    _, view, *_ = two_joints(9)
+    (block, _) = view.blocks
+    limit = float(np.median(block.within(np.inf, 3, ALL, never).bound))
+    patterns = block.within(limit, 3, ALL, never)
+    halves = [patterns[np.arange(2)], patterns[np.arange(2, len(patterns))]]
+    stacked = stack(halves)
+    assert as_dict(stacked) == as_dict(patterns)
+    assert stacked.log_missed == pytest.approx(patterns.log_missed + np.log(2.0)), "what each has left out"
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Bounds are bounds
+# ---------------------------------------------------------------------------------------------------------------
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(
+    seed=st.integers(0, 10**6),
+    cone=st.sampled_from(["free", "orthant", "half", "body"]),
+    size=st.integers(1, 7),
+    joints=st.integers(1, 3),
+    longest=st.sampled_from([1, 3, 8]),
+    known=st.integers(0, 2),
+    load=st.sampled_from([1.0, 1e-3]),
+    data=st.data(),
+)
+def test_a_bound_never_exceeds_the_cost_of_any_completion(seed, cone, size, joints, longest, known, load, data):
+    """In the cone, with all rows and the pull: for each joint's patterns, their sums, and all joints together."""
+    segments = 5 if cone == "body" else 6
+    problem, view = prepared(
+        seed, segments=segments, joints=joints, cone=cone, size=size, longest=longest, known=known, noise=0.5, load=load
+    )
+    depths = [data.draw(st.integers(0, len(block.segments))) for block in view.blocks]
+    lists = [b.within(np.inf, depth, ALL, never) for b, depth in zip(view.blocks, depths, strict=True)]
+    allowed = problem.costs + view.slack
+    apart = np.zeros(len(problem.costs))
+    for patterns in lists:
+        bounds = as_dict(patterns)
+        own = np.array([bounds[tuple(signs)] for signs in problem.assignments[:, patterns.segments].tolist()])
+        assert np.all(own <= allowed)
+        apart += own
+    assert np.all(apart <= allowed)
+    joined, hessian, energy = lists[0], view.blocks[0].hessian(depths[0]), view.blocks[0].energy(depths[0])
+    for block, depth, patterns in zip(view.blocks[1:], depths[1:], lists[1:], strict=True):
+        hessian, energy = hessian + block.hessian(depth), energy + block.energy(depth)
+        joined = join(joined, patterns, hessian, energy, everything)
+    together = as_dict(joined)
+    bounds = np.array([together[tuple(signs)] for signs in problem.assignments[:, joined.segments].tolist()])
+    assert np.all(bounds <= allowed)
+    assert np.all(bounds >= apart - ROUNDING * problem.energy)

@@ -1,0 +1,156 @@
+import time
+
+import numpy as np
+import pytest
+from sign_problems import synthetic
+
+import bayesid
+from bayesid.model.model import Model
+from bayesid.model.robot import robot_from_table
+from bayesid.model.terms import make_terms
+from bayesid.posterior.sampler import Sampling
+from bayesid.signs.search.certified import Certified, certified
+from bayesid.signs.search.problem import OutOfTimeError, Problem
+from bayesid.simulation.logs import simulate
+from bayesid.simulation.parameters import random_parameters
+from bayesid.simulation.trajectories import random_trajectory
+
+TERMS = ("rigid_body", "viscous_friction", "coulomb_friction")
+REPEATABLE = {"search": Certified(repeatable=True), "posterior": Sampling(repeatable=True)}
+
+
+@pytest.fixture(scope="module")
+def arm():
+    joints = [{"a": 0.0, "alpha": np.pi / 2, "d": 0.4, "theta": 0.0}, {"a": 0.35, "alpha": 0.0, "d": 0.0, "theta": 0.0}]
+    return robot_from_table({"name": "arm", "convention": "standard", "joints": joints}, "arm")
+
+
+@pytest.fixture(scope="module")
+def log(arm):
+    motion = random_trajectory(2, 8.0, seed=1).motion(np.arange(801) / 100.0)
+    model = Model(arm, make_terms(TERMS, arm, motion))
+    rng = np.random.default_rng(1)
+    return simulate(model, random_parameters(model, rng), motion, rng=rng, noise=0.1)
+
+
+@pytest.fixture
+def hasty(monkeypatch):
+    """A clock that advances by 100 s whenever it is looked at: every budget in seconds is over at once."""
+    now = iter(range(0, 10**9, 100))
+    return lambda: monkeypatch.setattr(time, "perf_counter", lambda: float(next(now)))
+
+
+def numbers(result):
+    found = {
+        "cost": result.search.cost,
+        "bound": result.search.lower_bound,
+        "nodes": result.search.nodes,
+        "solves": result.search.solves,
+        "certified": result.search.certified,
+        "signs": result.signs,
+        "theta": result.theta,
+        "covariance": result.covariance,
+        "probability": result.probability,
+    }
+    if result.posterior is not None:
+        found["draws"] = result.posterior.draws.theta
+    return found
+
+
+def same(first, second):
+    return all(np.array_equal(first[name], second[name]) for name in first)
+
+
+def test_a_repeatable_run_does_not_look_at_the_clock(arm, log, hasty):
+    quiet = numbers(bayesid.identify(arm, log, TERMS, **REPEATABLE))
+    assert quiet["certified"]
+    hasty()
+    assert same(quiet, numbers(bayesid.identify(arm, log, TERMS, **REPEATABLE)))
+    cut_short = numbers(bayesid.identify(arm, log, TERMS))
+    assert not cut_short["certified"]
+    assert len(cut_short["draws"]) < len(quiet["draws"])
+
+
+def test_its_budget_counts_work(arm, log):
+    little, again, much = (
+        numbers(bayesid.identify(arm, log, TERMS, search=Certified(budget=budget, repeatable=True), posterior=False))
+        for budget in (1e-3, 1e-3, 10.0)
+    )
+    assert same(little, again)
+    assert much["certified"]
+    assert not little["certified"]
+
+
+def test_a_repeatable_discrepancy_does_not_look_at_the_clock(arm, log, hasty):
+    terms = ("rigid_body", "viscous_friction")
+    poor = bayesid.identify(arm, log, terms, search=REPEATABLE["search"], posterior=False)
+
+    def found():
+        result = bayesid.find_discrepancy(poor, log, search=Certified(budget=3.0, repeatable=True), posterior=False)
+        return {**numbers(result.identification), "gain": [effect.gain for effect in result.added]}
+
+    quiet = found()
+    assert len(quiet["gain"])
+    hasty()
+    assert same(quiet, found())
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# The search by itself
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def hard():
+    """A sign problem that no proof closes so soon: 60 segments in the noise."""
+    return synthetic(3, 60, joints=3, cone="orthant", size=6, noise=3.0)
+
+
+def searched(problem, budget):
+    found = certified(problem.moments, problem.solver(), budget, repeatable=True)
+    return found, (found.cost, found.lower_bound, found.nodes, found.solves, found.signs.tolist(), found.theta.tolist())
+
+
+def test_a_budget_that_is_larger_is_worth_more_work(hard):
+    (_, nothing), (some, once), (_, twice), (more, _) = (searched(hard, b) for b in (0.0, 0.05, 0.05, 0.5))
+    assert once == twice
+    assert nothing[2] < some.nodes < more.nodes
+    assert not some.certified
+    assert more.lower_bound >= some.lower_bound
+    assert more.cost <= some.cost + 1e-8 * hard.energy
+
+
+@pytest.mark.parametrize("budget", [1e-9, 0.3])
+def test_a_search_that_blows_up_ends_all_the_same(hard, budget):
+    """In CPU time, which a busy machine hardly changes; a slow one may take several times as long."""
+    began = time.process_time()
+    found, _ = searched(hard, budget)
+    assert not found.certified
+    assert time.process_time() - began < 10.0 * budget + 2.0
+
+
+def test_whatever_asks_for_the_time_has_worked_since_it_last_asked(hard, monkeypatch):
+    """Or a loop could go on for ever. Two loops may ask one after the other for the same work, no more than that."""
+    asked = []
+
+    def out_of_time(problem):
+        asked.append(problem.spent)
+        return problem.spent > 0.3
+
+    monkeypatch.setattr(Problem, "out_of_time", property(out_of_time))
+    searched(hard, 0.3)
+    steps = np.diff(asked)
+    assert len(steps) > 100
+    assert np.all(steps >= 0.0)
+    assert np.all(steps[:-1] + steps[1:] > 0.0)
+
+
+def test_a_step_counts_whatever_was_priced_in_it():
+    problem = synthetic(5, 6, joints=2)
+    view = Problem(problem.moments, problem.solver(), 1.0, repeatable=True)
+    assert view.spent == 0.0
+    spent = [0.0]
+    for priced in (0, 10, 10_000):
+        view.check(priced)
+        spent.append(view.spent)
+    assert np.all(np.diff(spent, n=2) > 0.0)
+    with pytest.raises(OutOfTimeError):
+        view.check(10**9)

@@ -1,0 +1,113 @@
+"""Signs under one model, alone and given what an earlier log has shown; logs as before their sensors."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from simulated_arms import BUDGET, arm_with_friction, settle, settled_by_standard_terms
+
+from bayesid.fit.knowledge import Knowledge
+from bayesid.log.signals import prepare, signed_effort
+from bayesid.model.catalogue import make_effect
+from bayesid.model.coefficients import base_coefficients
+from bayesid.model.terms import STANDARD
+from bayesid.progress import SILENT
+from bayesid.signs.search.certified import Certified
+from bayesid.signs.settling import Earlier, restored
+from bayesid.simulation.logs import simulate
+
+
+@dataclass(frozen=True, kw_only=True)
+class Misled(Certified):
+    """A search whose last word has all signs the wrong way round."""
+
+    def conclude(self, problem, progress=SILENT):
+        result = super().conclude(problem, progress)
+        return replace(result, signs=-result.signs, theta=-result.theta)
+
+
+@pytest.fixture(scope="module")
+def rough():
+    return arm_with_friction(1.5)
+
+
+@pytest.fixture(scope="module")
+def smooth():
+    """Without friction."""
+    return arm_with_friction(0.0)
+
+
+@pytest.fixture(scope="module")
+def alone():
+    return settled_by_standard_terms(1.5)
+
+
+@pytest.fixture(scope="module")
+def misled(rough):
+    return settle(rough.robot, rough.log(), STANDARD, Misled(budget=BUDGET))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What is known before the log
+# ---------------------------------------------------------------------------------------------------------------
+def earlier_about(case, theta, spread):
+    """Coefficients known to a share of their size, and parameters to settle signs under."""
+    size = np.abs(base_coefficients(case.model).project(case.theta))
+    return Earlier(Knowledge(case.model, case.theta, np.diag(1.0 / (spread * size + 0.01) ** 2)), theta)
+
+
+def test_what_an_earlier_log_has_shown_stands_in_the_fit(rough, alone):
+    """Coefficients are those of both models, their information that of both logs."""
+    earlier = earlier_about(rough, rough.theta, 0.03)
+    settled = settle(rough.robot, rough.log(), STANDARD, earlier=earlier)
+    assert rough.right_share(settled) >= 0.99
+    assert settled.evidence.coefficients.names == earlier.knowledge.coefficients(rough.model).names
+    known = earlier.knowledge.information(settled.model, settled.evidence.coefficients)
+    np.testing.assert_allclose(settled.evidence.information.hessian, known.hessian)
+    assert alone.evidence.information is None
+    assert np.all(settled.fit.sd <= 1.001 * np.minimum(alone.fit.sd, 1.0 / np.sqrt(np.diag(known.hessian))))
+
+
+@pytest.mark.parametrize("spread", [0.03, 1.0])
+def test_parameters_that_are_known_save_signs_that_a_search_has_lost(rough, misled, spread):
+    """However vaguely: where knowledge does not decide, the residuals do."""
+    assert rough.right_share(misled) < 0.2
+    earlier = earlier_about(rough, rough.theta, spread)
+    saved = settle(rough.robot, rough.log(), STANDARD, Misled(budget=BUDGET), earlier)
+    assert rough.right_share(saved) >= 0.99
+
+
+@pytest.mark.parametrize("spread", [0.03, 1.0])
+def test_parameters_that_are_wrong_do_not_spoil_what_a_search_has_found(rough, spread):
+    settled = settle(rough.robot, rough.log(), STANDARD, earlier=earlier_about(rough, -rough.theta, spread))
+    assert rough.right_share(settled) >= 0.99
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Sensors
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("signed", [(False, False, False), (True, False, True)])
+def test_a_restored_log_is_one_of_the_efforts_themselves(smooth, signed):
+    """Joint 1 lacks 0.4 N m of every effort, joint 3 is cut off; what the readings cannot tell is not measured."""
+    motion = smooth.motion
+    effort = smooth.model.effort(motion, smooth.theta)
+    limit = 0.7 * np.abs(effort[:, 2]).max()
+    model = smooth.model.extend(make_effect("dead_zone.shrinking", {"joints": (1,), "width": (0.4,)}))
+    model = model.extend(make_effect("clipping", {"joints": (3,), "limit": (limit,)}))
+    log = simulate(model, smooth.theta, motion, rng=np.random.default_rng(0), noise=0.0, signed=signed)
+    signals = prepare(log)
+    measured = signals.measured.copy()
+    measured[100:130, 1] = False
+    unread = restored(model, replace(signals, measured=measured))
+    expected = np.where(signed, effort, np.abs(effort))
+    np.testing.assert_allclose(unread.raw_effort[unread.measured], expected[unread.measured], atol=1e-6)
+    np.testing.assert_array_equal(unread.measured[:, 1], measured[:, 1])
+    size = np.abs(effort)
+    assert not unread.measured[size[:, 0] < 0.4, 0].any()
+    assert unread.measured[size[:, 0] > 0.6, 0].all()
+    assert not unread.measured[size[:, 2] >= limit, 2].any()
+    assert unread.measured[size[:, 2] < 0.9 * limit, 2].all()
+    np.testing.assert_allclose(unread.effort, signed_effort(unread, np.ones_like(effort)))
+    plain = restored(smooth.model, signals)
+    np.testing.assert_array_equal(plain.raw_effort, signals.raw_effort)
+    np.testing.assert_array_equal(plain.measured, signals.measured)

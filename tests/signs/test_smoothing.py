@@ -1,0 +1,180 @@
+import numpy as np
+import pytest
+from conftest import smooth_motion
+from scipy.stats import t
+
+from bayesid.fit.noise import Noise
+from bayesid.log.signals import Signals
+from bayesid.signs.smoothing import Blocks, sign_probabilities, smooth
+
+RATE = 100.0
+
+
+def noise(white, coloured, correlation, n=1):
+    return Noise(np.full(n, white), np.full(n, coloured), np.full(n, correlation), np.ones(n))
+
+
+def by_monte_carlo(effort, predicted, white, coloured, memory, draws=400_000, seed=0):
+    """P(sign = +) by weighting paths of the Ornstein-Uhlenbeck process: no grid, no recursion over beliefs."""
+    rng = np.random.default_rng(seed)
+    b = coloured * rng.standard_normal(draws)
+    log_weight, plus = np.zeros(draws), []
+    for i, (e, p) in enumerate(zip(effort, predicted, strict=True)):
+        if i:
+            b = memory * b + coloured * np.sqrt(1 - memory**2) * rng.standard_normal(draws)
+        up, down = t(4).pdf((e - p - b) / white), t(4).pdf((-e - p - b) / white)
+        log_weight += np.log(up + down)
+        plus.append(up / (up + down))
+    weight = np.exp(log_weight - log_weight.max())
+    effective = weight.sum() ** 2 / (weight**2).sum()
+    return np.array([weight @ share for share in plus]) / weight.sum(), 0.5 / np.sqrt(effective)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+def test_against_monte_carlo(seed):
+    """Six samples near zero, where every path matters; the grid's own error is below 0.02."""
+    rng = np.random.default_rng(seed)
+    predicted = np.array([0.9, 0.5, 0.1, -0.2, -0.5, -1.0]) + 0.2 * rng.standard_normal(6)
+    effort = np.abs(predicted + 0.4 * rng.standard_normal(6))
+    white, coloured, correlation = 0.4, 0.5, 0.03
+    expected, error = by_monte_carlo(effort, predicted, white, coloured, np.exp(-1 / (correlation * RATE)))
+    moving = np.ones((6, 1), dtype=bool)
+    found = smooth(effort[:, None], predicted[:, None], moving, noise(white, coloured, correlation), RATE)
+    np.testing.assert_allclose(found[:, 0], expected, atol=4 * error + 0.02)
+
+
+def test_neighbours_decide_what_a_sample_cannot():
+    """The model errs for 0.4 s, where it goes below zero; the effort's own course, away from zero, tells the sign."""
+    time = np.arange(200) / RATE
+    truth = np.where(time < 1.0, 2.0, -1.5) * np.abs(np.cos(np.pi * time / 2)) + np.where(time < 1.0, 0.5, -0.6)
+    predicted = truth - 2.6 * np.exp(-(((time - 0.5) / 0.15) ** 2))
+    lost = (predicted < 0.0) & (truth > 0.0)
+    assert lost.sum() > 10
+    moving = np.ones((200, 1), dtype=bool)
+    found = smooth(np.abs(truth)[:, None], predicted[:, None], moving, noise(0.2, 1.0, 0.2), RATE)
+    assert ((found[:, 0] > 0.5) == (truth > 0)).all()
+    inside = np.abs(truth[lost])[:, None], predicted[lost][:, None], moving[lost]
+    alone = smooth(*inside, noise(0.2, 1.0, 0.2), RATE)
+    assert (alone < 0.5).mean() > 0.9, "without its neighbours the stretch would follow the model"
+
+
+def test_standstill_takes_its_sign_from_its_neighbours():
+    """At rest the model's friction fades away; the effort hardly changes, so neither does its sign."""
+    truth = np.concatenate([np.full(60, -3.0), np.linspace(-3.0, -1.8, 40), np.full(60, -3.2)])
+    predicted = truth.copy()
+    predicted[60:100] = 0.3 - 3.3 * np.exp(-np.arange(40) / 10.0)
+    predicted[90:100] = np.linspace(predicted[89], -3.2, 10)
+    moving = np.ones((160, 1), dtype=bool)
+    moving[60:100] = False
+    assert (predicted[60:100] > 0).any(), "the model alone would err"
+    found = smooth(np.abs(truth)[:, None], predicted[:, None], moving, noise(0.1, 0.3, 0.1), RATE)
+    assert (found[:, 0] < 0.5).all()
+
+
+def test_blocks_agree_with_the_whole():
+    rng = np.random.default_rng(5)
+    truth = np.cumsum(rng.standard_normal((3000, 2)), axis=0) * 0.1
+    predicted = truth + 0.3 * rng.standard_normal((3000, 2))
+    arguments = np.abs(truth), predicted, np.ones((3000, 2), dtype=bool), noise(0.3, 0.2, 0.05, 2), RATE
+    whole = smooth(*arguments)
+    np.testing.assert_allclose(smooth(*arguments, blocks=Blocks(samples=700, overlap=200)), whole, atol=1e-6)
+
+
+def test_probabilities_are_calibrated():
+    """Data drawn from the model itself: of the signs given P in a bin, that share is +, within 4 binomial sd."""
+    rng = np.random.default_rng(7)
+    n, white, coloured, correlation = 6000, 0.5, 0.6, 0.05
+    memory = np.exp(-1 / (correlation * RATE))
+    b = np.empty((n, 1))
+    b[0] = coloured * rng.standard_normal()
+    for i in range(1, n):
+        b[i] = memory * b[i - 1] + coloured * np.sqrt(1 - memory**2) * rng.standard_normal()
+    predicted = 1.2 * np.sin(np.arange(n) / 40.0)[:, None] + 0.3
+    value = predicted + b + white * rng.standard_normal((n, 1))
+    moving = np.ones((n, 1), dtype=bool)
+    found = smooth(np.abs(value), predicted, moving, noise(white, coloured, correlation), RATE)[:, 0]
+    for low, high in [(0.02, 0.2), (0.2, 0.5), (0.5, 0.8), (0.8, 0.98), (0.98, 1.0)]:
+        inside = (found >= low) & (found < high)
+        count, share = inside.sum(), (value[inside, 0] > 0).mean()
+        sd = np.sqrt(found[inside].mean() * (1 - found[inside].mean()) / count)
+        assert count > 50
+        assert share == pytest.approx(found[inside].mean(), abs=4 * 1.5 * sd + 0.005), (low, high)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Many draws of the model, standstill, tails
+# ---------------------------------------------------------------------------------------------------------------
+def test_many_predictions_give_the_average_of_each():
+    """Six, more than are smoothed at once; in motion the hidden process does not depend on the predictions."""
+    rng = np.random.default_rng(11)
+    truth = np.cumsum(rng.standard_normal((120, 2)), axis=0) * 0.2
+    predicted = truth[:, :, None] + 1.2 * rng.standard_normal((1, 2, 6))
+    moving, of_both = np.ones((120, 2), dtype=bool), noise(0.2, 0.3, 0.05, 2)
+    single = [smooth(np.abs(truth), predicted[:, :, k], moving, of_both, RATE) for k in range(6)]
+    found = smooth(np.abs(truth), predicted, moving, of_both, RATE)
+    np.testing.assert_allclose(found, np.mean(single, axis=0), atol=1e-12)
+    assert np.std(single, axis=0).max() > 0.2, "the draws disagree somewhere"
+
+
+@pytest.mark.parametrize("rest", [1, 2, 3])
+def test_friction_that_turns_round_during_a_short_standstill_leaves_its_samples_unsure(rest):
+    """|effort| agrees with |prediction| at every sample, whenever friction turns; the jump alone gives it away."""
+    moving = np.ones((101 + rest, 1), dtype=bool)
+    moving[60 : 60 + rest] = False
+    sure = {}
+    for after in (-0.8, 1.4):
+        predicted = np.concatenate([np.full(60, 1.2), np.full(rest, 0.1), np.full(41, after)])[:, None]
+        found = smooth(np.abs(predicted), predicted, moving, noise(0.03, 0.03, 0.1), RATE)[:, 0]
+        sure[after] = np.maximum(found, 1.0 - found)[60 : 60 + rest].min()
+        np.testing.assert_array_equal(found[:60] > 0.99, True)
+        np.testing.assert_array_equal(found[60 + rest :] > 0.99, after > 0.0)
+        np.testing.assert_array_equal(found[60 + rest :] < 0.01, after < 0.0)
+    assert sure[1.4] > 0.99, "where friction does not turn nothing is in doubt"
+    assert sure[-0.8] < (0.97 if rest == 1 else 0.7)
+    assert 1.0 - sure[-0.8] > 8.0 * (1.0 - sure[1.4])
+
+
+@pytest.mark.parametrize("outlier", [0.9, 1.5, 3.0])
+def test_an_outlier_is_no_proof_of_its_sign(outlier):
+    """Without coloured noise every sample stands alone: Student's t, four degrees. A normal would be certain."""
+    predicted, effort = np.full((80, 1), 0.3), np.full((80, 1), 0.3)
+    effort[40] = outlier
+    white = noise(0.1, 1e-6, 0.1)
+    found = smooth(effort, predicted, np.ones((80, 1), dtype=bool), white, RATE)[:, 0]
+    up, down = t(4).pdf((outlier - 0.3) / 0.1), t(4).pdf((outlier + 0.3) / 0.1)
+    assert found[40] == pytest.approx(up / (up + down), abs=1e-4)
+    assert found[40] < 0.97
+    assert np.delete(found, 40).min() > 0.99
+
+
+@pytest.mark.parametrize("turned", [True, False])
+def test_a_single_sample_at_standstill_is_never_certain(turned):
+    """Friction may have turned round in it, or not yet; a steady error would have to jump by 20 sd and back."""
+    predicted = np.concatenate([np.full(30, 1.0), [-1.0 if turned else 1.0], np.full(30, -1.0)])
+    moving = np.ones(61, dtype=bool)
+    moving[30] = False
+    arguments = np.ones((61, 1)), predicted[:, None], moving[:, None]
+    found = smooth(*arguments, noise(0.05, 0.1, 0.1), RATE)[:, 0]
+    assert found[:29].min() > 0.99
+    assert found[32:].max() < 0.01
+    assert 1e-4 < found[30] < 1.0 - 1e-4
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Logs
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("draws", [1, 3])
+def test_known_signs_are_not_smoothed(draws):
+    """Joint 2 is measured, far from its prediction; joint 1 is smoothed as it would be by itself."""
+    rng = np.random.default_rng(3)
+    motion = smooth_motion(2, 0.8, RATE, seed=4)
+    effort = rng.standard_normal((80, 2)) * [1.0, 3.0]
+    effort[:, 0] = np.abs(effort[:, 0])
+    every = np.ones((80, 2), dtype=bool)
+    signals = Signals(motion, effort, effort, np.array([False, True]), RATE, 20.0, {}, every)
+    predicted = 0.7 * rng.standard_normal((80, 2, draws))
+    probability = sign_probabilities(signals, predicted, every, noise(0.4, 0.3, 0.05, 2))
+    np.testing.assert_array_equal(probability[:, 1], effort[:, 1] >= 0.0)
+    alone = smooth(effort[:, :1], predicted[:, :1], every[:, :1], noise(0.4, 0.3, 0.05), RATE)
+    np.testing.assert_allclose(probability[:, :1], alone, rtol=1e-12)
+    assert 0.1 < probability[:, 0].mean() < 0.9

@@ -1,0 +1,228 @@
+"""The proof's tree by itself: all choices of a few segments are given, the others are for the tree to settle."""
+
+import itertools
+import types
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.special import logsumexp
+from sign_problems import synthetic
+
+from bayesid.signs.search.combinations import Combinations
+from bayesid.signs.search.patterns import Patterns
+from bayesid.signs.search.problem import Problem
+from bayesid.signs.search.tree import prove, settled
+
+
+class Proven:
+    """The proof for a small problem in which some segments are decided beforehand, and the brute force to hold it to.
+
+    The combinations are all those with an assignment that costs up to the limit; nothing more is said about them.
+
+    Args:
+        problem: the sign problem.
+        decided: segments whose signs the combinations hold.
+        within: limit of the cost above the least one.
+        deadline: of the clock.
+        start: rank of the assignment whose parameters settling starts from.
+        all_given: whether those that cost more than the limit are given, too.
+    """
+
+    def __init__(self, problem, decided, within, deadline=np.inf, start=-1, all_given=False):
+        m = problem.moments
+        self.problem, self.view = problem, Problem(m, problem.solver(), deadline)
+        self.decided = np.setdiff1d(np.asarray(decided, dtype=np.int64), np.flatnonzero(m.known))
+        self.listed = np.concatenate([np.flatnonzero(m.known), self.decided])
+        self.limit = problem.least + within
+        choices = np.array(list(itertools.product((1, -1), repeat=len(self.decided))), dtype=np.int64)
+        choices = choices.reshape(2 ** len(self.decided), len(self.decided))
+        least = np.array([self.least_with(self.decided, signs) for signs in choices])
+        here = (least <= self.limit) | all_given
+        gradient = m.known @ m.gradient + choices[here] @ m.gradient[self.decided]
+        patterns = Patterns(self.decided, choices[here], gradient, np.zeros(here.sum()))
+        log_missed = float(logsumexp(-0.5 * least[~here])) if np.any(~here) else -np.inf
+        given = Combinations(patterns, np.zeros(len(patterns)), log_missed, {})
+        theta = self.view.price(problem.assignments[np.argsort(problem.costs)[start]]).theta
+        self.proof = prove(self.view, given, self.limit, theta)
+        self.exact, self.rounding = problem.exact, problem.precision
+        self.signs = np.array([branch.signs for branch in self.proof.branches]).reshape(-1, len(m))
+        pairs = zip(self.proof.branches, self.proof.decided, strict=True)
+        certain = [settled(self.view, branch, one, self.proof.limit) for branch, one in pairs]
+        self.certain = np.array(certain, dtype=bool).reshape(self.signs.shape)
+
+    def least_with(self, segments, signs):
+        """The least cost of all assignments with these signs."""
+        return self.problem.costs[np.all(self.problem.assignments[:, segments] == signs, axis=1)].min()
+
+    @property
+    def same(self):
+        """(assignments, branches) whether they have the same signs where these are decided beforehand."""
+        return np.all((self.problem.assignments[:, None] == self.signs)[:, :, self.listed], axis=2)
+
+    def assert_sound(self):
+        """All that a proof says holds."""
+        problem, proof = self.problem, self.proof
+        assert proof.lower_bound <= problem.least + self.exact
+        bounds = np.where(self.same, [branch.lower_bound for branch in proof.branches], np.inf)
+        assert np.all(problem.costs >= np.minimum(bounds.min(axis=1, initial=np.inf), proof.limit) - self.exact)
+        for branch in proof.branches:
+            assert branch.lower_bound <= branch.cost + self.rounding
+            assert branch.cost == pytest.approx(problem.price(branch.signs), abs=self.exact)
+        inside = problem.costs <= proof.limit - self.exact
+        agree = (problem.assignments[:, None] == self.signs) | ~self.certain
+        assert np.all(np.any(np.all(agree, axis=2), axis=1)[inside])
+        # What is cut off from a combination counts as one, with the least cost in it.
+        missing: dict[tuple, float] = {}
+        apart = (problem.assignments[:, None] != self.signs) & proof.decided.reshape(self.signs.shape)
+        out = np.all(np.any(apart, axis=2), axis=1)
+        for signs, cost in zip(problem.assignments[out][:, self.listed].tolist(), problem.costs[out], strict=True):
+            missing[tuple(signs)] = min(cost, missing.get(tuple(signs), np.inf))
+        if missing:
+            assert logsumexp(-0.5 * np.array(list(missing.values()))) <= proof.log_missed + self.exact + 1e-6
+        if len(proof.branches):
+            others = np.any(problem.assignments != self.signs[0], axis=1)
+            assert proof.runner_up <= problem.costs[others].min(initial=np.inf) + self.exact
+
+
+def random_proofs():
+    """Few or no segments decided beforehand, and parameters that few rows leave open: much is left to the tree."""
+    for cone in ("free", "orthant", "half", "body"):
+        for seed in range(24):
+            rng = np.random.default_rng(seed)
+            problem = synthetic(
+                seed,
+                segments=int(rng.integers(4, 7 if cone == "body" else 9)),
+                joints=int(rng.integers(1, 3)),
+                cone=cone,
+                size=int(rng.integers(2, 9)),
+                noise=(0.3, 0.5, 1.0)[seed % 3],
+                longest=(2, 3, 6)[seed // 3 % 3],
+                spread=(1.0, 3.0, 10.0)[seed // 9],
+                known=int(rng.integers(0, 2)),
+                scale=(1.0, 10.0)[seed % 2],
+                load=(1.0, 1e-3)[seed % 5 == 4],
+            )
+            first = np.flatnonzero(problem.moments.known == 0)[: 1 + seed % 3]
+            yield Proven(problem, first, (1.0, 20.0, 200.0)[seed % 3], all_given=seed % 2 == 1)
+
+
+@pytest.fixture(scope="module")
+def proofs():
+    return list(random_proofs())
+
+
+def test_all_that_is_proven_holds(proofs):
+    for proven in proofs:
+        proven.assert_sound()
+
+
+def test_the_best_assignment_is_a_branch(proofs):
+    for proven in proofs:
+        assert proven.proof.branches[0].cost == pytest.approx(proven.problem.least, abs=2 * proven.exact)
+
+
+def test_the_proof_is_complete(proofs):
+    """Without a deadline the limit stands, and the best cost is proven up to the solver's precision."""
+    for proven in proofs:
+        assert proven.proof.limit == proven.limit
+        assert proven.proof.lower_bound >= proven.problem.least - 1e-6 * proven.problem.energy
+
+
+def test_the_runner_up_is_not_far_below_the_second_best(proofs):
+    """It meets it up to the solver's precision, or up to the limit."""
+    for proven in proofs:
+        second = np.sort(proven.problem.costs)[1]
+        least = proven.problem.least
+        assert proven.proof.runner_up >= least - 1e-6 * proven.problem.energy
+        assert proven.proof.runner_up <= second + proven.exact
+
+
+def test_segments_decided_beforehand_or_known_are_decided(proofs):
+    for proven in proofs:
+        assert np.all(proven.proof.decided[:, proven.listed])
+
+
+def test_most_of_what_is_certain_is_found(proofs):
+    """Within the limit, all that a branch stands for may agree on a segment: by brute force, and by the proof."""
+    possible = found = 0
+    for proven in proofs:
+        inside = proven.problem.assignments[proven.problem.costs <= proven.proof.limit]
+        for signs, decided, certain in zip(proven.signs, proven.proof.decided, proven.certain, strict=True):
+            group = inside[np.all((inside == signs)[:, decided], axis=1)]
+            possible += np.sum(np.all(group == signs, axis=0) & ~decided)
+            found += np.sum(certain & ~decided)
+    assert possible > 50
+    assert 0.9 * possible <= found <= possible
+
+
+def test_much_was_left_to_the_tree(proofs):
+    """Combinations split, and segments are certain without having been decided."""
+    split = sum(len({tuple(s) for s in one.signs[:, one.listed]}) < len(one.signs) for one in proofs)
+    assert split >= 10
+    assert sum(one.certain.sum() - one.proof.decided.sum() for one in proofs) > 20
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(
+    seed=st.integers(0, 10**6),
+    cone=st.sampled_from(["free", "orthant", "half", "body"]),
+    segments=st.integers(1, 7),
+    size=st.integers(1, 8),
+    longest=st.sampled_from([1, 2, 5]),
+    spread=st.sampled_from([1.0, 3.0, 30.0]),
+    scale=st.sampled_from([1.0, 10.0, 100.0]),
+    within=st.sampled_from([0.0, 5.0, 100.0]),
+    data=st.data(),
+)
+def test_every_proof_holds(seed, cone, segments, size, longest, spread, scale, within, data):
+    segments = min(segments, 6) if cone == "body" else segments
+    problem = synthetic(
+        seed, segments, cone=cone, size=size, noise=0.5, longest=longest, spread=spread, scale=scale, known=1
+    )
+    decided = data.draw(st.lists(st.integers(0, segments - 1), max_size=segments, unique=True))
+    proven = Proven(problem, decided, within + problem.exact)
+    proven.assert_sound()
+
+
+def test_settling_from_poor_parameters_proves_the_same():
+    for seed in range(6):
+        problem = synthetic(seed, 7, joints=2, cone="orthant", size=5, noise=0.5, longest=3, scale=5.0)
+        good, poor = (Proven(problem, [0, 1], 10.0, start=rank) for rank in (0, -1))
+        assert poor.proof.branches[0].cost == pytest.approx(good.proof.branches[0].cost, abs=good.exact)
+        poor.assert_sound()
+
+
+def test_without_any_time_nothing_is_proven_about_what_is_open():
+    problem = synthetic(3, 7, joints=2, cone="body", size=5, noise=0.5)
+    proven = Proven(problem, [0, 1], 10.0, deadline=-np.inf)
+    assert proven.proof.branches == ()
+    assert proven.proof.limit == 0.0, "the least bound of what was given"
+    assert proven.proof.lower_bound == 0.0
+    assert proven.proof.log_missed == np.inf
+
+
+def test_wherever_the_time_ends_the_open_nodes_lower_the_limit(monkeypatch):
+    lowered = 0
+    for seed in (4, 8, 11):
+        problem = synthetic(seed, 8, joints=2, cone="orthant", size=6, noise=0.5, longest=2, scale=3.0)
+        for deadline in range(0, 60, 3):
+            ticks = itertools.count()
+            clock = types.SimpleNamespace(perf_counter=lambda ticks=ticks: float(next(ticks)))
+            monkeypatch.setattr("bayesid.signs.search.problem.time", clock)
+            proven = Proven(problem, np.flatnonzero(problem.moments.known == 0)[:3], 50.0, deadline=deadline)
+            proven.assert_sound()
+            if proven.proof.limit < proven.limit:
+                lowered += 1
+                assert proven.proof.log_missed == np.inf
+    assert lowered >= 5
+
+
+def test_nothing_free_is_one_branch():
+    problem = synthetic(5, 5, cone="body", known=5)
+    proven = Proven(problem, [], 10.0)
+    assert len(proven.proof.branches) == 1
+    assert np.all(proven.certain)
+    assert proven.proof.runner_up == proven.limit
+    proven.assert_sound()

@@ -1,0 +1,576 @@
+from collections import Counter
+from dataclasses import fields, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from oracles import STEP, assert_close, dh_chain, jacobian, joint_torques, positions, random_clouds, random_motion
+
+from bayesid.motion import Motion
+from bayesid.studies import blind
+
+ROBOTS = [(3, "kr5", "bare", False), (4, "random", "standard", False), (5, "random", "bare", True)]
+LOG = slice(blind.BEFORE, None)
+ALL = (*blind.EFFECTS, blind.OUTSIDE)
+FRICTION = (
+    "viscous_friction",
+    "coulomb_friction",
+    "asymmetric_coulomb",
+    "stribeck_friction",
+    "load_dependent_friction",
+)
+FORMS = {
+    "stribeck_friction": {"full", "bump", "exponential"},
+    "gravity_spring": {"sine", "two_points"},
+    "hysteresis": {"stop", "maxwell_slip", "dahl", "bouc_wen"},
+    "cable_drag": {"beyond", "friction", "cubic"},
+    "thermal_drift": {"coulomb", "viscous", "both", "offset_fading", "offset_growing"},
+    "dead_zone": {"reads_zero", "shrunk"},
+    blind.OUTSIDE: set(blind.OUTSIDE_FORMS),
+}
+
+
+def slow_parts(effect, slow):
+    return slow or effect == "stribeck_friction"
+
+
+@cache
+def healthy(seed, robot, style, slow):
+    return blind.simulate(seed, None, 0.0, robot, style, slow)
+
+
+@cache
+def hiding(effect, seed, robot, style, slow, size):
+    return blind.simulate(seed, effect, size, robot, style, slow)
+
+
+@cache
+def scene(robot="kr5", slow=False, seed=11):
+    return blind.simulate(seed, None, 0.0, robot, "standard", slow).plays[1]
+
+
+def drafts(effect, play, seeds=60):
+    """Many draws of an effect, the joint given away with each."""
+    for seed in range(seeds):
+        rng = np.random.default_rng(seed)
+        yield blind.DRAFTS[effect](rng, play, seed % play.robot.n)
+
+
+def torque(draft, play, magnitude=1.0):
+    return (draft.act(play, play.healthy(), magnitude) - play.healthy())[:, draft.joint or 0]
+
+
+def forms(effect, play):
+    """One draft of each form of an effect."""
+    found = {draft.parameters.get("form"): draft for draft in drafts(effect, play)}
+    assert set(found) == FORMS.get(effect, {None})
+    return found
+
+
+# --- Rigid bodies
+def body_of(points, masses):
+    centre = masses @ points / masses.sum()
+    r = points - centre
+    return blind.Body(masses.sum(), centre, masses.sum() * spread(r, masses / masses.sum()))
+
+
+def spread(r, shares):
+    return shares @ np.sum(r**2, axis=1) * np.eye(3) - (r * shares[:, None]).T @ r
+
+
+def robot_of(kind, seed):
+    """A robot whose links are clouds of points, and the clouds."""
+    robot = blind.bare_robot(np.random.default_rng(seed), kind)
+    clouds = random_clouds(robot.n, seed)
+    return replace(robot, links=tuple(body_of(*cloud) for cloud in clouds)), clouds
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("kr5", 0), *(("random", seed) for seed in range(8))])
+def test_rigid_efforts_obey_virtual_work(kind, seed):
+    robot, clouds = robot_of(kind, seed)
+    motion = random_motion(robot.n, 4, seed)
+    expected = joint_torques(dh_chain(robot.table), clouds, robot.table["gravity"], motion)
+    assert_close(robot.rigid_efforts(motion.q, motion.dq, motion.ddq), expected, 1e-10)
+
+
+@pytest.mark.parametrize("kind", ["kr5", "random"])
+def test_held_body_obeys_virtual_work(kind):
+    robot, clouds = robot_of(kind, 1)
+    motion = random_motion(robot.n, 4, 2)
+    points, masses = random_clouds(1, 9)[0]
+    last = np.concatenate([clouds[-1][0], points]), np.concatenate([clouds[-1][1], masses])
+    expected = joint_torques(dh_chain(robot.table), [*clouds[:-1], last], robot.table["gravity"], motion)
+    loaded = robot.loaded(body_of(points, masses))
+    assert_close(loaded.rigid_efforts(motion.q, motion.dq, motion.ddq), expected, 1e-10)
+
+
+@pytest.mark.parametrize("slow", [False, True])
+def test_speeds_and_accelerations_are_derivatives(slow):
+    series = blind.random_series(np.random.default_rng(2), 5, slow)
+    t = blind.times()
+    q, dq, ddq = series(t)
+    later = series(t + 1j * STEP)
+    assert_close(dq, later[0].imag / STEP, 1e-12)
+    assert_close(ddq, later[1].imag / STEP, 1e-12)
+
+
+def test_motions_are_those_of_a_robot_at_work():
+    crawling = []
+    for seed in range(30):
+        for slow in (False, True):
+            q, dq, _ = blind.random_series(np.random.default_rng(seed), 6, slow)(blind.times())
+            peaks = np.abs(dq).max(axis=0)
+            assert np.abs(q).max() <= 2.0
+            assert peaks.max() <= 2.5 + 1e-9
+            assert np.median(peaks) > 0.9
+            crawling.append(np.mean(np.abs(dq) < 0.05))
+    assert np.mean(crawling[1::2]) > 3 * np.mean(crawling[::2])
+
+
+def test_random_arms_are_physical():
+    counts = Counter()
+    for seed in range(60):
+        robot = blind.bare_robot(np.random.default_rng(seed), "random")
+        counts[robot.n] += 1
+        assert sum(body.mass for body in robot.links) < 40
+        for row, body in zip(robot.table["joints"], robot.links, strict=True):
+            assert row["a"] >= 0.1 or abs(np.sin(row["alpha"])) > 0.4
+            assert np.linalg.norm(body.centre) > 0.01
+            low, middle, high = np.linalg.eigvalsh(body.inertia)
+            assert low > 0
+            assert high < low + middle
+    assert set(counts) == {4, 5, 6, 7}
+    kr5 = blind.bare_robot(np.random.default_rng(0), "kr5")
+    assert sum(body.mass for body in kr5.links) == pytest.approx(28.0)
+
+
+def test_standard_joints_have_friction_of_a_plausible_size():
+    case = healthy(*ROBOTS[1])
+    play, robot = case.plays[0], case.robot
+    friction = robot.viscous * play.dq + robot.coulomb * np.sign(play.dq)
+    share = blind.rms(friction) / blind.rms(play.rigid)
+    assert np.all((share > 0.049) & (share < 0.201))
+    assert np.all(robot.rotor > 0)
+    assert case.terms == blind.STANDARD
+    bare = healthy(*ROBOTS[0])
+    assert bare.terms == "rigid_body"
+    np.testing.assert_array_equal(bare.log.clean, bare.plays[1].rigid[LOG])
+
+
+# --- Size
+@pytest.mark.parametrize("setup", ROBOTS, ids=lambda s: "-".join(map(str, s[1:])))
+@pytest.mark.parametrize("effect", ALL)
+def test_effect_has_the_size_asked_for(effect, setup):
+    seed, robot, style, slow = setup
+    size = {"kr5": 2.0, "random": 7.0 if slow else 0.6}[robot]
+    case = hiding(effect, *setup, size)
+    without = healthy(seed, robot, style, slow_parts(effect, slow))
+    np.testing.assert_array_equal(case.log.q, without.log.q)
+    difference = case.log.clean - without.log.clean
+    ratios = blind.rms(difference) / case.noise
+    assert ratios.max() == pytest.approx(size, rel=0.02)
+    joint = case.hidden[0].draft.joint
+    if joint is None:
+        assert effect in ("payload", "base_tilt", "tool_wrench", "delay")
+        assert np.count_nonzero(ratios) > 1
+    else:
+        assert np.flatnonzero(ratios).tolist() == [joint]
+    shown = np.max(blind.rms(case.holdout.clean - without.holdout.clean) / case.noise)
+    assert shown == pytest.approx(case.hidden[0].holdout_size)
+    assert shown > 0.3 * size
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_each_of_two_effects_has_the_size_asked_for(seed):
+    rng = np.random.default_rng(seed)
+    names = tuple(rng.choice(blind.EFFECTS, 2, replace=False).tolist())
+    case = blind.simulate(seed, names, 5.0)
+    assert {h.name for h in case.hidden} == set(names)
+    play, efforts = case.plays[1], case.plays[1].healthy()
+    for hidden in case.hidden:
+        after = hidden.act(play, efforts)
+        assert blind.ratio_of(after, efforts, case.noise) == pytest.approx(5.0, rel=0.02)
+        efforts = after
+    np.testing.assert_array_equal(case.log.clean, efforts[LOG])
+
+
+def test_two_effects_share_a_joint_about_half_of_the_time():
+    pairs = [blind.simulate(seed, ("torque_offset", "joint_spring"), 4.0, "kr5", "bare").hidden for seed in range(40)]
+    shared = sum(one.draft.joint == other.draft.joint for one, other in pairs)
+    assert 10 <= shared <= 30
+
+
+@pytest.mark.parametrize("setup", ROBOTS, ids=lambda s: s[1])
+def test_noise_is_white_and_the_same_in_all_logs(setup):
+    case = healthy(*setup)
+    share = case.noise / blind.rms(case.baseline.clean)
+    assert np.all((share >= 0.0099) & (share <= 0.0301))
+    for log in (case.baseline, case.log, case.holdout):
+        noise = (log.measured - log.clean) / case.noise
+        assert np.all(np.abs(blind.rms(noise) - 1) < 0.08)
+        assert np.abs(np.mean(noise[1:] * noise[:-1], axis=0)).max() < 0.1
+    assert np.abs(np.corrcoef(case.log.measured[:, 0] - case.log.clean[:, 0], noise[:, 0])[0, 1]) < 0.1
+
+
+# --- Physics of the effects: what has which sign
+@pytest.mark.parametrize("kind", ["kr5", "random"])
+@pytest.mark.parametrize("effect", FRICTION)
+def test_friction_opposes_the_motion(effect, kind):
+    play = scene(kind, True)
+    for draft in forms(effect, play).values():
+        power = torque(draft, play) * play.dq[:, draft.joint]
+        assert power.min() >= 0
+        assert power.max() > 0
+
+
+def test_friction_of_cables_and_cold_joints_opposes_the_motion():
+    play = scene()
+    cases = [("cable_drag", {"friction"}), ("thermal_drift", {"coulomb", "viscous", "both"})]
+    for effect, names in cases:
+        for form, draft in forms(effect, play).items():
+            power = torque(draft, play) * play.dq[:, draft.joint]
+            assert (power.min() >= 0) == (form in names)
+
+
+def test_stribeck_friction_is_strongest_at_low_speed():
+    play = scene("kr5", True)
+    for form, draft in forms("stribeck_friction", play).items():
+        level, speed = np.abs(torque(draft, play)), np.abs(play.dq[:, draft.joint])
+        slow, fast = level[speed < 0.02], level[speed > 6 * draft.parameters["speed"]]
+        assert len(slow) > 20
+        top = 1.0 if form == "bump" else draft.parameters["static_over_coulomb"]
+        assert slow.max() == pytest.approx(top, rel=0.1)
+        if form != "bump" and len(fast):
+            assert fast.max() < 1.01
+
+
+def test_asymmetric_coulomb_has_two_levels():
+    play = scene()
+    for draft in drafts("asymmetric_coulomb", play, 6):
+        levels = np.unique(np.round(torque(draft, play), 9))
+        assert levels[0] < 0 or draft.parameters["weaker"] == 0
+        assert abs(levels[0]) != pytest.approx(levels[-1])
+        assert max(abs(levels)) == 1.0
+
+
+@pytest.mark.parametrize("width", [0.02, 0.1])
+def test_hysteresis_loses_energy_and_saturates(width):
+    q = np.sin(np.linspace(0, 12, 3000))
+    for z in (blind.stop_operator(q, width), blind.dahl(q, width), blind.bouc_wen(q, width, 0.7, 2.0)):
+        work = np.sum(0.5 * (z[1:] + z[:-1]) * np.diff(q))
+        assert work > 0.5 * np.abs(np.diff(q)).sum()
+        assert 0.97 < np.abs(z).max() <= 1.01
+    backwards = np.sum(blind.stop_operator(q, 3.0)[1:] * np.diff(q))  # a spring as long as it does not slide
+    assert abs(backwards) < 0.2
+
+
+def test_hysteresis_knows_no_time_and_its_models_agree():
+    q = np.sin(np.linspace(0, 12, 3000))
+    sparse, dense = blind.dahl(q[::2], 0.1), blind.dahl(q, 0.1)[::2]
+    assert np.abs(sparse - dense).max() < 0.02
+    assert np.abs(blind.bouc_wen(q, 0.1, 1.0, 1.0) - blind.dahl(q, 0.1)).max() < 0.01
+
+
+def test_springs_pull_back():
+    play = scene()
+    for draft in (*drafts("joint_spring", play, 8), forms("cable_drag", play)["cubic"]):
+        assert np.all(torque(draft, play) * (play.q[:, draft.joint] - draft.parameters["rest"]) >= 0)
+    for seed in range(40):
+        draft = blind.cable_drag(np.random.default_rng(seed), play, 1)
+        if draft.parameters["form"] == "beyond":
+            beyond = draft.parameters["side"] * (play.q[:, 1] - draft.parameters["rest"]) > 0
+            assert 0.1 < beyond.mean() < 0.9
+            found = torque(draft, play)
+            assert np.all(np.abs(found[~beyond]) < 1e-12)
+            assert np.all(found[beyond] * draft.parameters["side"] > 0)
+
+
+def test_spring_between_two_points_is_the_slope_of_its_energy():
+    play = scene()
+    draft = forms("gravity_spring", play)["two_points"]
+    x = draft.parameters
+    later = play.q[:, draft.joint] + 1j * STEP - x["rest"]
+    ends = x["far"] * np.ones_like(later), 0j * later
+    distance = np.sqrt((ends[0] - x["near"] * np.cos(later)) ** 2 + (ends[1] - x["near"] * np.sin(later)) ** 2)
+    energy = 0.5 * (distance - x["free_length"]) ** 2
+    assert_close(torque(draft, play), energy.imag / STEP, 1e-10)
+    assert 0 < x["free_length"] < distance.real.min()
+
+
+def test_rotor_and_offset():
+    play = scene()
+    draft = next(drafts("rotor_inertia", play))
+    assert np.all(torque(draft, play) * play.ddq[:, draft.joint] >= 0)
+    signs = {float(np.sign(torque(draft, play)[0])) for draft in drafts("torque_offset", play)}
+    assert signs == {-1.0, 1.0}
+
+
+@pytest.mark.parametrize("slow", [False, True])
+def test_ripple_is_resolved(slow):
+    play = scene("random", slow)
+    for draft in drafts("torque_ripple", play, 30):
+        order = draft.parameters["order"] * (2 if draft.parameters["second"] else 1)
+        assert 5 <= order <= 60
+        assert order * np.abs(np.diff(play.q[:, draft.joint])).max() < np.pi / 2
+
+
+@pytest.mark.parametrize("kind", ["kr5", "random"])
+def test_held_mass_pulls_down(kind):
+    play = scene(kind)
+    draft = next(drafts("payload", play))
+    body = blind.Body(2.5, np.array(draft.parameters["centre"]), 2.5 * np.array(draft.parameters["inertia_per_mass"]))
+    expected = play.robot.loaded(body).rigid_efforts(play.q, play.dq, play.ddq) - play.rigid
+    assert_close(draft.act(play, play.healthy(), 2.5) - play.healthy(), expected, 1e-9)
+    point = [(np.array([draft.parameters["centre"]]), np.ones(1))]
+    clouds = [(np.zeros((1, 3)), np.zeros(1))] * (play.robot.n - 1) + point
+    q = play.q[300]
+    still = Motion([0.0], [q], np.zeros((1, len(q))), np.zeros((1, len(q))))
+    held = joint_torques(dh_chain(play.robot.table), clouds, blind.GRAVITY, still)[0]
+    none = np.zeros((1, len(q)))
+    unit = blind.Body(1.0, body.centre, body.inertia / 2.5)
+    found = play.robot.loaded(unit).rigid_efforts(q[None], none, none) - play.robot.rigid_efforts(q[None], none, none)
+    assert_close(found[0], held, 1e-9)
+
+
+@pytest.mark.parametrize("kind", ["kr5", "random"])
+def test_tilted_base_turns_gravity(kind):
+    play = scene(kind)
+    draft = next(drafts("base_tilt", play))
+    angle, heading = 0.03, draft.parameters["heading"]
+    slope = 9.81 * np.sin(angle) * np.array([-np.sin(heading), np.cos(heading), 0.0])
+    turned = slope - [0.0, 0.0, 9.81 * np.cos(angle)]
+    tilted = replace(play.robot, table=play.robot.table | {"gravity": turned.tolist()})
+    expected = tilted.rigid_efforts(play.q, play.dq, play.ddq) - play.rigid
+    found = draft.act(play, play.healthy(), angle) - play.healthy()
+    assert_close(found, expected, 1e-9)
+    mirrored = draft.act(play, play.healthy(), -angle) - play.healthy()
+    assert np.abs(found - mirrored).max() > np.abs(found).max()
+
+
+def wrench_torques(play, parameters, k):
+    """Efforts that hold force and torque on the flange by virtual work; the torque is a couple of forces."""
+    chain, q = dh_chain(play.robot.table), play.q[k]
+    flange = chain(q)[0][-1]
+    turn = flange[:3, :3] if parameters["frame"] == "tool" else np.eye(3)
+    force, moment = turn @ parameters["force"], turn @ parameters["torque_per_force"]
+    across = np.cross(moment, [0.3, -0.5, 0.8])
+    across = across / np.linalg.norm(across) if moment.any() else np.array([1.0, 0.0, 0.0])
+    arm = flange[:3, :3].T @ np.cross(across, moment) / 2
+    clouds = [(np.zeros((0, 3)), np.zeros(0))] * (len(q) - 1) + [(np.array([0 * arm, arm, -arm]), np.ones(3))]
+    at_flange, one, other = jacobian(chain, clouds, q)
+    return -(at_flange.T @ force + one.T @ across - other.T @ across)
+
+
+@pytest.mark.parametrize("kind", ["kr5", "random"])
+def test_wrench_on_the_tool_obeys_virtual_work(kind):
+    play, seen = scene(kind), set()
+    for draft in drafts("tool_wrench", play, 12):
+        seen.add((draft.parameters["frame"], any(draft.parameters["torque_per_force"])))
+        found = draft.act(play, play.healthy(), 1.0) - play.healthy()
+        for k in (0, 700, 1900):
+            np.testing.assert_allclose(found[k], wrench_torques(play, draft.parameters, k), atol=1e-9)
+    assert len(seen) == 4
+
+
+def test_flange_is_where_the_oracle_has_it():
+    play = scene("random")
+    clouds = [(np.zeros((1, 3)), np.ones(1))] * play.robot.n
+    expected = positions(dh_chain(play.robot.table), clouds, play.q[500])
+    np.testing.assert_allclose(play.frames[500, 1:, :3, 3], expected, atol=1e-12)
+
+
+def test_gain_scales_one_joint():
+    play = scene()
+    for draft in drafts("gain_error", play, 6):
+        share = draft.act(play, play.healthy(), 0.2)[:, draft.joint] / play.healthy()[:, draft.joint]
+        np.testing.assert_allclose(share, 1 + 0.2 * draft.parameters["sign"])
+
+
+def test_delayed_efforts_come_later():
+    play = scene()
+    lengths = set()
+    for draft in drafts("delay", play, 8):
+        late = draft.act(play, play.healthy(), 0.07)
+        columns = slice(None) if draft.joint is None else [draft.joint]
+        lengths.add(draft.joint is None)
+        np.testing.assert_allclose(late[LOG, columns], play.healthy()[blind.BEFORE - 7 : -7, columns], atol=1e-8)
+    assert lengths == {True, False}
+
+
+def test_thermal_drift_fades_or_grows():
+    play = scene()
+    early, late = slice(blind.BEFORE, blind.BEFORE + 600), slice(-600, None)
+    for form, draft in forms("thermal_drift", play).items():
+        level = np.abs(torque(draft, play))
+        assert (level[early].sum() > level[late].sum()) == (form != "offset_growing")
+    growing = torque(forms("thermal_drift", play)["offset_growing"], play)
+    assert abs(growing[blind.BEFORE]) < 1e-9
+
+
+def test_clipped_efforts_keep_within_the_limit():
+    play = scene()
+    draft = next(drafts("clipping", play))
+    whole, limit = play.healthy()[:, draft.joint], 0.5 * np.abs(play.healthy()[LOG, draft.joint]).max()
+    clipped = draft.act(play, play.healthy(), draft.parameters["peak"] - limit)[:, draft.joint]
+    np.testing.assert_allclose(clipped, np.sign(whole) * np.minimum(np.abs(whole), limit))
+
+
+def test_dead_zone_swallows_small_efforts():
+    play = scene()
+    for form, draft in forms("dead_zone", play).items():
+        whole = play.healthy()[:, draft.joint]
+        width = 0.3 * np.abs(whole).max()
+        left = draft.act(play, play.healthy(), width)[:, draft.joint]
+        small = np.abs(whole) < width
+        assert 0 < small.mean() < 1
+        assert np.all(left[small] == 0)
+        expected = whole[~small] - (width * np.sign(whole[~small]) if form == "shrunk" else 0.0)
+        np.testing.assert_allclose(left[~small], expected)
+
+
+def test_what_is_outside_the_catalogue_is_not_explained_by_it():
+    for kind in ("kr5", "random"):
+        play = scene(kind)
+        for form, draft in forms(blind.OUTSIDE, play).items():
+            j, found = draft.joint, torque(draft, play)[LOG]
+            q, dq, ddq, load = (x[LOG, j] for x in (play.q, play.dq, play.ddq, play.rigid))
+            s = np.sign(dq)
+            columns = [q**0, q, q**3, dq, ddq, s, np.abs(s), np.abs(load) * s, np.sin(q), np.cos(q), np.abs(q) * s]
+            basis = np.column_stack([*columns, play.weights[LOG, j]])
+            rest = found - basis @ np.linalg.lstsq(basis, found, rcond=None)[0]
+            assert blind.rms(rest) > 0.3 * blind.rms(found), form
+
+
+# --- Files
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    """One robot's folders and truths, by effect."""
+    root, made = tmp_path_factory.mktemp("cases"), {}
+    for i, effect in enumerate((None, *ALL)):
+        folder = root / str(i)
+        made[effect] = folder, blind.make_case(folder, 21, effect, 4.0, "kr5", "standard", True)
+    return made
+
+
+def test_folder_holds_no_hint(folders):
+    whole = {path.name: path.read_bytes() for path in folders[None][0].iterdir()}
+    assert sorted(whole) == sorted(blind.FILES)
+    for effect, (folder, _) in folders.items():
+        found = {path.name: path.read_bytes() for path in folder.iterdir()}
+        assert found.keys() == whole.keys()
+        for name in ("baseline.csv", "robot.toml", "terms.txt"):
+            assert found[name] == whole[name]
+        for name in ("log.csv", "holdout.csv"):
+            assert len(found[name]) == len(whole[name])
+            assert (found[name] == whole[name]) == (effect is None)
+            assert found[name].splitlines()[0] == b"t,q1,q2,q3,q4,q5,q6,tau1,tau2,tau3,tau4,tau5,tau6"
+
+
+def test_logs_are_the_three_motions_with_efforts_without_sign(folders):
+    for folder, truth in folders.values():
+        motions = []
+        for name in ("baseline", "log", "holdout"):
+            values = np.loadtxt(folder / f"{name}.csv", delimiter=",", skiprows=1)
+            assert values.shape == (blind.SAMPLES, 13)
+            np.testing.assert_allclose(values[:, 0], np.arange(blind.SAMPLES) / 100)
+            assert values[:, 7:].min() >= 0
+            motions.append(values[:, 1:7])
+            if name != "baseline":
+                efforts = getattr(truth, f"{name}_efforts")
+                np.testing.assert_allclose(values[:, 7:], np.abs(efforts), rtol=1e-9)
+                assert (efforts < 0).any()
+                np.testing.assert_array_equal(np.sign(efforts), getattr(truth, f"{name}_signs"))
+        assert all(np.abs(a - b).max() > 0.5 for a, b in zip(motions, motions[1:] + motions[:1], strict=True))
+
+
+def test_only_the_hidden_effect_separates_the_logs(folders):
+    for effect, (_, truth) in folders.items():
+        if effect is None or effect in blind.READERS:
+            continue
+        difference = blind.rms(truth.log_efforts - folders[None][1].log_efforts) / truth.noise
+        assert difference.max() == pytest.approx(4.0, rel=0.02)
+        assert truth.effects == (effect,)
+        assert truth.joints in (((),), (tuple((np.flatnonzero(difference) + 1).tolist()),))
+
+
+def test_sensors_act_before_or_after_the_noise():
+    zeros = {}
+    for seed in range(6):
+        case = blind.simulate(seed, "dead_zone", 4.0, "kr5", "bare")
+        j = case.hidden[0].draft.joint
+        zeros[case.parameters["noise_before_sensor"]] = np.mean(case.log.measured[:, j] == 0)
+    assert zeros[True] > 0
+    assert zeros[False] == 0
+
+
+def test_floor_is_what_noise_leaves(folders):
+    truth = folders["torque_offset"][1]
+    assert np.all(truth.floor <= 1.1 * truth.noise)
+    assert np.all(truth.floor > 0.5 * truth.noise)
+
+
+def test_truth_comes_back_the_same(folders, tmp_path):
+    pair = blind.make_case(tmp_path / "case", 5, ("clipping", "delay"), 3.0)
+    for truth in (folders[None][1], folders["payload"][1], folders[blind.OUTSIDE][1], pair):
+        blind.write_truth(tmp_path / "truth.npz", truth)
+        back = blind.read_truth(tmp_path / "truth.npz")
+        for field in fields(blind.Truth):
+            found, expected = getattr(back, field.name), getattr(truth, field.name)
+            if field.name in blind.ARRAYS:
+                np.testing.assert_array_equal(found, expected)
+            else:
+                assert found == expected
+                assert type(found) is type(expected)
+    assert folders[None][1].effects == ()
+    assert folders[None][1].size == 0.0
+
+
+def test_cases_are_reproducible(folders, tmp_path):
+    truth = blind.make_case(tmp_path, 21, "payload", 4.0, "kr5", "standard", True)
+    np.testing.assert_array_equal(truth.log_efforts, folders["payload"][1].log_efforts)
+    assert all((tmp_path / name).read_bytes() == (folders["payload"][0] / name).read_bytes() for name in blind.FILES)
+
+
+def test_generator_is_no_part_of_bayesid():
+    homes = {getattr(value, "__module__", "") or "" for value in vars(blind).values()}
+    assert {home for home in homes if home.startswith("bayesid")} == {blind.__name__}
+    text = Path(blind.__file__).read_text()
+    assert "import bayesid" not in text
+    assert "from bayesid" not in text
+
+
+# --- Plan
+def test_plan_is_balanced():
+    cases = blind.plan(300, 7)
+    single = [case for case in cases if isinstance(case.effect, str) and case.effect != blind.OUTSIDE]
+    pairs = [case for case in cases if isinstance(case.effect, tuple)]
+    beyond = [case for case in cases if case.effect == blind.OUTSIDE]
+    assert [len(single), len(pairs), sum(c.effect is None for c in cases), len(beyond)] == [220, 25, 30, 25]
+    assert set(Counter(case.effect for case in single).values()) == {11}
+    assert {case.effect for case in single} == set(blind.EFFECTS)
+    assert all(len(set(case.effect)) == 2 for case in pairs)
+    for name in blind.EFFECTS:
+        sizes = np.log([case.size for case in single if case.effect == name])
+        assert np.log(0.5) <= sizes.min() < np.log(0.8)
+        assert np.log(6) < sizes.max() <= np.log(10)
+        assert {case.style for case in single if case.effect == name} == {"bare", "standard"}
+        assert {case.robot for case in single if case.effect == name} == {"kr5", "random"}
+    assert all(3 <= case.size <= 10 for case in pairs + beyond)
+    assert len({case.seed for case in cases}) == 300
+    assert 140 <= sum(case.style == "bare" for case in cases) <= 160
+
+
+@pytest.mark.parametrize("trials", [8, 9, 20, 57, 100])
+def test_smaller_plans_have_every_kind(trials):
+    cases = blind.plan(trials, 3)
+    assert len(cases) == trials
+    kinds = Counter(
+        "pair" if isinstance(c.effect, tuple) else c.effect if c.effect in (None, "outside") else "single"
+        for c in cases
+    )
+    assert len(kinds) == 4
+    assert kinds["single"] >= 0.6 * trials
+    singles = Counter(c.effect for c in cases if c.effect in blind.EFFECTS)
+    assert max(singles.values()) - min(singles.get(name, 0) for name in blind.EFFECTS) <= 1
+    assert cases == blind.plan(trials, 3) != blind.plan(trials, 4)

@@ -1,0 +1,131 @@
+import re
+from importlib import resources
+
+import numpy as np
+import pytest
+
+from bayesid.model.coefficients import base_coefficients
+from bayesid.simulation.paper import TABLE_II, nominal_parameters, paper_model
+from bayesid.simulation.trajectories import random_trajectory
+
+ROWS = np.array([row.row for row in TABLE_II])
+NOMINAL = np.array([row.nominal for row in TABLE_II])
+
+
+@pytest.fixture(scope="module")
+def model():
+    return paper_model()
+
+
+@pytest.fixture(scope="module")
+def coefficients(model):
+    return base_coefficients(model)
+
+
+def test_the_model_is_that_of_the_paper(model, coefficients):
+    assert model.robot.name == "kuka_kr5_sixx_r650"
+    assert [term.name for term in model.terms] == ["rigid_body"]
+    assert len(coefficients) == 36
+
+
+def test_the_table_has_27_independent_rows_numbered_in_order():
+    assert [row.number for row in TABLE_II] == list(range(1, 28))
+    assert ROWS.shape == (27, 60)
+    assert np.linalg.matrix_rank(ROWS) == 27
+
+
+def test_every_row_can_be_seen_in_the_torques(coefficients):
+    basis = np.linalg.qr(coefficients.projection.T)[0]
+    assert np.abs(ROWS - ROWS @ basis @ basis.T).max() < 1e-9
+
+
+def test_every_row_can_be_seen_in_an_independent_regressor(model):
+    """The same without `base_coefficients`: rows of the regressor on a smooth motion span the table's rows."""
+    columns = model.columns(random_trajectory(6, 10.0, seed=8).motion(np.linspace(0, 10, 500))).reshape(-1, 60)
+    _, values, directions = np.linalg.svd(columns, full_matrices=False)
+    seen = directions[:36]
+    assert values[35] > 1e4 * values[36]
+    assert np.abs(ROWS - ROWS @ seen.T @ seen).max() < 1e-9
+
+
+def test_a_wrong_length_would_leave_the_row_space(coefficients):
+    basis = np.linalg.qr(coefficients.projection.T)[0]
+    row = TABLE_II[2].row
+    row[29] += 1e-3  # m3
+    assert np.abs(row - row @ basis @ basis.T).max() > 1e-4
+
+
+@pytest.mark.parametrize("row", TABLE_II, ids=lambda row: str(row.number))
+def test_weights_say_what_the_printed_expression_says(row, model):
+    theta = np.random.default_rng(row.number).normal(size=60)
+    values = {parameter.name: value for parameter, value in zip(model.parameters, theta, strict=True)}
+    masses = {f"M{i}": sum(values[f"m{j}"] for j in range(i, 7)) for i in range(1, 7)}
+    code = re.sub(r"(?<=[\w)]) (?=[\w(])", " * ", row.expression.replace("^", "**"))
+    assert row.row @ theta == pytest.approx(eval(code, {**values, **masses, **model.robot.lengths}), abs=1e-12)
+
+
+def test_nominal_parameters_reproduce_the_table():
+    np.testing.assert_allclose(ROWS @ nominal_parameters(), NOMINAL, atol=1e-9)
+
+
+@pytest.mark.parametrize("row", TABLE_II, ids=lambda row: str(row.number))
+def test_printed_digits(row):
+    assert f"{row.row @ nominal_parameters() + 1e-12:.4f}" == f"{row.nominal:.4f}"
+    assert round(row.nominal, 4) == row.nominal
+    assert round(row.published, 4) == row.published
+
+
+def test_published_values_lie_near_the_nominal_ones():
+    """The paper's largest error is 0.27; a slip of a digit or a sign in typing the table would be larger for most."""
+    published = np.array([row.published for row in TABLE_II])
+    assert np.abs(published - NOMINAL).max() < 0.27
+    assert np.all((np.sign(published) == np.sign(NOMINAL)) | (NOMINAL == 0.0))
+
+
+def test_sums_that_catch_typing_errors():
+    """Column sums of the table as the design page prints it."""
+    assert NOMINAL.sum() == pytest.approx(12.8218, abs=1e-9)
+    assert sum(row.published for row in TABLE_II) == pytest.approx(12.7242, abs=1e-9)
+
+
+def test_nominal_parameters_are_physical(model):
+    theta = nominal_parameters()
+    assert model.cone.contains(theta)
+    assert np.all(model.cone.smallest_eigenvalues(theta) >= 0.02)
+
+
+def test_nominal_centre_and_inertia_about_it_are_physical():
+    """The cone by hand: positive masses, and principal moments about the centre of mass that keep the triangle rule."""
+    for link in nominal_parameters().reshape(6, 10):
+        xx, xy, xz, yy, yz, zz, *first, mass = link
+        about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        c = np.array(first) / mass
+        moments = np.linalg.eigvalsh(about_origin - mass * (c @ c * np.eye(3) - np.outer(c, c)))
+        assert mass > 0
+        assert moments[0] > 0
+        assert moments[0] + moments[1] > moments[2]
+
+
+def test_nominal_masses_are_those_behind_the_table(model):
+    theta = nominal_parameters()
+    value = {parameter.name: number for parameter, number in zip(model.parameters, theta, strict=True)}
+    masses = theta.reshape(6, 10)[:, 9]
+    assert masses.sum() == pytest.approx(28.0, abs=1e-12)
+    assert masses[0] == 13.0
+    np.testing.assert_allclose([masses[1:].sum(), masses[2:].sum(), masses[3:].sum()], [15, 9, 3], atol=1e-12)
+    assert value["J2xx"] == value["J2yy"]
+    assert (value["mc2x"], value["mc3x"]) == (-0.9, -0.4)
+
+
+def test_the_nine_coefficients_that_the_table_leaves_out_are_zero(coefficients):
+    """They complete the table's 27 to all 36, so together they fix every coefficient of the nominal robot."""
+    left_out = ("J2xy", "J2xz", "J2yz", "J2zz", "J3xy", "J4xy", "J4xz", "J4yz", "mc5x")
+    rows = coefficients.projection[[coefficients.names.index(name) for name in left_out]]
+    assert np.linalg.matrix_rank(np.vstack([ROWS, rows])) == 36
+    np.testing.assert_allclose(rows @ nominal_parameters(), 0.0, atol=1e-9)
+
+
+def test_nominal_parameters_are_a_fresh_array_from_a_file_in_the_package():
+    assert (resources.files("bayesid.model") / "robots" / "kr5_nominal.toml").is_file()
+    nominal_parameters()[:] = 0.0
+    assert nominal_parameters()[9] == 13.0

@@ -1,0 +1,454 @@
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from bayesid.errors import InputError
+from bayesid.log.log import read_log, write_log
+from bayesid.model.catalogue import main_forms
+from bayesid.model.distortions import delay
+from bayesid.model.distortions.gain_error import GainError
+from bayesid.model.model import Model
+from bayesid.model.robot import Joint, Robot, load_robot
+from bayesid.model.terms import STANDARD, RigidBody, TorqueOffset, ViscousFriction, make_terms
+from bayesid.motion import Motion
+from bayesid.simulation import logs as simulation
+from bayesid.simulation.logs import SimulatedEffect, parse_effect, simulate, simulate_log
+from bayesid.simulation.paper import nominal_parameters, paper_model
+from bayesid.simulation.parameters import random_parameters
+from bayesid.simulation.trajectories import HARMONICS, random_trajectory
+
+ROBOTS = ("kr5", "ur10e", "panda", "tx40")
+
+
+def motion_of(n_joints, samples=667, seed=7):
+    return random_trajectory(n_joints, 13.33, seed=seed).motion(np.linspace(0, 13.33, samples))
+
+
+def default_model(name):
+    robot = load_robot(name)
+    return Model(robot, make_terms(STANDARD, robot, motion_of(robot.n_joints, 100)))
+
+
+def rms(values):
+    return np.sqrt(np.mean(values**2, axis=0))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# simulate
+# ---------------------------------------------------------------------------------------------------------------
+def test_without_noise_the_efforts_are_newton_and_euler():
+    model, motion = paper_model(), motion_of(6)
+    log = simulate(model, nominal_parameters(), motion, rng=np.random.default_rng(0), noise=0.0, signed=True)
+    np.testing.assert_allclose(log.effort, model.robot.inverse_dynamics(motion, nominal_parameters()), atol=1e-9)
+    np.testing.assert_array_equal(log.q, motion.q)
+    np.testing.assert_array_equal(log.t, motion.t)
+    assert log.signed.all()
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.05, 0.3])
+def test_noise_is_white_gaussian_and_of_the_size_asked_for(noise):
+    model, motion = paper_model(), motion_of(6, 4000)
+    clean = model.effort(motion, nominal_parameters())
+    log = simulate(model, nominal_parameters(), motion, rng=np.random.default_rng(11), noise=noise, signed=True)
+    z = (log.effort - clean) / (noise * rms(clean))
+    lowest, highest = stats.chi2.ppf([1e-4, 1 - 1e-4], len(z))
+    assert np.all(((z**2).sum(axis=0) > lowest) & ((z**2).sum(axis=0) < highest))
+    assert np.abs(z.mean(axis=0)).max() < 4 / np.sqrt(len(z))
+    assert np.abs((z[1:] * z[:-1]).mean(axis=0)).max() < 4.5 / np.sqrt(len(z))
+    assert np.abs(np.corrcoef(z.T) - np.eye(6)).max() < 4.5 / np.sqrt(len(z))
+    assert min(stats.kstest(column, "norm").pvalue for column in z.T) > 1e-4
+
+
+@pytest.mark.parametrize("colour", [0.5, 0.9])
+def test_coloured_noise_has_the_size_of_white_noise_and_the_memory_asked_for(colour):
+    """AR(1): variance as in the white case from the first sample on, correlation colour^k at lag k."""
+    model, motion = paper_model(), motion_of(6, 20_000)
+    clean = model.effort(motion, nominal_parameters())
+    log = simulate(
+        model, nominal_parameters(), motion, rng=np.random.default_rng(12), noise=0.2, colour=colour, signed=True
+    )
+    z = (log.effort - clean) / (0.2 * rms(clean))
+    count = len(z) * (1.0 - colour**2) / (1.0 + colour**2)  # what the squares of an AR(1) process are worth (Bartlett)
+    assert np.abs((z**2).mean(axis=0) - 1.0).max() < 4.5 * np.sqrt(2.0 / count)
+    for lag in (1, 2, 5):
+        expected = colour**lag
+        found = (z[lag:] * z[:-lag]).mean(axis=0) / (z**2).mean(axis=0)
+        assert np.abs(found - expected).max() < 4.5 / np.sqrt(count)
+    innovation = z[1:] - colour * z[:-1]
+    assert np.abs((innovation[1:] * innovation[:-1]).mean(axis=0)).max() < 4.5 * (1.0 - colour**2) / np.sqrt(len(z))
+
+
+def test_coloured_noise_is_stationary_from_its_first_sample():
+    model = paper_model()
+    motion = motion_of(6, 60)
+    clean = model.effort(motion, nominal_parameters())
+    logs = (
+        simulate(
+            model, nominal_parameters(), motion, rng=np.random.default_rng(seed), noise=0.1, colour=0.9, signed=True
+        )
+        for seed in range(400)
+    )
+    z = np.array([(log.effort - clean) / (0.1 * rms(clean)) for log in logs])
+    for sample in (0, 3, 59):
+        lowest, highest = stats.chi2.ppf([1e-5, 1 - 1e-5], 2400)
+        assert lowest < (z[:, sample] ** 2).sum() < highest
+
+
+def test_no_colour_is_white():
+    model, motion = paper_model(), motion_of(6)
+    plain, white = (
+        simulate(model, nominal_parameters(), motion, rng=np.random.default_rng(1), **options)
+        for options in ({}, {"colour": 0.0})
+    )
+    np.testing.assert_array_equal(plain.effort, white.effort)
+
+
+@pytest.mark.parametrize("colour", [1.0, -0.1, 1.5, np.nan])
+def test_a_colour_that_is_none(colour):
+    with pytest.raises(ValueError, match="correlation"):
+        simulate(paper_model(), nominal_parameters(), motion_of(6), rng=np.random.default_rng(0), colour=colour)
+
+
+def test_an_unsigned_log_is_the_absolute_value_of_the_signed_one():
+    model, motion = paper_model(), motion_of(6)
+    signed, unsigned = (
+        simulate(model, nominal_parameters(), motion, rng=np.random.default_rng(4), noise=0.2, signed=keep)
+        for keep in (True, False)
+    )
+    np.testing.assert_array_equal(unsigned.effort, np.abs(signed.effort))
+    assert unsigned.effort.min() >= 0.0
+    assert not unsigned.signed.any()
+    assert np.any(signed.effort < 0.0, axis=0).all()
+
+
+def test_the_noise_is_rectified_too():
+    """Where the effort is far smaller than the noise, |noise| is left: its mean is sqrt(2 / pi) sd, not zero."""
+    model, motion = paper_model(), motion_of(6, 20_000)
+    clean = model.effort(motion, nominal_parameters())
+    sd = 0.5 * rms(clean)
+    log = simulate(model, nominal_parameters(), motion, rng=np.random.default_rng(2), noise=0.5)
+    small = np.abs(clean) < 0.1 * sd
+    for j in range(6):
+        mean = log.effort[small[:, j], j].mean() / sd[j]
+        assert mean == pytest.approx(np.sqrt(2 / np.pi), abs=4 * 0.6 / np.sqrt(small[:, j].sum()) + 0.005)
+
+
+def test_some_joints_may_keep_their_sign():
+    signed = (True, False, True, False, False, True)
+    log = simulate(paper_model(), nominal_parameters(), motion_of(6), rng=np.random.default_rng(3), signed=signed)
+    np.testing.assert_array_equal(log.signed, signed)
+    np.testing.assert_array_equal(np.any(log.effort < 0, axis=0), signed)
+
+
+def test_same_generator_same_log_other_generator_another():
+    model, motion = paper_model(), motion_of(6)
+    first, again, other = (
+        simulate(model, nominal_parameters(), motion, rng=np.random.default_rng(seed)) for seed in (1, 1, 2)
+    )
+    np.testing.assert_array_equal(first.effort, again.effort)
+    assert np.all(np.mean(first.effort == other.effort, axis=0) < 0.01)
+
+
+def test_a_simulated_log_survives_the_way_through_a_file(tmp_path):
+    log = simulate(paper_model(), nominal_parameters(), motion_of(6), rng=np.random.default_rng(1))
+    write_log(tmp_path / "log.csv", log)
+    back = read_log(tmp_path / "log.csv")
+    np.testing.assert_allclose(back.effort, log.effort, rtol=1e-8)
+    np.testing.assert_array_equal(back.signed, log.signed)
+
+
+@pytest.mark.parametrize("noise", [-0.1, float("nan"), float("inf")])
+def test_impossible_noise_is_refused(noise):
+    with pytest.raises(ValueError, match="noise"):
+        simulate(paper_model(), nominal_parameters(), motion_of(6), rng=np.random.default_rng(1), noise=noise)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# random_parameters
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("name", ROBOTS)
+def test_random_parameters_lie_strictly_inside_the_cone(name):
+    model = default_model(name)
+    for seed in range(20):
+        theta = random_parameters(model, np.random.default_rng(seed))
+        assert theta.shape == (len(model.parameters),)
+        assert np.all(theta[model.cone.nonnegative] > 0.0)
+        assert np.all(model.cone.smallest_eigenvalues(theta) > 1e-5)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_links_get_lighter_towards_the_tip_and_have_a_plausible_mass(name):
+    model = Model(load_robot(name), (RigidBody(),))
+    for seed in range(10):
+        masses = random_parameters(model, np.random.default_rng(seed)).reshape(-1, 10)[:, 9]
+        assert np.all(np.diff(masses) < 0.0)
+        assert 5.0 < masses.sum() < 80.0
+
+
+def test_centres_of_mass_lie_along_the_links():
+    """Link 2 of the KR5 (standard convention) reaches from x = -a2 to its own frame; the UR10e's from +0.6127."""
+    for name, start in (("kr5", -0.27), ("ur10e", 0.6127)):
+        model = Model(load_robot(name), (RigidBody(),))
+        link = np.array([random_parameters(model, np.random.default_rng(s)).reshape(-1, 10)[1] for s in range(50)])
+        share = link[:, 6] / link[:, 9] / start
+        assert share.min() > 0.1
+        assert share.max() < 0.9
+        assert share.mean() == pytest.approx(0.5, abs=0.1)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_other_effects_are_a_share_of_the_joints_torque(name):
+    model = default_model(name)
+    n, theta = model.robot.n_joints, random_parameters(model, np.random.default_rng(6))
+    rng = np.random.default_rng(60)
+    limits = {"q": 2.0, "dq": 2.0, "ddq": 5.0}
+    arrays = {key: rng.uniform(-limit, limit, (2000, n)) for key, limit in limits.items()}
+    motion = Motion(np.arange(2000.0), **arrays)
+    columns, size = model.columns(motion), 10 * n
+    rigid = rms(columns[:, :, :size] @ theta[:size])
+    for k, term in enumerate(model.terms[1:]):
+        part = slice(size + k * n, size + (k + 1) * n)
+        share = rms(columns[:, :, part] @ theta[part]) / rigid
+        low, high = (0.01, 0.05) if term.name == "torque_offset" else (0.05, 0.25)
+        assert np.all((share > 0.85 * low) & (share < 1.15 * high))
+
+
+def test_parameters_are_asymmetric_and_differ_by_seed():
+    model = default_model("kr5")
+    first, again, other = (random_parameters(model, np.random.default_rng(seed)) for seed in (5, 5, 6))
+    np.testing.assert_array_equal(first, again)
+    assert np.all(first != other)
+    assert np.all(first != 0.0)
+    assert len(set(np.abs(first))) == len(first)
+    offsets = np.array([random_parameters(model, np.random.default_rng(seed))[72:78] for seed in range(20)])
+    assert np.all(np.any(offsets < 0, axis=0) & np.any(offsets > 0, axis=0))
+
+
+def test_a_model_without_bodies_and_a_model_of_one_joint():
+    robot = load_robot("kr5")
+    friction = random_parameters(Model(robot, (ViscousFriction(), TorqueOffset())), np.random.default_rng(1))
+    assert np.all(friction[:6] > 0.0)
+    assert np.isfinite(friction).all()
+    pendulum = Robot("pendulum", (Joint(np.eye(4), np.array([0.0, 1.0, 0.0])),), np.array([0.0, 0.0, -9.81]))
+    model = Model(pendulum, (RigidBody(), ViscousFriction()))
+    theta = random_parameters(model, np.random.default_rng(1))
+    assert model.cone.smallest_eigenvalues(theta)[0] > 0.0
+    assert theta[10] > 0.0
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Effects
+# ---------------------------------------------------------------------------------------------------------------
+NAMES = tuple(main_forms())
+SIMPLE = ("viscous_friction", "coulomb_friction", "torque_offset", "rotor_inertia")
+OF_ALL = tuple(name for name, kind in main_forms().items() if not kind.by_joint)
+OUT_OF_REACH = {
+    ("tool_wrench", 6),  # the force acts on the flange, which lies on the last axis
+    ("base_tilt", 4, 0.3),
+    ("base_tilt", 6, 0.3),  # the wrist is light
+}
+
+
+@pytest.fixture(autouse=True, scope="module")
+def any_motion():
+    """No search for a good trajectory."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            simulation,
+            "exciting_trajectory",
+            lambda model, _, duration, seed: random_trajectory(model.robot.n_joints, duration, seed=seed),
+        )
+        yield
+
+
+@cache
+def efforts(*effects, robot="kr5", seed=3, noise=0.0, rate=50.0):
+    """Signed efforts with effects as on the command line."""
+    robot = load_robot(robot)
+    chosen = [parse_effect(text, robot) for text in effects]
+    unsigned, signed = simulate_log(robot, 12.0, rate, noise, chosen, seed)
+    np.testing.assert_array_equal(unsigned.effort, np.abs(signed.effort))
+    np.testing.assert_array_equal(unsigned.q, signed.q)
+    assert not unsigned.signed.any()
+    assert signed.signed.all()
+    signed.effort.setflags(write=False)
+    return signed.effort
+
+
+def test_delays_go_as_far_as_motions_and_gains_as_far_as_levels():
+    assert delay.FASTEST_HARMONIC == HARMONICS
+    highest = parse_effect("gain_error:1:1000", load_robot("kr5")).level
+    assert GainError(gain=(1.0,)).largest_magnitude(None) >= highest
+
+
+@pytest.mark.parametrize("level", [0.05, 0.3])
+@pytest.mark.parametrize("joint", range(1, 7))
+@pytest.mark.parametrize("name", NAMES)
+def test_an_effect_has_its_level_on_its_joint(name, joint, level):
+    text = f"{name}:{joint}:{level}"
+    if {(name, joint), (name, joint, level)} & OUT_OF_REACH:
+        with pytest.raises(InputError, match=f"'{text}' cannot be had") as refusal:
+            efforts(text)
+        assert "\n" not in str(refusal.value)
+        return
+    healthy, found = efforts(), efforts(text)
+    change = found - healthy
+    assert rms(change)[joint - 1] == pytest.approx(level * rms(healthy)[joint - 1], rel=0.01)
+    others = np.delete(np.abs(change).max(axis=0), joint - 1)
+    if name != "delay":  # of one joint or of all
+        assert others.any() == (name in OF_ALL)
+
+
+@pytest.mark.parametrize(("robot", "joint"), [("tx40", 5), ("panda", 6)])
+@pytest.mark.parametrize("name", NAMES)
+def test_an_effect_has_its_level_on_other_robots(name, robot, joint):
+    """The TX40's wrist is coupled; its flange lies on the axes of the wrist."""
+    if (name, robot) == ("tool_wrench", "tx40"):
+        joint = 3
+    change = efforts(f"{name}:{joint}:0.1", robot=robot) - efforts(robot=robot)
+    assert rms(change)[joint - 1] == pytest.approx(0.1 * rms(efforts(robot=robot))[joint - 1], rel=0.01)
+
+
+def test_seeds_choose_the_form():
+    for name in ("torque_ripple", "hysteresis", "cable_drag", "payload", "base_tilt"):
+        changes = [efforts(f"{name}:2:0.1", seed=seed) - efforts(seed=seed) for seed in (1, 1, 2)]
+        np.testing.assert_array_equal(changes[0], changes[1])
+        assert np.abs(np.corrcoef(changes[0][:, 1], changes[2][:, 1])[0, 1]) < 0.99
+    signs, delayed = set(), set()
+    for seed in range(8):
+        ratio = efforts("gain_error:2:0.1", seed=seed)[:, 1] / efforts(seed=seed)[:, 1]
+        np.testing.assert_allclose(np.abs(ratio - 1.0), 0.1, rtol=1e-5)
+        signs.add(float(np.sign(ratio[0] - 1.0)))
+        change = efforts("delay:2:0.1", seed=seed) - efforts(seed=seed)
+        delayed.add(int(change.any(axis=0).sum()))
+    assert signs == {-1.0, 1.0}
+    assert delayed == {1, 6}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_friction_springs_and_bodies_are_physical(name):
+    """What cannot be negative is positive: dissipation, stiffness, mass; a lag is not a lead."""
+    robot = load_robot("kr5")
+    for seed in range(4):
+        theta, motion = nominal_parameters(), random_trajectory(6, 12.0, seed=seed).motion(np.arange(601) / 50)
+        model = Model(robot, (RigidBody(),))
+        model, theta = simulation.with_effects(model, theta, motion, [SimulatedEffect(name, 4, 0.1)], seed)
+        assert np.all(theta[model.cone.nonnegative] > 0.0)
+        if name == "payload":
+            assert model.cone.smallest_eigenvalues(theta)[-1] > 0.0
+            mass, moment = theta[-1], theta[-4:-1]
+            assert mass > 0.0
+            assert np.linalg.norm(moment) < 0.25 * mass
+        elif name == "delay":
+            assert 0.0 < model.distortions[0].lag[0] < 0.5
+        elif name == "base_tilt":
+            assert 0.0 < np.hypot(*model.distortions[0].angle) <= 1.0
+
+
+def test_the_simple_effects_are_what_they_always_were():
+    """Positive, in proportion to speed, its direction, one and acceleration."""
+    healthy = efforts()
+    motion = random_trajectory(6, 12.0, seed=3).motion(np.arange(601) / 50)
+    speed = motion.dq[:, 2]
+    laws = (speed, np.tanh(speed / (0.01 * np.abs(speed).max())), np.ones(601), motion.ddq[:, 2])
+    for name, law in zip(SIMPLE, laws, strict=True):
+        expected = 0.25 * rms(healthy)[2] * law / rms(law)
+        np.testing.assert_allclose((efforts(f"{name}:3:0.25") - healthy)[:, 2], expected, rtol=0, atol=1e-9)
+
+
+def test_several_effects_add_up():
+    healthy = efforts()
+    texts = [f"{name}:{joint}:0.2" for joint in (2, 5) for name in SIMPLE]
+    alone = sum(efforts(text) - healthy for text in texts)
+    np.testing.assert_allclose(efforts(*texts) - healthy, alone, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(efforts(*reversed(texts)) - healthy, alone, rtol=0, atol=1e-9)
+    once, twice = efforts("viscous_friction:3:0.3"), efforts("viscous_friction:3:0.1", "viscous_friction:3:0.2")
+    np.testing.assert_allclose(once, twice, rtol=0, atol=1e-9)
+
+
+def test_distortions_meet_what_terms_have_made_and_sensors_come_last():
+    """In whatever order they are asked for."""
+    rough = efforts("coulomb_friction:2:0.5")[:, 1]
+    for texts in (("gain_error:2:0.2", "coulomb_friction:2:0.5"), ("coulomb_friction:2:0.5", "gain_error:2:0.2")):
+        gain = efforts(*texts)[:, 1] / rough
+        np.testing.assert_allclose(gain, gain[0], rtol=1e-9)
+        assert abs(gain[0] - 1.0) == pytest.approx(0.2, rel=1e-4)
+        for several in (("clipping:2:0.05", *texts), (*texts, "clipping:2:0.05")):
+            clipped = efforts(*several)[:, 1]
+            limit = np.abs(clipped).max()
+            gain = np.median(clipped / rough)
+            np.testing.assert_allclose(clipped, np.clip(gain * rough, -limit, limit), rtol=1e-9)
+            assert abs(gain - 1.0) == pytest.approx(0.2, rel=1e-4)
+            assert rms(clipped - gain * rough) == pytest.approx(0.05 * rms(gain * rough), rel=0.01)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_sensors_read_the_noise_as_well(noise):
+    healthy = efforts(noise=noise, rate=200.0)
+    clipped = efforts("clipping:2:0.1", noise=noise, rate=200.0)
+    limit = np.abs(clipped[:, 1]).max()
+    np.testing.assert_array_equal(clipped[:, 1], np.clip(healthy[:, 1], -limit, limit))
+    assert (np.abs(clipped[:, 1]) == limit).sum() > 20
+    blind = efforts("dead_zone:1:0.1", noise=noise, rate=200.0)
+    width = np.abs(blind[blind[:, 0] != 0.0, 0]).min()
+    np.testing.assert_array_equal(blind[:, 0], np.where(np.abs(healthy[:, 0]) < width, 0.0, healthy[:, 0]))
+    assert (blind[:, 0] == 0.0).sum() > 20
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_level_of_zero_is_no_effect(name):
+    np.testing.assert_array_equal(efforts(f"{name}:6:0", noise=0.1), efforts(noise=0.1))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "delay:2:5",
+        "base_tilt:6:100",
+        "clipping:3:1.5",
+        "dead_zone:3:1.2",
+        "tool_wrench:6:1",
+        "dead_zone:2:0.001",  # so few efforts are so small that one sample more makes a difference
+    ],
+)
+def test_levels_out_of_reach_are_refused(text):
+    with pytest.raises(InputError, match="cannot be had") as refusal:
+        efforts(text)
+    assert repr(text) in str(refusal.value)
+    assert refusal.value.where == "--effect"
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_gain_may_be_large():
+    np.testing.assert_allclose(efforts("gain_error:1:1000")[:, 0], 1001.0 * efforts()[:, 0], rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "rigid_body:1:0.1",
+        "hysteresis.smooth:1:0.1",
+        "dead_zone.shrinking:1:0.1",
+        "friction:1:0.1",
+        "payload:7:0.1",
+        "payload:0:0.1",
+        "payload:1:-0.1",
+        "payload:1:1e4",
+        "payload:1:nan",
+        "payload",
+        "payload:1",
+        "payload:1:0.1:2",
+        "payload:one:0.1",
+        "payload:1:much",
+        "",
+    ],
+)
+def test_what_is_no_effect(text):
+    with pytest.raises(InputError) as refusal:
+        parse_effect(text, load_robot("kr5"))
+    assert repr(text) in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+    assert all(name in str(refusal.value) for name in NAMES)
+    assert "." not in refusal.value.remedy

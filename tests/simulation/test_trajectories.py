@@ -1,0 +1,162 @@
+import numpy as np
+import pytest
+
+from bayesid.model.coefficients import base_coefficients
+from bayesid.model.model import Model
+from bayesid.model.robot import load_robot
+from bayesid.model.terms import RigidBody
+from bayesid.simulation.exciting import condition_number, exciting_trajectory
+from bayesid.simulation.paper import paper_model
+from bayesid.simulation.trajectories import FourierTrajectory, MotionLimits, random_trajectory
+
+DURATION = 13.33
+TIMES = np.linspace(0.0, DURATION, 667)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return paper_model()
+
+
+@pytest.fixture(scope="module")
+def coefficients(model):
+    return base_coefficients(model)
+
+
+@pytest.fixture(scope="module")
+def trajectory(model, coefficients):
+    return exciting_trajectory(model, coefficients, DURATION, seed=3)
+
+
+def peaks(trajectory, seed=0):
+    """Largest values at instants that no grid knows."""
+    motion = trajectory.motion(np.random.default_rng(seed).uniform(0, 1 / trajectory.frequency, 20_000))
+    return [np.abs(values).max(axis=0) for values in (motion.q, motion.dq, motion.ddq)]
+
+
+def test_the_series_is_what_its_definition_says():
+    sine, cosine = np.array([[0.5, -0.2], [0.1, 0.3]]), np.array([[0.0, 0.4], [-0.7, 0.05]])
+    series = FourierTrajectory(0.25, sine, cosine, np.array([0.3, -1.1]))
+    t, w = 1.7, 2 * np.pi * 0.25
+    want = -1.1 + 0.1 * np.sin(w * t) + 0.3 * np.sin(2 * w * t) - 0.7 * np.cos(w * t) + 0.05 * np.cos(2 * w * t)
+    assert series.motion(np.array([t])).q[0, 1] == pytest.approx(want, abs=1e-14)
+
+
+def test_derivatives_agree_with_finite_differences():
+    rng, h = np.random.default_rng(5), 1e-5
+    series = FourierTrajectory(0.31, rng.normal(size=(3, 4)), rng.normal(size=(3, 4)), rng.normal(size=3))
+    t = rng.uniform(-2, 9, 50)
+    before, here, after = (series.motion(t + step) for step in (-h, 0.0, h))
+    np.testing.assert_allclose((after.q - before.q) / (2 * h), here.dq, atol=2e-6)
+    np.testing.assert_allclose((after.dq - before.dq) / (2 * h), here.ddq, atol=2e-5)
+
+
+@pytest.mark.parametrize("periods", [1, 3])
+def test_the_duration_holds_a_whole_number_of_periods(periods):
+    series = random_trajectory(4, DURATION, seed=2, periods=periods)
+    ends = series.motion(np.array([0.0, DURATION, DURATION / periods]))
+    for values in (ends.q, ends.dq, ends.ddq):
+        np.testing.assert_allclose(values, values[:1].repeat(3, axis=0), atol=1e-11)
+    assert series.frequency * DURATION == pytest.approx(periods, abs=1e-12)
+
+
+@pytest.mark.parametrize("harmonics", [1, 5, 9])
+@pytest.mark.parametrize("duration", [2.0, 13.33, 60.0])
+def test_each_joint_touches_one_limit_and_breaks_none(harmonics, duration):
+    limits = MotionLimits(lower=(-2.0, -3.0, -0.4), upper=(2.0, -0.1, 2.5), velocity=(3.0, 1.0, 2.0), acceleration=8.0)
+    middle, half = np.array([0.0, -1.55, 1.05]), np.array([2.0, 1.45, 1.45])
+    for seed in range(5):
+        series = random_trajectory(3, duration, seed=seed, limits=limits, harmonics=harmonics)
+        motion = series.motion(np.random.default_rng(seed).uniform(0, duration, 20_000))
+        assert np.all(motion.q >= limits.lower)
+        assert np.all(motion.q <= limits.upper)
+        swing = np.abs(motion.q - series.centre).max(axis=0) / (half - np.abs(series.centre - middle))
+        speed, push = np.abs(motion.dq).max(axis=0) / limits.velocity, np.abs(motion.ddq).max(axis=0) / 8.0
+        used = np.maximum.reduce([swing, speed, push])
+        assert np.all(used <= 1.0 + 1e-12)
+        assert np.all(used > 0.97)
+
+
+def test_exciting_trajectory_keeps_the_default_limits(trajectory):
+    q, dq, ddq = peaks(trajectory)
+    assert np.all(q <= 2.0)
+    assert np.all(dq <= 3.0)
+    assert np.all(ddq <= 15.0)
+
+
+def test_condition_number_is_a_third_of_a_random_trajectory(model, coefficients, trajectory):
+    found = condition_number(model, coefficients, trajectory.motion(TIMES))
+    others = [random_trajectory(6, DURATION, seed=seed) for seed in range(40)]
+    random = [condition_number(model, coefficients, other.motion(TIMES)) for other in others]
+    assert found < 4.0
+    assert found < 0.45 * np.median(random)
+    assert found < 0.7 * min(random)
+
+
+def test_condition_number_agrees_with_an_svd_of_the_projected_rows(model, coefficients, trajectory):
+    """The regressor of the coefficients recomputed without `kept`: Y B^+ has the same columns, Y = (Y B^+) B."""
+    motion = trajectory.motion(TIMES)
+    rows = model.robot.regressor(motion).reshape(-1, 60) @ np.linalg.pinv(coefficients.projection)
+    values = np.linalg.svd(rows / np.sqrt((rows**2).sum(axis=0)), compute_uv=False)
+    assert condition_number(model, coefficients, motion) == pytest.approx(values[0] / values[-1], rel=1e-9)
+
+
+def test_condition_number_sees_a_missing_excitation(model, coefficients):
+    """With the first four joints at rest the wrist's motion cannot show all coefficients."""
+    series = random_trajectory(6, DURATION, seed=1)
+    moving = np.array([0, 0, 0, 0, 1, 1])[:, None]
+    wrist = FourierTrajectory(series.frequency, moving * series.sine, moving * series.cosine, series.centre)
+    assert condition_number(model, coefficients, wrist.motion(TIMES)) > 1e6
+
+
+def test_same_seed_same_trajectory_other_seed_another(model, coefficients, trajectory):
+    again = exciting_trajectory(model, coefficients, DURATION, seed=3)
+    np.testing.assert_array_equal(again.sine, trajectory.sine)
+    np.testing.assert_array_equal(again.centre, trajectory.centre)
+    other = exciting_trajectory(model, coefficients, DURATION, seed=4)
+    assert np.abs(other.motion(TIMES).q - trajectory.motion(TIMES).q).max(axis=0).min() > 0.1
+
+
+def test_another_robot_other_limits_and_several_periods():
+    robot = load_robot("panda")
+    model = Model(robot, (RigidBody(),))
+    limits = MotionLimits(
+        lower=(-2.7, -1.6, -2.7, -3.0, -2.7, 0.2, -2.7),
+        upper=(2.7, 1.6, 2.7, -0.2, 2.7, 3.6, 2.7),
+        velocity=(2.0, 2.0, 2.0, 2.0, 2.5, 2.5, 2.5),
+        acceleration=(10.0, 7.0, 10.0, 10.0, 12.0, 12.0, 12.0),
+    )
+    coefficients = base_coefficients(model)
+    series = exciting_trajectory(model, coefficients, 20.0, seed=1, limits=limits, harmonics=4, periods=2)
+    q = series.motion(np.linspace(0, 20, 5001)).q
+    assert np.all(q >= limits.lower)
+    assert np.all(q <= limits.upper)
+    assert np.all(peaks(series)[1] <= limits.velocity)
+    assert np.all(peaks(series)[2] <= limits.acceleration)
+    assert condition_number(model, coefficients, series.motion(np.linspace(0, 20, 500))) < 6.0
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"lower": 1.0, "upper": 1.0},
+        {"lower": (-1.0, 2.0), "upper": (1.0, 1.0)},
+        {"velocity": 0.0},
+        {"acceleration": (3.0, -1.0)},
+        {"upper": float("nan")},
+    ],
+)
+def test_limits_that_leave_no_room_are_refused(wrong):
+    with pytest.raises(ValueError, match="limit"):
+        MotionLimits(**wrong)
+
+
+def test_bad_arguments_are_refused():
+    with pytest.raises(ValueError, match="duration"):
+        random_trajectory(2, 0.0)
+    with pytest.raises(ValueError, match="periods"):
+        random_trajectory(2, 5.0, periods=0)
+    with pytest.raises(ValueError, match="shape"):
+        random_trajectory(3, 5.0, limits=MotionLimits(velocity=(1.0, 2.0)))
+    with pytest.raises(ValueError, match="frequency"):
+        FourierTrajectory(0.0, np.ones((1, 1)), np.ones((1, 1)), np.zeros(1))

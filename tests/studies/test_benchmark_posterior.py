@@ -1,0 +1,128 @@
+"""The posterior's benchmark: what NUTS samples is the very same density, and the study runs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bayesid.posterior.sampler import Sampling, sample
+from bayesid.studies.benchmarks import posterior as benchmark_posterior
+from bayesid.studies.benchmarks.posterior import (
+    LogCholesky,
+    Outcome,
+    Setting,
+    Straight,
+    bayesid_sampler,
+    main,
+    make_log_density,
+    numpyro_installed,
+    nuts,
+    simulated_problem,
+    stretch,
+)
+
+needs_numpyro = pytest.mark.skipif(not numpyro_installed(), reason="numpyro is not installed")
+
+
+@pytest.fixture(scope="module")
+def problem():
+    """Its prior has everything: bodies, friction, offsets, windows on radii and total mass."""
+    return simulated_problem(terms=("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset"))
+
+
+@pytest.fixture(scope="module")
+def points(problem):
+    """Interior points: those that start, and draws of the posterior, which come closer to the walls."""
+    draws = sample(problem.target, problem.theta, Sampling(walkers=2, first_look=8, most_sweeps=8, warm_up=8))
+    return np.concatenate([problem.starts(16), draws.coordinates[-16:]])
+
+
+@pytest.fixture(scope="module", params=[LogCholesky, Straight])
+def chosen(request, problem, points):
+    return request.param(problem, points)
+
+
+@needs_numpyro
+class TestCoordinates:
+    def test_forward_after_back_is_the_same_point(self, points, chosen):
+        again, _ = forward(chosen, chosen.back(points))
+        assert np.max(np.abs(again - points) / np.abs(points).max(axis=0)) < 1e-9
+
+    def test_the_volume_is_the_jacobians_determinant(self, points, chosen):
+        jax = benchmark_posterior._jax()
+        z = chosen.back(points)
+        jacobian = np.array(jax.jit(jax.vmap(jax.jacobian(lambda point: chosen.forward(point)[0])))(z))
+        np.testing.assert_allclose(forward(chosen, z)[1], np.linalg.slogdet(jacobian)[1], rtol=1e-8)
+
+    def test_the_density_is_the_targets(self, problem, points, chosen):
+        jax = benchmark_posterior._jax()
+        z = chosen.back(points)
+        values = np.array(jax.jit(jax.vmap(make_log_density(problem, chosen)))(z))
+        np.testing.assert_allclose(values, problem.target.log_density(points) + forward(chosen, z)[1], rtol=1e-8)
+
+    def test_all_of_space_maps_into_the_region(self, problem, points, chosen, rng):
+        jax = benchmark_posterior._jax()
+        z = chosen.back(points)
+        wild = z.mean(axis=0) + 1.5 * z.std(axis=0) * rng.standard_normal((200, z.shape[1]))
+        theta = forward(chosen, wild)[0][:, : chosen.n_parameters]
+        prior = problem.target.prior
+        light = theta[:, problem.cone.bodies[:, 9]].sum(axis=1) < 300.0
+        assert light.sum() > 20
+        assert np.all(prior.region.excess(theta[light].T, prior.inside) < 1e-9)
+        values = np.array(jax.jit(jax.vmap(make_log_density(problem, chosen)))(wild))
+        np.testing.assert_array_equal(np.isfinite(values), light)
+
+
+@needs_numpyro
+def test_nuts_moves(problem):
+    outcome = nuts(problem, Setting(LogCholesky, 0.9, 25, depth=4), 0.1)
+    assert outcome.draws.shape[1:3] == (4, 1)
+    assert np.isfinite(outcome.draws).all()
+    assert np.ptp(outcome.draws[:, 0, 0], axis=0).min() > 0.0
+    assert 0.0 < outcome.warm_up < outcome.seconds
+
+
+def forward(chosen, z):
+    """(W, P + n) coordinates and (W,) log |Jacobian|."""
+    jax = benchmark_posterior._jax()
+    inner, volume = jax.jit(jax.vmap(chosen.forward))(z)
+    return np.array(inner), np.array(volume)
+
+
+class TestOutcome:
+    def test_walkers_that_never_move_have_not_converged(self, rng):
+        still = np.repeat(rng.standard_normal((1, 4, 500, 2)), 50, axis=0)
+        still += 1e-6 * rng.standard_normal(still.shape)
+        outcome = Outcome("still", still, 0.0, 1.0, 1.0, "")
+        assert outcome.diagnostics.max_rhat < 1.01
+        assert outcome.between_walkers > 100.0
+        assert not outcome.converged
+
+    def test_figures_per_second(self, rng):
+        outcome = Outcome("white", rng.standard_normal((500, 4, 1, 3)), 1.0, 3.0, 2.0, "")
+        assert outcome.converged
+        assert outcome.diagnostics.min_ess > 1000
+        assert outcome.per_second == pytest.approx(outcome.diagnostics.min_ess / 3.0)
+        assert outcome.per_second_after_warm_up == pytest.approx(outcome.diagnostics.min_ess / 2.0)
+        assert outcome.per_cpu_second == pytest.approx(outcome.diagnostics.min_ess / 2.0)
+        assert outcome.off(outcome) == 0.0
+        other = Outcome("shifted", outcome.draws + np.array([0.0, 1.0, 0.0]), 1.0, 3.0, 2.0, "")
+        assert other.off(outcome) > 20.0
+
+    def test_samplers_report_the_same_quantities(self, problem):
+        ours, theirs = bayesid_sampler(problem, 0.0, 0), stretch(problem, 1e-3)
+        size = problem.target.likelihood.projection.shape[0] + problem.target.likelihood.n_joints
+        assert ours.draws.shape[-1] == theirs.draws.shape[-1] == size
+        assert ours.draws.shape[1] == theirs.draws.shape[1] == 4
+        assert theirs.warm_up == pytest.approx(0.5 * theirs.seconds)
+
+
+@pytest.mark.parametrize("numpyro", [pytest.param(True, marks=needs_numpyro), False])
+def test_the_study_runs(monkeypatch, capsys, numpyro):
+    monkeypatch.setattr(benchmark_posterior, "numpyro_installed", lambda: numpyro)
+    main(["--short", "--seconds", "0.5"])
+    shown = capsys.readouterr().out
+    assert "emcee stretch" in shown
+    assert ("NUTS straight" in shown) == numpyro
+    assert ("pip install 'bayesid[bench]'" in shown) != numpyro
+    assert shown.count("target >=") == 1 + numpyro

@@ -1,0 +1,154 @@
+"""The parts of the search's benchmark against closed forms and brute force."""
+
+from __future__ import annotations
+
+import itertools
+import time
+
+import numpy as np
+import pytest
+
+from bayesid.identification.pipeline import identify
+from bayesid.model.model import Model
+from bayesid.model.terms import STANDARD, make_terms
+from bayesid.signs.search.beam import beam
+from bayesid.simulation.logs import simulate
+from bayesid.simulation.parameters import random_parameters
+from bayesid.studies.benchmarks.memory import hour
+from bayesid.studies.benchmarks.nodes_through_cvxpy import plain_node, tree_through_cvxpy
+from bayesid.studies.benchmarks.problems import (
+    Check,
+    Recorder,
+    Searched,
+    chosen_segments,
+    cut,
+    long_log,
+    long_motion,
+    timed,
+)
+from bayesid.studies.benchmarks.scip import FORMULATIONS, NoCone, scip_installed, solve_with_scip, without_cone
+from tests.conftest import small_robot, smooth_motion
+
+
+@pytest.fixture(scope="module")
+def searched() -> Searched:
+    """Two joints with friction, five seconds."""
+    robot, rng = small_robot(2), np.random.default_rng(0)
+    motion = smooth_motion(2, 5.0, 100.0)
+    model = Model(robot, make_terms(STANDARD, robot, motion))
+    log = simulate(model, random_parameters(model, rng), motion, rng=rng)
+    recorder = Recorder()
+    return recorder.searched("arm", identify(robot, log, search=recorder))
+
+
+def brute_force(cost, free):
+    """The least cost of all signs, the first one that is known left as it is."""
+    known = free.moments.known
+    return min(
+        cost(np.where(known != 0, known, signs))
+        for signs in map(np.array, itertools.product((1, -1), repeat=len(known)))
+    )
+
+
+class TestProblems:
+    def test_the_pipelines_own_search_is_repeated_exactly(self, searched):
+        assert searched.repeated().cost == pytest.approx(searched.result.search.cost, rel=1e-12)
+        assert len(searched.problem.moments) == len(searched.result.searched)
+
+    def test_first_segments_are_those_that_begin_first(self, searched):
+        problem = searched.problem
+        first = problem.first(6)
+        assert len(first.moments) == first.unknown == 6
+        assert first.begins.max() <= np.sort(problem.begins)[6]
+        assert first.energy < problem.energy
+
+    def test_segments_that_share_a_hessian_are_refused(self, searched):
+        with pytest.raises(ValueError, match="share"):
+            chosen_segments(searched.problem.moments.compact(2), np.arange(len(searched.problem.moments)))
+
+    def test_long_motion_keeps_its_limits_and_uses_them(self):
+        motion = long_motion(3, 40.0, 50.0, seed=1)
+        assert len(motion) == 2000
+        assert np.abs(motion.q).max() < 2.05
+        assert np.abs(motion.dq).max() < 3.1
+        assert np.all(np.maximum(np.abs(motion.q).max(axis=0) / 2.0, np.abs(motion.dq).max(axis=0) / 3.0) > 0.95)
+
+    def test_a_log_is_cut(self):
+        log = long_log(4.0)
+        assert len(cut(log, 100)) == 100
+        assert not log.signed.any()
+
+    def test_short_work_is_timed_three_times(self):
+        calls = []
+        value, seconds = timed(lambda: calls.append(time.sleep(0.01)) or len(calls))
+        assert (value, len(calls)) == (3, 3)
+        assert seconds >= 0.01
+
+    def test_a_check_says_whether_it_is_met(self):
+        assert str(Check("a", "1 s", "<= 2 s", True)).endswith("met")
+        assert str(Check("a", "3 s", "<= 2 s", False)).endswith("MISSED")
+
+
+class TestThroughCvxpy:
+    def test_a_node_costs_what_the_fast_solver_says(self, searched):
+        problem, rng = searched.problem, np.random.default_rng(1)
+        node, solver, moments = plain_node(problem), problem.solver(), problem.moments
+        order = np.argsort(-moments.energy)
+        for count in (2, len(order) // 2, len(order)):
+            decided = order[:count]
+            hessian, energy = moments.hessian_of(decided), float(moments.energy[decided].sum())
+            gradient = rng.choice([-1.0, 1.0], count) @ moments.gradient[decided]
+            expected = energy + solver.prepared(hessian).solve_precisely(gradient).cost
+            assert node.cost(hessian, gradient, energy) == pytest.approx(expected, abs=1e-5 * problem.energy)
+
+    def test_a_wide_tree_finds_the_best_signs(self, searched):
+        problem = searched.problem.first(6)
+        signs, cost, nodes = tree_through_cvxpy(problem, width=64, initial=4)
+        best = beam(problem.moments, problem.solver(), width=None)
+        assert cost == pytest.approx(best.cost, abs=1e-5 * problem.energy)
+        assert nodes == 16 + 32 + 64
+        assert set(signs) <= {1, -1}
+
+
+class TestWithoutCone:
+    def test_the_cost_is_that_of_the_best_coefficients(self, searched):
+        problem = without_cone(searched.problem)
+        signs = np.random.default_rng(2).choice([-1.0, 1.0], len(problem.moments))
+        hessian = problem.moments.hessian.sum(axis=0)
+        solver = NoCone(problem.pull).prepared(hessian)
+        gradient = signs @ problem.moments.gradient
+        solution = solver.solve(gradient)
+        beta = np.linalg.solve(hessian + problem.pull, gradient)
+        expected = problem.moments.cost(beta, signs) + beta @ problem.pull @ beta
+        np.testing.assert_allclose(solution.theta, beta, rtol=1e-6, atol=1e-9 * np.abs(beta).max())
+        assert problem.energy + solution.cost == pytest.approx(expected, abs=1e-9 * problem.energy)
+        assert problem.cost(signs) == pytest.approx(expected, abs=1e-9 * problem.energy)
+        assert solution.lower_bound == solution.cost == solver.solve_precisely(gradient).cost
+
+    def test_one_sign_is_fixed(self, searched):
+        problem = without_cone(searched.problem)
+        assert problem.moments.known[np.argmax(problem.moments.energy)] == 1
+        assert np.count_nonzero(problem.moments.known) == 1
+
+    def test_the_certified_search_finds_the_best_of_all_signs(self, searched):
+        problem = without_cone(searched.problem.first(8))
+        found = problem.certified()
+        assert found.certified
+        assert found.cost == pytest.approx(brute_force(problem.cost, problem), abs=1e-8 * problem.energy)
+
+    @pytest.mark.skipif(not scip_installed(), reason="pyscipopt is not installed")
+    @pytest.mark.parametrize("name", list(FORMULATIONS))
+    def test_scip_finds_the_best_of_all_signs(self, searched, name):
+        problem = without_cone(searched.problem.first(6))
+        found = solve_with_scip(problem, FORMULATIONS[name], limit=10.0)
+        best = brute_force(problem.cost, problem)
+        assert found.proven
+        assert found.cost == pytest.approx(best, abs=1e-6 * problem.energy)
+        assert found.lower_bound == pytest.approx(best, abs=1e-5 * problem.energy)
+
+
+def test_a_minute_at_1_khz_is_solved_from_moments_alone():
+    row = hour(60.0)
+    assert row["instants"] == 60_000
+    assert row["right"] == 1.0
+    assert row["peak"] > 0.0

@@ -1,0 +1,101 @@
+"""Workers, clients and schedulers are killed in mid-run; the rows are those of a run that nothing disturbed."""
+
+import os
+import signal
+
+import pytest
+from toy_study import PATIENCE, alive, dask_cluster, executions, marks_in, toy_client, toy_study, wait_until
+
+from bayesid.study.record import read_rows
+from bayesid.study.runner import LostSchedulerError
+from bayesid.study.study import run_study
+
+TRIALS = 40
+NAP = 0.1
+"""s that a trial takes."""
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    with dask_cluster(tmp_path_factory.mktemp("cluster")) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """What the rows' file must be in the end."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    run_study(toy_study(), TRIALS, workers=0, out=folder)
+    return folder
+
+
+def without_timings(rows):
+    return [{**row, "timings": None} for row in rows]
+
+
+def stand(folder):
+    """Rows that stand in a folder, which can be read at any time."""
+    return read_rows(folder) if (folder / "rows.parquet").exists() else []
+
+
+def check_stand(folder, undisturbed):
+    """Rows of an unfinished run: none differs from the one it should be, none says that a worker died."""
+    rows, expected = stand(folder), read_rows(undisturbed)
+    assert 0 < len(rows) < TRIALS
+    assert without_timings(rows) == without_timings([expected[row["trial"]] for row in rows])
+    return {row["trial"] for row in rows}
+
+
+def check_end(folder, undisturbed):
+    assert (folder / "rows.parquet").read_bytes() == (undisturbed / "rows.parquet").read_bytes()
+
+
+def test_the_same_rows_by_a_cluster(cluster, undisturbed, tmp_path):
+    finished = run_study(toy_study(tmp_path / "marks"), TRIALS, scheduler=cluster.address, out=tmp_path / "rows")
+    check_end(tmp_path / "rows", undisturbed)
+    assert os.getpid() not in {pid for pid, _ in marks_in(tmp_path / "marks")}
+    assert without_timings(finished.rows) == without_timings(read_rows(undisturbed))
+    assert executions(tmp_path / "marks") == dict.fromkeys(range(TRIALS), 1)
+
+
+@pytest.mark.parametrize("where", ["this machine", "cluster"])
+def test_worker_and_client_are_killed(where, undisturbed, tmp_path, request):
+    marks, folder = tmp_path / "marks", tmp_path / "rows"
+    options = ["--trials", TRIALS, "--out", folder, "--workers", 2]
+    if where == "cluster":
+        options += ["--scheduler", request.getfixturevalue("cluster").address]
+    with toy_client(marks, NAP, *options) as client:
+        wait_until(lambda: len(stand(folder)) >= 4, "a few rows stand there")
+        os.kill(marks_in(marks)[-1][0], signal.SIGKILL)
+        before = len(stand(folder))
+        wait_until(lambda: len(stand(folder)) >= before + 8, "more rows stand there")
+        client.kill()
+        client.wait()
+        kept = check_stand(folder, undisturbed)
+        begun = executions(marks)
+        if where == "this machine":
+            wait_until(lambda: not any(alive(pid) for pid, _ in marks_in(marks)), "the workers have ended too")
+    with toy_client(marks, 0.0, *options, "--resume", "--quiet") as client:
+        _, err = client.communicate(timeout=PATIENCE)
+        assert (client.returncode, err) == (0, "warning: trial 5 failed: ArithmeticError: fails by design\n")
+    check_end(folder, undisturbed)
+    assert {trial: executions(marks)[trial] for trial in kept} == {trial: begun[trial] for trial in kept}
+    assert set(executions(marks)) == set(range(TRIALS))
+
+
+def test_the_scheduler_is_killed(undisturbed, tmp_path):
+    marks, folder = tmp_path / "marks", tmp_path / "rows"
+    with dask_cluster(tmp_path, workers=1) as doomed:
+
+        def doom(done, total, failed):
+            if done >= 4:
+                doomed.scheduler.kill()
+
+        with pytest.raises(LostSchedulerError, match="does not answer any more"):
+            run_study(toy_study(marks, NAP), TRIALS, scheduler=doomed.address, out=folder, progress=doom)
+    kept = check_stand(folder, undisturbed)
+    assert len(kept) >= 4
+    begun = executions(marks)
+    run_study(toy_study(marks), TRIALS, workers=0, out=folder, resume=True)
+    check_end(folder, undisturbed)
+    assert {trial: executions(marks)[trial] for trial in kept} == {trial: begun[trial] for trial in kept}

@@ -1,0 +1,175 @@
+"""What is installed: packages, files and dependencies in pyproject.toml, and the wheel, far from its source."""
+
+from __future__ import annotations
+
+import ast
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import tomllib
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import bayesid
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+SOURCES = {"bayesid": ROOT / "bayesid", "bayesid.studies": ROOT / "studies"}
+"""Packages and the folders they are made from."""
+PROVIDES = {"pin": "pinocchio", "tomli-w": "tomli_w", "lazy-loader": "lazy_loader"}
+"""What a distribution is imported as, where the names differ."""
+BY_NAME = {"h5netcdf"}
+"""Never imported: xarray does, when it is asked for the engine of this name."""
+TOOLS = {"test", "docs", "browser"}
+"""Extras of those who work on bayesid, not of those who use it."""
+
+
+def files_of(folder: Path) -> Iterator[Path]:
+    """All that belongs to a package."""
+    return (path for path in folder.rglob("*") if path.is_file() and "__pycache__" not in path.parts)
+
+
+def installed_files() -> set[str]:
+    """Every file of the source tree, where it is to stand in site-packages."""
+    return {
+        (Path(*package.split(".")) / path.relative_to(folder)).as_posix()
+        for package, folder in SOURCES.items()
+        for path in files_of(folder)
+    }
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# pyproject.toml
+# ---------------------------------------------------------------------------------------------------------------
+def test_the_list_of_packages_is_complete():
+    folders = {Path(name).parent.as_posix().replace("/", ".") for name in installed_files() if name.endswith(".py")}
+    assert set(PROJECT["tool"]["setuptools"]["packages"]) == folders
+    assert PROJECT["tool"]["setuptools"]["packages"] == sorted(folders)
+
+
+def test_whatever_is_imported_is_declared_and_whatever_is_declared_is_imported():
+    declared = {PROVIDES.get(name, name) for name in distributions()}
+    assert imported(*SOURCES.values()) | BY_NAME == declared
+
+
+def test_an_extra_is_needed_by_what_is_optional_only():
+    """What every import needs is no extra, and engines that xarray is asked for by name are asked for."""
+    core = {PROVIDES.get(name, name) for name in map(distribution, PROJECT["project"]["dependencies"])}
+    assert imported(ROOT / "bayesid") - core == {"distributed", "rosbags"}
+    text = "".join(path.read_text(encoding="utf-8") for path in files_of(ROOT / "bayesid") if path.suffix == ".py")
+    assert all(f'"{name}"' in text for name in BY_NAME)
+
+
+def distributions() -> set[str]:
+    """Of all dependencies but those of tools."""
+    extras = {name: needs for name, needs in PROJECT["project"]["optional-dependencies"].items() if name not in TOOLS}
+    return {distribution(need) for needs in (PROJECT["project"]["dependencies"], *extras.values()) for need in needs}
+
+
+def distribution(requirement: str) -> str:
+    """The name in a requirement such as "numpy>=1.26,<3"."""
+    return requirement.partition(">")[0].partition("[")[0].strip()
+
+
+def imported(*folders: Path) -> set[str]:
+    """Third-party packages that the modules of folders import, anywhere in them."""
+    names = set()
+    for path in (path for folder in folders for path in files_of(folder) if path.suffix == ".py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                names |= {name.name.split(".")[0] for name in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                names.add((node.module or "").split(".")[0])
+            elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
+                names |= {name.value.split(".")[0] for name in node.args[:1] if isinstance(name, ast.Constant)}
+    return names - set(sys.stdlib_module_names) - {"bayesid"}
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# The wheel
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """Wheel and source distribution, built from a copy, for setuptools leaves folders beside what it builds."""
+    place = tmp_path_factory.mktemp("built")
+    copy = place / "source"
+    copy.mkdir()
+    for name in ("bayesid", "studies"):
+        shutil.copytree(ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, copy)
+    execute(["-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation", "-w", place, copy], place)
+    script = f"from setuptools import build_meta; build_meta.build_sdist({str(place)!r})"
+    execute(["-c", script], copy)
+    return next(place.glob("*.whl")), next(place.glob("*.tar.gz"))
+
+
+@pytest.fixture(scope="module")
+def elsewhere(built, tmp_path_factory):
+    """A Python that has the wheel and this one's packages, but not the source tree."""
+    place = tmp_path_factory.mktemp("elsewhere")
+    execute(["-m", "venv", "--without-pip", "venv"], place)
+    python = place / "venv" / "bin" / "python"
+    execute(["-m", "pip", "--python", python, "install", "-q", "--no-deps", "--no-index", built[0]], place)
+    packages = [path for path in sys.path if "site-packages" in path]  # as paths: no editable install is followed
+    own = next((place / "venv").glob("lib/python*/site-packages"))
+    (own / "packages.pth").write_text("\n".join(packages) + "\n")
+    return python
+
+
+def execute(arguments, place, python=sys.executable, code=0):
+    """A Python without the source tree on its path; what it printed, if it ended with this code."""
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+    command = [str(python), *map(str, arguments)]
+    ended = subprocess.run(command, cwd=place, env=environment, capture_output=True, text=True, check=False)
+    assert ended.returncode == code, f"{' '.join(command)}\n{ended.stdout}\n{ended.stderr}"
+    return ended.stderr if code else ended.stdout
+
+
+@pytest.mark.long
+def test_the_wheel_holds_every_file_and_one_name(built):
+    with zipfile.ZipFile(built[0]) as wheel:
+        names = set(wheel.namelist())
+    assert {name.split("/")[0] for name in names} == {"bayesid", f"bayesid-{bayesid.__version__}.dist-info"}
+    assert {name for name in names if name.startswith("bayesid/")} == installed_files()
+    assert "bayesid/py.typed" in names
+    assert {Path(name).suffix for name in names} >= {".py", ".toml", ".css", ".js", ".jinja"}
+
+
+@pytest.mark.long
+def test_the_source_distribution_holds_every_file(built):
+    with tarfile.open(built[1]) as source:
+        names = {name.partition("/")[2] for name in source.getnames()}
+    assert {path.relative_to(ROOT).as_posix() for folder in SOURCES.values() for path in files_of(folder)} <= names
+
+
+@pytest.mark.long
+def test_everything_works_from_the_wheel(elsewhere, tmp_path):
+    def command(*arguments, code=0):
+        return execute(["-m", "bayesid.cli", *arguments], tmp_path, elsewhere, code)
+
+    where = execute(["-c", "import bayesid.studies as s; print(s.__file__)"], tmp_path, elsewhere)
+    assert Path(where.strip()).is_relative_to(elsewhere.parents[1])
+    assert command("--version") == f"bayesid {bayesid.__version__}\n"
+    for robot in ("kr5", "ur10e", "panda", "tx40"):
+        log = f"{robot}.csv"
+        command("simulate", "--robot", robot, "--duration", 4, "--rate", 50, "--out", log, "--quiet")
+    command("identify", "kr5.csv", "--robot", "kr5", "--posterior-budget", 0, "--out", "result", "--quiet")
+    assert {"report.html", "model.toml", "posterior.nc"} <= {path.name for path in (tmp_path / "result").iterdir()}
+    command("report", "result", "--out", "again.html", "--quiet")
+    assert "<svg" in (tmp_path / "again.html").read_text(encoding="utf-8")
+    for study in ("noise", "discrepancy"):
+        assert "written to" in command("study", study, "--trials", 2, "--out", study)
+        assert (tmp_path / study / "figure.svg").exists()
+
+
+@pytest.mark.long
+def test_a_study_without_what_it_needs_says_how_to_get_it(elsewhere, tmp_path):
+    script = "import sys; sys.modules['mujoco'] = None; from bayesid.cli import main; sys.exit(main(sys.argv[1:]))"
+    said = execute(["-c", script, "study", "discrepancy", "--trials", 2], tmp_path, elsewhere, code=2)
+    assert said == "bayesid: study discrepancy: needs mujoco; pip install 'bayesid[studies]'\n"
