@@ -38,6 +38,8 @@ class Scenario:
 SCENARIOS = [Scenario("low", 0.25, (1, 2)), Scenario("high", 1.75, ())]
 FAILS = ("high", 2)
 """Name and seed of the trial that fails: number 5 of the plan."""
+GATES = (5, 15)
+"""Seeds from which on trials wait at a closed gate: numbers 10 and 30 of the plan."""
 
 
 def trial(scenario, seed, marks="", nap=0.0):
@@ -45,6 +47,8 @@ def trial(scenario, seed, marks="", nap=0.0):
     if marks:
         leave_mark(marks, scenario.name, seed)
     time.sleep(nap)
+    while marks and any(seed >= first and gate(marks, first).exists() for first in GATES):
+        time.sleep(0.02)
     if (scenario.name, seed) == FAILS:
         raise ArithmeticError("fails by design")
     draws = np.random.default_rng(seed).normal(scenario.level, size=seed % 4)
@@ -74,6 +78,11 @@ def leave_mark(path, *words):
     file = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
     os.write(file, f"{os.getpid()} {' '.join(map(str, words))}\n".encode())
     os.close(file)
+
+
+def gate(marks, seed):
+    """File that closes the way from a seed on: no run passes it, however slow whoever watches is."""
+    return Path(f"{marks}.closed-{seed}")
 
 
 def marks_in(path):

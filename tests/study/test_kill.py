@@ -4,7 +4,18 @@ import os
 import signal
 
 import pytest
-from toy_study import PATIENCE, alive, dask_cluster, executions, marks_in, toy_client, toy_study, wait_until
+from toy_study import (
+    GATES,
+    PATIENCE,
+    alive,
+    dask_cluster,
+    executions,
+    gate,
+    marks_in,
+    toy_client,
+    toy_study,
+    wait_until,
+)
 
 from bayesid.study.record import read_rows
 from bayesid.study.runner import LostSchedulerError
@@ -64,13 +75,17 @@ def test_worker_and_client_are_killed(where, undisturbed, tmp_path, request):
     options = ["--trials", TRIALS, "--out", folder, "--workers", 2]
     if where == "cluster":
         options += ["--scheduler", request.getfixturevalue("cluster").address]
+    early, late = (gate(marks, seed) for seed in GATES)
+    early.touch(), late.touch()
     with toy_client(marks, NAP, *options) as client:
         wait_until(lambda: len(stand(folder)) >= 4, "a few rows stand there")
         os.kill(marks_in(marks)[-1][0], signal.SIGKILL)
         before = len(stand(folder))
+        early.unlink()
         wait_until(lambda: len(stand(folder)) >= before + 8, "more rows stand there")
         client.kill()
         client.wait()
+        late.unlink()
         kept = check_stand(folder, undisturbed)
         begun = executions(marks)
         if where == "this machine":
@@ -91,8 +106,10 @@ def test_the_scheduler_is_killed(undisturbed, tmp_path):
             if done >= 4:
                 doomed.scheduler.kill()
 
+        gate(marks, GATES[1]).touch()
         with pytest.raises(LostSchedulerError, match="does not answer any more"):
             run_study(toy_study(marks, NAP), TRIALS, scheduler=doomed.address, out=folder, progress=doom)
+    gate(marks, GATES[1]).unlink()
     kept = check_stand(folder, undisturbed)
     assert len(kept) >= 4
     begun = executions(marks)

@@ -13,7 +13,19 @@ from types import ModuleType
 
 import pytest
 from conftest import DATA
-from toy_study import FAILS, PATIENCE, SCENARIOS, alive, executions, marks_in, toy_client, toy_study, wait_until
+from toy_study import (
+    FAILS,
+    GATES,
+    PATIENCE,
+    SCENARIOS,
+    alive,
+    executions,
+    gate,
+    marks_in,
+    toy_client,
+    toy_study,
+    wait_until,
+)
 
 from bayesid import cli, studies
 from bayesid.errors import InputError
@@ -344,6 +356,7 @@ def test_what_a_command_leaves(toy, capfd):
 def test_ctrl_c_ends_the_command(undisturbed, tmp_path):
     """Ctrl-C goes to all processes of the terminal; one line is said, the rows stand, and no process is left."""
     marks, folder = tmp_path / "marks", tmp_path / "rows"
+    gate(marks, GATES[0]).touch()
     with toy_client(marks, 0.3, "--out", folder, "--workers", 2) as client:
         wait_until(lambda: (folder / "rows.parquet").exists(), "rows stand there")
         os.killpg(client.pid, signal.SIGINT)
@@ -352,6 +365,7 @@ def test_ctrl_c_ends_the_command(undisturbed, tmp_path):
         assert (client.returncode, out) == (130, "")
         assert err == f"bayesid: interrupted; {len(rows)} of 12 trials stand in {folder}; --resume goes on\n"
         assert not any(alive(pid) for pid, _ in marks_in(marks))
+    gate(marks, GATES[0]).unlink()
     assert 0 < len(rows) < 12
     run_study(toy_study(marks), workers=0, out=folder, resume=True)
     assert rows_of(folder) == rows_of(undisturbed[0])
