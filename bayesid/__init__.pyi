@@ -1,6 +1,5 @@
 """The promised names; `bayesid/__init__.py` loads each from here where it is first used."""
 
-from .discrepancy.thresholds import Thresholds as Thresholds
 from .discrepancy.workflow import Discrepancy as Discrepancy
 from .discrepancy.workflow import find_discrepancy as find_discrepancy
 from .errors import BayesidError as BayesidError
@@ -13,6 +12,7 @@ from .excitation.design import design_excitation as design_excitation
 from .excitation.judgement import ExcitationJudgement as ExcitationJudgement
 from .excitation.judgement import judge_log as judge_log
 from .excitation.limits import read_limits as read_limits
+from .fit.effects.thresholds import Thresholds as Thresholds
 from .fit.knowledge import Beliefs as Beliefs
 from .fit.knowledge import Links as Links
 from .fit.knowledge import read_nominal as read_nominal

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayesid.discrepancy.explanation import LN10
 from bayesid.discrepancy.workflow import find_discrepancy
 from bayesid.errors import InputError
+from bayesid.fit.effects.explanation import LN10
 from bayesid.identification.pipeline import QUICK, identify
 from bayesid.log.log import read_log
 from bayesid.model.terms import STANDARD

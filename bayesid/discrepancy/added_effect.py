@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import logsumexp
 
-from bayesid.discrepancy.explanation import LN10, Observations
-from bayesid.discrepancy.hypotheses import EffectKey, Hypothesis
-from bayesid.discrepancy.scores import Library, Score, assess, explain_with, plain_first
-from bayesid.discrepancy.selection import Selection, rivals_of
-from bayesid.discrepancy.thresholds import Thresholds
+from bayesid.fit.effects.explanation import LN10, Observations
+from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
+from bayesid.fit.effects.scores import Library, Score, assess, explain_with, plain_first
+from bayesid.fit.effects.selection import Selection, rivals_of
+from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.model.catalogue import main_forms
 
 Quantity = tuple[float, float, str]

@@ -10,11 +10,11 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.discrepancy.compare import NoiseFloor, Trial, make_trial, noise_floor, shortened
-from bayesid.discrepancy.explanation import Explanation, Observations
-from bayesid.discrepancy.extension import Extension
-from bayesid.discrepancy.hypotheses import Hypothesis
 from bayesid.discrepancy.log_checks import check_holdout
-from bayesid.discrepancy.thresholds import Thresholds
+from bayesid.fit.effects.explanation import Explanation, Observations
+from bayesid.fit.effects.extension import Extension
+from bayesid.fit.effects.hypotheses import Hypothesis
+from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.fit.evidence import Evidence
 from bayesid.fit.knowledge import Information, Knowledge
 from bayesid.fit.least_squares import fit_signed

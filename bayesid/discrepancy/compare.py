@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayesid.arrays import Array, Mask
-from bayesid.discrepancy.thresholds import Thresholds
+from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.fit.noise import Noise, residual_noise
 from bayesid.log.segments import find_segments
 from bayesid.log.signals import Signals

@@ -6,8 +6,8 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.discrepancy.compare import ENCODER_RANGE, Trial
-from bayesid.discrepancy.thresholds import Thresholds
 from bayesid.errors import InputError
+from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.identification.validation import check_joints
 from bayesid.log.log import Log
 from bayesid.model.robot import Robot

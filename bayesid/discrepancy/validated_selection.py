@@ -10,12 +10,12 @@ import numpy as np
 from bayesid.arrays import Array, Mask
 from bayesid.discrepancy.case import Case
 from bayesid.discrepancy.compare import NoiseFloor, Trial
-from bayesid.discrepancy.explanation import LN10, Explanation, Observations
-from bayesid.discrepancy.extension import Extension, extend, moved
-from bayesid.discrepancy.hypotheses import EffectKey, Hypothesis, hypotheses
-from bayesid.discrepancy.scores import Library, explain_with
-from bayesid.discrepancy.selection import Selection, select
-from bayesid.discrepancy.thresholds import Thresholds
+from bayesid.fit.effects.explanation import LN10, Explanation, Observations
+from bayesid.fit.effects.extension import Extension, extend, moved
+from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis, hypotheses
+from bayesid.fit.effects.scores import Library, explain_with
+from bayesid.fit.effects.selection import Selection, select
+from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.model.effects import Scene
 from bayesid.progress import SILENT, Progress
 

@@ -13,12 +13,12 @@ from bayesid.arrays import Array
 from bayesid.discrepancy.added_effect import AddedEffect, Quantity, not_testable, weigh
 from bayesid.discrepancy.case import Case, divide
 from bayesid.discrepancy.compare import Excess, NoiseFloor, Trial, make_trial, shortened, where_it_shows
-from bayesid.discrepancy.explanation import Explanation
-from bayesid.discrepancy.hypotheses import EffectKey, Hypothesis
 from bayesid.discrepancy.log_checks import check_log, check_same_robot
-from bayesid.discrepancy.scores import Score
-from bayesid.discrepancy.thresholds import Thresholds
 from bayesid.discrepancy.validated_selection import ValidatedSelection, select_validated, unexplained
+from bayesid.fit.effects.explanation import Explanation
+from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
+from bayesid.fit.effects.scores import Score
+from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.identification.identification import Identification
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.options import Preparation

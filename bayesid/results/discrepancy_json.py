@@ -6,9 +6,9 @@ from itertools import groupby
 from typing import Any
 
 from bayesid.discrepancy.added_effect import AddedEffect
-from bayesid.discrepancy.explanation import LN10
-from bayesid.discrepancy.scores import Score
 from bayesid.discrepancy.workflow import Discrepancy
+from bayesid.fit.effects.explanation import LN10
+from bayesid.fit.effects.scores import Score
 from bayesid.model.catalogue import FORMS
 
 

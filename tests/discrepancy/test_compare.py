@@ -4,7 +4,7 @@ from conftest import small_robot, smooth_motion
 
 from bayesid.discrepancy import compare
 from bayesid.discrepancy.compare import Trial, make_trial, noise_floor, shortened, where_it_shows
-from bayesid.discrepancy.error_model import fit_error
+from bayesid.fit.effects.error_model import fit_error
 from bayesid.fit.noise import Noise
 from bayesid.log.log import Log
 from bayesid.log.signals import Signals, prepare

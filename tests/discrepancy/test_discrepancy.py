@@ -13,7 +13,7 @@ from conftest import real_log, small_robot, smooth_motion
 import bayesid
 from bayesid.cli import main
 from bayesid.discrepancy.case import BLOCKS, HELD_BACK_BLOCKS
-from bayesid.discrepancy.explanation import LN10
+from bayesid.fit.effects.explanation import LN10
 from bayesid.log.log import Log, read_log, write_log
 from bayesid.model.model import Model
 from bayesid.model.robot import robot_table

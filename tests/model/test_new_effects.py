@@ -18,7 +18,7 @@ from types import SimpleNamespace
 import numpy as np
 import tomli_w
 
-from bayesid.discrepancy.hypotheses import hypotheses
+from bayesid.fit.effects.hypotheses import hypotheses
 from bayesid.fit.noise import Noise
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.model.catalogue import effect_names, make_effect, noun

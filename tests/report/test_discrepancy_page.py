@@ -13,11 +13,11 @@ from matplotlib.colors import to_hex
 
 from bayesid.discrepancy.added_effect import AddedEffect
 from bayesid.discrepancy.compare import Excess, NoiseFloor, Trial
-from bayesid.discrepancy.explanation import LN10, Columns
-from bayesid.discrepancy.hypotheses import Hypothesis
-from bayesid.discrepancy.scores import Score
-from bayesid.discrepancy.thresholds import Thresholds
 from bayesid.discrepancy.workflow import Discrepancy
+from bayesid.fit.effects.explanation import LN10, Columns
+from bayesid.fit.effects.hypotheses import Hypothesis
+from bayesid.fit.effects.scores import Score
+from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.log.signals import Signals
 from bayesid.model import distortions, terms
 from bayesid.model.catalogue import FORMS

@@ -9,10 +9,10 @@ import numpy as np
 
 from bayesid.discrepancy.added_effect import AddedEffect
 from bayesid.discrepancy.compare import Excess
-from bayesid.discrepancy.explanation import LN10
-from bayesid.discrepancy.hypotheses import Hypothesis
-from bayesid.discrepancy.scores import Score
 from bayesid.discrepancy.workflow import Discrepancy
+from bayesid.fit.effects.explanation import LN10
+from bayesid.fit.effects.hypotheses import Hypothesis
+from bayesid.fit.effects.scores import Score
 from bayesid.model.catalogue import FORMS
 from bayesid.report.pages.rendering import Picture, picture, render
 from bayesid.report.plot.discrepancy import BARS, candidate_figure, effort_figure, gap_figure, residual_figure

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from bayesid.arrays import Array
 from bayesid.discrepancy.compare import variables
-from bayesid.discrepancy.explanation import LN10
 from bayesid.discrepancy.workflow import Discrepancy
+from bayesid.fit.effects.explanation import LN10
 from bayesid.report.plot.style import BLUE as AFTER
 from bayesid.report.plot.style import INK, SIZE, dress, legend, new_figure
 from bayesid.report.plot.style import ORANGE as BEFORE

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from bayesid.discrepancy.error_model import ErrorModel, fit_error
+from bayesid.fit.effects.error_model import ErrorModel, fit_error
 
 RATE = 50.0
 MODELS = {

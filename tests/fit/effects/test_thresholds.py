@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from bayesid.discrepancy.compare import NoiseFloor, Trial, noise_floor
-from bayesid.discrepancy.explanation import LN10, Columns
-from bayesid.discrepancy.hypotheses import Hypothesis
 from bayesid.discrepancy.log_checks import check_same_robot
-from bayesid.discrepancy.scores import Score
-from bayesid.discrepancy.thresholds import Thresholds
 from bayesid.errors import InputError
+from bayesid.fit.effects.explanation import LN10, Columns
+from bayesid.fit.effects.hypotheses import Hypothesis
+from bayesid.fit.effects.scores import Score
+from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.fit.noise import Noise
 from bayesid.log.log import Log
 from bayesid.log.signals import Signals

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.discrepancy.explanation import Explanation
-from bayesid.discrepancy.hypotheses import Hypothesis
+from bayesid.fit.effects.explanation import Explanation
+from bayesid.fit.effects.hypotheses import Hypothesis
 from bayesid.fit.knowledge import Knowledge
 from bayesid.model.coefficients import BaseCoefficients
 from bayesid.model.model import Model

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from scipy.optimize import minimize_scalar
 
 from bayesid.arrays import Mask
-from bayesid.discrepancy.explanation import LN10, Explanation, Observations, Regression
-from bayesid.discrepancy.hypotheses import EffectKey, Hypothesis
-from bayesid.discrepancy.scores import Library, Score, assess, at_blunt_floor, explain_with, plain_first
-from bayesid.discrepancy.screening import Screening
+from bayesid.fit.effects.explanation import LN10, Explanation, Observations, Regression
+from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
+from bayesid.fit.effects.scores import Library, Score, assess, at_blunt_floor, explain_with, plain_first
+from bayesid.fit.effects.screening import Screening
 
 _EVALUATIONS = 12
 """In the search for a nonlinear number: golden sections narrow its bracket to a hundredth or better."""

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from bayesid.arrays import Array
-from bayesid.discrepancy.error_model import ErrorModel
-from bayesid.discrepancy.explanation import Columns, Regression
+from bayesid.fit.effects.error_model import ErrorModel
+from bayesid.fit.effects.explanation import Columns, Regression
 
 _TINY = 1e-300
 """Guard of a root; no result depends on it."""

@@ -1,7 +1,7 @@
 """How well a log is explained by a model with some effects added: a marginal likelihood, linear algebra throughout.
 
 With signs settled, the efforts of joint j are  e_j = Y_j beta + Z_j alpha + d_j + error  (:eq:`effects`), the error as
-in `bayesid.discrepancy.error_model`, whitened by W_j. The earlier log says what beta is (`bayesid.fit.knowledge`),
+in `bayesid.fit.effects.error_model`, whitened by W_j. The earlier log says what beta is (`bayesid.fit.knowledge`),
 alpha is normal about zero with the sd of its effect (on one side of zero where its sign is known); with A the matrix of
 both, :eq:`evidence`::
 
@@ -24,8 +24,8 @@ from scipy.linalg import solve_triangular
 from scipy.special import log_ndtr
 
 from bayesid.arrays import Array, Mask
-from bayesid.discrepancy.error_model import ErrorModel, fit_error
-from bayesid.discrepancy.thresholds import Thresholds
+from bayesid.fit.effects.error_model import ErrorModel, fit_error
+from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.fit.knowledge import Information
 
 LN10 = float(np.log(10.0))

@@ -6,10 +6,10 @@ from scipy.integrate import simpson
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal, norm
 
-from bayesid.discrepancy import explanation as evidence
-from bayesid.discrepancy.error_model import ErrorModel, fit_error
-from bayesid.discrepancy.explanation import Columns, Observations, Regression
-from bayesid.discrepancy.screening import Screening
+from bayesid.fit.effects import explanation as evidence
+from bayesid.fit.effects.error_model import ErrorModel, fit_error
+from bayesid.fit.effects.explanation import Columns, Observations, Regression
+from bayesid.fit.effects.screening import Screening
 from bayesid.fit.knowledge import Information
 
 RATE = 50.0

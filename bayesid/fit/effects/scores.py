@@ -10,11 +10,11 @@ import numpy as np
 from scipy.special import logsumexp
 
 from bayesid.arrays import Array, Mask
-from bayesid.discrepancy.error_model import ErrorModel
-from bayesid.discrepancy.explanation import LN10, Columns, Explanation, Observations, Regression
-from bayesid.discrepancy.hypotheses import EffectKey, Hypothesis
-from bayesid.discrepancy.screening import Screening
-from bayesid.discrepancy.thresholds import Thresholds
+from bayesid.fit.effects.error_model import ErrorModel
+from bayesid.fit.effects.explanation import LN10, Columns, Explanation, Observations, Regression
+from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
+from bayesid.fit.effects.screening import Screening
+from bayesid.fit.effects.thresholds import Thresholds
 
 _SETTLINGS = 2
 """Times that an explanation is found again with the error models it has left; a round number, not studied."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bayesid.arrays import Array, Mask
-from bayesid.discrepancy.explanation import Columns
+from bayesid.fit.effects.explanation import Columns
 from bayesid.model import catalogue, terms
 from bayesid.model.effects import Effect, Scene
 from bayesid.model.model import Model

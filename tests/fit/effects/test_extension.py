@@ -3,9 +3,9 @@ import pytest
 from conftest import small_robot, smooth_motion
 from oracles import assert_close
 
-from bayesid.discrepancy.explanation import Explanation
-from bayesid.discrepancy.extension import extend, moved
-from bayesid.discrepancy.hypotheses import hypotheses
+from bayesid.fit.effects.explanation import Explanation
+from bayesid.fit.effects.extension import extend, moved
+from bayesid.fit.effects.hypotheses import hypotheses
 from bayesid.fit.knowledge import Knowledge
 from bayesid.model.catalogue import make_effect
 from bayesid.model.coefficients import base_coefficients

@@ -6,7 +6,7 @@ import pytest
 from conftest import small_robot, smooth_motion
 from oracles import assert_close
 
-from bayesid.discrepancy.hypotheses import hypotheses
+from bayesid.fit.effects.hypotheses import hypotheses
 from bayesid.model import distortions, terms
 from bayesid.model.catalogue import effect_names, main_forms, make_effect
 from bayesid.model.effects import Scene
