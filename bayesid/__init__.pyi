@@ -12,6 +12,7 @@ from .excitation.design import design_excitation as design_excitation
 from .excitation.judgement import ExcitationJudgement as ExcitationJudgement
 from .excitation.judgement import judge_log as judge_log
 from .excitation.limits import read_limits as read_limits
+from .fit.effects.kinematics import KinematicTolerance as KinematicTolerance
 from .fit.effects.thresholds import Thresholds as Thresholds
 from .fit.knowledge import Beliefs as Beliefs
 from .fit.knowledge import Links as Links

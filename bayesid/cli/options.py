@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import math
+import re
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,6 +12,7 @@ from typing import Any
 
 from bayesid.cli.terminal import warn
 from bayesid.errors import InputError
+from bayesid.fit.effects.kinematics import KinematicTolerance
 from bayesid.fit.knowledge import Beliefs, read_nominal
 from bayesid.log.log import Log, read_log
 from bayesid.model.terms import RigidBody
@@ -42,8 +45,33 @@ def term_names(options: argparse.Namespace) -> list[str]:
 
 
 def beliefs(options: argparse.Namespace) -> Beliefs:
-    """What is believed before the log."""
-    return Beliefs(nominal={} if options.nominal is None else read_nominal(options.nominal))
+    """What is believed before the log; the geometry's tolerance where a command asks for it."""
+    nominal = {} if options.nominal is None else read_nominal(options.nominal)
+    stated = getattr(options, "kinematic_tolerance", None)
+    return Beliefs(nominal=nominal) if stated is None else Beliefs(nominal=nominal, kinematics=_tolerance(stated))
+
+
+_LENGTHS, _ANGLES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}, {"deg": math.pi / 180.0, "mrad": 1e-3, "rad": 1.0}
+
+
+def _tolerance(text: str) -> KinematicTolerance:
+    parts = [part.strip() for part in text.split(",")]
+    if len(parts) == 2:
+        length, angle = (_measure(part, units) for part, units in zip(parts, (_LENGTHS, _ANGLES), strict=True))
+        if length is not None and angle is not None:
+            return KinematicTolerance(length=length, angle=angle)
+    remedy = "give a length and an angle with their units, as in 1mm,0.1deg; 0mm,0deg for a table that is exact"
+    raise InputError(f"{text!r} is no tolerance", "--kinematic-tolerance", remedy)
+
+
+def _measure(text: str, units: Mapping[str, float]) -> float | None:
+    """A number with its unit; None where it is none."""
+    found = re.fullmatch(r"([0-9.eE+-]+)\s*([a-z]+)", text)
+    try:
+        value = float(found[1]) * units[found[2]] if found else math.nan
+    except (KeyError, ValueError):
+        return None
+    return value if 0.0 <= value < math.inf else None
 
 
 def sampling(options: argparse.Namespace) -> Sampling | bool:

@@ -212,6 +212,13 @@ def _add_identify(commands: _Commands) -> None:
     parser.add_argument("--beam-width", type=int, default=5, metavar="W", help=width)
     parser.add_argument("--initial-segments", type=int, default=5, metavar="S0", help=first)
     _share(parser, "--cutoff", *_READING)
+    complete = (
+        "what the log wants of the catalogue beyond the terms: auto adds effects that evidence and held-back blocks "
+        "bear out, the rest widens the uncertainty; only-uncertainty adds none; off asks nothing (default: %(default)s)"
+    )
+    parser.add_argument("--complete", choices=("auto", "only-uncertainty", "off"), default="off", help=complete)
+    tolerance = "how far the robot's geometry may be from its table, as sd (default: %(default)s)"
+    parser.add_argument("--kinematic-tolerance", default="1mm,0.1deg", metavar="LENGTH,ANGLE", help=tolerance)
     _share(parser, "--no-posterior", help="skip sampling; uncertainties leave the cone out")
     _share(parser, "--posterior-budget", "--nominal", "--seed", "--repeatable")
     each = "identify each log by itself, and say whether the results agree"

@@ -11,16 +11,14 @@ from bayesid.arrays import Array, Mask
 from bayesid.discrepancy.case import Case
 from bayesid.discrepancy.compare import NoiseFloor, Trial
 from bayesid.fit.effects.explanation import LN10, Explanation, Observations
-from bayesid.fit.effects.extension import Extension, extend, moved
+from bayesid.fit.effects.extension import Extension, extend
 from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis, hypotheses
+from bayesid.fit.effects.relinearisation import sharpened
 from bayesid.fit.effects.scores import Library, explain_with
 from bayesid.fit.effects.selection import Selection, select
 from bayesid.fit.effects.thresholds import Thresholds
-from bayesid.model.effects import Scene
 from bayesid.progress import SILENT, Progress
 
-_RELINEARISATIONS = 3
-"""Of distortions about their own numbers: Newton's method, whose error falls with the square each time."""
 _SETTLINGS = 2
 """Times that signs and coefficients take turns before effects are looked for; a round number, not studied."""
 
@@ -71,7 +69,7 @@ def select_validated(case: Case, progress: Progress = SILENT) -> ValidatedSelect
     first = select(data, library, (), case.settled)
     data, selection, vetoes = _borne_out(case, data, library, first, progress)
     data, selection, vetoes = _without_stand_ins(case, data, selection, vetoes)
-    effects, explanation = _sharpened(case, data, selection.hypotheses)
+    effects, explanation = sharpened(data, selection.hypotheses, case.columns, case.scene)
     selection = replace(first, hypotheses=tuple(effects), explanation=explanation)
     extension = extend(case.knowledge, case.coefficients, effects, explanation)
     return ValidatedSelection(selection, data, library, extension, tuple(sorted(vetoes.effects)))
@@ -197,38 +195,3 @@ def _helps(fall: Array, used: Mask, standard: bool, thresholds: Thresholds) -> b
     improvement = fall.sum(axis=0) / np.maximum(used.sum(axis=0), 1)
     needed = thresholds.held_back_improvement * thresholds.improvement
     return helps > thresholds.helps_over_harms * harms and bool(improvement.max() > needed)
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Distortions
-# ---------------------------------------------------------------------------------------------------------------
-def _sharpened(case: Case, data: Observations, effects: Sequence[Hypothesis]) -> tuple[list[Hypothesis], Explanation]:
-    """Distortions linearised about the numbers that were found."""
-    effects = list(effects)
-    _, explanation = explain_with(data, effects)
-    linear = all(effect.source.linear for effect in effects)
-    for _ in range(0 if linear else _RELINEARISATIONS):
-        shifted = moved(effects, explanation)
-        scene = case.scene(case.columns @ explanation.beta + _effort_of_terms(case, effects, explanation))
-        effects = [_relinearised(effect, scene) for effect in shifted]
-        _, explanation = explain_with(data, effects, explanation)
-    return effects, explanation
-
-
-def _effort_of_terms(case: Case, effects: Sequence[Hypothesis], explanation: Explanation) -> Array:
-    """(N, n) efforts of the terms among the effects, N m."""
-    effort = np.zeros(case.before.shape)
-    for effect, amplitude in zip(effects, explanation.amplitudes, strict=True):
-        if effect.source.linear:
-            for j, rows in effect.columns.rows.items():
-                effort[:, j] += rows @ amplitude
-    return effort
-
-
-def _relinearised(effect: Hypothesis, scene: Scene) -> Hypothesis:
-    if effect.source.linear:
-        return effect
-    shift, columns = effect.source.change(scene)
-    acting = sorted(effect.columns.joints)
-    rows = {j: columns[:, j] for j in acting} if columns.shape[2] else {}
-    return replace(effect, columns=replace(effect.columns, rows=rows, shift={j: shift[:, j] for j in acting}))

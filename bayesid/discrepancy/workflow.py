@@ -10,11 +10,11 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from bayesid.arrays import Array
-from bayesid.discrepancy.added_effect import AddedEffect, Quantity, not_testable, weigh
 from bayesid.discrepancy.case import Case, divide
 from bayesid.discrepancy.compare import Excess, NoiseFloor, Trial, make_trial, shortened, where_it_shows
 from bayesid.discrepancy.log_checks import check_log, check_same_robot
 from bayesid.discrepancy.validated_selection import ValidatedSelection, select_validated, unexplained
+from bayesid.fit.effects.added_effect import AddedEffect, Quantity, not_testable, weigh
 from bayesid.fit.effects.explanation import Explanation
 from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
 from bayesid.fit.effects.scores import Score

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from bayesid.arrays import Array, Mask
 from bayesid.fit.knowledge import Information
 from bayesid.fit.moments import Moments, moments
 from bayesid.fit.noise import Noise, residual_noise
+from bayesid.fit.nuisance import Nuisance
 from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals, signed_effort
 from bayesid.model.coefficients import BaseCoefficients, base_coefficients
@@ -28,6 +30,7 @@ class Evidence:
         moving: (N, n) samples in motion.
         fitted: (N, n) those of them that a fit rests on.
         information: of the coefficients, from earlier logs; None without one.
+        nuisance: effects that the model may lack, to be summed out; None without any.
     """
 
     model: Model
@@ -36,6 +39,7 @@ class Evidence:
     moving: Mask
     fitted: Mask
     information: Information | None = None
+    nuisance: Nuisance | None = None
 
     @classmethod
     def of(cls, model: Model, signals: Signals, moving: Mask) -> Evidence:
@@ -52,15 +56,53 @@ class Evidence:
         residual = np.where(self.used, self.signals.nearest(predicted) - predicted, 0.0)
         return residual_noise(residual, self.used, self.signals.rate)
 
-    def moments(self, signs: Array, segments: Segments, most_individual: int | None = None) -> Moments:
+    @property
+    def columns(self) -> Array:
+        """(N, n, r) of the coefficients."""
+        chunks = self.model.chunks(self.signals.motion)
+        return np.concatenate([rows[:, :, self.coefficients.kept] for _, rows in chunks])
+
+    def moments(
+        self,
+        signs: Array,
+        segments: Segments,
+        most_individual: int | None = None,
+        orientation: Array | None = None,
+        *,
+        summed_out: bool = True,
+    ) -> Moments:
         """Moments of the unfiltered efforts (a filter would blur friction's steps, not the columns') in expected signs.
+
+        Where a nuisance is summed out, the sign of a segment turns with it what the nuisance has explained there: that
+        is exact at the expected signs, and elsewhere to the first order in the nuisance's share of the effort.
 
         Args:
             signs: (N, n) expected sign of every sample, -1 to +1.
             segments: where to sum.
             most_individual: segments of each joint with a Hessian of their own (see `bayesid.fit.moments.moments`).
+            orientation: (N, n) +1 or -1, the signs of the segments, by which efforts are multiplied in the end.
+            summed_out: whether a nuisance is; it changes no estimate of least squares, only its covariance.
         """
         effort, square = signed_effort(self.signals, signs, filtered=False), self.signals.raw_effort**2
+        correct = None
+        if summed_out and self.nuisance is not None:
+            whitened, correct = self.nuisance.whiten(effort), self._without_nuisance()
+            square, effort = square - effort**2 + whitened**2, whitened
+        if orientation is not None:
+            effort = effort * np.where(self.signals.signed, 1.0, orientation)
         return moments(
-            self.model, self.coefficients, self.signals.motion, effort, segments, most_individual, square=square
+            self.model,
+            self.coefficients,
+            self.signals.motion,
+            effort,
+            segments,
+            most_individual,
+            square=square,
+            correct=correct,
         )
+
+    def _without_nuisance(self) -> Callable[[slice, Array], Array]:
+        nuisance, kept = self.nuisance, self.coefficients.kept
+        assert nuisance is not None
+        chunks = ((place, rows[:, :, kept]) for place, rows in self.model.chunks(self.signals.motion))
+        return partial(nuisance.without, shared=nuisance.shared(chunks))

@@ -11,6 +11,7 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError
+from bayesid.fit.effects.kinematics import KinematicTolerance
 from bayesid.model.coefficients import BaseCoefficients, base_coefficients, embedding
 from bayesid.model.inertia import from_pseudo_inertia
 from bayesid.model.model import Model
@@ -160,9 +161,11 @@ class Beliefs:
     Attributes:
         links: what is believed of any link.
         nominal: single parameters, from CAD or a data sheet: name to mean and standard deviation.
+        kinematics: how far the robot's geometry may be from its table.
     """
 
     links: Links = Links()
+    kinematics: KinematicTolerance = KinematicTolerance()
     nominal: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def of(self, parameters: Sequence[Parameter]) -> Nominal:

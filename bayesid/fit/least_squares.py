@@ -48,8 +48,10 @@ class Fit:
         theta: (P,) feasible parameters.
         beta: (r,) their base coefficients.
         covariance: (r, r) of the coefficients, from the information matrix with effective sample counts
-            (:eq:`information`); inf on the diagonal where the log does not excite a coefficient.
-        information: (r, r) that matrix, what was known before included.
+            (:eq:`information`), wider by what the model may lack; inf on the diagonal where the log does not excite a
+            coefficient.
+        information: (r, r) that matrix, what was known before included, as if the model lacked nothing: what it lacks
+            is the same in the next log.
         noise: of the efforts, per joint: what was there before the fit took its share.
         residual: of the residual itself, per joint.
         predicted: (N, n) the model's efforts, N m.
@@ -96,7 +98,8 @@ def fit_signed(evidence: Evidence, signs: Array, *, most_corrected: int = MOST_C
         SolverError: Clarabel failed.
     """
     model, signals, information = evidence.model, evidence.signals, evidence.information
-    moments = evidence.moments(signs, _stretches(evidence.used))
+    stretches = _stretches(evidence.used)
+    moments = evidence.moments(signs, stretches, summed_out=False)
     solution, sigma = _solve(evidence, moments)
     theta, moved_inside = _move_inside(evidence, solution.theta)
     predicted = model.effort(signals.motion, theta)
@@ -106,9 +109,11 @@ def fit_signed(evidence: Evidence, signs: Array, *, most_corrected: int = MOST_C
     else:
         noise = _before_fit(evidence, sigma, predicted, residual)
     effort = signed_effort(signals, np.where(signs >= 0.0, 1.0, -1.0))
-    effective = moments.scaled(noise.sigma * np.sqrt(noise.autocorrelation)).hessian.sum(axis=0)
-    effective = effective if information is None else effective + information.hessian
+    weights = noise.sigma * np.sqrt(noise.autocorrelation)
+    effective = _effective(moments, weights, information)
     covariance, condition = _covariance(effective)
+    if evidence.nuisance is not None:
+        covariance, _ = _covariance(_effective(evidence.moments(signs, stretches), weights, information))
     return Fit(
         theta=theta,
         beta=evidence.coefficients.project(theta),
@@ -123,6 +128,12 @@ def fit_signed(evidence: Evidence, signs: Array, *, most_corrected: int = MOST_C
         tolerance=solution.tolerance,
         moved_inside=moved_inside,
     )
+
+
+def _effective(moments: Moments, weights: Array, earlier: Information | None) -> Array:
+    """(r, r) information matrix of samples weighed by (n,) the noise, its autocorrelation included."""
+    hessian: Array = moments.scaled(weights).hessian.sum(axis=0)
+    return hessian if earlier is None else hessian + earlier.hessian
 
 
 def _solve(evidence: Evidence, moments: Moments) -> tuple[Solution, Array]:
@@ -154,8 +165,7 @@ def _solve(evidence: Evidence, moments: Moments) -> tuple[Solution, Array]:
 def _before_fit(evidence: Evidence, sigma: Array, predicted: Array, residual: Noise) -> Noise:
     """The noise of the efforts from that of the residual."""
     signals, used, size = evidence.signals, evidence.used, len(evidence.coefficients)
-    chunks = evidence.model.chunks(signals.motion)
-    columns = np.concatenate([rows[:, :, evidence.coefficients.kept] for _, rows in chunks])
+    columns = evidence.columns
     earlier = np.zeros((size, size)) if evidence.information is None else evidence.information.hessian
     residuals = _refit(np.where(used[:, :, None], columns, 0.0), sigma, earlier)
     signs = np.where(predicted >= 0.0, 1.0, -1.0)[:, :, None]

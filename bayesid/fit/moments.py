@@ -12,7 +12,7 @@ Moments of chunks of one log add; those of different logs, with different segmen
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -133,6 +133,7 @@ def moments(
     segments: Segments,
     most_individual: int | None = None,
     square: Array | None = None,
+    correct: Callable[[slice, Array], Array] | None = None,
 ) -> Moments:
     """Moments of a log, streamed over chunks of its samples.
 
@@ -144,6 +145,7 @@ def moments(
         segments: where the sign is constant; samples outside of every segment do not count.
         most_individual: segments of each joint with an individual part, those with most energy; all by default.
         square: (N, n) expected squares of the efforts where `effort` is an expectation itself; its squares by default.
+        correct: what becomes of the columns (N', n, r) of a chunk; nothing by default.
     """
     size, r = len(segments), len(coefficients)
     ranges = list(zip(segments.joint, segments.start, segments.end, strict=True))
@@ -155,6 +157,7 @@ def moments(
     hessian, gradient = np.zeros((part.max(initial=-1) + 1, r, r)), np.zeros((size, r))
     for rows, columns in model.chunks(motion):
         columns = columns[:, :, coefficients.kept]
+        columns = columns if correct is None else correct(rows, columns)
         for k in np.flatnonzero((segments.start < rows.stop) & (segments.end > rows.start)):
             j, a, b = ranges[k]
             inside = slice(max(a, rows.start), min(b, rows.stop))

@@ -20,6 +20,7 @@ from bayesid.log.signals import Signals
 from bayesid.model.coefficients import BaseCoefficients
 from bayesid.model.model import Model
 from bayesid.posterior.inference import OF_PRIOR, Posterior
+from bayesid.signs.completion import Completion
 from bayesid.signs.search.result import SearchResult
 
 _NONE = 1e-9
@@ -54,6 +55,7 @@ class Identification:
         warnings: what the user should know.
         beliefs: what was stated beforehand.
         provenance: what was run on which data.
+        completion: what the catalogue had to say beyond the terms asked for; None where it was not asked.
     """
 
     identified: IdentifiedModel
@@ -76,6 +78,7 @@ class Identification:
     warnings: tuple[str, ...]
     beliefs: Beliefs
     provenance: Provenance
+    completion: Completion | None = None
 
     @property
     def model(self) -> Model:

@@ -4,8 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
+from typing import Literal, get_args
 
+from bayesid.errors import InputError
 from bayesid.log.segments import USUAL, Cutting
+
+Completeness = Literal["auto", "off", "only-uncertainty"]
+"""What the catalogue has a say in, beyond the terms asked for."""
+COMPLETENESS = get_args(Completeness)
+
+
+def check_completeness(value: str) -> str:
+    """The value itself.
+
+    Raises:
+        InputError: it is none of those there are.
+    """
+    if value not in COMPLETENESS:
+        raise InputError(f"complete = {value!r}", "--complete", f"give one of {', '.join(COMPLETENESS)}")
+    return value
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,11 +16,12 @@ from threadpoolctl import threadpool_limits
 
 from bayesid.arrays import Array, Integers
 from bayesid.errors import InputError
+from bayesid.fit.evidence import Evidence
 from bayesid.fit.knowledge import Beliefs, Knowledge, of_base
 from bayesid.fit.least_squares import Fit
 from bayesid.identification.identification import Identification
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
-from bayesid.identification.options import Preparation, plain_options
+from bayesid.identification.options import Completeness, Preparation, check_completeness, plain_options
 from bayesid.identification.provenance import record_provenance
 from bayesid.identification.warnings import warnings_of
 from bayesid.log.log import Log, read_log
@@ -35,6 +36,8 @@ from bayesid.posterior.problem import PosteriorProblem
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress
 from bayesid.signs.averaging import AveragedSigns, average_over_models, structural_doubt
+from bayesid.signs.completion import Completing
+from bayesid.signs.completion import complete as complete_model
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
 from bayesid.signs.settling import Earlier, restored, settle_signs
@@ -64,6 +67,7 @@ def identify(
     log: Log | str | Path,
     terms: Iterable[str] = catalogue.STANDARD,
     *,
+    complete: Completeness = "off",
     search: Search = Certified(),
     posterior: Sampling | bool = True,
     preparation: Preparation = Preparation(),
@@ -76,6 +80,8 @@ def identify(
         robot: a robot, a built-in name or a file.
         log: a log or a file, see `bayesid.read_log`.
         terms: names from `bayesid.model.terms.CATALOGUE`.
+        complete: what the rest of the catalogue has a say in: "auto", the model and the uncertainty;
+            "only-uncertainty"; or "off", nothing.
         search: how signs are searched: `Certified`, `Beam`, or an object of your own with their protocol.
         posterior: how it is sampled, or whether it is.
         preparation: how the log is made ready.
@@ -93,7 +99,8 @@ def identify(
         >>> result = bayesid.identify("ur10e", "log.csv", search=bayesid.Certified(budget=30.0), posterior=False)
     """
     name, terms = robot.name if isinstance(robot, Robot) else str(robot), tuple(terms)
-    run = _Run(search, posterior, preparation, beliefs, progress, {"robot": name, "terms": list(terms)})
+    subject = {"robot": name, "terms": list(terms), "complete": check_completeness(complete)}
+    run = _Run(search, posterior, preparation, beliefs, progress, subject)
     progress("prepare", 0, 1)
     robot = robot if isinstance(robot, Robot) else load_robot(robot)
     log = log if isinstance(log, Log) else read_log(log)
@@ -108,7 +115,13 @@ def identify(
     run.lap("search")
     averaged = average_over_models(asked, segments, search, progress)
     run.lap("second opinion")
-    return _identification(run, log, signals, model, averaged)
+    if complete == "off":
+        return _identification(run, log, signals, model, averaged)
+    asked_for = Completing(complete == "auto", beliefs.kinematics, preparation.cutting)
+    completed = complete_model(averaged, segments, search, asked_for, progress)
+    run.lap("complete")
+    result = _identification(run, log, completed.signals, completed.model, completed.averaged)
+    return replace(result, signals=signals, completion=completed.completion)
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
@@ -198,7 +211,7 @@ def _identification(run: _Run, log: Log, signals: Signals, model: Model, average
     segments = settled.signs.segments.split(_sign_changes(signals))
     signs, confidence = segment_signs(segments, probability, signals.raw_effort)
     return Identification(
-        identified=_identified(model, asked.evidence.coefficients, averaged.fit, posterior),
+        identified=_identified(model, asked.evidence, averaged.fit, posterior),
         coefficients=asked.evidence.coefficients,
         log=log,
         signals=signals,
@@ -221,11 +234,16 @@ def _identification(run: _Run, log: Log, signals: Signals, model: Model, average
     )
 
 
-def _identified(model: Model, coefficients: BaseCoefficients, fit: Fit, posterior: Posterior | None) -> IdentifiedModel:
-    """The model by the posterior or, without one, by least squares."""
+def _identified(model: Model, evidence: Evidence, fit: Fit, posterior: Posterior | None) -> IdentifiedModel:
+    """The model by the posterior or, without one, by least squares.
+
+    What the model lacks makes its coefficients less certain, but not what the next log is to show of the same model: so
+    that knowledge leaves it out, and then is that of least squares.
+    """
     if posterior is None:
-        return IdentifiedModel(model, fit.theta, fit.noise, of_base(model, coefficients, fit.information))
-    precision = of_base(model, coefficients, _inverse(posterior.covariance))
+        return IdentifiedModel(model, fit.theta, fit.noise, of_base(model, evidence.coefficients, fit.information))
+    information = _inverse(posterior.covariance) if evidence.nuisance is None else fit.information
+    precision = of_base(model, evidence.coefficients, information)
     theta, log_scale = posterior.spread()
     draws = ParameterDraws(theta, posterior.target.likelihood.sigma * np.exp(log_scale))
     return IdentifiedModel(model, posterior.theta, fit.noise, precision, draws)
@@ -246,8 +264,8 @@ def _sample(run: _Run, averaged: AveragedSigns, sampling: Sampling) -> Posterior
     evidence, settled, fit = averaged.asked.evidence, averaged.settled, averaged.fit
     search = settled.signs.search
     segments = _inner(settled.signs.segments[settled.signs.segments.fitted], evidence.signals)
-    relative = (2.0 * settled.probability - 1.0) * segments.per_sample(search.signs, *settled.probability.shape)
-    moments = evidence.moments(relative, segments, _POINTWISE)
+    orientation = segments.per_sample(search.signs, *settled.probability.shape)
+    moments = evidence.moments(2.0 * settled.probability - 1.0, segments, _POINTWISE, orientation)
     if not averaged.by_asked or evidence.information is not None:
         search = replace(search, theta=fit.theta, branches=(), settled=None)
     if not averaged.by_asked:

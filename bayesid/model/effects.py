@@ -107,6 +107,10 @@ class Effect:
     """Whether the efforts are linear in its amplitudes wherever it is looked at."""
     reveals: ClassVar[bool] = False
     """Whether its rows show parameters of other effects that no log without it could show."""
+    needs_earlier: ClassVar[bool] = False
+    """Whether only what an earlier log has shown tells it from the model's own parameters."""
+    refines: ClassVar[bool] = False
+    """Whether it is but a finer form of a standard term: completes a model, but is nothing that could be missing."""
     of_sensor: ClassVar[bool] = False
     """Whether it changes what is read of the efforts, not what makes them."""
     shape_units: ClassVar[Mapping[str, str]] = {}
@@ -189,6 +193,17 @@ class Effect:
     def change(self, scene: Scene) -> tuple[Array, Array]:
         """(N, n) change of the scene's effort, N m, and its derivatives (N, n, p) by the p amplitudes."""
         raise NotImplementedError
+
+    def change_by_joint(self, scene: Scene) -> tuple[dict[int, Array], dict[int, Array]]:
+        """The same for the (0-based) joints that it acts on: (N,) change where there is one, (N, p) derivatives."""
+        shift, columns = self.change(scene)
+        acting = [j for j in range(scene.robot.n_joints) if np.any(columns[:, j]) or np.any(shift[:, j])]
+        shifts = {j: shift[:, j] for j in acting if np.any(shift[:, j])}
+        return shifts, {j: columns[:, j] for j in acting} if columns.shape[2] else {}
+
+    def resolved(self, scene: Scene) -> bool:
+        """Whether a log's samples lie close enough to tell this form from simpler ones."""
+        return True
 
     def moved(self, step: Array) -> Self:
         """The effect with its own numbers changed by the first entries of the amplitudes step (p,)."""

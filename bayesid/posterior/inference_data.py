@@ -10,6 +10,8 @@ Groups and their dimensions, every one with named coordinates:
 - constant_data: the reference noise and its autocorrelation, the prior, and B of beta = B theta. Where an earlier log
   is known, also its `earlier_hessian` H and `earlier_gradient` g: in `lp`, minus (beta' H beta - 2 g' beta +
   c) / 2 with c its `earlier_energy`.
+- nuisance (effect), where there is any: `scale`, the likely size of each effect that the model may lack, relative to
+  what is usual. They are summed out of the likelihood, and so have no draws.
 
 A chain is an ensemble. An entry of `segment` is a part of the moments' Hessian: one segment, or all the weak segments
 of a joint that share a part, whose likelihoods cannot be separated draw by draw.
@@ -50,6 +52,7 @@ __all__ = [
     "MOST",
     "InferenceData",
     "Labels",
+    "add_nuisance",
     "kept_coefficients",
     "make_inference_data",
     "pointwise",
@@ -383,6 +386,15 @@ def _plain(value: object) -> str | int | float:
     if isinstance(value, str | float) or (isinstance(value, int) and abs(value) < 2**63):
         return value
     return json.dumps(value, default=lambda part: part.tolist() if hasattr(part, "tolist") else str(part))
+
+
+def add_nuisance(data: InferenceData, scales: Mapping[str, float]) -> None:
+    """Adds the group of what was summed out: effects, with their joints, and their likely sizes."""
+    if scales:
+        about = {"long_name": "likely size, relative to what is usual; of kinematics, to the stated tolerance"}
+        values = {"scale": ("effect", np.array(list(scales.values())), about)}
+        dataset = xarray.Dataset(values, coords={"effect": list(scales)})
+        data.add_groups({"nuisance": dataset}, warn_on_custom_groups=False)  # type: ignore[no-untyped-call]
 
 
 def _require_same_sizes(target: Target, moments: Moments, labels: Labels) -> None:

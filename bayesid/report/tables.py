@@ -92,7 +92,7 @@ def inference_data(identification: Identification) -> InferenceData:
     posterior = identification.posterior
     if posterior is None:
         raise ValueError("no posterior was sampled")
-    from bayesid.posterior.inference_data import Labels, make_inference_data
+    from bayesid.posterior.inference_data import Labels, add_nuisance, make_inference_data
 
     segments, t = identification.searched, identification.signals.motion.t
     labels = Labels(
@@ -106,9 +106,11 @@ def inference_data(identification: Identification) -> InferenceData:
     run = {key: summary[key] for key in ("robot", "log", "terms", "noise", "signs")}
     sampling = {key: summary["posterior"][key] for key in ("converged", "max_rhat", "min_ess", "seed", "modes")}
     versions = {f"{name}_version": version(name) for name in ("bayesid", "numpy", "emcee", "arviz")}
-    return make_inference_data(
-        posterior.draws, posterior.target, posterior.moments, labels, {**run, **sampling, **versions}
-    )
+    attributes = {**run, **sampling, **versions}
+    data = make_inference_data(posterior.draws, posterior.target, posterior.moments, labels, attributes)
+    if identification.completion is not None:
+        add_nuisance(data, identification.completion.uncertain)
+    return data
 
 
 def validation_summary(validation: Validation) -> dict[str, Any]:

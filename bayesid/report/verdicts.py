@@ -6,7 +6,8 @@ studies of docs/studies.md or on the field's customs, as said there.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,7 +15,11 @@ import numpy as np
 
 from bayesid.fit.least_squares import POOR_FIT
 from bayesid.identification.warnings import confidences_lowered, convergence, not_excited, not_ruled_out, on_edge
+from bayesid.model.catalogue import FORMS, noun
+from bayesid.model.effects import ReadableUnit
 from bayesid.report.findings import AMBIGUOUS, Findings, Summary
+from bayesid.report.findings.summary import EffectSummary, Numbers
+from bayesid.report.words import listed, quantity
 
 State = Literal["good", "look", "bad", "not done"]
 
@@ -80,6 +85,7 @@ def check_findings(findings: Findings) -> tuple[Check, ...]:
         proof(findings.summary),
         sampling(findings.summary),
         _fit(findings.summary),
+        *beyond_the_terms(findings.summary),
         _whiteness(findings.summary),
         _decided(findings),
         _validation(findings),
@@ -175,6 +181,47 @@ def _fit(summary: Summary) -> Check:
     if share.max() > _SMALL_RESIDUAL or links:
         return Check("Fit", "look", message, _DISCREPANCY)
     return Check("Fit", "good", message)
+
+
+def beyond_the_terms(summary: Summary) -> tuple[Check, ...]:
+    """What came on top of the terms asked for; nothing where nobody asked the catalogue."""
+    complete = summary.complete
+    if complete is None:
+        return ()
+    name, errors = "Beyond the terms", complete.held_back_error
+    if not complete.effects:
+        return (Check(name, "good", "beyond the terms asked for: nothing that evidence and held-back blocks bear out"),)
+    forms = {effect.form for effect in complete.effects}
+    parts = [_of_form([effect for effect in complete.effects if effect.form == form]) for form in sorted(forms)]
+    before, after = (_relative(values, errors.effort) for values in (errors.before, errors.after))
+    fall = f"held-back torque error {100 * before:.1f} -> {100 * after:.1f} % of the effort"
+    return (Check(name, "good", f"beyond the terms asked for: {'; '.join(parts)}; {fall}"),)
+
+
+def _relative(error: Numbers, effort: Numbers) -> float:
+    """Root of the mean over joints of squared relative errors."""
+    shares = np.array(error, dtype=float) / np.maximum(np.array(effort, dtype=float), np.finfo(float).tiny)
+    return float(np.sqrt(np.mean(shares**2)))
+
+
+def _of_form(effects: Sequence[EffectSummary]) -> str:
+    """Load-dependent friction in joints 2 (6 %) and 3 (12 %)."""
+    plain = noun(effects[0].form).removeprefix("an ").removeprefix("a ")
+    if not effects[0].joints:
+        return f"{plain}{_size(effects[0])}"
+    joints = [f"{', '.join(map(str, effect.joints))}{_size(effect)}" for effect in effects]
+    return f"{plain} in joint{'s' if len(joints) > 1 else ''} {listed(joints)}"
+
+
+def _size(effect: EffectSummary) -> str:
+    """Its number, in brackets, where it has but one."""
+    if len(effect.parameters) != 1:
+        return ""
+    ((name, number),) = effect.parameters.items()
+    symbol = next((s for s in FORMS[effect.form].phrase.units if name.startswith(s)), name)
+    people = FORMS[effect.form].phrase.units.get(symbol, ReadableUnit(number["unit"]))
+    value, sd = number["value"], math.nan if number["sd"] is None else number["sd"]
+    return f" ({quantity(people.factor * (value - people.neutral), people.factor * sd, people.unit)})"
 
 
 def _whiteness(summary: Summary) -> Check:

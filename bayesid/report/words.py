@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
 
-from bayesid.discrepancy.added_effect import AddedEffect
 from bayesid.discrepancy.compare import Excess
 from bayesid.discrepancy.workflow import Discrepancy
+from bayesid.fit.effects.added_effect import AddedEffect
 from bayesid.fit.effects.scores import Score
 from bayesid.model.catalogue import FORMS, noun
 from bayesid.model.effects import Effect, ReadableUnit

@@ -5,8 +5,8 @@ from __future__ import annotations
 from itertools import groupby
 from typing import Any
 
-from bayesid.discrepancy.added_effect import AddedEffect
 from bayesid.discrepancy.workflow import Discrepancy
+from bayesid.fit.effects.added_effect import AddedEffect
 from bayesid.fit.effects.explanation import LN10
 from bayesid.fit.effects.scores import Score
 from bayesid.model.catalogue import FORMS

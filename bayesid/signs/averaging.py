@@ -120,12 +120,16 @@ def weight_against(rival: Settled, asked: Settled) -> float:
 
     Each joint's samples are divided by the longer autocorrelation time of the two residuals (:eq:`model-weight`).
     """
+    return min(_LARGEST_WEIGHT, float(expit(0.5 * evidence_gain(rival, asked))))
+
+
+def evidence_gain(rival: Settled, asked: Settled) -> float:
+    """Fall of the Bayesian information criterion: twice the log of how much likelier a richer model is."""
     time = np.maximum(rival.fit.residual.autocorrelation, asked.fit.residual.autocorrelation)
     count = asked.evidence.fitted.sum(axis=0) / time
     gain = float(count @ (2.0 * np.log(asked.fit.residual.sigma / rival.fit.residual.sigma)))
     more = len(rival.evidence.coefficients) - len(asked.evidence.coefficients)
-    price = more * float(np.log(count.sum()))
-    return min(_LARGEST_WEIGHT, float(expit(0.5 * (gain - price))))
+    return gain - more * float(np.log(count.sum()))
 
 
 def structural_doubt(settled: Settled) -> Array:

@@ -218,6 +218,11 @@ def smoothings(n):
 EFFORTS = {
     "rigid_body": Entry(rigid_body),
     "viscous_friction": Entry(lambda table, motion, theta: theta * gear(table, motion.dq), ("Fv",)),
+    "viscous_friction.saturating": Entry(
+        lambda table, motion, theta, knee: theta * (1.0 - 2.0 / (1.0 + np.exp(2.0 * gear(table, motion.dq) / knee))),
+        ("Fe",),
+        lambda n: {"knee": np.linspace(0.6, 2.4, n)},
+    ),
     "coulomb_friction": Entry(lambda table, motion, theta: theta * direction(table, motion), ("Fc",)),
     "torque_offset": Entry(lambda table, motion, theta: np.tile(theta, (len(motion), 1))),
     "rotor_inertia": Entry(lambda table, motion, theta: theta * gear(table, motion.ddq), ("Ia",)),
@@ -528,6 +533,9 @@ def test_variants_go_through_what_the_log_can_tell(robot, scene):
             assert widths.max() < np.ptp(u[:, j]) / 2
         assert 0 < values("stribeck_friction", "speed", j).min() < values("stribeck_friction", "speed", j).max()
         assert values("stribeck_friction", "speed", j).max() < speeds[:, j].max() / 2
+        knees = values("viscous_friction.saturating", "knee", j)
+        assert 0.05 * speeds[:, j].max() < knees.min() < 0.2 * speeds[:, j].max()
+        assert 0.5 * speeds[:, j].max() < knees.max() < speeds[:, j].max()
         for name in ("thermal_drift", "thermal_drift.viscous", "thermal_drift.both", "thermal_drift.offset"):
             times = values(name, "time", j)
             assert 0 < times.min() < last < times.max() < 2 * last

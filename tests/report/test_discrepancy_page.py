@@ -11,9 +11,9 @@ import pytest
 from conftest import smooth_motion
 from matplotlib.colors import to_hex
 
-from bayesid.discrepancy.added_effect import AddedEffect
 from bayesid.discrepancy.compare import Excess, NoiseFloor, Trial
 from bayesid.discrepancy.workflow import Discrepancy
+from bayesid.fit.effects.added_effect import AddedEffect
 from bayesid.fit.effects.explanation import LN10, Columns
 from bayesid.fit.effects.hypotheses import Hypothesis
 from bayesid.fit.effects.scores import Score

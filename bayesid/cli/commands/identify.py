@@ -57,6 +57,7 @@ def _settings(options: argparse.Namespace) -> dict[str, Any]:
     """Keyword arguments of `bayesid.identify`."""
     return {
         "terms": term_names(options),
+        "complete": options.complete,
         "search": _search(options),
         "posterior": sampling(options),
         "preparation": Preparation(cutoff=options.cutoff),

@@ -220,7 +220,7 @@ class Regression:
         return hessian, gradient
 
     def _residual(self, best: Array, extra: Columns | None) -> Array:
-        """(N, n) what the best coefficients and amplitudes leave, N m."""
+        """(N, n) what coefficients and amplitudes (r + p,) leave, N m, zero where not used."""
         m = self._systems[0][0].shape[1]
         residual = np.stack([effort - columns @ best[:m] for columns, effort in self._systems], axis=1)
         if extra is not None:

@@ -66,13 +66,14 @@ class Hypothesis:
         return self.make(replace(self.source, **numbers))
 
 
-def hypotheses(model: Model, scene: Scene, used: Mask) -> Iterator[list[Hypothesis]]:
+def hypotheses(model: Model, scene: Scene, used: Mask, *, refinements: bool = False) -> Iterator[list[Hypothesis]]:
     """Lists of forms that act in the same joints with as many amplitudes, for one call of `Screening.gains` each.
 
     Args:
         model: as it is.
         scene: the log.
         used: (N, n) samples that count.
+        refinements: whether finer forms of standard terms are among them.
     """
     size = np.sqrt(np.sum((scene.measured * used) ** 2, axis=0) / np.maximum(used.sum(axis=0), 1))
 
@@ -84,6 +85,8 @@ def hypotheses(model: Model, scene: Scene, used: Mask) -> Iterator[list[Hypothes
         return Hypothesis(source, columns, make, changes)
 
     for kind in catalogue.FORMS.values():
+        if kind.refines and not refinements:
+            continue
         groups: dict[tuple[object, ...], list[Hypothesis]] = {}
         for source in kind.variants(scene):
             for hypothesis in _scaled(make(source)):
@@ -111,11 +114,12 @@ def _columns(source: Effect, scene: Scene, size: Array, used: Mask, new: bool) -
         used: (N, n) samples that count.
         new: whether the model lacks it.
     """
-    shift, columns = source.change(scene)
-    acting = [j for j in range(scene.robot.n_joints) if np.any(columns[:, j]) or np.any(shift[used[:, j], j])]
-    rows = {j: columns[:, j] for j in acting} if columns.shape[2] else {}
-    shifts = {j: shift[:, j] for j in acting if np.any(shift[:, j])}
-    sd = np.broadcast_to(source.typical, columns.shape[2:]).copy() if source.typical else _sizes(rows, size, used)
+    shifts, rows = source.change_by_joint(scene)
+    shifts = {j: shift for j, shift in shifts.items() if j in rows or np.any(shift[used[:, j]])}
+    if not rows and not shifts:
+        return Columns({}, {}, np.zeros(0), np.zeros(0, dtype=bool))
+    size_of_all = next(iter(rows.values())).shape[1:] if rows else (0,)
+    sd = np.broadcast_to(source.typical, size_of_all).copy() if source.typical and rows else _sizes(rows, size, used)
     positive = np.zeros(len(sd), dtype=bool)
     positive[source.one_sided(scene.robot)] = new
     return Columns(rows, shifts, sd, positive)

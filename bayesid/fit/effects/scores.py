@@ -105,7 +105,7 @@ def assess(
     """
     count = regression.data.thresholds.short_list if short_list is None else short_list
     screening = Screening(regression, explanation.errors)
-    ordered = _best_forms(screening, library)
+    ordered = best_forms(screening, library)
     promising = ordered[:count]
     if companions:
         bound = regression.data.thresholds.equivalent
@@ -114,7 +114,7 @@ def assess(
     return sorted(closer, key=lambda score: -score.gain) + [score for score, _ in ordered[count:]]
 
 
-def _best_forms(screening: Screening, library: Library) -> list[tuple[Score, float]]:
+def best_forms(screening: Screening, library: Library) -> list[tuple[Score, float]]:
     """Each effect in its best form, best first, and what averaging over its forms has changed of its gain."""
     forms: dict[EffectKey, set[str]] = {}
     for hypothesis in (hypothesis for group in library for hypothesis in group):

@@ -41,6 +41,7 @@ class GainError(Distortion):
         units={"gain": ReadableUnit("%", 100.0, neutral=1.0)},
     )
     shape_units: ClassVar[Mapping[str, str]] = {"gain": "1"}
+    needs_earlier: ClassVar[bool] = True
     typical: ClassVar[tuple[float, ...]] = (0.2,)
 
     @classmethod

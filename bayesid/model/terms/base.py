@@ -108,13 +108,25 @@ class ActuatorTerm(Term):
 
     def columns(self, robot: Robot, motion: Motion) -> Array:
         """(N, n, m k) columns of its m actuators: k in an actuator's own row."""
-        acting, k = self.acting(robot.n_joints), len(self.symbols)
-        efforts = self.unit_efforts(robot.actuators(motion).joints(acting))
-        efforts = efforts[:, :, None] if efforts.ndim == 2 else efforts
+        acting, own = self.acting(robot.n_joints), self.own_columns(robot, motion)
+        k = own.shape[2]
         columns = np.zeros((len(motion), robot.n_joints, len(acting) * k))
         for i, j in enumerate(acting):
-            columns[:, j, i * k : (i + 1) * k] = efforts[:, i]
+            columns[:, j, i * k : (i + 1) * k] = own[:, i]
         return columns
+
+    def own_columns(self, robot: Robot, motion: Motion) -> Array:
+        """(N, m, k) the same without the rows of other actuators."""
+        efforts = self.unit_efforts(robot.actuators(motion).joints(self.acting(robot.n_joints)))
+        return efforts[:, :, None] if efforts.ndim == 2 else efforts
+
+    def change_by_joint(self, scene: Scene) -> tuple[dict[int, Array], dict[int, Array]]:
+        """Of one actuator, without the rows of others; of several as usual."""
+        if len(self.acting(scene.robot.n_joints)) > 1:
+            return super().change_by_joint(scene)
+        (joint,) = self.acting(scene.robot.n_joints)
+        own = self.own_columns(scene.robot, scene.motion)[:, 0]
+        return {}, {joint: own} if np.any(own) else {}
 
     def unit_efforts(self, actuators: Motion) -> Array:
         """(N, m) or (N, m, k) effort per unit of each parameter, from the motion of the term's own m actuators."""

@@ -17,6 +17,11 @@ from bayesid.motion import Motion
 _WIDTHS = (0.01, 0.02, 0.04, 0.07, 0.12, 0.2, 0.35)
 """rad (m), tried for the way from rest to slipping, each some 1.8 times the last; refined in between."""
 
+_USUAL_SPEED = 80
+"""Percentile of the speeds; a round number, not studied."""
+_FEWEST = 2.0
+"""Samples in which a way that can be told from a step is passed."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Hysteresis(ActuatorTerm):
@@ -47,6 +52,12 @@ class Hysteresis(ActuatorTerm):
         """Over the way."""
         largest = 0.5 * float(np.ptp(scene.actuators.q[:, joint]))
         yield from ({"width": width} for width in _WIDTHS if width < largest)
+
+    def resolved(self, scene: Scene) -> bool:
+        """Whether the way takes a few samples at the usual speed: a shorter one is but a step, or a small delay."""
+        period = float(np.median(np.diff(scene.motion.t)))
+        usual = np.percentile(np.abs(scene.actuators.dq), _USUAL_SPEED, axis=0)[self.acting(scene.robot.n_joints)]
+        return bool(np.all(np.array(self.width) > _FEWEST * period * usual))
 
     def unit_efforts(self, actuators: Motion) -> Array:
         """(N, m) the state z, from rest: how an element was strained before the log begins, nobody knows."""

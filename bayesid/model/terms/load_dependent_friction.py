@@ -53,11 +53,8 @@ class LoadDependentFriction(DryTerm):
             raise ValueError(f"links has {len(self.links)} numbers for {n_joints} joints")
         DryTerm(joints=self.joints, smoothing=self.smoothing).check(n_joints)
 
-    def columns(self, robot: Robot, motion: Motion) -> Array:
-        """(N, n, m) the size of the load times the direction of motion."""
+    def own_columns(self, robot: Robot, motion: Motion) -> Array:
+        """The size of the load times the direction of motion."""
         acting = self.acting(robot.n_joints)
-        load = np.abs(robot.inverse_dynamics(motion, np.array(self.links)))
-        columns = np.zeros((len(motion), robot.n_joints, len(acting)))
-        direction = self.direction(robot.actuators(motion).joints(acting))
-        columns[:, acting, np.arange(len(acting))] = load[:, acting] * direction
-        return columns
+        load = np.abs(robot.inverse_dynamics(motion, np.array(self.links)))[:, acting]
+        return (load * self.direction(robot.actuators(motion).joints(acting)))[:, :, None]

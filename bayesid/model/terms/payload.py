@@ -37,6 +37,7 @@ class Payload(WholeRobotTerm):
 
     of_links: ClassVar[bool] = True
     links_remark: ClassVar[str] = "{last} includes the payload."
+    needs_earlier: ClassVar[bool] = True
     typical: ClassVar[tuple[float, ...]] = (*(_INERTIA,) * 6, *(_FIRST_MOMENT,) * 3, 1.0)
     typical_scales: ClassVar[tuple[float, ...]] = (0.1, 0.5, 3.0)  # kg
 

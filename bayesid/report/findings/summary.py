@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from types import UnionType
 from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 from bayesid.files import plain
+from bayesid.fit.effects.wanted import EnteredEffect
 from bayesid.identification.identification import Identification
 from bayesid.identification.provenance import Provenance
 from bayesid.log.log import Log
@@ -101,6 +102,51 @@ class SignsSummary:
     model: tuple[str, ...]
     weight: Number
     doubt: Numbers
+
+
+@dataclass(frozen=True)
+class EffectSummary:
+    """An effect that entered the model.
+
+    Attributes:
+        effect: name in the catalogue.
+        form: of it; the effect's own name where it is the main one.
+        joints: from 1; none named: the whole robot.
+        log10_bayes_factor: for it, given all others that entered.
+        equivalent: effects that the log cannot tell from it.
+        parameters: name to value, sd (None where none is known) and unit.
+    """
+
+    effect: str
+    form: str
+    joints: tuple[int, ...]
+    log10_bayes_factor: Number
+    equivalent: tuple[str, ...]
+    parameters: Mapping[str, Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class ErrorsSummary:
+    """(n,) RMS errors on held-back blocks without and with the effects, and RMS effort, N m."""
+
+    before: Numbers
+    after: Numbers
+    effort: Numbers
+
+
+@dataclass(frozen=True)
+class CompletionSummary:
+    """What the catalogue had to say beyond the terms asked for.
+
+    Attributes:
+        effects: that entered the model.
+        held_back_error: on blocks of the log that had no say.
+        uncertain: effects that did not enter, but widen the uncertainty.
+    """
+
+    effects: tuple[EffectSummary, ...]
+    held_back_error: ErrorsSummary
+    uncertain: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -222,6 +268,7 @@ class Summary:
         timings: stage to seconds.
         warnings: what the user should know.
         provenance: what was run on which data.
+        complete: what the catalogue had to say; None where it was not asked.
     """
 
     robot: str
@@ -243,6 +290,7 @@ class Summary:
     timings: Mapping[str, float]
     warnings: tuple[str, ...]
     provenance: Provenance
+    complete: CompletionSummary | None = None
 
     @property
     def hidden_joints(self) -> int:
@@ -278,6 +326,7 @@ def summarise(identification: Identification) -> Summary:
         timings=identification.timings,
         warnings=identification.warnings,
         provenance=identification.provenance,
+        complete=_complete(identification),
     )
     return from_json(Summary, as_json(summary))  # so that it is what a file gives: None for what is not finite
 
@@ -359,6 +408,44 @@ def _posterior(identification: Identification) -> PosteriorSummary | None:
     )
 
 
+def _complete(identification: Identification) -> CompletionSummary | None:
+    completion = identification.completion
+    if completion is None:
+        return None
+    errors = (tuple(values.tolist()) for values in (completion.before, completion.after, completion.effort))
+    return CompletionSummary(
+        effects=tuple(_effect(identification, entered) for entered in completion.effects),
+        held_back_error=ErrorsSummary(*errors),
+        uncertain=tuple(completion.uncertain),
+    )
+
+
+def _effect(identification: Identification, entered: EnteredEffect) -> EffectSummary:
+    robot, source = identification.model.robot, entered.source
+    names = [parameter.name for parameter in identification.model.parameters]
+    spread, _ = identification.parameter_sd
+    numbers = {
+        parameter.name: {
+            "value": float(identification.theta[names.index(parameter.name)]),
+            "sd": float(spread[names.index(parameter.name)]),
+            "unit": parameter.unit,
+        }
+        for parameter in source.parameters(robot)
+    }
+    shape = source.numbers(robot)
+    known = (*entered.number_sd, *(np.nan for _ in shape))
+    for (name, (value, unit)), sd in zip(shape.items(), known, strict=False):
+        numbers[name] = {"value": value, "sd": sd, "unit": unit}
+    return EffectSummary(
+        effect=entered.effect,
+        form=source.name,
+        joints=entered.joints,
+        log10_bayes_factor=entered.log10_bayes_factor,
+        equivalent=entered.equivalent,
+        parameters=numbers,
+    )
+
+
 def _noise(identification: Identification) -> NoiseSummary:
     noise, segments = identification.fit.noise, identification.searched
     count = np.bincount(segments.joint, weights=segments.end - segments.start, minlength=len(noise.autocorrelation))
@@ -414,7 +501,7 @@ def from_json(kind: type[Kind], content: Mapping[str, Any]) -> Kind:
         TypeError: something is not what it should be.
     """
     hints = get_type_hints(kind)
-    chosen = [one for one in fields(cast(Any, kind)) if one.name in content or one.default not in ("", ())]
+    chosen = [one for one in fields(cast(Any, kind)) if one.name in content or one.default is MISSING]
     return kind(**{one.name: _typed(hints[one.name], content[one.name]) for one in chosen})
 
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from bayesid.discrepancy.added_effect import AddedEffect
 from bayesid.discrepancy.compare import Excess
 from bayesid.discrepancy.workflow import Discrepancy
+from bayesid.fit.effects.added_effect import AddedEffect
 from bayesid.fit.effects.explanation import LN10
 from bayesid.fit.effects.hypotheses import Hypothesis
 from bayesid.fit.effects.scores import Score

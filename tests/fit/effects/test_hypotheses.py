@@ -55,7 +55,7 @@ class Case:
         )
 
     def groups(self):
-        return list(hypotheses(self.model, self.scene, self.used))
+        return list(hypotheses(self.model, self.scene, self.used, refinements=True))
 
     def all(self):
         return [one for group in self.groups() for one in group]
@@ -270,3 +270,9 @@ def test_a_form_is_remade_with_another_number(name, number, value):
     again = other.remade(number, getattr(one.source, number)[0])
     np.testing.assert_array_equal(again.columns.sd, one.columns.sd)
     assert again.source == one.source
+
+
+def test_finer_forms_of_standard_terms_are_tried_only_where_they_are_asked_for():
+    plain = hypotheses(case().model, case().scene, case().used)
+    names = {hypothesis.source.name for group in plain for hypothesis in group}
+    assert {one.source.name for one in case().all()} - names == {"viscous_friction.saturating"}

@@ -1,0 +1,59 @@
+"""Distortions about the numbers that were found: they are linear in these near them alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.fit.effects.explanation import Explanation, Observations
+from bayesid.fit.effects.extension import moved
+from bayesid.fit.effects.hypotheses import Hypothesis
+from bayesid.fit.effects.scores import explain_with
+from bayesid.model.effects import Scene
+
+_RELINEARISATIONS = 3
+"""Of distortions about their own numbers: Newton's method, whose error falls with the square each time."""
+
+
+def sharpened(
+    data: Observations, effects: Sequence[Hypothesis], columns: Array, scene_of: Callable[[Array], Scene]
+) -> tuple[list[Hypothesis], Explanation]:
+    """The effects linearised about the numbers that were found, and the explanation by them.
+
+    Args:
+        data: what is to be explained.
+        effects: some of them distortions, or none.
+        columns: (N, n, r) of the model, at samples that are not used too.
+        scene_of: what effects may look at, given the efforts (N, n) of model and terms, N m.
+    """
+    effects = list(effects)
+    _, explanation = explain_with(data, effects)
+    linear = all(effect.source.linear for effect in effects)
+    for _ in range(0 if linear else _RELINEARISATIONS):
+        shifted = moved(effects, explanation)
+        scene = scene_of(columns @ explanation.beta + _effort_of_terms(effects, explanation))
+        effects = [_relinearised(effect, scene) for effect in shifted]
+        _, explanation = explain_with(data, effects, explanation)
+    return effects, explanation
+
+
+def _effort_of_terms(effects: Sequence[Hypothesis], explanation: Explanation) -> Array:
+    """(N, n) efforts of the terms among the effects, N m."""
+    effort = np.zeros(explanation.residual.shape)
+    for effect, amplitude in zip(effects, explanation.amplitudes, strict=True):
+        if effect.source.linear:
+            for j, rows in effect.columns.rows.items():
+                effort[:, j] += rows @ amplitude
+    return effort
+
+
+def _relinearised(effect: Hypothesis, scene: Scene) -> Hypothesis:
+    if effect.source.linear:
+        return effect
+    shift, columns = effect.source.change(scene)
+    acting = sorted(effect.columns.joints)
+    rows = {j: columns[:, j] for j in acting} if columns.shape[2] else {}
+    return replace(effect, columns=replace(effect.columns, rows=rows, shift={j: shift[:, j] for j in acting}))

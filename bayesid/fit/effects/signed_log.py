@@ -1,0 +1,105 @@
+"""A log whose signs are settled, as effects are looked for in it: on thinned rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesid.arrays import Array, Integers
+from bayesid.fit.effects.explanation import Observations
+from bayesid.fit.effects.hypotheses import Hypothesis, hypotheses
+from bayesid.fit.effects.relinearisation import sharpened
+from bayesid.fit.evidence import Evidence
+from bayesid.fit.knowledge import Information
+from bayesid.fit.least_squares import Fit
+from bayesid.log.signals import Signals
+from bayesid.model.effects import Scene
+
+_SAMPLES = 2_500
+"""Samples on which effects are selected, thinned evenly: time grows with them. A round number."""
+_SLOWEST = 25.0
+"""Hz; a log is not thinned below it, for friction turns round within a tenth of a second: of a longer one stretches are
+taken."""
+_STRETCHES = 8
+"""Of a log that is too long. A round number."""
+
+
+@dataclass(frozen=True)
+class SignedLog:
+    """A log with its signs settled, as effects are looked for in it.
+
+    Attributes:
+        evidence: the model, the log, and which samples count.
+        fit: of the model to the log.
+        rows: of the log, thinned.
+        data: the log on these rows.
+        columns: (N, n, r) of the model there, at samples that are not used too.
+    """
+
+    evidence: Evidence
+    fit: Fit
+    rows: Integers
+    data: Observations
+    columns: Array
+
+    @classmethod
+    def of(cls, evidence: Evidence, fit: Fit, probability: Array) -> SignedLog:
+        """With efforts in their expected signs, of (N, n) P(sign = +)."""
+        residual = fit.residual
+        signals, (rows, rate) = evidence.signals, thinned(evidence.signals)
+        used = evidence.used[rows]
+        columns = evidence.model.columns(signals.motion[rows])[:, :, evidence.coefficients.kept]
+        effort = np.where(signals.signed, signals.raw_effort, (2.0 * probability - 1.0) * signals.magnitude)[rows]
+        data = Observations(
+            columns=columns * used[:, :, None],
+            effort=effort * used,
+            used=used,
+            information=Information.none(columns.shape[2]),
+            floor=residual.sigma,
+            sharp=np.ones(len(residual.sigma), dtype=bool),
+            limits=np.stack([residual.white, residual.coloured], axis=1),
+            rate=rate,
+        )
+        return cls(evidence, fit, rows, data, columns)
+
+    @property
+    def rms_effort(self) -> Array:
+        """(n,) N m."""
+        used = self.data.used
+        return np.sqrt((self.data.effort**2).sum(axis=0) / np.maximum(used.sum(axis=0), 1))
+
+    def sharpened(self, effects: Sequence[Hypothesis]) -> Sequence[Hypothesis]:
+        """Effects about the numbers that the log shows of them, where the last of them is linear near these alone."""
+        return effects if effects[-1].source.linear else sharpened(self.data, effects, self.columns, self.scene)[0]
+
+    def scene(self, effort: Array) -> Scene:
+        """What effects may look at."""
+        signals, model = self.evidence.signals, self.evidence.model
+        return model.scene(signals.motion[self.rows], self.fit.theta, effort, signals.magnitude[self.rows])
+
+    @property
+    def library(self) -> list[list[Hypothesis]]:
+        """All that a first log can tell from the model's own parameters, and its samples resolve."""
+        scene = self.scene(self.fit.predicted[self.rows])
+        groups = hypotheses(self.evidence.model, scene, self.data.used, refinements=True)
+        testable = ([h for h in group if _testable(h, scene)] for group in groups)
+        return [group for group in testable if group]
+
+
+def _testable(hypothesis: Hypothesis, scene: Scene) -> bool:
+    new = not hypothesis.changes and not hypothesis.source.needs_earlier
+    return new and hypothesis.source.resolved(scene)
+
+
+def thinned(signals: Signals) -> tuple[Integers, float]:
+    """Evenly spread rows of a log, stretches of it if it is very long, and their rate, Hz."""
+    count = len(signals.motion)
+    step = min(-(-count // _SAMPLES), max(1, int(signals.rate / _SLOWEST)))
+    rows = np.arange(0, count, step)
+    if len(rows) > 2 * _SAMPLES:
+        length = _SAMPLES // _STRETCHES
+        starts = np.linspace(0, len(rows) - length, _STRETCHES).astype(int)
+        rows = np.concatenate([rows[start : start + length] for start in starts])
+    return rows, signals.rate / step

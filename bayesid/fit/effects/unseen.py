@@ -1,0 +1,90 @@
+"""Effects that may be there, unseen: of the size that the log makes likeliest, they widen what is uncertain."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from bayesid.arrays import Array
+from bayesid.fit.effects.explanation import Columns
+from bayesid.fit.effects.forward import Products
+from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
+from bayesid.fit.effects.kinematics import KINEMATICS, KinematicTolerance, kinematic_columns
+from bayesid.fit.effects.relevance import Group, learn_scales
+from bayesid.fit.effects.scores import explain_with
+from bayesid.fit.effects.signed_log import SignedLog
+from bayesid.fit.evidence import Evidence
+from bayesid.fit.least_squares import Fit
+from bayesid.fit.nuisance import Nuisance, make_nuisance
+from bayesid.model.effects import Scene
+
+
+@dataclass(frozen=True)
+class _Geometry:
+    """How efforts change with the robot's geometry, as one group of columns."""
+
+    columns: Columns
+    key: EffectKey = KINEMATICS
+
+
+def find_nuisance(
+    evidence: Evidence, fit: Fit, probability: Array, rest: Sequence[Hypothesis], tolerance: KinematicTolerance
+) -> Nuisance | None:
+    """Effects that may be there, unseen, each of the size that the log makes likeliest; and the geometry's tolerance.
+
+    Args:
+        evidence: the completed model, the log, and which samples count.
+        fit: of the model to the log.
+        probability: (N, n) P(sign = +) of every sample.
+        rest: effects that did not enter.
+        tolerance: of the geometry; its scale may grow, but not shrink.
+    """
+    case = SignedLog.of(evidence, fit, probability)
+    _, alone = explain_with(case.data, ())
+    geometry = _geometry(case, tolerance)
+    groups: list[Hypothesis | _Geometry] = [*rest, *([geometry] if len(geometry.columns.sd) else [])]
+    if not groups:
+        return None
+    products = Products(case.data, groups, list(alone.errors))
+    placed = [Group(c.place, c.hypothesis.columns.sd, float(c.hypothesis is geometry)) for c in products.candidates]
+    relevance = learn_scales(products.hessian, products.gradient, placed, case.data.columns.shape[2])
+    motion, shape = evidence.signals.motion, evidence.used.shape
+    scene = evidence.model.scene(motion, fit.theta, fit.predicted, evidence.signals.magnitude)
+    of_groups = list(zip(groups, relevance.scales.tolist(), relevance.turns, strict=True))
+    there = [(group, turn) for group, scale, turn in of_groups if scale > 0.0]
+    if not there:
+        return None
+    kept = np.concatenate([np.full(turn.shape[1], scale > 0.0) for _, scale, turn in of_groups])
+    return make_nuisance(
+        columns=np.concatenate([_on_all_rows(group, case, scene, shape) @ turn for group, turn in there], axis=2),
+        model=evidence.columns,
+        used=evidence.used,
+        weight=fit.noise.sigma * np.sqrt(fit.noise.autocorrelation),
+        names=tuple(" ".join([group.key[0], *(str(j) for j in group.key[1])]) for group, _ in there),
+        scales=relevance.scales[relevance.scales > 0.0],
+        moments=relevance.moments[np.ix_(kept, kept)],
+    )
+
+
+def _geometry(case: SignedLog, tolerance: KinematicTolerance) -> _Geometry:
+    motion, model = case.evidence.signals.motion[case.rows], case.evidence.model
+    columns = kinematic_columns(model.robot, motion, model.links(case.fit.theta).ravel(), tolerance)
+    rows = {j: columns[:, j] for j in range(columns.shape[1])}
+    count = columns.shape[2]
+    return _Geometry(Columns(rows, {}, np.ones(count), np.zeros(count, dtype=bool)))
+
+
+def _on_all_rows(group: Hypothesis | _Geometry, case: SignedLog, scene: Scene, shape: tuple[int, ...]) -> Array:
+    """(N, n, p) efforts per unit of each amplitude, N m."""
+    columns = np.zeros((*shape, len(group.columns.sd)))
+    if isinstance(group, _Geometry):  # smooth, and dear: what lies between the thinned rows is read off a spline
+        t = scene.motion.t
+        for j, rows in group.columns.rows.items():
+            columns[:, j] = CubicSpline(t[case.rows], rows)(t)
+        return columns
+    for j, rows in group.source.change_by_joint(scene)[1].items():
+        columns[:, j] = rows
+    return columns

@@ -1,0 +1,150 @@
+"""What a log wants beyond a model, its signs given: effects that evidence and held-back blocks of it bear out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.fit.effects.explanation import LN10, Explanation, Observations
+from bayesid.fit.effects.extension import Extension, extend
+from bayesid.fit.effects.forward import Candidate, Products, select_forward
+from bayesid.fit.effects.held_back import HeldBackErrors
+from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
+from bayesid.fit.effects.scores import best_forms, explain_with
+from bayesid.fit.effects.screening import Screening
+from bayesid.fit.effects.signed_log import SignedLog
+from bayesid.fit.evidence import Evidence
+from bayesid.fit.knowledge import Knowledge
+from bayesid.fit.least_squares import Fit
+from bayesid.model.effects import Effect
+
+NEEDED = 12.0
+"""Nats by which an effect enters a model: e^-12 times some 150 places a log leave 1e-3 false ones, even if the noise
+model is off by a factor of two in nats. The prototypes of DESIGN.md 4."""
+_EQUIVALENT = 1.0
+"""Log10 of a Bayes factor below which two effects cannot be told apart (Jeffreys 1961, appendix B)."""
+_MOST = 16
+"""Effects that are added; a bound against endless loops."""
+_SHORT_LIST = 60
+"""Effects that are looked at again after the first of all looks, in their best form. A round number; not studied."""
+_NO_NAMES: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class EnteredEffect:
+    """An effect that entered a model.
+
+    Attributes:
+        source: the term or distortion, as it was added.
+        log10_bayes_factor: for it, given all others that entered.
+        equivalent: effects that the log cannot tell from it.
+        number_sd: standard deviations of its nonlinear numbers; empty where the log was not asked for them.
+    """
+
+    source: Effect
+    log10_bayes_factor: float
+    equivalent: tuple[str, ...]
+    number_sd: tuple[float, ...] = ()
+
+    @property
+    def effect(self) -> str:
+        """Name in the catalogue."""
+        return self.source.effect
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """From 1, in which it acts; none named: on the whole robot."""
+        return self.source.joints
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a log wants beyond a model, its signs given.
+
+    Attributes:
+        extension: the model with the effects.
+        effects: in the order in which they were added.
+        before: errors on held-back blocks without them.
+        after: and with them.
+        screened: the most promising effects of the catalogue, each in its best form.
+        effort: (n,) RMS, N m.
+    """
+
+    extension: Extension
+    effects: tuple[EnteredEffect, ...]
+    before: HeldBackErrors
+    after: HeldBackErrors
+    screened: tuple[Hypothesis, ...]
+    effort: Array
+
+    @property
+    def keys(self) -> set[EffectKey]:
+        """Effects and joints."""
+        return {(effect.effect, effect.joints) for effect in self.effects}
+
+
+def what_is_wanted(evidence: Evidence, fit: Fit, probability: Array, *, enter: bool = True) -> Wanted:
+    """Effects that a log wants beyond a model.
+
+    Args:
+        evidence: the model, the log, and which samples count.
+        fit: of the model to the log.
+        probability: (N, n) P(sign = +) of every sample.
+        enter: whether effects may enter.
+    """
+    case = SignedLog.of(evidence, fit, probability)
+    regression, alone = explain_with(case.data, ())
+    screened = best_forms(Screening(regression, alone.errors), case.library)[:_SHORT_LIST]
+    best = [score.hypothesis for score, _ in screened]
+    products = Products(case.data, best, list(alone.errors))
+    before = products.held_back(())
+    products, chosen = select_forward(products, NEEDED, _MOST if enter else 0, case.sharpened)
+    effects = [candidate.hypothesis for candidate in chosen]
+    _, explanation = explain_with(case.data, effects)
+    knowledge = Knowledge(evidence.model, fit.theta, np.zeros_like(case.data.information.hessian))
+    extension = extend(knowledge, evidence.coefficients, effects, explanation)
+    return Wanted(
+        extension=extension,
+        effects=tuple(_entered(case.data, products, chosen, effects, explanation)),
+        before=before,
+        after=products.held_back(chosen),
+        screened=tuple(best),
+        effort=case.rms_effort,
+    )
+
+
+def _entered(
+    data: Observations,
+    products: Products[Hypothesis],
+    chosen: Sequence[Candidate[Hypothesis]],
+    effects: Sequence[Hypothesis],
+    explanation: Explanation,
+) -> list[EnteredEffect]:
+    """The chosen effects, each weighed given the others, with what could stand in its place."""
+    entered = []
+    for k, (candidate, effect) in enumerate(zip(chosen, effects, strict=True)):
+        others = [other for other in chosen if other is not candidate]
+        if candidate.sharpened:  # what it changes is taken off the efforts already: it is weighed on the log itself
+            _, without = explain_with(data, [other.hypothesis for other in others], explanation)
+            gain, equivalent = explanation.log_evidence - without.log_evidence, _NO_NAMES
+        else:
+            gain, equivalent = _weighed(products, candidate, others)
+        number_sd = () if effect.source.linear else tuple(explanation.sd[k].tolist())
+        source = effect.source.moved(explanation.amplitudes[k])
+        entered.append(EnteredEffect(source, gain / LN10, equivalent, number_sd))
+    return entered
+
+
+def _weighed(
+    products: Products[Hypothesis], candidate: Candidate[Hypothesis], others: Sequence[Candidate[Hypothesis]]
+) -> tuple[float, tuple[str, ...]]:
+    """Log Bayes factor of a candidate, given the others, and what could stand in its place."""
+    taken = {candidate.hypothesis.key, *(other.hypothesis.key for other in others)}
+    near_by = (c for c in products.candidates if c.hypothesis.columns.joints & candidate.hypothesis.columns.joints)
+    rivals = [c for c in near_by if c.hypothesis.key not in taken]
+    gain, *gains = products.gains(others, [candidate, *rivals]).tolist()
+    near = {c.hypothesis.effect for c, g in zip(rivals, gains, strict=True) if g > gain - _EQUIVALENT * LN10}
+    return gain, tuple(sorted(near - {candidate.hypothesis.effect}))

@@ -1,0 +1,496 @@
+"""Forward selection: against dense normal densities, quadrature and explicit refits, and on small logs made for it."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.linalg import null_space
+from scipy.signal import lfilter
+from scipy.stats import multivariate_normal, norm
+
+from bayesid.fit.effects import forward
+from bayesid.fit.effects.error_model import ErrorModel, fit_error
+from bayesid.fit.effects.explanation import Columns, Observations
+from bayesid.fit.effects.forward import Products, select_forward
+from bayesid.fit.knowledge import Information
+
+RATE = 50.0
+ERRORS = (ErrorModel(0.3, 0.5, 0.1, RATE), ErrorModel(1.1, 0.7, 0.3, RATE))
+SMALL = 160
+"""Samples, of which every one of the 16 blocks has ten."""
+NEEDED = 12.0
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """Anything that may explain efforts."""
+
+    columns: Columns
+    key: tuple[str, tuple[int, ...]]
+
+
+def made(name, rows, sd, positive=False, shift=None):
+    sides = np.broadcast_to(positive, len(sd)).copy()
+    return Made(Columns(rows, shift or {}, np.asarray(sd, dtype=float), sides), (name, tuple(j + 1 for j in rows)))
+
+
+def waves(rng, count, columns, joints=None, slowest=1.0, fastest=9.0):
+    """Sines, one for every column."""
+    shape = (columns,) if joints is None else (joints, columns)
+    t = np.arange(count) / RATE
+    return np.sin(np.multiply.outer(t, rng.uniform(slowest, fastest, shape)) + rng.uniform(0.0, 6.0, shape))
+
+
+def observed(columns, effort, used=None):
+    used = np.ones(effort.shape, dtype=bool) if used is None else used
+    n = effort.shape[1]
+    return Observations(
+        columns=columns * used[:, :, None],
+        effort=effort * used,
+        used=used,
+        information=Information.none(columns.shape[2]),
+        floor=np.ones(n),
+        sharp=np.ones(n, dtype=bool),
+        limits=np.full((n, 2), np.inf),
+        rate=RATE,
+    )
+
+
+def made_case(seed=3, positive=(False, False)):
+    """Two joints with gaps, three coefficients, four candidates of one or two columns in one joint or both."""
+    rng = np.random.default_rng(seed)
+    columns = waves(rng, SMALL, 3, joints=2)
+    used = np.ones((SMALL, 2), dtype=bool)
+    used[30:38, 0] = used[70:75, 0] = used[:6, 1] = used[95:103, 1] = False
+    both, first, second, third = (waves(rng, SMALL, k) for k in (2, 1, 2, 1))
+    candidates = [
+        made("both", {0: both, 1: 0.5 * both[:, ::-1]}, [0.8, 2.1]),
+        made("single", {1: first}, [1.4], positive[0]),
+        made("double", {0: second}, [0.3, 1.7], [positive[1], False]),
+        made("across", {0: third, 1: -2.0 * third}, [0.7]),
+    ]
+    effort = columns @ np.array([1.2, -1.7, 0.4]) + rng.normal(size=(SMALL, 2)) * [0.6, 1.3]
+    effort[:, 0] += both @ [1.5, -2.9] + second @ [0.9, 2.6]
+    effort[:, 1] += 0.5 * both[:, ::-1] @ [1.5, -2.9] - 2.7 * first[:, 0]
+    return Products(observed(columns, effort, used), candidates, list(ERRORS))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Gains
+# ---------------------------------------------------------------------------------------------------------------
+def whitening(error):
+    """(N, N) matrix that makes an error of unit innovations of an ARMA(1, 1) process, from rest."""
+    phi = np.exp(-1.0 / (error.correlation * error.rate))
+    own = error.coloured**2 * (1.0 - phi**2) + error.white**2 * (1.0 + phi**2)
+    next_to = -phi * error.white**2
+    theta = min(np.roots([next_to, own, next_to]).real, key=abs)
+    shift = np.eye(SMALL, k=-1)
+    return np.linalg.solve(np.eye(SMALL) - theta * shift, np.eye(SMALL) - phi * shift) / np.sqrt(-next_to / theta)
+
+
+def white(products, of_joint, errors=ERRORS):
+    """Rows of all joints below each other, whitened."""
+    used = products.data.used
+    parts = [whitening(e) @ (of_joint(j).T * used[:, j]).T for j, e in enumerate(errors)]
+    return np.concatenate([(part.T * used[:, j]).T for j, part in enumerate(parts)])
+
+
+def rows_of(products, candidate):
+    blank = np.zeros((SMALL, len(candidate.hypothesis.columns.sd)))
+    return white(products, lambda j: candidate.hypothesis.columns.rows.get(j, blank))
+
+
+class Dense:
+    """Density of what of the efforts no coefficients could make, some effects' amplitudes integrated out."""
+
+    def __init__(self, products, chosen=()):
+        self.left = null_space(white(products, lambda j: products.data.columns[:, j]).T)
+        self.effort = self.left.T @ white(products, lambda j: products.data.effort[:, j])
+        self.covariance = np.eye(len(self.effort))
+        for candidate in chosen:
+            rows = self.left.T @ rows_of(products, candidate) * candidate.hypothesis.columns.sd
+            self.covariance += rows @ rows.T
+
+    def log_density(self, mean=0.0):
+        return multivariate_normal(np.zeros(len(self.effort)), self.covariance).logpdf(self.effort - mean)
+
+
+PLACES = [(), (0,), (3, 2), (1, 0, 3)]
+
+
+@pytest.mark.parametrize("chosen", PLACES)
+def test_gains_are_those_of_dense_densities(chosen):
+    products = made_case()
+    before = [products.candidates[k] for k in chosen]
+    tried = [c for k, c in enumerate(products.candidates) if k not in chosen]
+    without = Dense(products, before).log_density()
+    expected = [Dense(products, [*before, one]).log_density() - without for one in tried]
+    assert np.abs(expected).max() > 1.0
+    np.testing.assert_allclose(products.gains(before, tried), expected, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("which", [1, 2])
+def test_one_sided_gains_are_integrals_over_one_side(which, sign):
+    """Twice the prior on the side of zero that there is; the amplitude is negative, or is made to be positive."""
+    products = made_case(positive=(which == 1, which == 2))
+    before, candidate = [products.candidates[3]], products.candidates[which]
+    one = candidate.hypothesis.columns
+    for rows in one.rows.values():
+        rows[:, 0] *= sign  # the products are made anew
+    products = Products(products.data, products.hypotheses, list(ERRORS))
+    others = Dense(products, before)
+    rows = others.left.T @ rows_of(products, candidate)
+    if len(one.sd) == 2:
+        others.covariance += one.sd[1] ** 2 * np.outer(rows[:, 1], rows[:, 1])
+    none = Dense(products, before).log_density()
+    inverse = np.linalg.inv(others.covariance)  # the integrand is a normal density times a constant
+    spread = 1.0 / np.sqrt(rows[:, 0] @ inverse @ rows[:, 0] + one.sd[0] ** -2.0)
+    at_zero = others.log_density() - none
+    slope, curvature = rows[:, 0] @ inverse @ others.effort, rows[:, 0] @ inverse @ rows[:, 0]
+    checked = others.log_density(0.3 * rows[:, 0]) - none
+    assert at_zero + 0.3 * slope - 0.5 * 0.3**2 * curvature == pytest.approx(checked, abs=1e-7)
+
+    def integrand(amplitude):
+        prior = 2.0 * norm.pdf(amplitude, scale=one.sd[0])
+        return np.exp(at_zero + amplitude * slope - 0.5 * amplitude**2 * curvature) * prior
+
+    best = spread**2 * slope
+    expected, _ = quad(integrand, 0.0, max(best, 0.0) + 12.0 * spread, points=[max(best, spread)], epsabs=0.0)
+    (found,) = products.gains(before, [products.candidates[which]])
+    assert found == pytest.approx(np.log(expected), abs=1e-5)
+    two_sided = made_case()
+    for rows in two_sided.candidates[which].hypothesis.columns.rows.values():
+        rows[:, 0] *= sign
+    two_sided = Products(two_sided.data, two_sided.hypotheses, list(ERRORS))
+    plain = two_sided.gains([two_sided.candidates[3]], [two_sided.candidates[which]])[0]
+    assert abs(found - plain) > 0.3
+
+
+def test_best_is_ridge_regression_and_the_residual_what_it_leaves():
+    products = made_case()
+    chosen = [products.candidates[2], products.candidates[0]]
+    augmented, effort = stacked(products, chosen)
+    expected = np.linalg.lstsq(augmented, effort, rcond=None)[0]
+    found = products.best(chosen)
+    np.testing.assert_allclose(found[products.indices(chosen)], expected, rtol=1e-7, atol=1e-9)
+    assert np.count_nonzero(found) == len(expected)
+    np.testing.assert_allclose(products.residual(chosen), unexplained(products, chosen, expected), atol=1e-7)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Blocks that are held back
+# ---------------------------------------------------------------------------------------------------------------
+def stacked(products, chosen, kept=None):
+    """Whitened rows of some samples and of the priors, and efforts."""
+    kept = np.tile(np.ones(SMALL, dtype=bool) if kept is None else kept, 2)
+    rows = [white(products, lambda j: products.data.columns[:, j]), *(rows_of(products, c) for c in chosen)]
+    columns, effort = np.hstack(rows)[kept], white(products, lambda j: products.data.effort[:, j])[kept]
+    sd = np.concatenate([c.hypothesis.columns.sd for c in chosen]) if chosen else np.zeros(0)
+    prior = np.hstack([np.zeros((len(sd), 3)), np.diag(1.0 / sd)]) if chosen else np.zeros((0, 3))
+    return np.vstack([columns, prior]), np.concatenate([effort, np.zeros(len(sd))])
+
+
+def unexplained(products, chosen, best):
+    data, left = products.data, products.data.effort - products.data.columns @ best[:3]
+    start = 3
+    for candidate in chosen:
+        end = start + len(candidate.hypothesis.columns.sd)
+        for j, rows in candidate.hypothesis.columns.rows.items():
+            left[:, j] -= rows @ best[start:end]
+        start = end
+    return left * data.used
+
+
+@pytest.mark.parametrize("which", [(), (2,), (0, 3, 1)])
+def test_held_back_blocks_are_predicted_by_fits_without_them(which):
+    products = made_case()
+    chosen = [products.candidates[k] for k in which]
+    fold = (np.arange(SMALL) // (SMALL // 16)) % 4
+    left = np.empty((SMALL, 2))
+    for k in range(4):
+        best = np.linalg.lstsq(*stacked(products, chosen, fold != k), rcond=None)[0]
+        left[fold == k] = unexplained(products, chosen, best)[fold == k]
+    found = products.held_back(chosen)
+    np.testing.assert_allclose(found.squares, (left**2).reshape(16, 10, 2).sum(axis=1), rtol=1e-6)
+    np.testing.assert_array_equal(found.counts, products.data.used.reshape(16, 10, 2).sum(axis=1))
+    within = np.sqrt((products.residual(chosen) ** 2).sum(axis=0) / products.data.used.sum(axis=0))
+    assert np.abs(found.rms / within - 1.0).max() > 0.01
+
+
+def test_any_number_of_samples_is_cut_into_blocks():
+    products = made_case()
+    shorter = slice(0, 157)
+    hypotheses = [
+        replace(h, columns=replace(h.columns, rows={j: rows[shorter] for j, rows in h.columns.rows.items()}))
+        for h in products.hypotheses
+    ]
+    data = products.data
+    data = replace(data, columns=data.columns[shorter], effort=data.effort[shorter], used=data.used[shorter])
+    held = Products(data, hypotheses, list(ERRORS)).held_back(())
+    np.testing.assert_array_equal(held.counts.sum(axis=0), data.used.sum(axis=0))
+    every = Products(replace(data, used=np.ones_like(data.used)), hypotheses, list(ERRORS)).held_back(())
+    assert set(every.counts.ravel()) == {9, 10}
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Noise anew, and other forms
+# ---------------------------------------------------------------------------------------------------------------
+def assert_same(found, expected):
+    np.testing.assert_allclose(found.hessian, expected.hessian, rtol=1e-10, atol=1e-9)
+    np.testing.assert_allclose(found.gradient, expected.gradient, rtol=1e-10, atol=1e-9)
+    pairs = [(products.candidates[:2], products.candidates[2:]) for products in (found, expected)]
+    gains = [products.gains(*pair) for products, pair in zip((found, expected), pairs, strict=True)]
+    np.testing.assert_allclose(*gains, rtol=1e-7, atol=1e-7)
+    held = [products.held_back(pair[0]) for products, pair in zip((found, expected), pairs, strict=True)]
+    np.testing.assert_allclose(held[0].squares, held[1].squares, rtol=1e-7)
+
+
+def test_joints_are_whitened_anew_by_what_is_left_there():
+    products = made_case()
+    chosen = [products.candidates[0], products.candidates[2]]
+    left = products.residual(chosen)
+    products.with_noise_of(chosen, [1])
+    fitted = fit_error(left[:, 1], products.data.used[:, 1], RATE)[0]
+    assert products.errors == [ERRORS[0], fitted]
+    assert fitted.sigma != pytest.approx(ERRORS[1].sigma, rel=0.01)
+    assert_same(products, Products(products.data, products.hypotheses, [ERRORS[0], fitted]))
+
+
+def shifted(hypothesis, seed, joints):
+    """Another form of it: other rows, and a change that has no amplitude."""
+    rng = np.random.default_rng(seed)
+    rows = {j: rows + 0.3 * waves(rng, SMALL, rows.shape[1]) for j, rows in hypothesis.columns.rows.items()}
+    shift = {j: waves(rng, SMALL, 1)[:, 0] for j in joints}
+    return replace(hypothesis, columns=replace(hypothesis.columns, rows=rows, shift=shift))
+
+
+def without(data, *forms):
+    effort = data.effort.copy()
+    for form in forms:
+        for j, shift in form.columns.shift.items():
+            effort[:, j] -= shift * data.used[:, j]
+    return replace(data, effort=effort)
+
+
+def plain(form):
+    """Its columns alone."""
+    return replace(form, columns=replace(form.columns, shift={}))
+
+
+def test_another_form_takes_its_own_change_off_the_efforts():
+    first = made_case()
+    data, hypotheses = first.data, first.hypotheses
+    chosen = [first.candidates[3], first.candidates[0]]
+    new = shifted(hypotheses[0], 5, (0, 1))
+    found, kept = first.sharpened(chosen, [hypotheses[3], new])
+    assert_same(found, Products(without(data, new), [plain(new), *hypotheses[1:]], list(ERRORS)))
+    assert [c.hypothesis for c in kept] == [hypotheses[3], new]
+    assert [c.sharpened for c in kept] == [False, True]
+    assert [c.sharpened for c in found.candidates] == [True, False, False, False]
+    assert [c.place for c in kept] == [first.candidates[3].place, first.candidates[0].place]
+    assert np.abs(data.effort - found.data.effort).max() > 0.5
+    np.testing.assert_array_equal(found.data.effort[~data.used], 0.0)
+
+
+def test_a_form_that_replaces_a_sharpened_one_gives_its_change_back():
+    """The efforts have one change of every effect taken off, however often it has been sharpened."""
+    first = made_case()
+    data, hypotheses = first.data, first.hypotheses
+    once, twice = shifted(hypotheses[0], 5, (0, 1)), shifted(hypotheses[0], 6, (0, 1))
+    other = shifted(hypotheses[2], 7, (0,))
+    left = [plain(twice), hypotheses[1], plain(other), hypotheses[3]]
+    expected = Products(without(data, twice, other), left, list(ERRORS))
+    found, kept = first.sharpened([first.candidates[0]], [once])
+    found, kept = found.sharpened([*kept, found.candidates[2]], [twice, other])
+    assert_same(found, expected)
+    found, kept = found.sharpened(kept, [twice, other])
+    assert_same(found, expected)
+    assert [c.sharpened for c in kept] == [True, True]
+
+
+@pytest.mark.parametrize("others", [(), (0,), (3, 1)])
+def test_a_change_without_amplitude_is_whole_or_not_there(others):
+    """On top of some candidates, one of which may have a change itself, against efforts without these changes."""
+    first = made_case()
+    forms = [shifted(h, 5 + k, (k % 2,)) if k in (0, 2) else h for k, h in enumerate(first.hypotheses)]
+    products, bare = Products(first.data, forms, list(ERRORS)), [plain(form) for form in forms]
+    taken = [forms[k] for k in others]
+    before = Products(without(first.data, *taken), bare, list(ERRORS))
+    after = Products(without(first.data, *taken, forms[2]), bare, list(ERRORS))
+    gain = products.gains([products.candidates[k] for k in others], [products.candidates[2]])[0]
+    with_it, without_it = [*others, 2], list(others)
+    dense = [Dense(p, [p.candidates[k] for k in which]) for p, which in ((after, with_it), (before, without_it))]
+    assert gain == pytest.approx(dense[0].log_density() - dense[1].log_density(), abs=1e-5)
+    chosen, expected = ([p.candidates[k] for k in with_it] for p in (products, after))
+    np.testing.assert_allclose(products.residual(chosen), after.residual(expected), atol=1e-7)
+    np.testing.assert_allclose(products.held_back(chosen).squares, after.held_back(expected).squares, rtol=1e-6)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Selection
+# ---------------------------------------------------------------------------------------------------------------
+LOG = 640
+
+
+def log_of(seed, noise=1.0, memory=0.0, joints=2):
+    """Coefficients' waves, and noise: white, or AR(1)."""
+    rng = np.random.default_rng(seed)
+    columns = waves(rng, LOG, 4, joints=joints)
+    drawn = rng.normal(size=(LOG + 200, joints)) * np.sqrt(1.0 - memory**2)
+    error = lfilter([1.0], [1.0, -memory], drawn, axis=0)[200:]
+    return rng, columns, columns @ np.array([1.5, -0.7, 0.4, 2.0]) + noise * error
+
+
+def dictionary(rng, joints=2, each=8):
+    """Candidates of one or two columns, in each joint or in both."""
+    found = []
+    for k in range(each):
+        size = 1 + k % 2
+        for j in range(joints):
+            found.append(made(f"own{k}", {j: waves(rng, LOG, size, fastest=14.0)}, [0.8] * size, k % 3 == 0))
+        rows = {j: waves(rng, LOG, size, fastest=14.0) for j in range(joints)}
+        found.append(made(f"both{k}", rows, [0.5] * size))
+    return found
+
+
+def products_of(columns, effort, hypotheses):
+    """Errors as a fit of the model alone leaves them."""
+    data = observed(columns, effort)
+    left = []
+    for j in range(effort.shape[1]):
+        rest = effort[:, j] - columns[:, j] @ np.linalg.lstsq(columns[:, j], effort[:, j], rcond=None)[0]
+        left.append(fit_error(rest, data.used[:, j], RATE)[0])
+    return Products(data, hypotheses, left)
+
+
+def names(chosen):
+    return [c.hypothesis.key for c in chosen]
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.9])
+@pytest.mark.parametrize("place", [4, 11])
+def test_the_group_that_is_there_is_found_and_no_other(place, memory):
+    rng, columns, effort = log_of(7 + place, 0.5, memory)
+    hypotheses = dictionary(rng)
+    for j, rows in hypotheses[place].columns.rows.items():
+        effort[:, j] += rows @ np.array([1.0, -0.6])[: rows.shape[1]]
+    products, chosen = select_forward(products_of(columns, effort, hypotheses), NEEDED, 16)
+    assert names(chosen) == [hypotheses[place].key]
+    left = products.residual(chosen)
+    again = fit_error(left[:, 0], np.ones(LOG, dtype=bool), RATE)[0]
+    assert products.errors[0].sigma == pytest.approx(again.sigma, rel=0.02)  # noise is that of the result
+    assert np.sqrt(np.mean(left**2)) < 0.7
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.9])
+def test_nothing_is_found_in_noise(memory):
+    """Twenty logs, 24 candidates each; a threshold of 2 nats is passed by some, held-back blocks by fewer."""
+    passed = 0
+    for seed in range(20):
+        rng, columns, effort = log_of(100 + seed, 1.0, memory)
+        products = products_of(columns, effort, dictionary(rng))
+        passed += bool((products.gains((), products.candidates) > 2.0).any())
+        assert select_forward(products, NEEDED, 16)[1] == []
+        assert select_forward(products, 1.0, 16)[1] == []
+    assert passed > 0
+
+
+def test_noise_that_lasts_is_taken_for_an_effect_if_it_is_said_to_be_white():
+    """What the error model is for: slow candidates, on noise of a correlation of 0.9."""
+    most = []
+    for seed in range(6):
+        rng, columns, effort = log_of(200 + seed, 1.0, 0.9)
+        slow = [made(f"slow{k}", {0: waves(rng, LOG, 1, slowest=0.2, fastest=1.5)}, [0.8]) for k in range(8)]
+        products = products_of(columns, effort, slow)
+        believed = Products(products.data, slow, [ErrorModel(e.sigma, 1e-6, 0.1, RATE) for e in products.errors])
+        most.append([p.gains((), p.candidates).max() for p in (products, believed)])
+    right, wrong = np.max(most, axis=0)
+    assert right < NEEDED < wrong
+
+
+def three_of_one_joint(seed=5):
+    """Two effects, and a third that looks like both of them together."""
+    rng, columns, effort = log_of(seed, 0.2, joints=1)
+    one, other, own = waves(rng, LOG, 3, slowest=20.0, fastest=60.0).T
+    effort[:, 0] += one + other
+    hypotheses = [
+        made("sum", {0: (one + other + own)[:, None]}, [0.8]),
+        made("one", {0: one[:, None]}, [0.8]),
+        made("other", {0: other[:, None]}, [0.8]),
+    ]
+    return Products(observed(columns, effort), hypotheses, [ErrorModel(1.0, 1e-6, 0.1, RATE)])
+
+
+def test_what_becomes_needless_goes():
+    products = three_of_one_joint()
+    assert np.argmax(products.gains((), products.candidates)) == 0
+    assert names(select_forward(products, NEEDED, 1)[1]) == [("sum", (1,))]
+    _, chosen = select_forward(three_of_one_joint(), NEEDED, 16)
+    assert sorted(names(chosen)) == [("one", (1,)), ("other", (1,))]
+
+
+def test_no_more_are_added_than_asked_for():
+    assert select_forward(three_of_one_joint(), NEEDED, 0)[1] == []
+
+
+def test_another_form_of_what_was_chosen_is_not_added():
+    """One effect in the same joint is chosen once, whatever its forms."""
+    rng, columns, effort = log_of(9, 0.3, joints=1)
+    rows = waves(rng, LOG, 2, slowest=3.0)
+    effort[:, 0] += rows @ [1.2, 0.8]
+    hypotheses = [made("same", {0: rows[:, [k]]}, [0.8]) for k in range(2)]
+    _, chosen = select_forward(products_of(columns, effort, hypotheses), NEEDED, 16)
+    assert len(chosen) == 1
+
+
+def test_an_effect_that_harms_another_joint_is_refused():
+    """Its one amplitude is right in the first joint, where it says a lot, and wrong in the second."""
+    rng, columns, effort = log_of(11, 0.3)
+    rows = waves(rng, LOG, 1, slowest=3.0)
+    effort[:, 0] += 1.5 * rows[:, 0]
+    harmful = made("harmful", {0: rows, 1: 0.15 * rows}, [0.8])
+    products = products_of(columns, effort, [harmful])
+    assert products.gains((), products.candidates)[0] > 2.0 * NEEDED
+    assert select_forward(products, NEEDED, 16)[1] == []
+    honest = made("honest", {0: rows}, [0.8])
+    _, chosen = select_forward(products_of(columns, effort, [harmful, honest]), NEEDED, 16)
+    assert names(chosen) == [honest.key]
+
+
+def test_what_harms_in_the_end_goes_last_first(monkeypatch):
+    calls = []
+
+    def harmed(after, nothing):
+        calls.append(after.rms[0] / nothing.rms[0])
+        return np.array([len(calls) < 2])
+
+    _, every = select_forward(three_of_one_joint(), NEEDED, 16)
+    monkeypatch.setattr(forward, "harmed", harmed)
+    _, chosen = select_forward(three_of_one_joint(), NEEDED, 16)
+    assert names(chosen) == names(every)[:1] != names(every)[1:]
+    assert len(calls) == 2
+    assert calls[0] < calls[1] < 1.0
+
+
+def test_a_distortion_is_sharpened_and_terms_are_chosen_anew_beside_it():
+    """A term that looks like most of it comes first; with the distortion in its right form it is not needed."""
+    rng, columns, effort = log_of(13, 0.2, joints=1)
+    own, change, other = waves(rng, LOG, 3, slowest=20.0, fastest=60.0).T
+    effort[:, 0] += 1.5 * own + change
+    alike = made("alike", {0: (0.8 * own + 1.4 * change)[:, None]}, [0.8])
+    off = made("distortion", {0: (own + 0.3 * other)[:, None]}, [0.8])
+    right = made("distortion", {0: own[:, None]}, [0.8], shift={0: change})
+    asked = []
+
+    def sharpen(chosen):
+        asked.append([one.key[0] for one in chosen])
+        return [right if one is off else one for one in chosen]
+
+    products = Products(observed(columns, effort), [off, alike], [ErrorModel(1.0, 1e-6, 0.1, RATE)])
+    found, chosen = select_forward(products, NEEDED, 16, sharpen)
+    assert asked == [["alike"], ["distortion"]]
+    assert names(chosen) == [off.key]
+    assert chosen[0].sharpened
+    assert np.sqrt(np.mean(found.residual(chosen) ** 2)) == pytest.approx(0.2, rel=0.1)

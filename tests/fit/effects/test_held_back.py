@@ -1,0 +1,118 @@
+"""Held-back errors: closed forms, and what helps or harms by shares and by standard errors over the blocks."""
+
+import numpy as np
+import pytest
+
+from bayesid.fit.effects.held_back import BLOCKS, HeldBackErrors, bears_out, harmed
+
+COUNT = 25
+"""Samples a block."""
+
+
+def errors(*mean_squares, counts=COUNT):
+    """Of each joint, one number for all blocks or one a block, (N m)^2."""
+    blocks = np.stack([np.broadcast_to(values, BLOCKS) for values in mean_squares], axis=1)
+    counts = np.broadcast_to(counts, blocks.shape)
+    return HeldBackErrors(blocks * counts, counts)
+
+
+def spread(mean, sd):
+    """(BLOCKS,) of exactly this mean and standard deviation, in no order."""
+    return mean + sd * np.resize([1.0, -1.0, -1.0, 1.0], BLOCKS)
+
+
+def test_rms_weighs_samples_not_blocks():
+    found = HeldBackErrors(np.array([[8.0, 0.0], [1.0, 18.0]]), np.array([[2, 0], [7, 2]]))
+    np.testing.assert_allclose(found.rms, [1.0, 3.0])
+    nothing = HeldBackErrors(np.zeros((2, 1)), np.zeros((2, 1), dtype=int))
+    np.testing.assert_array_equal(nothing.rms, [0.0])
+
+
+def test_rise_and_its_standard_error_are_those_of_the_mean_of_blocks():
+    """Sixteen independent changes: the sd of their mean is theirs over four."""
+    rise, error = errors(spread(5.0, 0.8), 2.0).rise(errors(4.0, 3.0))
+    np.testing.assert_allclose(rise, [1.0, -1.0])
+    np.testing.assert_allclose(error, [0.8 / 4.0, 0.0], atol=1e-15)
+
+
+def test_standard_error_is_the_scatter_of_repeated_logs():
+    """Blocks drawn at random; the error of a scatter from 4000 of them is 1 %, that of the mean error less."""
+    rng = np.random.default_rng(3)
+    drawn = [errors(rng.gamma(3.0, 0.5, BLOCKS)).rise(errors(rng.gamma(2.0, 0.7, BLOCKS))) for _ in range(4000)]
+    rises, found = (np.ravel(values) for values in zip(*drawn, strict=True))
+    scale = np.sqrt(BLOCKS / (BLOCKS - 1))  # of a sample's own scatter
+    assert np.sqrt(np.mean(found**2)) * scale == pytest.approx(rises.std(), rel=0.05)
+    assert rises.mean() == pytest.approx(1.5 - 1.4, abs=4.5 * rises.std() / np.sqrt(4000))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Harm
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("rise", "visible"), [(-0.5, False), (0.0, False), (0.019, False), (0.021, True), (0.5, True)])
+def test_harm_is_visible_from_two_per_cent_of_the_square_on(rise, visible):
+    """The same in all blocks, so beyond all doubt."""
+    before = errors(7.0, 0.3)
+    np.testing.assert_array_equal(harmed(errors(7.0 * (1.0 + rise), 0.3), before), [visible, False])
+    np.testing.assert_array_equal(harmed(errors(7.0, 0.3 * (1.0 + rise)), before), [False, visible])
+
+
+@pytest.mark.parametrize("deviations", [1.0, 2.0])
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_harm_is_sure_from_some_standard_errors_on(deviations, share):
+    """A rise of one, whose standard error is a quarter of the blocks' scatter."""
+    after = errors(spread(11.0, 4.0 / deviations / share))
+    found = harmed(after, errors(10.0), deviations)
+    np.testing.assert_array_equal(found, [share > 1.0])
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Help
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("share", "borne_out"), [(0.05, False), (0.095, False), (0.105, True), (0.6, True)])
+def test_help_is_worth_a_term_from_a_tenth_of_the_square_on(share, borne_out):
+    before, after = errors(2.0, 9.0), errors(2.0, 9.0 * (1.0 - share))
+    assert bears_out(after, before, [1]) is borne_out
+    assert bears_out(after, before, [0]) is False
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "borne_out"), [(0.06, 0.06, True), (0.06, 0.03, False), (0.2, -0.01, True)]
+)
+def test_shares_of_joints_add_up(first, second, borne_out):
+    """However different the joints' efforts are."""
+    after = errors(1e-4 * (1.0 - first), 1e4 * (1.0 - second), 1.0)
+    assert bears_out(after, errors(1e-4, 1e4, 1.0), [0, 1]) is borne_out
+
+
+@pytest.mark.parametrize(("deviations", "borne_out"), [(1.8, False), (2.2, True)])
+def test_help_must_be_sure(deviations, borne_out):
+    """A fall of a third, by some standard errors."""
+    scatter = 1.0 / deviations * np.sqrt(BLOCKS)
+    assert bears_out(errors(spread(2.0, scatter)), errors(3.0), [0]) is borne_out
+
+
+def test_help_in_one_block_alone_is_luck():
+    one = np.zeros(BLOCKS)
+    one[5] = 1.0
+    before = errors(1.0 + 40.0 * one)
+    assert not bears_out(errors(1.0 + 2.0 * one), before, [0])
+    assert bears_out(errors(np.full(BLOCKS, 0.25)), errors(np.full(BLOCKS, 1.0)), [0])
+
+
+@pytest.mark.parametrize(("rise", "borne_out"), [(0.01, True), (0.04, False)])
+def test_what_harms_another_joint_is_not_borne_out(rise, borne_out):
+    before = errors(2.0, 5.0)
+    assert bears_out(errors(0.4, 5.0 * (1.0 + rise)), before, [0]) is borne_out
+
+
+def test_harm_that_may_be_chance_is_borne():
+    """One and a half standard errors harm in the end, but are no reason to refuse an effect that helps."""
+    before, after = errors(2.0, 5.0), errors(0.4, spread(6.0, 4.0 / 1.5))
+    np.testing.assert_array_equal(harmed(after, before), [False, True])
+    assert bears_out(after, before, [0])
+
+
+def test_joints_without_samples_say_nothing():
+    before = HeldBackErrors(np.zeros((BLOCKS, 1)), np.zeros((BLOCKS, 1), dtype=int))
+    assert not bears_out(before, before, [0])
+    np.testing.assert_array_equal(harmed(before, before), [False])

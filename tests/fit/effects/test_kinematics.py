@@ -1,0 +1,121 @@
+"""How efforts change with the geometry: against tables with changed numbers, and dynamics worked out apart."""
+
+from copy import deepcopy
+
+import numpy as np
+import pytest
+from oracles import (
+    actuator_efforts,
+    assert_close,
+    dh_chain,
+    joint_torques,
+    parameters_of,
+    random_clouds,
+    random_motion,
+    random_table,
+)
+from scipy.spatial.transform import Rotation
+
+from bayesid.fit.effects.kinematics import KinematicTolerance, kinematic_columns
+from bayesid.model.robot import robot_from_table
+
+JOINTS = 3
+TOLERANCE = KinematicTolerance(length=0.002, angle=0.005)
+STEP = 1e-5
+"""m or rad, of central differences: their error is some 1e-9 of the efforts, and so is that of the columns."""
+CLOSE = 1e-6
+
+
+def made(seed=4, coupled=False):
+    table = random_table("modified", JOINTS, seed, coupled=coupled)
+    return table, random_motion(JOINTS, samples=5, seed=seed), random_clouds(JOINTS, seed=seed)
+
+
+def columns_of(table, motion, clouds, tolerance=TOLERANCE):
+    return kinematic_columns(robot_from_table(table, "test"), motion, parameters_of(clouds), tolerance)
+
+
+def slope(table, motion, clouds, joint, key):
+    """(N, n) derivative of the efforts by one number of the table: point masses, the principle of virtual work."""
+    efforts = []
+    for step in (STEP, -STEP):
+        changed = deepcopy(table)
+        changed["joints"][joint][key] += step
+        torques = joint_torques(dh_chain(changed), clouds, np.array(table["gravity"]), motion)
+        gears = table.get("transmission")
+        efforts.append(torques if gears is None else actuator_efforts(torques, np.array(gears)))
+    return (efforts[0] - efforts[1]) / (2.0 * STEP)
+
+
+def displacement(row, key):
+    """(6,) of a joint's own frame, by a number of its row: shift and turn, as its own axes see them.
+
+    A frame is reached from the one before it by a turn alpha about x, a step a along x, a turn theta about z and a step
+    d along z; a turn about the x axis of the frame before carries the origin, which is off that axis, along.
+    """
+    to_own = Rotation.from_euler("z", row["theta"]).inv()
+    along_x = to_own.apply([1.0, 0.0, 0.0])
+    changes = {
+        "a": (along_x, np.zeros(3)),
+        "alpha": (to_own.apply(np.cross([1.0, 0.0, 0.0], [row["a"], 0.0, row["d"]])), along_x),
+        "d": (np.array([0.0, 0.0, 1.0]), np.zeros(3)),
+        "theta": (np.zeros(3), np.array([0.0, 0.0, 1.0])),
+    }
+    return np.concatenate(changes[key])
+
+
+@pytest.mark.parametrize("key", ["a", "alpha", "d", "theta"])
+@pytest.mark.parametrize("joint", range(JOINTS))
+@pytest.mark.parametrize("coupled", [False, True])
+def test_numbers_of_the_table_are_displacements_of_joints(key, joint, coupled):
+    """Of every one of them, the second joint of three sliding; of a coupled one, efforts are the motors'."""
+    table, motion, clouds = made(coupled=coupled)
+    unit = columns_of(table, motion, clouds).reshape(5, JOINTS, JOINTS, 6) / np.repeat(
+        [TOLERANCE.length, TOLERANCE.angle], 3
+    )
+    expected = slope(table, motion, clouds, joint, key)
+    found = unit[:, :, joint] @ displacement(table["joints"][joint], key)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=CLOSE * np.abs(unit).max())  # a shifted base: nothing
+
+
+def test_of_a_turned_base_only_gravity_changes():
+    """The first joint turned in its own frame is gravity turned back in the frame of the base."""
+    table, motion, clouds = made()
+    robot, links = robot_from_table(table, "test"), parameters_of(clouds)
+    columns = columns_of(table, motion, clouds)
+    turned = robot.joints[0].placement[:3, :3]
+    for axis in range(3):
+        efforts = []
+        for step in (STEP, -STEP):
+            about = Rotation.from_rotvec(-step * turned[:, axis])
+            tilted = {**table, "gravity": about.apply(table["gravity"]).tolist()}
+            efforts.append(robot_from_table(tilted, "test").inverse_dynamics(motion, links))
+        assert_close(columns[:, :, 3 + axis], TOLERANCE.angle * (efforts[0] - efforts[1]) / (2.0 * STEP), CLOSE)
+        assert np.abs(columns[:, :, axis]).max() < 1e-6 * np.abs(columns).max()  # a shift changes nothing
+
+
+def test_columns_are_those_of_one_standard_deviation():
+    table, motion, clouds = made()
+    one = columns_of(table, motion, clouds, KinematicTolerance(length=1.0, angle=1.0))
+    expected = one * np.tile(np.repeat([TOLERANCE.length, TOLERANCE.angle], 3), JOINTS)
+    np.testing.assert_allclose(columns_of(table, motion, clouds), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("length", "angle", "kept"), [(0.0, 0.005, [3, 4, 5]), (0.002, 0.0, [0, 1, 2]), (0.0, 0.0, [])]
+)
+def test_what_is_exact_has_no_columns(length, angle, kept):
+    table, motion, clouds = made()
+    every = columns_of(table, motion, clouds).reshape(5, JOINTS, JOINTS, 6)
+    found = columns_of(table, motion, clouds, KinematicTolerance(length=length, angle=angle))
+    np.testing.assert_array_equal(found, every[..., kept].reshape(5, JOINTS, -1))
+
+
+def test_tolerance_is_a_millimetre_and_a_tenth_of_a_degree_unless_said():
+    assert KinematicTolerance() == KinematicTolerance(length=0.001, angle=np.pi / 1800.0)
+
+
+@pytest.mark.parametrize(("length", "angle"), [(-1e-3, 0.1), (1e-3, -0.1), (np.nan, 0.1), (1e-3, np.inf)])
+def test_what_is_no_tolerance(length, angle):
+    with pytest.raises(ValueError, match="tolerance"):
+        KinematicTolerance(length=length, angle=angle)

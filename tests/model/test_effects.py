@@ -1,0 +1,107 @@
+"""What all effects share: changes joint by joint, whether samples resolve a form, what only an earlier log tells."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import small_robot, smooth_motion
+
+from bayesid.model.catalogue import FORMS, make_effect
+from bayesid.model.effects import Effect
+from bayesid.model.model import Model
+from bayesid.model.terms import STANDARD, make_terms
+from bayesid.simulation.parameters import random_parameters
+
+JOINTS = 3
+SOUGHT = [name for name, kind in FORMS.items() if kind.can_be_missing]
+
+
+def scene_of(motion, robot=None):
+    robot = robot or small_robot(JOINTS)
+    model = Model(robot, make_terms(STANDARD, robot, motion))
+    theta = random_parameters(model, np.random.default_rng(1))
+    effort = model.effort(motion, theta)
+    return model.scene(motion, theta, effort, np.abs(effort))
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return scene_of(smooth_motion(JOINTS, 3.0, 50.0, seed=2))
+
+
+@pytest.mark.parametrize("name", SOUGHT)
+def test_changes_by_joint_are_those_of_all_joints(name, scene):
+    """In the joints named there, and zero in all others."""
+    forms = list(FORMS[name].variants(scene))
+    assert forms
+    for form in (forms[0], forms[len(forms) // 2], forms[-1]):
+        shift, columns = form.change(scene)
+        shifts, rows = form.change_by_joint(scene)
+        for j in range(JOINTS):
+            np.testing.assert_allclose(shifts.get(j, np.zeros(len(shift))), shift[:, j], rtol=1e-12, atol=1e-14)
+            blank = np.zeros(columns[:, j].shape)
+            np.testing.assert_allclose(rows.get(j, blank), columns[:, j], rtol=1e-12, atol=1e-14)
+        assert set(shifts) <= set(rows) or not rows
+        assert all(np.any(shift) for shift in shifts.values())
+
+
+def test_an_effect_of_one_joint_is_asked_for_there_alone(scene):
+    for name in ("viscous_friction", "stribeck_friction", "hysteresis"):
+        form = next(form for form in FORMS[name].variants(scene) if form.joints == (2,))
+        assert list(form.change_by_joint(scene)[1]) == [1]
+
+
+def test_only_gains_and_payloads_need_an_earlier_log():
+    """Both make the same efforts as other parameters of the robot itself."""
+    needing = {kind.name for kind in FORMS.values() if kind.needs_earlier}
+    assert {name.split(".")[0] for name in needing} == {"gain_error", "payload"}
+
+
+@pytest.mark.parametrize("name", ["payload", "tool_wrench"])
+def test_a_payload_makes_no_effort_that_the_last_link_could_not(name, scene):
+    """Its columns are in the span of the model's; those of a wrench at the tool are not."""
+    model = Model(scene.robot, make_terms(STANDARD, scene.robot, scene.motion))
+    span = model.columns(scene.motion).reshape(-1, len(model.parameters))
+    form = next(iter(FORMS[name].variants(scene)))
+    columns = form.change(scene)[1].reshape(len(span), -1)
+    left = np.abs(columns - span @ np.linalg.lstsq(span, columns, rcond=None)[0]).max()
+    assert form.needs_earlier == (left < 1e-8 * np.abs(columns).max())
+
+
+def at_rate(rate):
+    """One second of the fastest joint passing zero; the same motion whatever the rate."""
+    return smooth_motion(1, 4.0, rate, seed=2)
+
+
+@pytest.mark.parametrize("name", ["hysteresis", "hysteresis.layers", "hysteresis.smooth", "hysteresis.elastic"])
+def test_presliding_is_resolved_where_samples_lie_in_its_way(name):
+    """A way of a given length: by a log that is fast enough, in proportion to its rate, and by no slower one."""
+    robot = small_robot(1)
+    shortest = {}
+    for rate in (25.0, 100.0, 400.0):
+        scene = scene_of(at_rate(rate), robot)
+        widths = np.exp(np.arange(np.log(1e-4), np.log(3.0), 0.02))
+        resolved = [make_effect(name, {"joints": [1], "width": [width]}).resolved(scene) for width in widths]
+        assert resolved == sorted(resolved)  # none below a width, all above
+        assert not resolved[0]
+        assert resolved[-1]
+        shortest[rate] = widths[np.argmax(resolved)]
+    assert shortest[25.0] / shortest[100.0] == pytest.approx(4.0, rel=0.05)
+    assert shortest[100.0] / shortest[400.0] == pytest.approx(4.0, rel=0.05)
+    usual = np.median(np.abs(at_rate(100.0).dq))
+    assert 1.0 < shortest[100.0] * 100.0 / usual < 20.0  # a few samples
+
+
+def test_presliding_of_several_joints_is_resolved_if_it_is_in_all(scene):
+    fine, coarse = 1.0, 1e-5
+    widths = {(fine, fine, fine): True, (fine, coarse, fine): False, (fine, fine, coarse): False}
+    for width, resolved in widths.items():
+        assert make_effect("hysteresis", {"width": list(width)}).resolved(scene) is resolved
+    assert make_effect("hysteresis", {"joints": [3], "width": [fine]}).resolved(scene)
+
+
+def test_other_effects_are_always_resolved(scene):
+    sparse = replace(scene, motion=replace(scene.motion, t=100.0 * scene.motion.t))
+    plain = [kind for kind in FORMS.values() if kind.resolved is Effect.resolved]
+    assert "hysteresis" not in {kind.name for kind in plain}
+    assert all(next(iter(kind.variants(scene))).resolved(sparse) for kind in plain if kind.can_be_missing)

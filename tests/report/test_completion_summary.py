@@ -1,0 +1,107 @@
+"""summary.json and model.toml of completed models."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from completion_problems import MOTION, identified
+
+from bayesid.report.findings import Summary, as_json, find_findings, from_json
+from bayesid.report.findings.summary import CompletionSummary, EffectSummary
+from bayesid.results.folders import save_identification
+from bayesid.results.model_file import load_model
+
+HIDDEN = ("stribeck_friction", "delay", "")
+
+
+@pytest.fixture(scope="module", params=HIDDEN)
+def case(request, tmp_path_factory):
+    """What was found of a log, and the folder of it."""
+    result = identified(request.param)
+    place = tmp_path_factory.mktemp("kept") / "result"
+    return result, save_identification(result, place, report=False)
+
+
+def written(folder):
+    return json.loads((folder / "summary.json").read_text())["complete"]
+
+
+def test_summary_holds_what_entered(case):
+    result, folder = case
+    complete = written(folder)
+    completion = result.completion
+    assert set(complete) == {"effects", "held_back_error", "uncertain"}
+    for name in ("before", "after", "effort"):
+        assert complete["held_back_error"][name] == getattr(completion, name).tolist()
+    assert complete["uncertain"] == list(completion.uncertain)
+    assert len(complete["effects"]) == len(completion.effects)
+    for entry, entered in zip(complete["effects"], completion.effects, strict=True):
+        assert entry["effect"] == entered.effect
+        assert entry["form"] == entered.source.name
+        assert entry["joints"] == list(entered.joints)
+        assert entry["log10_bayes_factor"] == entered.log10_bayes_factor
+        assert entry["equivalent"] == list(entered.equivalent)
+        assert all(set(number) == {"value", "sd", "unit"} for number in entry["parameters"].values())
+
+
+def test_numbers_are_those_of_the_model():
+    result = identified("stribeck_friction")
+    (entry,) = as_json(find_findings(result).summary)["complete"]["effects"]
+    assert list(entry["parameters"]) == ["Fk2", "Fs2", "speed2"]
+    names = [parameter.name for parameter in result.model.parameters]
+    spread = result.parameter_sd[0]
+    for name in ("Fk2", "Fs2"):
+        place = names.index(name)
+        number = entry["parameters"][name]
+        assert number["value"] == result.theta[place]
+        assert number["sd"] in (None, spread[place])
+        assert number["unit"] == "N m"
+    speed = result.completion.effects[0].source.speed[0]
+    assert entry["parameters"]["speed2"] == {"value": speed, "sd": None, "unit": "rad/s"}
+
+
+def test_numbers_of_a_distortion_have_a_standard_deviation():
+    """A delay of the whole robot is one number."""
+    result = identified("delay")
+    (entry,) = as_json(find_findings(result).summary)["complete"]["effects"]
+    (entered,) = result.completion.effects
+    assert [number["value"] for number in entry["parameters"].values()] == [entered.source.lag[0]]
+    assert [number["sd"] for number in entry["parameters"].values()] == [entered.number_sd[0]]
+    assert [number["unit"] for number in entry["parameters"].values()] == ["s"]
+
+
+def test_summaries_come_back(case):
+    result, folder = case
+    summary = find_findings(result).summary
+    back = from_json(Summary, json.loads((folder / "summary.json").read_text()))
+    assert back == summary
+    assert isinstance(back.complete, CompletionSummary)
+    assert all(isinstance(effect, EffectSummary) for effect in back.complete.effects)
+
+
+def test_where_the_catalogue_was_not_asked_there_is_none():
+    """Older folders say nothing of it at all."""
+    off = identified(complete="off")
+    summary = find_findings(off).summary
+    assert summary.complete is None
+    content = as_json(summary)
+    assert content.get("complete") is None
+    assert from_json(Summary, json.loads(json.dumps(content))) == summary
+    assert from_json(Summary, {**content, "complete": None}) == summary
+    content.pop("complete", None)
+    assert from_json(Summary, content) == summary
+    with_it = replace(summary, complete=find_findings(identified()).summary.complete)
+    assert from_json(Summary, json.loads(json.dumps(as_json(with_it)))) == with_it != summary
+
+
+def test_a_completed_model_comes_back(case):
+    result, folder = case
+    stored = load_model(folder)
+    assert stored.model.terms == result.model.terms
+    assert stored.model.distortions == result.model.distortions
+    np.testing.assert_array_equal(stored.theta, result.theta)
+    expected = result.model.effort(MOTION, result.theta)
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(stored.model.effort(MOTION, stored.theta), expected, atol=1e-9 * size)
+    np.testing.assert_allclose(stored.noise.sigma, result.fit.noise.sigma, rtol=1e-12)
