@@ -41,8 +41,11 @@ _STRONG = 0.05
 """Samples whose effort is at least this share of the joint's maximum count for the signs."""
 
 
-def generator() -> ModuleType:
+def generator(study: str = "discrepancy") -> ModuleType:
     """The blind generator, `bayesid.studies.blind`.
+
+    Args:
+        study: that needs it.
 
     Raises:
         InputError: MuJoCo, which plays the robot, is not installed.
@@ -50,7 +53,7 @@ def generator() -> ModuleType:
     try:
         return import_module("bayesid.studies.blind")
     except ModuleNotFoundError as error:
-        raise InputError(f"needs {error.name}", "study discrepancy", "pip install 'bayesid[studies]'") from None
+        raise InputError(f"needs {error.name}", f"study {study}", "pip install 'bayesid[studies]'") from None
 
 
 @dataclass(frozen=True)

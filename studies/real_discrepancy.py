@@ -64,9 +64,9 @@ def trial(scenario: Scenario, seed: int) -> Row:
     """Finds what the model lacks; beside its gap that of an ordinary identification with known signs."""
     source, log = (read_log(Path(scenario.data) / f"{name}.csv") for name in (scenario.source, scenario.log))
     search = Certified(repeatable=True)
-    model = identify("ur10e", source.rectified(), scenario.terms, search=search, posterior=False)
+    model = identify("ur10e", source.rectified(), scenario.terms, complete="off", search=search, posterior=False)
     result = find_discrepancy(model, log.rectified(), search=replace(QUICK, repeatable=True), posterior=False)
-    refit = identify("ur10e", log, search=search, posterior=False)
+    refit = identify("ur10e", log, complete="off", search=search, posterior=False)
     of_refit = result.held_back.gap(refit.model.effort(result.held_back.signals.motion, refit.theta))
     return {
         "status": result.status,

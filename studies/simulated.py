@@ -128,6 +128,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
         truth.model.robot,
         truth.log,
         catalogue.STANDARD,
+        complete="off",
         search=_search(scenario),
         posterior=Sampling(seed=seed, repeatable=True) if scenario.posterior else False,
         preparation=Preparation(cutoff=scenario.cutoff or None, cutting=cutting),

@@ -65,7 +65,7 @@ def share_right(design: ExcitationDesign, case: Case, seed: int) -> float:
     theta = random_parameters(model, rng)
     log = simulate(model, theta, design.motion, rng=rng, noise=case.noise)
     search, preparation = Certified(budget=_BUDGET, repeatable=True), Preparation(cutoff=case.cutoff, cutting=_COARSE)
-    result = identify(robot, log, case.terms, search=search, posterior=False, preparation=preparation)
+    result = identify(robot, log, case.terms, complete="off", search=search, posterior=False, preparation=preparation)
     effort = model.effort(design.motion, theta)
     strong = np.abs(effort) >= STRONG * np.abs(effort).max(axis=0)
     return float((result.sample_signs == np.sign(effort))[strong].mean())

@@ -107,14 +107,16 @@ class Problem:
 
 def real_problem(path: Path) -> Problem:
     """The posterior of a real log, its signs hidden."""
-    return _problem(path.stem, identify(load_robot(path.parent / "robot.toml"), read_log(path).rectified()))
+    return _problem(
+        path.stem, identify(load_robot(path.parent / "robot.toml"), read_log(path).rectified(), complete="off")
+    )
 
 
 def simulated_problem(terms: Sequence[str] = ("rigid_body",)) -> Problem:
     """The posterior of a simulated log of the KR5, which has rigid bodies only."""
     robot = load_robot("kr5")
     log, _ = simulate_log(robot, duration=8.0, rate=50.0, noise=0.1, effects=[], seed=3)
-    return _problem("simulated kr5", identify(robot, log, terms=terms))
+    return _problem("simulated kr5", identify(robot, log, terms=terms, complete="off"))
 
 
 def _problem(name: str, result: Identification) -> Problem:

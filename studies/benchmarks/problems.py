@@ -226,7 +226,9 @@ def real_problem(data: Path, name: str) -> Searched:
     """The problem of a real log, rectified."""
     path, recorder = data / f"{name}.csv", Recorder()
     log = read_log(path).rectified()
-    return recorder.searched(name, identify(load_robot(path.parent / "robot.toml"), log, search=recorder))
+    return recorder.searched(
+        name, identify(load_robot(path.parent / "robot.toml"), log, complete="off", search=recorder)
+    )
 
 
 def kr5_problem(seed: int = 0) -> tuple[Experiment, Searched]:
@@ -239,7 +241,7 @@ def kr5_problem(seed: int = 0) -> tuple[Experiment, Searched]:
 def simulated_problem(log: Log) -> Searched:
     """The problem of a simulated log of the UR10e."""
     recorder = Recorder()
-    return recorder.searched("ur10e simulated", identify("ur10e", log, search=recorder))
+    return recorder.searched("ur10e simulated", identify("ur10e", log, complete="off", search=recorder))
 
 
 def arm_problem() -> LogProblem:
@@ -250,7 +252,7 @@ def arm_problem() -> LogProblem:
     motion = random_trajectory(2, 4.0, seed=4, harmonics=3).motion(np.arange(201) / 50.0)
     log = simulate(model, random_parameters(model, rng), motion, rng=rng, noise=NOISE)
     recorder = Recorder()
-    return recorder.searched("arm", identify(robot, log, terms=["rigid_body"], search=recorder)).problem
+    return recorder.searched("arm", identify(robot, log, terms=["rigid_body"], complete="off", search=recorder)).problem
 
 
 # ---------------------------------------------------------------------------------------------------------------

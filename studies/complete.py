@@ -1,0 +1,314 @@
+"""What does the catalogue give an identification that names no effects? Logs identified without it and with it.
+
+"off" is the model as it was asked for, "auto" the one that the catalogue has a say in. Four parts, mixed in the plan so
+that a short run has some of each:
+
+- classes: simulated logs, nothing hidden or one effect in one joint, or kinematics off the table. Of the coefficients
+  of the standard terms, how many 95 % intervals hold the true value, how large errors and standard deviations are.
+- noise: nothing hidden, noise of several kinds. How often does an effect enter all the same?
+- blind: one or two effects hidden, any but those that the standard terms hold already. Signs before and after.
+- pairs and poor: real logs. The torque error on another log, and the signs where the standard model is poor. The logs
+  stand in $BAYESID_DATA, on workers of a cluster as well; without them the plan has no such part.
+
+Errors and standard deviations of coefficients of all units are made comparable by the coefficient that by itself would
+give efforts as large as the log's (RMS over all joints, each relative to its own effort); both modes have the same one.
+Signs count in motion, where |effort| is at least 5 % of its joint's maximum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.fit.effects.kinematics import KinematicTolerance
+from bayesid.fit.knowledge import Beliefs
+from bayesid.identification.identification import Identification
+from bayesid.identification.options import Completeness
+from bayesid.identification.pipeline import identify
+from bayesid.identification.validation import NORMAL_95
+from bayesid.log.log import Log, read_log
+from bayesid.model.coefficients import base_coefficients
+from bayesid.model.model import Model
+from bayesid.model.robot import Robot, load_robot
+from bayesid.model.terms import STANDARD, make_terms
+from bayesid.posterior.sampler import Sampling
+from bayesid.signs.search.certified import Certified
+from bayesid.studies.complete_report import MODES, draw, report
+from bayesid.studies.discrepancy import generator
+from bayesid.studies.hidden import NOISES, Case, Simulated, make_case
+from bayesid.studies.real import DATA
+from bayesid.study.record import Row
+from bayesid.study.study import Study
+
+STRONG = 0.05
+"""A sample counts when its |effort| is at least this share of its joint's maximum."""
+LACKED = (
+    "asymmetric_coulomb",
+    "stribeck_friction",
+    "load_dependent_friction",
+    "joint_spring",
+    "gravity_spring",
+    "torque_ripple",
+    "hysteresis",
+    "base_tilt",
+    "gain_error",
+    "delay",
+    "cable_drag",
+    "thermal_drift",
+    "tool_wrench",
+    "clipping",
+    "dead_zone",
+)
+"""The generator's effects but for those that standard terms hold: friction, offset, rotor and, in one log, payload."""
+PAIRS = (
+    *permutations(("ur10e/a_50s", "ur10e/b_20s", "ur10e/c_unloaded"), 2),
+    *(halves for log in ("panda/a", "tx40/a") for halves in permutations((f"{log}:1", f"{log}:2"))),
+)
+POOR = ("lwr4/a", "kr300/a", "dualarm/a")
+_LOGS = 20
+"""Of each class, and of each kind of noise."""
+_BLIND = 60
+_ARMS = ("kr5", "random")
+_LAG = (0.02, 0.04)
+"""s"""
+_SHORT = 2.0
+"""s"""
+_MILLIMETRE, _DEGREE = 1e-3, float(np.pi / 180.0)
+_TURN = 1000
+"""Added to the seeds when the plan begins again."""
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A real log.
+
+    Attributes:
+        part: of the study.
+        name: of the log or the pair of logs.
+        data: folder of the robots' folders.
+        log: robot/log, and behind a colon which half of it.
+        target: another one, which the model is to predict; empty for none.
+        posterior: whether it is sampled.
+    """
+
+    part: str
+    name: str
+    data: str
+    log: str
+    target: str = ""
+    posterior: bool = False
+
+
+def plan(trials: int, seed: int) -> Sequence[tuple[Simulated | Recorded, int]]:
+    """The parts mixed evenly, each begun with its first log; then all again with other seeds.
+
+    Raises:
+        InputError: MuJoCo, which plays the simulated robots, is not installed.
+    """
+    generator("complete")
+    order = _mixed([_classes(), _noise(), _blind(), *_real()])
+    return [
+        (order[k % len(order)][0], seed + order[k % len(order)][1] + _TURN * (k // len(order))) for k in range(trials)
+    ]
+
+
+def _mixed(parts: Sequence[Sequence[Any]]) -> list[Any]:
+    """All items, those of each part in their order and evenly spread."""
+    placed = [(k / len(part), item) for part in parts for k, item in enumerate(part)]
+    return [item for _, item in sorted(placed, key=lambda pair: pair[0])]
+
+
+def _classes() -> list[tuple[Simulated, int]]:
+    """Each class once, each with the same seed, then again: KR5 and random robots in turn."""
+
+    def of(name: str, **options: Any) -> Simulated:
+        return Simulated("classes", name, "", **options)
+
+    kinds = [
+        of("right"),
+        of("stribeck", effects=("stribeck_friction",)),
+        of("load_dependent", effects=("load_dependent_friction",)),
+        of("dh", length=_MILLIMETRE, angle=0.1 * _DEGREE),
+        of("dh_wide", length=5.0 * _MILLIMETRE, angle=0.5 * _DEGREE),
+        of("delay", effects=("delay",), lag=_LAG),
+        of("warming", effects=("thermal_drift",)),
+        of("short", duration=_SHORT),
+    ]
+    return [(replace(kind, robot=_ARMS[k % 2]), k) for k in range(_LOGS) for kind in kinds]
+
+
+def _noise() -> list[tuple[Simulated, int]]:
+    return [(Simulated("noise", name, _ARMS[k % 2], noise=name), k + _LOGS) for k in range(_LOGS) for name in NOISES]
+
+
+def _blind() -> list[tuple[Simulated, int]]:
+    """Every effect in turn, alone and with another one."""
+    logs, count = [], len(LACKED)
+    for k in range(_BLIND):
+        turn = k // count
+        both = LACKED[k % count], LACKED[(k + 4 + turn) % count]
+        scenario = Simulated("blind", "blind", _ARMS[(k // 2 + turn) % 2], both[: 1 + k % 2])
+        logs.append((scenario, k + 2 * _LOGS))
+    return logs
+
+
+def _real() -> list[list[tuple[Recorded, int]]]:
+    """Nothing where the logs are not there."""
+    if not DATA.is_dir():
+        return []
+    data = str(DATA)
+    pairs = [(Recorded("pairs", f"{log} -> {target}", data, log, target), 0) for log, target in PAIRS]
+    return [pairs, [(Recorded("poor", log, data, log), 0) for log in POOR]]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Trials
+# ---------------------------------------------------------------------------------------------------------------
+def trial(scenario: Simulated | Recorded, seed: int) -> Row:
+    """Identifies one log in each mode, without its signs, and scores both."""
+    return _of_simulated(scenario, seed) if isinstance(scenario, Simulated) else _of_recorded(scenario, seed)
+
+
+def _of_simulated(scenario: Simulated, seed: int) -> Row:
+    case = make_case(scenario, seed)
+    modes = MODES[1:] if scenario.part == "noise" else MODES
+    tolerance = KinematicTolerance(length=scenario.length, angle=scenario.angle)
+    stated = Beliefs(kinematics=tolerance) if scenario.length else Beliefs()
+    results: dict[str, Identification] = {
+        mode: _identified(case.robot, case.log, mode, stated, scenario.posterior, seed) for mode in modes
+    }
+    of_coefficients = _of_coefficients(case, results) if scenario.part == "classes" else {}
+    hidden = [named(effect, joints) for effect, joints in case.hidden]
+    return {"hidden": hidden, **of_coefficients, **_of_signs(case.log, results)}
+
+
+def _of_recorded(scenario: Recorded, seed: int) -> Row:
+    data = Path(scenario.data)
+    log, robot = _read(data, scenario.log), _robot(data, scenario.log)
+    results: dict[str, Identification] = {
+        mode: _identified(robot, log, mode, Beliefs(), scenario.posterior, seed) for mode in MODES
+    }
+    errors = {}
+    if scenario.target:
+        target = _read(data, scenario.target)
+        errors = {
+            f"torque_error_{mode}": result.validate(target).rms_error.tolist() for mode, result in results.items()
+        }
+    return {**_of_signs(log, results), **errors}
+
+
+def _robot(data: Path, log: str) -> Robot:
+    return load_robot(next((data / log).parent.glob("robot.*")))
+
+
+def _read(data: Path, name: str) -> Log:
+    """A log, or half of it."""
+    place, _, half = name.partition(":")
+    log = read_log(data / f"{place}.csv")
+    if not half:
+        return log
+    middle = len(log) // 2
+    rows = slice(0, middle) if half == "1" else slice(middle, len(log))
+    dq = None if log.dq is None else log.dq[rows]
+    return replace(log, t=log.t[rows], q=log.q[rows], effort=log.effort[rows], dq=dq, pieces=())
+
+
+def _identified(
+    robot: Robot, log: Log, mode: Completeness, beliefs: Beliefs, posterior: bool, seed: int
+) -> Identification:
+    """From the log without its signs."""
+    sampling = Sampling(seed=seed, repeatable=True) if posterior else False
+    return identify(
+        robot, log.rectified(), complete=mode, search=Certified(repeatable=True), posterior=sampling, beliefs=beliefs
+    )
+
+
+def named(effect: str, joints: tuple[int, ...]) -> str:
+    """An effect with its joints, as text."""
+    return f"{effect} {','.join(map(str, joints)) or 'all'}"
+
+
+def _entered(result: Identification) -> list[str]:
+    return [] if result.completion is None else [named(e.effect, e.joints) for e in result.completion.effects]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Scores
+# ---------------------------------------------------------------------------------------------------------------
+def _of_signs(log: Log, results: Mapping[str, Identification]) -> Row:
+    """Signs, the proof, and what entered the model, in every mode."""
+    row: Row = {}
+    for mode, result in results.items():
+        right, counted = _right_signs(result, log)
+        row |= {
+            f"right_{mode}": _share(right[counted]),
+            f"joints_{mode}": [_share(right[counted[:, j], j]) for j in range(log.n_joints)],
+            f"certified_{mode}": bool(result.search.certified),
+            f"entered_{mode}": _entered(result),
+        }
+    return {**row, "timings": {mode: sum(result.timings.values()) for mode, result in results.items()}}
+
+
+def _right_signs(result: Identification, log: Log) -> tuple[Any, Any]:
+    """(M, n) which samples of the log have the right sign, and which of them count."""
+    motion = result.signals.motion
+    nearest = np.rint((log.t - motion.t[0]) * result.signals.rate).astype(int)
+    rows = np.clip(nearest, 0, len(motion) - 1)
+    moving = result.segments.per_sample(result.segments.moving, *result.probability.shape)[rows] > 0
+    strong = np.abs(log.effort) >= STRONG * np.abs(log.effort).max(axis=0)
+    return result.sample_signs[rows] == np.sign(log.effort), strong & moving
+
+
+def _share(right: Any) -> float:
+    return float(right.mean()) if right.size else float("nan")
+
+
+def _of_coefficients(case: Case, results: Mapping[str, Identification]) -> Row:
+    """How far the coefficients of the standard terms are off, and how far they are said to be."""
+    units = _units(case, results[MODES[0]])
+    scored = {mode: _errors(case, result, list(units)) for mode, result in results.items()}
+    in_all = np.all([np.isfinite(error) for error, _ in scored.values()], axis=0)
+    unit = np.array(list(units.values()))
+    row: Row = {"compared": int(in_all.sum())}
+    for mode, (error, sd) in scored.items():
+        finite = np.isfinite(error)
+        relative, relative_sd = (values[in_all] / unit[in_all] for values in (error, sd))
+        row |= {
+            f"coefficients_{mode}": int(finite.sum()),
+            f"inside_{mode}": int(np.sum(np.abs(error[finite]) <= NORMAL_95 * sd[finite])),
+            f"error_{mode}": float(np.sqrt(np.mean(relative**2))),
+            f"sd_{mode}": float(relative_sd.mean()),
+        }
+    return row
+
+
+def _units(case: Case, result: Identification) -> dict[str, float]:
+    """The coefficients of the standard terms by name, each as large as would by itself make efforts of the log's size.
+
+    Size is the mean square over the log of the sum over joints of (effort over the joint's RMS effort)^2.
+    """
+    motion = result.signals.motion
+    model = Model(case.robot, make_terms(STANDARD, case.robot, motion))
+    standard = base_coefficients(model)
+    columns = model.columns(motion)[:, :, standard.kept] / np.sqrt(np.mean(case.log.effort**2, axis=0))[:, None]
+    size = np.sqrt(np.mean(np.sum(columns**2, axis=1), axis=0))
+    return dict(zip(standard.names, (np.sqrt(case.log.n_joints) / size).tolist(), strict=True))
+
+
+def _errors(case: Case, result: Identification, names: Sequence[str]) -> tuple[Array, Array]:
+    """(k,) errors of the named coefficients and their standard deviations; NaN where one of them is not to be had."""
+    places = {name: k for k, name in enumerate(result.coefficients.names)}
+    error, sd = result.beta - case.truth(result.model, result.coefficients), result.sd
+    known = np.array([name in places for name in names])
+    chosen = np.array([places.get(name, 0) for name in names])
+    good = known & np.isfinite(error[chosen]) & np.isfinite(sd[chosen])
+    return np.where(good, error[chosen], np.nan), np.where(good, sd[chosen], np.nan)
+
+
+STUDY = Study("complete", 8 * _LOGS + len(NOISES) * _LOGS + _BLIND + len(PAIRS) + len(POOR), plan, trial, report, draw)

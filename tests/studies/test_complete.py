@@ -1,0 +1,215 @@
+"""The study of completed models: its cases are true to what they say, its report and figure bear short runs."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from bayesid.log.signals import prepare
+from bayesid.model.coefficients import base_coefficients
+from bayesid.model.model import Model
+from bayesid.model.terms import STANDARD, make_terms
+from bayesid.studies import complete, hidden
+from bayesid.studies.complete_report import coverage, found, mean_ratio, torque_ratio
+from bayesid.studies.hidden import NOISES, SHARES, make_case
+
+MODES = ("off", "auto")
+KINDS = {
+    name: scenario for scenario, _ in complete.plan(200, 0) if (name := scenario.name) and scenario.part == "classes"
+}
+
+
+def of_class(name, **options):
+    return replace(KINDS[name], **options)
+
+
+def explained(case):
+    """The standard model on the log's motion, its efforts by the true parameters, and the log's, ends left out."""
+    signals = prepare(case.log)
+    model = Model(case.robot, make_terms(STANDARD, case.robot, signals.motion))
+    theta = np.array([case.parameters[parameter.name] for parameter in model.parameters])
+    inside = slice(50, -50)
+    return model, model.effort(signals.motion, theta)[inside], signals.raw_effort[inside]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Cases
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("arm", ["kr5", "random"])
+def test_the_true_parameters_explain_the_log_up_to_its_noise(arm):
+    _, predicted, effort = explained(make_case(of_class("right", robot=arm), 1))
+    left = np.sqrt(np.mean((effort - predicted) ** 2, axis=0) / np.mean(effort**2, axis=0))
+    assert np.all(left < 0.06), left  # noise of 3 % and dry friction near standstill
+
+
+@pytest.mark.parametrize("name", ["stribeck", "load_dependent", "warming"])
+def test_one_effect_is_hidden_in_one_joint_and_is_as_large_as_said(name):
+    scenario = of_class(name, robot="kr5")
+    with_it, without = (make_case(replace(scenario, effects=effects), 5) for effects in (scenario.effects, ()))
+    ((effect, (joint,)),) = with_it.hidden
+    assert effect in scenario.effects
+    assert without.hidden == ()
+    if name == "stribeck":  # has slow parts, so another motion
+        return
+    change = np.sqrt(np.mean((with_it.log.effort - without.log.effort) ** 2, axis=0))
+    share = change / np.sqrt(np.mean(without.log.effort**2, axis=0))
+    assert 0.9 * SHARES[0] < share[joint - 1] < 1.1 * SHARES[1]
+    assert np.all(np.delete(share, joint - 1) == 0.0)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_kinetic_friction_of_a_stribeck_joint_is_that_at_high_speed(seed):
+    case = make_case(of_class("stribeck", robot="kr5"), seed)
+    ((_, (joint,)),) = case.hidden
+    _, predicted, effort = explained(case)
+    speed, residual = (values[:, joint - 1] for values in (prepare(case.log).motion.dq[50:-50], effort - predicted))
+    fast = np.abs(speed) > 0.7 * np.abs(speed).max()
+    left = np.mean(np.sign(speed[fast]) * residual[fast]) / np.sqrt(np.mean(effort[:, joint - 1] ** 2))
+    assert abs(left) < 0.05  # kinetic friction left out would be some tenths
+
+
+def test_what_changes_during_the_log_has_no_true_value():
+    case = make_case(of_class("warming", robot="kr5"), 2)
+    model, _, _ = explained(case)
+    coefficients = base_coefficients(model)
+    unknown = {name for name, value in case.parameters.items() if np.isnan(value)}
+    truth = case.truth(model, coefficients)
+    assert unknown
+    assert {name for name, value in zip(coefficients.names, truth, strict=True) if np.isnan(value)} == unknown
+
+
+def test_truth_of_effects_that_are_not_there_is_zero():
+    case = make_case(of_class("right", robot="kr5"), 2)
+    model, _, _ = explained(case)
+    motion = prepare(case.log).motion
+    more = Model(case.robot, make_terms((*STANDARD, "joint_spring"), case.robot, motion))
+    standard, wider = base_coefficients(model), base_coefficients(more)
+    truth = dict(zip(wider.names, case.truth(more, wider), strict=True))
+    assert len(wider) > len(standard)
+    assert np.allclose([truth[name] for name in standard.names], case.truth(model, standard))
+
+
+def test_a_robot_off_its_table_is_off_by_the_tolerance():
+    off, right = (make_case(of_class(name, robot="kr5"), 4) for name in ("dh_wide", "right"))
+    assert off.robot.same_kinematics(right.robot)
+    assert np.allclose(off.log.q, right.log.q)
+    assert not np.allclose(off.log.effort, right.log.effort)
+    steps = np.array([[row[key] for key in ("a", "d", "alpha", "theta")] for row in table_off(200)["joints"]])
+    assert np.allclose(steps.std(axis=0), [5e-3, 5e-3, *[0.5 * np.pi / 180] * 2], rtol=0.2)
+
+
+def table_off(count):
+    table = {"joints": [{"a": 0.0, "alpha": 0.0, "d": 0.0, "theta": 0.0}] * count}
+    return hidden._off(table, of_class("dh_wide"), np.random.default_rng(0))
+
+
+def test_a_short_log_is_a_part_of_a_long_one():
+    log = make_case(of_class("short", robot="kr5"), 3).log
+    assert len(log) == 200
+    assert np.allclose(np.diff(log.t), 0.01)
+
+
+@pytest.mark.parametrize("kind", [name for name in NOISES if name != "8 bit"])
+def test_noise_has_the_size_it_is_given(kind):
+    rng, sd = np.random.default_rng(0), np.array([0.5, 2.0])
+    noise = NOISES[kind](np.zeros((200_000, 2)), sd, rng)
+    assert np.allclose(noise.std(axis=0), sd, rtol=0.1)
+    neighbours = np.mean(noise[1:] * noise[:-1], axis=0) / sd**2
+    assert np.allclose(neighbours, {"AR(1) 0.9": 0.9, "AR(1) 0.97": 0.97}.get(kind, 0.0), atol=0.1)
+
+
+def test_a_sensor_of_eight_bits_has_so_many_values():
+    efforts = np.linspace(-3.0, 3.0, 5001)[:, None]
+    read = NOISES["8 bit"](efforts, np.ones(1), np.random.default_rng(0))
+    assert len(np.unique(read)) == 257
+    assert np.abs(read - efforts).max() <= 3.0 / 256 + 1e-12
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Plan
+# ---------------------------------------------------------------------------------------------------------------
+def test_a_short_run_has_some_of_every_part():
+    order = complete.plan(complete.STUDY.trials, 0)
+    parts = list(dict.fromkeys(scenario.part for scenario, _ in order))
+    assert {scenario.part for scenario, _ in order[:8]} == set(parts)
+    assert parts[:3] == ["classes", "noise", "blind"]
+    assert all(order.count(item) == 1 for item in order)
+
+
+def test_real_logs_are_left_out_where_there_are_none(monkeypatch, tmp_path):
+    monkeypatch.setattr(complete, "DATA", tmp_path / "nowhere")
+    assert {scenario.part for scenario, _ in complete.plan(400, 0)} == {"classes", "noise", "blind"}
+
+
+def test_every_effect_is_hidden_alone_and_with_another_one():
+    cases = [scenario.effects for scenario, _ in complete._blind()]
+    assert {effects[0] for effects in cases if len(effects) == 1} == set(complete.LACKED)
+    assert {effects[0] for effects in cases if len(effects) == 2} == set(complete.LACKED)
+    assert all(len(set(effects)) == len(effects) for effects in cases)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Report
+# ---------------------------------------------------------------------------------------------------------------
+def made_up(trials):
+    """Rows as the trials might give them."""
+    rng, rows = np.random.default_rng(0), []
+    for scenario, seed in complete.plan(trials, 0):
+        row = {"seed": seed, **vars(scenario), "timings": {"off": 3.0, "auto": 5.0}}
+        row["hidden"] = [f"{effect} 2" for effect in getattr(scenario, "effects", ())]
+        for mode in MODES:
+            numbers = {"coefficients": 50, "inside": 45, "error": 0.01 + 0.01 * rng.random(), "sd": 0.01}
+            row |= {f"{key}_{mode}": value for key, value in numbers.items()}
+            row |= {f"right_{mode}": 0.99, f"joints_{mode}": [0.99] * 6, f"certified_{mode}": True}
+            row |= {f"entered_{mode}": [], f"torque_error_{mode}": (1.0 + rng.random(6)).tolist()}
+        row["entered_auto"] = [*row["hidden"], "delay all"]
+        rows.append(row)
+    return rows
+
+
+@pytest.mark.parametrize("trials", [1, 2, 8, 400])
+def test_report_and_figure_of_however_few_trials(trials):
+    figure = Figure()
+    FigureCanvasAgg(figure)
+    rows = made_up(trials)
+    complete.STUDY.draw(rows, figure)
+    figure.canvas.draw()
+    text = complete.STUDY.report(rows)
+    assert text.startswith(f"{trials} logs")
+    assert ("nothing hidden" in text) == (trials > 1)
+
+
+def test_missing_real_logs_are_said():
+    rows = [row for row in made_up(60) if row["part"] not in ("pairs", "poor")]
+    assert "BAYESID_DATA" in complete.STUDY.report(rows)
+
+
+def test_ratios_are_of_auto_to_off():
+    rows = [{"sd_off": 2.0, "sd_auto": 1.0}, {"sd_off": 1.0, "sd_auto": 2.0}, {"sd_off": 4.0, "sd_auto": 0.5}]
+    assert mean_ratio(rows, "sd") == pytest.approx(0.5)
+    assert torque_ratio({"torque_error_off": [2.0, 1.0], "torque_error_auto": [1.0, 3.0]}).tolist() == [0.5, 3.0]
+    counts = [{"inside_off": 9, "coefficients_off": 10}, {"inside_off": 30, "coefficients_off": 30}]
+    assert coverage(counts, "off") == 39 / 40
+
+
+@pytest.mark.parametrize(
+    ("entered", "is_it"),
+    [("thermal_drift 2", True), ("thermal_drift.viscous 2", True), ("thermal_drift 3", False), ("delay 2", False)],
+)
+def test_an_effect_is_found_in_its_joint_and_in_any_form(entered, is_it):
+    assert found("thermal_drift 2", ["torque_ripple 1", entered]) == is_it
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Trials
+# ---------------------------------------------------------------------------------------------------------------
+def test_one_log_in_both_modes():
+    row = complete.trial(of_class("short", robot="kr5"), 0)
+    for mode in MODES:
+        assert row[f"right_{mode}"] > 0.95
+        assert row[f"coefficients_{mode}"] >= row["compared"] > 50
+        assert row[f"inside_{mode}"] > 0.8 * row[f"coefficients_{mode}"]
+        assert 0.0 < row[f"error_{mode}"] < 0.5
+        assert row["timings"][mode] > 0.0
