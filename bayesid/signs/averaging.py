@@ -62,6 +62,21 @@ class AveragedSigns:
         """No other model has a say."""
         return cls(asked, asked, asked.fit, asked.probability, 1.0)
 
+    @classmethod
+    def of(cls, asked: Settled, rival: Settled) -> AveragedSigns:
+        """Two models have a say, each with its weight.
+
+        Raises:
+            SolverError: an optimisation failed.
+        """
+        weight = weight_against(rival, asked)
+        probability = weight * rival.probability + (1.0 - weight) * asked.probability
+        if weight < 0.5:
+            return cls(asked, asked, asked.fit, probability, 1.0 - weight)
+        signs = 2.0 * rival.probability - 1.0  # a doubt about the model is none about single signs: it biases the fit
+        fit = fit_signed(replace(asked.evidence, fitted=rival.evidence.fitted), signs)
+        return cls(asked, rival, fit, probability, weight)
+
     @property
     def by_asked(self) -> bool:
         """Whether the model asked for is the weightier one."""
@@ -87,13 +102,7 @@ def average_over_models(
         return AveragedSigns.alone(asked)
     signals = asked.evidence.signals
     rival = settle_signs(model, signals, segments, search, progress.under("standard effects"))
-    weight = weight_against(rival, asked)
-    probability = weight * rival.probability + (1.0 - weight) * asked.probability
-    if weight < 0.5:
-        return AveragedSigns(asked, asked, asked.fit, probability, 1.0 - weight)
-    signs = 2.0 * rival.probability - 1.0  # a doubt about the model is none about single signs: it would bias the fit
-    fit = fit_signed(replace(asked.evidence, fitted=rival.evidence.fitted), signs)
-    return AveragedSigns(asked, rival, fit, probability, weight)
+    return AveragedSigns.of(asked, rival)
 
 
 def richer_model(settled: Settled) -> Model | None:

@@ -7,13 +7,13 @@ signs are searched under the completed model, and so on until nothing changes: t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, field, replace
+from itertools import islice
 
 import numpy as np
 
-from bayesid.arrays import Array
-from bayesid.fit.effects.explanation import LN10
+from bayesid.arrays import Array, Mask
 from bayesid.fit.effects.hypotheses import EffectKey
 from bayesid.fit.effects.kinematics import KinematicTolerance
 from bayesid.fit.effects.signed_log import SignedLog
@@ -25,13 +25,17 @@ from bayesid.log.segments import Cutting, Segments, find_segments
 from bayesid.log.signals import Signals
 from bayesid.model.model import Model
 from bayesid.progress import SILENT, Progress
-from bayesid.signs.averaging import AveragedSigns, evidence_gain, weight_against
+from bayesid.signs.averaging import AveragedSigns, weight_against
 from bayesid.signs.proposals import PoorJoint, propose
 from bayesid.signs.search.protocol import Search
-from bayesid.signs.settling import restored, settle_signs
+from bayesid.signs.settling import Settled, restored, settle_signs
 
 _MOST_ROUNDS = 3
 """Selections, each under the signs that the one before it led to. A round number; not studied."""
+_MOST_PROPOSED = 2
+"""Effects that are proposed for a joint in a round; a round number."""
+_MOST_RIVALS = 2
+"""Proposals for a joint, one of which may be taken: each costs a search. A round number."""
 _LIKELIER = 0.5
 """Weight from which on the completed model is the likelier one."""
 _CHANGED = 1e-2
@@ -56,11 +60,6 @@ class Completion:
     after: Array
     effort: Array
     uncertain: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def keys(self) -> set[EffectKey]:
-        """Effects and joints."""
-        return {(effect.effect, effect.joints) for effect in self.effects}
 
 
 @dataclass(frozen=True)
@@ -95,6 +94,32 @@ class Completing:
     cutting: Cutting
 
 
+@dataclass(frozen=True)
+class _Opinion:
+    """Signs under one model, which may hold sensors' distortions that the signals are without."""
+
+    model: Model
+    signals: Signals
+    settled: Settled
+
+
+@dataclass(frozen=True)
+class _Searching:
+    """What all searches have in common: the log as it was read, its segments before any search, and how to search."""
+
+    as_read: Signals
+    segments: Segments
+    search: Search
+    cutting: Cutting
+
+    def under(self, model: Model, progress: Progress) -> _Opinion:
+        """Signs under a model."""
+        signals, segments = restored(model, self.as_read), self.segments
+        if model.before_sensors is not model and model.before_sensors.distortions != model.distortions:
+            segments = find_segments(signals, model.robot.actuators(signals.motion), self.cutting)
+        return _Opinion(model, signals, settle_signs(model.before_sensors, signals, segments, self.search, progress))
+
+
 def complete(
     averaged: AveragedSigns, segments: Segments, search: Search, how: Completing, progress: Progress = SILENT
 ) -> CompletedSigns:
@@ -110,62 +135,82 @@ def complete(
     Raises:
         SolverError: an optimisation failed.
     """
-    proposed: tuple[EnteredEffect, ...] = ()
-    if how.enter:
-        averaged, proposed = _with_proposals(averaged, segments, search, progress)
-    base, fit, probability = averaged.asked.evidence, averaged.fit, averaged.probability
-    completed: CompletedSigns | None = None
+    asked, fit, probability = averaged.asked.evidence, averaged.fit, averaged.probability
+    searching = _Searching(asked.signals, segments, search, how.cutting)
+    plain = completed = _Opinion(asked.model, asked.signals, averaged.asked)
+    signs = first = plain if averaged.by_asked else replace(plain, settled=averaged.settled)
+    wanted: Wanted | None = None
     for _ in range(_MOST_ROUNDS):
+        if how.enter and (better := _with_proposals(signs, searching, progress)) is not signs:
+            signs, probability = better, better.settled.probability
+            fit = fit_signed(asked, 2.0 * probability - 1.0)
         progress("completing the model", 0, 1)
-        wanted = what_is_wanted(base, fit, probability, enter=how.enter)
-        if completed is not None and wanted.keys == completed.completion.keys:
+        known = set() if wanted is None else wanted.keys
+        start = [effect for effect in signs.model.effects if effect not in plain.model.effects]
+        wanted = what_is_wanted(asked, fit, probability, start, enter=how.enter)
+        if wanted.keys == known:
             break
-        completed = _settled(wanted, base.signals, segments, search, how.cutting, progress)
-        if completed is None or not _changed(base, probability, completed.averaged.probability):
+        completed = searching.under(wanted.extension.model, progress.under("completed model"))
+        if weight_against(completed.settled, signs.settled) < _LIKELIER:
             break
-        probability = completed.averaged.probability
-        fit = fit_signed(base, 2.0 * probability - 1.0)
-    if completed is None or weight_against(completed.averaged.settled, averaged.asked) < _LIKELIER:
-        nothing = Completion((), wanted.before.rms, wanted.before.rms, wanted.effort)
-        completed = CompletedSigns(base.model, base.signals, averaged, nothing)
-    summed_out = _summed_out(completed, wanted, how.kinematics)
+        changed = _changed(asked, probability, completed.settled.probability)
+        signs, probability = completed, completed.settled.probability
+        if not changed and not _poor(signs.settled).any():
+            break
+        fit = fit_signed(asked, 2.0 * probability - 1.0)
+    assert wanted is not None
+    if completed is not plain and weight_against(completed.settled, plain.settled) < _LIKELIER:
+        completed = plain
+    if completed is plain and signs is first:
+        settled = averaged
+    else:
+        rival = signs is not completed
+        settled = AveragedSigns.of(completed.settled, signs.settled) if rival else AveragedSigns.alone(signs.settled)
+    effects = () if completed is plain else wanted.effects
+    summed_out = _summed_out(settled, {(e.effect, e.joints) for e in effects}, wanted, how.kinematics)
     nuisance = summed_out.asked.evidence.nuisance
     uncertain = {} if nuisance is None else dict(zip(nuisance.names, nuisance.scales.tolist(), strict=True))
-    effects = (*proposed, *completed.completion.effects)
-    return replace(
-        completed, averaged=summed_out, completion=replace(completed.completion, effects=effects, uncertain=uncertain)
-    )
+    after = wanted.after if effects else wanted.before
+    completion = Completion(effects, wanted.before.rms, after.rms, wanted.effort, uncertain)
+    return CompletedSigns(completed.model, completed.signals, summed_out, completion)
 
 
-def _with_proposals(
-    averaged: AveragedSigns, segments: Segments, search: Search, progress: Progress
-) -> tuple[AveragedSigns, tuple[EnteredEffect, ...]]:
-    """Signs, and effects that entered, where joints that the model explains poorly have had some proposed."""
-    settled, entered = averaged.settled, list[EnteredEffect]()
-    signals = settled.evidence.signals
-    poor = settled.fit.relative_residual > POOR_FIT
-    if not averaged.by_asked:
-        return averaged, ()
-    for joint in np.flatnonzero(poor & ~signals.signed)[::-1].tolist():  # from the tip, whose effects stay there
-        if settled.fit.relative_residual[joint] <= POOR_FIT:
-            continue
-        log = SignedLog.of(settled.evidence, settled.fit, settled.probability)
-        proposed = propose(log.data, PoorJoint.of(log, joint), log.library)
-        if proposed is None:
-            continue
-        model = settled.model.extend(proposed.source)
-        rival = settle_signs(model, signals, segments, search, progress.under(f"joint {joint + 1}"))
-        if weight_against(rival, settled) > _LIKELIER:
-            entered.append(EnteredEffect(proposed.source, 0.5 * evidence_gain(rival, settled) / LN10, ()))
-            settled = rival
-    return (AveragedSigns.alone(settled), tuple(entered)) if entered else (averaged, ())
+def _poor(settled: Settled) -> Mask:
+    """(n,) joints whose signs are sought and whose effort the model explains poorly."""
+    return (settled.fit.relative_residual > POOR_FIT) & ~settled.evidence.signals.signed
 
 
-def _summed_out(completed: CompletedSigns, wanted: Wanted, tolerance: KinematicTolerance) -> AveragedSigns:
+def _with_proposals(opinion: _Opinion, searching: _Searching, progress: Progress) -> _Opinion:
+    """Signs under the model with effects that were proposed for joints that it explains poorly; or as they were."""
+    for joint in np.flatnonzero(_poor(opinion.settled))[::-1].tolist():  # from the tip, whose effects stay there
+        for _ in range(_MOST_PROPOSED):
+            better = _with_proposal(opinion, joint, searching, progress.under(f"joint {joint + 1}"))
+            if better is opinion:
+                break
+            opinion = better
+    return opinion
+
+
+def _with_proposal(opinion: _Opinion, joint: int, searching: _Searching, progress: Progress) -> _Opinion:
+    """The same for one joint and one more effect."""
+    settled = opinion.settled
+    if not _poor(settled)[joint]:
+        return opinion
+    log = SignedLog.of(settled.evidence, settled.fit, settled.probability)
+    known = {(effect.effect, effect.joints) for effect in opinion.model.effects}
+    proposed = (e for e in propose(PoorJoint.of(log, joint), log.library) if (e.effect, e.joints) not in known)
+    for effect in islice(proposed, _MOST_RIVALS):
+        rival = searching.under(opinion.model.extend(effect), progress)
+        if weight_against(rival.settled, settled) > _LIKELIER:
+            return rival
+    return opinion
+
+
+def _summed_out(
+    averaged: AveragedSigns, entered: Set[EffectKey], wanted: Wanted, tolerance: KinematicTolerance
+) -> AveragedSigns:
     """The fit with all that did not enter, and the geometry, summed out."""
-    averaged = completed.averaged
     evidence = averaged.asked.evidence
-    entered = completed.completion.keys
     rest = [hypothesis for hypothesis in wanted.screened if hypothesis.key not in entered]
     nuisance = find_nuisance(evidence, averaged.fit, averaged.probability, rest, tolerance)
     evidence = replace(evidence, nuisance=nuisance, fitted=averaged.settled.evidence.fitted)
@@ -173,21 +218,6 @@ def _summed_out(completed: CompletedSigns, wanted: Wanted, tolerance: KinematicT
     asked = replace(averaged.asked, evidence=evidence, fit=fit)
     settled = asked if averaged.by_asked else averaged.settled
     return replace(averaged, asked=asked, settled=settled, fit=fit)
-
-
-def _settled(
-    wanted: Wanted, as_read: Signals, segments: Segments, search: Search, cutting: Cutting, progress: Progress
-) -> CompletedSigns | None:
-    """Signs under the completed model; None where nothing is wanted."""
-    if not wanted.effects:
-        return None
-    model = wanted.extension.model
-    signals = restored(model, as_read)
-    if model.before_sensors is not model and model.before_sensors.distortions != model.distortions:
-        segments = find_segments(signals, model.robot.actuators(signals.motion), cutting)
-    settled = settle_signs(model.before_sensors, signals, segments, search, progress.under("completed model"))
-    completion = Completion(wanted.effects, wanted.before.rms, wanted.after.rms, wanted.effort)
-    return CompletedSigns(model, signals, AveragedSigns.alone(settled), completion)
 
 
 def _changed(evidence: Evidence, before: Array, after: Array) -> bool:

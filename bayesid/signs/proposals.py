@@ -2,29 +2,42 @@
 
 Signs that were found under a poor model suit that model, and so hide what it lacks. So in such a joint every effect is
 tried with signs of its own: from several starts, coefficients and signs are fitted in turn until neither changes, the
-other joints' efforts holding the coefficients that they share. The effect whose residual is least, for the numbers that
-it takes, is proposed; a search under it decides.
+other joints' efforts holding the coefficients that they share. The effects whose residual is least, for the numbers
+that they take, are proposed; a search under each decides.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from bayesid.arrays import Array, Mask
-from bayesid.fit.effects.explanation import Observations
+from bayesid.arrays import Array
 from bayesid.fit.effects.hypotheses import Hypothesis
 from bayesid.fit.effects.relevance import inverse_of
 from bayesid.fit.effects.signed_log import SignedLog
+from bayesid.model.effects import Effect
 
 _MOST_TURNS = 40
 """Of coefficients and signs; a round number, a fit of 60 coefficients takes some ten."""
-_MOST_FORMS = 30
-"""Forms of an effect in one joint, beyond which it is not tried: waves of 400 lengths explain anything."""
 _LEAST_GAIN = 3.0
 """Nats by which an effect must do better than none to be proposed: the search that follows takes its time."""
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """One joint's samples under an effect.
+
+    Attributes:
+        columns: (M, m) of the model, those of the effect last.
+        magnitude: (M,) |effort|, N m.
+        known: (M,) the effort by the model so far, N m.
+    """
+
+    columns: Array
+    magnitude: Array
+    known: Array
 
 
 @dataclass(frozen=True)
@@ -32,18 +45,16 @@ class PoorJoint:
     """One joint that is explained poorly, the others as they are.
 
     Attributes:
+        log: on thinned rows.
         joint: 0-based.
-        magnitude: (N,) |effort|, N m.
-        prediction: (N,) of the model so far, N m.
-        weight: sd of the error, N m, its autocorrelation included.
-        count: effective samples.
+        weight: sd of the joint's error, N m, its autocorrelation included.
+        count: effective samples of the joint.
         hessian: (r, r) of the coefficients, by the other joints.
         gradient: (r,) the same.
     """
 
+    log: SignedLog
     joint: int
-    magnitude: Array
-    prediction: Array
     weight: float
     count: float
     hessian: Array
@@ -52,69 +63,84 @@ class PoorJoint:
     @classmethod
     def of(cls, log: SignedLog, joint: int) -> PoorJoint:
         """A (0-based) joint of a log."""
-        signals, data, residual = log.evidence.signals, log.data, log.fit.residual
-        time = np.maximum(residual.autocorrelation / (signals.rate / data.rate), 1.0)
+        data, residual = log.data, log.fit.residual
+        time = np.maximum(residual.autocorrelation / (log.evidence.signals.rate / data.rate), 1.0)
         weight = residual.sigma * np.sqrt(time)
         others = [j for j in range(len(weight)) if j != joint]
         columns, effort = data.columns / weight[:, None], data.effort / weight
         rows = columns[:, others].reshape(-1, columns.shape[2])
         return cls(
+            log=log,
             joint=joint,
-            magnitude=signals.magnitude[log.rows, joint],
-            prediction=log.fit.predicted[log.rows, joint],
             weight=float(weight[joint]),
             count=float(data.used[:, joint].sum() / time[joint]),
             hessian=rows.T @ rows,
             gradient=rows.T @ effort[:, others].ravel(),
         )
 
+    def rows(self) -> _Rows:
+        """Without an effect."""
+        used = self.log.data.used[:, self.joint]
+        return _Rows(
+            columns=self.log.data.columns[used, self.joint],
+            magnitude=self.log.evidence.signals.magnitude[self.log.rows, self.joint][used],
+            known=self.log.fit.predicted[self.log.rows, self.joint][used],
+        )
 
-def propose(data: Observations, poor: PoorJoint, library: Sequence[Sequence[Hypothesis]]) -> Hypothesis | None:
-    """The effect that explains a joint best, with signs of its own; None where none is worth it.
+    def rows_under(self, effect: Hypothesis) -> _Rows:
+        """With a term's columns; with columns or readings as a distortion makes them."""
+        plain, used = self.rows(), self.log.data.used[:, self.joint]
+        if effect.source.linear:
+            more = effect.columns.rows[self.joint][used]
+            return _Rows(np.concatenate([plain.columns, more], axis=1), plain.magnitude, plain.known)
+        evidence = self.log.evidence
+        model = evidence.model.extend(effect.source)
+        columns = model.columns(evidence.signals.motion[self.log.rows])[used, self.joint]
+        magnitude, readable = (x[used, self.joint] for x in model.unread(evidence.signals.magnitude[self.log.rows]))
+        columns = columns[:, evidence.coefficients.kept]
+        return _Rows(columns[readable], magnitude[readable], plain.known[readable])
+
+
+def propose(poor: PoorJoint, library: Sequence[Sequence[Hypothesis]]) -> list[Effect]:
+    """The effects that explain a joint best, with signs of its own, best first; none where none is worth it.
 
     Args:
-        data: the log.
         poor: the joint.
         library: all hypotheses.
     """
-    used = data.used[:, poor.joint]
-    columns = data.columns[used, poor.joint]
-    best, least = None, _least_cost(poor, columns, used) - _LEAST_GAIN
-    for hypothesis in _of_joint(library, poor.joint):
-        rows = hypothesis.columns.rows[poor.joint][used]
-        cost = _least_cost(poor, np.concatenate([columns, rows], axis=1), used)
-        if cost < least:
-            best, least = hypothesis, cost
-    return best
-
-
-def _of_joint(library: Sequence[Sequence[Hypothesis]], joint: int) -> Iterator[Hypothesis]:
+    enough = _least_cost(poor, poor.rows()) - _LEAST_GAIN
+    best: dict[str, tuple[float, Effect]] = {}
     for group in library:
-        if group[0].columns.joints == {joint} and len(group) <= _MOST_FORMS and joint in group[0].columns.rows:
-            yield from (hypothesis for hypothesis in group if hypothesis.source.linear)
+        if group[0].columns.joints != {poor.joint} or (group[0].source.linear and not group[0].columns.rows):
+            continue
+        choice = float(np.log(len(group)))  # of the form
+        for hypothesis in group:
+            cost = _least_cost(poor, poor.rows_under(hypothesis)) + choice
+            if cost < best.get(hypothesis.effect, (enough,))[0]:
+                best[hypothesis.effect] = cost, hypothesis.source
+    return [source for _, source in sorted(best.values(), key=lambda one: one[0])]
 
 
-def _least_cost(poor: PoorJoint, columns: Array, used: Mask) -> float:
-    """Half the Bayesian information criterion of columns (M, m), from the best of three starts."""
-    effort, known = poor.magnitude[used], poor.prediction[used]
-    by_others = columns[:, : len(poor.gradient)] @ (inverse_of(poor.hessian) @ poor.gradient)
-    starts = (np.where(value >= 0.0, 1.0, -1.0) for value in (known, -known, by_others))
-    rms = min(_alternated(poor, columns, effort, signs) for signs in starts)
-    return poor.count * float(np.log(rms)) + 0.5 * columns.shape[1] * float(np.log(poor.count))
+def _least_cost(poor: PoorJoint, rows: _Rows) -> float:
+    """Half the Bayesian information criterion of a joint's samples, from the best of three starts."""
+    by_others = rows.columns[:, : len(poor.gradient)] @ (inverse_of(poor.hessian) @ poor.gradient)
+    starts = (np.where(value >= 0.0, 1.0, -1.0) for value in (rows.known, -rows.known, by_others))
+    rms = min(_alternated(poor, rows, signs) for signs in starts)
+    return poor.count * float(np.log(rms)) + 0.5 * rows.columns.shape[1] * float(np.log(poor.count))
 
 
-def _alternated(poor: PoorJoint, columns: Array, effort: Array, signs: Array) -> float:
+def _alternated(poor: PoorJoint, rows: _Rows, signs: Array) -> float:
     """RMS residual, N m, once coefficients and signs (M,) have been fitted in turn."""
-    r = len(poor.gradient)
+    r, columns = len(poor.gradient), rows.columns
     hessian = columns.T @ columns / poor.weight**2
     hessian[:r, :r] += poor.hessian
     inverse = inverse_of(hessian)
     for _ in range(_MOST_TURNS):
-        gradient = columns.T @ (signs * effort) / poor.weight**2
+        gradient = columns.T @ (signs * rows.magnitude) / poor.weight**2
         gradient[:r] += poor.gradient
         predicted = columns @ (inverse @ gradient)
         nearest = np.where(predicted >= 0.0, 1.0, -1.0)
         if np.array_equal(nearest, signs):
             break
         signs = nearest
-    return float(np.sqrt(np.mean((signs * effort - predicted) ** 2)) + np.finfo(float).tiny)
+    return float(np.sqrt(np.mean((signs * rows.magnitude - predicted) ** 2)) + np.finfo(float).tiny)

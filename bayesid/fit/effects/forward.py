@@ -12,8 +12,8 @@ changed are whitened anew, whenever an effect has been added.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from dataclasses import dataclass, field
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
@@ -48,14 +48,12 @@ class Candidate(Generic[Kind]):
     Attributes:
         hypothesis: one form of an effect.
         place: indices of its columns.
-        change: index of the change that it makes by itself; -1 where it makes none, or that is taken off the efforts.
-        sharpened: whether the efforts are without its change, and its columns are about the number that was found.
+        change: index of the change that it makes by itself; -1 where it makes none.
     """
 
     hypothesis: Kind
     place: slice
     change: int = -1
-    sharpened: bool = False
 
 
 @dataclass(eq=False)
@@ -66,13 +64,11 @@ class Products(Generic[Kind]):
         data: what is to be explained.
         hypotheses: the candidates, linear about their own numbers.
         errors: of each joint.
-        taken_off: ids of hypotheses whose change the efforts are without.
     """
 
     data: Observations
     hypotheses: Sequence[Kind]
     errors: list[ErrorModel]
-    taken_off: frozenset[int] = frozenset()
     candidates: list[Candidate[Kind]] = field(init=False)
     precision: Array = field(init=False)
     _hessian: list[Array] = field(init=False)
@@ -85,9 +81,8 @@ class Products(Generic[Kind]):
         self.candidates, end = [], self.data.columns.shape[2]
         for hypothesis in self.hypotheses:
             start, end = end, end + len(hypothesis.columns.sd)
-            taken_off = id(hypothesis) in self.taken_off
-            change = end if hypothesis.columns.shift and not taken_off else -1
-            self.candidates.append(Candidate(hypothesis, slice(start, end), change, taken_off))
+            change = end if hypothesis.columns.shift else -1
+            self.candidates.append(Candidate(hypothesis, slice(start, end), change))
             end += change >= 0
         self.precision = np.zeros(end)
         for candidate in self.candidates:
@@ -175,23 +170,15 @@ class Products(Generic[Kind]):
         squares = np.stack([(residual[self._block == b] ** 2).sum(axis=0) for b in range(BLOCKS)])
         return HeldBackErrors(squares, np.stack([self.data.used[self._block == b].sum(axis=0) for b in range(BLOCKS)]))
 
-    def sharpened(
-        self, chosen: Sequence[Candidate[Kind]], sharper: Sequence[Kind]
+    def with_forms(
+        self, forms: Mapping[int, Kind], chosen: Sequence[Candidate[Kind]]
     ) -> tuple[Products[Kind], list[Candidate[Kind]]]:
-        """The same with other forms of some candidates, and these; what they change by themselves is taken off."""
-        replaced = {id(c.hypothesis): new for c, new in zip(chosen, sharper, strict=True) if c.hypothesis is not new}
-        effort = self.data.effort.copy()
-        for candidate in chosen:
-            if new := replaced.get(id(candidate.hypothesis)):
-                old = candidate.hypothesis.columns.shift if candidate.sharpened else {}
-                for j in new.columns.joints:
-                    change = new.columns.shift.get(j, 0.0) - old.get(j, 0.0)
-                    effort[:, j] -= change * self.data.used[:, j]
-        hypotheses = [replaced.get(id(h), h) for h in self.hypotheses]
-        taken_off = {id(c.hypothesis) for c in chosen if c.sharpened} | {id(new) for new in replaced.values()}
-        products = Products(replace(self.data, effort=effort), hypotheses, self.errors, frozenset(taken_off))
-        of = {id(c.hypothesis): c for c in products.candidates}
-        return products, [of[id(new)] for new in sharper]
+        """The same with other forms of some hypotheses, by the ids of the old ones, and the chosen among them."""
+        if not forms:
+            return self, list(chosen)
+        products = Products(self.data, [forms.get(id(h), h) for h in self.hypotheses], self.errors)
+        of_old = {id(old): new for old, new in zip(self.hypotheses, products.candidates, strict=True)}
+        return products, [of_old[id(candidate.hypothesis)] for candidate in chosen]
 
     def with_noise_of(self, chosen: Sequence[Candidate[Kind]], joints: Iterable[int]) -> None:
         """Whitens some (0-based) joints anew, by the errors that a set of candidates leaves there."""
@@ -229,58 +216,122 @@ def _gain(inner: Array, slope: Array, columns: Columns) -> float:
     return base + float(0.5 * (slope * sd) @ amplitude - 0.5 * np.linalg.slogdet(scaled)[1]) + sides
 
 
+@dataclass(frozen=True)
+class Rules(Generic[Kind]):
+    """What decides in a forward selection.
+
+    Attributes:
+        needed: log Bayes factor.
+        most: candidates that are added.
+        sharpen: new forms of hypotheses, by the ids of the old ones, once some candidates are chosen: of those that are
+            linear near what was found alone.
+    """
+
+    needed: float
+    most: int
+    sharpen: Callable[[Products[Kind], Sequence[Candidate[Kind]]], Mapping[int, Kind]] = lambda products, chosen: {}
+
+
 def select_forward(
-    products: Products[Kind],
-    needed: float,
-    most: int,
-    sharpen: Callable[[Sequence[Kind]], Sequence[Kind]] = lambda chosen: chosen,
+    products: Products[Kind], rules: Rules[Kind], start: Set[EffectKey] = frozenset()
 ) -> tuple[Products[Kind], list[Candidate[Kind]]]:
     """Adds the borne-out candidate of the largest gain until none is left; what that makes needless goes.
 
     Args:
         products: of all candidates.
-        needed: log Bayes factor.
-        most: candidates that are added.
-        sharpen: what becomes of candidates once their amplitudes are found: new ones of those that are linear about
-            these alone.
+        rules: what decides.
+        start: what is chosen to begin with, and goes if it is not worth it beside the rest.
 
     Returns:
         Products whose noise is that of the result, and the candidates that were chosen.
     """
-    chosen: list[Candidate[Kind]] = []
-    refused: set[EffectKey] = set()
-    nothing = products.held_back(())
-    while len(chosen) < most:
-        keys = {c.hypothesis.key for c in chosen} | refused
-        tried = [c for c in products.candidates if c.hypothesis.key not in keys]
+    nothing, refused = products.held_back(()), set[EffectKey]()
+    chosen = [candidate for candidate in products.candidates if candidate.hypothesis.key in start]
+    if chosen:
+        products, chosen = _settled(products, chosen, rules)
+        chosen = _worth_it(products, chosen, rules.needed)
+    while True:
+        products, grown = _grown(products, chosen, rules, refused)
+        chosen = _harmless(products, _worth_it(products, grown, rules.needed), nothing)
+        if len(chosen) == len(grown):
+            return products, chosen
+        refused |= _keys(grown) - _keys(chosen)
+        products, chosen = _settled(products, chosen, rules)
+
+
+def _keys(chosen: Sequence[Candidate[Kind]]) -> set[EffectKey]:
+    return {candidate.hypothesis.key for candidate in chosen}
+
+
+def _grown(
+    products: Products[Kind], chosen: list[Candidate[Kind]], rules: Rules[Kind], refused: set[EffectKey]
+) -> tuple[Products[Kind], list[Candidate[Kind]]]:
+    """With candidates added as long as one is borne out; what that makes needless is refused from then on."""
+    while len(chosen) < rules.most:
+        tried = [c for c in products.candidates if c.hypothesis.key not in _keys(chosen) | refused]
         gains = products.gains(chosen, tried)
         before = products.held_back(chosen)
-        promising = (tried[k] for k in np.argsort(-gains) if gains[k] > needed)
-        entering = next((c for c in promising if _borne_out(products.held_back([*chosen, c]), before, c)), None)
-        if entering is None:
+        promising = (_with(chosen, tried[k]) for k in np.argsort(-gains) if gains[k] > rules.needed)
+        more = next((more for more in promising if bears_out(products.held_back(more), before)), None)
+        if more is None:
             break
-        sharper = sharpen([c.hypothesis for c in chosen if c.sharpened] + [entering.hypothesis])
-        if sharper[-1] is entering.hypothesis:
-            chosen.append(entering)
-        else:  # a distortion changes what all terms stand for: they are chosen anew beside it
-            products, chosen = products.sharpened([*(c for c in chosen if c.sharpened), entering], sharper)
-        products.with_noise_of(chosen, range(len(products.errors)))
-        needless = _needless(products, chosen, needed)
-        refused |= {c.hypothesis.key for c in needless}  # or it would come and go for ever
-        chosen = [c for c in chosen if c not in needless]
-    while chosen and harmed(products.held_back(chosen), nothing).any():
-        chosen = chosen[:-1]
+        products, chosen = _settled(products, more, rules)
+        refused |= _keys(more) - _keys(chosen)  # or it would come and go for ever
     return products, chosen
 
 
-def _needless(products: Products[Kind], chosen: list[Candidate[Kind]], needed: float) -> list[Candidate[Kind]]:
-    """The first of the chosen whose gain, given the others, is too small; those that were sharpened stay."""
-    for candidate in chosen[:-1]:
-        others = [other for other in chosen if other is not candidate]
-        if not candidate.sharpened and products.gains(others, [candidate])[0] <= needed:
-            return [candidate]
-    return []
+def _with(chosen: Sequence[Candidate[Kind]], entering: Candidate[Kind]) -> list[Candidate[Kind]]:
+    """The chosen and one more, which takes the place of the same effect in some of its joints."""
+    effect, joints = entering.hypothesis.key[0], entering.hypothesis.columns.joints
+    covered = (c.hypothesis.key[0] == effect and c.hypothesis.columns.joints <= joints for c in chosen)
+    return [*(c for c, gone in zip(chosen, covered, strict=True) if not gone), entering]
 
 
-def _borne_out(after: HeldBackErrors, before: HeldBackErrors, candidate: Candidate[Kind]) -> bool:
-    return bears_out(after, before, sorted(candidate.hypothesis.columns.joints))
+def _settled(
+    products: Products[Kind], chosen: list[Candidate[Kind]], rules: Rules[Kind]
+) -> tuple[Products[Kind], list[Candidate[Kind]]]:
+    """The chosen in their sharpened forms, noise estimated anew, until none of them is needless."""
+    while True:
+        products, chosen = products.with_forms(rules.sharpen(products, chosen), chosen)
+        products.with_noise_of(chosen, range(len(products.errors)))
+        needed = _needed(products, chosen, rules.needed)
+        if len(needed) == len(chosen) or not needed:
+            return products, needed
+        chosen = needed
+
+
+def _needed(products: Products[Kind], chosen: list[Candidate[Kind]], needed: float) -> list[Candidate[Kind]]:
+    """The chosen without those whose gain, given the others, is too small, the smallest first."""
+    while chosen:
+        gains = [float(products.gains(_without(chosen, c), [c])[0]) for c in chosen]
+        if min(gains) > needed:
+            break
+        chosen = _without(chosen, chosen[int(np.argmin(gains))])
+    return chosen
+
+
+def _worth_it(products: Products[Kind], chosen: list[Candidate[Kind]], needed: float) -> list[Candidate[Kind]]:
+    """The chosen without those that others make needless, or that held-back data do not bear out beside these."""
+    chosen = _needed(products, chosen, needed)
+    while chosen:
+        after = products.held_back(chosen)
+        idle = [c for c in chosen if not bears_out(after, products.held_back(_without(chosen, c)))]
+        if not idle:
+            break
+        least = min(idle, key=lambda c: float(products.gains(_without(chosen, c), [c])[0]))
+        chosen = _needed(products, _without(chosen, least), needed)
+    return chosen
+
+
+def _harmless(
+    products: Products[Kind], chosen: list[Candidate[Kind]], nothing: HeldBackErrors
+) -> list[Candidate[Kind]]:
+    """The chosen without those that harm a joint, the most harmful first."""
+    while chosen and (joints := harmed(products.held_back(chosen), nothing)).any():
+        relative = [(products.held_back(_without(chosen, c)).rms / nothing.rms)[joints].sum() for c in chosen]
+        chosen = _without(chosen, chosen[int(np.argmin(relative))])
+    return chosen
+
+
+def _without(chosen: Sequence[Candidate[Kind]], left_out: Candidate[Kind]) -> list[Candidate[Kind]]:
+    return [candidate for candidate in chosen if candidate is not left_out]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,19 +47,16 @@ class HeldBackErrors:
         return change.sum(axis=0) / count, change.std(axis=0) * np.sqrt(len(change)) / count
 
 
-def bears_out(after: HeldBackErrors, before: HeldBackErrors, joints: Sequence[int]) -> bool:
-    """Whether an effect in some (0-based) joints helps there, and surely harms none.
-
-    Shares of the joints' mean squared errors add up.
-    """
-    relative = ((after.squares - before.squares) / np.maximum(before.squares.sum(axis=0), _TINY))[:, list(joints)]
+def bears_out(after: HeldBackErrors, before: HeldBackErrors) -> bool:
+    """Whether an effect helps, all in all: shares of the joints' mean squared errors add up."""
+    relative = (after.squares - before.squares) / np.maximum(before.squares.sum(axis=0), _TINY)
     of_blocks = relative.sum(axis=1)
     help_needed = max(_HELP, _SURE * float(of_blocks.std()) * np.sqrt(len(of_blocks)))
-    return bool(-of_blocks.sum() > help_needed and not harmed(after, before, _SURE).any())
+    return bool(-of_blocks.sum() > help_needed)
 
 
-def harmed(after: HeldBackErrors, before: HeldBackErrors, deviations: float = 1.0) -> Mask:
-    """(n,) whether a joint's mean squared error has risen by more than so many standard errors, and visibly."""
+def harmed(after: HeldBackErrors, before: HeldBackErrors) -> Mask:
+    """(n,) whether a joint's mean squared error has risen by more than its standard error, and visibly."""
     rise, error = after.rise(before)
-    risen: Mask = (rise > deviations * error) & (rise > _HARM * before.rms**2)
+    risen: Mask = (rise > error) & (rise > _HARM * before.rms**2)
     return risen

@@ -34,16 +34,23 @@ def sharpened(
     linear = all(effect.source.linear for effect in effects)
     for _ in range(0 if linear else _RELINEARISATIONS):
         shifted = moved(effects, explanation)
-        scene = scene_of(columns @ explanation.beta + _effort_of_terms(effects, explanation))
+        scene = scene_of(
+            columns @ explanation.beta + effort_of_terms(effects, explanation.amplitudes, data.effort.shape)
+        )
         effects = [_relinearised(effect, scene) for effect in shifted]
         _, explanation = explain_with(data, effects, explanation)
     return effects, explanation
 
 
-def _effort_of_terms(effects: Sequence[Hypothesis], explanation: Explanation) -> Array:
-    """(N, n) efforts of the terms among the effects, N m."""
-    effort = np.zeros(explanation.residual.shape)
-    for effect, amplitude in zip(effects, explanation.amplitudes, strict=True):
+def about(effects: Sequence[Hypothesis], scene: Scene) -> list[Hypothesis]:
+    """The effects linearised where a scene is, about their own numbers."""
+    return [_relinearised(effect, scene) for effect in effects]
+
+
+def effort_of_terms(effects: Sequence[Hypothesis], amplitudes: Sequence[Array], shape: tuple[int, ...]) -> Array:
+    """(N, n) efforts of the terms among the effects, N m, of an amplitude (p,) each."""
+    effort = np.zeros(shape)
+    for effect, amplitude in zip(effects, amplitudes, strict=True):
         if effect.source.linear:
             for j, rows in effect.columns.rows.items():
                 effort[:, j] += rows @ amplitude

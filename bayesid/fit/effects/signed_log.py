@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from bayesid.arrays import Array, Integers
 from bayesid.fit.effects.explanation import Observations
+from bayesid.fit.effects.forward import Candidate, Products
 from bayesid.fit.effects.hypotheses import Hypothesis, hypotheses
-from bayesid.fit.effects.relinearisation import sharpened
+from bayesid.fit.effects.relinearisation import about, effort_of_terms, sharpened
 from bayesid.fit.evidence import Evidence
 from bayesid.fit.knowledge import Information
 from bayesid.fit.least_squares import Fit
@@ -22,6 +23,9 @@ _SAMPLES = 2_500
 _SLOWEST = 25.0
 """Hz; a log is not thinned below it, for friction turns round within a tenth of a second: of a longer one stretches are
 taken."""
+_MOVED = 0.1
+"""Share of a joint's effort by which the model's effort may change with what has entered before it shows in what a
+distortion would do. A round number; not studied."""
 _STRETCHES = 8
 """Of a log that is too long. A round number."""
 
@@ -70,9 +74,29 @@ class SignedLog:
         used = self.data.used
         return np.sqrt((self.data.effort**2).sum(axis=0) / np.maximum(used.sum(axis=0), 1))
 
-    def sharpened(self, effects: Sequence[Hypothesis]) -> Sequence[Hypothesis]:
-        """Effects about the numbers that the log shows of them, where the last of them is linear near these alone."""
-        return effects if effects[-1].source.linear else sharpened(self.data, effects, self.columns, self.scene)[0]
+    def sharpened(
+        self, products: Products[Hypothesis], chosen: Sequence[Candidate[Hypothesis]]
+    ) -> Mapping[int, Hypothesis]:
+        """Distortions as they are near what has been found, by the ids of their old forms.
+
+        Those that were chosen are linearised about their own numbers; where the effort of the model with the chosen
+        effects is another one by now, all others are linearised anew for it.
+        """
+        effects = [candidate.hypothesis for candidate in chosen]
+        best = products.best(chosen)
+        beta, amplitudes = best[: self.columns.shape[2]], [best[candidate.place] for candidate in chosen]
+        forms: dict[int, Hypothesis] = {}
+        if not all(effect.source.linear for effect in effects):
+            sharp, explanation = sharpened(self.data, effects, self.columns, self.scene)
+            forms = {id(old): new for old, new in zip(effects, sharp, strict=True)}
+            beta, amplitudes = explanation.beta, list(explanation.amplitudes)
+        effort = self.columns @ beta + effort_of_terms(effects, amplitudes, self.data.effort.shape)
+        change = np.where(self.data.used, effort - self.fit.predicted[self.rows], 0.0)
+        moved = np.sqrt((change**2).sum(axis=0) / np.maximum(self.data.used.sum(axis=0), 1)) > _MOVED * self.rms_effort
+        if moved.any():
+            others = [h for h in products.hypotheses if not h.source.linear and all(h is not e for e in effects)]
+            forms |= {id(old): new for old, new in zip(others, about(others, self.scene(effort)), strict=True)}
+        return forms
 
     def scene(self, effort: Array) -> Scene:
         """What effects may look at."""

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.fit.effects.explanation import LN10, Explanation, Observations
+from bayesid.fit.effects.explanation import LN10, Explanation
 from bayesid.fit.effects.extension import Extension, extend
-from bayesid.fit.effects.forward import Candidate, Products, select_forward
+from bayesid.fit.effects.forward import Candidate, Products, Rules, select_forward
 from bayesid.fit.effects.held_back import HeldBackErrors
 from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
 from bayesid.fit.effects.scores import best_forms, explain_with
@@ -30,7 +30,6 @@ _MOST = 16
 """Effects that are added; a bound against endless loops."""
 _SHORT_LIST = 60
 """Effects that are looked at again after the first of all looks, in their best form. A round number; not studied."""
-_NO_NAMES: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -86,29 +85,35 @@ class Wanted:
         return {(effect.effect, effect.joints) for effect in self.effects}
 
 
-def what_is_wanted(evidence: Evidence, fit: Fit, probability: Array, *, enter: bool = True) -> Wanted:
+def what_is_wanted(
+    evidence: Evidence, fit: Fit, probability: Array, start: Sequence[Effect] = (), *, enter: bool = True
+) -> Wanted:
     """Effects that a log wants beyond a model.
 
     Args:
         evidence: the model, the log, and which samples count.
         fit: of the model to the log.
         probability: (N, n) P(sign = +) of every sample.
+        start: effects with which the selection begins; each goes again if it is not worth it.
         enter: whether effects may enter.
     """
     case = SignedLog.of(evidence, fit, probability)
     regression, alone = explain_with(case.data, ())
     screened = best_forms(Screening(regression, alone.errors), case.library)[:_SHORT_LIST]
-    best = [score.hypothesis for score, _ in screened]
+    begun = _made(start, case.library)
+    begun_keys = frozenset(hypothesis.key for hypothesis in begun)
+    best = [*begun, *(score.hypothesis for score, _ in screened if score.hypothesis.key not in begun_keys)]
     products = Products(case.data, best, list(alone.errors))
     before = products.held_back(())
-    products, chosen = select_forward(products, NEEDED, _MOST if enter else 0, case.sharpened)
+    rules = Rules(NEEDED, _MOST if enter else 0, case.sharpened)
+    products, chosen = select_forward(products, rules, begun_keys)
     effects = [candidate.hypothesis for candidate in chosen]
     _, explanation = explain_with(case.data, effects)
     knowledge = Knowledge(evidence.model, fit.theta, np.zeros_like(case.data.information.hessian))
     extension = extend(knowledge, evidence.coefficients, effects, explanation)
     return Wanted(
         extension=extension,
-        effects=tuple(_entered(case.data, products, chosen, effects, explanation)),
+        effects=tuple(_entered(products, chosen, explanation)),
         before=before,
         after=products.held_back(chosen),
         screened=tuple(best),
@@ -116,25 +121,24 @@ def what_is_wanted(evidence: Evidence, fit: Fit, probability: Array, *, enter: b
     )
 
 
+def _made(effects: Sequence[Effect], library: Sequence[Sequence[Hypothesis]]) -> list[Hypothesis]:
+    """Effects in their own form, as what they would do to the log; distortions last."""
+    like = {(group[0].source.name, group[0].joints): group[0] for group in library}
+    known = (effect for effect in effects if (effect.name, effect.joints) in like)
+    made = [like[effect.name, effect.joints].make(effect) for effect in known]
+    return sorted(made, key=lambda hypothesis: not hypothesis.source.linear)
+
+
 def _entered(
-    data: Observations,
-    products: Products[Hypothesis],
-    chosen: Sequence[Candidate[Hypothesis]],
-    effects: Sequence[Hypothesis],
-    explanation: Explanation,
+    products: Products[Hypothesis], chosen: Sequence[Candidate[Hypothesis]], explanation: Explanation
 ) -> list[EnteredEffect]:
     """The chosen effects, each weighed given the others, with what could stand in its place."""
     entered = []
-    for k, (candidate, effect) in enumerate(zip(chosen, effects, strict=True)):
-        others = [other for other in chosen if other is not candidate]
-        if candidate.sharpened:  # what it changes is taken off the efforts already: it is weighed on the log itself
-            _, without = explain_with(data, [other.hypothesis for other in others], explanation)
-            gain, equivalent = explanation.log_evidence - without.log_evidence, _NO_NAMES
-        else:
-            gain, equivalent = _weighed(products, candidate, others)
-        number_sd = () if effect.source.linear else tuple(explanation.sd[k].tolist())
-        source = effect.source.moved(explanation.amplitudes[k])
-        entered.append(EnteredEffect(source, gain / LN10, equivalent, number_sd))
+    for k, candidate in enumerate(chosen):
+        gain, equivalent = _weighed(products, candidate, [other for other in chosen if other is not candidate])
+        source = candidate.hypothesis.source
+        number_sd = () if source.linear else tuple(explanation.sd[k].tolist())
+        entered.append(EnteredEffect(source.moved(explanation.amplitudes[k]), gain / LN10, equivalent, number_sd))
     return entered
 
 

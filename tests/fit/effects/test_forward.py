@@ -12,7 +12,7 @@ from scipy.stats import multivariate_normal, norm
 from bayesid.fit.effects import forward
 from bayesid.fit.effects.error_model import ErrorModel, fit_error
 from bayesid.fit.effects.explanation import Columns, Observations
-from bayesid.fit.effects.forward import Products, select_forward
+from bayesid.fit.effects.forward import Products, Rules, select_forward
 from bayesid.fit.knowledge import Information
 
 RATE = 50.0
@@ -20,6 +20,7 @@ ERRORS = (ErrorModel(0.3, 0.5, 0.1, RATE), ErrorModel(1.1, 0.7, 0.3, RATE))
 SMALL = 160
 """Samples, of which every one of the 16 blocks has ten."""
 NEEDED = 12.0
+RULES = Rules(NEEDED, 16)
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,35 +280,17 @@ def plain(form):
     return replace(form, columns=replace(form.columns, shift={}))
 
 
-def test_another_form_takes_its_own_change_off_the_efforts():
+def test_other_forms_take_the_place_of_the_old_ones():
     first = made_case()
-    data, hypotheses = first.data, first.hypotheses
     chosen = [first.candidates[3], first.candidates[0]]
-    new = shifted(hypotheses[0], 5, (0, 1))
-    found, kept = first.sharpened(chosen, [hypotheses[3], new])
-    assert_same(found, Products(without(data, new), [plain(new), *hypotheses[1:]], list(ERRORS)))
-    assert [c.hypothesis for c in kept] == [hypotheses[3], new]
-    assert [c.sharpened for c in kept] == [False, True]
-    assert [c.sharpened for c in found.candidates] == [True, False, False, False]
-    assert [c.place for c in kept] == [first.candidates[3].place, first.candidates[0].place]
-    assert np.abs(data.effort - found.data.effort).max() > 0.5
-    np.testing.assert_array_equal(found.data.effort[~data.used], 0.0)
-
-
-def test_a_form_that_replaces_a_sharpened_one_gives_its_change_back():
-    """The efforts have one change of every effect taken off, however often it has been sharpened."""
-    first = made_case()
-    data, hypotheses = first.data, first.hypotheses
-    once, twice = shifted(hypotheses[0], 5, (0, 1)), shifted(hypotheses[0], 6, (0, 1))
-    other = shifted(hypotheses[2], 7, (0,))
-    left = [plain(twice), hypotheses[1], plain(other), hypotheses[3]]
-    expected = Products(without(data, twice, other), left, list(ERRORS))
-    found, kept = first.sharpened([first.candidates[0]], [once])
-    found, kept = found.sharpened([*kept, found.candidates[2]], [twice, other])
-    assert_same(found, expected)
-    found, kept = found.sharpened(kept, [twice, other])
-    assert_same(found, expected)
-    assert [c.sharpened for c in kept] == [True, True]
+    new = shifted(first.hypotheses[0], 5, (0, 1))
+    found, kept = first.with_forms({id(first.hypotheses[0]): new}, chosen)
+    assert_same(found, Products(first.data, [new, *first.hypotheses[1:]], list(ERRORS)))
+    assert [c.hypothesis for c in kept] == [first.hypotheses[3], new]
+    assert kept == [found.candidates[3], found.candidates[0]]
+    same, kept = first.with_forms({}, chosen)
+    assert same is first
+    assert kept == chosen
 
 
 @pytest.mark.parametrize("others", [(), (0,), (3, 1)])
@@ -376,7 +359,7 @@ def test_the_group_that_is_there_is_found_and_no_other(place, memory):
     hypotheses = dictionary(rng)
     for j, rows in hypotheses[place].columns.rows.items():
         effort[:, j] += rows @ np.array([1.0, -0.6])[: rows.shape[1]]
-    products, chosen = select_forward(products_of(columns, effort, hypotheses), NEEDED, 16)
+    products, chosen = select_forward(products_of(columns, effort, hypotheses), RULES)
     assert names(chosen) == [hypotheses[place].key]
     left = products.residual(chosen)
     again = fit_error(left[:, 0], np.ones(LOG, dtype=bool), RATE)[0]
@@ -386,15 +369,16 @@ def test_the_group_that_is_there_is_found_and_no_other(place, memory):
 
 @pytest.mark.parametrize("memory", [0.0, 0.9])
 def test_nothing_is_found_in_noise(memory):
-    """Twenty logs, 24 candidates each; a threshold of 2 nats is passed by some, held-back blocks by fewer."""
-    passed = 0
+    """Twenty logs, 24 candidates each; a threshold of 0 nats is passed by some, held-back blocks by few of these."""
+    passed = borne_out = 0
     for seed in range(20):
         rng, columns, effort = log_of(100 + seed, 1.0, memory)
         products = products_of(columns, effort, dictionary(rng))
-        passed += bool((products.gains((), products.candidates) > 2.0).any())
-        assert select_forward(products, NEEDED, 16)[1] == []
-        assert select_forward(products, 1.0, 16)[1] == []
-    assert passed > 0
+        passed += bool((products.gains((), products.candidates) > 0.0).any())
+        assert select_forward(products, RULES)[1] == []
+        borne_out += bool(select_forward(products, Rules(0.0, 16))[1])
+    assert passed > 5
+    assert borne_out <= passed / 3
 
 
 def test_noise_that_lasts_is_taken_for_an_effect_if_it_is_said_to_be_white():
@@ -426,13 +410,13 @@ def three_of_one_joint(seed=5):
 def test_what_becomes_needless_goes():
     products = three_of_one_joint()
     assert np.argmax(products.gains((), products.candidates)) == 0
-    assert names(select_forward(products, NEEDED, 1)[1]) == [("sum", (1,))]
-    _, chosen = select_forward(three_of_one_joint(), NEEDED, 16)
+    assert names(select_forward(products, Rules(NEEDED, 1))[1]) == [("sum", (1,))]
+    _, chosen = select_forward(three_of_one_joint(), RULES)
     assert sorted(names(chosen)) == [("one", (1,)), ("other", (1,))]
 
 
 def test_no_more_are_added_than_asked_for():
-    assert select_forward(three_of_one_joint(), NEEDED, 0)[1] == []
+    assert select_forward(three_of_one_joint(), Rules(NEEDED, 0))[1] == []
 
 
 def test_another_form_of_what_was_chosen_is_not_added():
@@ -441,7 +425,7 @@ def test_another_form_of_what_was_chosen_is_not_added():
     rows = waves(rng, LOG, 2, slowest=3.0)
     effort[:, 0] += rows @ [1.2, 0.8]
     hypotheses = [made("same", {0: rows[:, [k]]}, [0.8]) for k in range(2)]
-    _, chosen = select_forward(products_of(columns, effort, hypotheses), NEEDED, 16)
+    _, chosen = select_forward(products_of(columns, effort, hypotheses), RULES)
     assert len(chosen) == 1
 
 
@@ -453,44 +437,77 @@ def test_an_effect_that_harms_another_joint_is_refused():
     harmful = made("harmful", {0: rows, 1: 0.15 * rows}, [0.8])
     products = products_of(columns, effort, [harmful])
     assert products.gains((), products.candidates)[0] > 2.0 * NEEDED
-    assert select_forward(products, NEEDED, 16)[1] == []
+    assert select_forward(products, RULES)[1] == []
     honest = made("honest", {0: rows}, [0.8])
-    _, chosen = select_forward(products_of(columns, effort, [harmful, honest]), NEEDED, 16)
+    _, chosen = select_forward(products_of(columns, effort, [harmful, honest]), RULES)
     assert names(chosen) == [honest.key]
 
 
-def test_what_harms_in_the_end_goes_last_first(monkeypatch):
-    calls = []
-
-    def harmed(after, nothing):
-        calls.append(after.rms[0] / nothing.rms[0])
-        return np.array([len(calls) < 2])
-
-    _, every = select_forward(three_of_one_joint(), NEEDED, 16)
-    monkeypatch.setattr(forward, "harmed", harmed)
-    _, chosen = select_forward(three_of_one_joint(), NEEDED, 16)
-    assert names(chosen) == names(every)[:1] != names(every)[1:]
-    assert len(calls) == 2
-    assert calls[0] < calls[1] < 1.0
+def test_what_harms_most_in_the_end_goes_and_does_not_come_back(monkeypatch):
+    """Without "one" the error is the larger, so "other" is blamed for a harm that is made up."""
+    kept = names(select_forward(three_of_one_joint(), RULES)[1])
+    monkeypatch.setattr(forward, "harmed", lambda after, nothing: after.rms < 0.5 * nothing.rms)
+    products = three_of_one_joint()
+    _, chosen = select_forward(products, RULES)
+    left = {c.hypothesis.key: products.held_back([c]).rms[0] for c in products.candidates if c.hypothesis.key in kept}
+    assert names(chosen) == [min(left, key=left.get)]
 
 
-def test_a_distortion_is_sharpened_and_terms_are_chosen_anew_beside_it():
-    """A term that looks like most of it comes first; with the distortion in its right form it is not needed."""
+def distorted():
+    """A distortion, its first form and its right one, and a term that looks like most of it."""
     rng, columns, effort = log_of(13, 0.2, joints=1)
     own, change, other = waves(rng, LOG, 3, slowest=20.0, fastest=60.0).T
     effort[:, 0] += 1.5 * own + change
     alike = made("alike", {0: (0.8 * own + 1.4 * change)[:, None]}, [0.8])
     off = made("distortion", {0: (own + 0.3 * other)[:, None]}, [0.8])
     right = made("distortion", {0: own[:, None]}, [0.8], shift={0: change})
+    return Products(observed(columns, effort), [off, alike], [ErrorModel(1.0, 1e-6, 0.1, RATE)]), off, right
+
+
+def test_a_distortion_is_sharpened_and_what_looks_like_it_is_needless_then():
+    products, off, right = distorted()
     asked = []
 
-    def sharpen(chosen):
-        asked.append([one.key[0] for one in chosen])
-        return [right if one is off else one for one in chosen]
+    def sharpen(current, chosen):
+        asked.append(names(chosen))
+        found = {off.key} <= set(names(chosen)) and off in current.hypotheses
+        return {id(off): right} if found else {}
 
-    products = Products(observed(columns, effort), [off, alike], [ErrorModel(1.0, 1e-6, 0.1, RATE)])
-    found, chosen = select_forward(products, NEEDED, 16, sharpen)
-    assert asked == [["alike"], ["distortion"]]
-    assert names(chosen) == [off.key]
-    assert chosen[0].sharpened
+    found, chosen = select_forward(products, Rules(NEEDED, 16, sharpen))
+    assert asked == [[("alike", (1,))], [("alike", (1,)), off.key], [off.key]]
+    assert [c.hypothesis for c in chosen] == [right]
     assert np.sqrt(np.mean(found.residual(chosen) ** 2)) == pytest.approx(0.2, rel=0.1)
+
+
+def test_a_distortion_that_others_make_needless_goes():
+    """In its right form it was there to begin with, but is a term's likeness here."""
+    products, _, right = distorted()
+    own, change = right.columns.rows[0], right.columns.shift[0][:, None]
+    term = made("term", {0: np.hstack([own, change])}, [2.0, 2.0])
+    products = Products(products.data, [term, right], list(products.errors))
+    assert products.gains([products.candidates[0]], [products.candidates[1]])[0] < 1.0
+    _, chosen = select_forward(products, RULES, {term.key, right.key})
+    assert len(chosen) == 1
+
+
+def test_a_selection_may_begin_with_what_is_only_worth_it_together():
+    """Signal in two columns that nearly cancel: neither helps alone, so growth from nothing adds none."""
+    rng, columns, effort = log_of(19, 0.2, joints=1)
+    common, small = waves(rng, LOG, 2, slowest=20.0, fastest=60.0).T
+    effort[:, 0] += small
+    pair = [made("one", {0: (common + 0.5 * small)[:, None]}, [2.0]), made("two", {0: common[:, None]}, [2.0])]
+    useless = made("useless", {0: waves(rng, LOG, 1)}, [0.8])
+    fresh = [products_of(columns, effort, [*pair, useless]) for _ in range(2)]
+    assert select_forward(fresh[0], Rules(40.0, 16))[1] == []
+    _, chosen = select_forward(fresh[1], Rules(40.0, 16), {one.key for one in (*pair, useless)})
+    assert set(names(chosen)) == {one.key for one in pair}
+
+
+def test_an_effect_of_more_joints_takes_the_place_of_itself_in_fewer():
+    rng, columns, effort = log_of(17, 0.3)
+    rows = waves(rng, LOG, 2, slowest=3.0)
+    effort += 1.2 * rows
+    alone = made("same", {0: rows[:, :1]}, [0.8])
+    both = replace(made("same", {j: rows[:, [j]] for j in (0, 1)}, [0.8]), key=("same", ()))
+    _, chosen = select_forward(products_of(columns, effort, [alone, both]), RULES, {alone.key})
+    assert names(chosen) == [both.key]

@@ -56,12 +56,10 @@ def test_harm_is_visible_from_two_per_cent_of_the_square_on(rise, visible):
     np.testing.assert_array_equal(harmed(errors(7.0, 0.3 * (1.0 + rise)), before), [False, visible])
 
 
-@pytest.mark.parametrize("deviations", [1.0, 2.0])
 @pytest.mark.parametrize("share", [0.9, 1.1])
-def test_harm_is_sure_from_some_standard_errors_on(deviations, share):
+def test_harm_is_sure_from_one_standard_error_on(share):
     """A rise of one, whose standard error is a quarter of the blocks' scatter."""
-    after = errors(spread(11.0, 4.0 / deviations / share))
-    found = harmed(after, errors(10.0), deviations)
+    found = harmed(errors(spread(11.0, 4.0 / share)), errors(10.0))
     np.testing.assert_array_equal(found, [share > 1.0])
 
 
@@ -71,8 +69,7 @@ def test_harm_is_sure_from_some_standard_errors_on(deviations, share):
 @pytest.mark.parametrize(("share", "borne_out"), [(0.05, False), (0.095, False), (0.105, True), (0.6, True)])
 def test_help_is_worth_a_term_from_a_tenth_of_the_square_on(share, borne_out):
     before, after = errors(2.0, 9.0), errors(2.0, 9.0 * (1.0 - share))
-    assert bears_out(after, before, [1]) is borne_out
-    assert bears_out(after, before, [0]) is False
+    assert bears_out(after, before) is borne_out
 
 
 @pytest.mark.parametrize(
@@ -81,38 +78,32 @@ def test_help_is_worth_a_term_from_a_tenth_of_the_square_on(share, borne_out):
 def test_shares_of_joints_add_up(first, second, borne_out):
     """However different the joints' efforts are."""
     after = errors(1e-4 * (1.0 - first), 1e4 * (1.0 - second), 1.0)
-    assert bears_out(after, errors(1e-4, 1e4, 1.0), [0, 1]) is borne_out
+    assert bears_out(after, errors(1e-4, 1e4, 1.0)) is borne_out
 
 
 @pytest.mark.parametrize(("deviations", "borne_out"), [(1.8, False), (2.2, True)])
 def test_help_must_be_sure(deviations, borne_out):
     """A fall of a third, by some standard errors."""
     scatter = 1.0 / deviations * np.sqrt(BLOCKS)
-    assert bears_out(errors(spread(2.0, scatter)), errors(3.0), [0]) is borne_out
+    assert bears_out(errors(spread(2.0, scatter)), errors(3.0)) is borne_out
 
 
 def test_help_in_one_block_alone_is_luck():
     one = np.zeros(BLOCKS)
     one[5] = 1.0
     before = errors(1.0 + 40.0 * one)
-    assert not bears_out(errors(1.0 + 2.0 * one), before, [0])
-    assert bears_out(errors(np.full(BLOCKS, 0.25)), errors(np.full(BLOCKS, 1.0)), [0])
+    assert not bears_out(errors(1.0 + 2.0 * one), before)
+    assert bears_out(errors(np.full(BLOCKS, 0.25)), errors(np.full(BLOCKS, 1.0)))
 
 
-@pytest.mark.parametrize(("rise", "borne_out"), [(0.01, True), (0.04, False)])
-def test_what_harms_another_joint_is_not_borne_out(rise, borne_out):
+@pytest.mark.parametrize(("rise", "borne_out"), [(0.5, True), (0.65, True), (0.75, False)])
+def test_harm_to_another_joint_counts_against_help(rise, borne_out):
+    """A fall by four fifths in one joint, a rise in another: a tenth must be left."""
     before = errors(2.0, 5.0)
-    assert bears_out(errors(0.4, 5.0 * (1.0 + rise)), before, [0]) is borne_out
-
-
-def test_harm_that_may_be_chance_is_borne():
-    """One and a half standard errors harm in the end, but are no reason to refuse an effect that helps."""
-    before, after = errors(2.0, 5.0), errors(0.4, spread(6.0, 4.0 / 1.5))
-    np.testing.assert_array_equal(harmed(after, before), [False, True])
-    assert bears_out(after, before, [0])
+    assert bears_out(errors(0.4, 5.0 * (1.0 + rise)), before) is borne_out
 
 
 def test_joints_without_samples_say_nothing():
     before = HeldBackErrors(np.zeros((BLOCKS, 1)), np.zeros((BLOCKS, 1), dtype=int))
-    assert not bears_out(before, before, [0])
+    assert not bears_out(before, before)
     np.testing.assert_array_equal(harmed(before, before), [False])
