@@ -8,7 +8,7 @@ likelier sign would pull every small effort away from zero.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -112,9 +112,7 @@ def fit_signed(evidence: Evidence, signs: Array, *, most_corrected: int = MOST_C
     weights = noise.sigma * np.sqrt(noise.autocorrelation)
     effective = _effective(moments, weights, information)
     covariance, condition = _covariance(effective)
-    if evidence.nuisance is not None:
-        covariance, _ = _covariance(_effective(evidence.moments(signs, stretches), weights, information))
-    return Fit(
+    fit = Fit(
         theta=theta,
         beta=evidence.coefficients.project(theta),
         covariance=covariance,
@@ -128,6 +126,20 @@ def fit_signed(evidence: Evidence, signs: Array, *, most_corrected: int = MOST_C
         tolerance=solution.tolerance,
         moved_inside=moved_inside,
     )
+    return fit if evidence.nuisance is None else widened(fit, evidence, signs)
+
+
+def widened(fit: Fit, evidence: Evidence, signs: Array) -> Fit:
+    """A fit with a nuisance summed out: no estimate moves, the covariance is wider (:eq:`nuisance-spread`).
+
+    Args:
+        fit: without it, of the same model to the same signs.
+        evidence: with the nuisance.
+        signs: (N, n) expected sign of every sample.
+    """
+    weights = fit.noise.sigma * np.sqrt(fit.noise.autocorrelation)
+    moments = evidence.moments(signs, _stretches(evidence.used))
+    return replace(fit, covariance=_covariance(_effective(moments, weights, evidence.information))[0])
 
 
 def _effective(moments: Moments, weights: Array, earlier: Information | None) -> Array:

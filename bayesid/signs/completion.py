@@ -20,7 +20,7 @@ from bayesid.fit.effects.signed_log import SignedLog
 from bayesid.fit.effects.unseen import find_nuisance
 from bayesid.fit.effects.wanted import EnteredEffect, Wanted, what_is_wanted
 from bayesid.fit.evidence import Evidence
-from bayesid.fit.least_squares import POOR_FIT, fit_signed
+from bayesid.fit.least_squares import POOR_FIT, fit_signed, widened
 from bayesid.log.segments import Cutting, Segments, find_segments
 from bayesid.log.signals import Signals
 from bayesid.model.model import Model
@@ -214,7 +214,9 @@ def _summed_out(
     rest = [hypothesis for hypothesis in wanted.screened if hypothesis.key not in entered]
     nuisance = find_nuisance(evidence, averaged.fit, averaged.probability, rest, tolerance)
     evidence = replace(evidence, nuisance=nuisance, fitted=averaged.settled.evidence.fitted)
-    fit = fit_signed(evidence, 2.0 * averaged.settled.probability - 1.0)
+    fit = averaged.fit
+    if nuisance is not None:
+        fit = widened(fit, evidence, 2.0 * averaged.settled.probability - 1.0)
     asked = replace(averaged.asked, evidence=evidence, fit=fit)
     settled = asked if averaged.by_asked else averaged.settled
     return replace(averaged, asked=asked, settled=settled, fit=fit)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from bayesid.fit.least_squares import Fit
 from bayesid.log.signals import Signals
 from bayesid.model.effects import Scene
 
-_SAMPLES = 2_500
+_SAMPLES = 1_250
 """Samples on which effects are selected, thinned evenly: time grows with them. A round number."""
 _SLOWEST = 25.0
 """Hz; a log is not thinned below it, for friction turns round within a tenth of a second: of a longer one stretches are
@@ -103,7 +104,7 @@ class SignedLog:
         signals, model = self.evidence.signals, self.evidence.model
         return model.scene(signals.motion[self.rows], self.fit.theta, effort, signals.magnitude[self.rows])
 
-    @property
+    @cached_property
     def library(self) -> list[list[Hypothesis]]:
         """All that a first log can tell from the model's own parameters, and its samples resolve."""
         scene = self.scene(self.fit.predicted[self.rows])
