@@ -18,14 +18,14 @@ from bayesid.fit.effects.hypotheses import EffectKey
 from bayesid.fit.effects.kinematics import KinematicTolerance
 from bayesid.fit.effects.signed_log import SignedLog
 from bayesid.fit.effects.unseen import find_nuisance
-from bayesid.fit.effects.wanted import EnteredEffect, Wanted, what_is_wanted
+from bayesid.fit.effects.wanted import NEEDED, EnteredEffect, Wanted, what_is_wanted
 from bayesid.fit.evidence import Evidence
-from bayesid.fit.least_squares import POOR_FIT, fit_signed, widened
+from bayesid.fit.least_squares import POOR_FIT, Fit, fit_signed, widened
 from bayesid.log.segments import Cutting, Segments, find_segments
 from bayesid.log.signals import Signals
 from bayesid.model.model import Model
 from bayesid.progress import SILENT, Progress
-from bayesid.signs.averaging import AveragedSigns, weight_against
+from bayesid.signs.averaging import AveragedSigns, evidence_gain, weight_against
 from bayesid.signs.proposals import PoorJoint, propose
 from bayesid.signs.search.protocol import Search
 from bayesid.signs.settling import Settled, restored, settle_signs
@@ -135,37 +135,20 @@ def complete(
     Raises:
         SolverError: an optimisation failed.
     """
-    asked, fit, probability = averaged.asked.evidence, averaged.fit, averaged.probability
-    searching = _Searching(asked.signals, segments, search, how.cutting)
-    plain = completed = _Opinion(asked.model, asked.signals, averaged.asked)
-    signs = first = plain if averaged.by_asked else replace(plain, settled=averaged.settled)
-    wanted: Wanted | None = None
+    searching = _Searching(averaged.asked.evidence.signals, segments, search, how.cutting)
+    plain = _Opinion(averaged.asked.model, searching.as_read, averaged.asked)
+    first = plain if averaged.by_asked else replace(plain, settled=averaged.settled)
+    rounds = _Rounds(plain, first, averaged.fit, averaged.probability)
     for _ in range(_MOST_ROUNDS):
-        if how.enter and (better := _with_proposals(signs, searching, progress)) is not signs:
-            signs, probability = better, better.settled.probability
-            fit = fit_signed(asked, 2.0 * probability - 1.0)
-        progress("completing the model", 0, 1)
-        known = set() if wanted is None else wanted.keys
-        start = [effect for effect in signs.model.effects if effect not in plain.model.effects]
-        wanted = what_is_wanted(asked, fit, probability, start, enter=how.enter)
-        if wanted.keys == known:
+        if not rounds.go_on(searching, enter=how.enter, progress=progress):
             break
-        completed = searching.under(wanted.extension.model, progress.under("completed model"))
-        if weight_against(completed.settled, signs.settled) < _LIKELIER:
-            break
-        changed = _changed(asked, probability, completed.settled.probability)
-        signs, probability = completed, completed.settled.probability
-        if not changed and not _poor(signs.settled).any():
-            break
-        fit = fit_signed(asked, 2.0 * probability - 1.0)
-    assert wanted is not None
-    if completed is not plain and weight_against(completed.settled, plain.settled) < _LIKELIER:
-        completed = plain
+    completed, signs, wanted = rounds.completed, rounds.signs, rounds.wanted
     if completed is plain and signs is first:
         settled = averaged
+    elif completed is signs:
+        settled = AveragedSigns.alone(signs.settled)
     else:
-        rival = signs is not completed
-        settled = AveragedSigns.of(completed.settled, signs.settled) if rival else AveragedSigns.alone(signs.settled)
+        settled = AveragedSigns.of(completed.settled, signs.settled)
     effects = () if completed is plain else wanted.effects
     summed_out = _summed_out(settled, {(e.effect, e.joints) for e in effects}, wanted, how.kinematics)
     nuisance = summed_out.asked.evidence.nuisance
@@ -173,6 +156,56 @@ def complete(
     after = wanted.after if effects else wanted.before
     completion = Completion(effects, wanted.before.rms, after.rms, wanted.effort, uncertain)
     return CompletedSigns(completed.model, completed.signals, summed_out, completion)
+
+
+@dataclass
+class _Rounds:
+    """Effects selected and signs settled in turn.
+
+    Attributes:
+        plain: under the model asked for.
+        signs: under the model that is likeliest so far, which may hold effects that only signs are settled by.
+        fit: of the model asked for to these signs.
+        probability: (N, n) of these signs.
+        completed: under the likeliest model that is made of effects that were borne out.
+        wanted: by the log: the effects of the completed model, if that is not the plain one.
+    """
+
+    plain: _Opinion
+    signs: _Opinion
+    fit: Fit
+    probability: Array
+    completed: _Opinion = field(init=False)
+    wanted: Wanted = field(init=False)
+    _last: Wanted | None = None
+
+    def __post_init__(self) -> None:
+        self.completed = self.plain
+
+    def go_on(self, searching: _Searching, *, enter: bool, progress: Progress) -> bool:
+        """One more round; whether another one may change anything."""
+        if enter and (better := _with_proposals(self.signs, searching, progress)) is not self.signs:
+            self._follow(better)
+        progress("completing the model", 0, 1)
+        start = [effect for effect in self.signs.model.effects if effect not in self.plain.model.effects]
+        wanted = what_is_wanted(self.plain.settled.evidence, self.fit, self.probability, start, enter=enter)
+        before, self._last = self._last, wanted
+        if before is None:
+            self.wanted = wanted
+        if wanted.keys == (set() if before is None else before.keys):
+            return False
+        opinion = searching.under(wanted.extension.model, progress.under("completed model"))
+        if weight_against(opinion.settled, self.completed.settled) >= _LIKELIER:
+            self.completed, self.wanted = opinion, wanted
+        if weight_against(opinion.settled, self.signs.settled) < _LIKELIER:
+            return False
+        changed = _changed(self.plain.settled.evidence, self.probability, opinion.settled.probability)
+        self._follow(opinion)
+        return changed or bool(_poor(opinion.settled).any())
+
+    def _follow(self, opinion: _Opinion) -> None:
+        self.signs, self.probability = opinion, opinion.settled.probability
+        self.fit = fit_signed(self.plain.settled.evidence, 2.0 * self.probability - 1.0)
 
 
 def _poor(settled: Settled) -> Mask:
@@ -201,7 +234,7 @@ def _with_proposal(opinion: _Opinion, joint: int, searching: _Searching, progres
     proposed = (e for e in propose(PoorJoint.of(log, joint), log.library) if (e.effect, e.joints) not in known)
     for effect in islice(proposed, _MOST_RIVALS):
         rival = searching.under(opinion.model.extend(effect), progress)
-        if weight_against(rival.settled, settled) > _LIKELIER:
+        if 0.5 * evidence_gain(rival.settled, settled) > NEEDED:
             return rival
     return opinion
 

@@ -22,7 +22,7 @@ from scipy.special import log_ndtr
 from bayesid.arrays import Array, Integers
 from bayesid.fit.effects.error_model import ErrorModel, fit_error
 from bayesid.fit.effects.explanation import Columns, Observations
-from bayesid.fit.effects.held_back import BLOCKS, FOLDS, HeldBackErrors, bears_out, harmed
+from bayesid.fit.effects.held_back import FOLDS, HeldBackErrors, bears_out, blocks_of, harmed
 from bayesid.fit.effects.hypotheses import EffectKey
 from bayesid.fit.effects.relevance import inverse_of
 
@@ -71,6 +71,7 @@ class Products(Generic[Kind]):
     errors: list[ErrorModel]
     candidates: list[Candidate[Kind]] = field(init=False)
     precision: Array = field(init=False)
+    blocks: int = field(init=False)
     _hessian: list[Array] = field(init=False)
     _gradient: list[Array] = field(init=False)
     _fold: Integers = field(init=False)
@@ -87,7 +88,9 @@ class Products(Generic[Kind]):
         self.precision = np.zeros(end)
         for candidate in self.candidates:
             self.precision[candidate.place] = 1.0 / candidate.hypothesis.columns.sd**2
-        self._block = np.minimum(np.arange(len(self.data.used)) * BLOCKS // len(self.data.used), BLOCKS - 1)
+        samples = len(self.data.used)
+        self.blocks = blocks_of(samples / self.data.rate)
+        self._block = np.minimum(np.arange(samples) * self.blocks // samples, self.blocks - 1)
         self._fold = self._block % FOLDS
         self._columns = [self._of_joint(j) for j in range(len(self.errors))]
         products = [self._multiplied(j) for j in range(len(self.errors))]
@@ -167,8 +170,10 @@ class Products(Generic[Kind]):
             best, _ = self._solved(by_fold[others].sum(axis=0), slopes[others].sum(axis=0), chosen)
             held = self._fold == fold
             residual[held] = self._without(best)[held]
-        squares = np.stack([(residual[self._block == b] ** 2).sum(axis=0) for b in range(BLOCKS)])
-        return HeldBackErrors(squares, np.stack([self.data.used[self._block == b].sum(axis=0) for b in range(BLOCKS)]))
+        squares = np.stack([(residual[self._block == b] ** 2).sum(axis=0) for b in range(self.blocks)])
+        return HeldBackErrors(
+            squares, np.stack([self.data.used[self._block == b].sum(axis=0) for b in range(self.blocks)])
+        )
 
     def with_forms(
         self, forms: Mapping[int, Kind], chosen: Sequence[Candidate[Kind]]
@@ -245,14 +250,14 @@ def select_forward(
     Returns:
         Products whose noise is that of the result, and the candidates that were chosen.
     """
-    nothing, refused = products.held_back(()), set[EffectKey]()
+    refused = set[EffectKey]()
     chosen = [candidate for candidate in products.candidates if candidate.hypothesis.key in start]
     if chosen:
         products, chosen = _settled(products, chosen, rules)
         chosen = _worth_it(products, chosen, rules.needed)
     while True:
         products, grown = _grown(products, chosen, rules, refused)
-        chosen = _harmless(products, _worth_it(products, grown, rules.needed), nothing)
+        chosen = _harmless(products, _worth_it(products, grown, rules.needed))
         if len(chosen) == len(grown):
             return products, chosen
         refused |= _keys(grown) - _keys(chosen)
@@ -323,11 +328,10 @@ def _worth_it(products: Products[Kind], chosen: list[Candidate[Kind]], needed: f
     return chosen
 
 
-def _harmless(
-    products: Products[Kind], chosen: list[Candidate[Kind]], nothing: HeldBackErrors
-) -> list[Candidate[Kind]]:
+def _harmless(products: Products[Kind], chosen: list[Candidate[Kind]]) -> list[Candidate[Kind]]:
     """The chosen without those that harm a joint, the most harmful first."""
-    while chosen and (joints := harmed(products.held_back(chosen), nothing)).any():
+    nothing = products.held_back(())
+    while (joints := harmed(products.held_back(chosen), nothing)).any():
         relative = [(products.held_back(_without(chosen, c)).rms / nothing.rms)[joints].sum() for c in chosen]
         chosen = _without(chosen, chosen[int(np.argmin(relative))])
     return chosen

@@ -12,6 +12,9 @@ BLOCKS, FOLDS = 16, 4
 """Equal stretches of a log, every fourth of which is held back at a time: each fold then has data from all of the log,
 and 16 blocks give a standard error to 18 %. Round numbers; not studied."""
 
+_SHORTEST = 1.0
+"""s, that a block lasts at least: the motion around a shorter one tells what happens in it. A round number; the halves
+of 10 s of Panda's log are what it was found on (study `complete`)."""
 _HARM = 0.02
 """Share of a joint's mean squared error by which it may rise in any case, a hundredth of the error: nobody would see
 it. A round number."""
@@ -45,6 +48,11 @@ class HeldBackErrors:
         """(n,) rise of the mean squared error over that before, and (n,) its standard error over the blocks."""
         change, count = self.squares - before.squares, np.maximum(self.counts.sum(axis=0), 1)
         return change.sum(axis=0) / count, change.std(axis=0) * np.sqrt(len(change)) / count
+
+
+def blocks_of(duration: float) -> int:
+    """How many blocks a log of some seconds is cut into: fewer where they would be too short, but one a fold."""
+    return int(np.clip(duration / _SHORTEST, FOLDS, BLOCKS))
 
 
 def bears_out(after: HeldBackErrors, before: HeldBackErrors) -> bool:

@@ -104,7 +104,6 @@ def what_is_wanted(
     begun_keys = frozenset(hypothesis.key for hypothesis in begun)
     best = [*begun, *(score.hypothesis for score, _ in screened if score.hypothesis.key not in begun_keys)]
     products = Products(case.data, best, list(alone.errors))
-    before = products.held_back(())
     rules = Rules(NEEDED, _MOST if enter else 0, case.sharpened)
     products, chosen = select_forward(products, rules, begun_keys)
     effects = [candidate.hypothesis for candidate in chosen]
@@ -114,7 +113,7 @@ def what_is_wanted(
     return Wanted(
         extension=extension,
         effects=tuple(_entered(products, chosen, explanation)),
-        before=before,
+        before=products.held_back(()),
         after=products.held_back(chosen),
         screened=tuple(best),
         effort=case.rms_effort,
