@@ -27,6 +27,8 @@ LAG = 0.02
 """s."""
 STRIBECK = {"Fs2": 1.0 * SIZE[1], "speed2": 0.1 * TOP[1]}
 LOAD = 0.3
+RIPPLE = 7.0
+"""Waves a turn of a torque ripple that is larger than all else in its joint: the signs found without it are wrong."""
 
 
 def _truth(name):
@@ -36,6 +38,9 @@ def _truth(name):
         return BASE.extend(make_effect(name, {**smooth, "speed": [STRIBECK["speed2"]]})), [0.0, STRIBECK["Fs2"]]
     if name == "load_dependent_friction":
         return BASE.extend(make_effect(name, {**smooth, "links": BASE.links(THETA).ravel().tolist()})), [LOAD]
+    if name == "torque_ripple":
+        ripple = make_effect(name, {"joints": [2], "harmonic": [RIPPLE]})
+        return BASE.extend(ripple), [2.0 * SIZE[1], SIZE[1]]
     if name == "delay":
         return BASE.extend(make_effect(name, {"lag": [LAG]})), []
     return BASE, []

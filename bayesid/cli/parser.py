@@ -216,7 +216,7 @@ def _add_identify(commands: _Commands) -> None:
         "what the log wants of the catalogue beyond the terms: auto adds effects that evidence and held-back blocks "
         "bear out, the rest widens the uncertainty; only-uncertainty adds none; off asks nothing (default: %(default)s)"
     )
-    parser.add_argument("--complete", choices=("auto", "only-uncertainty", "off"), default="off", help=complete)
+    parser.add_argument("--complete", choices=("auto", "only-uncertainty", "off"), default="auto", help=complete)
     tolerance = "how far the robot's geometry may be from its table, as sd (default: %(default)s)"
     parser.add_argument("--kinematic-tolerance", default="1mm,0.1deg", metavar="LENGTH,ANGLE", help=tolerance)
     _share(parser, "--no-posterior", help="skip sampling; uncertainties leave the cone out")

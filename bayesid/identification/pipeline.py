@@ -67,7 +67,7 @@ def identify(
     log: Log | str | Path,
     terms: Iterable[str] = catalogue.STANDARD,
     *,
-    complete: Completeness = "off",
+    complete: Completeness = "auto",
     search: Search = Certified(),
     posterior: Sampling | bool = True,
     preparation: Preparation = Preparation(),

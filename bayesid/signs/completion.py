@@ -128,7 +128,7 @@ def complete(
     Args:
         averaged: signs under the model asked for.
         segments: as they were before any search.
-        search: how to search.
+        search: how to search; one for the model asked for alone lets no effect enter.
         how: what may enter, and what is believed of the geometry.
         progress: of the stages.
 
@@ -140,8 +140,9 @@ def complete(
     first = plain if averaged.by_asked else replace(plain, settled=averaged.settled)
     rounds = _Rounds(plain, first, averaged.fit, averaged.probability)
     for _ in range(_MOST_ROUNDS):
-        if not rounds.go_on(searching, enter=how.enter, progress=progress):
+        if not rounds.go_on(searching, enter=how.enter and search.any_model, progress=progress):
             break
+    progress("completing the model", 1, 1)
     completed, signs, wanted = rounds.completed, rounds.signs, rounds.wanted
     if completed is plain and signs is first:
         settled = averaged

@@ -145,7 +145,7 @@ def test_identify_leaves_what_is_promised(place, capfd):
     out, err = capfd.readouterr()
     assert {path.name for path in (place / "out").iterdir()} == RESULT | {"posterior.nc", "report.html"}
     assert {path.name for path in place.iterdir()} == {"arm.toml", "log.csv", "out"}
-    assert out.count("\n") == 8
+    assert out.count("\n") == 9
     assert "arm: 601 rows" in out
     assert "posterior: not converged: R-hat " in out
     (warning,) = [line for line in err.splitlines() if "converged" in line]
@@ -216,13 +216,13 @@ def test_without_a_posterior_none_is_written(place, capfd):
     assert run(*identify(), "--no-posterior") == 0
     assert {path.name for path in (place / "out").iterdir()} == RESULT | {"report.html"}
     out = capfd.readouterr().out
-    assert out.splitlines()[2].startswith("posterior: no posterior was sampled")
+    assert out.splitlines()[3].startswith("posterior: no posterior was sampled")
     assert json.loads((place / "out" / "summary.json").read_text())["posterior"] is None
 
 
 def test_the_terminal_says_of_the_posterior_what_the_summary_does(shop, capfd):
     result = json.loads((shop / "result" / "summary.json").read_text())["posterior"]
-    printed = (shop / "terminal.txt").read_text().splitlines()[2]
+    printed = (shop / "terminal.txt").read_text().splitlines()[3]
     figures = f"R-hat {result['max_rhat']:.3f}, effective sample size {result['min_ess']:.0f}, at worst"
     assert printed == f"posterior: converged: {figures}; {result['seconds']:.1f} s"
     assert result["converged"] is True
@@ -367,11 +367,12 @@ def test_validate_prints_a_table(shop, place, capfd):
 
 
 def test_validate_on_its_own_log_agrees_with_identify(shop, place):
+    """But for the posterior's mean, which is not where least squares is: by a fraction of the standard deviations."""
     assert run("validate", shop / "result", "log.csv", "--out", "checked") == 0
     assert {path.name for path in (place / "checked").iterdir()} == {"summary.json", "signed_log.csv", "prediction.csv"}
     found = json.loads((place / "checked" / "summary.json").read_text())["relative_residual"]
     expected = json.loads((shop / "result" / "summary.json").read_text())["fit"]["relative_residual"]
-    np.testing.assert_allclose(found, expected, rtol=0.1)
+    np.testing.assert_allclose(found, expected, rtol=0.2)
 
 
 def test_simulate_leaves_the_log_and_its_signs(place, capfd):

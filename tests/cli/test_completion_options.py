@@ -47,7 +47,7 @@ def test_tolerance_and_completion_unless_said():
     options = parse([*IDENTIFY])
     said, own = beliefs(options).kinematics, KinematicTolerance()
     assert (said.length, said.angle) == pytest.approx((own.length, own.angle))
-    assert options.complete == "off"
+    assert options.complete == "auto"
 
 
 BAD = ("", "1mm", "1,0.1", "1mm,0.1", "1mm,0.1deg,3", "0.1deg,1mm", "1deg,1deg", "1inch,1deg", "-1mm,1deg", "1mm,-1deg")

@@ -277,7 +277,7 @@ def _grown(
         gains = products.gains(chosen, tried)
         before = products.held_back(chosen)
         promising = (_with(chosen, tried[k]) for k in np.argsort(-gains) if gains[k] > rules.needed)
-        more = next((more for more in promising if bears_out(products.held_back(more), before)), None)
+        more = next((more for more in promising if _borne_out(products.held_back(more), before, more[-1])), None)
         if more is None:
             break
         products, chosen = _settled(products, more, rules)
@@ -320,7 +320,7 @@ def _worth_it(products: Products[Kind], chosen: list[Candidate[Kind]], needed: f
     chosen = _needed(products, chosen, needed)
     while chosen:
         after = products.held_back(chosen)
-        idle = [c for c in chosen if not bears_out(after, products.held_back(_without(chosen, c)))]
+        idle = [c for c in chosen if not _borne_out(after, products.held_back(_without(chosen, c)), c)]
         if not idle:
             break
         least = min(idle, key=lambda c: float(products.gains(_without(chosen, c), [c])[0]))
@@ -335,6 +335,10 @@ def _harmless(products: Products[Kind], chosen: list[Candidate[Kind]]) -> list[C
         relative = [(products.held_back(_without(chosen, c)).rms / nothing.rms)[joints].sum() for c in chosen]
         chosen = _without(chosen, chosen[int(np.argmin(relative))])
     return chosen
+
+
+def _borne_out(after: HeldBackErrors, before: HeldBackErrors, candidate: Candidate[Kind]) -> bool:
+    return bears_out(after, before, candidate.hypothesis.columns.joints)
 
 
 def _without(chosen: Sequence[Candidate[Kind]], left_out: Candidate[Kind]) -> list[Candidate[Kind]]:

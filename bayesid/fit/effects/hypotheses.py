@@ -17,6 +17,8 @@ from bayesid.model.model import Model
 _USUAL = 0.3
 """Prior standard deviation of an effect's largest effort, as a share of the joint's RMS effort; a round number: effects
 between a hundredth of the effort and all of it are within a few standard deviations."""
+_ROUNDING = 1e-12
+"""Share of the joint's RMS effort per unit of an amplitude, up to which a column is rounding."""
 _TINY = 1e-300
 """Instead of 0 in a denominator."""
 
@@ -141,4 +143,4 @@ def _sizes(rows: Mapping[int, Array], size: Array, used: Mask) -> Array:
     """(p,) amplitudes whose largest effort is usual for the joint in which it is largest."""
     relative = [np.abs(x[used[:, j]]).max(axis=0, initial=0.0) / max(size[j], _TINY) for j, x in rows.items()]
     largest = np.max(relative, axis=0) if relative else np.zeros(0)
-    return np.where(largest > 0.0, _USUAL / np.maximum(largest, _TINY), 1.0)
+    return np.where(largest > _ROUNDING, _USUAL / np.maximum(largest, _TINY), 1.0)

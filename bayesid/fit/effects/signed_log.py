@@ -19,7 +19,7 @@ from bayesid.fit.least_squares import Fit
 from bayesid.log.signals import Signals
 from bayesid.model.effects import Scene
 
-_SAMPLES = 1_250
+_SAMPLES = 2_500
 """Samples on which effects are selected, thinned evenly: time grows with them. A round number."""
 _SLOWEST = 25.0
 """Hz; a log is not thinned below it, for friction turns round within a tenth of a second: of a longer one stretches are

@@ -70,7 +70,7 @@ class Search(Protocol):
 
     @property
     def any_model(self) -> bool:
-        """Whether it can search under another model than the one that the user asked for, for a second opinion."""
+        """Whether it can search under another model than the one asked for, as a second opinion or completed."""
         return True
 
     @abstractmethod

@@ -19,6 +19,8 @@ RATE = 50.0
 ERRORS = (ErrorModel(0.3, 0.5, 0.1, RATE), ErrorModel(1.1, 0.7, 0.3, RATE))
 SMALL = 160
 """Samples, of which every one of the 16 blocks has ten."""
+LONG = 10.0
+"""Hz, at which they are a log of 16 seconds."""
 NEEDED = 12.0
 RULES = Rules(NEEDED, 16)
 
@@ -206,7 +208,8 @@ def unexplained(products, chosen, best):
 
 @pytest.mark.parametrize("which", [(), (2,), (0, 3, 1)])
 def test_held_back_blocks_are_predicted_by_fits_without_them(which):
-    products = made_case()
+    first = made_case()
+    products = Products(replace(first.data, rate=LONG), first.hypotheses, list(ERRORS))
     chosen = [products.candidates[k] for k in which]
     fold = (np.arange(SMALL) // (SMALL // 16)) % 4
     left = np.empty((SMALL, 2))
@@ -228,11 +231,11 @@ def test_any_number_of_samples_is_cut_into_blocks():
         for h in products.hypotheses
     ]
     data = products.data
-    data = replace(data, columns=data.columns[shorter], effort=data.effort[shorter], used=data.used[shorter])
+    data = replace(data, columns=data.columns[shorter], effort=data.effort[shorter], used=data.used[shorter], rate=LONG)
     held = Products(data, hypotheses, list(ERRORS)).held_back(())
     np.testing.assert_array_equal(held.counts.sum(axis=0), data.used.sum(axis=0))
     every = Products(replace(data, used=np.ones_like(data.used)), hypotheses, list(ERRORS)).held_back(())
-    assert set(every.counts.ravel()) == {9, 10}
+    assert set(every.counts.ravel()) == {10, 11}
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -1,0 +1,80 @@
+"""Effects proposed for joints that the model explains poorly, their signs unknown."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from completion_problems import BASE, RIPPLE, identified, log_with, true_signs
+
+from bayesid.fit.effects.signed_log import SignedLog
+from bayesid.log.segments import Cutting, find_segments
+from bayesid.log.signals import prepare
+from bayesid.model.catalogue import make_effect
+from bayesid.signs.proposals import PoorJoint, propose
+from bayesid.signs.search.certified import Certified
+from bayesid.signs.settling import settle_signs
+
+
+@pytest.fixture(scope="module")
+def log():
+    """Under the standard terms, two fifths of the second joint's signs wrong."""
+    signals = prepare(log_with("torque_ripple"))
+    segments = find_segments(signals, BASE.robot.actuators(signals.motion), Cutting())
+    settled = settle_signs(BASE, signals, segments, Certified(budget=2.0, repeatable=True))
+    return SignedLog.of(settled.evidence, settled.fit, settled.probability)
+
+
+def test_what_is_missing_is_proposed_first_though_signs_are_wrong(log):
+    signs, strong = true_signs("torque_ripple")
+    found = np.where(log.fit.predicted >= 0.0, 1.0, -1.0)
+    assert np.mean((found == signs)[strong[:, 1], 1]) < 0.7
+    best = propose(PoorJoint.of(log, 1), log.library)[0]
+    assert (best.effect, best.joints) == ("torque_ripple", (2,))
+    assert best.harmonic[0] == pytest.approx(RIPPLE, rel=0.02)
+
+
+def test_nothing_is_proposed_for_a_joint_that_lacks_nothing(log):
+    assert propose(PoorJoint.of(log, 0), log.library) == []
+
+
+def test_nor_where_nothing_of_the_joint_is_in_the_library(log):
+    others = [group for group in log.library if 1 not in group[0].columns.joints]
+    assert propose(PoorJoint.of(log, 1), others) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "shape"), [("delay", {"lag": [0.04]}), ("clipping", {"limit": [1.0]}), ("dead_zone", {"width": [0.2]})]
+)
+def test_a_distortion_acts_on_columns_and_readings_as_in_a_model(log, name, shape):
+    poor, effect = PoorJoint.of(log, 1), make_effect(name, {"joints": [2], **shape})
+    like = next(group[0] for group in log.library if group[0].joints == (2,))
+    rows = poor.rows_under(replace(like, source=effect))
+    model, evidence, used = BASE.extend(effect), log.evidence, log.data.used[:, 1]
+    magnitude, readable = model.unread(evidence.signals.magnitude[log.rows])
+    chosen = used & readable[:, 1]
+    columns = model.columns(evidence.signals.motion[log.rows])[:, 1, evidence.coefficients.kept]
+    np.testing.assert_array_equal(rows.columns, columns[chosen])
+    np.testing.assert_array_equal(rows.magnitude, magnitude[chosen, 1])
+    plain = poor.rows()
+    same = rows.columns.shape == plain.columns.shape
+    assert not (
+        same and np.array_equal(rows.columns, plain.columns) and np.array_equal(rows.magnitude, plain.magnitude)
+    )
+
+
+def test_signs_are_found_under_what_was_proposed():
+    """And it enters the model, for held-back blocks bear it out."""
+    signs, strong = true_signs("torque_ripple")
+    off, auto = (identified("torque_ripple", complete=how) for how in ("off", "auto"))
+    assert np.mean((off.sample_signs == signs)[strong]) < 0.9
+    assert np.mean((auto.sample_signs == signs)[strong]) > 0.995
+    assert auto.search.certified
+    assert {(e.effect, e.joints) for e in auto.completion.effects} == {("torque_ripple", (2,))}
+    assert auto.sign_doubt.max() == 0.0
+    assert auto.completion.after[1] < 0.1 * auto.completion.before[1]
+
+
+def test_effects_that_may_not_enter_are_not_proposed():
+    only = identified("torque_ripple", complete="only-uncertainty")
+    off = identified("torque_ripple", complete="off")
+    np.testing.assert_array_equal(only.sample_signs, off.sample_signs)
