@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 MODES: tuple[Completeness, ...] = ("off", "auto")
 _COLOUR = {"off": "#c0392b", "auto": "#1b7f79"}
 _MARKER = {"off": "s", "auto": "o"}
+_ENOUGH = 0.995
+"""Of the signs: a blind robot's are settled."""
 _ASIDE = 0.25
 """Of the marks of single logs from the middle of their line."""
 
@@ -167,8 +169,8 @@ def _table_of_blind(rows: Sequence[Row]) -> str:
         right = [row[f"right_{mode}"] for row in rows]
         certified = sum(row[f"certified_{mode}"] for row in rows)
         lines.append(
-            f"{mode:<5} signs right: mean {np.mean(right):.2%}, median {np.median(right):.2%}, least {min(right):.2%};"
-            f" certified {certified} of {len(rows)}"
+            f"{mode:<5} signs right: mean {np.mean(right):.2%}, least {min(right):.2%}, at least {_ENOUGH:.1%} in"
+            f" {sum(share >= _ENOUGH for share in right)} of {len(rows)}; certified {certified}"
         )
     return "\n".join([*lines, f"entered, the hidden ones and others: {_entered(rows)}"])
 

@@ -202,6 +202,7 @@ def test_without_noise_there_are_draws_too(truth):
     assert (np.exp(result.posterior.draws.log_scale.mean(axis=(0, 1, 2))) > 0.5).all()
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")  # efforts of links that are not there are rounding
 def test_a_model_without_bodies_has_draws_too():
     terms = ("viscous_friction", "coulomb_friction", "torque_offset")
     truth = arm(2, terms=terms)

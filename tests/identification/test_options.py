@@ -146,3 +146,4 @@ def test_a_search_that_knows_one_model_only_gives_no_second_opinion(robot, log):
     result = bayesid.identify(robot, log.rectified(), ["rigid_body"], search=Descent(), posterior=False)
     assert result.sign_terms == ("rigid_body",)
     assert result.sign_weight == 1.0
+    assert result.completion.effects == ()  # nor is the model completed
