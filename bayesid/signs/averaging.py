@@ -133,9 +133,12 @@ def weight_against(rival: Settled, asked: Settled) -> float:
 
 
 def evidence_gain(rival: Settled, asked: Settled) -> float:
-    """Fall of the Bayesian information criterion: twice the log of how much likelier a richer model is."""
+    """Fall of the Bayesian information criterion: twice the log of how much likelier a richer model is.
+
+    Samples that a distortion of a sensor takes for unreadable speak for neither.
+    """
     time = np.maximum(rival.fit.residual.autocorrelation, asked.fit.residual.autocorrelation)
-    count = asked.evidence.fitted.sum(axis=0) / time
+    count = np.minimum(asked.evidence.fitted.sum(axis=0), rival.evidence.fitted.sum(axis=0)) / time
     gain = float(count @ (2.0 * np.log(asked.fit.residual.sigma / rival.fit.residual.sigma)))
     more = len(rival.evidence.coefficients) - len(asked.evidence.coefficients)
     return gain - more * float(np.log(count.sum()))

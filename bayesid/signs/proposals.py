@@ -104,29 +104,35 @@ class PoorJoint:
 def propose(poor: PoorJoint, library: Sequence[Sequence[Hypothesis]]) -> list[Effect]:
     """The effects that explain a joint best, with signs of its own, best first; none where none is worth it.
 
+    Judged by half the fall of the Bayesian information criterion, less the choice of the form.
+
     Args:
         poor: the joint.
         library: all hypotheses.
     """
-    enough = _least_cost(poor, poor.rows()) - _LEAST_GAIN
+    plain = poor.rows()
+    rms = _least_rms(poor, plain)
     best: dict[str, tuple[float, Effect]] = {}
     for group in library:
         if group[0].columns.joints != {poor.joint} or (group[0].source.linear and not group[0].columns.rows):
             continue
         choice = float(np.log(len(group)))  # of the form
         for hypothesis in group:
-            cost = _least_cost(poor, poor.rows_under(hypothesis)) + choice
-            if cost < best.get(hypothesis.effect, (enough,))[0]:
-                best[hypothesis.effect] = cost, hypothesis.source
-    return [source for _, source in sorted(best.values(), key=lambda one: one[0])]
+            rows = poor.rows_under(hypothesis)
+            readable = len(rows.magnitude) / len(plain.magnitude)  # the other samples are explained as without it
+            more = rows.columns.shape[1] - plain.columns.shape[1]
+            gain = poor.count * readable * float(np.log(rms / _least_rms(poor, rows)))
+            gain -= 0.5 * more * float(np.log(poor.count)) + choice
+            if gain > best.get(hypothesis.effect, (_LEAST_GAIN,))[0]:
+                best[hypothesis.effect] = gain, hypothesis.source
+    return [source for _, source in sorted(best.values(), key=lambda one: -one[0])]
 
 
-def _least_cost(poor: PoorJoint, rows: _Rows) -> float:
-    """Half the Bayesian information criterion of a joint's samples, from the best of three starts."""
+def _least_rms(poor: PoorJoint, rows: _Rows) -> float:
+    """What a joint's samples leave at least, N m, from the best of three starts."""
     by_others = rows.columns[:, : len(poor.gradient)] @ (inverse_of(poor.hessian) @ poor.gradient)
     starts = (np.where(value >= 0.0, 1.0, -1.0) for value in (rows.known, -rows.known, by_others))
-    rms = min(_alternated(poor, rows, signs) for signs in starts)
-    return poor.count * float(np.log(rms)) + 0.5 * rows.columns.shape[1] * float(np.log(poor.count))
+    return min(_alternated(poor, rows, signs) for signs in starts)
 
 
 def _alternated(poor: PoorJoint, rows: _Rows, signs: Array) -> float:
