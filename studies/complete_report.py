@@ -244,7 +244,7 @@ def _draw_torque_errors(rows: Sequence[Row], ax: Any) -> None:
     ax.invert_yaxis()
     ax.set_xlabel("torque error on the other log, auto over off")
     if pairs:
-        ax.legend(fontsize=8)
+        ax.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
 
 
 def _first(label: str, place: int) -> str | None:
