@@ -53,9 +53,9 @@ def log_with(name="", signed=False):
     return simulate(model, np.append(THETA, more), MOTION, signed=signed, **noise)
 
 
-def identify(name="", signed=False, **options):
+def identify(name="", signed=False, posterior=False, **options):
     search = Certified(budget=2.0, repeatable=True)
-    return pipeline.identify(ROBOT, log_with(name, signed), search=search, posterior=False, **options)
+    return pipeline.identify(ROBOT, log_with(name, signed), search=search, posterior=posterior, **options)
 
 
 @cache

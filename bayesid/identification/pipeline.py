@@ -296,10 +296,26 @@ def _average_over_draws(averaged: AveragedSigns, posterior: Posterior, progress:
     count = int(np.clip(_SMOOTHED / len(signals.motion), 1, _MOST_SMOOTHED))
     draws, log_scale = posterior.spread(count)
     draws = draws if count > 1 else posterior.theta[None]
+    if evidence.nuisance is not None:
+        draws = _draws_of_this_log(averaged.fit, evidence, len(draws))
     predicted = np.stack([evidence.model.effort(signals.motion, theta) for theta in draws], axis=2)
     noise = averaged.asked.fit.noise.scaled(np.exp(log_scale.mean(axis=0)))
     known = evidence.moving & signals.inner  # accelerations at both ends are no better known than friction at rest
     return sign_probabilities(signals, predicted, known, noise, progress.steps("signs of samples"))
+
+
+def _draws_of_this_log(fit: Fit, evidence: Evidence, count: int) -> Array:
+    """(count, P) parameters as the log at hand shows them, normal about least squares.
+
+    What a nuisance makes uncertain in them it takes back itself in this log: efforts, and so signs, are as certain as
+    without it.
+    """
+    if count == 1:
+        return fit.theta[None]
+    spread = np.random.default_rng(0).multivariate_normal(
+        np.zeros(len(fit.beta)), _inverse(fit.information), size=count, method="eigh"
+    )
+    return fit.theta + evidence.coefficients.lift(spread)
 
 
 def _sign_changes(signals: Signals) -> list[tuple[int, int]]:

@@ -11,6 +11,7 @@ from bayesid.fit.effects.kinematics import KinematicTolerance
 from bayesid.fit.effects.signed_log import thinned
 from bayesid.fit.knowledge import Beliefs
 from bayesid.log.signals import prepare
+from bayesid.posterior.sampler import Sampling
 
 HIDDEN = {"stribeck_friction": (2,), "load_dependent_friction": (2,), "delay": ()}
 
@@ -107,6 +108,18 @@ def test_a_larger_tolerance_of_the_geometry_is_more_uncertainty():
     assert "kinematics" in wide.completion.uncertain
     assert np.all(wide.fit.sd > 0.99 * exact.fit.sd)  # other effects' learned sizes change a little
     assert (wide.fit.sd / exact.fit.sd).max() > 2.0
+
+
+def test_signs_are_as_sure_as_without_what_is_summed_out():
+    """A geometry that may be far off makes coefficients uncertain, not the efforts of the log they were fitted to."""
+    few, wide = Sampling(budget=0.0, repeatable=True), Beliefs(kinematics=KinematicTolerance(length=0.02, angle=0.03))
+    off = identify(posterior=few, complete="off")
+    only = identify(posterior=few, complete="only-uncertainty", beliefs=wide)
+    assert (only.sd / off.sd).max() > 2.0
+    sure = [np.mean(np.maximum(result.probability, 1.0 - result.probability) > 0.99) for result in (off, only)]
+    assert sure[1] > sure[0] - 0.01
+    signs, strong = true_signs("")
+    assert np.mean((only.sample_signs == signs)[strong]) >= np.mean((off.sample_signs == signs)[strong]) - 0.002
 
 
 def test_two_calls_give_the_same():
