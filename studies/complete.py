@@ -48,24 +48,6 @@ from bayesid.study.study import Study
 
 STRONG = 0.05
 """A sample counts when its |effort| is at least this share of its joint's maximum."""
-LACKED = (
-    "asymmetric_coulomb",
-    "stribeck_friction",
-    "load_dependent_friction",
-    "joint_spring",
-    "gravity_spring",
-    "torque_ripple",
-    "hysteresis",
-    "base_tilt",
-    "gain_error",
-    "delay",
-    "cable_drag",
-    "thermal_drift",
-    "tool_wrench",
-    "clipping",
-    "dead_zone",
-)
-"""The generator's effects but for those that standard terms hold: friction, offset, rotor and, in one log, payload."""
 PAIRS = (
     *permutations(("ur10e/a_50s", "ur10e/b_20s", "ur10e/c_unloaded"), 2),
     *(halves for log in ("panda/a", "tx40/a") for halves in permutations((f"{log}:1", f"{log}:2"))),
@@ -111,11 +93,19 @@ def plan(trials: int, seed: int) -> Sequence[tuple[Simulated | Recorded, int]]:
     Raises:
         InputError: MuJoCo, which plays the simulated robots, is not installed.
     """
-    generator("complete")
-    order = _mixed([_classes(), _noise(), _blind(), *_real()])
+    order = _mixed([_classes(), _noise(), _blind(lacked()), *_real()])
     return [
         (order[k % len(order)][0], seed + order[k % len(order)][1] + _TURN * (k // len(order))) for k in range(trials)
     ]
+
+
+def lacked() -> tuple[str, ...]:
+    """The generator's effects but for those that standard terms hold: friction, offset, rotor and, in one log, payload.
+
+    Raises:
+        InputError: MuJoCo, which plays the simulated robots, is not installed.
+    """
+    return tuple(effect for effect in generator("complete").EFFECTS if effect not in (*STANDARD, "payload"))
 
 
 def _mixed(parts: Sequence[Sequence[Any]]) -> list[Any]:
@@ -147,12 +137,12 @@ def _noise() -> list[tuple[Simulated, int]]:
     return [(Simulated("noise", name, _ARMS[k % 2], noise=name), k + _LOGS) for k in range(_LOGS) for name in NOISES]
 
 
-def _blind() -> list[tuple[Simulated, int]]:
+def _blind(lacked: Sequence[str]) -> list[tuple[Simulated, int]]:
     """Every effect in turn, alone and with another one."""
-    logs, count = [], len(LACKED)
+    logs, count = [], len(lacked)
     for k in range(_BLIND):
         turn = k // count
-        both = LACKED[k % count], LACKED[(k + 4 + turn) % count]
+        both = lacked[k % count], lacked[(k + 4 + turn) % count]
         scenario = Simulated("blind", "blind", _ARMS[(k // 2 + turn) % 2], both[: 1 + k % 2])
         logs.append((scenario, k + 2 * _LOGS))
     return logs

@@ -45,7 +45,7 @@ def identification_parts(result: Identification) -> list[RenderableType]:
             proof(summary),
             settled,
         ),
-        *(check.message for check in beyond_the_terms(summary)),
+        *(f"beyond the terms asked for: {check.message}" for check in beyond_the_terms(summary)),
         _verdict("posterior: ", sampling(summary), _sampling_effort(result)),
         table(["joint", "segments", "least sure", f"|effort| sure to {100 * SURE:g} %", "relative residual"], rows),
     ]

@@ -190,12 +190,12 @@ def beyond_the_terms(summary: Summary) -> tuple[Check, ...]:
         return ()
     name, errors = "Beyond the terms", complete.held_back_error
     if not complete.effects:
-        return (Check(name, "good", "beyond the terms asked for: nothing that evidence and held-back blocks bear out"),)
+        return (Check(name, "good", "nothing that evidence and held-back blocks bear out"),)
     forms = {effect.form for effect in complete.effects}
     parts = [_of_form([effect for effect in complete.effects if effect.form == form]) for form in sorted(forms)]
     before, after = (_relative(values, errors.effort) for values in (errors.before, errors.after))
     fall = f"held-back torque error {100 * before:.1f} -> {100 * after:.1f} % of the effort"
-    return (Check(name, "good", f"beyond the terms asked for: {'; '.join(parts)}; {fall}"),)
+    return (Check(name, "good", f"{'; '.join(parts)}; {fall}"),)
 
 
 def _relative(error: Numbers, effort: Numbers) -> float:

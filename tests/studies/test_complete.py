@@ -144,9 +144,9 @@ def test_real_logs_are_left_out_where_there_are_none(monkeypatch, tmp_path):
 
 
 def test_every_effect_is_hidden_alone_and_with_another_one():
-    cases = [scenario.effects for scenario, _ in complete._blind()]
-    assert {effects[0] for effects in cases if len(effects) == 1} == set(complete.LACKED)
-    assert {effects[0] for effects in cases if len(effects) == 2} == set(complete.LACKED)
+    cases = [scenario.effects for scenario, _ in complete._blind(complete.lacked())]
+    assert {effects[0] for effects in cases if len(effects) == 1} == set(complete.lacked())
+    assert {effects[0] for effects in cases if len(effects) == 2} == set(complete.lacked())
     assert all(len(set(effects)) == len(effects) for effects in cases)
 
 

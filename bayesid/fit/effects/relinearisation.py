@@ -37,7 +37,7 @@ def sharpened(
         scene = scene_of(
             columns @ explanation.beta + effort_of_terms(effects, explanation.amplitudes, data.effort.shape)
         )
-        effects = [_relinearised(effect, scene) for effect in shifted]
+        effects = about(shifted, scene)
         _, explanation = explain_with(data, effects, explanation)
     return effects, explanation
 
