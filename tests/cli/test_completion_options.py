@@ -5,6 +5,7 @@ import math
 import pytest
 
 from bayesid import cli
+from bayesid.cli import demo
 from bayesid.cli.options import beliefs
 from bayesid.cli.parser import parse
 from bayesid.fit.effects.kinematics import KinematicTolerance
@@ -92,3 +93,16 @@ def test_completion_and_tolerance_reach_the_identification(how, place, monkeypat
     assert run("--complete", how, "--kinematic-tolerance", "3mm,0.5deg") == 130
     assert asked["complete"] == how
     assert asked["beliefs"].kinematics == KinematicTolerance(length=3 * 1e-3, angle=0.5 * (math.pi / 180.0))
+
+
+def test_the_catalogue_finds_nothing_in_the_demo(monkeypatch):
+    """Rigid bodies and nothing else: that is why it need not be asked there."""
+    results, plain = [], demo.identify
+
+    def asked(*arguments, complete, **options):
+        results.append(plain(*arguments, complete="auto", **options))
+        return results[-1]
+
+    monkeypatch.setattr(demo, "identify", asked)
+    assert demo.run_experiment().wrong == 0
+    assert results[0].completion.effects == ()
