@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -31,6 +32,10 @@ RIPPLE = 7.0
 """Waves a turn of a torque ripple that is larger than all else in its joint: the signs found without it are wrong."""
 
 
+def dry(term):
+    return term.name == "coulomb_friction"
+
+
 def _truth(name):
     """Model and parameters."""
     smooth = {"joints": [2], "smoothing": [0.01 * TOP[1]]}
@@ -41,6 +46,9 @@ def _truth(name):
     if name == "torque_ripple":
         ripple = make_effect(name, {"joints": [2], "harmonic": [RIPPLE]})
         return BASE.extend(ripple), [2.0 * SIZE[1], SIZE[1]]
+    if name == "turns_at_once":
+        sharp = [replace(t, smoothing=tuple(1e-3 * v for v in t.smoothing)) if dry(t) else t for t in BASE.terms]
+        return Model(ROBOT, tuple(sharp)), []
     if name == "delay":
         return BASE.extend(make_effect(name, {"lag": [LAG]})), []
     return BASE, []
@@ -49,7 +57,7 @@ def _truth(name):
 @cache
 def log_with(name="", signed=False):
     model, more = _truth(name)
-    noise = {"rng": np.random.default_rng(7), "noise": 0.03}
+    noise = {"rng": np.random.default_rng(7), "noise": 0.001 if name == "turns_at_once" else 0.03}
     return simulate(model, np.append(THETA, more), MOTION, signed=signed, **noise)
 
 

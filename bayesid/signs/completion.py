@@ -14,11 +14,12 @@ from itertools import islice
 import numpy as np
 
 from bayesid.arrays import Array, Mask
+from bayesid.fit.effects.explanation import LN10
 from bayesid.fit.effects.hypotheses import EffectKey
 from bayesid.fit.effects.kinematics import KinematicTolerance
 from bayesid.fit.effects.signed_log import SignedLog
 from bayesid.fit.effects.unseen import find_nuisance
-from bayesid.fit.effects.wanted import NEEDED, EnteredEffect, Wanted, what_is_wanted
+from bayesid.fit.effects.wanted import NEEDED, EnteredEffect, Wanted, still_wanted, what_is_wanted
 from bayesid.fit.evidence import Evidence
 from bayesid.fit.least_squares import POOR_FIT, Fit, fit_signed, widened
 from bayesid.log.segments import Cutting, Segments, find_segments
@@ -38,6 +39,9 @@ _MOST_RIVALS = 2
 """Proposals for a joint, one of which may be taken: each costs a search. A round number."""
 _LIKELIER = 0.5
 """Weight from which on the completed model is the likelier one."""
+_DECISIVE = 2.0 * LN10
+"""Log Bayes factor, "decisive" (Jeffreys 1961, appendix B). Effects enter given signs that were settled without them;
+with their own the gain may be another one: half of Panda's log leaves 2 nats of 18, and a joint's signs turned."""
 _CHANGED = 1e-2
 """Share of the samples in motion whose sign must have changed for effects to be selected anew. A round number."""
 
@@ -142,8 +146,11 @@ def complete(
     for _ in range(_MOST_ROUNDS):
         if not rounds.go_on(searching, enter=how.enter and search.any_model, progress=progress):
             break
+    rounds.check(searching, progress)
     progress("completing the model", 1, 1)
-    completed, signs, wanted = rounds.completed, rounds.signs, rounds.wanted
+    completed, wanted, signs = rounds.completed, rounds.wanted, rounds.signs
+    if not _worth_it(signs, plain):
+        signs = first
     if completed is plain and signs is first:
         settled = averaged
     elif completed is signs:
@@ -196,7 +203,7 @@ class _Rounds:
         if wanted.keys == (set() if before is None else before.keys):
             return False
         opinion = searching.under(wanted.extension.model, progress.under("completed model"))
-        if weight_against(opinion.settled, self.completed.settled) >= _LIKELIER:
+        if _worth_it(opinion, self.plain) and weight_against(opinion.settled, self.completed.settled) >= _LIKELIER:
             self.completed, self.wanted = opinion, wanted
         if weight_against(opinion.settled, self.signs.settled) < _LIKELIER:
             return False
@@ -204,9 +211,28 @@ class _Rounds:
         self._follow(opinion)
         return changed or bool(_poor(opinion.settled).any())
 
+    def check(self, searching: _Searching, progress: Progress) -> None:
+        """Leaves out of the completed model what how friction turns round near standstill would explain as well."""
+        if self.completed is self.plain:
+            return
+        effects = [effect.source for effect in self.wanted.effects]
+        wanted = still_wanted(self.plain.settled.evidence, self.fit, self.probability, effects)
+        if wanted.keys == self.wanted.keys:
+            return
+        model = wanted.extension.model
+        opinion = searching.under(model, progress.under("completed model")) if wanted.keys else self.plain
+        if self.signs is self.completed:
+            self.signs = opinion
+        self.completed, self.wanted = opinion, wanted
+
     def _follow(self, opinion: _Opinion) -> None:
         self.signs, self.probability = opinion, opinion.settled.probability
         self.fit = fit_signed(self.plain.settled.evidence, 2.0 * self.probability - 1.0)
+
+
+def _worth_it(completed: _Opinion, plain: _Opinion) -> bool:
+    """Whether a completed model, each with its own signs, is decisively likelier than the plain one."""
+    return 0.5 * evidence_gain(completed.settled, plain.settled) > _DECISIVE
 
 
 def _poor(settled: Settled) -> Mask:

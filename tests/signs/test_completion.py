@@ -12,6 +12,7 @@ from bayesid.fit.effects.signed_log import thinned
 from bayesid.fit.knowledge import Beliefs
 from bayesid.log.signals import prepare
 from bayesid.posterior.sampler import Sampling
+from bayesid.signs import completion
 
 HIDDEN = {"stribeck_friction": (2,), "load_dependent_friction": (2,), "delay": ()}
 
@@ -68,6 +69,13 @@ def test_nothing_is_found_where_nothing_is_missing():
     assert result.model.distortions == ()
     off = result.fit.beta - result.coefficients.project(THETA)
     assert np.all(np.abs(off) < 5.0 * result.fit.sd)
+
+
+def test_how_friction_turns_round_near_standstill_names_no_effect(monkeypatch):
+    """The truth turns round at once, the model does not, and there is next to no noise."""
+    assert found(identified("turns_at_once")) == set()
+    monkeypatch.setattr(completion._Rounds, "check", lambda *_: None)
+    assert found(identify("turns_at_once")) != set()
 
 
 def test_off_asks_nothing():

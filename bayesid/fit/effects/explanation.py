@@ -58,6 +58,10 @@ class Columns:
         return set(self.rows) | set(self.shift)
 
 
+NO_COLUMNS = Columns(rows={}, shift={}, sd=np.zeros(0), positive=np.zeros(0, dtype=bool))
+"""Of what leaves no trace."""
+
+
 @dataclass(frozen=True)
 class Observations:
     """What all hypotheses are judged by: the log with its signs settled, what is known, and how to decide.

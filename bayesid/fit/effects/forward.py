@@ -5,8 +5,9 @@ own few columns (:eq:`forward-gain`)::
 
     gain = q' (Q + L)^-1 q / 2 - log det(1 + L^-1 Q) / 2,   Q = G_cc - G_cS P G_Sc,   q = g_c - G_cS P g_S,
 
-with G, g the products of whitened columns and efforts, P the inverse of G_SS with the set's own prior precisions, and
-L those of the candidate (Tipping and Faul 2003, for groups of columns). Noise is estimated anew, and the joints that
+with G, g the products of whitened columns and efforts, P the inverse of G_SS with what is known of the set before
+(an earlier log's information of coefficients, amplitudes' own prior precisions), and L the precisions of the
+candidate (Tipping and Faul 2003, for groups of columns). Noise is estimated anew, and the joints that
 changed are whitened anew, whenever an effect has been added.
 """
 
@@ -21,7 +22,7 @@ from scipy.special import log_ndtr
 
 from bayesid.arrays import Array, Integers
 from bayesid.fit.effects.error_model import ErrorModel, fit_error
-from bayesid.fit.effects.explanation import Columns, Observations
+from bayesid.fit.effects.explanation import NO_COLUMNS, Columns, Observations
 from bayesid.fit.effects.held_back import FOLDS, HeldBackErrors, bears_out, blocks_of, harmed
 from bayesid.fit.effects.hypotheses import EffectKey
 from bayesid.fit.effects.relevance import inverse_of
@@ -64,14 +65,18 @@ class Products(Generic[Kind]):
         data: what is to be explained.
         hypotheses: the candidates, linear about their own numbers.
         errors: of each joint.
+        uncertain: columns that the model may be wrong by in any case, beside those of every set of candidates.
     """
 
     data: Observations
     hypotheses: Sequence[Kind]
     errors: list[ErrorModel]
+    uncertain: Columns = NO_COLUMNS
     candidates: list[Candidate[Kind]] = field(init=False)
-    precision: Array = field(init=False)
     blocks: int = field(init=False)
+    _always: int = field(init=False)
+    _precision: Array = field(init=False)
+    _known: Array = field(init=False)
     _hessian: list[Array] = field(init=False)
     _gradient: list[Array] = field(init=False)
     _fold: Integers = field(init=False)
@@ -79,15 +84,20 @@ class Products(Generic[Kind]):
     _columns: list[tuple[Array, Array]] = field(init=False)
 
     def __post_init__(self) -> None:
-        self.candidates, end = [], self.data.columns.shape[2]
+        r = self.data.columns.shape[2]
+        self._always = r + len(self.uncertain.sd)
+        self.candidates, end = [], self._always
         for hypothesis in self.hypotheses:
             start, end = end, end + len(hypothesis.columns.sd)
             change = end if hypothesis.columns.shift else -1
             self.candidates.append(Candidate(hypothesis, slice(start, end), change))
             end += change >= 0
-        self.precision = np.zeros(end)
+        known, own = self.data.information, np.zeros(end)
+        own[r : self._always] = 1.0 / self.uncertain.sd**2
         for candidate in self.candidates:
-            self.precision[candidate.place] = 1.0 / candidate.hypothesis.columns.sd**2
+            own[candidate.place] = 1.0 / candidate.hypothesis.columns.sd**2
+        self._precision, self._known = np.diag(own), np.zeros(end)
+        self._precision[:r, :r], self._known[:r] = known.hessian, known.gradient
         samples = len(self.data.used)
         self.blocks = blocks_of(samples / self.data.rate)
         self._block = np.minimum(np.arange(samples) * self.blocks // samples, self.blocks - 1)
@@ -100,6 +110,9 @@ class Products(Generic[Kind]):
         """Indices (m,) of the columns that show in a joint, and (N, m) these columns."""
         r, used = self.data.columns.shape[2], self.data.used[:, joint, None]
         index, parts = [np.arange(r)], [self.data.columns[:, joint]]
+        if joint in self.uncertain.rows:
+            index.append(np.arange(r, self._always))
+            parts.append(self.uncertain.rows[joint] * used)
         for candidate in self.candidates:
             columns = candidate.hypothesis.columns
             if joint in columns.rows:
@@ -114,7 +127,7 @@ class Products(Generic[Kind]):
         index, columns = self._columns[joint]
         used = self.data.used[:, joint, None]
         white = self.errors[joint].whiten(np.column_stack([columns, self.data.effort[:, joint]])) * used
-        size = len(self.precision)
+        size = len(self._known)
         hessian, gradient = np.zeros((FOLDS, size, size)), np.zeros((FOLDS, size))
         for fold in range(FOLDS):
             rows = white[self._fold == fold]
@@ -133,9 +146,10 @@ class Products(Generic[Kind]):
         return np.sum(self._gradient, axis=(0, 1))
 
     def indices(self, chosen: Sequence[Candidate[Kind]]) -> Integers:
-        """Of the model's columns and of those of some candidates."""
-        r = self.data.columns.shape[2]
-        return np.concatenate([np.arange(r), *(np.arange(c.place.start, c.place.stop) for c in chosen)]).astype(int)
+        """Of the columns that are always there and of those of some candidates."""
+        return np.concatenate(
+            [np.arange(self._always), *(np.arange(c.place.start, c.place.stop) for c in chosen)]
+        ).astype(int)
 
     def best(self, chosen: Sequence[Candidate[Kind]]) -> Array:
         """(m,) coefficients and amplitudes, one for changes, zero for what is not chosen."""
@@ -143,11 +157,11 @@ class Products(Generic[Kind]):
 
     def _solved(self, hessian: Array, gradient: Array, chosen: Sequence[Candidate[Kind]]) -> tuple[Array, Array]:
         """The same for given G and g, and P."""
-        index, best = self.indices(chosen), np.zeros(len(self.precision))
+        index, best = self.indices(chosen), np.zeros(len(self._known))
         changes = np.array([c.change for c in chosen if c.change >= 0], dtype=np.int64)
-        inverse = inverse_of(hessian[np.ix_(index, index)] + np.diag(self.precision[index]))
+        inverse = inverse_of(hessian[np.ix_(index, index)] + self._precision[np.ix_(index, index)])
         best[changes] = 1.0
-        best[index] = inverse @ (gradient[index] - hessian[np.ix_(index, changes)].sum(axis=1))
+        best[index] = inverse @ ((gradient + self._known)[index] - hessian[np.ix_(index, changes)].sum(axis=1))
         return best, inverse
 
     def residual(self, chosen: Sequence[Candidate[Kind]]) -> Array:
@@ -181,7 +195,7 @@ class Products(Generic[Kind]):
         """The same with other forms of some hypotheses, by the ids of the old ones, and the chosen among them."""
         if not forms:
             return self, list(chosen)
-        products = Products(self.data, [forms.get(id(h), h) for h in self.hypotheses], self.errors)
+        products = Products(self.data, [forms.get(id(h), h) for h in self.hypotheses], self.errors, self.uncertain)
         of_old = {id(old): new for old, new in zip(self.hypotheses, products.candidates, strict=True)}
         return products, [of_old[id(candidate.hypothesis)] for candidate in chosen]
 

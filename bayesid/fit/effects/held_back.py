@@ -16,16 +16,15 @@ and 16 blocks give a standard error to 18 %. Round numbers; not studied."""
 _SHORTEST = 1.0
 """s, that a block lasts at least: the motion around a shorter one tells what happens in it. A round number; the halves
 of 10 s of Panda's log are what it was found on (study `complete`)."""
-_HARM = 0.02
-"""Share of a joint's mean squared error by which it may rise in any case, a hundredth of the error: nobody would see
-it. A round number."""
+_HARM = 0.04
+"""Share of a joint's mean squared error by which it may rise in any case, a fiftieth of the error: nobody would see it.
+A round number."""
 _HELP = 0.1
 """Share of the joints' mean squared errors, added up, by which an effect lowers them at least to be worth a term: five
 per cent of the error. A round number."""
 _SURE = 1.5
 """Standard errors over the blocks by which it does: seven chances in a hundred, beside the evidence. A round number:
-two keep out a Stribeck friction that shows in a few blocks only, one lets effects enter 2.5 s of TX40's log that do not
-hold in the rest."""
+two keep effects out of a half of TX40's log that hold in the other half, one lets effects enter that do not."""
 _TINY = 1e-300
 """Guard of a division."""
 
@@ -61,11 +60,13 @@ def blocks_of(duration: float) -> int:
 def bears_out(after: HeldBackErrors, before: HeldBackErrors, joints: Collection[int]) -> bool:
     """Whether an effect in some (0-based) joints surely helps there, and all joints together do not lose by it.
 
-    Shares of the joints' mean squared errors add up.
+    Shares of the joints' mean squared errors add up. The standard error is that of the blocks which it helps less than
+    on average: what helps a lot where it acts, and does nothing where it does not, is no luck.
     """
     relative = (after.squares - before.squares) / np.maximum(before.squares.sum(axis=0), _TINY)
     of_blocks = relative[:, sorted(joints)].sum(axis=1)
-    help_needed = max(_HELP, _SURE * float(of_blocks.std()) * np.sqrt(len(of_blocks)))
+    less = np.maximum(of_blocks - of_blocks.mean(), 0.0)
+    help_needed = max(_HELP, _SURE * float(np.sqrt(2.0 * np.sum(less**2))))
     return bool(-of_blocks.sum() > help_needed and relative.sum() < 0.0)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bayesid.arrays import Array, Mask
-from bayesid.fit.effects.explanation import Columns
+from bayesid.fit.effects.explanation import NO_COLUMNS, Columns
 from bayesid.model import catalogue, terms
 from bayesid.model.effects import Effect, Scene
 from bayesid.model.model import Model
@@ -119,9 +119,13 @@ def _columns(source: Effect, scene: Scene, size: Array, used: Mask, new: bool) -
     shifts, rows = source.change_by_joint(scene)
     shifts = {j: shift for j, shift in shifts.items() if j in rows or np.any(shift[used[:, j]])}
     if not rows and not shifts:
-        return Columns({}, {}, np.zeros(0), np.zeros(0, dtype=bool))
+        return NO_COLUMNS
     size_of_all = next(iter(rows.values())).shape[1:] if rows else (0,)
-    sd = np.broadcast_to(source.typical, size_of_all).copy() if source.typical and rows else _sizes(rows, size, used)
+    sd = (
+        np.broadcast_to(source.typical, size_of_all).copy()
+        if source.typical and rows
+        else usual_amplitudes(rows, size, used)
+    )
     positive = np.zeros(len(sd), dtype=bool)
     positive[source.one_sided(scene.robot)] = new
     return Columns(rows, shifts, sd, positive)
@@ -139,8 +143,14 @@ def _held(source: Effect, model: Model) -> Effect | None:
     return None
 
 
-def _sizes(rows: Mapping[int, Array], size: Array, used: Mask) -> Array:
-    """(p,) amplitudes whose largest effort is usual for the joint in which it is largest."""
+def usual_amplitudes(rows: Mapping[int, Array], size: Array, used: Mask) -> Array:
+    """(p,) amplitudes whose largest effort is usual for the joint in which it is largest.
+
+    Args:
+        rows: joint (0-based) to (N, p) columns.
+        size: (n,) RMS of the measured efforts, N m.
+        used: (N, n) samples that count.
+    """
     relative = [np.abs(x[used[:, j]]).max(axis=0, initial=0.0) / max(size[j], _TINY) for j, x in rows.items()]
     largest = np.max(relative, axis=0) if relative else np.zeros(0)
     return np.where(largest > _ROUNDING, _USUAL / np.maximum(largest, _TINY), 1.0)

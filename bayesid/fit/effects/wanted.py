@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.fit.effects.explanation import LN10, Explanation
+from bayesid.fit.effects.explanation import LN10, NO_COLUMNS, Columns, Explanation
 from bayesid.fit.effects.extension import Extension, extend
 from bayesid.fit.effects.forward import Candidate, Products, Rules, select_forward
 from bayesid.fit.effects.held_back import HeldBackErrors
 from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
+from bayesid.fit.effects.near_standstill import near_standstill
 from bayesid.fit.effects.scores import best_forms, explain_with
 from bayesid.fit.effects.screening import Screening
 from bayesid.fit.effects.signed_log import SignedLog
@@ -97,18 +98,38 @@ def what_is_wanted(
         start: effects with which the selection begins; each goes again if it is not worth it.
         enter: whether effects may enter.
     """
+    return _selected(SignedLog.of(evidence, fit, probability), start, NO_COLUMNS, _MOST if enter else 0)
+
+
+def still_wanted(evidence: Evidence, fit: Fit, probability: Array, effects: Sequence[Effect]) -> Wanted:
+    """Those of some effects that are worth it too if nobody knows how dry friction turns round near standstill.
+
+    Args:
+        evidence: the model, the log, and which samples count.
+        fit: of the model to the log.
+        probability: (N, n) P(sign = +) of every sample, settled with the effects.
+        effects: that were selected.
+    """
     case = SignedLog.of(evidence, fit, probability)
+    motion = evidence.signals.motion[case.rows]
+    uncertain = near_standstill(evidence.model, motion, case.rms_effort, case.data.used)
+    return _selected(case, effects, uncertain, 0)
+
+
+def _selected(case: SignedLog, start: Sequence[Effect], uncertain: Columns, most: int) -> Wanted:
+    """The result of a forward selection with so many effects at most, or of what is left of the first ones."""
+    evidence = case.evidence
     regression, alone = explain_with(case.data, ())
     screened = best_forms(Screening(regression, alone.errors), case.library)[:_SHORT_LIST]
     begun = _made(start, case.library)
     begun_keys = frozenset(hypothesis.key for hypothesis in begun)
     best = [*begun, *(score.hypothesis for score, _ in screened if score.hypothesis.key not in begun_keys)]
-    products = Products(case.data, best, list(alone.errors))
-    rules = Rules(NEEDED, _MOST if enter else 0, case.sharpened)
+    products = Products(case.data, best, list(alone.errors), uncertain)
+    rules = Rules(NEEDED, most, case.sharpened)
     products, chosen = select_forward(products, rules, begun_keys)
     effects = [candidate.hypothesis for candidate in chosen]
     _, explanation = explain_with(case.data, effects)
-    knowledge = Knowledge(evidence.model, fit.theta, np.zeros_like(case.data.information.hessian))
+    knowledge = Knowledge(evidence.model, case.fit.theta, np.zeros_like(case.data.information.hessian))
     extension = extend(knowledge, evidence.coefficients, effects, explanation)
     return Wanted(
         extension=extension,

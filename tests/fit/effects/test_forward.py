@@ -133,6 +133,49 @@ def test_gains_are_those_of_dense_densities(chosen):
     np.testing.assert_allclose(products.gains(before, tried), expected, rtol=1e-6, atol=1e-6)
 
 
+class DenseWithKnowledge(Dense):
+    """Density of the efforts themselves, coefficients and uncertain columns integrated out over what is known."""
+
+    def __init__(self, products, chosen=()):
+        data, uncertain = products.data, products.uncertain
+        covariance = np.linalg.inv(data.information.hessian)
+        model = white(products, lambda j: data.columns[:, j])
+        self.left = np.eye(len(model))
+        self.effort = white(products, lambda j: data.effort[:, j]) - model @ covariance @ data.information.gradient
+        self.covariance = np.eye(len(self.effort)) + model @ covariance @ model.T
+        blank = np.zeros((SMALL, len(uncertain.sd)))
+        for rows in (
+            white(products, lambda j: uncertain.rows.get(j, blank)) * uncertain.sd,
+            *(rows_of(products, c) * c.hypothesis.columns.sd for c in chosen),
+        ):
+            self.covariance += rows @ rows.T
+
+
+@pytest.mark.parametrize("chosen", PLACES)
+def test_gains_with_an_earlier_log_and_uncertain_columns_are_those_of_dense_densities(chosen):
+    """What is known of the coefficients is correlated and off; one uncertain column resembles a candidate's."""
+    plain = made_case()
+    root = np.array([[2.0, 0.3, -0.4], [0.0, 3.0, 0.9], [0.0, 0.0, 0.7]])
+    hessian = root.T @ root
+    centre = np.array([0.9, -1.9, 0.8])
+    known = Information(hessian, hessian @ centre, float(centre @ hessian @ centre))
+    rng = np.random.default_rng(8)
+    alike = plain.hypotheses[0].columns.rows[1][:, :1] + 0.3 * waves(rng, SMALL, 1)
+    uncertain = Columns(
+        {1: np.hstack([alike, waves(rng, SMALL, 1)])}, {}, np.array([0.4, 1.9]), np.zeros(2, dtype=bool)
+    )
+    products = Products(replace(plain.data, information=known), plain.hypotheses, list(ERRORS), uncertain)
+    before = [products.candidates[k] for k in chosen]
+    tried = [c for k, c in enumerate(products.candidates) if k not in chosen]
+    without = DenseWithKnowledge(products, before).log_density()
+    expected = [DenseWithKnowledge(products, [*before, one]).log_density() - without for one in tried]
+    np.testing.assert_allclose(products.gains(before, tried), expected, rtol=1e-6, atol=1e-6)
+    of_plain = plain.gains(
+        [plain.candidates[k] for k in chosen], [c for k, c in enumerate(plain.candidates) if k not in chosen]
+    )
+    assert np.all(np.abs(of_plain - expected) > 0.01)
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("which", [1, 2])
 def test_one_sided_gains_are_integrals_over_one_side(which, sign):
