@@ -13,7 +13,7 @@ from bayesid.arrays import Array
 from bayesid.discrepancy.case import Case, divide
 from bayesid.discrepancy.compare import Excess, NoiseFloor, Trial, make_trial, shortened, where_it_shows
 from bayesid.discrepancy.log_checks import check_log, check_same_robot
-from bayesid.discrepancy.validated_selection import ValidatedSelection, select_validated, unexplained
+from bayesid.discrepancy.selection import Selection, select_effects, unexplained
 from bayesid.fit.effects.added_effect import AddedEffect, Quantity, not_testable, weigh
 from bayesid.fit.effects.explanation import Explanation
 from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
@@ -116,8 +116,8 @@ def find_discrepancy(
     coefficients = base_coefficients(model)
     case = Case(earlier.knowledge, coefficients, earlier.noise, selecting, held_back, search, thresholds)
     check_same_robot(case.before, selecting, log, thresholds)
-    validated = select_validated(case, progress)
-    extension = validated.extension
+    selection = select_effects(case, progress)
+    extension = selection.extension
     again = identify_again(
         extension.model,
         log,
@@ -128,19 +128,19 @@ def find_discrepancy(
         preparation=preparation,
         progress=progress,
     )
-    return replace(_discrepancy(case, validated, again), seconds=time.perf_counter() - began)
+    return replace(_discrepancy(case, selection, again), seconds=time.perf_counter() - began)
 
 
 # ---------------------------------------------------------------------------------------------------------------
 # The result
 # ---------------------------------------------------------------------------------------------------------------
-def _discrepancy(case: Case, validated: ValidatedSelection, again: Identification) -> Discrepancy:
-    selection, trial, scoring = validated.selection, case.trial, case.held_back.trial
-    before, after = _gaps(case, validated, again)
+def _discrepancy(case: Case, selection: Selection, again: Identification) -> Discrepancy:
+    trial, scoring = case.trial, case.held_back.trial
+    before, after = _gaps(case, selection, again)
     predicted = again.model.effort(trial.signals.motion, again.theta)
     floor = case.floor(predicted)
     ratios = unexplained(trial, predicted, floor, selection.explanation, case.thresholds)
-    added = _added(case, validated, again)
+    added = _added(case, selection, again)
     return Discrepancy(
         status="unexplained" if ratios else "explained" if added else "no_discrepancy",
         where=tuple(_where(case, selection.before, floor)),
@@ -151,7 +151,7 @@ def _discrepancy(case: Case, validated: ValidatedSelection, again: Identificatio
         holdout=case.held_back.name,
         unexplained=ratios,
         scores=selection.scores,
-        vetoed=validated.vetoed,
+        vetoed=selection.vetoed,
         not_testable=tuple(not_testable(selection.scores, len(before), case.thresholds)),
         identification=again,
         trial=trial,
@@ -164,12 +164,12 @@ def _discrepancy(case: Case, validated: ValidatedSelection, again: Identificatio
     )
 
 
-def _gaps(case: Case, validated: ValidatedSelection, again: Identification) -> tuple[Array, Array]:
+def _gaps(case: Case, selection: Selection, again: Identification) -> tuple[Array, Array]:
     """(n,) gaps on the held-back data of the model as it was and of the extended one, N m."""
     scoring, theta = case.held_back.trial, again.theta
     if not case.held_back.another_log:  # those stretches must not have had a say
-        predicted = case.predicted(validated.selection.hypotheses, validated.selection.explanation)
-        theta = case.refitted(validated.extension, predicted).theta
+        predicted = case.predicted(selection.hypotheses, selection.explanation)
+        theta = case.refitted(selection.extension, predicted).theta
     motion = scoring.signals.motion
     before = case.model.effort(motion, case.knowledge.theta)
     return scoring.gap(before), scoring.gap(again.model.effort(motion, theta))
@@ -197,10 +197,12 @@ def _warnings(case: Case, floor: NoiseFloor) -> list[str]:
     return warnings
 
 
-def _added(case: Case, validated: ValidatedSelection, again: Identification) -> tuple[AddedEffect, ...]:
+def _added(case: Case, selection: Selection, again: Identification) -> tuple[AddedEffect, ...]:
     """The effects of the selection, each weighed against its rivals, with its parameters."""
-    data, library, selection = validated.data, validated.library, validated.selection
-    weighed = [weigh(data, library, selection, effect) for effect in selection.hypotheses]
+    weighed = [
+        weigh(selection.data, selection.library, selection.hypotheses, selection.explanation, effect)
+        for effect in selection.hypotheses
+    ]
     return tuple(
         replace(effect, parameters=_parameters(case, effect.hypothesis, sd, again))
         for effect, sd in zip(weighed, selection.explanation.sd, strict=True)

@@ -81,10 +81,8 @@ def label(effect: str, joints: Sequence[int] = ()) -> str:
 
 
 def score_label(score: Score) -> str:
-    """A candidate, how many effects come with it, and its joints."""
-    others = f" and {len(score.companions)} more" if score.companions else ""
-    where = f", {joints_in_words(score.hypothesis.joints)}" if score.hypothesis.joints else ""
-    return f"{label(score.hypothesis.effect)}{others}{where}"
+    """A candidate and its joints."""
+    return label(score.hypothesis.effect, score.hypothesis.joints)
 
 
 def best_first(scores: Iterable[Score]) -> list[Score]:

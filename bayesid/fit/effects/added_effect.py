@@ -8,10 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import logsumexp
 
-from bayesid.fit.effects.explanation import LN10, Observations
+from bayesid.fit.effects.explanation import LN10, Explanation, Observations
 from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
 from bayesid.fit.effects.scores import Library, Score, assess, explain_with, plain_first
-from bayesid.fit.effects.selection import Selection, rivals_of
 from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.model.catalogue import main_forms
 
@@ -55,14 +54,24 @@ class AddedEffect:
         return self.hypothesis.joints
 
 
-def weigh(data: Observations, library: Library, selection: Selection, effect: Hypothesis) -> AddedEffect:
-    """An effect against all that could stand in its place, the others that were added given."""
+def weigh(
+    data: Observations, library: Library, effects: Sequence[Hypothesis], explanation: Explanation, effect: Hypothesis
+) -> AddedEffect:
+    """An effect against all that could stand in its place, the others that were added given.
+
+    Args:
+        data: what is explained.
+        library: all hypotheses.
+        effects: that were added.
+        explanation: by these.
+        effect: one of them.
+    """
     limits = data.thresholds
-    others = [other for other in selection.hypotheses if other is not effect]
-    regression, without = explain_with(data, others, selection.explanation)
-    scores = plain_first(assess(regression, without, rivals_of(library, effect, others)), data)
+    others = [other for other in effects if other is not effect]
+    regression, without = explain_with(data, others, explanation)
+    scores = plain_first(assess(regression, without, _rivals(library, effect, others)), data)
     scored = next((score.gain for score in scores if score.key == effect.key), None)
-    gain = selection.explanation.log_evidence - without.log_evidence if scored is None else scored
+    gain = explanation.log_evidence - without.log_evidence if scored is None else scored
     share = (1.0 - limits.nothing_missing - limits.something_else) / len(main_forms())
     places = max(1, data.effort.shape[1])
     logs = [s.gain + np.log(share / (places if s.hypothesis.joints else 1)) for s in scores]
@@ -83,6 +92,13 @@ def weigh(data: Observations, library: Library, selection: Selection, effect: Hy
         rivals=tuple(scores),
         equivalent=tuple(sorted(equivalent)),
     )
+
+
+def _rivals(library: Library, effect: Hypothesis, others: Sequence[Hypothesis]) -> list[list[Hypothesis]]:
+    """What could stand in the place of an effect: all that acts in one of its joints, others' effects left out."""
+    joints, taken = effect.columns.joints, {other.key for other in others}
+    groups = [group for group in library if group and group[0].columns.joints & joints]
+    return [[rival for rival in group if rival.key not in taken] for group in groups]
 
 
 def not_testable(scores: Sequence[Score], n_joints: int, thresholds: Thresholds = Thresholds()) -> list[EffectKey]:

@@ -30,6 +30,10 @@ from bayesid.fit.effects.relevance import inverse_of
 Kind = TypeVar("Kind", bound="Explaining")
 
 
+EQUIVALENT = float(np.log(10.0))
+"""Log Bayes factor below which two effects cannot be told apart (Jeffreys 1961, appendix B)."""
+
+
 class Explaining(Protocol):
     """What may explain efforts: a form of an effect, or how they change with the geometry."""
 
@@ -66,6 +70,12 @@ class Products(Generic[Kind]):
         hypotheses: the candidates, linear about their own numbers.
         errors: of each joint.
         uncertain: columns that the model may be wrong by in any case, beside those of every set of candidates.
+
+    Attributes:
+        candidates: the hypotheses and their places among all m columns.
+        blocks: that the log is cut into.
+        hessian: (m, m) G of all joints and folds.
+        gradient: (m,) g of all joints and folds.
     """
 
     data: Observations
@@ -74,6 +84,8 @@ class Products(Generic[Kind]):
     uncertain: Columns = NO_COLUMNS
     candidates: list[Candidate[Kind]] = field(init=False)
     blocks: int = field(init=False)
+    hessian: Array = field(init=False)
+    gradient: Array = field(init=False)
     _always: int = field(init=False)
     _precision: Array = field(init=False)
     _known: Array = field(init=False)
@@ -105,6 +117,10 @@ class Products(Generic[Kind]):
         self._columns = [self._of_joint(j) for j in range(len(self.errors))]
         products = [self._multiplied(j) for j in range(len(self.errors))]
         self._hessian, self._gradient = [p[0] for p in products], [p[1] for p in products]
+        self._add_up()
+
+    def _add_up(self) -> None:
+        self.hessian, self.gradient = np.sum(self._hessian, axis=(0, 1)), np.sum(self._gradient, axis=(0, 1))
 
     def _of_joint(self, joint: int) -> tuple[Array, Array]:
         """Indices (m,) of the columns that show in a joint, and (N, m) these columns."""
@@ -134,16 +150,6 @@ class Products(Generic[Kind]):
             products = rows.T @ rows
             hessian[fold][np.ix_(index, index)], gradient[fold, index] = products[:-1, :-1], products[:-1, -1]
         return hessian, gradient
-
-    @property
-    def hessian(self) -> Array:
-        """(m, m) G of all joints and folds."""
-        return np.sum(self._hessian, axis=(0, 1))
-
-    @property
-    def gradient(self) -> Array:
-        """(m,) g of all joints and folds."""
-        return np.sum(self._gradient, axis=(0, 1))
 
     def indices(self, chosen: Sequence[Candidate[Kind]]) -> Integers:
         """Of the columns that are always there and of those of some candidates."""
@@ -205,6 +211,7 @@ class Products(Generic[Kind]):
         for j in joints:
             self.errors[j] = fit_error(residual[:, j], self.data.used[:, j], self.data.rate)[0]
             self._hessian[j], self._gradient[j] = self._multiplied(j)
+        self._add_up()
 
     def gains(self, chosen: Sequence[Candidate[Kind]], tried: Sequence[Candidate[Kind]]) -> Array:
         """Log Bayes factors of candidates on top of a set (:eq:`forward-gain`)."""
@@ -294,9 +301,29 @@ def _grown(
         more = next((more for more in promising if _borne_out(products.held_back(more), before, more[-1])), None)
         if more is None:
             break
-        products, chosen = _settled(products, more, rules)
+        products, chosen = _settled(products, _exchanged(products, more), rules)
         refused |= _keys(more) - _keys(chosen)  # or it would come and go for ever
     return products, chosen
+
+
+def _exchanged(products: Products[Kind], chosen: list[Candidate[Kind]]) -> list[Candidate[Kind]]:
+    """The chosen, each replaced by what explains more in its place beside the others that act in its joints.
+
+    What came first may be what resembles the sum of two best. Of what cannot be told apart, the one of fewest columns.
+    """
+    for candidate in list(chosen):
+        others, joints = _without(chosen, candidate), candidate.hypothesis.columns.joints
+        if not any(joints & other.hypothesis.columns.joints for other in others):
+            continue
+        taken = _keys(others)
+        rivals = [
+            c for c in products.candidates if c.hypothesis.columns.joints & joints and c.hypothesis.key not in taken
+        ]
+        gains = products.gains(others, rivals)
+        equal = [k for k in np.argsort(-gains) if gains[k] > gains.max() - EQUIVALENT]
+        winner = rivals[min(equal, key=lambda k: len(rivals[k].hypothesis.columns.sd))]
+        chosen = [winner if other is candidate else other for other in chosen]
+    return chosen
 
 
 def _with(chosen: Sequence[Candidate[Kind]], entering: Candidate[Kind]) -> list[Candidate[Kind]]:

@@ -19,7 +19,7 @@ of 10 s of Panda's log are what it was found on (study `complete`)."""
 _HARM = 0.04
 """Share of a joint's mean squared error by which it may rise in any case, a fiftieth of the error: nobody would see it.
 A round number."""
-_HELP = 0.1
+HELP = 0.1
 """Share of the joints' mean squared errors, added up, by which an effect lowers them at least to be worth a term: five
 per cent of the error. A round number."""
 _SURE = 1.5
@@ -57,16 +57,17 @@ def blocks_of(duration: float) -> int:
     return int(np.clip(duration / _SHORTEST, FOLDS, BLOCKS))
 
 
-def bears_out(after: HeldBackErrors, before: HeldBackErrors, joints: Collection[int]) -> bool:
+def bears_out(after: HeldBackErrors, before: HeldBackErrors, joints: Collection[int], least: float = HELP) -> bool:
     """Whether an effect in some (0-based) joints surely helps there, and all joints together do not lose by it.
 
-    Shares of the joints' mean squared errors add up. The standard error is that of the blocks which it helps less than
-    on average: what helps a lot where it acts, and does nothing where it does not, is no luck.
+    It must lower the joints' mean squared errors, as shares of what they were and added up, by `least`. The standard
+    error is that of the blocks which it helps less than on average: what helps a lot where it acts, and does nothing
+    where it does not, is no luck.
     """
     relative = (after.squares - before.squares) / np.maximum(before.squares.sum(axis=0), _TINY)
     of_blocks = relative[:, sorted(joints)].sum(axis=1)
     less = np.maximum(of_blocks - of_blocks.mean(), 0.0)
-    help_needed = max(_HELP, _SURE * float(np.sqrt(2.0 * np.sum(less**2))))
+    help_needed = max(least, _SURE * float(np.sqrt(2.0 * np.sum(less**2))))
     return bool(-of_blocks.sum() > help_needed and relative.sum() < 0.0)
 
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 from scipy.special import logsumexp
 
 from bayesid.arrays import Array, Mask
 from bayesid.fit.effects.error_model import ErrorModel
-from bayesid.fit.effects.explanation import LN10, Columns, Explanation, Observations, Regression
+from bayesid.fit.effects.explanation import LN10, Explanation, Observations, Regression
 from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
 from bayesid.fit.effects.screening import Screening
 from bayesid.fit.effects.thresholds import Thresholds
@@ -35,7 +34,6 @@ class Score:
         improvement: fall of a joint's mean squared residual, in units of the noise floor's or, where much more is left,
             of a part of that; nan where no closer look was had.
         mean_square: (n,) mean squared residual with it, in units of the floor's; None where no closer look was had.
-        companions: other standard effects of the same joint that come with it.
     """
 
     hypothesis: Hypothesis
@@ -43,13 +41,11 @@ class Score:
     expected_gain: float
     improvement: float = np.nan
     mean_square: Array | None = None
-    companions: tuple[Hypothesis, ...] = ()
 
     @property
     def n_parameters(self) -> int:
         """Numbers that it takes: amplitudes, and nonlinear ones."""
-        free = sum(len(hypothesis.columns.sd) for hypothesis in (self.hypothesis, *self.companions))
-        return free + len(self.hypothesis.source.sought)
+        return len(self.hypothesis.columns.sd) + len(self.hypothesis.source.sought)
 
     @property
     def standard(self) -> bool:
@@ -87,30 +83,18 @@ def initial_errors(data: Observations) -> tuple[ErrorModel, ...]:
 # ---------------------------------------------------------------------------------------------------------------
 # Of all effects
 # ---------------------------------------------------------------------------------------------------------------
-def assess(
-    regression: Regression,
-    explanation: Explanation,
-    library: Library,
-    short_list: int | None = None,
-    companions: bool = False,
-) -> list[Score]:
+def assess(regression: Regression, explanation: Explanation, library: Library) -> list[Score]:
     """Every effect in its best form, best first: by a quick look all of them, by a closer one the most promising.
 
     Args:
         regression: with the effects that are added already.
         explanation: by these.
         library: all hypotheses.
-        short_list: how many are looked at closely; as many as the thresholds say by default.
-        companions: whether standard effects of one joint may come together.
     """
-    count = regression.data.thresholds.short_list if short_list is None else short_list
+    count = regression.data.thresholds.close_looks
     screening = Screening(regression, explanation.errors)
     ordered = best_forms(screening, library)
-    promising = ordered[:count]
-    if companions:
-        bound = regression.data.thresholds.equivalent
-        promising = promising + [(score, 0.0) for score in _joined(screening, [score for score, _ in ordered], bound)]
-    closer = [_closer(regression, explanation, score, spread) for score, spread in promising]
+    closer = [_closer(regression, explanation, score, spread) for score, spread in ordered[:count]]
     return sorted(closer, key=lambda score: -score.gain) + [score for score, _ in ordered[count:]]
 
 
@@ -134,7 +118,7 @@ def best_forms(screening: Screening, library: Library) -> list[tuple[Score, floa
 def _closer(regression: Regression, explanation: Explanation, score: Score, spread: float) -> Score:
     """The score with its own error models, and by how much the effect improves the fit."""
     data = regression.data
-    extended = regression.settle(explanation, together([score.hypothesis, *score.companions]))
+    extended = regression.settle(explanation, score.hypothesis.columns)
     before, after = data.mean_square(explanation.residual), data.mean_square(extended.residual)
     return replace(
         score,
@@ -147,43 +131,6 @@ def _closer(regression: Regression, explanation: Explanation, score: Score, spre
 def _improvement(before: Array, after: Array, thresholds: Thresholds) -> Array:
     """(n,) fall of the mean squared residual, in units that leave out what is small beside the floor or the rest."""
     return (before - after) / np.maximum(1.0, thresholds.improvement_of_rest / thresholds.improvement * before)
-
-
-def _joined(screening: Screening, scores: Sequence[Score], bound: float) -> list[Score]:
-    """Standard effects of one joint that explain more together than any effect does there alone.
-
-    Friction comes as Coulomb's and as viscous friction: as long as one of them is missing, neither explains much, and
-    whatever resembles their sum would be taken for it.
-
-    Args:
-        screening: on top of what is added already.
-        scores: of single effects, best first.
-        bound: log10 of the Bayes factor by which they must explain more.
-    """
-    joined = []
-    for joint in {score.hypothesis.joints for score in scores if len(score.hypothesis.joints) == 1}:
-        of_joint = [score for score in scores if score.hypothesis.joints == joint]
-        standard = [score.hypothesis for score in of_joint if score.standard]
-        groups = [list(group) for size in range(2, len(standard) + 1) for group in combinations(standard, size)]
-        gains = [float(screening.gains([together(group)])[0][0]) for group in groups]
-        alone = max((score.gain for score in of_joint if score.standard), default=0.0)
-        if gains and max(gains) > alone + bound * LN10:
-            first, *companions = groups[int(np.argmax(gains))]  # in the order of the scores
-            joined.append(Score(first, max(gains), np.inf, companions=tuple(companions)))
-    return joined
-
-
-def together(group: Sequence[Hypothesis]) -> Columns:
-    """Several effects as one."""
-    if len(group) == 1:
-        return group[0].columns
-    parts = [hypothesis.columns for hypothesis in group]
-    rows = {}
-    for j in set().union(*(part.rows for part in parts)):
-        count = next(len(part.rows[j]) for part in parts if j in part.rows)
-        rows[j] = np.concatenate([part.rows.get(j, np.zeros((count, len(part.sd)))) for part in parts], axis=1)
-    sd, positive = (np.concatenate([getattr(part, name) for part in parts]) for name in ("sd", "positive"))
-    return Columns(rows=rows, shift={}, sd=sd, positive=positive)
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -33,18 +33,15 @@ class Thresholds:
         improvement: fall of a joint's mean squared residual, in units of the noise floor's, that it needs beside.
         improvement_of_rest: the same as a share of what is left.
         equivalent: log10 below which two effects are equivalent; "strong" begins at 1 (ib.).
-        clear: log10 from which on effects of several joints are added at once, which saves time; far beyond doubt.
         testable: log10 to be expected of a usual amplitude below which an effect cannot be tested: what it needs to be
             added.
         nothing_missing: prior probability that nothing is missing, by convention one half.
         something_else: prior probability that it is outside of the catalogue; the effects share the rest.
         max_effects: that are added; a bound against endless loops, some six a joint.
-        short_list: effects that are looked at closely when one is added; a round number, more of them cost time.
-        exchange_short_list: the same when one that was added is held against its rivals.
-        helps_over_harms: fall of the squared residuals on held-back data over their rise. For a normal distribution of
-            the blocks' means, 3 over 24 blocks is 2.1 standard errors.
-        blocks: of the held-back data, in each of which an effect helps or harms.
-        held_back_improvement: share of `improvement` that it must reach there.
+        short_list: effects among which one selection chooses, in their best forms; a round number.
+        close_looks: effects with error models of their own when all are scored; a round number, more of them cost time.
+        held_back_improvement: share by which an effect lowers the mean squared error on held-back data at least. It may
+            show less there than in the log that it was found in.
         max_vetoes: effects that fail there before the selection goes on without adding any.
         explained_share: of the excess in a joint that stays unexplained, that its effects must explain to be kept.
     """
@@ -68,16 +65,13 @@ class Thresholds:
     improvement: float = 0.05
     improvement_of_rest: float = 0.1
     equivalent: float = 1.0
-    clear: float = 12.0
     testable: float = 2.0
     nothing_missing: float = 0.5
     something_else: float = 0.1
     max_effects: int = 40
-    short_list: int = 10
-    exchange_short_list: int = 6
+    short_list: int = 60
+    close_looks: int = 10
     # held-back data
-    helps_over_harms: float = 3.0
-    blocks: int = 24
-    held_back_improvement: float = 0.5
+    held_back_improvement: float = 0.025
     max_vetoes: int = 4
     explained_share: float = 0.75

@@ -10,7 +10,7 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.fit.effects.explanation import LN10, NO_COLUMNS, Columns, Explanation
 from bayesid.fit.effects.extension import Extension, extend
-from bayesid.fit.effects.forward import Candidate, Products, Rules, select_forward
+from bayesid.fit.effects.forward import EQUIVALENT, Candidate, Products, Rules, select_forward
 from bayesid.fit.effects.held_back import HeldBackErrors
 from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
 from bayesid.fit.effects.near_standstill import near_standstill
@@ -25,8 +25,6 @@ from bayesid.model.effects import Effect
 NEEDED = 12.0
 """Nats by which an effect enters a model: e^-12 times some 150 places a log leave 1e-3 false ones, even if the noise
 model is off by a factor of two in nats. The prototypes of DESIGN.md 4."""
-_EQUIVALENT = 1.0
-"""Log10 of a Bayes factor below which two effects cannot be told apart (Jeffreys 1961, appendix B)."""
 _MOST = 16
 """Effects that are added; a bound against endless loops."""
 _SHORT_LIST = 60
@@ -170,5 +168,5 @@ def _weighed(
     near_by = (c for c in products.candidates if c.hypothesis.columns.joints & candidate.hypothesis.columns.joints)
     rivals = [c for c in near_by if c.hypothesis.key not in taken]
     gain, *gains = products.gains(others, [candidate, *rivals]).tolist()
-    near = {c.hypothesis.effect for c, g in zip(rivals, gains, strict=True) if g > gain - _EQUIVALENT * LN10}
+    near = {c.hypothesis.effect for c, g in zip(rivals, gains, strict=True) if g > gain - EQUIVALENT}
     return gain, tuple(sorted(near - {candidate.hypothesis.effect}))

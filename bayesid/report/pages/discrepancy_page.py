@@ -21,7 +21,6 @@ from bayesid.report.words import (
     distinguishing_motions,
     joints_in_words,
     label,
-    listed,
     paragraph,
     quantity,
     rounded,
@@ -134,9 +133,8 @@ def _candidates(discrepancy: Discrepancy) -> dict[str, Any]:
 
 
 def _candidate(score: Score, added: bool) -> dict[str, Any]:
-    companions = [label(companion.effect) for companion in score.companions]
     return {
-        "name": _name(score.hypothesis) + (f" with {listed(companions)}" if companions else ""),
+        "name": _name(score.hypothesis),
         "joints": _joints(score.hypothesis.joints),
         "gain": score.gain / LN10,
         "added": added,

@@ -440,6 +440,10 @@ def test_noise_that_lasts_is_taken_for_an_effect_if_it_is_said_to_be_white():
     assert right < NEEDED < wrong
 
 
+def white_errors():
+    return [ErrorModel(1.0, 1e-6, 0.1, RATE)]
+
+
 def three_of_one_joint(seed=5):
     """Two effects, and a third that looks like both of them together."""
     rng, columns, effort = log_of(seed, 0.2, joints=1)
@@ -450,7 +454,7 @@ def three_of_one_joint(seed=5):
         made("one", {0: one[:, None]}, [0.8]),
         made("other", {0: other[:, None]}, [0.8]),
     ]
-    return Products(observed(columns, effort), hypotheses, [ErrorModel(1.0, 1e-6, 0.1, RATE)])
+    return Products(observed(columns, effort), hypotheses, white_errors())
 
 
 def test_what_becomes_needless_goes():
@@ -459,6 +463,32 @@ def test_what_becomes_needless_goes():
     assert names(select_forward(products, Rules(NEEDED, 1))[1]) == [("sum", (1,))]
     _, chosen = select_forward(three_of_one_joint(), RULES)
     assert sorted(names(chosen)) == [("one", (1,)), ("other", (1,))]
+
+
+def test_what_resembles_the_sum_of_two_gives_its_place_to_one_of_them():
+    """It is needed beside the other, as a stand-in for the one that is not there yet: needless it never is."""
+    rng, columns, effort = log_of(3, 0.2, joints=1)
+    one, other, own = waves(rng, LOG, 3, slowest=20.0, fastest=60.0).T
+    effort[:, 0] += 1.6 * one + other
+    rows = {"sum": one + other + 0.2 * own, "one": one, "other": other}
+    hypotheses = [made(name, {0: column[:, None]}, [0.8]) for name, column in rows.items()]
+    products = Products(observed(columns, effort), hypotheses, white_errors())
+    assert np.argmax(products.gains((), products.candidates)) == 0
+    assert names(select_forward(products, Rules(NEEDED, 2))[1]) == [("other", (1,)), ("one", (1,))]
+
+
+def test_of_what_cannot_be_told_apart_that_of_the_fewest_columns_is_taken():
+    """The wide one holds what there is, and a column of no use; beside it something else of the joint."""
+    rng, columns, effort = log_of(6, 0.2, joints=1)
+    there, useless, more = waves(rng, LOG, 3, slowest=20.0, fastest=60.0).T
+    effort[:, 0] += 1.3 * there - 0.7 * more
+    wide = made("wide", {0: np.column_stack([there, useless])}, [0.8, 1e-3])
+    slim = made("slim", {0: there[:, None]}, [0.6])
+    beside = made("beside", {0: more[:, None]}, [0.8])
+    products = Products(observed(columns, effort), [wide, slim, beside], white_errors())
+    first, second, _ = products.gains((), products.candidates)
+    assert 0.0 < first - second < np.log(10.0)
+    assert sorted(names(select_forward(products, RULES)[1])) == [("beside", (1,)), ("slim", (1,))]
 
 
 def test_no_more_are_added_than_asked_for():

@@ -1,0 +1,232 @@
+"""The selection of effects: on some of the data, each borne out by the data that are held back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.discrepancy.case import Case
+from bayesid.discrepancy.compare import NoiseFloor, Trial
+from bayesid.fit.effects.explanation import LN10, Explanation, Observations
+from bayesid.fit.effects.extension import Extension, extend
+from bayesid.fit.effects.forward import Candidate, Products, Rules, select_forward
+from bayesid.fit.effects.held_back import HeldBackErrors, bears_out, blocks_of
+from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis, hypotheses
+from bayesid.fit.effects.refinement import refined
+from bayesid.fit.effects.relinearisation import sharpened
+from bayesid.fit.effects.scores import Library, Score, assess, at_blunt_floor, best_forms, explain_with
+from bayesid.fit.effects.screening import Screening
+from bayesid.fit.effects.thresholds import Thresholds
+from bayesid.progress import SILENT, Progress
+
+_SETTLINGS = 2
+"""Times that signs and coefficients take turns before effects are looked for; a round number, not studied."""
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Effects that explain a log and are borne out by held-back data.
+
+    Attributes:
+        hypotheses: in the order in which they were added.
+        explanation: by all of them.
+        before: without any.
+        scores: of the whole catalogue, before anything was added.
+        data: that they were selected on, signs settled under them.
+        library: all hypotheses.
+        extension: the extended model.
+        vetoed: effect and joints that held-back data did not bear out.
+    """
+
+    hypotheses: tuple[Hypothesis, ...]
+    explanation: Explanation
+    before: Explanation
+    scores: tuple[Score, ...]
+    data: Observations
+    library: Library
+    extension: Extension
+    vetoed: tuple[EffectKey, ...]
+
+
+@dataclass(frozen=True)
+class _Chosen:
+    """Effects, the explanation by them, and the log with its signs settled under it."""
+
+    effects: tuple[Hypothesis, ...]
+    explanation: Explanation
+    data: Observations
+
+    @property
+    def keys(self) -> set[EffectKey]:
+        """Effects and joints."""
+        return {effect.key for effect in self.effects}
+
+    def without(self, *gone: Hypothesis) -> tuple[Hypothesis, ...]:
+        """The effects but some."""
+        return tuple(effect for effect in self.effects if all(effect is not other for other in gone))
+
+
+def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
+    """Effects that explain the log and are borne out by the data that are held back."""
+    data, library = _begin(case)
+    regression, before = explain_with(data, ())
+    scores = assess(regression, before, library)
+    chosen, vetoed = _Chosen((), before, data), set[EffectKey]()
+    most = case.thresholds.max_vetoes
+    for done in range(most + 1):
+        progress("naming effects", done, most + 1)
+        chosen = _selected(case, chosen, library, vetoed)
+        failed = _failed(case, chosen)
+        if failed is None:
+            break
+        vetoed.add(failed.key)
+        chosen = _settled(case, chosen.without(failed), chosen.data)
+    while (failed := _failed(case, chosen)) is not None:  # no more is added, what fails goes
+        vetoed.add(failed.key)
+        chosen = _settled(case, chosen.without(failed), chosen.data)
+    chosen, stand_ins = _without_stand_ins(case, chosen)
+    effects, explanation = sharpened(chosen.data, chosen.effects, case.columns, case.scene)
+    return Selection(
+        hypotheses=tuple(effects),
+        explanation=explanation,
+        before=before,
+        scores=tuple(scores),
+        data=chosen.data,
+        library=library,
+        extension=extend(case.knowledge, case.coefficients, effects, explanation),
+        vetoed=tuple(sorted(vetoed | stand_ins)),
+    )
+
+
+def _begin(case: Case) -> tuple[Observations, Library]:
+    """Signs settled under the model, its parameters moved as far as the earlier log allows."""
+    predicted = case.before
+    for _ in range(_SETTLINGS):
+        _, explanation = explain_with(case.data(predicted), ())
+        predicted = case.predicted((), explanation)
+    library = list(hypotheses(case.model, case.scene(predicted), case.trial.used))
+    refit = case.standard_refit
+    return case.data(predicted, None if refit is None else refit.probability), library
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# On the log
+# ---------------------------------------------------------------------------------------------------------------
+def _selected(case: Case, chosen: _Chosen, library: Library, vetoed: set[EffectKey]) -> _Chosen:
+    """Selected by evidence, the signs settled and the numbers refined under what was found, until no more is found.
+
+    Where the floor is blunt, for the earlier model was a poor one, standard effects come first, and nothing else where
+    they reach it: the friction of a real joint is never exactly what a term says.
+    """
+    limits = case.thresholds
+    seen = [chosen.keys]
+    standard = not chosen.data.sharp.all() and not chosen.effects
+    while True:
+        done = at_blunt_floor(chosen.data, chosen.data.mean_square(chosen.explanation.residual))
+        closed = ~chosen.data.sharp if standard else done
+        taken = chosen.keys | vetoed
+        regression, explanation = explain_with(chosen.data, chosen.effects, chosen.explanation)
+        allowed = [
+            [h for h in group if h.key not in taken and (h.standard or not all(closed[j] for j in h.columns.joints))]
+            for group in library
+        ]
+        scores = best_forms(Screening(regression, explanation.errors), allowed)[: limits.short_list]
+        tried = [*chosen.effects, *(score.hypothesis for score, _ in scores)]
+        products = Products(chosen.data, tried, list(explanation.errors))
+        rules = Rules(limits.log10_bayes_factor * LN10, limits.max_effects, partial(_sharper, case, chosen.data))
+        _, found = select_forward(products, rules, frozenset(chosen.keys))
+        effects = refined(chosen.data, [candidate.hypothesis for candidate in found], library)
+        chosen = _settled(case, effects, chosen.data)
+        if not standard and chosen.keys in seen:
+            return chosen
+        seen.append(chosen.keys)
+        standard = False
+
+
+def _sharper(
+    case: Case, data: Observations, _: Products[Hypothesis], found: Sequence[Candidate[Hypothesis]]
+) -> Mapping[int, Hypothesis]:
+    """Distortions about the numbers that were found, by the ids of their old forms: they are linear near these."""
+    effects = [candidate.hypothesis for candidate in found]
+    if all(effect.source.linear for effect in effects):
+        return {}
+    new = sharpened(data, effects, case.columns, case.scene)[0]
+    return {id(old): form for old, form in zip(effects, new, strict=True)}
+
+
+def _settled(case: Case, effects: Sequence[Hypothesis], data: Observations) -> _Chosen:
+    """Some effects, signs settled under them."""
+    _, explanation = explain_with(data, effects)
+    data = case.settled(effects, explanation)
+    _, explanation = explain_with(data, effects, explanation)
+    return _Chosen(tuple(effects), explanation, data)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# On held-back data
+# ---------------------------------------------------------------------------------------------------------------
+def _failed(case: Case, chosen: _Chosen) -> Hypothesis | None:
+    """The last effect that does not help on held-back data, beside the others."""
+    after = _held_back(case, chosen.effects, chosen.explanation)
+    for effect in reversed(chosen.effects):
+        others = chosen.without(effect)
+        _, explanation = explain_with(chosen.data, others, chosen.explanation)
+        before = _held_back(case, others, explanation)
+        if not bears_out(after, before, effect.columns.joints, case.thresholds.held_back_improvement):
+            return effect
+    return None
+
+
+def _held_back(case: Case, effects: Sequence[Hypothesis], explanation: Explanation) -> HeldBackErrors:
+    """Errors on blocks of the held-back data."""
+    trial = case.held_back.trial
+    rows = np.flatnonzero(trial.used.any(axis=1))
+    blocks = np.array_split(rows, blocks_of(len(rows) / trial.signals.rate))
+    squares = _held_back_residual(case, effects, explanation) ** 2 * trial.used
+    return HeldBackErrors(
+        np.stack([squares[block].sum(axis=0) for block in blocks]),
+        np.stack([trial.used[block].sum(axis=0) for block in blocks]),
+    )
+
+
+def _held_back_residual(case: Case, effects: Sequence[Hypothesis], explanation: Explanation) -> Array:
+    """(N, n) residuals on held-back data, N m."""
+    trial = case.held_back.trial
+    extension = extend(case.knowledge, case.coefficients, effects, explanation)
+    if any(effect.source.reveals for effect in effects):
+        extension = case.refitted(extension, case.predicted(effects, explanation))
+    predicted = extension.model.effort(trial.signals.motion, extension.theta)
+    return trial.nearest(predicted) - predicted
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What stays unexplained
+# ---------------------------------------------------------------------------------------------------------------
+def _without_stand_ins(case: Case, chosen: _Chosen) -> tuple[_Chosen, set[EffectKey]]:
+    """Leaves out effects of joints that stay unexplained, unless they explain most of what was to be explained."""
+    gone = set[EffectKey]()
+    predicted = case.predicted(chosen.effects, chosen.explanation)
+    for joint, _ in unexplained(case.trial, predicted, case.floor(predicted), chosen.explanation, case.thresholds):
+        of_joint = [effect for effect in chosen.effects if effect.columns.joints == {joint - 1}]
+        others = chosen.without(*of_joint)
+        _, without = explain_with(chosen.data, others, chosen.explanation)
+        before = _held_back(case, others, without).rms[joint - 1] ** 2
+        after = _held_back(case, chosen.effects, chosen.explanation).rms[joint - 1] ** 2
+        if of_joint and before - after < case.thresholds.explained_share * (before - chosen.data.floor[joint - 1] ** 2):
+            gone |= {effect.key for effect in of_joint}
+            chosen = _settled(case, others, chosen.data)
+    return chosen, gone
+
+
+def unexplained(
+    trial: Trial, predicted: Array, floor: NoiseFloor, explanation: Explanation, thresholds: Thresholds
+) -> tuple[tuple[int, float], ...]:
+    """Joint (from 1) and ratio to the floor, of those whose residual is surely above it."""
+    gap = trial.gap(predicted)
+    sure = explanation.free_evidence - explanation.noise_evidence > thresholds.log10_bayes_factor * LN10
+    above = np.flatnonzero(sure & floor.exceeded(gap, thresholds)).tolist()
+    return tuple((j + 1, float(gap[j] / floor.rms[j])) for j in above)
