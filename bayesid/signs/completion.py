@@ -215,8 +215,7 @@ class _Rounds:
         """Leaves out of the completed model what how friction turns round near standstill would explain as well."""
         if self.completed is self.plain:
             return
-        effects = [effect.source for effect in self.wanted.effects]
-        wanted = still_wanted(self.plain.settled.evidence, self.fit, self.probability, effects)
+        wanted = still_wanted(self.plain.settled.evidence, self.fit, self.probability, self.wanted)
         if wanted.keys == self.wanted.keys:
             return
         model = wanted.extension.model

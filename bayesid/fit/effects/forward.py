@@ -307,7 +307,7 @@ def _grown(
 
 
 def _exchanged(products: Products[Kind], chosen: list[Candidate[Kind]]) -> list[Candidate[Kind]]:
-    """The chosen, each replaced by what explains more in its place beside the others that act in its joints.
+    """The chosen, each replaced by what explains more in its joints, and is borne out, beside others that act there.
 
     What came first may be what resembles the sum of two best. Of what cannot be told apart, the one of fewest columns.
     """
@@ -317,12 +317,14 @@ def _exchanged(products: Products[Kind], chosen: list[Candidate[Kind]]) -> list[
             continue
         taken = _keys(others)
         rivals = [
-            c for c in products.candidates if c.hypothesis.columns.joints & joints and c.hypothesis.key not in taken
+            c for c in products.candidates if c.hypothesis.columns.joints == joints and c.hypothesis.key not in taken
         ]
         gains = products.gains(others, rivals)
         equal = [k for k in np.argsort(-gains) if gains[k] > gains.max() - EQUIVALENT]
         winner = rivals[min(equal, key=lambda k: len(rivals[k].hypothesis.columns.sd))]
-        chosen = [winner if other is candidate else other for other in chosen]
+        exchanged = [winner if other is candidate else other for other in chosen]
+        if _borne_out(products.held_back(exchanged), products.held_back(others), winner):
+            chosen = exchanged
     return chosen
 
 

@@ -77,15 +77,7 @@ def hypotheses(model: Model, scene: Scene, used: Mask, *, refinements: bool = Fa
         used: (N, n) samples that count.
         refinements: whether finer forms of standard terms are among them.
     """
-    size = np.sqrt(np.sum((scene.measured * used) ** 2, axis=0) / np.maximum(used.sum(axis=0), 1))
-
-    def make(source: Effect) -> Hypothesis:
-        held = _held(source, model)
-        source = source if held is None else held
-        columns = _columns(source, scene, size, used, held is None)
-        changes = () if held is None else tuple(parameter.name for parameter in source.parameters(scene.robot))
-        return Hypothesis(source, columns, make, changes)
-
+    make = maker(model, scene, used)
     for kind in catalogue.FORMS.values():
         if kind.refines and not refinements:
             continue
@@ -96,6 +88,26 @@ def hypotheses(model: Model, scene: Scene, used: Mask, *, refinements: bool = Fa
                 key = source.joints, len(columns.sd), tuple(sorted(columns.joints)), bool(columns.rows)
                 groups.setdefault(key, []).append(hypothesis)
         yield from groups.values()
+
+
+def maker(model: Model, scene: Scene, used: Mask) -> Callable[[Effect], Hypothesis]:
+    """What makes a hypothesis of an effect.
+
+    Args:
+        model: as it is.
+        scene: the log.
+        used: (N, n) samples that count.
+    """
+    size = np.sqrt(np.sum((scene.measured * used) ** 2, axis=0) / np.maximum(used.sum(axis=0), 1))
+
+    def make(source: Effect) -> Hypothesis:
+        held = _held(source, model)
+        source = source if held is None else held
+        columns = _columns(source, scene, size, used, held is None)
+        changes = () if held is None else tuple(parameter.name for parameter in source.parameters(scene.robot))
+        return Hypothesis(source, columns, make, changes)
+
+    return make
 
 
 def _scaled(hypothesis: Hypothesis) -> list[Hypothesis]:

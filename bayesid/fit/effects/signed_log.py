@@ -11,13 +11,13 @@ import numpy as np
 from bayesid.arrays import Array, Integers
 from bayesid.fit.effects.explanation import Observations
 from bayesid.fit.effects.forward import Candidate, Products
-from bayesid.fit.effects.hypotheses import Hypothesis, hypotheses
+from bayesid.fit.effects.hypotheses import Hypothesis, hypotheses, maker
 from bayesid.fit.effects.relinearisation import about, effort_of_terms, sharpened
 from bayesid.fit.evidence import Evidence
 from bayesid.fit.knowledge import Information
 from bayesid.fit.least_squares import Fit
 from bayesid.log.signals import Signals
-from bayesid.model.effects import Scene
+from bayesid.model.effects import Effect, Scene
 
 _SAMPLES = 2_500
 """Samples on which effects are selected, thinned evenly: time grows with them. A round number."""
@@ -103,6 +103,12 @@ class SignedLog:
         """What effects may look at."""
         signals, model = self.evidence.signals, self.evidence.model
         return model.scene(signals.motion[self.rows], self.fit.theta, effort, signals.magnitude[self.rows])
+
+    def made(self, effects: Sequence[Effect]) -> list[Hypothesis]:
+        """Effects as what they would do to the log; distortions last, what leaves no trace left out."""
+        make = maker(self.evidence.model, self.scene(self.fit.predicted[self.rows]), self.data.used)
+        made = (make(effect) for effect in effects)
+        return sorted((h for h in made if h.columns.joints), key=lambda hypothesis: not hypothesis.source.linear)
 
     @cached_property
     def library(self) -> list[list[Hypothesis]]:

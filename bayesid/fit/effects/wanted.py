@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.fit.effects.explanation import LN10, NO_COLUMNS, Columns, Explanation
+from bayesid.fit.effects.explanation import LN10, Explanation
 from bayesid.fit.effects.extension import Extension, extend
 from bayesid.fit.effects.forward import EQUIVALENT, Candidate, Products, Rules, select_forward
 from bayesid.fit.effects.held_back import HeldBackErrors
@@ -96,55 +96,52 @@ def what_is_wanted(
         start: effects with which the selection begins; each goes again if it is not worth it.
         enter: whether effects may enter.
     """
-    return _selected(SignedLog.of(evidence, fit, probability), start, NO_COLUMNS, _MOST if enter else 0)
+    case = SignedLog.of(evidence, fit, probability)
+    regression, alone = explain_with(case.data, ())
+    screened = best_forms(Screening(regression, alone.errors), case.library)[:_SHORT_LIST]
+    begun = case.made(start)
+    keys = frozenset(hypothesis.key for hypothesis in begun)
+    tried = [*begun, *(score.hypothesis for score, _ in screened if score.hypothesis.key not in keys)]
+    products = Products(case.data, tried, list(alone.errors))
+    return _selected(case, products, keys, _MOST if enter else 0)
 
 
-def still_wanted(evidence: Evidence, fit: Fit, probability: Array, effects: Sequence[Effect]) -> Wanted:
-    """Those of some effects that are worth it too if nobody knows how dry friction turns round near standstill.
+def still_wanted(evidence: Evidence, fit: Fit, probability: Array, wanted: Wanted) -> Wanted:
+    """Those of the effects that are worth it too if nobody knows how dry friction turns round near standstill.
 
     Args:
         evidence: the model, the log, and which samples count.
         fit: of the model to the log.
         probability: (N, n) P(sign = +) of every sample, settled with the effects.
-        effects: that were selected.
+        wanted: the effects that were selected.
     """
     case = SignedLog.of(evidence, fit, probability)
+    _, alone = explain_with(case.data, ())
+    begun = case.made([effect.source for effect in wanted.effects])
     motion = evidence.signals.motion[case.rows]
     uncertain = near_standstill(evidence.model, motion, case.rms_effort, case.data.used)
-    return _selected(case, effects, uncertain, 0)
+    products = Products(case.data, begun, list(alone.errors), uncertain)
+    left = _selected(case, products, frozenset(hypothesis.key for hypothesis in begun), 0)
+    equivalent = {(effect.effect, effect.joints): effect.equivalent for effect in wanted.effects}
+    effects = (replace(effect, equivalent=equivalent[effect.effect, effect.joints]) for effect in left.effects)
+    return replace(left, effects=tuple(effects), screened=wanted.screened)
 
 
-def _selected(case: SignedLog, start: Sequence[Effect], uncertain: Columns, most: int) -> Wanted:
-    """The result of a forward selection with so many effects at most, or of what is left of the first ones."""
+def _selected(case: SignedLog, products: Products[Hypothesis], start: frozenset[EffectKey], most: int) -> Wanted:
+    """The result of a forward selection from a start, with so many effects at most or, with none, of what stays."""
     evidence = case.evidence
-    regression, alone = explain_with(case.data, ())
-    screened = best_forms(Screening(regression, alone.errors), case.library)[:_SHORT_LIST]
-    begun = _made(start, case.library)
-    begun_keys = frozenset(hypothesis.key for hypothesis in begun)
-    best = [*begun, *(score.hypothesis for score, _ in screened if score.hypothesis.key not in begun_keys)]
-    products = Products(case.data, best, list(alone.errors), uncertain)
-    rules = Rules(NEEDED, most, case.sharpened)
-    products, chosen = select_forward(products, rules, begun_keys)
+    products, chosen = select_forward(products, Rules(NEEDED, most, case.sharpened), start)
     effects = [candidate.hypothesis for candidate in chosen]
     _, explanation = explain_with(case.data, effects)
     knowledge = Knowledge(evidence.model, case.fit.theta, np.zeros_like(case.data.information.hessian))
-    extension = extend(knowledge, evidence.coefficients, effects, explanation)
     return Wanted(
-        extension=extension,
+        extension=extend(knowledge, evidence.coefficients, effects, explanation),
         effects=tuple(_entered(products, chosen, explanation)),
         before=products.held_back(()),
         after=products.held_back(chosen),
-        screened=tuple(best),
+        screened=tuple(products.hypotheses),
         effort=case.rms_effort,
     )
-
-
-def _made(effects: Sequence[Effect], library: Sequence[Sequence[Hypothesis]]) -> list[Hypothesis]:
-    """Effects in their own form, as what they would do to the log; distortions last."""
-    like = {(group[0].source.name, group[0].joints): group[0] for group in library}
-    known = (effect for effect in effects if (effect.name, effect.joints) in like)
-    made = [like[effect.name, effect.joints].make(effect) for effect in known]
-    return sorted(made, key=lambda hypothesis: not hypothesis.source.linear)
 
 
 def _entered(
