@@ -122,6 +122,7 @@ def _classes() -> list[tuple[Simulated, int]]:
 
     kinds = [
         of("right"),
+        of("exact", exact=True),
         of("stribeck", effects=("stribeck_friction",)),
         of("load_dependent", effects=("load_dependent_friction",)),
         of("dh", length=_MILLIMETRE, angle=0.1 * _DEGREE),
@@ -169,7 +170,7 @@ def _of_simulated(scenario: Simulated, seed: int) -> Row:
     case = make_case(scenario, seed)
     modes = MODES[1:] if scenario.part == "noise" else MODES
     tolerance = KinematicTolerance(length=scenario.length, angle=scenario.angle)
-    stated = Beliefs(kinematics=tolerance) if scenario.length else Beliefs()
+    stated = Beliefs(kinematics=tolerance) if scenario.length or scenario.exact else Beliefs()
     results: dict[str, Identification] = {
         mode: _identified(case.robot, case.log, mode, stated, scenario.posterior, seed) for mode in modes
     }
@@ -301,4 +302,4 @@ def _errors(case: Case, result: Identification, names: Sequence[str]) -> tuple[A
     return np.where(good, error[chosen], np.nan), np.where(good, sd[chosen], np.nan)
 
 
-STUDY = Study("complete", 8 * _LOGS + len(NOISES) * _LOGS + _BLIND + len(PAIRS) + len(POOR), plan, trial, report, draw)
+STUDY = Study("complete", 9 * _LOGS + len(NOISES) * _LOGS + _BLIND + len(PAIRS) + len(POOR), plan, trial, report, draw)

@@ -55,7 +55,8 @@ class Simulated:
         lag: between which a hidden delay lies, s; as large as any other effect if empty.
         noise: a key of `NOISES`.
         length: sd by which the robot's a and d are off its table, m, and
-        angle: its alpha and theta, rad; both are stated as the tolerance. The default one holds if they are zero.
+        angle: its alpha and theta, rad; both are stated as the tolerance. The default one holds if they are zero,
+        exact: unless the table is stated to be exact.
         duration: s.
         posterior: whether it is sampled.
     """
@@ -68,6 +69,7 @@ class Simulated:
     noise: str = "white"
     length: float = 0.0
     angle: float = 0.0
+    exact: bool = False
     duration: float = DURATION
     posterior: bool = False
 
