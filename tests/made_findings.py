@@ -20,7 +20,6 @@ from bayesid.report.findings import (
 from bayesid.report.findings.summary import (
     AmbiguousSegment,
     FitSummary,
-    ModeSummary,
     NoiseSummary,
     PosteriorSummary,
     SearchSummary,
@@ -155,7 +154,6 @@ def make_summary(n, coefficients, signed_joints=()):
             prior="normal",
             prior_sd={"m1": 3.5, "J1zz": 0.7},
             noise_scale=tuple((1.0 + 0.01 * each).tolist()),
-            modes=(ModeSummary(weight=0.75, log_evidence_se=0.1), ModeSummary(weight=0.25, log_evidence_se=None)),
             assignments=(1.0,),
             assignments_elsewhere=0.0005,
         ),

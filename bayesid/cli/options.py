@@ -76,7 +76,8 @@ def _measure(text: str, units: Mapping[str, float]) -> float | None:
 
 def sampling(options: argparse.Namespace) -> Sampling | bool:
     """How the posterior is sampled, or that it is not; bad options are refused either way."""
-    chosen = Sampling(budget=options.posterior_budget, seed=options.seed, repeatable=options.repeatable)
+    mode = getattr(options, "mode", 1)  # of `identify` alone
+    chosen = Sampling(budget=options.posterior_budget, seed=options.seed, repeatable=options.repeatable, mode=mode)
     return False if options.no_posterior else chosen
 
 

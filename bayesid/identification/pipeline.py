@@ -18,7 +18,7 @@ from bayesid.arrays import Array, Integers
 from bayesid.errors import InputError
 from bayesid.fit.evidence import Evidence
 from bayesid.fit.knowledge import Beliefs, Knowledge, of_base
-from bayesid.fit.least_squares import Fit
+from bayesid.fit.least_squares import Fit, fit_signed
 from bayesid.identification.identification import Identification
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
 from bayesid.identification.options import Completeness, Preparation, check_completeness, plain_options
@@ -203,6 +203,7 @@ def _identification(run: _Run, log: Log, signals: Signals, model: Model, average
     if run.sampling is not None:
         posterior = _sample(run, averaged, run.sampling)
         run.lap("posterior")
+        averaged = replace(averaged, fit=_fit_of_mode(averaged, posterior, posterior.chosen))
         if averaged.by_asked:
             probability = _average_over_draws(averaged, posterior, run.progress)
         run.lap("smooth")
@@ -297,25 +298,42 @@ def _average_over_draws(averaged: AveragedSigns, posterior: Posterior, progress:
     draws, log_scale = posterior.spread(count)
     draws = draws if count > 1 else posterior.theta[None]
     if evidence.nuisance is not None:
-        draws = _draws_of_this_log(averaged.fit, evidence, len(draws))
+        draws = _draws_of_this_log(averaged, posterior, len(draws))
     predicted = np.stack([evidence.model.effort(signals.motion, theta) for theta in draws], axis=2)
     noise = averaged.asked.fit.noise.scaled(np.exp(log_scale.mean(axis=0)))
     known = evidence.moving & signals.inner  # accelerations at both ends are no better known than friction at rest
     return sign_probabilities(signals, predicted, known, noise, progress.steps("signs of samples"))
 
 
-def _draws_of_this_log(fit: Fit, evidence: Evidence, count: int) -> Array:
-    """(count, P) parameters as the log at hand shows them, normal about least squares.
+def _draws_of_this_log(averaged: AveragedSigns, posterior: Posterior, count: int) -> Array:
+    """(count, P) parameters as the log at hand shows them, normal about least squares in each mode.
 
     What a nuisance makes uncertain in them it takes back itself in this log: efforts, and so signs, are as certain as
     without it.
     """
     if count == 1:
-        return fit.theta[None]
-    spread = np.random.default_rng(0).multivariate_normal(
-        np.zeros(len(fit.beta)), _inverse(fit.information), size=count, method="eigh"
-    )
-    return fit.theta + evidence.coefficients.lift(spread)
+        return averaged.fit.theta[None]
+    shares = np.cumsum([mode.weight for mode in posterior.modes])
+    of_mode = np.searchsorted(shares / shares[-1], (np.arange(count) + 0.5) / count)
+    coefficients, rng = averaged.asked.evidence.coefficients, np.random.default_rng(0)
+    draws = []
+    for k in np.unique(of_mode).tolist():
+        fit, size = _fit_of_mode(averaged, posterior, k), int(np.sum(of_mode == k))
+        spread = rng.multivariate_normal(np.zeros(len(fit.beta)), _inverse(fit.information), size=size, method="eigh")
+        draws.append(fit.theta + coefficients.lift(spread))
+    return np.concatenate(draws)
+
+
+def _fit_of_mode(averaged: AveragedSigns, posterior: Posterior, mode: int) -> Fit:
+    """Least squares to the signs of a mode: those that were settled, unless it turns a joint of them round."""
+    evidence = averaged.asked.evidence
+    if not averaged.by_asked or not posterior.turned_joints(mode, averaged.settled.signs.search.signs):
+        return averaged.fit
+    signals, draws = evidence.signals, posterior.modes[mode].draws
+    predicted = evidence.model.effort(signals.motion, draws.theta.mean(axis=(0, 1, 2)))
+    known = evidence.moving & signals.inner
+    noise = averaged.asked.fit.noise
+    return fit_signed(evidence, 2.0 * sign_probabilities(signals, predicted, known, noise) - 1.0)
 
 
 def _sign_changes(signals: Signals) -> list[tuple[int, int]]:

@@ -16,6 +16,8 @@ from bayesid.signs.rounds import SegmentSigns
 _UNDERSHOOT = 0.05
 """A filter after the rectifier makes |effort| reach below zero, by less than this share of its maximum. A round number;
 not studied."""
+OTHER_MODE = 0.01
+"""Weight beyond which another mode of the posterior is spoken of: one in a hundred, a round number."""
 _GAP = 1e-8
 """Relative gap of the solver above which there is a warning: a hundred times what is tried first."""
 
@@ -37,6 +39,7 @@ def warnings_of(log: Log, averaged: AveragedSigns, doubt: Array, posterior: Post
         *_missing_terms(averaged),
         *_doubt_warning(doubt),
         *_posterior_warning(posterior),
+        *_modes_warning(posterior),
     )
 
 
@@ -65,6 +68,14 @@ def confidences_lowered(doubt: Sequence[float]) -> str:
     return f"the model's own error is large: {lowered}"
 
 
+def other_modes(weights: Sequence[float], turned: Sequence[Sequence[int]], chosen: int = 0) -> str:
+    """That a log allows several models: their weights, and the joints (from 1) that each turns against the first."""
+    others = [k for k in range(len(weights)) if k != chosen and weights[k] > OTHER_MODE]
+    parts = [f"{weights[k]:.2g} for mode {k + 1}{_turns(turned[k]) if k else ''}" for k in others]
+    written = f"mode {chosen + 1} ({weights[chosen]:.2g})"
+    return f"the log allows other models than the one written, {written}: {'; '.join(parts)}"
+
+
 def convergence(max_rhat: float | None, min_ess: float | None) -> str:
     """R-hat and effective sample size at worst; None where they are not finite."""
     rhat = "unknown" if max_rhat is None else f"{max_rhat:.3f}"
@@ -75,6 +86,12 @@ def convergence(max_rhat: float | None, min_ess: float | None) -> str:
 # ---------------------------------------------------------------------------------------------------------------
 # Warnings
 # ---------------------------------------------------------------------------------------------------------------
+
+
+def _turns(joints: Sequence[int]) -> str:
+    if not joints:
+        return ", which differs in single segments from the first"
+    return f", which has the signs of joint {', '.join(map(str, joints))} turned round against the first"
 
 
 def _hardly_negative(log: Log) -> list[str]:
@@ -131,3 +148,17 @@ def _posterior_warning(posterior: Posterior | None) -> list[str]:
         return []
     figures = convergence(posterior.max_rhat, posterior.min_ess)
     return [f"the posterior has not converged ({figures}); give more --posterior-budget"]
+
+
+def _modes_warning(posterior: Posterior | None) -> list[str]:
+    if posterior is None:
+        return []
+    weights = [mode.weight for mode in posterior.modes]
+    asked = posterior.sampling.mode
+    if asked > len(weights):
+        return [f"there is no mode {asked} of the posterior, of {len(weights)}: the heaviest is written"]
+    others = [weight for k, weight in enumerate(weights) if k != posterior.chosen]
+    if max(others, default=0.0) <= OTHER_MODE:
+        return []
+    turned = [posterior.turned_joints(k) for k in range(len(weights))]
+    return [f"{other_modes(weights, turned, posterior.chosen)}; --mode writes another one"]

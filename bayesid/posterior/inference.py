@@ -20,12 +20,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import log_expit, logsumexp
 
-from bayesid.arrays import Array, Mask
+from bayesid.arrays import Array, Integers, Mask
 from bayesid.fit.moments import Moments
 from bayesid.fit.noise import Noise
 from bayesid.posterior.modes import find_modes
 from bayesid.posterior.problem import PosteriorProblem
-from bayesid.posterior.sampled_modes import SampledMode, pool, weigh
+from bayesid.posterior.sampled_modes import SampledMode, mode_of_draws, pool, weigh
 from bayesid.posterior.sampler import Draws, Sampling, sample
 from bayesid.posterior.target import Target
 from bayesid.progress import Steps, no_steps
@@ -50,6 +50,7 @@ class Posterior:
         noise: the reference noise: sizes, colour, effective samples; at least a thousandth of the efforts.
         modes: heaviest first; their weights sum to 1.
         draws: of all modes together, each with its share; diagnostics are the worst of any mode.
+        chosen: index of the mode whose mean the parameters are: the heaviest, unless another one is asked for.
         plus: (S,) P(sign = +) of each segment, averaged over the draws.
         branch_mass: (B,) mass of each assignment that the search lists, in its order; empty without a list.
         elsewhere: mass of all other assignments, by the draws; None without a list.
@@ -67,6 +68,7 @@ class Posterior:
     elsewhere: float | None
     seconds: float
     sampling: Sampling
+    chosen: int = 0
 
     @property
     def converged(self) -> bool:
@@ -85,20 +87,55 @@ class Posterior:
 
     @property
     def theta(self) -> Array:
-        """(P,) mean of the parameters: feasible, for the region is convex."""
-        mean: Array = self.draws.theta.mean(axis=(0, 1, 2))
+        """(P,) mean of the parameters in the chosen mode: feasible, for the region is convex.
+
+        A mean over several modes would lie between them, where the posterior has next to no mass.
+        """
+        mean: Array = self.modes[self.chosen].draws.theta.mean(axis=(0, 1, 2))
         return mean
 
     @property
     def covariance(self) -> Array:
-        """(r, r) of the coefficients."""
-        return np.atleast_2d(np.cov(self.draws.beta.reshape(-1, self.draws.beta.shape[-1]), rowvar=False))
+        """(r, r) of the coefficients about those of theta, all modes included."""
+        beta = self.draws.beta.reshape(-1, self.draws.beta.shape[-1])
+        covariance = np.atleast_2d(np.cov(beta, rowvar=False))
+        if len(self.modes) == 1:
+            return covariance
+        off = beta.mean(axis=0) - self.modes[self.chosen].draws.beta.mean(axis=(0, 1, 2))
+        return covariance + np.outer(off, off)
 
     @property
     def parameter_sd(self) -> Array:
-        """(P,) standard deviations of the parameters."""
+        """(P,) standard deviations of the parameters about theta, all modes included."""
         spread: Array = self.draws.theta.std(axis=(0, 1, 2))
-        return spread
+        if len(self.modes) == 1:
+            return spread
+        return np.hypot(spread, self.draws.theta.mean(axis=(0, 1, 2)) - self.theta)
+
+    @property
+    def mode_of_draws(self) -> Integers:
+        """(D, E, W) index of the mode that each draw is from."""
+        return mode_of_draws(self.modes)
+
+    def turned_joints(self, mode: int, signs: Integers | None = None) -> tuple[int, ...]:
+        """Joints, from 1, of whose unknown |effort| more than half has another sign in a mode than it might have.
+
+        Args:
+            mode: its index.
+            signs: (S,) to compare with; those of the heaviest mode by default.
+        """
+        than = self._signs(0) if signs is None else signs
+        likelihood, energy = self.target.likelihood, self.moments.energy
+        unknown = likelihood.fixed == 0
+        other = unknown & (self._signs(mode) != than)
+        joints = (np.arange(likelihood.n_joints)[:, None] == likelihood.joint) * energy
+        return tuple((np.flatnonzero(joints @ other > 0.5 * (joints @ unknown)) + 1).tolist())
+
+    def _signs(self, mode: int) -> Integers:
+        """(S,) at a mode's mean."""
+        draws = self.modes[mode].draws
+        theta, log_scale = (values.mean(axis=(0, 1, 2))[None] for values in (draws.theta, draws.log_scale))
+        return np.where(self.target.likelihood.push(theta, log_scale)[0] >= 0.0, 1, -1)
 
     @property
     def decided_by_data(self) -> Mask:
@@ -160,6 +197,7 @@ def infer(problem: PosteriorProblem, search: SearchResult, sampling: Sampling, s
         elsewhere=max(0.0, 1.0 - float(mass.sum())) if len(mass) else None,
         seconds=time.perf_counter() - began,
         sampling=sampling,
+        chosen=sampling.mode - 1 if sampling.mode <= len(weighed) else 0,
     )
 
 

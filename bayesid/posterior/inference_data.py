@@ -2,7 +2,8 @@
 
 Groups and their dimensions, every one with named coordinates:
 
-- posterior (chain, draw): `beta` (coefficient), `theta` (parameter), `noise` (joint; sd of the residual, N m).
+- posterior (chain, draw): `beta` (coefficient), `theta` (parameter), `noise` (joint; sd of the residual, N m); the
+  coordinate `mode` (chain, draw) counts from 1, the heaviest.
 - sample_stats (chain, draw): `lp` (log density, not normalised), `walker`, `sweep` (index among all sweeps of the run).
 - log_likelihood (chain, draw, segment): `effort`, see `pointwise`. Held in single precision.
 - observed_data (segment): `effort` (RMS, N m) and `effort_energy` (sum of squares), beside each segment's joint, times,
@@ -98,7 +99,13 @@ class Labels:
 
 
 def make_inference_data(
-    draws: Draws, target: Target, moments: Moments, labels: Labels, attributes: Mapping[str, object], most: int = MOST
+    draws: Draws,
+    target: Target,
+    moments: Moments,
+    labels: Labels,
+    attributes: Mapping[str, object],
+    most: int = MOST,
+    mode: Integers | None = None,
 ) -> InferenceData:
     """All that is known after sampling, as one object.
 
@@ -111,6 +118,7 @@ def make_inference_data(
         attributes: of the run: model, noise assumption, versions, seed, diagnostics. True and False become 1 and 0,
             what is neither text nor a number becomes JSON.
         most: draws to keep in all. Whole sweeps are left out, evenly, but never all of them.
+        mode: (D, E, W) index of the mode that each draw is from; by default there is but one.
 
     Raises:
         ValueError: if the moments, labels and target are not of the same segments, joints, coefficients, parameters.
@@ -122,6 +130,9 @@ def make_inference_data(
     )
     chains, size = density.shape
     drawn: dict[str, object] = {"chain": np.arange(chains), "draw": np.arange(size)}
+    of_mode = np.zeros(draws.log_density.shape) if mode is None else mode.astype(float)
+    number = _walker_major(of_mode[kept]).astype(np.int64) + 1
+    drawn["mode"] = _SAMPLED, number, {"long_name": "of the posterior, from 1, the heaviest"}
     segment = _segment_coordinates(target.likelihood, moments, labels)
     flat = theta.reshape(chains * size, -1), log_scale.reshape(chains * size, -1)
     terms = pointwise(target.likelihood, moments, *flat).reshape(chains, size, -1)

@@ -61,8 +61,7 @@ def pool(modes: tuple[SampledMode, ...]) -> Draws:
     """
     if len(modes) == 1:
         return modes[0].draws
-    heavy = [sampled.draws for sampled in modes if sampled.weight >= _NEGLIGIBLE]
-    place = _places(heavy, np.array([sampled.weight for sampled in modes if sampled.weight >= _NEGLIGIBLE]))
+    heavy, place = _pooled(modes)
     names = "theta", "log_scale", "beta", "log_density"
     return replace(
         heavy[0],
@@ -72,6 +71,22 @@ def pool(modes: tuple[SampledMode, ...]) -> Draws:
         converged=all(sampled.draws.converged for sampled in modes),
         seconds=sum(sampled.draws.seconds for sampled in modes),
     )
+
+
+def mode_of_draws(modes: tuple[SampledMode, ...]) -> Integers:
+    """(D, E, W) index of the mode that each pooled draw is from."""
+    if len(modes) == 1:
+        return np.zeros(modes[0].draws.log_density.shape, dtype=np.int64)
+    heavy, place = _pooled(modes)
+    first = np.cumsum([draws.sweeps for draws in heavy])
+    return np.searchsorted(first, place[0], side="right")
+
+
+def _pooled(modes: tuple[SampledMode, ...]) -> tuple[list[Draws], tuple[Integers, ...]]:
+    """The draws of all modes that count, and the places of the pooled ones among them."""
+    heavy = [sampled for sampled in modes if sampled.weight >= _NEGLIGIBLE]
+    weights = np.array([sampled.weight for sampled in heavy])
+    return [sampled.draws for sampled in heavy], _places([sampled.draws for sampled in heavy], weights)
 
 
 def _places(heavy: Sequence[Draws], weight: Array) -> tuple[Integers, ...]:

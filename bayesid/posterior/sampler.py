@@ -47,9 +47,10 @@ class Sampling:
         budget: seconds of wall time, warm-up included.
         seed: of all random numbers. Before the budget ends, the draws depend on nothing else.
         repeatable: whether they are never to depend on anything else: the budget does not count then.
+        mode: whose mean the model holds where there are several, from 1, the heaviest.
 
     Raises:
-        InputError: the budget is no number of seconds.
+        InputError: the budget is no number of seconds, or the mode none from 1 on.
     """
 
     ensembles: int = 4
@@ -63,8 +64,11 @@ class Sampling:
     budget: float = 60.0
     seed: int = 0
     repeatable: bool = False
+    mode: int = 1
 
     def __post_init__(self) -> None:
+        if self.mode < 1:
+            raise InputError(f"there is no mode {self.mode}", "--mode", "give 1, the heaviest, or 2, 3, ..")
         if not 0.0 <= self.budget < np.inf:
             raise InputError(f"a budget of {self.budget:g} s", "--posterior-budget", "give 0 or more seconds")
 

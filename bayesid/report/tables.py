@@ -104,10 +104,12 @@ def inference_data(identification: Identification) -> InferenceData:
     )
     summary = as_json(summarise(identification))
     run = {key: summary[key] for key in ("robot", "log", "terms", "noise", "signs")}
-    sampling = {key: summary["posterior"][key] for key in ("converged", "max_rhat", "min_ess", "seed", "modes")}
+    sampling = {key: summary["posterior"][key] for key in ("converged", "max_rhat", "min_ess", "seed")}
     versions = {f"{name}_version": version(name) for name in ("bayesid", "numpy", "emcee", "arviz")}
-    attributes = {**run, **sampling, **versions}
-    data = make_inference_data(posterior.draws, posterior.target, posterior.moments, labels, attributes)
+    attributes = {**run, **sampling, "modes": summary["modes"], **versions}
+    data = make_inference_data(
+        posterior.draws, posterior.target, posterior.moments, labels, attributes, mode=posterior.mode_of_draws
+    )
     if identification.completion is not None:
         add_nuisance(data, identification.completion.uncertain)
     return data

@@ -14,7 +14,15 @@ from typing import Literal
 import numpy as np
 
 from bayesid.fit.least_squares import POOR_FIT
-from bayesid.identification.warnings import confidences_lowered, convergence, not_excited, not_ruled_out, on_edge
+from bayesid.identification.warnings import (
+    OTHER_MODE,
+    confidences_lowered,
+    convergence,
+    not_excited,
+    not_ruled_out,
+    on_edge,
+    other_modes,
+)
 from bayesid.model.catalogue import FORMS, noun
 from bayesid.model.effects import ReadableUnit
 from bayesid.report.findings import AMBIGUOUS, Findings, Summary
@@ -84,6 +92,7 @@ def check_findings(findings: Findings) -> tuple[Check, ...]:
         _segments(findings),
         proof(findings.summary),
         sampling(findings.summary),
+        *modes(findings),
         _fit(findings.summary),
         *beyond_the_terms(findings.summary),
         _whiteness(findings.summary),
@@ -167,6 +176,27 @@ def sampling(summary: Summary) -> Check:
     if posterior.converged:
         return Check(name, "good", f"converged: {message}, at worst")
     return Check(name, "bad", f"not converged: {message}, at worst", "give more --posterior-budget")
+
+
+def modes(findings: Findings) -> tuple[Check, ...]:
+    """Whether the log allows other models than the one that is written; nothing without a posterior."""
+    posterior = findings.summary.posterior
+    if posterior is None:
+        return ()
+    name, found, written = "Modes", findings.summary.modes, posterior.mode - 1
+    weights = [mode.weight or 0.0 for mode in found]
+    others = [k for k in range(len(weights)) if k != written and weights[k] > OTHER_MODE]
+    if not others:
+        return (Check(name, "good", f"no other model has more than {OTHER_MODE:.0%} of the probability"),)
+    message = other_modes(weights, [mode.turned_joints for mode in found], written)
+    first = dict(zip(findings.coefficients.name, findings.coefficients.mean.tolist(), strict=True))
+    for k in others[:1]:
+        values = found[k].coefficients.items()
+        differs = [f"{label} {value:.3g} instead of {first[label]:.3g}" for label, value in values if value is not None]
+        message += f"; in mode {k + 1}: {', '.join(differs)}" if differs else ""
+    state: State = "look" if weights[written] >= _MOSTLY_SURE else "bad"
+    remedy = "`--mode` writes another one; a motion that loads or accelerates these joints tells them apart"
+    return (Check(name, state, message, remedy),)
 
 
 def _fit(summary: Summary) -> Check:

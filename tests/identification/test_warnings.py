@@ -47,13 +47,26 @@ def log():
     )
 
 
+def posterior_with(converged=True, weights=(1.0,), chosen=0, asked=1):
+    return SimpleNamespace(
+        converged=converged,
+        max_rhat=1.0512,
+        min_ess=73.4,
+        modes=[SimpleNamespace(weight=weight) for weight in weights],
+        turned_joints=lambda mode: ((), (2, 3), ())[mode],
+        chosen=chosen,
+        sampling=SimpleNamespace(mode=asked),
+    )
+
+
 def warnings(log, doubt=(0.0, 0.0), posterior=None, **changes):
     return warnings_of(log, Averaged(**changes), np.array(doubt), posterior)
 
 
 def test_nothing_wrong_is_nothing_said(log):
     assert warnings(log) == ()
-    assert warnings(log, posterior=SimpleNamespace(converged=True)) == ()
+    assert warnings(log, posterior=posterior_with()) == ()
+    assert warnings(log, posterior=posterior_with(weights=(0.995, 0.005))) == ()
 
 
 @pytest.mark.parametrize(
@@ -67,7 +80,18 @@ def test_nothing_wrong_is_nothing_said(log):
         ({"settled": SimpleNamespace(signs=signs_with(unsplit=3))}, "3 segments still cross zero after 4 searches"),
         ({"doubt": (0.0, 0.3)}, "confidences of joint 2 are lowered, to 0.85 at worst"),
         (
-            {"posterior": SimpleNamespace(converged=False, max_rhat=1.0512, min_ess=73.4)},
+            {"posterior": posterior_with(weights=(0.7, 0.3))},
+            "the log allows other models than the one written, mode 1 (0.7): 0.3 for mode 2, which has the signs of "
+            "joint 2, 3 turned round against the first; --mode writes another one",
+        ),
+        (
+            {"posterior": posterior_with(weights=(0.7, 0.28, 0.02), chosen=1)},
+            "the log allows other models than the one written, mode 2 (0.28): 0.7 for mode 1; 0.02 for mode 3, which "
+            "differs in single segments from the first; --mode writes another one",
+        ),
+        ({"posterior": posterior_with(asked=3)}, "there is no mode 3 of the posterior, of 1: the heaviest is written"),
+        (
+            {"posterior": posterior_with(converged=False)},
             "has not converged (R-hat 1.051, effective sample size 73); give more --posterior-budget",
         ),
     ],

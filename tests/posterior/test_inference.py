@@ -6,6 +6,7 @@ from posterior_problems import information_of, whole_space
 from scipy.special import expit
 from test_modes import LOG_SCALE_SD, make_log, near_symmetric, unproven
 
+from bayesid.errors import InputError
 from bayesid.fit.knowledge import Information, Links, Nominal
 from bayesid.model.parameters import Cone
 from bayesid.posterior import inference
@@ -275,12 +276,25 @@ def test_two_modes_are_weighed_as_quadrature_weighs_them(lean):
     worst = min(sampled.draws.diagnostics.min_ess / sampled.draws.log_density.size for sampled in posterior.modes)
     effective = worst * shares * pooled[..., 0].size
     within = np.sqrt(np.sum((shares * sds) ** 2 / effective, axis=0))
-    assert np.all(np.abs(posterior.theta - mean) < 4.5 * np.hypot(doubt * both * np.abs(apart), within))
+    pooled_mean = posterior.draws.theta.mean(axis=(0, 1, 2))
+    assert np.all(np.abs(pooled_mean - mean) < 4.5 * np.hypot(doubt * both * np.abs(apart), within))
+    np.testing.assert_array_equal(posterior.theta, first.draws.theta.mean(axis=(0, 1, 2)))  # no point between
     of_weight = doubt * both * ((1.0 - 2.0 * share) * apart**2 + sd_plus**2 - sd_minus**2)
     of_means = 2.0 * both * apart * np.sqrt(np.sum(sds**2 / effective, axis=0))
     of_sds = np.sqrt(np.sum((shares * sds**2) ** 2 * 2.0 / effective, axis=0))
     doubts = np.sqrt(of_weight**2 + of_means**2 + of_sds**2)
-    assert np.all(np.abs(posterior.parameter_sd**2 - sd**2) < 4.5 * doubts + 2e-4)
+    about_mean = np.mean((posterior.draws.theta - pooled_mean) ** 2, axis=(0, 1, 2))
+    assert np.all(np.abs(about_mean - sd**2) < 4.5 * doubts + 2e-4)
+    about_theta = posterior.draws.theta - posterior.theta
+    np.testing.assert_allclose(posterior.parameter_sd**2, np.mean(about_theta**2, axis=(0, 1, 2)), rtol=1e-9)
+    about_beta = (posterior.draws.beta - first.draws.beta.mean(axis=(0, 1, 2))).reshape(-1, 2)
+    np.testing.assert_allclose(posterior.covariance, about_beta.T @ about_beta / len(about_beta), rtol=2e-3)
+    assert posterior.turned_joints(0) == ()
+    assert posterior.turned_joints(1) == (1,)
+    assert posterior.turned_joints(0, -first.mode.signs) == (1,)
+    of_draws = posterior.mode_of_draws
+    np.testing.assert_array_equal(np.sign(pooled[..., 0]) == np.sign(first.mode.theta[0]), of_draws == 0)
+    assert np.mean(of_draws) == pytest.approx(second.weight, abs=2.0 / of_draws.size)
 
     odds = sign_odds(log, posterior)[..., :3]
     assert np.all(np.abs(posterior.plus[:3] - odds.mean(axis=(0, 1, 2))) < 4.5 * odds.std(axis=(0, 1, 2)) / 32.0)
@@ -289,6 +303,17 @@ def test_two_modes_are_weighed_as_quadrature_weighs_them(lean):
     assert posterior.branch_mass.sum() + posterior.elsewhere == pytest.approx(1.0, abs=1e-12)
     assert posterior.max_rhat == max(sampled.draws.diagnostics.max_rhat for sampled in posterior.modes)
     assert posterior.min_ess == min(sampled.draws.diagnostics.min_ess for sampled in posterior.modes)
+
+
+def test_another_mode_can_be_asked_for():
+    log = near_symmetric(0.6)
+    first, second, third = (infer_from(log, options=replace(FEW, budget=0.0, mode=k)) for k in (1, 2, 3))
+    assert first.chosen == third.chosen == 0
+    assert second.chosen == 1
+    np.testing.assert_array_equal(second.theta, first.modes[1].draws.theta.mean(axis=(0, 1, 2)))
+    assert second.theta[0] * first.theta[0] < 0.0
+    with pytest.raises(InputError, match="no mode 0"):
+        Sampling(mode=0)
 
 
 def given(weight, side, sweeps, walkers=8, converged=True):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from made_findings import make_findings, make_samples, with_summary
 
+from bayesid.report.findings.summary import ModeSummary
 from bayesid.report.verdicts import Check, check_findings, sure_share, worst
 
 GOOD = make_findings(validated=True)
@@ -15,6 +16,7 @@ NAMES = [
     "Signs of the segments",
     "Proof",
     "Sampling",
+    "Modes",
     "Fit",
     "Whiteness of the residual",
     "Data or prior",
@@ -41,6 +43,14 @@ def unsure(joint, share):
     probability = samples.probability.copy()
     probability[doubtful, joint] = 0.98
     return replace(GOOD, samples=replace(samples, probability=probability))
+
+
+def with_modes(first, second, mode=1):
+    """Joint 2 is turned round in the second one."""
+    name = GOOD.coefficients.name[0]
+    modes = (ModeSummary(first, 0.1, ()), ModeSummary(second, 0.2, (2,), {name: 9.5}))
+    posterior = replace(GOOD.summary.posterior, mode=mode)
+    return replace(GOOD, summary=replace(GOOD.summary, modes=modes, posterior=posterior))
 
 
 def predicted(**changes):
@@ -92,6 +102,11 @@ CASES = [
         ["not converged", "1.370", "12"],
     ),
     ("Sampling", "bad", with_summary(GOOD, "posterior", converged=False, max_rhat=None, min_ess=None), ["unknown"]),
+    ("Modes", "good", GOOD, ["no other model has more than 1%"]),
+    ("Modes", "good", with_modes(0.992, 0.008), ["no other model"]),
+    ("Modes", "look", with_modes(0.97, 0.03), ["0.03 for mode 2", "joint 2 turned round", "9.5 instead"]),
+    ("Modes", "bad", with_modes(0.54, 0.46), ["mode 1 (0.54): 0.46 for mode 2"]),
+    ("Modes", "bad", with_modes(0.97, 0.03, mode=2), ["mode 2 (0.03): 0.97 for mode 1"]),
     ("Fit", "good", GOOD, ["2.3% to 2.6%", "joint 2"]),
     ("Fit", "look", with_summary(GOOD, "fit", relative_residual=[0.11, 0.04]), ["4.0% to 11.0%", "joint 1"]),
     ("Fit", "look", with_summary(GOOD, "fit", links_on_edge=[2, 3]), ["link 2, 3"]),
@@ -129,7 +144,7 @@ def test_states(name, state, findings, says):
 
 def test_all_checks_in_the_order_of_the_pipeline():
     assert [one.name for one in check_findings(GOOD)] == NAMES
-    assert [one.state for one in check_findings(GOOD) if one.name != "Data or prior"] == ["good"] * 8
+    assert [one.state for one in check_findings(GOOD) if one.name != "Data or prior"] == ["good"] * 9
     assert {(name, state) for name, state, _, _ in CASES} >= {(name, "good") for name in NAMES}
 
 

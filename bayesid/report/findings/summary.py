@@ -14,7 +14,11 @@ from bayesid.fit.effects.wanted import EnteredEffect
 from bayesid.identification.identification import Identification
 from bayesid.identification.provenance import Provenance
 from bayesid.log.log import Log
+from bayesid.posterior.inference import Posterior
 from bayesid.report.findings.recorded import recorded_segments
+
+_MOST_DIFFERENT = 3
+"""Coefficients of another mode that are named; a round number."""
 
 Kind = TypeVar("Kind")
 Number = float | None
@@ -151,10 +155,19 @@ class CompletionSummary:
 
 @dataclass(frozen=True)
 class ModeSummary:
-    """A mode of the posterior: its weight, and the standard error of its log evidence."""
+    """A mode of the posterior.
+
+    Attributes:
+        weight: its share of the mass.
+        log_evidence_se: standard error of its log evidence; None where there is but one.
+        turned_joints: from 1, of whose |effort| more than half has another sign than in the heaviest mode.
+        coefficients: whose mean differs most from the heaviest mode's, in standard deviations within it, with it.
+    """
 
     weight: Number
     log_evidence_se: Number
+    turned_joints: tuple[int, ...]
+    coefficients: Mapping[str, Number] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -174,7 +187,7 @@ class PosteriorSummary:
         prior: in words.
         prior_sd: parameter to its standard deviation.
         noise_scale: (n,) posterior mean of noise over reference noise.
-        modes: of the posterior.
+        mode: whose mean the model holds, from 1.
         assignments: posterior probability of each assignment that the search lists.
         assignments_elsewhere: and of all others.
     """
@@ -191,9 +204,9 @@ class PosteriorSummary:
     prior: str
     prior_sd: Mapping[str, Number]
     noise_scale: Numbers
-    modes: tuple[ModeSummary, ...]
     assignments: Numbers
     assignments_elsewhere: Number
+    mode: int = 1
 
 
 @dataclass(frozen=True)
@@ -269,6 +282,7 @@ class Summary:
         warnings: what the user should know.
         provenance: what was run on which data.
         complete: what the catalogue had to say; None where it was not asked.
+        modes: of the posterior, the heaviest first; empty where it was not sampled.
     """
 
     robot: str
@@ -291,6 +305,7 @@ class Summary:
     warnings: tuple[str, ...]
     provenance: Provenance
     complete: CompletionSummary | None = None
+    modes: tuple[ModeSummary, ...] = ()
 
     @property
     def hidden_joints(self) -> int:
@@ -327,6 +342,7 @@ def summarise(identification: Identification) -> Summary:
         warnings=identification.warnings,
         provenance=identification.provenance,
         complete=_complete(identification),
+        modes=_modes(identification),
     )
     return from_json(Summary, as_json(summary))  # so that it is what a file gives: None for what is not finite
 
@@ -399,12 +415,28 @@ def _posterior(identification: Identification) -> PosteriorSummary | None:
         prior="normal about a typical link inside the feasible set and its windows; see docs/posterior.md",
         prior_sd=dict(zip(names, prior.sd.tolist(), strict=True)),
         noise_scale=tuple(np.exp(draws.log_scale).mean(axis=(0, 1, 2)).tolist()),
-        modes=tuple(
-            ModeSummary(mode.weight, getattr(mode.marginal_likelihood, "standard_error", None))
-            for mode in posterior.modes
-        ),
         assignments=tuple(posterior.branch_mass.tolist()),
         assignments_elsewhere=posterior.elsewhere,
+        mode=posterior.chosen + 1,
+    )
+
+
+def _modes(identification: Identification) -> tuple[ModeSummary, ...]:
+    posterior, names = identification.posterior, identification.coefficients.names
+    return () if posterior is None else tuple(_mode(names, posterior, k) for k in range(len(posterior.modes)))
+
+
+def _mode(names: Sequence[str], posterior: Posterior, number: int) -> ModeSummary:
+    """A mode by its index."""
+    first, own = (posterior.modes[k].draws.beta.reshape(-1, len(names)) for k in (0, number))
+    off = np.abs(own.mean(axis=0) - first.mean(axis=0)) / np.maximum(first.std(axis=0), np.finfo(float).tiny)
+    most = np.argsort(-off)[: _MOST_DIFFERENT if number else 0].tolist()
+    mode = posterior.modes[number]
+    return ModeSummary(
+        weight=mode.weight,
+        log_evidence_se=getattr(mode.marginal_likelihood, "standard_error", None),
+        turned_joints=posterior.turned_joints(number),
+        coefficients={names[k]: float(own[:, k].mean()) for k in most},
     )
 
 
