@@ -31,7 +31,7 @@ from bayesid.model import terms as catalogue
 from bayesid.model.coefficients import BaseCoefficients, base_coefficients
 from bayesid.model.model import Model
 from bayesid.model.robot import Robot, load_robot
-from bayesid.posterior.inference import Posterior, infer
+from bayesid.posterior.inference import DRAWS, Posterior, infer, widened
 from bayesid.posterior.problem import PosteriorProblem
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress
@@ -239,13 +239,12 @@ def _identified(model: Model, evidence: Evidence, fit: Fit, posterior: Posterior
     """The model by the posterior or, without one, by least squares.
 
     What the model lacks makes its coefficients less certain, but not what the next log is to show of the same model: so
-    that knowledge leaves it out, and then is that of least squares.
+    that knowledge leaves it out.
     """
     if posterior is None:
         return IdentifiedModel(model, fit.theta, fit.noise, of_base(model, evidence.coefficients, fit.information))
-    information = _inverse(posterior.covariance) if evidence.nuisance is None else fit.information
-    precision = of_base(model, evidence.coefficients, information)
-    theta, log_scale = posterior.spread()
+    precision = of_base(model, evidence.coefficients, _inverse(posterior.covariance_of_log))
+    theta, log_scale = posterior.target.split(posterior.uncertain.spread(DRAWS))
     draws = ParameterDraws(theta, posterior.target.likelihood.sigma * np.exp(log_scale))
     return IdentifiedModel(model, posterior.theta, fit.noise, precision, draws)
 
@@ -266,7 +265,7 @@ def _sample(run: _Run, averaged: AveragedSigns, sampling: Sampling) -> Posterior
     search = settled.signs.search
     segments = _inner(settled.signs.segments[settled.signs.segments.fitted], evidence.signals)
     orientation = segments.per_sample(search.signs, *settled.probability.shape)
-    moments = evidence.moments(2.0 * settled.probability - 1.0, segments, _POINTWISE, orientation)
+    moments = evidence.moments(2.0 * settled.probability - 1.0, segments, _POINTWISE, orientation, summed_out=False)
     if not averaged.by_asked or evidence.information is not None:
         search = replace(search, theta=fit.theta, branches=(), settled=None)
     if not averaged.by_asked:
@@ -280,7 +279,13 @@ def _sample(run: _Run, averaged: AveragedSigns, sampling: Sampling) -> Posterior
         nominal=run.beliefs.of(evidence.model.parameters),
         information=evidence.information,
     )
-    return infer(problem, search, sampling, run.progress.steps("posterior"))
+    posterior = infer(problem, search, sampling, run.progress.steps("posterior"))
+    if evidence.nuisance is None:
+        return posterior
+    known = np.isfinite(fit.sd)
+    lacking = np.where(np.outer(known, known), fit.covariance, 0.0)
+    lacking[np.ix_(known, known)] -= _inverse(fit.information)[np.ix_(known, known)]
+    return widened(posterior, fit.information, lacking)
 
 
 def _inner(segments: Segments, signals: Signals) -> Segments:
@@ -297,31 +302,10 @@ def _average_over_draws(averaged: AveragedSigns, posterior: Posterior, progress:
     count = int(np.clip(_SMOOTHED / len(signals.motion), 1, _MOST_SMOOTHED))
     draws, log_scale = posterior.spread(count)
     draws = draws if count > 1 else posterior.theta[None]
-    if evidence.nuisance is not None:
-        draws = _draws_of_this_log(averaged, posterior, len(draws))
     predicted = np.stack([evidence.model.effort(signals.motion, theta) for theta in draws], axis=2)
     noise = averaged.asked.fit.noise.scaled(np.exp(log_scale.mean(axis=0)))
     known = evidence.moving & signals.inner  # accelerations at both ends are no better known than friction at rest
     return sign_probabilities(signals, predicted, known, noise, progress.steps("signs of samples"))
-
-
-def _draws_of_this_log(averaged: AveragedSigns, posterior: Posterior, count: int) -> Array:
-    """(count, P) parameters as the log at hand shows them, normal about least squares in each mode.
-
-    What a nuisance makes uncertain in them it takes back itself in this log: efforts, and so signs, are as certain as
-    without it.
-    """
-    if count == 1:
-        return averaged.fit.theta[None]
-    shares = np.cumsum([mode.weight for mode in posterior.modes])
-    of_mode = np.searchsorted(shares / shares[-1], (np.arange(count) + 0.5) / count)
-    coefficients, rng = averaged.asked.evidence.coefficients, np.random.default_rng(0)
-    draws = []
-    for k in np.unique(of_mode).tolist():
-        fit, size = _fit_of_mode(averaged, posterior, k), int(np.sum(of_mode == k))
-        spread = rng.multivariate_normal(np.zeros(len(fit.beta)), _inverse(fit.information), size=size, method="eigh")
-        draws.append(fit.theta + coefficients.lift(spread))
-    return np.concatenate(draws)
 
 
 def _fit_of_mode(averaged: AveragedSigns, posterior: Posterior, mode: int) -> Fit:

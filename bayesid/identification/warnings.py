@@ -134,8 +134,12 @@ def _tolerance_warning(fit: Fit) -> list[str]:
 def _missing_terms(averaged: AveragedSigns) -> list[str]:
     if averaged.by_asked:
         return []
-    names = [term.name for term in averaged.asked.model.terms]
-    missing = ", ".join(term.name for term in averaged.settled.model.terms if term.name not in names)
+    known = {(effect.name, effect.joints) for effect in averaged.asked.model.effects}
+    missing = ", ".join(
+        " ".join([effect.name, *map(str, effect.joints)])
+        for effect in averaged.settled.model.effects
+        if (effect.name, effect.joints) not in known
+    )
     return [f"the model lacks {missing}: with these terms the log is explained far better; signs rest on them"]
 
 

@@ -25,16 +25,21 @@ from bayesid.fit.moments import Moments
 from bayesid.fit.noise import Noise
 from bayesid.posterior.modes import find_modes
 from bayesid.posterior.problem import PosteriorProblem
+from bayesid.posterior.region import Region
 from bayesid.posterior.sampled_modes import SampledMode, mode_of_draws, pool, weigh
 from bayesid.posterior.sampler import Draws, Sampling, sample
 from bayesid.posterior.target import Target
 from bayesid.progress import Steps, no_steps
 from bayesid.signs.search.result import SearchResult
 
-_SPREAD = 256
+DRAWS = 256
 """Draws that stand for all where each costs time: as many as walkers by default."""
 _AVERAGED = 1024
 """Draws from which probabilities of signs are averaged: their Monte Carlo error is below 0.5 / sqrt(1024) = 0.016."""
+_LEAST_WIDER = 1e-6
+"""Share of the largest variance, in units of what the log leaves uncertain, below which a direction is rounding."""
+_HALVINGS = 6
+"""Of a move that would leave the region, before it is left out. A round number; not studied."""
 OF_PRIOR = 0.1
 """Share of the prior's variance that the data leave at most where they decide a parameter: nine tenths of its precision
 are then theirs. A round number; docs/posterior.md, section 3, states it."""
@@ -51,6 +56,8 @@ class Posterior:
         modes: heaviest first; their weights sum to 1.
         draws: of all modes together, each with its share; diagnostics are the worst of any mode.
         chosen: index of the mode whose mean the parameters are: the heaviest, unless another one is asked for.
+        shift: (D, E, W, P) by which what the model may lack moves the draws; None where it lacks nothing. It moves no
+            sign of this log and no estimate, but widens what is uncertain in them.
         plus: (S,) P(sign = +) of each segment, averaged over the draws.
         branch_mass: (B,) mass of each assignment that the search lists, in its order; empty without a list.
         elsewhere: mass of all other assignments, by the draws; None without a list.
@@ -69,6 +76,15 @@ class Posterior:
     seconds: float
     sampling: Sampling
     chosen: int = 0
+    shift: Array | None = None
+
+    @property
+    def uncertain(self) -> Draws:
+        """The draws, moved by what the model may lack."""
+        if self.shift is None:
+            return self.draws
+        theta = self.draws.theta + self.shift
+        return replace(self.draws, theta=theta, beta=theta @ self.target.likelihood.projection.T)
 
     @property
     def converged(self) -> bool:
@@ -96,21 +112,31 @@ class Posterior:
 
     @property
     def covariance(self) -> Array:
-        """(r, r) of the coefficients about those of theta, all modes included."""
-        beta = self.draws.beta.reshape(-1, self.draws.beta.shape[-1])
-        covariance = np.atleast_2d(np.cov(beta, rowvar=False))
-        if len(self.modes) == 1:
+        """(r, r) of the coefficients about those of theta, with all modes and what the model may lack."""
+        return self._about_theta(self.uncertain.beta)
+
+    @property
+    def covariance_of_log(self) -> Array:
+        """(r, r) the same without what the model may lack: that is no less in the next log."""
+        return self._about_theta(self.draws.beta)
+
+    def _about_theta(self, beta: Array) -> Array:
+        """(r, r) second moments of draws (D, E, W, r) about the coefficients of theta."""
+        every = beta.reshape(-1, beta.shape[-1])
+        covariance = np.atleast_2d(np.cov(every, rowvar=False))
+        if len(self.modes) == 1 and self.shift is None:
             return covariance
-        off = beta.mean(axis=0) - self.modes[self.chosen].draws.beta.mean(axis=(0, 1, 2))
+        off = every.mean(axis=0) - self.modes[self.chosen].draws.beta.mean(axis=(0, 1, 2))
         return covariance + np.outer(off, off)
 
     @property
     def parameter_sd(self) -> Array:
-        """(P,) standard deviations of the parameters about theta, all modes included."""
-        spread: Array = self.draws.theta.std(axis=(0, 1, 2))
-        if len(self.modes) == 1:
+        """(P,) standard deviations of the parameters about theta, with all modes and what the model may lack."""
+        theta = self.uncertain.theta
+        spread: Array = theta.std(axis=(0, 1, 2))
+        if len(self.modes) == 1 and self.shift is None:
             return spread
-        return np.hypot(spread, self.draws.theta.mean(axis=(0, 1, 2)) - self.theta)
+        return np.hypot(spread, theta.mean(axis=(0, 1, 2)) - self.theta)
 
     @property
     def mode_of_draws(self) -> Integers:
@@ -147,18 +173,67 @@ class Posterior:
         precision, _ = self.target.quadratic(self.theta, self.draws.log_scale.mean(axis=(0, 1, 2)))
         sd = self.target.prior.sd
         variance = np.diag(np.linalg.inv(precision * np.outer(sd, sd)))  # relative to the prior's
+        if self.shift is not None:
+            variance = variance + self.shift.var(axis=(0, 1, 2)) / sd**2
         decided: Mask = variance <= OF_PRIOR
         return decided
 
     def interval(self, mass: float) -> tuple[Array, Array]:
         """(r,) ends of each coefficient's central interval of this posterior mass."""
-        beta = self.draws.beta.reshape(-1, self.draws.beta.shape[-1])
+        beta = self.uncertain.beta
+        beta = beta.reshape(-1, beta.shape[-1])
         low, high = np.quantile(beta, [0.5 - 0.5 * mass, 0.5 + 0.5 * mass], axis=0)
         return low, high
 
-    def spread(self, count: int = _SPREAD) -> tuple[Array, Array]:
+    def spread(self, count: int = DRAWS) -> tuple[Array, Array]:
         """(K, P) parameters and (K, n) noise scales u of at most `count` draws, evenly spread over all of them."""
         return self.target.split(self.draws.spread(count))
+
+
+def widened(posterior: Posterior, information: Array, lacking: Array) -> Posterior:
+    """The posterior with what the model may lack, in each mode (:eq:`nuisance-draws`).
+
+    What moves least squares by e moves a posterior with a prior and a cone by Cov(theta, beta) H e. Draws are moved in
+    one principal direction of e after the other; one that would leave the region is moved the other way, or less far.
+
+    Args:
+        posterior: of the log.
+        information: (r, r) H of the coefficients.
+        lacking: (r, r) covariance of e, by which least squares are wider than H says.
+    """
+    draws, region = posterior.draws, posterior.target.prior.region
+    directions = _principal(information, lacking)
+    shift, of_mode = np.zeros_like(draws.theta), posterior.mode_of_draws
+    rng = np.random.default_rng(posterior.sampling.seed)
+    for k in np.unique(of_mode).tolist():
+        here, own = of_mode == k, posterior.modes[k].draws
+        theta, beta = (values.reshape(-1, values.shape[-1]) for values in (own.theta, own.beta))
+        across = (theta - theta.mean(axis=0)).T @ (beta - beta.mean(axis=0)) / max(len(beta) - 1, 1)
+        moved = draws.theta[here]
+        for direction in (across @ directions).T:
+            moved = moved + _inside(region, moved, rng.standard_normal((len(moved), 1)) * direction)
+        shift[here] = moved - draws.theta[here]
+    return replace(posterior, shift=shift)
+
+
+def _principal(information: Array, lacking: Array) -> Array:
+    """(r, k) H e for e one sd along each principal direction of a covariance, in units of what H leaves uncertain."""
+    values, vectors = np.linalg.eigh(information)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))  # H = root root'
+    sizes, turn = np.linalg.eigh(root.T @ lacking @ root)
+    return root @ (turn * np.sqrt(np.maximum(sizes, 0.0)))[:, sizes > _LEAST_WIDER * max(sizes[-1], 0.0)]
+
+
+def _inside(region: Region, theta: Array, move: Array) -> Array:
+    """(K, P) moves of points (K, P) that stay inside: as they are, the other way, or halved until they do."""
+    move, done = move.copy(), np.zeros(len(theta), dtype=bool)
+    for halvings in range(_HALVINGS):
+        for sign in (1.0, -1.0):
+            left = np.flatnonzero(~done)
+            tried = sign * move[left] * 0.5**halvings
+            stays = region.contains((theta[left] + tried).T)
+            move[left[stays]], done[left[stays]] = tried[stays], True
+    return np.where(done[:, None], move, 0.0)
 
 
 def infer(problem: PosteriorProblem, search: SearchResult, sampling: Sampling, steps: Steps = no_steps) -> Posterior:

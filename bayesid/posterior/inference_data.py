@@ -12,7 +12,7 @@ Groups and their dimensions, every one with named coordinates:
   is known, also its `earlier_hessian` H and `earlier_gradient` g: in `lp`, minus (beta' H beta - 2 g' beta +
   c) / 2 with c its `earlier_energy`.
 - nuisance (effect), where there is any: `scale`, the likely size of each effect that the model may lack, relative to
-  what is usual. They are summed out of the likelihood, and so have no draws.
+  what is usual. They have no draws, but move those of `theta` and `beta`; `lp` and `effort` are theirs before.
 
 A chain is an ensemble. An entry of `segment` is a part of the moments' Hessian: one segment, or all the weak segments
 of a joint that share a part, whose likelihoods cannot be separated draw by draw.
@@ -106,6 +106,7 @@ def make_inference_data(
     attributes: Mapping[str, object],
     most: int = MOST,
     mode: Integers | None = None,
+    shift: Array | None = None,
 ) -> InferenceData:
     """All that is known after sampling, as one object.
 
@@ -119,6 +120,8 @@ def make_inference_data(
             what is neither text nor a number becomes JSON.
         most: draws to keep in all. Whole sweeps are left out, evenly, but never all of them.
         mode: (D, E, W) index of the mode that each draw is from; by default there is but one.
+        shift: (D, E, W, P) by which what the model may lack moves the draws of `theta` and `beta`; `lp` and `effort`
+            are theirs before.
 
     Raises:
         ValueError: if the moments, labels and target are not of the same segments, joints, coefficients, parameters.
@@ -145,6 +148,9 @@ def make_inference_data(
         "kept_every": every,
         "draw_order": "all kept sweeps of an ensemble's first walker, then of the next",
     }
+    if shift is not None:
+        theta = theta + _walker_major(shift[kept])
+        beta = theta @ target.likelihood.projection.T
     variables = {"beta": beta, "theta": theta, "noise": target.likelihood.sigma * np.exp(log_scale)}
     return InferenceData(
         attrs={key: _plain(value) for key, value in {**run, **attributes}.items()},

@@ -108,7 +108,13 @@ def inference_data(identification: Identification) -> InferenceData:
     versions = {f"{name}_version": version(name) for name in ("bayesid", "numpy", "emcee", "arviz")}
     attributes = {**run, **sampling, "modes": summary["modes"], **versions}
     data = make_inference_data(
-        posterior.draws, posterior.target, posterior.moments, labels, attributes, mode=posterior.mode_of_draws
+        posterior.draws,
+        posterior.target,
+        posterior.moments,
+        labels,
+        attributes,
+        mode=posterior.mode_of_draws,
+        shift=posterior.shift,
     )
     if identification.completion is not None:
         add_nuisance(data, identification.completion.uncertain)

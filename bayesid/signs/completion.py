@@ -55,6 +55,7 @@ class Completion:
         before: (n,) RMS error on held-back blocks of the log without them, N m.
         after: (n,) and with them.
         effort: (n,) RMS effort there, N m.
+        may_enter: whether effects might enter.
         uncertain: effects that did not enter, with their joints, but widen the uncertainty: to their likely size,
             relative to what is usual (of the geometry, to what was stated).
     """
@@ -63,6 +64,7 @@ class Completion:
     before: Array
     after: Array
     effort: Array
+    may_enter: bool = True
     uncertain: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -142,9 +144,9 @@ def complete(
     searching = _Searching(averaged.asked.evidence.signals, segments, search, how.cutting)
     plain = _Opinion(averaged.asked.model, searching.as_read, averaged.asked)
     first = plain if averaged.by_asked else replace(plain, settled=averaged.settled)
-    rounds = _Rounds(plain, first, averaged.fit, averaged.probability)
+    rounds, may_enter = _Rounds(plain, first, averaged.fit, averaged.probability), how.enter and search.any_model
     for _ in range(_MOST_ROUNDS):
-        if not rounds.go_on(searching, enter=how.enter and search.any_model, progress=progress):
+        if not rounds.go_on(searching, enter=may_enter, progress=progress):
             break
     rounds.check(searching, progress)
     progress("completing the model", 1, 1)
@@ -162,7 +164,7 @@ def complete(
     nuisance = summed_out.asked.evidence.nuisance
     uncertain = {} if nuisance is None else dict(zip(nuisance.names, nuisance.scales.tolist(), strict=True))
     after = wanted.after if effects else wanted.before
-    completion = Completion(effects, wanted.before.rms, after.rms, wanted.effort, uncertain)
+    completion = Completion(effects, wanted.before.rms, after.rms, wanted.effort, may_enter, uncertain)
     return CompletedSigns(completed.model, completed.signals, summed_out, completion)
 
 

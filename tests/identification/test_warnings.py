@@ -25,7 +25,11 @@ def signs_with(certified=True, lower_bound=90.0, unsplit=0):
 
 
 def model_of(*names):
-    return SimpleNamespace(model=SimpleNamespace(terms=[SimpleNamespace(name=name) for name in names]))
+    """Terms of all joints, or of some, as in "gravity_spring 7"."""
+    effects = [
+        SimpleNamespace(name=name, joints=tuple(map(int, joints))) for name, *joints in (text.split() for text in names)
+    ]
+    return SimpleNamespace(model=SimpleNamespace(terms=effects, effects=effects))
 
 
 @dataclass
@@ -111,6 +115,12 @@ def test_terms_that_are_missing_are_named(log):
     richer = SimpleNamespace(signs=signs_with(), **vars(model_of("rigid_body", "viscous_friction", "torque_offset")))
     (warning,) = warnings(log, settled=richer, by_asked=False)
     assert "the model lacks viscous_friction, torque_offset:" in warning
+
+
+def test_an_effect_that_the_model_has_in_another_joint_is_named_with_its_own(log):
+    asked, richer = model_of("rigid_body", "gravity_spring 2"), model_of("rigid_body", "gravity_spring 2", "delay 7")
+    (warning,) = warnings(log, asked=asked, settled=SimpleNamespace(signs=signs_with(), **vars(richer)), by_asked=False)
+    assert "the model lacks delay 7:" in warning
 
 
 def test_a_joint_that_is_hardly_ever_negative_is_named(log):

@@ -11,7 +11,7 @@ from bayesid.fit.knowledge import Information, Links, Nominal
 from bayesid.model.parameters import Cone
 from bayesid.posterior import inference
 from bayesid.posterior.diagnostics import Diagnostics
-from bayesid.posterior.inference import Posterior, infer
+from bayesid.posterior.inference import Posterior, infer, widened
 from bayesid.posterior.likelihood import Likelihood, make_likelihood
 from bayesid.posterior.marginal_likelihood import MarginalLikelihood
 from bayesid.posterior.modes import Mode
@@ -670,6 +670,46 @@ def test_one_coefficient_has_a_covariance_matrix():
     low, high = posterior.interval(0.9)
     assert low.shape == high.shape == (1,)
     assert np.mean((posterior.draws.beta > low) & (posterior.draws.beta < high)) == pytest.approx(0.9, abs=0.02)
+
+
+def test_what_a_model_may_lack_widens_by_the_closed_form():
+    """A normal posterior: theta moves by Cov(theta, beta) H e; nothing else moves."""
+    plain = normal_draws(np.array([[2.0, 0.6], [0.6, 0.5]]))
+    information = np.linalg.inv(plain.covariance_of_log)
+    lacking = np.array([[3.0, -1.1], [-1.1, 0.7]])
+    wide = widened(plain, information, lacking)
+    error = 4.5 * np.sqrt(2.0 / plain.draws.log_density.size) * np.array([[5.0, 3.0], [3.0, 1.5]])
+    assert np.all(np.abs(wide.covariance - plain.covariance - lacking) < error)
+    np.testing.assert_array_equal(wide.theta, plain.theta)
+    np.testing.assert_array_equal(wide.covariance_of_log, plain.covariance_of_log)
+    assert np.all(wide.parameter_sd > 1.2 * plain.parameter_sd)
+    np.testing.assert_array_equal(widened(plain, information, lacking).shift, wide.shift)
+
+
+def test_what_a_model_may_lack_leaves_no_draw_outside():
+    """The second parameter cannot be negative; the first is as free as ever."""
+    log = near_symmetric(0.6)
+    posterior = infer_from(log, options=Sampling(walkers=8, budget=0.0))
+    information = np.diag([50.0, 50.0])
+    wide = widened(posterior, information, np.diag([0.09, 4.0]))
+    region = posterior.target.prior.region
+    assert np.all(region.contains(wide.uncertain.theta.reshape(-1, 2).T))
+    assert np.all(posterior.uncertain.theta == posterior.draws.theta)
+    of_mode = wide.mode_of_draws == 0
+    assert np.all(np.sign(wide.draws.theta[of_mode][:, 0]) == np.sign(wide.theta[0]))
+    assert wide.shift[..., 1].std() > 0.0
+
+
+def normal_draws(covariance):
+    """A posterior of two free parameters whose draws are normal, and are the coefficients."""
+    posterior = numbered(40)
+    theta = np.random.default_rng(5).multivariate_normal([1.0, -3.0], covariance, size=(400, 4, 16))
+    projection = np.eye(2)
+    zeros = np.zeros((1, 2, 2)), np.zeros(1), np.ones(1), np.zeros((1, 2)), np.zeros(1, dtype=int)
+    likelihood = Likelihood(projection, *zeros, np.zeros(1, dtype=int), np.ones(1))
+    draws = replace(posterior.draws, theta=theta, beta=theta, log_density=theta[..., 0], log_scale=theta[..., :1])
+    mode = replace(posterior.modes[0], draws=draws)
+    return replace(posterior, target=replace(posterior.target, likelihood=likelihood), draws=draws, modes=(mode,))
 
 
 def test_the_mean_of_two_modes_on_an_edge_is_inside():

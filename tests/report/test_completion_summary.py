@@ -31,7 +31,7 @@ def test_summary_holds_what_entered(case):
     result, folder = case
     complete = written(folder)
     completion = result.completion
-    assert set(complete) == {"effects", "held_back_error", "uncertain"}
+    assert set(complete) == {"effects", "held_back_error", "uncertain", "may_enter"}
     for name in ("before", "after", "effort"):
         assert complete["held_back_error"][name] == getattr(completion, name).tolist()
     assert complete["uncertain"] == list(completion.uncertain)

@@ -124,6 +124,8 @@ def test_signs_are_as_sure_as_without_what_is_summed_out():
     off = identify(posterior=few, complete="off")
     only = identify(posterior=few, complete="only-uncertainty", beliefs=wide)
     assert (only.sd / off.sd).max() > 2.0
+    np.testing.assert_array_equal(only.theta, off.theta)  # no estimate moves
+    np.testing.assert_allclose(only.validate(log_with("")).rms_error, off.validate(log_with("")).rms_error)
     sure = [np.mean(np.maximum(result.probability, 1.0 - result.probability) > 0.99) for result in (off, only)]
     assert sure[1] > sure[0] - 0.01
     signs, strong = true_signs("")

@@ -59,7 +59,7 @@ def _draws(identification: Identification) -> Array | None:
         return None
     from bayesid.posterior.inference_data import kept_coefficients  # ArviZ takes half a second to import
 
-    return kept_coefficients(identification.posterior.draws)
+    return kept_coefficients(identification.posterior.uncertain)
 
 
 def _samples(identification: Identification) -> Samples:

@@ -146,11 +146,13 @@ class CompletionSummary:
         effects: that entered the model.
         held_back_error: on blocks of the log that had no say.
         uncertain: effects that did not enter, but widen the uncertainty.
+        may_enter: whether effects might enter.
     """
 
     effects: tuple[EffectSummary, ...]
     held_back_error: ErrorsSummary
     uncertain: tuple[str, ...]
+    may_enter: bool = True
 
 
 @dataclass(frozen=True)
@@ -449,6 +451,7 @@ def _complete(identification: Identification) -> CompletionSummary | None:
         effects=tuple(_effect(identification, entered) for entered in completion.effects),
         held_back_error=ErrorsSummary(*errors),
         uncertain=tuple(completion.uncertain),
+        may_enter=completion.may_enter,
     )
 
 
