@@ -11,7 +11,7 @@ from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.identification.identification import Identification
 from bayesid.identification.validation import Validation
 from bayesid.report.findings import recorded_segments, summarise
-from bayesid.report.verdicts import SURE, Check, beyond_the_terms, proof, sampling
+from bayesid.report.verdicts import EFFECT_HEADINGS, SURE, Check, beyond_the_terms, effect_rows, proof, sampling
 from bayesid.report.words import paragraph
 from bayesid.results.agreement import text as agreement_text
 from bayesid.results.several_logs import Separate
@@ -46,6 +46,7 @@ def identification_parts(result: Identification) -> list[RenderableType]:
             settled,
         ),
         *(f"beyond the terms asked for: {check.message}" for check in beyond_the_terms(summary)),
+        *([table(list(EFFECT_HEADINGS), [list(row) for row in effects])] if (effects := effect_rows(summary)) else []),
         _verdict("posterior: ", sampling(summary), _sampling_effort(result)),
         table(["joint", "segments", "least sure", f"|effort| sure to {100 * SURE:g} %", "relative residual"], rows),
     ]

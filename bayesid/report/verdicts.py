@@ -7,9 +7,9 @@ studies of docs/studies.md or on the field's customs, as said there.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from bayesid.model.catalogue import FORMS, noun
 from bayesid.model.effects import ReadableUnit
 from bayesid.report.findings import AMBIGUOUS, Findings, Summary
 from bayesid.report.findings.summary import EffectSummary, Numbers
-from bayesid.report.words import listed, quantity
+from bayesid.report.words import label, listed, quantity
 
 State = Literal["good", "look", "bad", "not done"]
 
@@ -229,6 +229,29 @@ def beyond_the_terms(summary: Summary) -> tuple[Check, ...]:
     before, after = (_relative(values, errors.effort) for values in (errors.before, errors.after))
     fall = f"held-back torque error {100 * before:.1f} -> {100 * after:.1f} % of the effort"
     return (Check(name, "good", f"{'; '.join(parts)}; {fall}"),)
+
+
+EFFECT_HEADINGS = ("beyond the terms", "log10 Bayes factor", "size and sd", "not told from")
+"""Of `effect_rows`."""
+
+
+def effect_rows(summary: Summary) -> list[tuple[str, str, str, str]]:
+    """The effects that came on top of the terms: which, its evidence, its numbers, what could stand in its place."""
+    effects = () if summary.complete is None else summary.complete.effects
+    return [
+        (
+            label(effect.form, effect.joints),
+            f"{effect.log10_bayes_factor or 0.0:.1f}",
+            "; ".join(_number(name, value) for name, value in effect.parameters.items()),
+            ", ".join(label(other) for other in effect.equivalent),
+        )
+        for effect in effects
+    ]
+
+
+def _number(name: str, number: Mapping[str, Any]) -> str:
+    sd = math.nan if number["sd"] is None else number["sd"]
+    return f"{name} {quantity(number['value'], sd, number['unit'].removeprefix('1'))}"
 
 
 def _relative(error: Numbers, effort: Numbers) -> float:

@@ -9,6 +9,8 @@ from completion_problems import MOTION, identified
 
 from bayesid.report.findings import Summary, as_json, find_findings, from_json
 from bayesid.report.findings.summary import CompletionSummary, EffectSummary
+from bayesid.report.pages.identification_page import identification_page
+from bayesid.report.verdicts import effect_rows
 from bayesid.results.folders import save_identification
 from bayesid.results.model_file import load_model
 
@@ -105,3 +107,21 @@ def test_a_completed_model_comes_back(case):
     size = np.abs(expected).max()
     np.testing.assert_allclose(stored.model.effort(MOTION, stored.theta), expected, atol=1e-9 * size)
     np.testing.assert_allclose(stored.noise.sigma, result.fit.noise.sigma, rtol=1e-12)
+
+
+def test_every_effect_has_its_evidence_numbers_and_rivals_in_the_table(case):
+    """In the terminal and on the page alike."""
+    result, _ = case
+    findings = find_findings(result)
+    rows = effect_rows(findings.summary)
+    assert len(rows) == len(result.completion.effects)
+    page = identification_page(findings)
+    assert ("Beyond the terms asked for" in page) == bool(rows)
+    for row, entered in zip(rows, result.completion.effects, strict=True):
+        name, evidence, size, equivalent = row
+        assert all(f"joint {joint}" in name for joint in entered.joints)
+        assert evidence == f"{entered.log10_bayes_factor:.1f}"
+        assert all(f"{parameter.name} " in size for parameter in entered.source.parameters(result.model.robot))
+        assert "+-" in size
+        assert equivalent.count(",") == max(len(entered.equivalent) - 1, 0)
+        assert all(cell in page for cell in (name, evidence))

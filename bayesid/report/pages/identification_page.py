@@ -22,7 +22,7 @@ from bayesid.report.pages.rendering import Picture, data, number, picture, rende
 from bayesid.report.plot.remainder import VARIABLES
 from bayesid.report.plot.style import new_figure
 from bayesid.report.plot.svg import inline_svg
-from bayesid.report.verdicts import SURE, State, check_findings, sure_share, worst
+from bayesid.report.verdicts import EFFECT_HEADINGS, SURE, State, check_findings, effect_rows, sure_share, worst
 from bayesid.report.words import listed, quantity
 
 _STATES: Mapping[State, Mapping[str, str]] = {
@@ -71,6 +71,8 @@ def identification_page(findings: Findings, progress: Progress = SILENT) -> str:
         "warnings": findings.summary.warnings,
         "checks": [(check, _STATES[check.state]) for check in checks],
         "hidden": findings.summary.hidden_joints > 0,
+        "effects": effect_rows(findings.summary),
+        "effect_headings": [heading.capitalize() for heading in EFFECT_HEADINGS],
     }
     parts = (_torques, _doubts, _coefficients, _posterior, _residuals, _proof, _validation, _run)
     for done, part in enumerate(parts, start=1):
