@@ -40,6 +40,9 @@ _LEAST_WIDER = 1e-6
 """Share of the largest variance, in units of what the log leaves uncertain, below which a direction is rounding."""
 _HALVINGS = 6
 """Of a move that would leave the region, before it is left out. A round number; not studied."""
+_FROM_ZERO = 1.02
+"""Times the shortest interval that one from zero may be long: the place of the shortest is uncertain among draws. A
+round number; not studied."""
 OF_PRIOR = 0.1
 """Share of the prior's variance that the data leave at most where they decide a parameter: nine tenths of its precision
 are then theirs. A round number; docs/posterior.md, section 3, states it."""
@@ -179,11 +182,31 @@ class Posterior:
         return decided
 
     def interval(self, mass: float) -> tuple[Array, Array]:
-        """(r,) ends of each coefficient's central interval of this posterior mass."""
+        """(r,) ends of each coefficient's central interval of this posterior mass.
+
+        Of a coefficient that cannot be negative it is the shortest one instead, and begins at zero wherever that takes
+        hardly more: of a friction that is not there, equal tails would leave out zero, its true value.
+        """
         beta = self.uncertain.beta
-        beta = beta.reshape(-1, beta.shape[-1])
+        beta = np.sort(beta.reshape(-1, beta.shape[-1]), axis=0)
         low, high = np.quantile(beta, [0.5 - 0.5 * mass, 0.5 + 0.5 * mass], axis=0)
+        count = int(np.ceil(mass * len(beta)))
+        for k in self._nonnegative.tolist():
+            widths = beta[count - 1 :, k] - beta[: len(beta) - count + 1, k]
+            first = int(widths.argmin())
+            low[k], high[k] = beta[first, k], beta[first + count - 1, k]
+            if beta[count - 1, k] <= _FROM_ZERO * widths[first]:
+                low[k], high[k] = 0.0, beta[count - 1, k]
         return low, high
+
+    @property
+    def _nonnegative(self) -> Integers:
+        """Indices of the coefficients that are one parameter that cannot be negative."""
+        region, projection = self.target.prior.region, self.target.likelihood.projection
+        alone = (np.count_nonzero(region.rows, axis=1) == 1) & (region.offset == 0.0) & (region.rows.max(axis=1) > 0.0)
+        bounded = region.rows[alone].any(axis=0)
+        single = np.count_nonzero(projection, axis=1) == 1
+        return np.flatnonzero(single & (projection @ bounded > 0.0))
 
     def spread(self, count: int = DRAWS) -> tuple[Array, Array]:
         """(K, P) parameters and (K, n) noise scales u of at most `count` draws, evenly spread over all of them."""

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from posterior_problems import information_of, whole_space
 from scipy.special import expit
+from scipy.stats import norm, truncnorm
 from test_modes import LOG_SCALE_SD, make_log, near_symmetric, unproven
 
 from bayesid.errors import InputError
@@ -17,6 +18,7 @@ from bayesid.posterior.marginal_likelihood import MarginalLikelihood
 from bayesid.posterior.modes import Mode
 from bayesid.posterior.prior import Prior
 from bayesid.posterior.problem import PosteriorProblem
+from bayesid.posterior.region import Region
 from bayesid.posterior.sampled_modes import SampledMode, pool
 from bayesid.posterior.sampler import Draws, Sampling, sample
 from bayesid.posterior.target import Target
@@ -204,11 +206,11 @@ def test_coefficients_match_enumeration():
     assert np.all(np.abs(posterior.theta - mean) < 4.5 * error)
     assert np.all(np.abs(posterior.parameter_sd**2 - sd**2) < 4.5 * errors(posterior, (theta - mean) ** 2))
     for mass in (0.5, 0.95):
-        for end, share in zip(posterior.interval(mass), (0.5 - mass / 2, 0.5 + mass / 2), strict=True):
-            error = errors(posterior, (theta[..., 0] < end[0]).astype(float))
-            below, above = (exact.weight[exact.theta[:, 0] < end[0] + cell].sum() for cell in (-0.0025, 0.0025))
-            assert below - 4.5 * error < share < above + 4.5 * error
-            assert above - below < 0.04
+        low, high = posterior.interval(mass)
+        assert (low[0] == 0.0) == (mass > 0.9)
+        inside = (theta[..., 0] > low[0]) & (theta[..., 0] < high[0])
+        held = exact.weight[(exact.theta[:, 0] > low[0]) & (exact.theta[:, 0] < high[0])].sum()
+        assert abs(held - mass) < 4.5 * errors(posterior, inside.astype(float)) + 0.02  # two cells
 
 
 def test_masses_of_a_certified_list():
@@ -672,6 +674,21 @@ def test_one_coefficient_has_a_covariance_matrix():
     assert np.mean((posterior.draws.beta > low) & (posterior.draws.beta < high)) == pytest.approx(0.9, abs=0.02)
 
 
+@pytest.mark.parametrize(("mean", "from_zero"), [(-1.0, True), (0.3, True), (8.0, False)])
+def test_a_coefficient_that_cannot_be_negative_has_the_shortest_interval(mean, from_zero):
+    """Normal draws cut at zero; far from it the shortest interval is the central one, of the free one it always is."""
+    posterior = normal_draws(np.eye(2), cone=Cone.orthant(1) + Cone.free(1))
+    drawn = truncnorm.rvs(-mean, np.inf, loc=mean, size=(400, 4, 16), random_state=1)
+    beta = np.stack([drawn, drawn], axis=-1)
+    posterior = replace(posterior, draws=replace(posterior.draws, theta=beta, beta=beta))
+    low, high = posterior.interval(0.95)
+    assert (low[0] == 0.0) == from_zero
+    np.testing.assert_allclose([low[1], high[1]], np.quantile(drawn, [0.025, 0.975]))
+    share = norm.sf(0.0, mean)
+    expected = mean + norm.isf(0.05 * share) if from_zero else mean + norm.isf(0.025)
+    assert high[0] == pytest.approx(expected, abs=0.06)
+
+
 def test_what_a_model_may_lack_widens_by_the_closed_form():
     """A normal posterior: theta moves by Cov(theta, beta) H e; nothing else moves."""
     plain = normal_draws(np.array([[2.0, 0.6], [0.6, 0.5]]))
@@ -700,7 +717,7 @@ def test_what_a_model_may_lack_leaves_no_draw_outside():
     assert wide.shift[..., 1].std() > 0.0
 
 
-def normal_draws(covariance):
+def normal_draws(covariance, cone=None):
     """A posterior of two free parameters whose draws are normal, and are the coefficients."""
     posterior = numbered(40)
     theta = np.random.default_rng(5).multivariate_normal([1.0, -3.0], covariance, size=(400, 4, 16))
@@ -709,7 +726,10 @@ def normal_draws(covariance):
     likelihood = Likelihood(projection, *zeros, np.zeros(1, dtype=int), np.ones(1))
     draws = replace(posterior.draws, theta=theta, beta=theta, log_density=theta[..., 0], log_scale=theta[..., :1])
     mode = replace(posterior.modes[0], draws=draws)
-    return replace(posterior, target=replace(posterior.target, likelihood=likelihood), draws=draws, modes=(mode,))
+    target = replace(posterior.target, likelihood=likelihood)
+    if cone is not None:
+        target = replace(target, prior=replace(target.prior, region=Region.of(cone), inside=np.ones(2)))
+    return replace(posterior, target=target, draws=draws, modes=(mode,))
 
 
 def test_the_mean_of_two_modes_on_an_edge_is_inside():
