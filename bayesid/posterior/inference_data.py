@@ -133,21 +133,12 @@ def make_inference_data(
     )
     chains, size = density.shape
     drawn: dict[str, object] = {"chain": np.arange(chains), "draw": np.arange(size)}
-    of_mode = np.zeros(draws.log_density.shape) if mode is None else mode.astype(float)
-    number = _walker_major(of_mode[kept]).astype(np.int64) + 1
-    drawn["mode"] = _SAMPLED, number, {"long_name": "of the posterior, from 1, the heaviest"}
+    of_mode = np.zeros((chains, size)) if mode is None else _walker_major(mode[kept].astype(float))
+    drawn["mode"] = _SAMPLED, of_mode.astype(int) + 1, {"long_name": "of the posterior, from 1, the heaviest"}
     segment = _segment_coordinates(target.likelihood, moments, labels)
-    flat = theta.reshape(chains * size, -1), log_scale.reshape(chains * size, -1)
+    flat = (values.reshape(chains * size, -1) for values in (theta, log_scale))
     terms = pointwise(target.likelihood, moments, *flat).reshape(chains, size, -1)
-    walkers = draws.theta.shape[2]
-    run = {
-        "inference_library": _LIBRARY,
-        "ensembles": chains,
-        "walkers": walkers,
-        "sweeps": draws.sweeps,
-        "kept_every": every,
-        "draw_order": "all kept sweeps of an ensemble's first walker, then of the next",
-    }
+    run = _run(draws, every)
     if shift is not None:
         theta = theta + _walker_major(shift[kept])
         beta = theta @ target.likelihood.projection.T
@@ -155,14 +146,7 @@ def make_inference_data(
     return InferenceData(
         attrs={key: _plain(value) for key, value in {**run, **attributes}.items()},
         posterior=_posterior(variables, drawn, labels),
-        sample_stats=xarray.Dataset(
-            {
-                "lp": (_SAMPLED, density, {"long_name": "log density, not normalised"}),
-                "walker": (_SAMPLED, np.tile(np.repeat(np.arange(walkers, dtype=np.int32), len(kept)), (chains, 1))),
-                "sweep": (_SAMPLED, np.tile(kept.astype(np.int32), (chains, walkers))),
-            },
-            coords=drawn,
-        ),
+        sample_stats=_sample_stats(density, kept, draws.theta.shape[2], drawn),
         log_likelihood=xarray.Dataset(
             {"effort": ((*_SAMPLED, "segment"), terms.astype(np.float32))},
             coords={**drawn, **segment},
@@ -170,6 +154,32 @@ def make_inference_data(
         ),
         observed_data=_observed(moments, segment),
         constant_data=_constants(target, moments, labels),
+    )
+
+
+def _run(draws: Draws, every: int) -> dict[str, object]:
+    """Attributes of the sampling, of which each so many sweeps are kept."""
+    _, ensembles, walkers = draws.log_density.shape
+    return {
+        "inference_library": _LIBRARY,
+        "ensembles": ensembles,
+        "walkers": walkers,
+        "sweeps": draws.sweeps,
+        "kept_every": every,
+        "draw_order": "all kept sweeps of an ensemble's first walker, then of the next",
+    }
+
+
+def _sample_stats(density: Array, kept: Integers, walkers: int, drawn: Mapping[str, object]) -> xarray.Dataset:
+    """The group of each draw's log density (E, D W), walker and sweep."""
+    chains = len(density)
+    return xarray.Dataset(
+        {
+            "lp": (_SAMPLED, density, {"long_name": "log density, not normalised"}),
+            "walker": (_SAMPLED, np.tile(np.repeat(np.arange(walkers, dtype=np.int32), len(kept)), (chains, 1))),
+            "sweep": (_SAMPLED, np.tile(kept.astype(np.int32), (chains, walkers))),
+        },
+        coords=drawn,
     )
 
 
