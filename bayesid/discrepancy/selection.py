@@ -85,9 +85,10 @@ def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
             break
         vetoed.add(failed.key)
         chosen = _settled(case, chosen.without(failed), chosen.data)
-    while (failed := _failed(case, chosen)) is not None:  # no more is added, what fails goes
-        vetoed.add(failed.key)
-        chosen = _settled(case, chosen.without(failed), chosen.data)
+    else:  # no more is added, what fails goes
+        while (failed := _failed(case, chosen)) is not None:
+            vetoed.add(failed.key)
+            chosen = _settled(case, chosen.without(failed), chosen.data)
     chosen, stand_ins = _without_stand_ins(case, chosen)
     effects, explanation = sharpened(chosen.data, chosen.effects, case.columns, case.scene)
     return Selection(

@@ -221,7 +221,7 @@ def beyond_the_terms(summary: Summary) -> tuple[Check, ...]:
     name, errors = "Beyond the terms", complete.held_back_error
     if not complete.may_enter:
         message = f"none added, as asked; {len(complete.uncertain)} effects widen the uncertainty"
-        return (Check(name, "not done", message, "leave out --complete and --search to have the log's effects added"),)
+        return (Check(name, "not done", message, "leave out --complete to have what the log bears out added"),)
     if not complete.effects:
         return (Check(name, "good", "nothing that evidence and held-back blocks bear out"),)
     forms = {effect.form for effect in complete.effects}

@@ -41,7 +41,7 @@ _LIKELIER = 0.5
 """Weight from which on the completed model is the likelier one."""
 _DECISIVE = 2.0 * LN10
 """Log Bayes factor, "decisive" (Jeffreys 1961, appendix B). Effects enter given signs that were settled without them;
-with their own the gain may be another one: half of Panda's log leaves 2 nats of 18, and a joint's signs turned."""
+with their own the gain may be another one: in half of Panda's log (study `complete`) a joint turned for less."""
 _CHANGED = 1e-2
 """Share of the samples in motion whose sign must have changed for effects to be selected anew. A round number."""
 
@@ -220,8 +220,10 @@ class _Rounds:
         wanted = still_wanted(self.plain.settled.evidence, self.fit, self.probability, self.wanted)
         if wanted.keys == self.wanted.keys:
             return
-        model = wanted.extension.model
-        opinion = searching.under(model, progress.under("completed model")) if wanted.keys else self.plain
+        opinion = self.plain
+        if wanted.keys:
+            left = searching.under(wanted.extension.model, progress.under("completed model"))
+            opinion = left if _worth_it(left, self.plain) else self.plain
         if self.signs is self.completed:
             self.signs = opinion
         self.completed, self.wanted = opinion, wanted

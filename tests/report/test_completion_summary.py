@@ -116,7 +116,7 @@ def test_every_effect_has_its_evidence_numbers_and_rivals_in_the_table(case):
     rows = effect_rows(findings.summary)
     assert len(rows) == len(result.completion.effects)
     page = identification_page(findings)
-    assert ("Beyond the terms asked for" in page) == bool(rows)
+    assert ("Beyond the terms asked for" in page) == ("Log10 Bayes factor" in page) == bool(rows)
     for row, entered in zip(rows, result.completion.effects, strict=True):
         name, evidence, size, equivalent = row
         assert all(f"joint {joint}" in name for joint in entered.joints)

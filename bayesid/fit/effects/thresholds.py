@@ -9,8 +9,8 @@ from dataclasses import dataclass
 class Thresholds:
     """Where the workflow draws its lines.
 
-    All values are those of the 300 blind cases of `bayesid study discrepancy` (docs/discrepancy.md, section 7), which
-    judged them together; those over a blunt floor had to explain real friction too (`bayesid study real_discrepancy`).
+    All values are those of the blind cases of `bayesid study discrepancy` (docs/discrepancy.md, section 7); they judged
+    them together; those over a blunt floor had to explain real friction too (`bayesid study real_discrepancy`).
     Where no other source is named a value was set by hand and not varied by itself. None has a unit: they are ratios,
     shares, counts, or log10 of Bayes factors.
 

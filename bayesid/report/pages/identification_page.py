@@ -72,7 +72,7 @@ def identification_page(findings: Findings, progress: Progress = SILENT) -> str:
         "checks": [(check, _STATES[check.state]) for check in checks],
         "hidden": findings.summary.hidden_joints > 0,
         "effects": effect_rows(findings.summary),
-        "effect_headings": [heading.capitalize() for heading in EFFECT_HEADINGS],
+        "effect_headings": [heading[0].upper() + heading[1:] for heading in EFFECT_HEADINGS],
     }
     parts = (_torques, _doubts, _coefficients, _posterior, _residuals, _proof, _validation, _run)
     for done, part in enumerate(parts, start=1):
