@@ -6,8 +6,9 @@
 
 Some parameters leave no trace in the efforts, and the cone's projection on the coefficients is not closed: a first
 moment is free once a mass without trace grows without limit. So a very weak pull to typical links,
-rho(theta) = 1e-7 c sum ((theta_k - typical_k) / size_k)^2 with c the efforts' energy (:eq:`pull`), completes the
-parameters.
+rho(theta) = w sum ((theta_k - typical_k) / size_k)^2 with w = 1e-4 (:eq:`pull`), completes the parameters. It costs
+parameters a hundred sizes away one unit, half a nat, however long or clean the log is: it decides nothing that the data
+show.
 
 Three steps: `ConeLeastSquares` states the cone once, by cvxpy; `prepared` makes a solver for one H; this solves for one
 g after the other by Clarabel, in a few milliseconds each. A status other than solved is never taken for a result.
@@ -16,6 +17,7 @@ g after the other by Clarabel, in a few milliseconds each. A status other than s
 from __future__ import annotations
 
 import warnings
+from copy import copy
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -34,10 +36,16 @@ from bayesid.model.parameters import Cone
 
 MARGIN = 1e-6
 """Smallest eigenvalue left to a pseudo-inertia (kg m^2 to kg): far below any link's, far above rounding."""
-PULL_WEIGHT = 1e-7
-"""Weight of rho: a parameter as large as would explain all efforts alone costs this share of their energy.
-
-A round number, not studied: smaller than any noise's share, larger than rounding."""
+REACH = 100.0
+"""Distance from typical links, in sizes, at which rho costs one unit of the cost: half a nat. A round number, far
+beyond any robot: one size would by itself explain all efforts. Rounding needs some pull."""
+LEAST_PULL = 1e-11
+"""Share of the efforts' energy that the weight of rho is at least, for rounding: up to 30 sizes away rho is then below
+1e-8 of the energy, where two costs count as equal."""
+_COMPLETING = 1e-9
+"""The same where the parameters themselves are asked for, those without trace too: Clarabel resolves 1e-10."""
+_MOST_PULL = 1e-7
+"""Such a share that it is at most, where efforts are so few or weak that nothing is decided."""
 _NO_TRACE = 1e-8
 """Parameters whose columns cancel to this share leave no trace: the tolerance of the base coefficients, squared."""
 _NEGLIGIBLE = 1e-12
@@ -114,6 +122,7 @@ class ConeLeastSquares:
         energy: c of all data.
         margin: smallest eigenvalue left to every pseudo-inertia.
         tolerance: relative duality gap and infeasibility asked of the solver.
+        least_pull: share of the energy that the weight of rho is at least.
     """
 
     def __init__(
@@ -124,15 +133,22 @@ class ConeLeastSquares:
         energy: float,
         margin: float = 0.0,
         tolerance: float = 1e-6,
+        least_pull: float = LEAST_PULL,
     ) -> None:
         self.nonnegative = cone.nonnegative
         self.projection = coefficients.projection
         self.scale = _sizes(cone, self.projection, hessian, energy)
         self.typical = _typical(cone) / self.scale
         self.rows = _state_cone(cone, self.scale, margin)
-        self.pull_weight = PULL_WEIGHT * energy
+        self.pull_weight = pull_weight(energy, least_pull)
         self.tolerance = tolerance
         self._hessian = hessian
+
+    def lighter(self, share: float) -> ConeLeastSquares:
+        """The same problem with this share of the pull."""
+        lighter = copy(self)
+        lighter.pull_weight = share * self.pull_weight
+        return lighter
 
     def prepared(self, hessian: Array | None = None) -> PreparedLeastSquares:
         """A new solver for one H (r, r); for that of all data by default."""
@@ -272,6 +288,11 @@ def _attempt(solver: Any) -> Any:
     return result if result.status == clarabel.SolverStatus.Solved else str(result.status)
 
 
+def pull_weight(energy: float, least: float = LEAST_PULL) -> float:
+    """The weight w of rho for efforts of this energy c, in units of their noise (:eq:`pull`)."""
+    return float(np.clip(1.0 / REACH**2, least * energy, _MOST_PULL * energy))
+
+
 def move_inside(cone: Cone, coefficients: BaseCoefficients, theta: Array) -> Array:
     """(P,) parameters with the same coefficients as theta (P,), every body as far inside the cone as they allow.
 
@@ -314,7 +335,8 @@ def solve_precisely(
     Raises:
         SolverError: no tolerance is reached.
     """
-    return ConeLeastSquares(cone, coefficients, hessian, energy, margin).prepared().solve_precisely(gradient)
+    stated = ConeLeastSquares(cone, coefficients, hessian, energy, margin, least_pull=_COMPLETING)
+    return stated.prepared().solve_precisely(gradient)
 
 
 def _typical(cone: Cone) -> Array:

@@ -64,6 +64,8 @@ class Posterior:
         plus: (S,) P(sign = +) of each segment, averaged over the draws.
         branch_mass: (B,) mass of each assignment that the search lists, in its order; empty without a list.
         elsewhere: mass of all other assignments, by the draws; None without a list.
+        excluded: the most that the draws give to a sign that the search has excluded, of all segments; None where it
+            has excluded none.
         seconds: of wall time.
         sampling: how it was sampled.
     """
@@ -80,6 +82,7 @@ class Posterior:
     sampling: Sampling
     chosen: int = 0
     shift: Array | None = None
+    excluded: float | None = None
 
     @property
     def uncertain(self) -> Draws:
@@ -284,19 +287,29 @@ def infer(problem: PosteriorProblem, search: SearchResult, sampling: Sampling, s
     draws = pool(weighed)
     theta, log_scale = target.split(draws.spread(_AVERAGED))
     mass = _branch_mass(target, theta, log_scale, search)
+    plus = target.likelihood.plus_probability(theta, log_scale).mean(axis=0)
     return Posterior(
         target=target,
         moments=problem.moments,
         noise=problem.noise,
         modes=weighed,
         draws=draws,
-        plus=target.likelihood.plus_probability(theta, log_scale).mean(axis=0),
+        plus=plus,
         branch_mass=mass,
         elsewhere=max(0.0, 1.0 - float(mass.sum())) if len(mass) else None,
         seconds=time.perf_counter() - began,
         sampling=sampling,
         chosen=sampling.mode - 1 if sampling.mode <= len(weighed) else 0,
+        excluded=_excluded(plus, target.likelihood.fixed == 0, search),
     )
+
+
+def _excluded(plus: Array, unknown: Mask, search: SearchResult) -> float | None:
+    """The most that P(sign = +) (S,) gives to a sign of an unknown segment (S,) that the search has excluded."""
+    if search.settled is None or not np.any(search.settled & unknown):
+        return None
+    opposite = np.where(search.signs > 0, 1.0 - plus, plus)
+    return float(opposite[search.settled & unknown].max())
 
 
 def _branch_mass(target: Target, theta: Array, log_scale: Array, search: SearchResult) -> Array:

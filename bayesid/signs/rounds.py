@@ -15,7 +15,7 @@ from bayesid.model.coefficients import BaseCoefficients
 from bayesid.model.model import Model
 from bayesid.progress import SILENT, Progress
 from bayesid.signs.search.protocol import Search, SignProblem
-from bayesid.signs.search.result import SearchResult
+from bayesid.signs.search.result import EXACT, SearchResult
 
 _FIRST_NOISE = 0.05
 """Noise of each joint before any fit, as a share of its RMS effort: that of the paper's experiment."""
@@ -28,6 +28,11 @@ _MEDIAN_TO_SD = 1.4826
 """Standard deviation of a normal variable over the median of its absolute value."""
 _MOST_ROUNDS = 4
 """Searches of one log. A round number; not studied. The segments that still cross zero then are reported."""
+_MOST_WEIGHTS = 3
+"""Noise weights by which a log is proven, each from the residual of the one before. A round number; not studied. Where
+they still change the best signs, nothing is certified."""
+_MOST_RIVALS = 32
+"""Of the listed assignments, cheapest first, that are priced by other noise weights. A round number; not studied."""
 _MOST_INDIVIDUAL = 500
 """Segments of each joint with an H_k of their own; more of them would only cost memory (docs/certified-search.md)."""
 
@@ -85,13 +90,26 @@ class SignSearch:
             cuts, sigma = self._crossings(fitted, searched[-1]), self._noise(fitted, raw, searched[-1])
             last = rounds == _MOST_ROUNDS
             if last or not cuts:
-                searched.append(self.search.conclude(self._problem(raw.scaled(sigma), searched), self.progress))
+                searched += self._concluded(fitted, raw, sigma, searched)
                 cuts = self._crossings(fitted, searched[-1])
             if last or not cuts:
                 break
             segments = segments.split(cuts)
         nodes, solves = sum(result.nodes for result in searched), sum(result.solves for result in searched)
         return SegmentSigns(segments, replace(searched[-1], nodes=nodes, solves=solves), rounds, len(cuts))
+
+    def _concluded(
+        self, fitted: Segments, raw: Moments, sigma: Array, searched: list[SearchResult]
+    ) -> list[SearchResult]:
+        """The last word by noise weights (n,), and again by those of its own residual where they change the signs."""
+        said: list[SearchResult] = []
+        for _ in range(_MOST_WEIGHTS):
+            problem = self._problem(raw.scaled(sigma), [*searched, *said])
+            said.append(self.search.conclude(problem, self.progress))
+            sigma = self._noise(fitted, raw, said[-1])
+            if not changes_with(said[-1], self._problem(raw.scaled(sigma), said)):
+                return said
+        return [*said[:-1], replace(said[-1], certified=False, withheld="noise")]
 
     def _problem(self, scaled: Moments, searched: list[SearchResult]) -> SignProblem:
         return SignProblem(scaled, self.model.cone, self.coefficients, searched[-1] if searched else None)
@@ -113,6 +131,24 @@ class SignSearch:
         predicted = self.model.effort(self.signals.motion, result.theta)
         sigma = _typical_residual(segments.per_sample(result.signs, *effort.shape), effort, predicted)
         return crossings(segments, predicted, effort, sigma)
+
+
+def changes_with(result: SearchResult, reweighted: SignProblem) -> bool:
+    """Whether a certified result is no longer the best of those that it lists, by other noise weights.
+
+    Args:
+        result: of a search.
+        reweighted: its sign problem with the moments scaled otherwise.
+
+    Raises:
+        SolverError: a cone problem could not be solved.
+    """
+    rivals = result.branches[1 : 1 + _MOST_RIVALS]
+    if not result.certified or not rivals:
+        return False
+    prepared, gradient = reweighted.solver().prepared(), reweighted.moments.gradient
+    best, *others = (prepared.solve_precisely(branch.signs @ gradient).cost for branch in (result, *rivals))
+    return min(others) < best - EXACT * reweighted.energy
 
 
 def crossings(segments: Segments, predicted: Array, effort: Array, sigma: Array) -> list[tuple[int, int]]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from bayesid.arrays import Array, Integers
 from bayesid.errors import SolverError
-from bayesid.fit.solver import PULL_WEIGHT
+from bayesid.fit.solver import pull_weight
 from bayesid.model.inertia import PSEUDO_INERTIA_BASIS
 from bayesid.model.parameters import Cone
 from bayesid.studies.benchmarks.problems import LogProblem
@@ -25,7 +25,7 @@ class PlainNode:
         cone: the cone of the P parameters.
         projection: (r, P) B.
         size: (P,) of the parameters.
-        typical: (P,) where the pull rho(theta) = 1e-7 c sum of ((theta - typical) / size)^2 leads.
+        typical: (P,) where the pull rho(theta) = w sum of ((theta - typical) / size)^2 leads.
         energy: c of all data.
     """
 
@@ -45,7 +45,7 @@ class PlainNode:
         theta = cp.multiply(self.size, scaled)
         columns = self.projection * self.size
         data = cp.quad_form(scaled, cp.psd_wrap(columns.T @ hessian @ columns / self.energy))
-        pull = PULL_WEIGHT * cp.sum_squares(scaled - self.typical / self.size)
+        pull = pull_weight(self.energy) / self.energy * cp.sum_squares(scaled - self.typical / self.size)
         constraints = [theta[self.cone.nonnegative] >= 0.0] if len(self.cone.nonnegative) else []
         for body in self.cone.bodies:
             constraints.append(sum(theta[int(i)] * PSEUDO_INERTIA_BASIS[k] for k, i in enumerate(body)) >> 0)
@@ -64,7 +64,7 @@ def plain_node(problem: LogProblem) -> PlainNode:
     steps = np.eye(cone.size)
     up, down = (np.array([solver.regularisation(sign * step) for step in steps]) for sign in (1.0, -1.0))
     weight = 0.5 * (up + down) - solver.regularisation(np.zeros(cone.size))
-    size = np.sqrt(PULL_WEIGHT * problem.energy / weight)
+    size = np.sqrt(pull_weight(problem.energy) / weight)
     return PlainNode(cone, problem.coefficients.projection, size, 0.25 * (down - up) / weight, problem.energy)
 
 

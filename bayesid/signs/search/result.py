@@ -9,9 +9,12 @@ from scipy.linalg import solve_triangular
 
 from bayesid.arrays import Array, Integers, Mask
 
-_RIDGE = 1e-9
-"""Curvature added to columns of unit length: a hundredth of the solver's pull to typical links
-(`bayesid.fit.solver.PULL_WEIGHT`), so that the bound stays below the cost."""
+EXACT = 1e-8
+"""Share of the energy below which two costs count as equal (docs/certified-search.md): that of the finest solutions'
+gaps (tests/fit/test_solver.py)."""
+_RIDGE = 1e-13
+"""Curvature added to columns of unit length: a hundredth of the solver's least pull to typical links
+(`bayesid.fit.solver.pull_weight`), so that the bound stays below the cost."""
 _LEAST_RIDGE = 1e-15
 """The first ridge that is tried where rounding spoils a factor: a few units in the last place."""
 _RIDGE_GROWTH = 10.0
@@ -52,7 +55,11 @@ class SearchResult:
             (:eq:`assignment-cost`).
         method: of the search.
         width: of the beam; None if it was unlimited or there was none.
-        certified: whether no other assignment can cost less (by more than 1e-8 of the efforts' energy).
+        certified: whether no other assignment can cost less (by more than 1e-8 of the efforts' energy), with the pull
+            and without it, by the noise weights of the search and by those of its result.
+        withheld: why a proof is no certificate: "pull" where another assignment may cost the data less, "noise" where
+            the best assignment depends on the noise weights; empty otherwise.
+        pull: what rho adds to the cost.
         lower_bound: proven bound on the cost of every assignment, or None.
         nodes: priced by the unconstrained bound.
         solves: cone problems solved.
@@ -73,6 +80,8 @@ class SearchResult:
     method: str
     width: int | None = None
     certified: bool = False
+    withheld: str = ""
+    pull: float = 0.0
     lower_bound: float | None = None
     nodes: int = 0
     solves: int = 0
