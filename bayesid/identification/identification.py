@@ -51,6 +51,8 @@ class Identification:
         searched: the segments that are fitted, as the last search had them.
         search: that search.
         rounds: searches until no segment's predicted effort crossed zero.
+        noise_weights: (n,) noise by which the rows of the last search were scaled, N m.
+        proofs: how often the last word was said: again where the final noise weights change the signs.
         timings: stage to seconds.
         warnings: what the user should know.
         beliefs: what was stated beforehand.
@@ -74,6 +76,8 @@ class Identification:
     searched: Segments
     search: SearchResult
     rounds: int
+    noise_weights: Array
+    proofs: int
     timings: dict[str, float]
     warnings: tuple[str, ...]
     beliefs: Beliefs

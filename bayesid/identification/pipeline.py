@@ -228,6 +228,8 @@ def _identification(run: _Run, log: Log, signals: Signals, model: Model, average
         searched=settled.signs.segments[settled.signs.segments.fitted],
         search=settled.signs.search,
         rounds=settled.signs.rounds,
+        noise_weights=settled.signs.weights,
+        proofs=settled.signs.proofs,
         timings=run.laps,
         warnings=warnings_of(log, averaged, doubt, posterior),
         beliefs=run.beliefs,

@@ -16,6 +16,8 @@ from bayesid.signs.rounds import SegmentSigns
 _UNDERSHOOT = 0.05
 """A filter after the rectifier makes |effort| reach below zero, by less than this share of its maximum. A round number;
 not studied."""
+EXCLUDED = 0.01
+"""Share of a joint's effort from which on search and posterior contradict each other: one in a hundred, as for modes."""
 OTHER_MODE = 0.01
 """Weight beyond which another mode of the posterior is spoken of: one in a hundred, a round number."""
 _GAP = 1e-8
@@ -40,6 +42,7 @@ def warnings_of(log: Log, averaged: AveragedSigns, doubt: Array, posterior: Post
         *_doubt_warning(doubt),
         *_posterior_warning(posterior),
         *_modes_warning(posterior),
+        *_excluded_warning(posterior),
     )
 
 
@@ -59,6 +62,21 @@ def on_edge(links: Sequence[int]) -> str:
 def not_ruled_out(gap: float, cost: float) -> str:
     """How much less than the best assignment others may cost, where nothing better is proven."""
     return f"others may cost up to {gap:.3g} less than {cost:.4g}"
+
+
+WITHHELD = {
+    "pull": "others that it lists may cost the data less: only what is assumed of links sets them apart",
+    "noise": "which assignment is the best depends on how large each joint's noise is taken to be",
+}
+"""Why a proof that was found is no certificate (`SearchResult.withheld`)."""
+
+
+def excluded_yet_likely(share: float) -> str:
+    """That search and posterior contradict each other."""
+    return (
+        f"the search excludes signs of up to {share:.0%} of a joint's effort that the posterior holds for possible: "
+        "neither is sure"
+    )
 
 
 def confidences_lowered(doubt: Sequence[float]) -> str:
@@ -120,8 +138,8 @@ def _fit_warnings(fit: Fit) -> list[str]:
 def _search_warnings(signs: SegmentSigns) -> list[str]:
     search, warnings = signs.search, []
     if search.lower_bound is not None and not search.certified:
-        gap = not_ruled_out(search.cost - search.lower_bound, search.cost)
-        warnings.append(f"the signs are not proven to be the best: {gap}; give more --search-budget")
+        gap = f"{not_ruled_out(search.cost - search.lower_bound, search.cost)}; give more --search-budget"
+        warnings.append(f"the signs are not proven to be the best: {WITHHELD.get(search.withheld, gap)}")
     if signs.unsplit:
         warnings.append(f"{signs.unsplit} segments still cross zero after {signs.rounds} searches")
     return warnings
@@ -166,3 +184,9 @@ def _modes_warning(posterior: Posterior | None) -> list[str]:
         return []
     turned = [posterior.turned_joints(k) for k in range(len(weights))]
     return [f"{other_modes(weights, turned, posterior.chosen)}; --mode writes another one"]
+
+
+def _excluded_warning(posterior: Posterior | None) -> list[str]:
+    if posterior is None or posterior.excluded is None or posterior.excluded <= EXCLUDED:
+        return []
+    return [excluded_yet_likely(posterior.excluded)]

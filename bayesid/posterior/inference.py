@@ -64,8 +64,8 @@ class Posterior:
         plus: (S,) P(sign = +) of each segment, averaged over the draws.
         branch_mass: (B,) mass of each assignment that the search lists, in its order; empty without a list.
         elsewhere: mass of all other assignments, by the draws; None without a list.
-        excluded: the most that the draws give to a sign that the search has excluded, of all segments; None where it
-            has excluded none.
+        excluded: share of a joint's squared effort, of the worst one, to which the draws give signs that the search has
+            excluded; None where it has excluded none.
         seconds: of wall time.
         sampling: how it was sampled.
     """
@@ -300,16 +300,19 @@ def infer(problem: PosteriorProblem, search: SearchResult, sampling: Sampling, s
         seconds=time.perf_counter() - began,
         sampling=sampling,
         chosen=sampling.mode - 1 if sampling.mode <= len(weighed) else 0,
-        excluded=_excluded(plus, target.likelihood.fixed == 0, search),
+        excluded=_excluded(plus, problem.moments, search),
     )
 
 
-def _excluded(plus: Array, unknown: Mask, search: SearchResult) -> float | None:
-    """The most that P(sign = +) (S,) gives to a sign of an unknown segment (S,) that the search has excluded."""
-    if search.settled is None or not np.any(search.settled & unknown):
+def _excluded(plus: Array, moments: Moments, search: SearchResult) -> float | None:
+    """Share of a joint's energy, of the worst one, that P(sign = +) (S,) gives to signs that the search has excluded."""
+    if search.settled is None:
         return None
+    counted = search.settled & (moments.known == 0)
     opposite = np.where(search.signs > 0, 1.0 - plus, plus)
-    return float(opposite[search.settled & unknown].max())
+    energy = np.bincount(moments.joint, weights=np.where(counted, moments.energy, 0.0))
+    excluded = np.bincount(moments.joint, weights=np.where(counted, moments.energy * opposite, 0.0))
+    return float(np.max(excluded[energy > 0.0] / energy[energy > 0.0])) if np.any(energy > 0.0) else None
 
 
 def _branch_mass(target: Target, theta: Array, log_scale: Array, search: SearchResult) -> Array:

@@ -15,9 +15,12 @@ import numpy as np
 
 from bayesid.fit.least_squares import POOR_FIT
 from bayesid.identification.warnings import (
+    EXCLUDED,
     OTHER_MODE,
+    WITHHELD,
     confidences_lowered,
     convergence,
+    excluded_yet_likely,
     not_excited,
     not_ruled_out,
     on_edge,
@@ -65,6 +68,7 @@ _TINY = 1e-300
 
 _EXCITE = "`bayesid excite` designs one for your robot"
 _DISCREPANCY = "`bayesid discrepancy` names what the model lacks"
+_TELL_APART = "record a motion that loads or accelerates these joints"
 _ALTERNATIVES = "see below where they differ; the posterior weighs them"
 
 
@@ -154,6 +158,11 @@ def proof(summary: Summary) -> Check:
     name, search = "Proof", summary.search
     if not summary.hidden_joints:
         return Check(name, "good", "there was nothing to prove: all signs were known")
+    excluded = 0.0 if summary.posterior is None else summary.posterior.excluded or 0.0
+    if excluded > EXCLUDED:
+        return Check(
+            name, "bad", excluded_yet_likely(excluded), f"{_TELL_APART}; or validate on a log with known signs"
+        )
     if search.certified:
         others = (search.assignments or 1) - 1
         also = "no other comes" if not others else "one other comes" if others == 1 else f"{others} others come"
@@ -162,6 +171,8 @@ def proof(summary: Summary) -> Check:
     if search.lower_bound is None:
         message = "nothing is proven: the signs were found by a beam, which may miss the best ones"
         return Check(name, "look", message, "leave out --search beam")
+    if search.withheld:
+        return Check(name, "look", f"not certified: {WITHHELD[search.withheld]}", f"{_TELL_APART}; {_ALTERNATIVES}")
     message = f"not proven: {not_ruled_out(search.gap or 0.0, search.cost or 0.0)}"
     return Check(name, "look", message, "give more --search-budget, or a longer log")
 

@@ -15,7 +15,8 @@ from bayesid.model.coefficients import BaseCoefficients
 from bayesid.model.model import Model
 from bayesid.progress import SILENT, Progress
 from bayesid.signs.search.protocol import Search, SignProblem
-from bayesid.signs.search.result import EXACT, SearchResult
+from bayesid.signs.search.result import SearchResult
+from bayesid.signs.search.rivals import rivals
 
 _FIRST_NOISE = 0.05
 """Noise of each joint before any fit, as a share of its RMS effort: that of the paper's experiment."""
@@ -28,11 +29,6 @@ _MEDIAN_TO_SD = 1.4826
 """Standard deviation of a normal variable over the median of its absolute value."""
 _MOST_ROUNDS = 4
 """Searches of one log. A round number; not studied. The segments that still cross zero then are reported."""
-_MOST_WEIGHTS = 3
-"""Noise weights by which a log is proven, each from the residual of the one before. A round number; not studied. Where
-they still change the best signs, nothing is certified."""
-_MOST_RIVALS = 32
-"""Of the listed assignments, cheapest first, that are priced by other noise weights. A round number; not studied."""
 _MOST_INDIVIDUAL = 500
 """Segments of each joint with an H_k of their own; more of them would only cost memory (docs/certified-search.md)."""
 
@@ -46,12 +42,16 @@ class SegmentSigns:
         search: the last result, over those that are fitted; its nodes and solves are those of all searches.
         rounds: how often segments were searched until none had to be split.
         unsplit: cuts that the last search still asked for.
+        weights: (n,) noise by which the rows of the last search were scaled, N m.
+        proofs: how often the last word was said: again where the final noise weights change the signs.
     """
 
     segments: Segments
     search: SearchResult
     rounds: int
     unsplit: int
+    weights: Array
+    proofs: int = 1
 
 
 @dataclass(frozen=True)
@@ -90,26 +90,41 @@ class SignSearch:
             cuts, sigma = self._crossings(fitted, searched[-1]), self._noise(fitted, raw, searched[-1])
             last = rounds == _MOST_ROUNDS
             if last or not cuts:
-                searched += self._concluded(fitted, raw, sigma, searched)
+                searched.append(self.search.conclude(self._problem(raw.scaled(sigma), searched), self.progress))
                 cuts = self._crossings(fitted, searched[-1])
             if last or not cuts:
                 break
             segments = segments.split(cuts)
         nodes, solves = sum(result.nodes for result in searched), sum(result.solves for result in searched)
-        return SegmentSigns(segments, replace(searched[-1], nodes=nodes, solves=solves), rounds, len(cuts))
+        return SegmentSigns(segments, replace(searched[-1], nodes=nodes, solves=solves), rounds, len(cuts), sigma)
 
-    def _concluded(
-        self, fitted: Segments, raw: Moments, sigma: Array, searched: list[SearchResult]
-    ) -> list[SearchResult]:
-        """The last word by noise weights (n,), and again by those of its own residual where they change the signs."""
-        said: list[SearchResult] = []
-        for _ in range(_MOST_WEIGHTS):
-            problem = self._problem(raw.scaled(sigma), [*searched, *said])
-            said.append(self.search.conclude(problem, self.progress))
-            sigma = self._noise(fitted, raw, said[-1])
-            if not changes_with(said[-1], self._problem(raw.scaled(sigma), said)):
-                return said
-        return [*said[:-1], replace(said[-1], certified=False, withheld="noise")]
+    def reweighted(self, searched: SegmentSigns, weights: Array, repeat: bool = True) -> SegmentSigns:
+        """What stays of a proof by other noise weights (n,), N m, say those of the final fit.
+
+        Where the optimum changes the proof is repeated with these weights or, if it may not be, nothing is certified.
+        Where it does not, a segment stays settled if turning it, or its joint, still costs more than Delta.
+
+        Raises:
+            SolverError: a cone problem could not be solved.
+        """
+        result = searched.search
+        if result.settled is None:
+            return searched
+        fitted = searched.segments[searched.segments.fitted]
+        motion, effort = self.signals.motion, self.signals.effort
+        raw = moments(self.model, self.coefficients, motion, effort, fitted, _MOST_INDIVIDUAL)
+        problem = self._problem(raw.scaled(weights), [result])
+        found = rivals(problem, result)
+        if found.changed and not repeat:
+            doubted = replace(result, certified=False, withheld="noise", settled=result.settled & found.settled)
+            return replace(searched, search=doubted)
+        if not found.changed:
+            return replace(searched, search=replace(result, settled=result.settled & found.settled))
+        again = self.search.conclude(problem, self.progress)
+        nodes, solves = result.nodes + again.nodes, result.solves + again.solves
+        return replace(
+            searched, search=replace(again, nodes=nodes, solves=solves), weights=weights, proofs=searched.proofs + 1
+        )
 
     def _problem(self, scaled: Moments, searched: list[SearchResult]) -> SignProblem:
         return SignProblem(scaled, self.model.cone, self.coefficients, searched[-1] if searched else None)
@@ -131,24 +146,6 @@ class SignSearch:
         predicted = self.model.effort(self.signals.motion, result.theta)
         sigma = _typical_residual(segments.per_sample(result.signs, *effort.shape), effort, predicted)
         return crossings(segments, predicted, effort, sigma)
-
-
-def changes_with(result: SearchResult, reweighted: SignProblem) -> bool:
-    """Whether a certified result is no longer the best of those that it lists, by other noise weights.
-
-    Args:
-        result: of a search.
-        reweighted: its sign problem with the moments scaled otherwise.
-
-    Raises:
-        SolverError: a cone problem could not be solved.
-    """
-    rivals = result.branches[1 : 1 + _MOST_RIVALS]
-    if not result.certified or not rivals:
-        return False
-    prepared, gradient = reweighted.solver().prepared(), reweighted.moments.gradient
-    best, *others = (prepared.solve_precisely(branch.signs @ gradient).cost for branch in (result, *rivals))
-    return min(others) < best - EXACT * reweighted.energy
 
 
 def crossings(segments: Segments, predicted: Array, effort: Array, sigma: Array) -> list[tuple[int, int]]:

@@ -13,7 +13,7 @@ from bayesid.fit.least_squares import Fit, fit_signed
 from bayesid.fit.noise import residual_noise
 from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals, signed_effort
-from bayesid.model.coefficients import base_coefficients
+from bayesid.model.coefficients import BaseCoefficients, base_coefficients
 from bayesid.model.model import Model
 from bayesid.progress import SILENT, Progress
 from bayesid.signs.rounds import SegmentSigns, SignSearch
@@ -78,17 +78,16 @@ def settle_signs(
         SolverError: an optimisation failed.
     """
     plain = base_coefficients(model)
-    searched = SignSearch(model, plain, signals, search, progress).run(segments)
-    moving, fitted = (
-        searched.segments.per_sample(which, *signals.effort.shape) > 0
-        for which in (searched.segments.moving, searched.segments.fitted)
-    )
-    evidence = Evidence(model, plain, signals, moving, fitted)
-    signs = searched.segments[searched.segments.fitted].per_sample(searched.search.signs, *moving.shape)
-    predicted = model.effort(signals.motion, searched.search.theta)
-    probability = _smoothed(evidence, predicted, signed_effort(signals, signs, filtered=False))
+    sign_search = SignSearch(model, plain, signals, search, progress)
+    settled = _fitted_to(plain, model, signals, sign_search.run(segments))
+    searched = sign_search.reweighted(settled.signs, _weights(settled.fit))
+    if searched.proofs > settled.signs.proofs:
+        settled = _fitted_to(plain, model, signals, searched)
+        searched = sign_search.reweighted(searched, _weights(settled.fit), repeat=False)
+    settled = replace(settled, signs=searched)
     if earlier is None:
-        return Settled(evidence, searched, probability, fit_signed(evidence, 2.0 * probability - 1.0))
+        return settled
+    evidence, probability, fitted = settled.evidence, settled.probability, settled.evidence.fitted
     coefficients = earlier.knowledge.coefficients(model)
     information = earlier.knowledge.information(model, coefficients)
     evidence = replace(evidence, coefficients=coefficients, information=information)
@@ -100,6 +99,25 @@ def settle_signs(
     count = fitted.sum(axis=0) / time  # the same for both: wrong signs last, and would count for little
     probability, fit = min(candidates, key=lambda candidate: _disagreement(candidate[1], count, information))
     return Settled(evidence, searched, probability, fit)
+
+
+def _fitted_to(coefficients: BaseCoefficients, model: Model, signals: Signals, searched: SegmentSigns) -> Settled:
+    """Smooths the signs of the segments and fits the model to them."""
+    moving, fitted = (
+        searched.segments.per_sample(which, *signals.effort.shape) > 0
+        for which in (searched.segments.moving, searched.segments.fitted)
+    )
+    evidence = Evidence(model, coefficients, signals, moving, fitted)
+    signs = searched.segments[searched.segments.fitted].per_sample(searched.search.signs, *moving.shape)
+    predicted = model.effort(signals.motion, searched.search.theta)
+    probability = _smoothed(evidence, predicted, signed_effort(signals, signs, filtered=False))
+    return Settled(evidence, searched, probability, fit_signed(evidence, 2.0 * probability - 1.0))
+
+
+def _weights(fit: Fit) -> Array:
+    """(n,) noise of each joint's effort, N m, as if only every effective sample counted."""
+    weights: Array = fit.noise.sigma * np.sqrt(fit.noise.autocorrelation)
+    return weights
 
 
 def restored(model: Model, signals: Signals) -> Signals:

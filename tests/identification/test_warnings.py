@@ -19,8 +19,8 @@ def fit_with(relative=(0.1, 0.2), sd=(0.3, 0.5, 0.1), on_edge=(False, False, Fal
     )
 
 
-def signs_with(certified=True, lower_bound=90.0, unsplit=0):
-    search = SimpleNamespace(certified=certified, lower_bound=lower_bound, cost=120.0)
+def signs_with(certified=True, lower_bound=90.0, unsplit=0, withheld=""):
+    search = SimpleNamespace(certified=certified, lower_bound=lower_bound, cost=120.0, withheld=withheld)
     return SimpleNamespace(search=search, unsplit=unsplit, rounds=4)
 
 
@@ -51,8 +51,9 @@ def log():
     )
 
 
-def posterior_with(converged=True, weights=(1.0,), chosen=0, asked=1):
+def posterior_with(converged=True, weights=(1.0,), chosen=0, asked=1, excluded=None):
     return SimpleNamespace(
+        excluded=excluded,
         converged=converged,
         max_rhat=1.0512,
         min_ess=73.4,
@@ -71,6 +72,7 @@ def test_nothing_wrong_is_nothing_said(log):
     assert warnings(log) == ()
     assert warnings(log, posterior=posterior_with()) == ()
     assert warnings(log, posterior=posterior_with(weights=(0.995, 0.005))) == ()
+    assert warnings(log, posterior=posterior_with(excluded=0.008)) == ()
 
 
 @pytest.mark.parametrize(
@@ -81,6 +83,15 @@ def test_nothing_wrong_is_nothing_said(log):
         ({"fit": fit_with(on_edge=(True, False, True))}, "the parameters of link 1, 3 sit on the edge"),
         ({"fit": fit_with(tolerance=2e-8)}, "a relative gap of 2e-08 only"),
         ({"settled": SimpleNamespace(signs=signs_with(certified=False))}, "others may cost up to 30 less than 120"),
+        (
+            {"settled": SimpleNamespace(signs=signs_with(certified=False, lower_bound=120.0, withheld="pull"))},
+            "the signs are not proven to be the best: others that it lists may cost the data less",
+        ),
+        (
+            {"settled": SimpleNamespace(signs=signs_with(certified=False, lower_bound=120.0, withheld="noise"))},
+            "which assignment is the best depends on how large each joint's noise is taken to be",
+        ),
+        ({"posterior": posterior_with(excluded=0.83)}, "the search excludes signs of up to 83% of a joint's effort"),
         ({"settled": SimpleNamespace(signs=signs_with(unsplit=3))}, "3 segments still cross zero after 4 searches"),
         ({"doubt": (0.0, 0.3)}, "confidences of joint 2 are lowered, to 0.85 at worst"),
         (

@@ -514,7 +514,12 @@ def test_the_summary_of_a_sampled_result(sampled, sampled_folder):
         "mode",
         "assignments",
         "assignments_elsewhere",
+        "excluded",
     }
+    search = content["search"]
+    assert search["cost_parts"]["data"] + search["cost_parts"]["pull"] == pytest.approx(search["cost"])
+    assert 0.0 < search["cost_parts"]["pull"] < 1.0
+    assert len(search["noise_weights"]) == 3
     assert told["converged"] is True
     assert 0.99 < told["max_rhat"] <= 1.01
     assert told["min_ess"] >= 400.0

@@ -62,6 +62,10 @@ class SearchSummary:
         method: of the search.
         beam_width: w of T-PBPR.
         cost: of the best assignment.
+        cost_parts: of it: what the data ask, the pull to typical links, and a prior (none; the posterior has one).
+        noise_weights: (n,) sd by which the rows of each joint were scaled, N m, as if only effective samples counted.
+        proofs: how often the last word was said: again where the final noise weights change the signs.
+        withheld: why a proof is no certificate: "pull" or "noise"; empty otherwise.
         certified: whether no assignment costs less.
         lower_bound: that no assignment's cost falls below.
         gap: cost less lower bound.
@@ -79,6 +83,10 @@ class SearchSummary:
     method: str
     beam_width: int | None
     cost: Number
+    cost_parts: Mapping[str, Number]
+    noise_weights: Numbers
+    proofs: int
+    withheld: str
     certified: bool
     lower_bound: Number
     gap: Number
@@ -192,6 +200,7 @@ class PosteriorSummary:
         mode: whose mean the model holds, from 1.
         assignments: posterior probability of each assignment that the search lists.
         assignments_elsewhere: and of all others.
+        excluded: share of a joint's squared effort, of the worst one, to which it gives signs that the search excludes.
     """
 
     converged: bool
@@ -209,6 +218,7 @@ class PosteriorSummary:
     assignments: Numbers
     assignments_elsewhere: Number
     mode: int = 1
+    excluded: Number = None
 
 
 @dataclass(frozen=True)
@@ -365,6 +375,10 @@ def _search(identification: Identification) -> SearchSummary:
         method=search.method,
         beam_width=search.width,
         cost=search.cost,
+        cost_parts={"data": search.cost - search.pull, "pull": search.pull, "prior": 0.0},
+        noise_weights=tuple(identification.noise_weights.tolist()),
+        proofs=identification.proofs,
+        withheld=search.withheld,
         certified=search.certified,
         lower_bound=search.lower_bound,
         gap=None if search.lower_bound is None else search.cost - search.lower_bound,
@@ -420,6 +434,7 @@ def _posterior(identification: Identification) -> PosteriorSummary | None:
         assignments=tuple(posterior.branch_mass.tolist()),
         assignments_elsewhere=posterior.elsewhere,
         mode=posterior.chosen + 1,
+        excluded=posterior.excluded,
     )
 
 

@@ -57,9 +57,6 @@ class SearchResult:
         width: of the beam; None if it was unlimited or there was none.
         certified: whether no other assignment can cost less (by more than 1e-8 of the efforts' energy), with the pull
             and without it, by the noise weights of the search and by those of its result.
-        withheld: why a proof is no certificate: "pull" where another assignment may cost the data less, "noise" where
-            the best assignment depends on the noise weights; empty otherwise.
-        pull: what rho adds to the cost.
         lower_bound: proven bound on the cost of every assignment, or None.
         nodes: priced by the unconstrained bound.
         solves: cone problems solved.
@@ -72,6 +69,9 @@ class SearchResult:
             one that `branches` leaves out (:eq:`missed-mass`); inf if nothing is proven.
         settled: (S,) whether all assignments within Delta give the segment the same sign.
         decided: (B, S) segments that each branch decides one by one; it stands for all signs of the others.
+        withheld: why a proof is no certificate: "pull" where another assignment may cost the data less, "noise" where
+            the best assignment depends on the noise weights; empty otherwise.
+        pull: what rho adds to the cost.
     """
 
     signs: Integers
@@ -80,8 +80,6 @@ class SearchResult:
     method: str
     width: int | None = None
     certified: bool = False
-    withheld: str = ""
-    pull: float = 0.0
     lower_bound: float | None = None
     nodes: int = 0
     solves: int = 0
@@ -92,6 +90,8 @@ class SearchResult:
     missed: float = np.inf
     settled: Mask | None = None
     decided: Mask | None = None
+    withheld: str = ""
+    pull: float = 0.0
 
 
 class UnconstrainedBound:

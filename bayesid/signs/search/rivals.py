@@ -1,0 +1,63 @@
+"""What other noise weights make of a proof: whether its signs stay the best, and which of them stay settled.
+
+A proof holds for the weights with which its rows were scaled. Other weights need no new proof to be seen through: the
+assignments that come near are those that it lists, its best one with a joint turned round or single segments turned,
+and what a search for candidates finds anew.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesid.arrays import Mask
+from bayesid.signs.search.certified import candidate
+from bayesid.signs.search.problem import Problem
+from bayesid.signs.search.protocol import SignProblem
+from bayesid.signs.search.result import SearchResult
+
+_MOST_LISTED = 32
+"""Of the listed assignments, cheapest first, that are priced again. A round number; not studied."""
+
+
+@dataclass(frozen=True)
+class Rivals:
+    """What other weights make of a proof.
+
+    Attributes:
+        changed: whether another assignment costs less than the one that was the best.
+        settled: (S,) whether no rival within Delta gives the segment another sign.
+    """
+
+    changed: bool
+    settled: Mask
+
+
+def rivals(problem: SignProblem, result: SearchResult) -> Rivals:
+    """Prices what comes near the best assignment of a search.
+
+    Args:
+        problem: of the search, with its moments scaled by other weights.
+        result: of the search, with a list.
+
+    Raises:
+        SolverError: a cone problem could not be solved.
+    """
+    inner = Problem(problem.moments, problem.solver(), np.inf)
+    known, joint = problem.moments.known, problem.moments.joint
+    best = inner.price(result.signs)
+    others = [inner.price(branch.signs) for branch in result.branches[1 : 1 + _MOST_LISTED]]
+    starts = [best, candidate(inner), *others]
+    for j in np.unique(joint[known == 0]):
+        turned = np.where((joint == j) & (known == 0), -best.signs, best.signs)
+        starts.append(inner.price(turned))
+    settled = [inner.price(inner.settle(known, start.theta).signs) for start in starts]
+    everything = [*starts[1:], *settled]
+    limit = min(branch.cost for branch in [best, *everything]) + result.within
+    near = [branch.signs == best.signs for branch in everything if branch.cost <= limit]
+    unknown = np.flatnonzero(known == 0)
+    agreed: Mask = np.all([np.ones(len(known), dtype=bool), *near], axis=0)
+    agreed[unknown] &= best.lower_bound + inner.single_flips(best, unknown) > limit
+    changed = min(branch.cost for branch in everything) < best.cost - inner.exact
+    return Rivals(bool(changed), agreed)

@@ -1,0 +1,66 @@
+"""Proofs by other noise weights, against all assignments priced by these."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sign_problems import synthetic
+
+from bayesid.signs.search.certified import certified
+from bayesid.signs.search.protocol import SignProblem
+from bayesid.signs.search.rivals import rivals
+
+HEAVIER = np.array([0.6, 2.5])
+"""What another look at the residual makes of the noise of two joints that was 1."""
+
+
+def reweighted(seed):
+    """A proof, the problem with other weights, and what all assignments cost then."""
+    problem = synthetic(seed, segments=7, joints=2, size=4, noise=0.6)
+    result = certified(problem.moments, problem.solver())
+    other = problem.but(problem.moments.scaled(HEAVIER))
+    return result, SignProblem(other.moments, other.cone, other.coefficients), other
+
+
+@pytest.fixture(scope="module")
+def cases():
+    return [reweighted(seed) for seed in range(40)]
+
+
+def test_whether_the_optimum_changes_is_seen(cases):
+    changes = []
+    for result, problem, other in cases:
+        truth = other.price(result.signs) > other.least + other.exact
+        assert rivals(problem, result).changed == truth
+        changes.append(truth)
+    assert 2 <= sum(changes) <= 38, "or the case shows nothing"
+
+
+def test_what_stays_settled_is_turned_by_no_assignment_near(cases):
+    """No lower bound of all assignments, but of all that come near here."""
+    unsettled = 0
+    for result, problem, other in cases:
+        found = rivals(problem, result)
+        near = other.assignments[other.costs <= other.least + result.within - other.exact]
+        one_sided = np.all(near == result.signs, axis=0)
+        assert not np.any(found.settled & ~one_sided)
+        unsettled += int(np.sum(one_sided & ~found.settled))
+    assert unsettled < 0.2 * sum(len(result.signs) for result, _, _ in cases), "a segment is not doubted for nothing"
+
+
+def test_the_same_weights_change_nothing():
+    problem = synthetic(3, segments=7, joints=2, size=4, noise=0.3)
+    result = certified(problem.moments, problem.solver())
+    found = rivals(SignProblem(problem.moments, problem.cone, problem.coefficients), result)
+    assert not found.changed
+    np.testing.assert_array_equal(found.settled & result.settled, result.settled)
+
+
+def test_a_listed_rival_that_is_cheaper_is_found_however_far():
+    """All signs of the list's second assignment are offered, whatever flips would find."""
+    result, problem, other = next(
+        case for case in map(reweighted, range(60)) if rivals(case[1], case[0]).changed and len(case[0].branches) > 1
+    )
+    best = other.assignments[other.costs.argmin()]
+    alone = replace(result, branches=(result.branches[0], replace(result.branches[0], signs=best)))
+    assert rivals(problem, alone).changed
