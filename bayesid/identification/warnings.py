@@ -17,7 +17,7 @@ _UNDERSHOOT = 0.05
 """A filter after the rectifier makes |effort| reach below zero, by less than this share of its maximum. A round number;
 not studied."""
 EXCLUDED = 0.01
-"""Share of a joint's effort from which on search and posterior contradict each other: one in a hundred, as for modes."""
+"""Share of a joint's effort from which on search and posterior contradict each other: as for modes."""
 OTHER_MODE = 0.01
 """Weight beyond which another mode of the posterior is spoken of: one in a hundred, a round number."""
 _GAP = 1e-8

@@ -305,7 +305,7 @@ def infer(problem: PosteriorProblem, search: SearchResult, sampling: Sampling, s
 
 
 def _excluded(plus: Array, moments: Moments, search: SearchResult) -> float | None:
-    """Share of a joint's energy, of the worst one, that P(sign = +) (S,) gives to signs that the search has excluded."""
+    """Share of the worst joint's energy that P(sign = +) (S,) gives to signs that the search has excluded."""
     if search.settled is None:
         return None
     counted = search.settled & (moments.known == 0)
