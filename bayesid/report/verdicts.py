@@ -160,9 +160,8 @@ def proof(summary: Summary) -> Check:
         return Check(name, "good", "there was nothing to prove: all signs were known")
     excluded = 0.0 if summary.posterior is None else summary.posterior.excluded or 0.0
     if excluded > EXCLUDED:
-        return Check(
-            name, "bad", excluded_yet_likely(excluded), f"{_TELL_APART}; or validate on a log with known signs"
-        )
+        remedy = f"{_TELL_APART}; or validate on a log with known signs"
+        return Check(name, "bad", excluded_yet_likely(excluded), remedy)
     if search.certified:
         others = (search.assignments or 1) - 1
         also = "no other comes" if not others else "one other comes" if others == 1 else f"{others} others come"
