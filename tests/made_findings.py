@@ -131,6 +131,7 @@ def make_summary(n, coefficients, signed_joints=()):
             noise_weights=tuple((0.4 * each).tolist()),
             proofs=1,
             withheld="",
+            beam_nodes=None,
             certified=True,
             lower_bound=812.5,
             gap=0.0,

@@ -168,7 +168,9 @@ def proof(summary: Summary) -> Check:
         message = f"no assignment of signs costs less, and {also} within {search.within or 0.0:.1f} of its cost"
         return Check(name, "good" if not others else "look", message, _ALTERNATIVES if others else "")
     if search.lower_bound is None:
-        message = "nothing is proven: the signs were found by a beam, which may miss the best ones"
+        kept = search.assignments or 0
+        survived = f"{kept} assignment{'s' * (kept != 1)} survived the beam"
+        message = f"nothing is proven: {survived} and can be weighed; what it has dropped is unknown"
         return Check(name, "look", message, "leave out --search beam")
     if search.withheld:
         return Check(name, "look", f"not certified: {WITHHELD[search.withheld]}", f"{_TELL_APART}; {_ALTERNATIVES}")

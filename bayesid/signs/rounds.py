@@ -95,8 +95,7 @@ class SignSearch:
             if last or not cuts:
                 break
             segments = segments.split(cuts)
-        nodes, solves = sum(result.nodes for result in searched), sum(result.solves for result in searched)
-        return SegmentSigns(segments, replace(searched[-1], nodes=nodes, solves=solves), rounds, len(cuts), sigma)
+        return SegmentSigns(segments, searched[-1].with_work_of(searched[:-1]), rounds, len(cuts), sigma)
 
     def reweighted(self, searched: SegmentSigns, weights: Array, repeat: bool = True) -> SegmentSigns:
         """What stays of a proof by other noise weights (n,), N m, say those of the final fit.
@@ -120,11 +119,8 @@ class SignSearch:
             return replace(searched, search=doubted)
         if not found.changed:
             return replace(searched, search=replace(result, settled=result.settled & found.settled))
-        again = self.search.conclude(problem, self.progress)
-        nodes, solves = result.nodes + again.nodes, result.solves + again.solves
-        return replace(
-            searched, search=replace(again, nodes=nodes, solves=solves), weights=weights, proofs=searched.proofs + 1
-        )
+        again = self.search.conclude(problem, self.progress).with_work_of([result])
+        return replace(searched, search=again, weights=weights, proofs=searched.proofs + 1)
 
     def _problem(self, scaled: Moments, searched: list[SearchResult]) -> SignProblem:
         return SignProblem(scaled, self.model.cone, self.coefficients, searched[-1] if searched else None)

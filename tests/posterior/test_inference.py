@@ -23,6 +23,7 @@ from bayesid.posterior.sampled_modes import SampledMode, pool
 from bayesid.posterior.sampler import Draws, Sampling, sample
 from bayesid.posterior.target import Target
 from bayesid.progress import no_steps
+from bayesid.signs.search.beam import beam
 from bayesid.signs.search.result import Branch, SearchResult
 
 FEW = Sampling(walkers=16)
@@ -229,6 +230,21 @@ def test_masses_of_a_certified_list():
         assert abs(mass - expected) < 4.5 * error + 1e-4
     assert np.sum(posterior.branch_mass > 0.03) >= 2
     assert posterior.elsewhere == pytest.approx(1.0 - posterior.branch_mass.sum(), abs=1e-12)
+
+
+def test_leaves_of_a_beam_have_the_masses_of_a_certified_list():
+    """Where the beam kept them: together those that are alike in what the proof decides have the mass of its branch."""
+    log = replace(doubtful(9), sigma=np.array([0.5]))
+    certified = log.search()
+    by_beam = replace(certified, **vars(beam(log.scaled, log.solver, width=None)))
+    ours, theirs = infer_from(log, by_beam), infer_from(log, certified)
+    assert len(by_beam.branches) >= len(certified.branches) > 2
+    for branch, decided, mass in zip(certified.branches, certified.decided, theirs.branch_mass, strict=True):
+        alike = [np.array_equal(leaf.signs[decided], branch.signs[decided]) for leaf in by_beam.branches]
+        error = errors(theirs, mass_at_draws(log, theirs, branch.signs, decided & (log.known == 0)))
+        assert abs(ours.branch_mass[alike].sum() - mass) < 4.5 * np.sqrt(2.0) * error + 2e-3  # leaves of less mass
+    assert ours.excluded is None, "a beam excludes nothing"
+    assert ours.elsewhere == pytest.approx(1.0 - ours.branch_mass.sum(), abs=1e-12)
 
 
 def test_without_a_list_nothing_is_said_about_assignments():

@@ -12,7 +12,8 @@ from bayesid.log.segments import Segments
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
 from bayesid.model.terms import make_terms
-from bayesid.signs.search.beam import beam, keep_incumbent, turn_joints
+from bayesid.signs.search.beam import Beam, beam, keep_incumbent, turn_joints
+from bayesid.signs.search.protocol import SignProblem
 from bayesid.signs.search.result import UnconstrainedBound
 from bayesid.simulation.parameters import random_parameters
 
@@ -169,3 +170,53 @@ def test_an_unlimited_beam_finds_the_least_cost_in_every_cone(cone):
         found = beam(problem.moments, problem.solver(), width=None)
         assert found.cost == pytest.approx(problem.least, abs=1e-5 * problem.energy)
         assert problem.price(found.signs) <= problem.least + 1e-5 * problem.energy
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What survives
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("seed", range(3))
+def test_the_leaves_of_an_unlimited_beam_are_all_assignments_that_matter(seed):
+    problem = synthetic(seed, 7, joints=2, cone="body", noise=0.8, longest=8, known=1)
+    problem = problem.but(problem.moments.scaled(np.full(2, 16.0)))
+    found = beam(problem.moments, problem.solver(), width=None)
+    near = problem.costs <= problem.least + 2.0 * np.log(1e3)
+    doubt = np.abs(problem.costs - problem.least - 2.0 * np.log(1e3)) < 1e-4 * problem.energy
+    listed = {tuple(branch.signs.tolist()): branch.cost for branch in found.branches}
+    expected = {tuple(signs.tolist()) for signs in problem.assignments[near & ~doubt]}
+    assert expected <= set(listed) <= {tuple(signs.tolist()) for signs in problem.assignments[near | doubt]}
+    assert len(expected) > 1, "or the case shows nothing"
+    for signs, cost in zip(problem.assignments, problem.costs, strict=True):
+        if tuple(signs.tolist()) in listed:
+            assert listed[tuple(signs.tolist())] == pytest.approx(cost, abs=1e-5 * problem.energy)
+    assert [branch.cost for branch in found.branches] == sorted(listed.values())
+    np.testing.assert_array_equal(found.branches[0].signs, found.signs)
+    signs = np.array(sorted(listed))
+    assert np.all(found.decided[:, np.ptp(signs, axis=0) > 0]), "what tells leaves apart is decided"
+    assert found.settled is None
+    assert not found.certified
+    assert found.missed == np.inf
+
+
+def test_every_node_was_pruned_one_way_or_survived():
+    problem = synthetic(11, 10, joints=2, cone="body", noise=0.6, longest=8)
+    found = beam(problem.moments, problem.solver(), width=3, initial=4)
+    pruning = found.pruning
+    assert pruning.grown == found.nodes == 2**4 + 6 * (2 * 3)
+    assert pruning.grown == pruning.by_bound + pruning.by_cone + pruning.survived
+    assert pruning.survived == 3 * 7
+    assert pruning.by_cone == found.solves - pruning.survived
+    assert pruning.leaves == 3 >= len(found.branches)
+    twice = found.with_work_of([found])
+    assert twice.nodes == twice.pruning.grown == 2 * found.nodes
+    assert twice.pruning.leaves == 3
+
+
+def test_a_leaf_that_was_beaten_by_turning_a_joint_stays_a_branch():
+    """The incumbent is none of the leaves then: it is listed with them."""
+    model, coefficients, m = case(3, 12, seed=4)
+    found = Beam(width=4).find(SignProblem(m.scaled(np.full(3, 8.0)), model.cone, coefficients))
+    signs = [branch.signs.tolist() for branch in found.branches]
+    assert found.signs.tolist() == signs[0]
+    assert len({tuple(row) for row in signs}) == len(signs)
+    assert all(branch.cost >= found.cost - 1e-9 for branch in found.branches)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from dataclasses import MISSING, asdict, dataclass, field, fields, is_dataclass
 from types import UnionType
 from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
@@ -62,10 +62,12 @@ class SearchSummary:
         method: of the search.
         beam_width: w of T-PBPR.
         cost: of the best assignment.
-        cost_parts: of it: what the data ask, the pull to typical links, and a prior (none; the posterior has one).
+        cost_parts: of it: what the data ask, the pull to typical links, and a prior (none; the posterior has one);
+            None where nodes were priced otherwise.
         noise_weights: (n,) sd by which the rows of each joint were scaled, N m, as if only effective samples counted.
         proofs: how often the last word was said: again where the final noise weights change the signs.
         withheld: why a proof is no certificate: "pull" or "noise"; empty otherwise.
+        beam_nodes: grown, pruned by the bound or by the cone, survived a step, and leaves; None without a beam.
         certified: whether no assignment costs less.
         lower_bound: that no assignment's cost falls below.
         gap: cost less lower bound.
@@ -83,10 +85,11 @@ class SearchSummary:
     method: str
     beam_width: int | None
     cost: Number
-    cost_parts: Mapping[str, Number]
+    cost_parts: Mapping[str, Number] | None
     noise_weights: Numbers
     proofs: int
     withheld: str
+    beam_nodes: Mapping[str, int] | None
     certified: bool
     lower_bound: Number
     gap: Number
@@ -375,14 +378,17 @@ def _search(identification: Identification) -> SearchSummary:
         method=search.method,
         beam_width=search.width,
         cost=search.cost,
-        cost_parts={"data": search.cost - search.pull, "pull": search.pull, "prior": 0.0},
+        cost_parts=None
+        if search.pull is None
+        else {"data": search.cost - search.pull, "pull": search.pull, "prior": 0.0},
         noise_weights=tuple(identification.noise_weights.tolist()),
         proofs=identification.proofs,
         withheld=search.withheld,
+        beam_nodes=None if search.pruning is None else asdict(search.pruning),
         certified=search.certified,
         lower_bound=search.lower_bound,
         gap=None if search.lower_bound is None else search.cost - search.lower_bound,
-        within=search.within if search.branches else None,
+        within=None if search.settled is None else search.within,
         assignments=len(search.branches) or None,
         missed_mass=search.missed,
         settled_share=identification.settled_share,

@@ -279,8 +279,14 @@ def _search_text(search: SearchSummary) -> str:
         f"{search.seconds:.1f} s in {search.rounds} round{'s' * (search.rounds != 1)}. The best assignment costs "
         f"{search.cost:.6g}."
     )
+    if search.beam_nodes is not None:
+        nodes = search.beam_nodes
+        text += (
+            f" The beam grew {nodes['grown']} nodes; {nodes['by_bound']} were pruned by the bound, {nodes['by_cone']} "
+            f"by their cost in the cone, and {nodes['leaves']} survived the last step."
+        )
     if search.lower_bound is None:
-        return f"{text} Nothing is proven about the others."
+        return f"{text} Nothing is proven about the others: what the beam has dropped is unknown."
     text += (
         " No assignment costs less: every one was either weighed or ruled out by a bound."
         if search.certified

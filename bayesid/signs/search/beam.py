@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import itertools
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,12 +19,18 @@ import numpy as np
 from bayesid.arrays import Array, Integers
 from bayesid.errors import InputError
 from bayesid.fit.moments import Moments
+from bayesid.fit.solver import ConeLeastSquares
 from bayesid.progress import Steps, no_steps
 from bayesid.signs.search.protocol import NodeCost, NodeCostFactory, Search, SignProblem
-from bayesid.signs.search.result import SearchResult, UnconstrainedBound
+from bayesid.signs.search.result import Branch, Pruning, SearchResult, UnconstrainedBound
 
 _WIDER = 4
 """A first search that leaves a poor fit is repeated with a beam so many times as wide; a round number, not studied."""
+_WITHIN = float(2.0 * np.log(1e3))
+"""Cost beyond the best one's up to which a leaf is a branch: a thousandth of its mass."""
+_STRONG = 0.1
+"""Share of the energy of a joint's strongest segment from which on a branch decides a segment: as in a proof
+(`Limits.shares`)."""
 _MOST_INITIAL = 12
 """Segments that may be enumerated at the start: 2^12 nodes."""
 
@@ -65,7 +72,7 @@ class Beam(Search):
             return result
         wider = self._search(problem, _WIDER * self.width, steps)
         best = min(result, wider, key=lambda candidate: candidate.cost)
-        return replace(best, nodes=result.nodes + wider.nodes, solves=result.solves + wider.solves)
+        return best.with_work_of([wider if best is result else result])
 
     def _search(self, problem: SignProblem, width: int, steps: Steps) -> SearchResult:
         """A beam with its joints turned where that helps; the signs of an earlier search are not lost."""
@@ -73,7 +80,9 @@ class Beam(Search):
         result = beam(moments, pricing, width, self.initial_segments, steps)
         if problem.earlier is not None:
             result = keep_incumbent(moments, pricing, result, problem.coefficients.project(problem.earlier.theta))
-        return turn_joints(moments, pricing, result)
+        listed = _listed(moments, turn_joints(moments, pricing, result), result.branches)
+        pull = pricing.regularisation(listed.theta) if isinstance(pricing, ConeLeastSquares) else None
+        return replace(listed, pull=pull)
 
     def _pricing(self, problem: SignProblem) -> NodeCost:
         if self.node_cost is None:
@@ -89,7 +98,7 @@ class _Level:
         signs: (w, d) the choices made, in search order: the path back to the root.
         gradient: (w, r) sum of s_k g_k over the decided segments.
         cost: (w,) node costs.
-        theta: the best node's parameters.
+        theta: (w, P) the nodes' parameters.
     """
 
     signs: Integers
@@ -122,7 +131,7 @@ def beam(
         signs=np.empty((1, 0), dtype=np.int64),
         gradient=(moments.known[known] @ moments.gradient[known])[None, :],
         cost=np.zeros(1),
-        theta=np.empty(0),
+        theta=np.empty((1, 0)),
     )
     depth = 0
     while True:
@@ -131,36 +140,67 @@ def beam(
         energy += float(moments.energy[group].sum())
         candidates = _expand(level, moments.gradient[group])
         depth += len(group)
-        level = pricing.select(candidates, hessian, energy, 1 if depth >= len(order) else width)
+        level = pricing.select(candidates, hessian, energy, width)
         steps(depth, len(order))
         if depth >= len(order):
             break
-    signs = moments.known.copy()
-    signs[order] = level.signs[0]
+    leaves = [
+        Branch(_decided(moments, order, signs), theta, float(cost), -np.inf)
+        for signs, theta, cost in zip(level.signs, level.theta, level.cost, strict=True)
+    ]
+    if len(order) + len(known) < len(moments):
+        leaves = _with_weak_segments(moments, node_cost, leaves, hessian, level.gradient)
+        pricing.solves += len(leaves)
     result = SearchResult(
-        signs=signs,
-        theta=level.theta,
-        cost=float(level.cost[0]),
+        signs=leaves[0].signs,
+        theta=leaves[0].theta,
+        cost=leaves[0].cost,
         method="beam",
         width=width,
         nodes=pricing.nodes,
         solves=pricing.solves,
         tolerance=pricing.tolerance,
         seconds=time.perf_counter() - began,
+        pruning=replace(pricing.pruning, leaves=len(leaves)),
     )
-    if np.all(signs):
-        return result
-    unconstrained = np.linalg.lstsq(hessian, level.gradient[0], rcond=None)[0]
-    return _with_weak_segments(moments, node_cost, result, unconstrained)
+    return _listed(moments, result, leaves)
 
 
-def _with_weak_segments(moments: Moments, node_cost: NodeCost, result: SearchResult, beta: Array) -> SearchResult:
-    """Segments that share a Hessian take the signs that the other ones' coefficients (r,) predict."""
-    predicted = np.where(moments.gradient @ beta >= 0.0, 1, -1)
-    signs = np.where(result.signs != 0, result.signs, predicted)
-    solution = node_cost.prepared(moments.hessian.sum(axis=0)).solve(signs @ moments.gradient)
-    cost = float(moments.energy.sum()) + solution.cost
-    return replace(result, signs=signs, theta=solution.theta, cost=cost, solves=result.solves + 1)
+def _decided(moments: Moments, order: Integers, chosen: Integers) -> Integers:
+    """(S,) signs known beforehand and those chosen, in search order; 0 for segments that share a Hessian."""
+    signs = moments.known.copy()
+    signs[order] = chosen
+    return signs
+
+
+def _with_weak_segments(
+    moments: Moments, node_cost: NodeCost, leaves: list[Branch], hessian: Array, gradients: Array
+) -> list[Branch]:
+    """Segments that share a Hessian take the signs that the other ones' coefficients predict; cheapest leaf first."""
+    prepared, energy, whole = node_cost.prepared(moments.hessian.sum(axis=0)), float(moments.energy.sum()), []
+    for leaf, gradient in zip(leaves, gradients, strict=True):
+        predicted = np.where(moments.gradient @ np.linalg.lstsq(hessian, gradient, rcond=None)[0] >= 0.0, 1, -1)
+        signs = np.where(leaf.signs != 0, leaf.signs, predicted)
+        solution = prepared.solve(signs @ moments.gradient)
+        whole.append(Branch(signs, solution.theta, energy + solution.cost, -np.inf))
+    return sorted(whole, key=lambda leaf: leaf.cost)
+
+
+def _listed(moments: Moments, result: SearchResult, leaves: Iterable[Branch]) -> SearchResult:
+    """The result with its own signs and those of the leaves as branches: what costs too much more is pruned.
+
+    A branch decides the strong segments and those in which leaves differ; it stands for all signs of the others.
+    Nothing is proven about what the beam has dropped: `within` is 0, `missed` infinite, and no segment settled.
+    """
+    own = Branch(result.signs, result.theta, result.cost, -np.inf)
+    distinct = {leaf.signs.tobytes(): leaf for leaf in [*leaves, own]}.values()
+    branches = tuple(sorted((leaf for leaf in distinct if leaf.cost <= own.cost + _WITHIN), key=lambda leaf: leaf.cost))
+    differ = np.any([branch.signs != own.signs for branch in branches], axis=0)
+    strongest = np.zeros(int(moments.joint.max(initial=-1)) + 1)
+    np.maximum.at(strongest, moments.joint, moments.energy)
+    strong = moments.energy >= _STRONG * strongest[moments.joint]
+    decided = (moments.known == 0) & ((strong & moments.individual) | differ)
+    return replace(result, branches=branches, decided=np.tile(decided, (len(branches), 1)))
 
 
 def _search_order(moments: Moments) -> Integers:
@@ -184,17 +224,22 @@ class _Pricing:
 
     def __init__(self, node_cost: NodeCost) -> None:
         self._node_cost = node_cost
-        self.nodes = 0
+        self.pruning = Pruning()
         self.solves = 0
         self.tolerance = 0.0
+
+    @property
+    def nodes(self) -> int:
+        """Priced by the unconstrained bound."""
+        return self.pruning.grown
 
     def select(self, candidates: tuple[Integers, Array], hessian: Array, energy: float, width: int | None) -> _Level:
         signs, gradient = candidates
         bound = energy + UnconstrainedBound(hessian)(gradient)
-        self.nodes += len(signs)
         width = len(signs) if width is None else width
         prepared = self._node_cost.prepared(hessian)
         survivors: list[tuple[float, int, Array]] = []
+        before = self.solves
         for i in np.argsort(bound, kind="stable"):
             if len(survivors) >= width and bound[i] >= survivors[width - 1][0]:
                 break
@@ -203,10 +248,11 @@ class _Pricing:
             self.tolerance = max(self.tolerance, solution.tolerance)
             survivors.append((energy + solution.cost, int(i), solution.theta))
             survivors.sort(key=lambda node: node[:2])
-        survivors = survivors[:width]
+        survivors, solved = survivors[:width], self.solves - before
+        self.pruning += Pruning(len(signs), len(signs) - solved, solved - len(survivors), len(survivors))
         chosen = [i for _, i, _ in survivors]
         cost = np.array([cost for cost, _, _ in survivors])
-        return _Level(signs[chosen], gradient[chosen], cost, survivors[0][2])
+        return _Level(signs[chosen], gradient[chosen], cost, np.array([theta for _, _, theta in survivors]))
 
 
 def keep_incumbent(moments: Moments, node_cost: NodeCost, result: SearchResult, beta: Array) -> SearchResult:

@@ -78,7 +78,7 @@ class Certified(Search):
         if problem.earlier is not None or not problem.is_poor(result):
             return result
         better = self._search(replace(problem, earlier=result), _REPEATED * self.budget, steps)
-        return replace(better, nodes=result.nodes + better.nodes, solves=result.solves + better.solves)
+        return better.with_work_of([result])
 
     def conclude(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
         """The proof; where the budget ends before it, the cheaper of its and the fallback's signs.
@@ -93,7 +93,7 @@ class Certified(Search):
         best = replace(other, lower_bound=result.lower_bound) if other.cost < result.cost else result
         nodes, solves = result.nodes + other.nodes, result.solves + other.solves
         method = f"{result.method}, then {other.method}"
-        return replace(best, method=method, width=other.width, nodes=nodes, solves=solves)
+        return replace(best, method=method, width=other.width, nodes=nodes, solves=solves, pruning=other.pruning)
 
     def _search(self, problem: SignProblem, budget: float, steps: Steps) -> SearchResult:
         start = None if problem.earlier is None else problem.earlier.theta

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
 
@@ -100,7 +100,7 @@ class Search(Protocol):
             SolverError: an optimisation failed.
         """
         assert problem.earlier is not None
-        return replace(problem.earlier, nodes=0, solves=0)
+        return problem.earlier.without_work()
 
 
 class PreparedNode(Protocol):

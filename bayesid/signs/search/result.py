@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -45,6 +46,28 @@ class Branch:
 
 
 @dataclass(frozen=True)
+class Pruning:
+    """What became of the nodes of a beam: all that were grown were pruned one way or the other, or survived their step.
+
+    Attributes:
+        grown: sign choices.
+        by_bound: pruned by the unconstrained bound, without a cone problem.
+        by_cone: pruned by their cost in the cone.
+        survived: a step, the last one too.
+        leaves: that survived the last step.
+    """
+
+    grown: int = 0
+    by_bound: int = 0
+    by_cone: int = 0
+    survived: int = 0
+    leaves: int = 0
+
+    def __add__(self, other: Pruning) -> Pruning:
+        return Pruning(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
+
+
+@dataclass(frozen=True)
 class SearchResult:
     """The best assignment of a search, and what is proven about all others.
 
@@ -62,16 +85,17 @@ class SearchResult:
         solves: cone problems solved.
         tolerance: coarsest relative gap among them.
         seconds: of wall time.
-        branches: the best assignment and all others that may cost at most `within` more, cheapest first; empty if
-            nothing is proven about the others.
+        branches: the best assignment and all others that may cost at most `within` more, cheapest first; of a beam, the
+            leaves that survived its last step; empty if neither was had.
         within: Delta, in units of the cost.
         missed: bound on the sum of exp(-(cost - best cost) / 2) over all assignments of the segments decided one by
             one that `branches` leaves out (:eq:`missed-mass`); inf if nothing is proven.
-        settled: (S,) whether all assignments within Delta give the segment the same sign.
+        settled: (S,) whether all assignments within Delta give the segment the same sign; None if nothing is proven.
         decided: (B, S) segments that each branch decides one by one; it stands for all signs of the others.
         withheld: why a proof is no certificate: "pull" where another assignment may cost the data less, "noise" where
             the best assignment depends on the noise weights; empty otherwise.
-        pull: what rho adds to the cost.
+        pull: what rho adds to the cost; None if the nodes' price is the user's.
+        pruning: what became of a beam's nodes; None without one.
     """
 
     signs: Integers
@@ -91,7 +115,23 @@ class SearchResult:
     settled: Mask | None = None
     decided: Mask | None = None
     withheld: str = ""
-    pull: float = 0.0
+    pull: float | None = None
+    pruning: Pruning | None = None
+
+    def with_work_of(self, others: Iterable[SearchResult]) -> SearchResult:
+        """The result with nodes, solves and pruning of other searches counted too."""
+        every = [self, *others]
+        counted = [result.pruning for result in every if result.pruning is not None]
+        return replace(
+            self,
+            nodes=sum(result.nodes for result in every),
+            solves=sum(result.solves for result in every),
+            pruning=None if self.pruning is None else replace(sum(counted, Pruning()), leaves=self.pruning.leaves),
+        )
+
+    def without_work(self) -> SearchResult:
+        """The result as one that took none."""
+        return replace(self, nodes=0, solves=0, pruning=self.pruning and Pruning(leaves=self.pruning.leaves))
 
 
 class UnconstrainedBound:
