@@ -26,7 +26,7 @@ _GROUPS = (
     ("robot", "{}"),
     ("level", "misfit {:.0%}"),
 )
-"""By which own logs are told apart, but for logs without a misfit."""
+"""By which own logs are told apart."""
 _FILTERED = "filtered"
 """How the classes begin whose efforts were filtered behind the rectifier: targets of their own hold for them."""
 _KINDS = 3
@@ -129,11 +129,13 @@ def _header() -> str:
 
 
 def _groups(rows: Sequence[Row]) -> list[tuple[str, Sequence[Row]]]:
+    """All rows, then those of each value of what they differ in."""
     groups: list[tuple[str, Sequence[Row]]] = [("all", rows)]
     for key, form in _GROUPS:
-        values = sorted({row[key] for row in rows}) if key != "robot" else dict.fromkeys(row[key] for row in rows)
-        groups += [(form.format(value), [row for row in rows if row[key] == value]) for value in values]
-    return [(name, chosen) for name, chosen in groups if chosen and name != _GROUPS[-1][1].format(0.0)]
+        values = list(dict.fromkeys(row[key] for row in rows))
+        ordered = values if key == "robot" else sorted(values)
+        groups += [(form.format(value), [row for row in rows if row[key] == value]) for value in ordered]
+    return [(name, chosen) for name, chosen in groups if name == "all" or len(chosen) < len(rows)]
 
 
 def _tables_of_classes(own: Sequence[Row], classes: Sequence[Row]) -> str:
