@@ -47,18 +47,35 @@ def summed(rows: Sequence[Row], kind: str) -> Array:
     return np.sum([row[kind] for row in rows], axis=0)
 
 
-def coverage(rows: Sequence[Row]) -> tuple[float, float]:
-    """Share of all coefficients inside their intervals, and its standard error; NaN where there is none.
+def clustered(totals: Sequence[float], counts: Sequence[float]) -> tuple[float, float]:
+    """A mean over all items of all logs, and its standard error; NaN where there is none.
 
-    Coefficients of one log share its data: logs are drawn, not coefficients (Cochran 1977, section 2.11: the variance
-    of a ratio of two sums over clusters).
+    Items of one log share its data: logs are drawn, not items. So the error is that of a ratio of two sums over
+    clusters (Cochran 1977, section 2.11).
+
+    Args:
+        totals: sum over the items of each log.
+        counts: items of each log.
     """
-    inside, count = (np.array([row[key] for row in rows], dtype=float) for key in ("inside", "coefficients"))
-    share = inside.sum() / count.sum() if count.sum() else np.nan
-    if len(rows) < 2:
-        return float(share), float("nan")
-    square = np.sum((inside - share * count) ** 2) * len(rows) / (len(rows) - 1)
-    return float(share), float(np.sqrt(square) / count.sum())
+    total, count = np.array(totals, dtype=float), np.array(counts, dtype=float)
+    if not count.sum():
+        return float("nan"), float("nan")
+    mean = total.sum() / count.sum()
+    if len(count) < 2:
+        return float(mean), float("nan")
+    square = np.sum((total - mean * count) ** 2) * len(count) / (len(count) - 1)
+    return float(mean), float(np.sqrt(square) / count.sum())
+
+
+def coverage(rows: Sequence[Row]) -> tuple[float, float]:
+    """Share of all coefficients inside their intervals, and its standard error."""
+    return clustered([row["inside"] for row in rows], [row["coefficients"] for row in rows])
+
+
+def modesty(rows: Sequence[Row], kind: str) -> tuple[float, float]:
+    """Share that is right less mean confidence, and its standard error."""
+    bins = np.array([np.sum(row[kind], axis=0) for row in rows])
+    return clustered((bins[:, 1] - bins[:, 2]).tolist(), bins[:, 0].tolist())
 
 
 def quantiles(rows: Sequence[Row]) -> tuple[float, float]:
@@ -71,12 +88,6 @@ def at_least(bins: Array, confidence: float) -> tuple[int, int]:
     """How many have at least a confidence (one of `EDGES`), and how many of them are wrong."""
     count, right, _ = bins[EDGES.index(confidence) :].sum(axis=0)
     return int(count), int(count - right)
-
-
-def means(bins: Array) -> tuple[float, float]:
-    """Mean confidence, and the share that is right; NaN of none."""
-    count, right, confidence = bins.sum(axis=0)
-    return (float(confidence / count), float(right / count)) if count else (float("nan"), float("nan"))
 
 
 def refuted(rows: Sequence[Row]) -> list[Row]:
@@ -183,21 +194,29 @@ def kind_of(name: str) -> str:
 
 def _signs(groups: dict[str, Sequence[Row]]) -> str:
     lines = [
-        "signs: of samples and of segments, the expected calibration error; mean confidence and share that is right,",
-        "of all samples and of those at rest; samples given at least 0.999, at least 0.99, and how many are wrong",
-        f"{'class':<15} ECE samples segments   conf.   right   at rest: samples   conf.   right"
-        f"   >= 0.999  wrong    >= 0.99  wrong",
+        "signs: the expected calibration error of samples and of segments; the share of samples that is right, and",
+        "that less the mean confidence, +- one standard error (by log); the same at rest; samples given at least",
+        "0.999, at least 0.99, and how many are wrong",
+        f"{'class':<15} ECE samples segments    right    less confidence   at rest    right    less confidence"
+        f"    >= 0.999  wrong    >= 0.99  wrong",
     ]
     for name, rows in groups.items():
-        samples, rest, segments = (summed(rows, kind) for kind in ("samples", "rest", "segments"))
-        (conf, right), (conf_rest, right_rest) = means(samples), means(rest)
+        samples, segments = summed(rows, "samples"), summed(rows, "segments")
         (sure, sure_wrong), (strong, strong_wrong) = at_least(samples, 0.999), at_least(samples, 0.99)
         lines.append(
             f"{name:<15} {calibration_error(samples):>11.4f} {calibration_error(segments):>8.4f}"
-            f" {conf:>7.2%} {right:>7.2%} {int(rest[:, 0].sum()):>18} {conf_rest:>7.1%} {right_rest:>7.1%}"
-            f" {sure:>10} {sure_wrong:>6} {strong:>10} {strong_wrong:>6}".replace("nan%", "   -")
+            f" {_right(rows, 'samples')} {int(summed(rows, 'rest')[:, 0].sum()):>9} {_right(rows, 'rest')}"
+            f" {sure:>11} {sure_wrong:>6} {strong:>10} {strong_wrong:>6}"
         )
     return "\n".join(lines)
+
+
+def _right(rows: Sequence[Row], kind: str) -> str:
+    """The share that is right, and that less the mean confidence."""
+    count, right, _ = summed(rows, kind).sum(axis=0)
+    less, error = modesty(rows, kind)
+    share = right / count if count else float("nan")
+    return f"{share:>8.2%} {less:>+8.2%} +- {error:>6.2%}".replace("+nan%", "   -").replace("nan%", "  - ")
 
 
 def _certificates(groups: dict[str, Sequence[Row]]) -> str:

@@ -61,8 +61,9 @@ def bare_robot(rng: np.random.Generator, kind: str) -> Any:
 
 
 def _pendulum(rng: np.random.Generator) -> Any:
-    """3 kg, 0.3 m beside the z axis about which it turns, in any direction."""
-    blind, angle = generator("complete"), rng.uniform(0.0, 2.0 * np.pi)
+    """3 kg, 0.3 m beside the z axis about which it turns, hanging or standing but for 0.3 rad."""
+    blind = generator("complete")
+    angle = rng.choice([-0.5, 0.5]) * np.pi + rng.uniform(-0.3, 0.3)
     inertia = blind.spread_inertia(3.0, np.diag(rng.uniform(0.05, 0.15, 3) ** 2))
     return blind.Body(3.0, 0.3 * np.array([np.cos(angle), np.sin(angle), 0.1]), inertia)
 
@@ -175,7 +176,7 @@ def _swing(rng: np.random.Generator, n: int, speed: float, second: float) -> Mot
     frequency, sine = none.copy(), none.copy()
     frequency[:, :2] = speed / (2.0 * np.pi) * np.array([1.0, 2.3])
     sine[:, :2] = _SWING * np.array([1.0 - second, second])
-    return blind.Series(frequency, none, sine, rng.uniform(-0.3, 0.3, n), None)
+    return blind.Series(frequency, none, sine, rng.uniform(-0.1, 0.1, n), None)
 
 
 MOTIONS: Mapping[str, Callable[[np.random.Generator, int], Motion]] = {

@@ -16,7 +16,7 @@ from bayesid.studies.calibration_report import (
     calibration_error,
     coverage,
     kind_of,
-    means,
+    modesty,
     quantiles,
     refuted,
     report,
@@ -96,7 +96,7 @@ def test_a_geometry_off_its_table_is_stated_in_one_class_and_in_the_other_not():
 
 @pytest.mark.parametrize("name", ["pendulum", "sine", "symmetric"])
 def test_to_turn_a_pendulum_takes_little(name):
-    """The best hanging pendulum that is to explain the turned efforts of a standing one: what is left of them."""
+    """First moments and an offset may have any sign: what they explain they explain turned round as well."""
     log = case_of(name).log
     assert log.n_joints == 1
     q = log.q[:, 0]
@@ -162,7 +162,11 @@ def test_bins_count_what_is_right_and_what_was_claimed():
     np.testing.assert_allclose(found, expected)
     assert at_least(found, 0.999) == (2, 1)
     assert at_least(found, 0.95) == (4, 2)
-    assert means(found) == pytest.approx((5.004 / 6, 0.5))
+    other = bins(np.array([0.8, 0.9]), np.array([True, True]))
+    less, error = modesty([{"samples": found.tolist()}, {"samples": other}], "samples")
+    assert less == pytest.approx((3.0 - 5.004 + 2.0 - 1.7) / 8.0)
+    left = np.array([-2.004 - 6 * less, 0.3 - 2 * less])  # what each log's sum is off the common mean
+    assert error == pytest.approx(np.sqrt(2.0 * np.sum(left**2)) / 8.0)
 
 
 def test_calibration_error_of_made_up_bins():
