@@ -266,7 +266,6 @@ def _of_search(result: Identification, search: Witnessed, log: Log) -> Row:
         "certified": bool(result.search.certified),
         "preference": preference(search.problem_of(result.search), result.search.signs, truth),
         "entered": entered,
-        "warnings": len(result.warnings),
         "timings": result.timings,
     }
 

@@ -224,7 +224,7 @@ def made_up(trials, plan=calibration.plan):
         row = {"seed": seed, **vars(scenario), "timings": {"seconds": 5.0}, "samples": signs, "segments": signs}
         row |= {"rest": bins(np.zeros(0), np.zeros(0, dtype=bool)), "right": 0.99, "inside": 45, "coefficients": 50}
         row |= {"missed": ["J3xy", "mc2x"], "missed_by": [2.5, -3.0], "modes": 1, "heaviest": 1.0, "converged": True}
-        rows.append(row | {"certified": True, "preference": -3.0, "entered": ["delay"], "warnings": 0})
+        rows.append(row | {"certified": True, "preference": -3.0, "entered": ["delay"]})
         columns |= dict.fromkeys(row)
     return [dict.fromkeys(columns) | row for row in rows]
 
