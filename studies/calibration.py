@@ -104,9 +104,9 @@ def _of(name: str, robot: str = "", **options: Any) -> Simulated:
     return Simulated("classes", name, robot, posterior=True, **options)
 
 
-def _alone(name: str, motion: str, **options: Any) -> Simulated:
-    """A pendulum whose two sides are nearly alike."""
-    return _of(name, "pendulum", motion=motion, joints="none", noise_range=_PRECISE, **options)
+def _alone(name: str, motion: str, robot: str = "pendulum", **options: Any) -> Simulated:
+    """A single joint whose two sides are nearly alike."""
+    return _of(name, robot, motion=motion, joints="none", **options)
 
 
 CLASSES = (
@@ -127,12 +127,13 @@ CLASSES = (
     _of("coloured", reading="AR(1) 0.97"),
     _of("filtered_8", reading="filtered 8 Hz"),
     _of("filtered_3", reading="filtered 3 Hz"),
-    _alone("pendulum", "swing"),
-    _alone("sine", "one sine"),
+    _alone("pendulum", "swing", noise_range=_PRECISE),
+    _alone("sine", "one sine", noise_range=_PRECISE),
+    _alone("lever", "one sine", "lever", noise_range=_PRECISE),
     _alone("symmetric", "crawl", terms=("rigid_body",)),
     _of("no_gravity", "upright", joints="none", noise_range=_POOR),
 )
-"""The last four are ambiguous by design. Without a robot: KR5 and random ones in turn."""
+"""The last five are ambiguous by design. Without a robot: KR5 and random ones in turn."""
 
 
 def shuffled(kinds: Sequence[Scenario]) -> Plan:

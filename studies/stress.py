@@ -34,9 +34,10 @@ _SWING = 0.3
 """rad, of both."""
 _SECOND = 0.15
 """Share of the faster sine of a swing."""
-_CRAWL = 0.05
+_CRAWL = 0.02
 """rad/s, of a pendulum whose two sides no noise that there is can tell apart."""
-_LEVEL_AXIS = {"a": 0.0, "alpha": 0.0, "d": 0.0, "theta": 0.0}
+_LENGTHS = {"pendulum": 0.0, "lever": 0.5}
+"""m, of the links of single joints: only where there is a length does the table tell on which side the mass is."""
 _UPRIGHT = [{"a": a, "alpha": 0.0, "d": 0.0, "theta": 0.0} for a in (0.4, 0.35, 0.2)]
 """Axes of an arm that gravity does not load."""
 
@@ -49,23 +50,26 @@ def bare_robot(rng: np.random.Generator, kind: str) -> Any:
 
     Args:
         rng: draws.
-        kind: "kr5" or "random", as in the generator; "pendulum", about a level axis; or "upright", three vertical axes.
+        kind: "kr5" or "random", as in the generator; "pendulum" or "lever", about a level axis; or "upright", three
+            vertical axes.
     """
     blind = generator("complete")
-    if kind == "pendulum":
-        return _robot([0.0, -9.81, 0.0], [_LEVEL_AXIS], (_pendulum(rng),))
+    if kind in _LENGTHS:
+        return _pendulum(rng, _LENGTHS[kind])
     if kind == "upright":
         masses = np.array([6.0, 4.0, 1.5]) * rng.uniform(0.8, 1.25, 3)
         return _robot(blind.GRAVITY.tolist(), _UPRIGHT, blind.random_links(rng, _UPRIGHT, masses))
     return blind.bare_robot(rng, kind)
 
 
-def _pendulum(rng: np.random.Generator) -> Any:
-    """3 kg, 0.3 m beside the z axis about which it turns, hanging or standing but for 0.3 rad."""
+def _pendulum(rng: np.random.Generator, length: float) -> Any:
+    """3 kg about 0.3 m from the axis, hanging or standing but for 0.3 rad; a link of a length (m) in its table."""
     blind = generator("complete")
-    angle = rng.choice([-0.5, 0.5]) * np.pi + rng.uniform(-0.3, 0.3)
+    theta = rng.choice([-0.5, 0.5]) * np.pi + rng.uniform(-0.3, 0.3)
+    joint = {"a": length, "alpha": 0.0, "d": 0.0, "theta": float(theta)}
     inertia = blind.spread_inertia(3.0, np.diag(rng.uniform(0.05, 0.15, 3) ** 2))
-    return blind.Body(3.0, 0.3 * np.array([np.cos(angle), np.sin(angle), 0.1]), inertia)
+    centre = np.array([0.3 - length, *rng.uniform(-0.03, 0.03, 2)])
+    return _robot([0.0, -9.81, 0.0], [joint], (blind.Body(3.0, centre, inertia),))
 
 
 def _robot(gravity: list[float], joints: list[dict[str, float]], links: tuple[Any, ...]) -> Any:

@@ -50,15 +50,18 @@ def test_a_joint_at_rest_is_held_by_any_share_of_its_dry_friction():
     assert all(np.ptp(torque[a : a + 10], axis=0).max() == 0.0 for a in rests)  # constant in each
 
 
+@pytest.mark.parametrize(("kind", "length"), [("pendulum", 0.0), ("lever", 0.5)])
 @pytest.mark.parametrize("draw", DRAWS)
-def test_a_pendulum_by_its_closed_form(draw):
-    """tau = (J + m r^2) ddq + g m (x cos q - y sin q), gravity along -y."""
-    pendulum = bare_robot(np.random.default_rng(draw), "pendulum")
+def test_a_pendulum_by_its_closed_form(draw, kind, length):
+    """tau = (J + m r^2) ddq + g m x, x the level distance of its centre from the axis; gravity along -y."""
+    pendulum = bare_robot(np.random.default_rng(draw), kind)
     q, dq, ddq = (x[:, None] for x in np.random.default_rng(9).normal(size=(3, 20)))
-    (body,) = pendulum.links
-    x, y, _ = body.mass * body.centre
-    inertia = body.inertia[2, 2] + (x**2 + y**2) / body.mass
-    expected = inertia * ddq + 9.81 * (x * np.cos(q) - y * np.sin(q))
+    (body,), (joint,) = pendulum.links, pendulum.table["joints"]
+    assert joint["a"] == length
+    along, across = body.centre[0] + joint["a"], body.centre[1]
+    inertia = body.inertia[2, 2] + body.mass * (along**2 + across**2)
+    angle = q + joint["theta"]
+    expected = inertia * ddq + 9.81 * body.mass * (along * np.cos(angle) - across * np.sin(angle))
     np.testing.assert_allclose(pendulum.rigid_efforts(q, dq, ddq), expected, rtol=1e-9, atol=1e-9)
 
 
