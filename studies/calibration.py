@@ -1,20 +1,25 @@
 """Do confidences and standard deviations mean what they say? Simulated logs, where the truth is known.
 
-Robots, noise of 2 to 15 % of each joint's RMS effort, white and coloured (AR(1), 0.9 from sample to sample at 100 Hz),
-logs of 3 s and of 15 s, new parameters, motion and noise for each. Of all signs given a confidence in a bin, the table
-gives the share that is right, for samples (the sign of the noisy effort as a signed sensor would have logged it) and
-for segments (the sign of the sum of these); of all coefficients, how many 95 % intervals hold the true value.
+`own`, from bayesid's own simulator, identified by the terms that made them (`complete="off"`): robots, noise of 2 to
+15 % of each joint's RMS effort, white and coloured (AR(1), 0.9 from sample to sample at 100 Hz), logs of 3 s and of
+15 s, new parameters, motion and noise for each. Those of `misfit` hold an effect that the model does not, a spring,
+torque ripple or an offset that changes with position, of 0.2 to 1 times each joint's RMS effort: no coefficient is
+right then, and confidences must say that the signs may not be either.
 
-The logs of `misfit` hold an effect that the model does not, a spring, torque ripple or an offset that changes with
-position, of 0.2 to 1 times each joint's RMS effort: no coefficient is right then, and confidences must say that the
-signs may not be either.
+`CLASSES`, from another engine (MuJoCo, `bayesid.studies.hidden`), identified as anybody would, with all defaults: one
+for each kind of trouble, all with the same seeds.
+
+Of all signs given a confidence in a bin, the tables give the share that is right, for samples (the sign of the noisy
+effort as a signed sensor would have logged it), for samples at rest, and for segments (the sign of the sum of these);
+of all coefficients of the standard terms, how many 95 % intervals hold the true value; of all certificates, how many
+stand although the data prefer other signs (`bayesid.studies.preference`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -32,20 +37,18 @@ from bayesid.signs.search.certified import Certified
 from bayesid.simulation.exciting import exciting_trajectory
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
+from bayesid.studies.calibration_report import EDGES, draw, report
+from bayesid.studies.discrepancy import generator
+from bayesid.studies.hidden import Case, Simulated, make_case
+from bayesid.studies.preference import Witnessed, preference, true_signs
 from bayesid.study.record import Row
-from bayesid.study.study import Plan, Study
-
-if TYPE_CHECKING:
-    from bayesid.report.plot.trials import Figure
+from bayesid.study.study import Plan, Study, mixed
 
 ROBOTS = ("kr5", "ur10e", "panda", "tx40")
 NOISES = (0.02, 0.05, 0.10, 0.15)
 COLOURS = (0.0, 0.9)
 DURATIONS = (3.0, 15.0)
-EDGES = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
-"""Where the bins of confidence begin; the last one ends at 1."""
 _RATE = 100.0
-_PALETTE = ("#1b7f79", "#c0392b", "#2c5d9b")
 MISFITS: dict[str, Callable[[Array], Array]] = {
     "spring": lambda q: q,
     "ripple": lambda q: np.sin(20.0 * q + 1.0),
@@ -53,11 +56,20 @@ MISFITS: dict[str, Callable[[Array], Array]] = {
 }
 LEVELS = (0.2, 0.35, 0.5, 0.75, 1.0)
 """Of a misfit, relative to the joint's RMS effort."""
+_OWN, _LOGS = 256, 20
+"""Logs by bayesid's own simulator, and of each class."""
+_ARMS = ("kr5", "random")
+_MILLIMETRE, _DEGREE = 1e-3, float(np.pi / 180.0)
+_PRECISE, _POOR = (0.001, 0.01), (0.03, 0.15)
+"""Noise where the least squares' pull has most to say, and where inertia alone does not decide the signs."""
 
 
+# ---------------------------------------------------------------------------------------------------------------
+# Logs
+# ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Scenario:
-    """One simulated log.
+    """One log by bayesid's own simulator.
 
     Attributes:
         robot: built-in name.
@@ -66,6 +78,7 @@ class Scenario:
         duration: s.
         misfit: an effect outside of the model; empty for none.
         level: its size relative to each joint's RMS effort.
+        part: of the study.
     """
 
     robot: str
@@ -74,6 +87,7 @@ class Scenario:
     duration: float
     misfit: str = ""
     level: float = 0.0
+    part: str = "own"
 
 
 ORDINARY = [
@@ -86,6 +100,42 @@ ORDINARY = [
 MISFITTING = [Scenario(r, 0.03, 0.0, 12.0, name, level) for name in MISFITS for level in LEVELS for r in ROBOTS]
 
 
+def _of(name: str, robot: str = "", **options: Any) -> Simulated:
+    return Simulated("classes", name, robot, posterior=True, **options)
+
+
+def _alone(name: str, motion: str, robot: str = "pendulum", **options: Any) -> Simulated:
+    """A single joint whose two sides are nearly alike."""
+    return _of(name, robot, motion=motion, joints="none", **options)
+
+
+CLASSES = (
+    _of("right"),
+    _of("zeros", joints="some"),
+    _of("stribeck", effects=("stribeck_friction",)),
+    _of("load_dependent", effects=("load_dependent_friction",)),
+    _of("dh", length=_MILLIMETRE, angle=0.1 * _DEGREE),
+    _of("dh_wide", length=5.0 * _MILLIMETRE, angle=0.5 * _DEGREE),
+    _of("dh_unstated", length=5.0 * _MILLIMETRE, angle=0.5 * _DEGREE, unstated=True),
+    _of("delay", effects=("delay",), lag=(0.02, 0.02)),
+    _of("warming", effects=("thermal_drift",)),
+    _of("counterbalance", "kr5", effects=("gravity_spring",), joint=2),
+    _of("point_to_point", motion="point to point"),
+    _of("short", duration=2.0),
+    _of("heavy_tails", reading="Student t"),
+    _of("quantised", reading="8 bit"),
+    _of("coloured", reading="AR(1) 0.97"),
+    _of("filtered_8", reading="filtered 8 Hz"),
+    _of("filtered_3", reading="filtered 3 Hz"),
+    _alone("pendulum", "swing", noise_range=_PRECISE),
+    _alone("sine", "one sine", noise_range=_PRECISE),
+    _alone("lever", "one sine", "lever", noise_range=_PRECISE),
+    _alone("symmetric", "crawl", terms=("rigid_body",)),
+    _of("no_gravity", "upright", joints="none", noise_range=_POOR),
+)
+"""The last five are ambiguous by design. Without a robot: KR5 and random ones in turn."""
+
+
 def shuffled(kinds: Sequence[Scenario]) -> Plan:
     """Each kind about equally often in however many trials, every trial with a seed of its own."""
 
@@ -96,28 +146,41 @@ def shuffled(kinds: Sequence[Scenario]) -> Plan:
     return plan
 
 
-def trial(scenario: Scenario, seed: int) -> Row:
+def plan(trials: int, seed: int) -> Sequence[tuple[Scenario | Simulated, int]]:
+    """Own logs and those of the classes, evenly mixed; then all again with other seeds.
+
+    Raises:
+        InputError: MuJoCo, which plays the classes' robots, is not installed.
+    """
+    generator("calibration")
+    turns = -(-trials // (_OWN + _LOGS * len(CLASSES)))
+    logs: list[tuple[Scenario | Simulated, int]] = []
+    for turn in range(turns):
+        own = shuffled(ORDINARY)(_OWN * turns, seed)[turn * _OWN : (turn + 1) * _OWN]
+        numbers = range(turn * _LOGS, (turn + 1) * _LOGS)
+        classes = [(replace(c, robot=c.robot or _ARMS[k % 2]), seed + k) for k in numbers for c in CLASSES]
+        logs += mixed([own, classes])
+    return logs[:trials]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Trials
+# ---------------------------------------------------------------------------------------------------------------
+def trial(scenario: Scenario | Simulated, seed: int) -> Row:
     """Simulates a log, identifies the robot without its signs and scores what is claimed."""
-    _, theta, signed = _log(scenario, seed)
-    search, sampling = Certified(repeatable=True), Sampling(seed=seed, repeatable=True)
-    result = identify(scenario.robot, signed.rectified(), complete="off", search=search, posterior=sampling)
-    assert result.posterior is not None
-    truth = result.coefficients.project(theta)
-    low, high = result.posterior.interval(0.95)
-    confidence = np.maximum(result.probability, 1.0 - result.probability)
-    right = result.sample_signs == np.sign(signed.effort)
-    of_segments = _segment_truth(result, signed.effort) == result.signs
-    return {
-        "samples": _bins(confidence, right),
-        "segments": _bins(result.confidence, of_segments),
-        "inside": int(np.sum((low <= truth) & (truth <= high))),
-        "coefficients": len(truth),
-        "certified": bool(result.search.certified),
-        "modes": len(result.posterior.modes),
-        "converged": bool(result.posterior.converged),
-        "right": float(right.mean()),
-        "timings": result.timings,
-    }
+    search, sampling = Witnessed(Certified(repeatable=True)), Sampling(seed=seed, repeatable=True)
+    if isinstance(scenario, Scenario):
+        _, theta, log = _log(scenario, seed)
+        result = identify(scenario.robot, log.rectified(), complete="off", search=search, posterior=sampling)
+        truth = result.coefficients.project(theta)
+    else:
+        case = make_case(scenario, seed)
+        log, stated = case.log, scenario.beliefs
+        result = identify(
+            case.robot, log.rectified(), scenario.terms, search=search, posterior=sampling, beliefs=stated
+        )
+        truth = _truth(case, result)
+    return {**_of_signs(result, log), **_of_coefficients(result, truth), **_of_search(result, search, log)}
 
 
 def _log(scenario: Scenario, seed: int) -> tuple[Model, Array, Log]:
@@ -137,89 +200,75 @@ def _log(scenario: Scenario, seed: int) -> tuple[Model, Array, Log]:
     return model, theta, log
 
 
-def _segment_truth(result: Identification, effort: Array) -> Array:
-    segments = result.segments
-    ranges = zip(segments.joint, segments.start, segments.end, strict=True)
-    return np.array([1 if effort[a:b, j].sum() >= 0.0 else -1 for j, a, b in ranges])
+def _truth(case: Case, result: Identification) -> Array:
+    """(r,) true coefficients of the standard terms; NaN for those of effects that entered, and where there is none."""
+    _, standard = case.standard(result.signals.motion)
+    truth, names = case.truth(result.model, result.coefficients), set(standard.names)
+    return np.where([name in names for name in result.coefficients.names], truth, np.nan)
 
 
-def _bins(confidence: Array, right: Mask) -> list[list[float]]:
+# ---------------------------------------------------------------------------------------------------------------
+# Scores
+# ---------------------------------------------------------------------------------------------------------------
+def _of_signs(result: Identification, log: Log) -> Row:
+    """Bins of confidence; an effort that is read as zero has no sign to be right about."""
+    effort = _on_grid(result, log)
+    confidence = np.maximum(result.probability, 1.0 - result.probability)
+    right, some = result.sample_signs == np.sign(effort), effort != 0.0
+    at_rest = some & (result.segments.per_sample(result.segments.moving, *effort.shape) == 0.0)
+    of_segments = true_signs(result.segments, effort) == result.signs
+    return {
+        "samples": bins(confidence[some], right[some]),
+        "rest": bins(confidence[at_rest], right[at_rest]),
+        "segments": bins(result.confidence, of_segments),
+        "right": float(right[some].mean()),
+    }
+
+
+def _on_grid(result: Identification, log: Log) -> Array:
+    """(N, n) the log's efforts with their signs at the pipeline's instants."""
+    t = result.signals.motion.t
+    after = np.clip(np.searchsorted(log.t, t), 1, len(log.t) - 1)
+    nearest = after - (t - log.t[after - 1] < log.t[after] - t)
+    effort: Array = log.effort[nearest]
+    return effort
+
+
+def bins(confidence: Array, right: Mask) -> list[list[float]]:
     """For each bin: how many, how many of them right, sum of their confidences."""
     place = np.clip(np.searchsorted(EDGES, confidence.ravel(), side="right") - 1, 0, len(EDGES) - 1)
     columns = (np.ones(right.size), right.ravel(), confidence.ravel())
     return np.stack([np.bincount(place, weights=column, minlength=len(EDGES)) for column in columns], axis=1).tolist()
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Summary
-# ---------------------------------------------------------------------------------------------------------------
-def calibration_error(bins: Array) -> float:
-    """Expected calibration error of bins (B, 3) of count, right and sum of confidences."""
-    return float(np.abs(bins[:, 1] - bins[:, 2]).sum() / bins[:, 0].sum())
+def _of_coefficients(result: Identification, truth: Array) -> Row:
+    """How many intervals hold the true coefficients, which do not, and by how many standard deviations."""
+    assert result.posterior is not None
+    low, high = result.posterior.interval(0.95)
+    known = np.isfinite(truth)
+    inside = known & (low <= truth) & (truth <= high)
+    missed = np.flatnonzero(known & ~inside)
+    return {
+        "inside": int(inside.sum()),
+        "coefficients": int(known.sum()),
+        "missed": [result.coefficients.names[k] for k in missed],
+        "missed_by": ((result.beta - truth) / result.sd)[missed].tolist(),
+        "modes": len(result.posterior.modes),
+        "heaviest": float(result.posterior.modes[0].weight),
+        "converged": bool(result.posterior.converged),
+    }
 
 
-def report(rows: Sequence[Row]) -> str:
-    """The tables."""
-    lines = [f"{len(rows)} logs, {np.mean([row['right'] for row in rows]):.2%} of the samples' signs right"]
-    for kind in ("samples", "segments"):
-        lines += ["", f"of {kind} given a confidence in the bin, the share that is right (count)", _header()]
-        for name, chosen in _groups(rows):
-            bins = np.sum([row[kind] for row in chosen], axis=0)
-            shares = [f"{right / count:7.2%} {int(count):>7}" if count else f"{'':15}" for count, right, _ in bins]
-            lines.append(f"{name:<16} {calibration_error(bins):7.4f}  " + "  ".join(shares))
-    lines += ["", "95 % intervals that hold the true coefficient; of the single logs the 10 % and 50 % quantile"]
-    for name, chosen in _groups(rows):
-        share = sum(row["inside"] for row in chosen) / sum(row["coefficients"] for row in chosen)
-        low, middle = np.quantile([row["inside"] / row["coefficients"] for row in chosen], [0.1, 0.5])
-        lines.append(f"{name:<16} {share:7.1%}  {low:7.1%} {middle:7.1%}")
-    count = len(rows)
-    lines += [
-        "",
-        f"certified {sum(row['certified'] for row in rows)} of {count}, "
-        f"converged {sum(row['converged'] for row in rows)} of {count}, "
-        f"more than one mode {sum(row['modes'] > 1 for row in rows)}; "
-        f"seconds a log: median {np.median([row['timings']['seconds'] for row in rows]):.1f}, "
-        f"most {max(row['timings']['seconds'] for row in rows):.1f}",
-    ]
-    return "\n".join(lines)
+def _of_search(result: Identification, search: Witnessed, log: Log) -> Row:
+    """The proof, and by how much (units of the cost) the data prefer other signs than the best ones."""
+    truth = true_signs(result.searched, _on_grid(result, log))
+    entered = [] if result.completion is None else [effect.effect for effect in result.completion.effects]
+    return {
+        "certified": bool(result.search.certified),
+        "preference": preference(search.problem_of(result.search), result.search.signs, truth),
+        "entered": entered,
+        "timings": result.timings,
+    }
 
 
-def _header() -> str:
-    names = [f"[{low:g}, {high:g})" for low, high in zip(EDGES, (*EDGES[1:], 1.0), strict=True)]
-    return f"{'':<16} {'ECE':>7}  " + "  ".join(f"{name:>15}" for name in names)
-
-
-def _groups(rows: Sequence[Row]) -> list[tuple[str, Sequence[Row]]]:
-    groups: list[tuple[str, Sequence[Row]]] = [("all", rows)]
-    for key, values, form in (
-        ("colour", COLOURS, "AR(1) {:g}"),
-        ("duration", DURATIONS, "{:g} s"),
-        ("noise", NOISES, "noise {:.0%}"),
-        ("robot", ROBOTS, "{}"),
-        ("level", LEVELS, "misfit {:.0%}"),
-    ):
-        groups += [(form.format(value), [row for row in rows if row[key] == value]) for value in values]
-    return [(name, chosen) for name, chosen in groups if chosen]
-
-
-def draw(rows: Sequence[Row], figure: Figure) -> None:
-    """Shares of right signs over what was claimed of them, and of true coefficients inside their intervals."""
-    of_signs, of_intervals = figure.subplots(1, 2)
-    of_signs.plot([0.5, 1.0], [0.5, 1.0], color="#999999", lw=0.8)
-    for kind, colour, marker in (("samples", _PALETTE[0], "o"), ("segments", _PALETTE[1], "s")):
-        bins = np.sum([row[kind] for row in rows], axis=0)
-        some = bins[bins[:, 0] > 0]
-        share = some[:, 1] / some[:, 0]
-        bars = 1.96 * np.sqrt(np.maximum(share * (1.0 - share), 1e-12) / some[:, 0])
-        of_signs.errorbar(some[:, 2] / some[:, 0], share, bars, fmt=marker, ms=4, color=colour, capsize=2, label=kind)
-    of_signs.set_xlabel("confidence, mean of the bin")
-    of_signs.set_ylabel("share of right signs")
-    of_signs.legend(fontsize=8)
-    shares = np.sort([100.0 * row["inside"] / row["coefficients"] for row in rows])
-    of_intervals.step(shares, np.arange(1, len(shares) + 1) / len(shares), color=_PALETTE[2])
-    of_intervals.axvline(95.0, color="#999999", lw=0.8)
-    of_intervals.set_xlabel("coefficients inside their 95 % intervals, %")
-    of_intervals.set_ylabel("share of logs with at most this")
-
-
-STUDY = Study("calibration", 256, shuffled(ORDINARY), trial, report, draw)
+STUDY = Study("calibration", _OWN + _LOGS * len(CLASSES), plan, trial, report, draw)

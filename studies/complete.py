@@ -26,25 +26,23 @@ from typing import Any
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.fit.effects.kinematics import KinematicTolerance
 from bayesid.fit.knowledge import Beliefs
 from bayesid.identification.identification import Identification
 from bayesid.identification.options import Completeness
 from bayesid.identification.pipeline import identify
 from bayesid.identification.validation import NORMAL_95
 from bayesid.log.log import Log, read_log
-from bayesid.model.coefficients import base_coefficients
-from bayesid.model.model import Model
 from bayesid.model.robot import Robot, load_robot
-from bayesid.model.terms import STANDARD, make_terms
+from bayesid.model.terms import STANDARD
 from bayesid.posterior.sampler import Sampling
 from bayesid.signs.search.certified import Certified
 from bayesid.studies.complete_report import MODES, draw, report
 from bayesid.studies.discrepancy import generator
-from bayesid.studies.hidden import NOISES, Case, Simulated, make_case
+from bayesid.studies.hidden import Case, Simulated, make_case
+from bayesid.studies.readings import NOISES
 from bayesid.studies.real import DATA
 from bayesid.study.record import Row
-from bayesid.study.study import Study
+from bayesid.study.study import Study, mixed
 
 STRONG = 0.05
 """A sample counts when its |effort| is at least this share of its joint's maximum."""
@@ -93,7 +91,7 @@ def plan(trials: int, seed: int) -> Sequence[tuple[Simulated | Recorded, int]]:
     Raises:
         InputError: MuJoCo, which plays the simulated robots, is not installed.
     """
-    order = _mixed([_classes(), _noise(), _blind(lacked()), *_real()])
+    order = mixed([_classes(), _noise(), _blind(lacked()), *_real()])
     return [
         (order[k % len(order)][0], seed + order[k % len(order)][1] + _TURN * (k // len(order))) for k in range(trials)
     ]
@@ -106,12 +104,6 @@ def lacked() -> tuple[str, ...]:
         InputError: MuJoCo, which plays the simulated robots, is not installed.
     """
     return tuple(effect for effect in generator("complete").EFFECTS if effect not in (*STANDARD, "payload"))
-
-
-def _mixed(parts: Sequence[Sequence[Any]]) -> list[Any]:
-    """All items, those of each part in their order and evenly spread."""
-    placed = [(k / len(part), item) for part in parts for k, item in enumerate(part)]
-    return [item for _, item in sorted(placed, key=lambda pair: pair[0])]
 
 
 def _classes() -> list[tuple[Simulated, int]]:
@@ -135,7 +127,7 @@ def _classes() -> list[tuple[Simulated, int]]:
 
 
 def _noise() -> list[tuple[Simulated, int]]:
-    return [(Simulated("noise", name, _ARMS[k % 2], noise=name), k + _LOGS) for k in range(_LOGS) for name in NOISES]
+    return [(Simulated("noise", name, _ARMS[k % 2], reading=name), k + _LOGS) for k in range(_LOGS) for name in NOISES]
 
 
 def _blind(lacked: Sequence[str]) -> list[tuple[Simulated, int]]:
@@ -169,10 +161,8 @@ def trial(scenario: Simulated | Recorded, seed: int) -> Row:
 def _of_simulated(scenario: Simulated, seed: int) -> Row:
     case = make_case(scenario, seed)
     modes = MODES[1:] if scenario.part == "noise" else MODES
-    tolerance = KinematicTolerance(length=scenario.length, angle=scenario.angle)
-    stated = Beliefs(kinematics=tolerance) if scenario.length or scenario.exact else Beliefs()
     results: dict[str, Identification] = {
-        mode: _identified(case.robot, case.log, mode, stated, scenario.posterior, seed) for mode in modes
+        mode: _identified(case.robot, case.log, mode, scenario.beliefs, scenario.posterior, seed) for mode in modes
     }
     of_coefficients = _of_coefficients(case, results) if scenario.part == "classes" else {}
     hidden = [named(effect, joints) for effect, joints in case.hidden]
@@ -285,8 +275,7 @@ def _units(case: Case, result: Identification) -> dict[str, float]:
     Size is the mean square over the log of the sum over joints of (effort over the joint's RMS effort)^2.
     """
     motion = result.signals.motion
-    model = Model(case.robot, make_terms(STANDARD, case.robot, motion))
-    standard = base_coefficients(model)
+    model, standard = case.standard(motion)
     columns = model.columns(motion)[:, :, standard.kept] / np.sqrt(np.mean(case.log.effort**2, axis=0))[:, None]
     size = np.sqrt(np.mean(np.sum(columns**2, axis=1), axis=0))
     return dict(zip(standard.names, (np.sqrt(case.log.n_joints) / size).tolist(), strict=True))

@@ -2,24 +2,30 @@
 
 Robots, motions and effects are those of `bayesid.studies.blind`, a generator that shares no code with bayesid, in other
 sizes: relative to the effort of the joint, not to the noise. Joints have friction, offsets and rotors, as the standard
-terms say. The kinematics may be off the table that is given, and the noise of several kinds.
+terms say. The kinematics may be off the table that is given, the noise of several kinds, and there are robots and
+motions that say less (`bayesid.studies.stress`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.signal import lfilter
 
 from bayesid.arrays import Array
+from bayesid.fit.effects.kinematics import KinematicTolerance
+from bayesid.fit.knowledge import Beliefs
 from bayesid.log.log import Log
-from bayesid.model.coefficients import BaseCoefficients
+from bayesid.model.coefficients import BaseCoefficients, base_coefficients
 from bayesid.model.model import Model
 from bayesid.model.robot import Robot, robot_from_table
+from bayesid.model.terms import STANDARD, make_terms
+from bayesid.motion import Motion
 from bayesid.studies.discrepancy import generator
+from bayesid.studies.readings import READINGS
+from bayesid.studies.stress import MOTIONS, PointToPoint, bare_robot, held, without_some
 
 SHARES = (0.2, 0.6)
 """Between which the size of a hidden effect lies: its RMS over that of the healthy effort of the joint."""
@@ -29,10 +35,6 @@ _SLOW = 0.2
 """Share of the motions with slow parts, as in the generator."""
 _NONE = 1e-9
 """Share of a coefficient below which a parameter's is rounding."""
-_FREEDOM = 3
-"""Degrees of freedom of heavy tails: the fewest for which there is a variance."""
-_STEPS = 256
-"""Of a sensor of 8 bits, from minus its joint's largest effort to plus."""
 _VARYING: Mapping[str, tuple[str, ...]] = {
     "coulomb": ("Fc",),
     "viscous": ("Fv",),
@@ -50,13 +52,20 @@ class Simulated:
     Attributes:
         part: of the study.
         name: of the kind of log within the part.
-        robot: "kr5" or "random".
+        robot: "kr5", "random", or another one of `stress.bare_robot`.
         effects: hidden ones, by their names in the catalogue.
+        joint: that the hidden effect is in, from 1; 0 draws it.
         lag: between which a hidden delay lies, s; as large as any other effect if empty.
-        noise: a key of `NOISES`.
+        noise_range: between which its noise lies, relative to each joint's RMS effort.
+        reading: a key of `READINGS`.
+        motion: a key of `stress.MOTIONS`; the generator's own if empty.
+        joints: what each joint adds to the rigid bodies: "all" of it, "some" without rotor or viscous friction, or
+            "none".
+        terms: of the model that is asked for.
         length: sd by which the robot's a and d are off its table, m, and
         angle: its alpha and theta, rad; both are stated as the tolerance. The default one holds if they are zero,
-        exact: unless the table is stated to be exact.
+        exact: unless the table is stated to be exact, or
+        unstated: nobody knows of them.
         duration: s.
         posterior: whether it is sampled.
     """
@@ -65,13 +74,26 @@ class Simulated:
     name: str
     robot: str
     effects: tuple[str, ...] = ()
+    joint: int = 0
     lag: tuple[float, ...] = ()
-    noise: str = "white"
+    noise_range: tuple[float, float] = (0.01, 0.03)
+    reading: str = "white"
+    motion: str = ""
+    joints: str = "all"
+    terms: tuple[str, ...] = tuple(STANDARD)
     length: float = 0.0
     angle: float = 0.0
     exact: bool = False
+    unstated: bool = False
     duration: float = DURATION
     posterior: bool = False
+
+    @property
+    def beliefs(self) -> Beliefs:
+        """What is stated beforehand."""
+        if self.unstated or not (self.length or self.exact):
+            return Beliefs()
+        return Beliefs(kinematics=KinematicTolerance(length=self.length, angle=self.angle))
 
 
 @dataclass(frozen=True)
@@ -80,7 +102,8 @@ class Case:
 
     Attributes:
         robot: as it is told: by its table.
-        log: with the signs of its efforts.
+        log: with the signs of its efforts: those that a signed sensor would have logged, whatever became of their
+            absolute values behind the rectifier. An effort that is read as zero has none.
         hidden: effects with their joints, from 1; without any where it is the whole robot's.
         parameters: true ones of the standard terms, by name, friction of a hidden effect at high speed included; NaN
             for what changes during the log.
@@ -99,24 +122,32 @@ class Case:
         touched = np.abs(coefficients.projection[:, unknown]).max(axis=1, initial=0.0) > _NONE
         return np.where(touched, np.nan, value)
 
+    def standard(self, motion: Motion) -> tuple[Model, BaseCoefficients]:
+        """The model of the standard terms, and the coefficients that are compared."""
+        model = Model(self.robot, make_terms(STANDARD, self.robot, motion))
+        return model, base_coefficients(model)
+
 
 def make_case(scenario: Simulated, seed: int) -> Case:
     """The log of a scenario and a seed, without its noise as the generator plays it."""
     blind = generator("complete")
     rng = blind.stream(seed, 0)
-    told = blind.bare_robot(rng, scenario.robot)
+    told = bare_robot(rng, scenario.robot)
     arm = replace(told, table=_off(told.table, scenario, blind.stream(seed, 2)))
-    play = blind.Play(arm, blind.random_series(blind.stream(seed, 1), arm.n, _is_slow(scenario, rng)))
-    arm = blind.with_joints(blind.stream(seed, 4), arm, play)
+    motion = _motion(scenario, arm.n, blind.stream(seed, 1), rng)
+    play = blind.Play(arm, motion)
+    arm = _with_joints(scenario, seed, arm, play)
     play = play.under(arm)
     efforts = play.healthy()
+    if isinstance(motion, PointToPoint):
+        efforts = efforts + held(arm, motion, play.t, blind.stream(seed, 11))
     scale = blind.rms(efforts[blind.BEFORE :])
     hidden = _hidden(scenario, seed, play, scale)
     for effect in hidden:
         efforts = effect.act(play, efforts)
     rows = _window(scenario, blind, rng)
-    noise = blind.stream(seed, 6).uniform(0.01, 0.03, arm.n) * scale
-    effort = NOISES[scenario.noise](efforts[rows], noise, blind.stream(seed, 8))
+    noise = blind.stream(seed, 6).uniform(*scenario.noise_range, arm.n) * scale
+    effort = READINGS[scenario.reading](efforts[rows], noise, blind.stream(seed, 8))
     log = Log(play.t[rows], play.q[rows], effort, np.ones(arm.n, dtype=bool), source="simulated log")
     joints = [() if effect.draft.joint is None else (effect.draft.joint + 1,) for effect in hidden]
     return Case(
@@ -127,10 +158,21 @@ def make_case(scenario: Simulated, seed: int) -> Case:
     )
 
 
-def _is_slow(scenario: Simulated, rng: np.random.Generator) -> bool:
+def _motion(scenario: Simulated, n: int, draws: np.random.Generator, rng: np.random.Generator) -> Any:
     """Friction that falls with speed shows in slow parts; a short log would be nothing else."""
     drawn = rng.random() < _SLOW and scenario.duration == DURATION
-    return drawn or "stribeck_friction" in scenario.effects
+    if scenario.motion:
+        return MOTIONS[scenario.motion](draws, n)
+    return generator("complete").random_series(draws, n, drawn or "stribeck_friction" in scenario.effects)
+
+
+def _with_joints(scenario: Simulated, seed: int, arm: Any, play: Any) -> Any:
+    """The robot with what its joints add to the rigid bodies."""
+    blind = generator("complete")
+    if scenario.joints == "none":
+        return arm
+    arm = blind.with_joints(blind.stream(seed, 4), arm, play)
+    return without_some(arm, blind.stream(seed, 10)) if scenario.joints == "some" else arm
 
 
 def _off(table: Mapping[str, Any], scenario: Simulated, rng: np.random.Generator) -> dict[str, Any]:
@@ -146,7 +188,11 @@ def _hidden(scenario: Simulated, seed: int, play: Any, scale: Array) -> Sequence
     if scenario.lag:
         draft = blind.delay(rng, play, int(rng.integers(play.robot.n)))
         return [blind.Hidden("delay", draft, float(rng.uniform(min(scenario.lag), max(scenario.lag))), np.nan)]
-    return blind.all_hidden(scenario.effects, seed, [play, play], scale, float(rng.uniform(*SHARES)))
+    plays, size = [play, play], float(rng.uniform(*SHARES))
+    if scenario.joint:
+        (name,), efforts = scenario.effects, [play.healthy()] * 2
+        return [blind.hide(name, blind.stream(seed, 5), plays, efforts, scale, size, scenario.joint - 1)]
+    return blind.all_hidden(scenario.effects, seed, plays, scale, size)
 
 
 def _window(scenario: Simulated, blind: Any, rng: np.random.Generator) -> slice:
@@ -183,41 +229,3 @@ def _changed(robot: Any, hidden: Sequence[Any]) -> dict[str, float]:
         if effect.name == "stribeck_friction" and form != "bump":  # of which nothing is left at high speed
             changed[f"Fc{joint + 1}"] = float(robot.coulomb[joint]) + effect.magnitude
     return changed
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Noise
-# ---------------------------------------------------------------------------------------------------------------
-def _white(efforts: Array, sd: Array, rng: np.random.Generator) -> Array:
-    return efforts + sd * rng.standard_normal(efforts.shape)
-
-
-def _autoregressive(correlation: float) -> Callable[[Array, Array, np.random.Generator], Array]:
-    """Noise that is correlated from sample to sample, and stationary from the first."""
-
-    def noisy(efforts: Array, sd: Array, rng: np.random.Generator) -> Array:
-        steps = rng.standard_normal(efforts.shape) * np.sqrt(1.0 - correlation**2)
-        steps[0] /= np.sqrt(1.0 - correlation**2)
-        return efforts + sd * lfilter([1.0], [1.0, -correlation], steps, axis=0)
-
-    return noisy
-
-
-def _quantised(efforts: Array, sd: Array, rng: np.random.Generator) -> Array:
-    """No other noise that would hide the steps."""
-    step = 2.0 * np.abs(efforts).max(axis=0) / _STEPS
-    return step * np.rint(efforts / step)
-
-
-def _heavy_tailed(efforts: Array, sd: Array, rng: np.random.Generator) -> Array:
-    return efforts + sd * rng.standard_t(_FREEDOM, efforts.shape) * np.sqrt((_FREEDOM - 2) / _FREEDOM)
-
-
-NOISES: Mapping[str, Callable[[Array, Array, np.random.Generator], Array]] = {
-    "white": _white,
-    "AR(1) 0.9": _autoregressive(0.9),
-    "AR(1) 0.97": _autoregressive(0.97),
-    "8 bit": _quantised,
-    "Student t": _heavy_tailed,
-}
-"""Name to what makes readings of efforts (N, n): of an RMS of 1 to 3 % of each joint's RMS effort but for "8 bit"."""

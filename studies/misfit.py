@@ -5,7 +5,8 @@ docs/posterior.md says how confidences are lowered where the model's own error i
 
 from __future__ import annotations
 
-from bayesid.studies.calibration import MISFITTING, draw, report, shuffled, trial
+from bayesid.studies.calibration import MISFITTING, shuffled, trial
+from bayesid.studies.calibration_report import draw, report
 from bayesid.study.study import Study
 
 STUDY = Study("misfit", 240, shuffled(MISFITTING), trial, report, draw)

@@ -95,6 +95,12 @@ def in_turn(scenarios: Sequence[Scenario]) -> Plan:
     return plan
 
 
+def mixed(parts: Sequence[Sequence[Any]]) -> list[Any]:
+    """All items, those of each part in their order and evenly spread: a short run has some of every part."""
+    placed = [(k / len(part), item) for part in parts for k, item in enumerate(part)]
+    return [item for _, item in sorted(placed, key=lambda pair: pair[0])]
+
+
 def run_study(
     study: Study,
     trials: int | None = None,

@@ -13,7 +13,8 @@ from bayesid.model.model import Model
 from bayesid.model.terms import STANDARD, make_terms
 from bayesid.studies import complete, hidden
 from bayesid.studies.complete_report import coverage, found, mean_ratio, torque_ratio
-from bayesid.studies.hidden import NOISES, SHARES, make_case
+from bayesid.studies.hidden import SHARES, make_case
+from bayesid.studies.readings import NOISES
 
 MODES = ("off", "auto")
 KINDS = {

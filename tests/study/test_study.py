@@ -35,7 +35,7 @@ from bayesid.study import study as machinery
 from bayesid.study.names import STUDIES
 from bayesid.study.record import read_rows
 from bayesid.study.runner import Outcome
-from bayesid.study.study import Finished, in_turn, run_study
+from bayesid.study.study import Finished, in_turn, mixed, run_study
 
 FAILED = 5
 """Number of the trial that fails."""
@@ -434,3 +434,11 @@ def test_every_study_can_be_planned_and_sent(name):
 def test_a_longer_plan_goes_on_with_a_shorter_one(name):
     """But for `discrepancy`, which says so."""
     assert list(planned(name, 40, 3))[:11] == list(planned(name, 11, 3))
+
+
+def test_parts_are_mixed_evenly_and_each_keeps_its_order():
+    order = mixed(["abcdef", [1, 2, 3], [], ["only"]])
+    assert [x for x in order if x in list("abcdef")] == list("abcdef")
+    assert [x for x in order if x in (1, 2, 3)] == [1, 2, 3]
+    assert order[:3] == ["a", 1, "only"]
+    assert order.index(3) > order.index("d")
