@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -39,6 +39,7 @@ def warnings_of(log: Log, averaged: AveragedSigns, doubt: Array, posterior: Post
         *_missing_terms(averaged),
         *_doubt_warning(doubt),
         *_posterior_warning(posterior),
+        *_window_warning(posterior),
         *_modes_warning(posterior),
     )
 
@@ -66,6 +67,12 @@ def confidences_lowered(doubt: Sequence[float]) -> str:
     joints = ", ".join(str(j) for j, share in enumerate(doubt, start=1) if share)
     lowered = f"confidences of joint {joints} are lowered, to {1.0 - 0.5 * max(doubt):.2f} at worst"
     return f"the model's own error is large: {lowered}"
+
+
+def pressed_windows(pressed: Mapping[str, float | None]) -> str:
+    """That the prior's windows, not the data, end some quantities, with the share of draws near the edge of each."""
+    parts = ", ".join(f"{name} ({share or 0.0:.0%} of the draws near its edge)" for name, share in pressed.items())
+    return f"the prior's window on the {parts} decides, not the data"
 
 
 def other_modes(weights: Sequence[float], turned: Sequence[Sequence[int]], chosen: int = 0) -> str:
@@ -152,6 +159,12 @@ def _posterior_warning(posterior: Posterior | None) -> list[str]:
         return []
     figures = convergence(posterior.max_rhat, posterior.min_ess)
     return [f"the posterior has not converged ({figures}); give more --posterior-budget"]
+
+
+def _window_warning(posterior: Posterior | None) -> list[str]:
+    if posterior is None or not posterior.pressed:
+        return []
+    return [f"{pressed_windows(dict(posterior.pressed))}; if links are heavier or longer than that, say so by --links"]
 
 
 def _modes_warning(posterior: Posterior | None) -> list[str]:

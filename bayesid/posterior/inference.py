@@ -43,6 +43,11 @@ _HALVINGS = 6
 _FROM_ZERO = 1.02
 """Times the shortest interval that one from zero may be long: the place of the shortest is uncertain among draws. A
 round number; not studied."""
+_LAST = 0.9
+"""Share of a window from which on a draw is near its edge: in its last tenth."""
+_PRESSED = 0.2
+"""Share of such draws from which on a window decides: a density that grows in proportion up to the edge has
+1 - 0.9^2 = 0.19 there. On the logs of study `real` it is 0.09 at most."""
 OF_PRIOR = 0.1
 """Share of the prior's variance that the data leave at most where they decide a parameter: nine tenths of its precision
 are then theirs. A round number; docs/posterior.md, section 3, states it."""
@@ -93,6 +98,13 @@ class Posterior:
     def converged(self) -> bool:
         """Whether every mode's draws have converged."""
         return all(sampled.draws.converged for sampled in self.modes)
+
+    @property
+    def pressed(self) -> tuple[tuple[str, float], ...]:
+        """Windows of the prior that hold the draws back: their names, and the share of draws in the last tenth."""
+        theta = self.draws.theta
+        shares = ((window.name, np.mean(window.share(theta) > _LAST)) for window in self.target.prior.windows)
+        return tuple((name, float(share)) for name, share in shares if share > _PRESSED)
 
     @property
     def max_rhat(self) -> float:

@@ -22,6 +22,7 @@ from bayesid.identification.warnings import (
     not_ruled_out,
     on_edge,
     other_modes,
+    pressed_windows,
 )
 from bayesid.model.catalogue import FORMS, noun
 from bayesid.model.effects import ReadableUnit
@@ -304,6 +305,10 @@ def _decided(findings: Findings) -> Check:
         f"{by_prior} single parameters rest on the prior, as efforts show them only in sums"
     )
     remedy = f"{_EXCITE}; or give what you know by --nominal"
+    posterior = findings.summary.posterior
+    if posterior is not None and posterior.pressed_windows:
+        message = f"{pressed_windows(posterior.pressed_windows)}; {message}"
+        return Check("Data or prior", "bad", message, "give the scales of the links by --links, then " + remedy)
     if by_data >= _DECIDED * count:
         return Check("Data or prior", "good", message)
     return Check("Data or prior", "look" if by_data >= _HALF_DECIDED * count else "bad", message, remedy)

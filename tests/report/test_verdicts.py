@@ -117,6 +117,12 @@ CASES = [
     ("Data or prior", "look", decided(7), ["7 of 8"]),
     ("Data or prior", "look", decided(4), ["4 of 8"]),
     ("Data or prior", "bad", decided(3), ["3 of 8"]),
+    (
+        "Data or prior",
+        "bad",
+        with_summary(GOOD, "posterior", pressed_windows={"mass of all links, from above": 0.97}),
+        ["mass of all links, from above (97% of the draws", "8 of"],
+    ),
     ("Validation", "good", GOOD, ["another.csv", "3.1% to 3.2%", "93% to 94%"]),
     ("Validation", "not done", replace(GOOD, prediction=None), ["not been tried"]),
     ("Validation", "look", predicted(coverage=[0.89, 0.95]), ["89% to 95%"]),

@@ -190,6 +190,7 @@ class PosteriorSummary:
         prior_sd: parameter to its standard deviation.
         noise_scale: (n,) posterior mean of noise over reference noise.
         mode: whose mean the model holds, from 1.
+        pressed_windows: of the prior, that hold draws back, to the share of draws near their edges.
         assignments: posterior probability of each assignment that the search lists.
         assignments_elsewhere: and of all others.
     """
@@ -209,6 +210,7 @@ class PosteriorSummary:
     assignments: Numbers
     assignments_elsewhere: Number
     mode: int = 1
+    pressed_windows: Mapping[str, Number] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -420,6 +422,7 @@ def _posterior(identification: Identification) -> PosteriorSummary | None:
         assignments=tuple(posterior.branch_mass.tolist()),
         assignments_elsewhere=posterior.elsewhere,
         mode=posterior.chosen + 1,
+        pressed_windows=dict(posterior.pressed),
     )
 
 
