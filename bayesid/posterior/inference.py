@@ -26,8 +26,8 @@ from bayesid.fit.noise import Noise
 from bayesid.posterior.modes import find_modes
 from bayesid.posterior.problem import PosteriorProblem
 from bayesid.posterior.region import Region
-from bayesid.posterior.sampled_modes import SampledMode, mode_of_draws, pool, weigh
-from bayesid.posterior.sampler import Draws, Sampling, sample
+from bayesid.posterior.sampled_modes import SampledMode, mode_of_draws, pool, sample_modes
+from bayesid.posterior.sampler import Draws, Sampling
 from bayesid.posterior.target import Target
 from bayesid.progress import Steps, no_steps
 from bayesid.signs.search.result import SearchResult
@@ -287,12 +287,7 @@ def infer(problem: PosteriorProblem, search: SearchResult, sampling: Sampling, s
     problem = problem.with_least_noise()
     target = problem.target
     modes = find_modes(target, problem.scaled_moments, problem.solver, search)
-    sampled = []
-    for k, mode in enumerate(modes):
-        remaining = sampling.budget - (time.perf_counter() - began)
-        budget = max(0.0, remaining / (len(modes) - k))
-        sampled.append(sample(target, mode.theta, replace(sampling, budget=budget), steps))
-    weighed = weigh(target, modes, sampled, sampling.seed)
+    weighed = sample_modes(target, modes, sampling, began, steps)
     draws = pool(weighed)
     theta, log_scale = target.split(draws.spread(_AVERAGED))
     mass = _branch_mass(target, theta, log_scale, search)
