@@ -23,6 +23,7 @@ from bayesid.fit.moments import Moments
 from bayesid.identification.identification import Identification
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
 from bayesid.identification.options import Completeness, Preparation, check_completeness, plain_options
+from bayesid.identification.other_readings import suspected_reading
 from bayesid.identification.provenance import record_provenance
 from bayesid.identification.warnings import warnings_of
 from bayesid.log.log import Log, read_log
@@ -209,6 +210,8 @@ def _identification(run: _Run, log: Log, signals: Signals, model: Model, average
         if averaged.by_asked:
             probability = _average_over_draws(averaged, posterior, run.progress)
         run.lap("smooth")
+    reading = suspected_reading(asked.evidence, averaged.fit, probability)
+    run.lap("other readings")
     doubt = structural_doubt(settled)
     probability = (1.0 - doubt) * probability + 0.5 * doubt
     segments = settled.signs.segments.split(_sign_changes(signals))
@@ -231,9 +234,10 @@ def _identification(run: _Run, log: Log, signals: Signals, model: Model, average
         search=settled.signs.search,
         rounds=settled.signs.rounds,
         timings=run.laps,
-        warnings=warnings_of(log, averaged, doubt, posterior),
+        warnings=warnings_of(log, averaged, doubt, posterior, reading),
         beliefs=run.beliefs,
         provenance=record_provenance(run.asked, log),
+        better_reading=reading,
     )
 
 

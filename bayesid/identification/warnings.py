@@ -8,6 +8,7 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.fit.least_squares import POOR_FIT, Fit
+from bayesid.identification.other_readings import BetterReading
 from bayesid.log.log import Log
 from bayesid.posterior.inference import Posterior
 from bayesid.signs.averaging import AveragedSigns
@@ -22,7 +23,9 @@ _GAP = 1e-8
 """Relative gap of the solver above which there is a warning: a hundred times what is tried first."""
 
 
-def warnings_of(log: Log, averaged: AveragedSigns, doubt: Array, posterior: Posterior | None) -> tuple[str, ...]:
+def warnings_of(
+    log: Log, averaged: AveragedSigns, doubt: Array, posterior: Posterior | None, reading: BetterReading | None = None
+) -> tuple[str, ...]:
     """All warnings of an identification.
 
     Args:
@@ -30,8 +33,10 @@ def warnings_of(log: Log, averaged: AveragedSigns, doubt: Array, posterior: Post
         averaged: signs and fit.
         doubt: (n,) probability that signs are guesses because the model is not the robot's.
         posterior: draws; None if it was not asked for.
+        reading: of the log, that explains it better than the one given; None without one.
     """
     return (
+        *_reading_warning(reading),
         *_hardly_negative(log),
         *_fit_warnings(averaged.fit),
         *_search_warnings(averaged.settled.signs),
@@ -47,6 +52,11 @@ def warnings_of(log: Log, averaged: AveragedSigns, doubt: Array, posterior: Post
 # ---------------------------------------------------------------------------------------------------------------
 # Statements, for warnings and for the report
 # ---------------------------------------------------------------------------------------------------------------
+def other_reading(change: str, leaves: float, given: float) -> str:
+    """That a log is explained better with something else than what was given, and what both leave of the effort."""
+    return f"with {change} the model leaves {leaves:.1%} of the effort instead of {given:.1%}"
+
+
 def not_excited(count: int | str, of: int | None = None) -> str:
     """That a log does not show some coefficients, of so many."""
     return f"the log does not excite {count}{'' if of is None else f' of {of}'} coefficients"
@@ -99,6 +109,13 @@ def _turns(joints: Sequence[int]) -> str:
     if not joints:
         return ", which differs in single segments from the first"
     return f", which has the signs of joint {', '.join(map(str, joints))} turned round against the first"
+
+
+def _reading_warning(reading: BetterReading | None) -> list[str]:
+    if reading is None:
+        return []
+    said = other_reading(reading.change, reading.leaves, reading.given)
+    return [f"check the robot file: this is not the robot of the log, or the log is read wrongly; {said}"]
 
 
 def _hardly_negative(log: Log) -> list[str]:

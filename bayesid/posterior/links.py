@@ -1,6 +1,6 @@
 """What a link is before the data, by what the robot file and the efforts show: their scales, not their parameters.
 
-Lengths are the arm's: a link's mass lies within a third of the stretched arm of its frame, give or take. The mass is
+Lengths are the arm's: a link's mass lies within a quarter of the stretched arm of its frame, give or take. The mass is
 the one whose efforts are those of the log: under the prior N(mu, D^2) of the links alone, for masses of 1 kg, the
 efforts of the log's motion have the expected energy tr(D B' H B D) + mu' B' H B mu. It grows with the square of the
 mass, and so :eq:`link-mass`::
@@ -24,7 +24,7 @@ from bayesid.model.parameters import Cone
 from bayesid.model.robot import Robot
 from bayesid.motion import Motion
 
-_OF_SPAN = 1.0 / 3.0
+_OF_SPAN = 0.25
 """Scale of distances over the stretched arm: most of an arm's length is that of two or three links. A round number."""
 _WIDER = 3.0
 """Times the mass that would make the log's efforts: as the mean of the typical link, 0.3 of the scale, is that mass."""

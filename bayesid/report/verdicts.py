@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from bayesid.fit.least_squares import POOR_FIT
+from bayesid.identification.other_readings import SUSPICIOUS
 from bayesid.identification.warnings import (
     OTHER_MODE,
     confidences_lowered,
@@ -22,6 +23,7 @@ from bayesid.identification.warnings import (
     not_ruled_out,
     on_edge,
     other_modes,
+    other_reading,
     pressed_windows,
 )
 from bayesid.model.catalogue import FORMS, noun
@@ -47,8 +49,6 @@ SURE = 0.99
 much, at most 0.05 % are wrong)."""
 _WHITE = 0.3
 """Share of the residual's variance that may last longer than sensor noise does; a round number, not studied."""
-_SMALL_RESIDUAL = 0.1
-"""Share of a joint's effort that a model may well leave; a round number, not studied."""
 _DECIDED = 0.9
 """Share of the coefficients that the data should decide; a round number, not studied."""
 _HALF_DECIDED = 0.5
@@ -89,6 +89,7 @@ class Check:
 def check_findings(findings: Findings) -> tuple[Check, ...]:
     """All checks of an identification, in the order of the pipeline."""
     return (
+        robot_file(findings.summary),
         _excitation(findings),
         _segments(findings),
         proof(findings.summary),
@@ -107,6 +108,57 @@ def worst(checks: Iterable[Check]) -> State:
     """The worst state among them; what was not done counts as to be looked at only."""
     states = {check.state for check in checks}
     return "bad" if "bad" in states else "look" if states & {"look", "not done"} else "good"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """How an identification stands.
+
+    Attributes:
+        state: the worst of its checks'; what was not done is to be looked at.
+        reasons: the checks that are not good, the worst ones first.
+    """
+
+    state: State
+    reasons: tuple[Check, ...]
+
+    @property
+    def plain(self) -> dict[str, object]:
+        """For summary.json."""
+        reasons = [
+            {"check": one.name, "state": one.state, "message": one.message, "remedy": one.remedy}
+            for one in self.reasons
+        ]
+        return {"state": self.state, "reasons": reasons}
+
+
+def verdict(checks: Sequence[Check]) -> Verdict:
+    """Of all checks."""
+    order: tuple[State, ...] = ("bad", "look", "not done")
+    return Verdict(worst(checks), tuple(check for state in order for check in checks if check.state == state))
+
+
+def robot_file(summary: Summary) -> Check:
+    """Whether the log is of another robot than the file's, or read wrongly."""
+    name, reading, share = "Robot file", summary.better_reading, _worst_residual(summary)
+    if reading is None:
+        tried = "no other robot, joint order or unit that was tried explains the log clearly better"
+        return Check(name, "good", tried if share > SUSPICIOUS else "it explains the log")
+    message = other_reading(reading.change, reading.leaves, reading.given)
+    return Check(name, "bad", message, f"check the robot file{_REMEDY_OF_READING[reading.kind]}")
+
+
+_REMEDY_OF_READING = {
+    "joint order": ", and the order of the joints in the log",
+    "direction": ", and which way the log counts its joints",
+    "units": " and the log for their units",
+    "mounting": " for its gravity",
+    "robot": ": it is not that of the log's robot",
+}
+
+
+def _worst_residual(summary: Summary) -> float:
+    return float(np.max(np.array(summary.fit.relative_residual, dtype=float)))
 
 
 def _excitation(findings: Findings) -> Check:
@@ -209,7 +261,7 @@ def _fit(summary: Summary) -> Check:
         message += f"; {on_edge(links)}"
     if share.max() > POOR_FIT:
         return Check("Fit", "bad", message, f"a term is missing, or signs are wrong: {_DISCREPANCY}")
-    if share.max() > _SMALL_RESIDUAL or links:
+    if share.max() > SUSPICIOUS or links:
         return Check("Fit", "look", message, _DISCREPANCY)
     return Check("Fit", "good", message)
 
