@@ -76,8 +76,12 @@ def poor(reading):
 
 CASES = [
     ("Robot file", "good", GOOD, ["explains the log"]),
-    ("Robot file", "good", poor(None), ["no other robot, joint order or unit"]),
-    ("Robot file", "bad", poor(OTHER), ["with joints 2 and 3 exchanged", "leaves 4.1% of the effort instead of 21.3%"]),
+    (
+        "Robot file",
+        "bad",
+        with_summary(GOOD, better_reading=OTHER),
+        ["with joints 2 and 3 exchanged", "leaves 4.1% of the effort instead of 21.3%"],
+    ),
     ("Excitation", "good", GOOD, ["condition number", "42"]),
     ("Excitation", "good", with_summary(GOOD, "fit", condition_number=100.0), ["100"]),
     ("Excitation", "look", with_summary(GOOD, "fit", condition_number=101.0), ["101"]),
@@ -219,6 +223,7 @@ def test_a_wrong_robot_is_red_and_the_first_remedy_is_its_file(kind):
 
 def test_a_verdict_names_all_that_is_not_good_the_worst_first():
     checks = check_findings(replace(poor(None), prediction=None))
+    assert "no other robot, joint order or unit" in checks[0].message
     found = verdict([*checks, Check("Another", "bad", "seen", "do this")])
     assert [one.name for one in found.reasons] == ["Another", "Fit", "Data or prior", "Validation"]
     assert verdict([Check("One", "good", "seen")]).plain == {"state": "good", "reasons": []}
