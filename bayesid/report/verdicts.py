@@ -140,10 +140,9 @@ def verdict(checks: Sequence[Check]) -> Verdict:
 
 def robot_file(summary: Summary) -> Check:
     """Whether the log is of another robot than the file's, or read wrongly."""
-    name, reading, share = "Robot file", summary.better_reading, _worst_residual(summary)
+    name, reading = "Robot file", summary.better_reading
     if reading is None:
-        tried = "no other robot, joint order or unit that was tried explains the log clearly better"
-        return Check(name, "good", tried if share > SUSPICIOUS else "it explains the log")
+        return Check(name, "good", "nothing speaks for another robot, joint order or unit")
     message = other_reading(reading.change, reading.leaves, reading.given)
     return Check(name, "bad", message, f"check the robot file{_REMEDY_OF_READING[reading.kind]}")
 
@@ -155,10 +154,6 @@ _REMEDY_OF_READING = {
     "mounting": " for its gravity",
     "robot": ": it is not that of the log's robot",
 }
-
-
-def _worst_residual(summary: Summary) -> float:
-    return float(np.max(np.array(summary.fit.relative_residual, dtype=float)))
 
 
 def _excitation(findings: Findings) -> Check:
