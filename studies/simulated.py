@@ -80,7 +80,7 @@ class Scenario:
         beam_width: of a beam.
         initial_segments: of a beam.
         posterior: whether it is sampled.
-        prior_width: factor on the prior's standard deviations.
+        prior_width: factor on a mass scale of 10 kg a link; 1 leaves the scales to robot and efforts.
         nominal: relative error of link parameters given as known beforehand, each with this error as its standard
             deviation; 0 for none.
     """
@@ -182,8 +182,8 @@ def _search(scenario: Scenario) -> Search:
     return beam if scenario.search == "beam" else Certified(budget=_BUDGET, fallback=beam, repeatable=True)
 
 
-def _links(width: float) -> Links:
-    return Links(mass=width * Links().mass)
+def _links(width: float) -> Links | None:
+    return None if width == 1.0 else Links(mass=width * Links().mass)
 
 
 def _nominal(truth: Truth, error: float, seed: int) -> dict[str, tuple[float, float]]:

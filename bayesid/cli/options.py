@@ -13,7 +13,7 @@ from typing import Any
 from bayesid.cli.terminal import warn
 from bayesid.errors import InputError
 from bayesid.fit.effects.kinematics import KinematicTolerance
-from bayesid.fit.knowledge import Beliefs, read_nominal
+from bayesid.fit.knowledge import Beliefs, Links, read_nominal
 from bayesid.log.log import Log, read_log
 from bayesid.model.terms import RigidBody
 from bayesid.posterior.sampler import Sampling
@@ -47,8 +47,18 @@ def term_names(options: argparse.Namespace) -> list[str]:
 def beliefs(options: argparse.Namespace) -> Beliefs:
     """What is believed before the log; the geometry's tolerance where a command asks for it."""
     nominal = {} if options.nominal is None else read_nominal(options.nominal)
-    stated = getattr(options, "kinematic_tolerance", None)
-    return Beliefs(nominal=nominal) if stated is None else Beliefs(nominal=nominal, kinematics=_tolerance(stated))
+    links, stated = getattr(options, "links", None), getattr(options, "kinematic_tolerance", None)
+    kinematics = KinematicTolerance() if stated is None else _tolerance(stated)
+    return Beliefs(links=None if links is None else _links(links), nominal=nominal, kinematics=kinematics)
+
+
+def _links(text: str) -> Links:
+    try:
+        mass, reach = (float(word) for word in text.split(","))
+    except ValueError:
+        remedy = "give the scales of a link's mass and of its distances in kg and m, as in 30,0.5"
+        raise InputError(f"{text!r} are no scales of links", "--links", remedy) from None
+    return Links(mass=mass, reach=reach)
 
 
 _LENGTHS, _ANGLES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}, {"deg": math.pi / 180.0, "mrad": 1e-3, "rad": 1.0}

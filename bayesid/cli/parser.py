@@ -221,6 +221,8 @@ def _add_identify(commands: _Commands) -> None:
     parser.add_argument("--kinematic-tolerance", default="1mm,0.1deg", metavar="LENGTH,ANGLE", help=tolerance)
     _share(parser, "--no-posterior", help="skip sampling; uncertainties leave the cone out")
     _share(parser, "--posterior-budget", "--nominal", "--seed", "--repeatable")
+    links = "scales of a link's mass and of its distances from its frame (default: from the robot and its efforts)"
+    parser.add_argument("--links", metavar="KG,M", help=links)
     mode = "of the posterior that the model is written from, where it has several (default: 1, the heaviest)"
     parser.add_argument("--mode", type=_whole, default=1, metavar="K", help=mode)
     each = "identify each log by itself, and say whether the results agree"

@@ -17,6 +17,15 @@ from bayesid.model.inertia import from_pseudo_inertia
 from bayesid.model.model import Model
 from bayesid.model.parameters import Parameter
 
+_TYPICAL = 0.3
+"""Mass of the typical link over the scale of masses: the prior's sd is some three times what it is centred on. Set by
+hand, with the two below: wide beside what a log leaves (study `prior`)."""
+_SPREAD = 0.25
+"""Rms distance of its mass along each axis over the scale of distances."""
+_WIDEST = 3.75
+"""Largest radius of gyration about the frame over the scale of distances."""
+_LIGHTEST, _HEAVIEST = 0.01, 30.0
+"""Least and largest mass of all bodies over the scale of a link's: windows that no arm of some ten links comes near."""
 _NOTHING = 1e-12
 """Share of the largest diagonal entry below which an entry is rounding. A round number; not studied."""
 
@@ -111,28 +120,43 @@ def scale_of(precision: Array) -> Array:
 
 @dataclass(frozen=True)
 class Links:
-    """What is believed of any link before the data.
+    """What is believed of any link before the data: two scales, and all else in proportion to them.
 
     Attributes:
         mass: kg, scale of a link's mass.
         reach: m, scale of the distances of a link's mass from its frame.
-        typical_mass: kg, where the prior is centred.
-        typical_spread: m, rms distance along each axis there.
-        largest_radius: m, bound on the radius of gyration about the frame.
-        total_mass: kg, window on the mass of all bodies.
+
+    Raises:
+        InputError: one of them is no positive number.
     """
 
     mass: float = 10.0
     reach: float = 0.4
-    typical_mass: float = 3.0
-    typical_spread: float = 0.1
-    largest_radius: float = 1.5
-    total_mass: tuple[float, float] = (0.1, 300.0)
+
+    def __post_init__(self) -> None:
+        for value, unit in ((self.mass, "kg"), (self.reach, "m")):
+            if not 0.0 < value < np.inf:
+                raise InputError(f"links of {value:g} {unit}", "--links", "give two positive numbers, as in 30,0.5")
+
+    @property
+    def typical_mass(self) -> float:
+        """Where the prior is centred, kg."""
+        return _TYPICAL * self.mass
+
+    @property
+    def largest_radius(self) -> float:
+        """Bound on the radius of gyration about the frame, m."""
+        return _WIDEST * self.reach
+
+    @property
+    def total_mass(self) -> tuple[float, float]:
+        """Window on the mass of all bodies, kg."""
+        return _LIGHTEST * self.mass, _HEAVIEST * self.mass
 
     @property
     def centre(self) -> Array:
         """(10,) the typical link."""
-        spread = self.typical_mass * self.typical_spread**2
+        spread = self.typical_mass * (_SPREAD * self.reach) ** 2
         return from_pseudo_inertia(np.diag([spread, spread, spread, self.typical_mass]))
 
     @property
@@ -159,12 +183,13 @@ class Beliefs:
     """What is stated before any log.
 
     Attributes:
-        links: what is believed of any link.
+        links: what is believed of any link; None for what the robot's lengths and the log's efforts show
+            (`bayesid.posterior.links`).
         nominal: single parameters, from CAD or a data sheet: name to mean and standard deviation.
         kinematics: how far the robot's geometry may be from its table.
     """
 
-    links: Links = Links()
+    links: Links | None = None
     kinematics: KinematicTolerance = KinematicTolerance()
     nominal: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 

@@ -12,6 +12,7 @@ from bayesid.fit.knowledge import Beliefs, Knowledge
 from bayesid.fit.least_squares import Fit
 from bayesid.fit.noise import Noise
 from bayesid.identification.identified_model import IdentifiedModel
+from bayesid.identification.other_readings import BetterReading
 from bayesid.identification.provenance import Provenance
 from bayesid.identification.validation import Validation
 from bayesid.log.log import Log
@@ -58,6 +59,8 @@ class Identification:
         beliefs: what was stated beforehand.
         provenance: what was run on which data.
         completion: what the catalogue had to say beyond the terms asked for; None where it was not asked.
+        better_reading: of the log, than with this robot file, joint order and these units; None where there is none or
+            the fit is no reason to look for one.
     """
 
     identified: IdentifiedModel
@@ -83,6 +86,7 @@ class Identification:
     beliefs: Beliefs
     provenance: Provenance
     completion: Completion | None = None
+    better_reading: BetterReading | None = None
 
     @property
     def model(self) -> Model:

@@ -17,11 +17,13 @@ from threadpoolctl import threadpool_limits
 from bayesid.arrays import Array, Integers
 from bayesid.errors import InputError
 from bayesid.fit.evidence import Evidence
-from bayesid.fit.knowledge import Beliefs, Knowledge, of_base
+from bayesid.fit.knowledge import Beliefs, Knowledge, Links, of_base
 from bayesid.fit.least_squares import Fit, fit_signed
+from bayesid.fit.moments import Moments
 from bayesid.identification.identification import Identification
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
 from bayesid.identification.options import Completeness, Preparation, check_completeness, plain_options
+from bayesid.identification.other_readings import suspected_reading
 from bayesid.identification.provenance import record_provenance
 from bayesid.identification.warnings import warnings_of
 from bayesid.log.log import Log, read_log
@@ -32,6 +34,7 @@ from bayesid.model.coefficients import BaseCoefficients, base_coefficients
 from bayesid.model.model import Model
 from bayesid.model.robot import Robot, load_robot
 from bayesid.posterior.inference import DRAWS, Posterior, infer, widened
+from bayesid.posterior.links import usual_links
 from bayesid.posterior.problem import PosteriorProblem
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress
@@ -207,6 +210,8 @@ def _identification(run: _Run, log: Log, signals: Signals, model: Model, average
         if averaged.by_asked:
             probability = _average_over_draws(averaged, posterior, run.progress)
         run.lap("smooth")
+    reading = suspected_reading(asked.evidence, averaged.fit, probability)
+    run.lap("other readings")
     doubt = structural_doubt(settled)
     probability = (1.0 - doubt) * probability + 0.5 * doubt
     segments = settled.signs.segments.split(_sign_changes(signals))
@@ -231,9 +236,10 @@ def _identification(run: _Run, log: Log, signals: Signals, model: Model, average
         noise_weights=settled.signs.weights,
         proofs=settled.signs.proofs,
         timings=run.laps,
-        warnings=warnings_of(log, averaged, doubt, posterior),
+        warnings=warnings_of(log, averaged, doubt, posterior, reading),
         beliefs=run.beliefs,
         provenance=record_provenance(run.asked, log),
+        better_reading=reading,
     )
 
 
@@ -277,7 +283,7 @@ def _sample(run: _Run, averaged: AveragedSigns, sampling: Sampling) -> Posterior
         coefficients=evidence.coefficients,
         cone=evidence.model.cone,
         noise=fit.noise,
-        links=run.beliefs.links,
+        links=run.beliefs.links or _usual_links(evidence, moments),
         nominal=run.beliefs.of(evidence.model.parameters),
         information=evidence.information,
     )
@@ -288,6 +294,12 @@ def _sample(run: _Run, averaged: AveragedSigns, sampling: Sampling) -> Posterior
     lacking = np.where(np.outer(known, known), fit.covariance, 0.0)
     lacking[np.ix_(known, known)] -= _inverse(fit.information)[np.ix_(known, known)]
     return widened(posterior, fit.information, lacking)
+
+
+def _usual_links(evidence: Evidence, moments: Moments) -> Links:
+    """What is believed of any link where nothing is stated."""
+    model = evidence.model
+    return usual_links(model.robot, evidence.signals.motion, evidence.coefficients, model.cone, moments)
 
 
 def _inner(segments: Segments, signals: Signals) -> Segments:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.fit.least_squares import POOR_FIT, Fit
+from bayesid.identification.other_readings import BetterReading
 from bayesid.log.log import Log
 from bayesid.posterior.inference import Posterior
 from bayesid.signs.averaging import AveragedSigns
@@ -24,7 +25,9 @@ _GAP = 1e-8
 """Relative gap of the solver above which there is a warning: a hundred times what is tried first."""
 
 
-def warnings_of(log: Log, averaged: AveragedSigns, doubt: Array, posterior: Posterior | None) -> tuple[str, ...]:
+def warnings_of(
+    log: Log, averaged: AveragedSigns, doubt: Array, posterior: Posterior | None, reading: BetterReading | None = None
+) -> tuple[str, ...]:
     """All warnings of an identification.
 
     Args:
@@ -32,8 +35,10 @@ def warnings_of(log: Log, averaged: AveragedSigns, doubt: Array, posterior: Post
         averaged: signs and fit.
         doubt: (n,) probability that signs are guesses because the model is not the robot's.
         posterior: draws; None if it was not asked for.
+        reading: of the log, that explains it better than the one given; None without one.
     """
     return (
+        *_reading_warning(reading),
         *_hardly_negative(log),
         *_fit_warnings(averaged.fit),
         *_search_warnings(averaged.settled.signs),
@@ -41,6 +46,7 @@ def warnings_of(log: Log, averaged: AveragedSigns, doubt: Array, posterior: Post
         *_missing_terms(averaged),
         *_doubt_warning(doubt),
         *_posterior_warning(posterior),
+        *_window_warning(posterior),
         *_modes_warning(posterior),
         *_excluded_warning(posterior),
     )
@@ -49,6 +55,11 @@ def warnings_of(log: Log, averaged: AveragedSigns, doubt: Array, posterior: Post
 # ---------------------------------------------------------------------------------------------------------------
 # Statements, for warnings and for the report
 # ---------------------------------------------------------------------------------------------------------------
+def other_reading(change: str, leaves: float, given: float) -> str:
+    """That a log is explained better with something else than what was given, and what both leave of the effort."""
+    return f"with {change} the model leaves {leaves:.1%} of the effort instead of {given:.1%}"
+
+
 def not_excited(count: int | str, of: int | None = None) -> str:
     """That a log does not show some coefficients, of so many."""
     return f"the log does not excite {count}{'' if of is None else f' of {of}'} coefficients"
@@ -86,6 +97,12 @@ def confidences_lowered(doubt: Sequence[float]) -> str:
     return f"the model's own error is large: {lowered}"
 
 
+def pressed_windows(pressed: Mapping[str, float | None]) -> str:
+    """That the prior's windows, not the data, end some quantities, with the share of draws near the edge of each."""
+    parts = ", ".join(f"{name} ({share or 0.0:.0%} of the draws near its edge)" for name, share in pressed.items())
+    return f"the prior's window on the {parts} decides, not the data"
+
+
 def other_modes(weights: Sequence[float], turned: Sequence[Sequence[int]], chosen: int = 0) -> str:
     """That a log allows several models: their weights, and the joints (from 1) that each turns against the first."""
     others = [k for k in range(len(weights)) if k != chosen and weights[k] > OTHER_MODE]
@@ -110,6 +127,13 @@ def _turns(joints: Sequence[int]) -> str:
     if not joints:
         return ", which differs in single segments from the first"
     return f", which has the signs of joint {', '.join(map(str, joints))} turned round against the first"
+
+
+def _reading_warning(reading: BetterReading | None) -> list[str]:
+    if reading is None:
+        return []
+    said = other_reading(reading.change, reading.leaves, reading.given)
+    return [f"check the robot file: this is not the robot of the log, or the log is read wrongly; {said}"]
 
 
 def _hardly_negative(log: Log) -> list[str]:
@@ -170,6 +194,12 @@ def _posterior_warning(posterior: Posterior | None) -> list[str]:
         return []
     figures = convergence(posterior.max_rhat, posterior.min_ess)
     return [f"the posterior has not converged ({figures}); give more --posterior-budget"]
+
+
+def _window_warning(posterior: Posterior | None) -> list[str]:
+    if posterior is None or not posterior.pressed:
+        return []
+    return [f"{pressed_windows(dict(posterior.pressed))}; if links are heavier or longer than that, say so by --links"]
 
 
 def _modes_warning(posterior: Posterior | None) -> list[str]:

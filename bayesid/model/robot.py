@@ -83,6 +83,25 @@ class Robot:
         c = self.coupling.T
         return Motion(motion.t, motion.q @ c, motion.dq @ c, motion.ddq @ c, motion.origin)
 
+    @property
+    def link_ends(self) -> Array:
+        """(n, 2, 3) where each link starts and ends, in its own frame, m: from its joint to the next.
+
+        The last link ends at its own frame, which the standard convention puts at the flange.
+        """
+        ends = []
+        for i, joint in enumerate(self.joints):
+            children = [child.placement for child in self.joints if child.parent == i]
+            far = (children[0] if children else joint.link_frame)[:3, 3]
+            rotation, origin = joint.link_frame[:3, :3], joint.link_frame[:3, 3]
+            ends.append((np.stack([np.zeros(3), far]) - origin) @ rotation)
+        return np.array(ends)
+
+    @property
+    def stretched(self) -> float:
+        """Length of the stretched arm from its first joint on, m: the sum of its links' lengths."""
+        return float(np.linalg.norm(self.link_ends[:, 1] - self.link_ends[:, 0], axis=1).sum())
+
     def regressor(self, motion: Motion) -> Array:
         """(N, n, 10 n) Y with actuator efforts e = Y pi, pi the link parameters stacked from base to tip.
 

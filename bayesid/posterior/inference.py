@@ -26,8 +26,8 @@ from bayesid.fit.noise import Noise
 from bayesid.posterior.modes import find_modes
 from bayesid.posterior.problem import PosteriorProblem
 from bayesid.posterior.region import Region
-from bayesid.posterior.sampled_modes import SampledMode, mode_of_draws, pool, weigh
-from bayesid.posterior.sampler import Draws, Sampling, sample
+from bayesid.posterior.sampled_modes import SampledMode, mode_of_draws, pool, sample_modes
+from bayesid.posterior.sampler import Draws, Sampling
 from bayesid.posterior.target import Target
 from bayesid.progress import Steps, no_steps
 from bayesid.signs.search.result import SearchResult
@@ -43,6 +43,11 @@ _HALVINGS = 6
 _FROM_ZERO = 1.02
 """Times the shortest interval that one from zero may be long: the place of the shortest is uncertain among draws. A
 round number; not studied."""
+_LAST = 0.9
+"""Share of a window from which on a draw is near its edge: in its last tenth."""
+_PRESSED = 0.2
+"""Share of such draws from which on a window decides: a density that grows in proportion up to the edge has
+1 - 0.9^2 = 0.19 there. On the logs of study `real` it is 0.09 at most."""
 OF_PRIOR = 0.1
 """Share of the prior's variance that the data leave at most where they decide a parameter: nine tenths of its precision
 are then theirs. A round number; docs/posterior.md, section 3, states it."""
@@ -96,6 +101,13 @@ class Posterior:
     def converged(self) -> bool:
         """Whether every mode's draws have converged."""
         return all(sampled.draws.converged for sampled in self.modes)
+
+    @property
+    def pressed(self) -> tuple[tuple[str, float], ...]:
+        """Windows of the prior that hold the draws back: their names, and the share of draws in the last tenth."""
+        theta = self.draws.theta
+        shares = ((window.name, np.mean(window.share(theta) > _LAST)) for window in self.target.prior.windows)
+        return tuple((name, float(share)) for name, share in shares if share > _PRESSED)
 
     @property
     def max_rhat(self) -> float:
@@ -278,12 +290,7 @@ def infer(problem: PosteriorProblem, search: SearchResult, sampling: Sampling, s
     problem = problem.with_least_noise()
     target = problem.target
     modes = find_modes(target, problem.scaled_moments, problem.solver, search)
-    sampled = []
-    for k, mode in enumerate(modes):
-        remaining = sampling.budget - (time.perf_counter() - began)
-        budget = max(0.0, remaining / (len(modes) - k))
-        sampled.append(sample(target, mode.theta, replace(sampling, budget=budget), steps))
-    weighed = weigh(target, modes, sampled, sampling.seed)
+    weighed = sample_modes(target, modes, sampling, began, steps)
     draws = pool(weighed)
     theta, log_scale = target.split(draws.spread(_AVERAGED))
     mass = _branch_mass(target, theta, log_scale, search)

@@ -36,6 +36,30 @@ _VISIBLE = 1e-12
 
 
 @dataclass(frozen=True)
+class Window:
+    """A bound on what the cone leaves open: a quantity of the P parameters, of which 0 to 1 lies inside.
+
+    Attributes:
+        name: of the quantity, in words.
+        part: (P,) row of its numerator.
+        constant: added to the numerator.
+        whole: (P,) row of its denominator, which is positive inside the cone.
+        bound: added to the denominator.
+    """
+
+    name: str
+    part: Array
+    constant: float
+    whole: Array
+    bound: float
+
+    def share(self, theta: Array) -> Array:
+        """(...) of theta (..., P): from 0, far inside, to 1, on the edge."""
+        share: Array = (theta @ self.part + self.constant) / (theta @ self.whole + self.bound)
+        return share
+
+
+@dataclass(frozen=True)
 class Prior:
     """A normal distribution inside a region, and one of the noise scales.
 
@@ -45,6 +69,7 @@ class Prior:
         sd: (P,).
         log_scale_sd: (n,) sd of the logarithm of each joint's noise over the reference one.
         inside: (P,) some point well inside the region.
+        windows: that cut the cone; they are in the region.
     """
 
     region: Region
@@ -52,6 +77,7 @@ class Prior:
     sd: Array
     log_scale_sd: Array
     inside: Array
+    windows: tuple[Window, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.region.contains(self.inside[:, None]).all():
@@ -94,8 +120,11 @@ def make_prior(
     if nominal is not None:
         stated = np.isfinite(nominal.mean)
         mean, sd = np.where(stated, nominal.mean, mean), np.where(stated, nominal.sd, sd)
-    region = Region.of(cone, *_windows(cone, links))
-    return Prior(region, mean, sd, np.full(likelihood.n_joints, log_scale_sd), _inner_point(cone, links, sd))
+    windows = _windows(cone, links)
+    rows = np.array([window.whole - window.part for window in windows]).reshape(-1, cone.size)
+    region = Region.of(cone, rows, np.array([window.bound - window.constant for window in windows]))
+    scales = np.full(likelihood.n_joints, log_scale_sd)
+    return Prior(region, mean, sd, scales, _inner_point(cone, links, sd), windows)
 
 
 def _inner_point(cone: Cone, links: Links, sd: Array) -> Array:
@@ -125,15 +154,18 @@ def _sizes(likelihood: Likelihood, information: Information | None) -> Array:
     return sizes
 
 
-def _windows(cone: Cone, links: Links) -> tuple[Array, Array]:
-    """(m, P) rows and (m,) offsets of the windows on radii and total mass."""
-    count = len(cone.bodies)
-    if count == 0:
-        return np.empty((0, cone.size)), np.empty(0)
-    radius, total = np.zeros((count, cone.size)), np.zeros(cone.size)
-    for row, body in zip(radius, cone.bodies, strict=True):
-        row[body[[0, 3, 5]]] = -0.5  # tr(Sigma) = tr(J) / 2
-        row[body[9]] = links.largest_radius**2
+def _windows(cone: Cone, links: Links) -> tuple[Window, ...]:
+    """On the radius of every body, squared, and on the mass of all."""
+    if not len(cone.bodies):
+        return ()
+    windows, total, none = [], np.zeros(cone.size), np.zeros(cone.size)
+    for number, body in enumerate(cone.bodies, start=1):
+        trace, mass = np.zeros(cone.size), np.zeros(cone.size)
+        trace[body[[0, 3, 5]]] = 0.5  # tr(Sigma) = tr(J) / 2
+        mass[body[9]] = links.largest_radius**2
         total[body[9]] = 1.0
+        windows.append(Window(f"radius of gyration of link {number}", trace, 0.0, mass, 0.0))
     least, most = links.total_mass
-    return np.vstack([radius, total, -total]), np.concatenate([np.zeros(count), [-least, most]])
+    windows.append(Window("mass of all links, from above", total, 0.0, none, most))
+    windows.append(Window("mass of all links, from below", none, least, total, 0.0))
+    return tuple(windows)

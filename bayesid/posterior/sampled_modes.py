@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -12,9 +13,12 @@ from bayesid.errors import SolverError
 from bayesid.posterior.diagnostics import Diagnostics
 from bayesid.posterior.marginal_likelihood import Integration, MarginalLikelihood, integrate, mode_weights
 from bayesid.posterior.modes import Mode
-from bayesid.posterior.sampler import Draws
+from bayesid.posterior.sampler import Draws, Sampling, sample
 from bayesid.posterior.target import Target
+from bayesid.progress import Steps
 
+_SWEEPS_OF_A_MASS = 40.0
+"""Sweeps that take as long as a mode's mass, until one has been measured: 30 to 70 for arms of six and seven joints."""
 _NEGLIGIBLE = 1e-3
 """A mode of less weight leaves no draws: of the 4096 that posterior.nc keeps, four."""
 
@@ -36,18 +40,53 @@ class SampledMode:
     weight: float
 
 
-def weigh(target: Target, modes: Sequence[Mode], draws: Sequence[Draws], seed: int) -> tuple[SampledMode, ...]:
-    """The modes with their weights, heaviest first.
+def sample_modes(
+    target: Target, modes: Sequence[Mode], sampling: Sampling, began: float, steps: Steps
+) -> tuple[SampledMode, ...]:
+    """The modes with draws and, where there are several, with their weights, heaviest first.
+
+    Each mode has its share of the time that remains, for its draws and its mass.
+
+    Args:
+        target: the posterior.
+        modes: where walkers start.
+        sampling: for all modes together.
+        began: when the budget began, on the clock of `time.perf_counter`.
+        steps: called as steps(sweeps done, sweeps expected).
 
     Raises:
         SolverError: the mass of a mode could not be computed.
     """
-    if len(modes) == 1:
+    draws: list[Draws] = []
+    masses: list[MarginalLikelihood] = []
+
+    def leave(sweep: float) -> float:
+        if len(modes) == 1:
+            return 0.0
+        return masses[-1].seconds if masses else _SWEEPS_OF_A_MASS * sweep
+
+    for k, mode in enumerate(modes):
+        remaining = sampling.budget - (time.perf_counter() - began)
+        share = replace(sampling, budget=max(0.0, remaining / (len(modes) - k)))
+        draws.append(sample(target, mode.theta, share, steps, leave))
+        if len(modes) > 1:
+            masses.append(_mass(target, draws[-1], sampling.seed))
+    if not masses:
         return (SampledMode(modes[0], draws[0], None, 1.0),)
+    return weigh(modes, draws, masses)
+
+
+def _mass(target: Target, draws: Draws, seed: int) -> MarginalLikelihood:
     try:
-        masses = [integrate(target, of_mode, Integration(seed=seed)) for of_mode in draws]
+        return integrate(target, draws, Integration(seed=seed))
     except RuntimeError as error:  # what splitting says when its levels do not end
         raise SolverError("marginal likelihoods of the modes", str(error)) from error
+
+
+def weigh(
+    modes: Sequence[Mode], draws: Sequence[Draws], masses: Sequence[MarginalLikelihood]
+) -> tuple[SampledMode, ...]:
+    """Several modes with their weights, heaviest first."""
     weights = mode_weights(np.array([mass.log_value for mass in masses])).tolist()
     weighed = [SampledMode(*columns) for columns in zip(modes, draws, masses, weights, strict=True)]
     return tuple(sorted(weighed, key=lambda sampled: -sampled.weight))

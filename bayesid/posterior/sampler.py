@@ -27,6 +27,11 @@ _FEWEST = 8
 """Sweeps that are kept however little time remains: R-hat of split chains is defined from four on (ArviZ)."""
 _GROWTH = 1.5
 """The run grows by this factor between checks of its diagnostics: at most a third of it is more than was needed."""
+_OVERHEAD = 8.0
+"""Sweeps whose diagnostics take as long as what diagnostics take of however few; measured for arms of six joints."""
+_OF_A_SWEEP = 0.6
+"""Seconds of the last diagnostics a sweep, over those of the sweep, until they have been measured: 0.4 to 0.8 for
+arms of six and seven joints."""
 _GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 """The golden section: its multiples spread evenly over the circle, however many they are (Knuth, TAOCP 3, 6.4)."""
 
@@ -44,7 +49,8 @@ class Sampling:
         max_rhat: wanted of every quantity; 1.01 is that of Vehtari et al. (2021).
         min_ess: wanted of every quantity, bulk and tail; 400 is theirs too.
         per_walker: the same for every walker, on average.
-        budget: seconds of wall time, warm-up included.
+        budget: seconds of wall time, warm-up, diagnostics and what weighs several modes included. However few, a mode
+            takes a few sweeps and its weighing.
         seed: of all random numbers. Before the budget ends, the draws depend on nothing else.
         repeatable: whether they are never to depend on anything else: the budget does not count then.
         mode: whose mean the model holds where there are several, from 1, the heaviest.
@@ -126,7 +132,13 @@ class Draws:
         return self.coordinates[k * self.sweeps // len(k) * chains + k * stride % chains]
 
 
-def sample(target: Target, theta: Array, sampling: Sampling = Sampling(), steps: Steps = no_steps) -> Draws:
+def sample(
+    target: Target,
+    theta: Array,
+    sampling: Sampling = Sampling(),
+    steps: Steps = no_steps,
+    leave: Callable[[float], float] = lambda sweep: 0.0,
+) -> Draws:
     """Samples until the diagnostics are as wanted, the budget ends or `most_sweeps` are done.
 
     Args:
@@ -134,34 +146,79 @@ def sample(target: Target, theta: Array, sampling: Sampling = Sampling(), steps:
         theta: (P,) the branch's optimum; it decides where the walkers start.
         sampling: with how many walkers, how long, how well.
         steps: called as steps(sweeps done, sweeps expected), after every sweep.
+        leave: seconds of the budget to leave for what comes after, given those of a sweep.
     """
-    began = time.perf_counter()
-
-    def late() -> bool:
-        return not sampling.repeatable and time.perf_counter() - began > sampling.budget
-
+    clock = _Clock(sampling, leave)
     random = np.random.RandomState(sampling.seed)
-    sampler, state = _warmed_up(target, theta, sampling, random, late)
+    sampler, state = _warmed_up(target, theta, sampling, random, clock)
     next_check, sweeps = sampling.first_look, 0
     while True:
+        clock.go_on()
         for latest in sampler.sample(state, iterations=next_check - sweeps, skip_initial_state_check=True):
             state = latest
             sweeps += 1
             steps(sweeps, next_check)
-            if late() and sweeps >= _FEWEST:
+            clock.swept()
+            if sweeps >= _FEWEST and clock.late(sweeps):
                 break
         theta, log_scale, beta, log_density = _chains(target, sampler, sampling)
-        diagnostics = diagnose(np.concatenate([beta, log_scale, log_density[..., None]], axis=-1))
+        quantities = np.concatenate([beta, log_scale, log_density[..., None]], axis=-1)
+        diagnostics = clock.diagnosed(quantities, theta.shape[-1])
         enough = sweeps >= sampling.first_look  # fewer sweeps can look like anything
         converged = enough and diagnostics.passes(sampling.max_rhat, sampling.wanted_ess)
-        if converged or late() or sweeps >= sampling.most_sweeps:
-            parameters, seconds = diagnose(theta), time.perf_counter() - began
-            return Draws(theta, log_scale, beta, log_density, diagnostics, parameters, converged, seconds)
+        if converged or clock.late(sweeps) or sweeps >= sampling.most_sweeps:
+            parameters = diagnose(theta)
+            return Draws(theta, log_scale, beta, log_density, diagnostics, parameters, converged, clock.seconds)
         next_check = min(int(np.ceil(_GROWTH * sweeps)), sampling.most_sweeps)
 
 
+class _Clock:
+    """What a run has taken, and what it will take to end it.
+
+    Args:
+        sampling: its budget.
+        leave: see `sample`.
+    """
+
+    def __init__(self, sampling: Sampling, leave: Callable[[float], float]) -> None:
+        self._sampling, self._leave = sampling, leave
+        self._began = self._mark = time.perf_counter()
+        self._sweeping, self._swept, self._closing = 0.0, 0, np.nan
+
+    @property
+    def seconds(self) -> float:
+        """Since it began."""
+        return time.perf_counter() - self._began
+
+    def go_on(self) -> None:
+        """Sweeps begin, or begin again."""
+        self._mark = time.perf_counter()
+
+    def swept(self) -> None:
+        """A sweep is done."""
+        now = time.perf_counter()
+        self._sweeping, self._swept, self._mark = self._sweeping + now - self._mark, self._swept + 1, now
+
+    def diagnosed(self, quantities: Array, parameters: int) -> Diagnostics:
+        """Diagnostics of draws (D, E, W, K): what they take, those of the parameters will take in proportion."""
+        before, (sweeps, *_, count) = self.seconds, quantities.shape
+        diagnostics = diagnose(quantities)
+        self._closing = (self.seconds - before) * (1.0 + parameters / count) / (sweeps + _OVERHEAD)
+        return diagnostics
+
+    def late(self, sweeps: int = 0) -> bool:
+        """Whether to end after so many sweeps is as much as the budget allows."""
+        if self._sampling.repeatable:
+            return False
+        sweep = self._sweeping / max(self._swept, 1)
+        closing = _OF_A_SWEEP * sweep if np.isnan(self._closing) else self._closing
+        more = max(0, _FEWEST - sweeps)
+        to_come = more * sweep + closing * (sweeps + more + _OVERHEAD) + self._leave(sweep)
+        return self.seconds + to_come > self._sampling.budget
+
+
 def _warmed_up(
-    target: Target, theta: Array, sampling: Sampling, random: np.random.RandomState, late: Callable[[], bool]
+    target: Target, theta: Array, sampling: Sampling, random: np.random.RandomState, clock: _Clock
 ) -> tuple[emcee.EnsembleSampler, emcee.State]:
     """The sampler and its state after the warm-up; halfway the lines are chosen anew, for the noise of the walkers."""
     block = body_blocks(target.prior.region)
@@ -169,12 +226,14 @@ def _warmed_up(
     moves = _moves(target, Conditional(centre.covariance, block))
     walkers = sampling.ensembles * sampling.walkers
     coordinates = spread_walkers(target, centre, Conditional(centre.covariance, block), walkers, random)
+    clock.go_on()
     for k in range(sampling.warm_up):
         if k == sampling.warm_up // 2:
             centre = find_centre(target, *target.split(coordinates.mean(axis=0)))
             moves = _moves(target, Conditional(centre.covariance, block))
         coordinates = moves.update(coordinates, random)
-        if late():
+        clock.swept()
+        if clock.late():
             break
     sampler = emcee.EnsembleSampler(walkers, target.dimension, target.log_density, moves=moves, vectorize=True)
     return sampler, emcee.State(coordinates, random_state=random.get_state())

@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from bayesid.fit.least_squares import POOR_FIT
+from bayesid.identification.other_readings import SUSPICIOUS
 from bayesid.identification.warnings import (
     EXCLUDED,
     OTHER_MODE,
@@ -25,6 +26,8 @@ from bayesid.identification.warnings import (
     not_ruled_out,
     on_edge,
     other_modes,
+    other_reading,
+    pressed_windows,
 )
 from bayesid.model.catalogue import FORMS, noun
 from bayesid.model.effects import ReadableUnit
@@ -49,8 +52,6 @@ SURE = 0.99
 much, at most 0.05 % are wrong)."""
 _WHITE = 0.3
 """Share of the residual's variance that may last longer than sensor noise does; a round number, not studied."""
-_SMALL_RESIDUAL = 0.1
-"""Share of a joint's effort that a model may well leave; a round number, not studied."""
 _DECIDED = 0.9
 """Share of the coefficients that the data should decide; a round number, not studied."""
 _HALF_DECIDED = 0.5
@@ -92,6 +93,7 @@ class Check:
 def check_findings(findings: Findings) -> tuple[Check, ...]:
     """All checks of an identification, in the order of the pipeline."""
     return (
+        robot_file(findings.summary),
         _excitation(findings),
         _segments(findings),
         proof(findings.summary),
@@ -110,6 +112,52 @@ def worst(checks: Iterable[Check]) -> State:
     """The worst state among them; what was not done counts as to be looked at only."""
     states = {check.state for check in checks}
     return "bad" if "bad" in states else "look" if states & {"look", "not done"} else "good"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """How an identification stands.
+
+    Attributes:
+        state: the worst of its checks'; what was not done is to be looked at.
+        reasons: the checks that are not good, the worst ones first.
+    """
+
+    state: State
+    reasons: tuple[Check, ...]
+
+    @property
+    def plain(self) -> dict[str, object]:
+        """For summary.json."""
+        reasons = [
+            {"check": one.name, "state": one.state, "message": one.message, "remedy": one.remedy}
+            for one in self.reasons
+        ]
+        return {"state": self.state, "reasons": reasons}
+
+
+def verdict(checks: Sequence[Check]) -> Verdict:
+    """Of all checks."""
+    order: tuple[State, ...] = ("bad", "look", "not done")
+    return Verdict(worst(checks), tuple(check for state in order for check in checks if check.state == state))
+
+
+def robot_file(summary: Summary) -> Check:
+    """Whether the log is of another robot than the file's, or read wrongly."""
+    name, reading = "Robot file", summary.better_reading
+    if reading is None:
+        return Check(name, "good", "nothing speaks for another robot, joint order or unit")
+    message = other_reading(reading.change, reading.leaves, reading.given)
+    return Check(name, "bad", message, f"check the robot file{_REMEDY_OF_READING[reading.kind]}")
+
+
+_REMEDY_OF_READING = {
+    "joint order": ", and the order of the joints in the log",
+    "direction": ", and which way the log counts its joints",
+    "units": " and the log for their units",
+    "mounting": " for its gravity",
+    "robot": ": it is not that of the log's robot",
+}
 
 
 def _excitation(findings: Findings) -> Check:
@@ -220,7 +268,7 @@ def _fit(summary: Summary) -> Check:
         message += f"; {on_edge(links)}"
     if share.max() > POOR_FIT:
         return Check("Fit", "bad", message, f"a term is missing, or signs are wrong: {_DISCREPANCY}")
-    if share.max() > _SMALL_RESIDUAL or links:
+    if share.max() > SUSPICIOUS or links:
         return Check("Fit", "look", message, _DISCREPANCY)
     return Check("Fit", "good", message)
 
@@ -316,6 +364,10 @@ def _decided(findings: Findings) -> Check:
         f"{by_prior} single parameters rest on the prior, as efforts show them only in sums"
     )
     remedy = f"{_EXCITE}; or give what you know by --nominal"
+    posterior = findings.summary.posterior
+    if posterior is not None and posterior.pressed_windows:
+        message = f"{pressed_windows(posterior.pressed_windows)}; {message}"
+        return Check("Data or prior", "bad", message, "give the scales of the links by --links, then " + remedy)
     if by_data >= _DECIDED * count:
         return Check("Data or prior", "good", message)
     return Check("Data or prior", "look" if by_data >= _HALF_DECIDED * count else "bad", message, remedy)

@@ -33,6 +33,7 @@ from bayesid.progress import SILENT, Progress
 from bayesid.report.findings import FILE as FINDINGS
 from bayesid.report.findings import Findings, as_json, find_findings, read_findings, write_findings
 from bayesid.report.tables import coefficient_rows, inference_data, parameter_rows, segment_rows, validation_summary
+from bayesid.report.verdicts import check_findings, verdict
 from bayesid.results.discrepancy_json import discrepancy_summary
 from bayesid.results.export import mjcf, urdf
 from bayesid.results.model_file import model_table
@@ -161,7 +162,8 @@ def _write_identification(
 ) -> Findings:
     findings = find_findings(identification)
     findings = findings if validation is None else findings.with_validation(validation)
-    write_json(place / "summary.json", as_json(findings.summary))
+    verdicts = verdict(check_findings(findings))
+    write_json(place / "summary.json", as_json(findings.summary) | {"verdict": verdicts.plain})
     write_table(place / "segments.csv", segment_rows(identification))
     _write_signed_log(place / "signed_log.csv", identification.log, identification.signals, identification.probability)
     write_table(place / "coefficients.csv", coefficient_rows(identification))

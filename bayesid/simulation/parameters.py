@@ -36,7 +36,7 @@ def random_parameters(model: Model, rng: np.random.Generator) -> Array:
     if it can (offsets). Without bodies in the model that share is of 1 N m.
     """
     theta, cone = np.zeros(len(model.parameters)), model.cone
-    ends, masses = _link_ends(model.robot), _random_masses(model.robot, rng)
+    ends, masses = model.robot.link_ends, _random_masses(model.robot, rng)
     radii = _SLENDERNESS * _reach(model.robot) * np.cbrt(masses / masses[0])
     for body in cone.bodies:
         link = model.parameters[body[0]].joint - 1
@@ -69,24 +69,9 @@ def _random_motion(n_joints: int, rng: np.random.Generator) -> Motion:
     return Motion(np.arange(200.0), q, dq, ddq)
 
 
-def _link_ends(robot: Robot) -> Array:
-    """(n, 2, 3) where each link starts and ends, in its own frame, m: from its joint to the next.
-
-    The last link ends at its own frame, which the standard convention puts at the flange.
-    """
-    ends = []
-    for i, joint in enumerate(robot.joints):
-        children = [child.placement for child in robot.joints if child.parent == i]
-        far = (children[0] if children else joint.link_frame)[:3, 3]
-        rotation, origin = joint.link_frame[:3, :3], joint.link_frame[:3, 3]
-        ends.append((np.stack([np.zeros(3), far]) - origin) @ rotation)
-    return np.array(ends)
-
-
 def _reach(robot: Robot) -> float:
     """Length of the stretched arm, m."""
-    ends = _link_ends(robot)
-    return max(_SHORTEST_REACH, float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum()))
+    return max(_SHORTEST_REACH, robot.stretched)
 
 
 def _random_masses(robot: Robot, rng: np.random.Generator) -> Array:

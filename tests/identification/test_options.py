@@ -10,7 +10,7 @@ import pytest
 from conftest import small_robot
 
 import bayesid
-from bayesid.fit.knowledge import Beliefs
+from bayesid.fit.knowledge import Beliefs, Links
 from bayesid.identification.options import Preparation, plain_options
 from bayesid.log.segments import Cutting
 from bayesid.model.model import Model
@@ -56,7 +56,8 @@ def test_options_within_options_stand_under_both_names():
 def test_what_was_stated_beforehand_is_plain():
     options = plain_options({"beliefs": Beliefs(nominal={"m1": (2.0, 0.1)})})
     assert options["beliefs.nominal"] == {"m1": (2.0, 0.1)}
-    assert options["beliefs.links.mass"] == 10.0
+    assert options["beliefs.links"] is None
+    assert plain_options({"beliefs": Beliefs(links=Links(mass=8.0))})["beliefs.links.mass"] == 8.0
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from conftest import small_robot, smooth_motion
 
+from bayesid.identification.other_readings import BetterReading
 from bayesid.identification.pipeline import identify
 from bayesid.identification.warnings import warnings_of
 from bayesid.log.log import Log
@@ -51,7 +52,7 @@ def log():
     )
 
 
-def posterior_with(converged=True, weights=(1.0,), chosen=0, asked=1, excluded=None):
+def posterior_with(converged=True, weights=(1.0,), chosen=0, asked=1, excluded=None, pressed=()):
     return SimpleNamespace(
         excluded=excluded,
         converged=converged,
@@ -61,11 +62,12 @@ def posterior_with(converged=True, weights=(1.0,), chosen=0, asked=1, excluded=N
         turned_joints=lambda mode: ((), (2, 3), ())[mode],
         chosen=chosen,
         sampling=SimpleNamespace(mode=asked),
+        pressed=pressed,
     )
 
 
-def warnings(log, doubt=(0.0, 0.0), posterior=None, **changes):
-    return warnings_of(log, Averaged(**changes), np.array(doubt), posterior)
+def warnings(log, doubt=(0.0, 0.0), posterior=None, reading=None, **changes):
+    return warnings_of(log, Averaged(**changes), np.array(doubt), posterior, reading)
 
 
 def test_nothing_wrong_is_nothing_said(log):
@@ -108,6 +110,16 @@ def test_nothing_wrong_is_nothing_said(log):
         (
             {"posterior": posterior_with(converged=False)},
             "has not converged (R-hat 1.051, effective sample size 73); give more --posterior-budget",
+        ),
+        (
+            {"posterior": posterior_with(pressed=(("mass of all links, from above", 0.87),))},
+            "the prior's window on the mass of all links, from above (87% of the draws near its edge) decides, not the "
+            "data; if links are heavier or longer than that, say so by --links",
+        ),
+        (
+            {"reading": BetterReading("joint order", "joints 2 and 3 exchanged", 0.041, 0.213)},
+            "check the robot file: this is not the robot of the log, or the log is read wrongly; with joints 2 and 3 "
+            "exchanged the model leaves 4.1% of the effort instead of 21.3%",
         ),
     ],
 )

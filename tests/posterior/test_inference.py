@@ -10,7 +10,7 @@ from test_modes import LOG_SCALE_SD, make_log, near_symmetric, unproven
 from bayesid.errors import InputError
 from bayesid.fit.knowledge import Information, Links, Nominal
 from bayesid.model.parameters import Cone
-from bayesid.posterior import inference
+from bayesid.posterior import inference, marginal_likelihood, moves, sampled_modes, sampler
 from bayesid.posterior.diagnostics import Diagnostics
 from bayesid.posterior.inference import Posterior, infer, widened
 from bayesid.posterior.likelihood import Likelihood, make_likelihood
@@ -585,15 +585,70 @@ def test_no_time_at_all_is_said_and_gives_finite_results(lean):
 def test_modes_share_the_budget(monkeypatch):
     budgets = []
 
-    def short(target, theta, sampling, steps):
+    def short(target, theta, sampling, steps, leave):
         budgets.append(sampling.budget)
-        return sample(target, theta, replace(sampling, budget=0.0), steps)
+        return sample(target, theta, replace(sampling, budget=0.0), steps, leave)
 
-    monkeypatch.setattr(inference, "sample", short)
+    monkeypatch.setattr(sampled_modes, "sample", short)
     posterior = infer_from(near_symmetric(0.6), options=Sampling(walkers=4, budget=1e4))
     assert len(posterior.modes) == 2
     assert budgets[0] == pytest.approx(5e3, rel=0.01)
     assert budgets[1] == pytest.approx(1e4, rel=0.01)  # what remains after the first
+
+
+class Work:
+    """A clock that goes on by work alone: a sweep of all walkers is a second."""
+
+    def __init__(self, monkeypatch, diagnosis, mass):
+        self.now = 0.0
+        for module in (inference, sampled_modes, sampler, marginal_likelihood):
+            monkeypatch.setattr(module, "time", self)
+        self.costs(monkeypatch, moves.NoiseScales, "update", lambda move, coordinates, random: 1.0)
+        self.costs(monkeypatch, sampler, "diagnose", lambda draws: diagnosis * (len(draws) + 6.0) * draws.shape[-1] / 3)
+        self.costs(monkeypatch, sampled_modes, "integrate", lambda *given: mass)
+
+    def perf_counter(self):
+        return self.now
+
+    def costs(self, monkeypatch, owner, name, price):
+        plain = getattr(owner, name)
+
+        def working(*given):
+            result, began = plain(*given), self.now
+            self.now += price(*given)
+            return replace(result, seconds=self.now - began) if isinstance(result, MarginalLikelihood) else result
+
+        monkeypatch.setattr(owner, name, working)
+
+
+NEVER = replace(FEW, walkers=4, max_rhat=0.9)  # converged
+
+
+@pytest.mark.parametrize("lean", [0.6, 12.0])
+@pytest.mark.parametrize(("diagnosis", "mass"), [(0.1, 20.0), (0.4, 70.0), (0.8, 40.0)])
+@pytest.mark.parametrize("budget", [300.0, 1000.0])
+def test_the_time_asked_for_is_the_time_used(monkeypatch, lean, diagnosis, mass, budget):
+    log = near_symmetric(lean)
+    search, work = log.search(), Work(monkeypatch, diagnosis, mass)
+    posterior = infer_from(log, search, replace(NEVER, budget=budget))
+    assert len(posterior.modes) == (2 if lean < 5.0 else 1)
+    assert not posterior.converged
+    assert posterior.seconds == work.now
+    assert posterior.seconds == pytest.approx(budget, rel=0.2)
+    sweeps = [sampled.draws.sweeps for sampled in posterior.modes]
+    assert max(sweeps) < 4.0 * min(sweeps)
+
+
+def test_what_has_converged_does_not_depend_on_the_time(monkeypatch):
+    log = near_symmetric(0.6)
+    search, options = log.search(), Sampling(walkers=8, seed=1)
+    usual = infer_from(log, search, options)
+    assert usual.converged
+    Work(monkeypatch, 0.2, 50.0)
+    other = infer_from(log, search, replace(options, budget=1e5))
+    for name in ("theta", "log_scale", "log_density"):
+        assert np.array_equal(getattr(usual.draws, name), getattr(other.draws, name))
+    assert [sampled.weight for sampled in usual.modes] == [sampled.weight for sampled in other.modes]
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ from bayesid.model.distortions.gain_error import GainError
 from bayesid.model.robot import load_robot, robot_from_table, robot_table
 from bayesid.posterior.sampler import Sampling
 from bayesid.report.findings import FILE, as_json, collect, content, find_findings, read_findings, write_findings
+from bayesid.report.verdicts import check_findings, verdict
 from bayesid.results.folders import save_identification
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.result import Branch
@@ -295,7 +296,9 @@ def test_a_validation_is_kept(half_signed, logs, tmp_path):
 
 def test_the_summary_is_that_of_the_folder(sampled, tmp_path):
     folder = save_identification(sampled, tmp_path / "result", report=False)
-    assert as_json(find_findings(sampled).summary) == json.loads((folder / "summary.json").read_text())
+    findings, written = find_findings(sampled), json.loads((folder / "summary.json").read_text())
+    assert written.pop("verdict") == verdict(check_findings(findings)).plain
+    assert as_json(findings.summary) == written
 
 
 def test_findings_made_by_hand_are_like_real_ones(sampled):

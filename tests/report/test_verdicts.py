@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from made_findings import make_findings, make_samples, with_summary
 
-from bayesid.report.findings.summary import ModeSummary
-from bayesid.report.verdicts import Check, check_findings, sure_share, worst
+from bayesid.report.findings.summary import ModeSummary, ReadingSummary
+from bayesid.report.verdicts import Check, check_findings, sure_share, verdict, worst
 
 GOOD = make_findings(validated=True)
 SIGNED = make_findings(signed_joints=(1, 2))
 NAMES = [
+    "Robot file",
     "Excitation",
     "Signs of the segments",
     "Proof",
@@ -64,7 +65,23 @@ def lasting(*share):
     return with_summary(GOOD, "noise", coloured_sd=tuple(sd * np.sqrt(share)))
 
 
+OTHER = ReadingSummary("joint order", "joints 2 and 3 exchanged", 0.041, 0.213)
+
+
+def poor(reading):
+    """The fit leaves much, and another reading of the log may leave less."""
+    findings = with_summary(GOOD, "fit", relative_residual=[0.04, 0.21])
+    return replace(findings, summary=replace(findings.summary, better_reading=reading))
+
+
 CASES = [
+    ("Robot file", "good", GOOD, ["nothing speaks for another robot"]),
+    (
+        "Robot file",
+        "bad",
+        with_summary(GOOD, better_reading=OTHER),
+        ["with joints 2 and 3 exchanged", "leaves 4.1% of the effort instead of 21.3%"],
+    ),
     ("Excitation", "good", GOOD, ["condition number", "42"]),
     ("Excitation", "good", with_summary(GOOD, "fit", condition_number=100.0), ["100"]),
     ("Excitation", "look", with_summary(GOOD, "fit", condition_number=101.0), ["101"]),
@@ -125,6 +142,12 @@ CASES = [
     ("Data or prior", "look", decided(7), ["7 of 8"]),
     ("Data or prior", "look", decided(4), ["4 of 8"]),
     ("Data or prior", "bad", decided(3), ["3 of 8"]),
+    (
+        "Data or prior",
+        "bad",
+        with_summary(GOOD, "posterior", pressed_windows={"mass of all links, from above": 0.97}),
+        ["mass of all links, from above (97% of the draws"],
+    ),
     ("Validation", "good", GOOD, ["another.csv", "3.1% to 3.2%", "93% to 94%"]),
     ("Validation", "not done", replace(GOOD, prediction=None), ["not been tried"]),
     ("Validation", "look", predicted(coverage=[0.89, 0.95]), ["89% to 95%"]),
@@ -152,7 +175,7 @@ def test_states(name, state, findings, says):
 
 def test_all_checks_in_the_order_of_the_pipeline():
     assert [one.name for one in check_findings(GOOD)] == NAMES
-    assert [one.state for one in check_findings(GOOD) if one.name != "Data or prior"] == ["good"] * 9
+    assert [one.state for one in check_findings(GOOD) if one.name != "Data or prior"] == ["good"] * 10
     assert {(name, state) for name, state, _, _ in CASES} >= {(name, "good") for name in NAMES}
 
 
@@ -195,3 +218,19 @@ def test_joints_that_stand_still_are_no_fault():
 )
 def test_the_worst_light_counts(states, expected):
     assert worst(Check("x", state, "y") for state in states) == expected
+
+
+@pytest.mark.parametrize("kind", ["joint order", "direction", "units", "mounting", "robot"])
+def test_a_wrong_robot_is_red_and_the_first_remedy_is_its_file(kind):
+    found = verdict(check_findings(poor(replace(OTHER, kind=kind))))
+    assert found.state == "bad"
+    assert found.reasons[0].name == "Robot file"
+    assert found.reasons[0].remedy.startswith("check the robot file")
+    assert found.plain["reasons"][0]["remedy"] == found.reasons[0].remedy
+
+
+def test_a_verdict_names_all_that_is_not_good_the_worst_first():
+    checks = check_findings(replace(poor(None), prediction=None))
+    found = verdict([*checks, Check("Another", "bad", "seen", "do this")])
+    assert [one.name for one in found.reasons] == ["Another", "Fit", "Data or prior", "Validation"]
+    assert verdict([Check("One", "good", "seen")]).plain == {"state": "good", "reasons": []}

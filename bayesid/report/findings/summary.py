@@ -201,6 +201,7 @@ class PosteriorSummary:
         prior_sd: parameter to its standard deviation.
         noise_scale: (n,) posterior mean of noise over reference noise.
         mode: whose mean the model holds, from 1.
+        pressed_windows: of the prior, that hold draws back, to the share of draws near their edges.
         assignments: posterior probability of each assignment that the search lists.
         assignments_elsewhere: and of all others.
         excluded: share of a joint's squared effort, of the worst one, to which it gives signs that the search excludes.
@@ -222,6 +223,7 @@ class PosteriorSummary:
     assignments_elsewhere: Number
     mode: int = 1
     excluded: Number = None
+    pressed_windows: Mapping[str, Number] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -273,6 +275,23 @@ class FitSummary:
 
 
 @dataclass(frozen=True)
+class ReadingSummary:
+    """A reading of the log that explains it better than with the robot file, joint order and units given.
+
+    Attributes:
+        kind: "joint order", "direction", "units", "mounting" or "robot".
+        change: what is other, to follow on "with".
+        leaves: RMS of what it leaves over RMS of the effort, over all joints.
+        given: the same of the reading given.
+    """
+
+    kind: str
+    change: str
+    leaves: float
+    given: float
+
+
+@dataclass(frozen=True)
 class Summary:
     """The numbers of an identification.
 
@@ -298,6 +317,7 @@ class Summary:
         provenance: what was run on which data.
         complete: what the catalogue had to say; None where it was not asked.
         modes: of the posterior, the heaviest first; empty where it was not sampled.
+        better_reading: of the log, than the one given; None where there is none.
     """
 
     robot: str
@@ -321,6 +341,7 @@ class Summary:
     provenance: Provenance
     complete: CompletionSummary | None = None
     modes: tuple[ModeSummary, ...] = ()
+    better_reading: ReadingSummary | None = None
 
     @property
     def hidden_joints(self) -> int:
@@ -358,6 +379,7 @@ def summarise(identification: Identification) -> Summary:
         provenance=identification.provenance,
         complete=_complete(identification),
         modes=_modes(identification),
+        better_reading=_reading(identification),
     )
     return from_json(Summary, as_json(summary))  # so that it is what a file gives: None for what is not finite
 
@@ -441,7 +463,13 @@ def _posterior(identification: Identification) -> PosteriorSummary | None:
         assignments_elsewhere=posterior.elsewhere,
         mode=posterior.chosen + 1,
         excluded=posterior.excluded,
+        pressed_windows=dict(posterior.pressed),
     )
+
+
+def _reading(identification: Identification) -> ReadingSummary | None:
+    reading = identification.better_reading
+    return None if reading is None else ReadingSummary(reading.kind, reading.change, reading.leaves, reading.given)
 
 
 def _modes(identification: Identification) -> tuple[ModeSummary, ...]:
