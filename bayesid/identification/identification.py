@@ -38,7 +38,7 @@ class Identification:
         identified: the model with its parameters, for predictions and for other logs.
         coefficients: the model's r base coefficients.
         log: the raw log.
-        signals: the log on an even grid of N instants.
+        signals: the log on an even grid of N instants, freed of a low-pass after the rectifier where there was one.
         segments: S segments over all samples of all joints.
         signs: (S,) +1 or -1.
         confidence: (S,) expected share of the segment's energy, its squared efforts, whose sign is right

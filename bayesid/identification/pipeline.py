@@ -1,7 +1,8 @@
 """The pipeline: from a log of |effort| to signs, coefficients and feasible parameters.
 
 signals -> segments -> moments -> search (repeated while a segment's predicted effort crosses zero) -> signs of all
-samples -> ordinary identification on the signed efforts -> posterior -> signs of all samples, averaged over its draws.
+samples (all that once more, if |effort| was low-passed after it was rectified) -> ordinary identification on the signed
+efforts -> posterior -> signs of all samples, averaged over its draws.
 """
 
 from __future__ import annotations
@@ -38,12 +39,13 @@ from bayesid.posterior.links import usual_links
 from bayesid.posterior.problem import PosteriorProblem
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress
+from bayesid.signs.after_rectifier import settle_unfiltered
 from bayesid.signs.averaging import AveragedSigns, average_over_models, structural_doubt
 from bayesid.signs.completion import Completing
 from bayesid.signs.completion import complete as complete_model
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
-from bayesid.signs.settling import Earlier, restored, settle_signs
+from bayesid.signs.settling import Earlier, restored
 from bayesid.signs.smoothing import sign_probabilities
 
 QUICK = Certified(budget=3.0)
@@ -114,17 +116,17 @@ def identify(
     _check_amount(segments, base_coefficients(model), log)
     beliefs.of(model.parameters)  # what cannot be used is refused before the search
     run.lap("prepare")
-    asked = settle_signs(model, signals, segments, search, progress)
+    asked, segments = settle_unfiltered(model, signals, segments, search, preparation.cutting, progress)
     run.lap("search")
     averaged = average_over_models(asked, segments, search, progress)
     run.lap("second opinion")
     if complete == "off":
-        return _identification(run, log, signals, model, averaged)
+        return _identification(run, log, asked.evidence.signals, model, averaged)
     asked_for = Completing(complete == "auto", beliefs.kinematics, preparation.cutting)
     completed = complete_model(averaged, segments, search, asked_for, progress)
     run.lap("complete")
     result = _identification(run, log, completed.signals, completed.model, completed.averaged)
-    return replace(result, signals=signals, completion=completed.completion)
+    return replace(result, signals=asked.evidence.signals, completion=completed.completion)
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
@@ -163,9 +165,12 @@ def identify_again(
     signals, rows = restored(model, as_read), model.before_sensors
     segments = find_segments(signals, model.robot.actuators(signals.motion), preparation.cutting)
     run.lap("prepare")
-    asked = settle_signs(rows, signals, segments, search, progress, Earlier(knowledge, theta))
+    earlier = Earlier(knowledge, theta)
+    asked, _ = settle_unfiltered(rows, signals, segments, search, preparation.cutting, progress, earlier)
     run.lap("search")
-    return replace(_identification(run, log, signals, model, AveragedSigns.alone(asked)), signals=as_read)
+    signals = asked.evidence.signals
+    shown = as_read if signals.after_rectifier is None else signals
+    return replace(_identification(run, log, signals, model, AveragedSigns.alone(asked)), signals=shown)
 
 
 @dataclass

@@ -10,6 +10,7 @@ from bayesid.arrays import Array
 from bayesid.fit.least_squares import POOR_FIT, Fit
 from bayesid.identification.other_readings import BetterReading
 from bayesid.log.log import Log
+from bayesid.log.low_pass import AfterRectifier
 from bayesid.posterior.inference import Posterior
 from bayesid.signs.averaging import AveragedSigns
 from bayesid.signs.rounds import SegmentSigns
@@ -40,6 +41,7 @@ def warnings_of(
     return (
         *_reading_warning(reading),
         *_hardly_negative(log),
+        *_low_pass_warning(averaged.asked.evidence.signals.after_rectifier),
         *_fit_warnings(averaged.fit),
         *_search_warnings(averaged.settled.signs),
         *_tolerance_warning(averaged.fit),
@@ -68,6 +70,11 @@ def not_excited(count: int | str, of: int | None = None) -> str:
 def on_edge(links: Sequence[int]) -> str:
     """That links, from 1, are as far from physical as they may be."""
     return f"the parameters of link {', '.join(map(str, links))} sit on the edge of the feasible set"
+
+
+def low_passed(low_pass: str) -> str:
+    """That |effort| has passed a low-pass, in words, after it was rectified."""
+    return f"|effort| was low-passed after it was rectified, at about {low_pass}"
 
 
 def not_ruled_out(gap: float, cost: float) -> str:
@@ -143,6 +150,13 @@ def _hardly_negative(log: Log) -> list[str]:
         f"--unsigned {j + 1}"
         for j in np.flatnonzero(log.signed & (least > -_UNDERSHOOT * largest))
     ]
+
+
+def _low_pass_warning(after: AfterRectifier | None) -> list[str]:
+    if after is None:
+        return []
+    said = low_passed(str(after.low_pass))
+    return [f"{said}: samples near a change of sign lose confidence; log |effort| unfiltered if you can"]
 
 
 def _fit_warnings(fit: Fit) -> list[str]:

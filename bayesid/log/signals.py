@@ -17,6 +17,7 @@ from bayesid.arrays import Array, Integers, Mask
 from bayesid.errors import InputError
 from bayesid.log.formats.table import FEWEST_ROWS
 from bayesid.log.log import Log
+from bayesid.log.low_pass import AfterRectifier
 from bayesid.motion import Motion
 
 _ORDER = 4
@@ -48,6 +49,8 @@ class Signals:
         processing: what was done to the log, for summary.json.
         measured: (N, n) False where the log pauses, for half a period of the cut-off around, or where a sensor
             is blind: nothing is known there.
+        after_rectifier: what |effort| has passed between rectifier and log, of which the efforts here are freed as far
+            as a model tells; None where nothing was found.
     """
 
     motion: Motion
@@ -58,6 +61,7 @@ class Signals:
     cutoff: float
     processing: dict[str, object]
     measured: Mask
+    after_rectifier: AfterRectifier | None = None
 
     @property
     def effort_cutoff(self) -> float:

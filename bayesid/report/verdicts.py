@@ -22,6 +22,7 @@ from bayesid.identification.warnings import (
     confidences_lowered,
     convergence,
     excluded_yet_likely,
+    low_passed,
     not_excited,
     not_ruled_out,
     on_edge,
@@ -96,6 +97,7 @@ def check_findings(findings: Findings) -> tuple[Check, ...]:
         robot_file(findings.summary),
         _excitation(findings),
         _segments(findings),
+        *low_pass(findings.summary),
         proof(findings.summary),
         sampling(findings.summary),
         *modes(findings),
@@ -191,6 +193,16 @@ def _segments(findings: Findings) -> Check:
         return Check(name, "good", message)
     remedy = "validate on a log with known signs, move these joints faster or loaded, or join several logs"
     return Check(name, "look" if share >= _UNSURE else "bad", message, remedy)
+
+
+def low_pass(summary: Summary) -> tuple[Check, ...]:
+    """Whether |effort| was low-passed after it was rectified; nothing where that was not seen."""
+    found = summary.low_pass_after_rectifier
+    if found is None:
+        return ()
+    message = f"{low_passed(found.words)}; signs allow for it, and are less sure around zero crossings"
+    remedy = "log |effort| as the controller has it, without a filter, or filtered before it is rectified"
+    return (Check("Low-pass after the rectifier", "look", message, remedy),)
 
 
 def sure_share(findings: Findings) -> float:

@@ -42,6 +42,11 @@ class Settled:
         """Robot and terms."""
         return self.evidence.model
 
+    @property
+    def predicted(self) -> Array:
+        """(N, n) the fitted model's efforts, N m."""
+        return self.fit.predicted
+
 
 @dataclass(frozen=True)
 class Earlier:
@@ -118,6 +123,23 @@ def _weights(fit: Fit) -> Array:
     """(n,) noise of each joint's effort, N m, as if only every effective sample counted."""
     weights: Array = fit.noise.sigma * np.sqrt(fit.noise.autocorrelation)
     return weights
+
+
+def settled_again(settled: Settled, signals: Signals, predicted: Array) -> Settled:
+    """Signs smoothed and fitted once more under the same model, without a search, on other efforts of the same log.
+
+    Args:
+        settled: as they were.
+        signals: the log with its other efforts.
+        predicted: (N, n) the model's effort by which signs are smoothed, N m.
+
+    Raises:
+        SolverError: an optimisation failed.
+    """
+    evidence = replace(settled.evidence, signals=signals)
+    probability = _smoothed(evidence, predicted, signals.nearest(predicted))
+    fit = fit_signed(evidence, 2.0 * probability - 1.0)
+    return replace(settled, evidence=evidence, probability=probability, fit=fit)
 
 
 def restored(model: Model, signals: Signals) -> Signals:

@@ -11,16 +11,27 @@ process (:eq:`model-error`), wider at standstill, where it must hold all of the 
 e_i are possible with the likelihoods t(e_i - mu_i) and t(-e_i - mu_i) (:eq:`sample-likelihood`). b is one number, so on
 a grid the posterior is exact (Rabiner 1989, eqs. 19 to 27), and with it P(sign_i = +): a sign-marginalised likelihood
 in which the residual's autocorrelation is part of the model.
+
+Where |effort| has passed a low-pass h after the rectifier, a reading tells of |mu| all around it, and its own sign only
+by way of b (:eq:`filtered-likelihood`)::
+
+    e_i = (h * E|mu + n|)_i + white noise,   P(sign_i = + | b) = P(mu_i + n_i > 0),
+
+n the noise that has not passed and b taken to be constant over its length. Around a zero crossing e_i hardly depends on
+b; in return it fluctuates by itself: its noise there is n's.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtr
 
 from bayesid.arrays import Array, Mask
 from bayesid.fit.noise import Noise
+from bayesid.log.low_pass import AfterRectifier
 from bayesid.log.signals import Signals
 from bayesid.progress import Steps, no_steps
 
@@ -56,6 +67,10 @@ class Blocks:
     draws: int = 4
 
 
+_HALVED = Blocks(samples=10_000)
+"""Readings behind a low-pass take as much memory again."""
+
+
 def sign_probabilities(
     signals: Signals, predicted: Array, moving: Mask, noise: Noise, progress: Steps = no_steps
 ) -> Array:
@@ -68,7 +83,11 @@ def sign_probabilities(
         noise: of the residual in motion.
         progress: called as progress(done, total).
     """
-    smoothed = smooth(signals.magnitude, predicted, moving, noise, signals.rate, progress)
+    after, rate = signals.after_rectifier, signals.rate
+    if after is None:
+        return signals.with_known_signs(smooth(signals.magnitude, predicted, moving, noise, rate, progress))
+    read = np.where(signals.signed, signals.magnitude, after.read)
+    smoothed = smooth(read, predicted, moving, noise, rate, progress, _HALVED, after)
     return signals.with_known_signs(smoothed)
 
 
@@ -80,10 +99,14 @@ def smooth(
     rate: float,
     progress: Steps = no_steps,
     blocks: Blocks = Blocks(),
+    after: AfterRectifier | None = None,
 ) -> Array:
-    """(N, n) P(sign = +) of every sample of |effort| (N, n), N m, at a rate, Hz; see `sign_probabilities`."""
+    """(N, n) P(sign = +) of every sample of |effort| (N, n), N m, at a rate, Hz; see `sign_probabilities`.
+
+    The efforts are as they were read: those that have passed a low-pass after the rectifier as well.
+    """
     draws = predicted if predicted.ndim == 3 else predicted[:, :, None]
-    process = _process(effort, draws.mean(axis=2), moving, noise, rate)
+    process = _process(effort, draws.mean(axis=2), moving, noise, rate, after)
     probability = np.zeros_like(effort)
     for start in range(0, len(effort), blocks.samples):
         stop = min(start + blocks.samples, len(effort))
@@ -105,30 +128,37 @@ class _Process:
         white: (n,) scale of the white noise, N m.
         step: (2, n, G, G) transition probabilities, at standstill and in motion.
         prior: (n, G) stationary distribution in motion.
+        rate: of the samples, Hz.
+        after: what |effort| has passed after the rectifier; None where there is nothing.
     """
 
     grid: Array
     white: Array
     step: Array
     prior: Array
+    rate: float
+    after: AfterRectifier | None
 
 
-def _process(effort: Array, predicted: Array, moving: Mask, noise: Noise, rate: float) -> _Process:
-    rest = np.maximum(_doubt_at_rest(effort, predicted, moving), noise.coloured)
+def _process(
+    effort: Array, predicted: Array, moving: Mask, noise: Noise, rate: float, after: AfterRectifier | None
+) -> _Process:
+    seen = np.abs(predicted) if after is None else after.readings(predicted, rate)
+    rest = np.maximum(_doubt_at_rest(effort - seen, predicted, moving), noise.coloured)
     grid = (_REACH * rest)[:, None] * np.linspace(-1.0, 1.0, _GRID)
     step = _transitions(grid, noise.coloured, np.exp(-1.0 / (noise.correlation * rate)))
     rest_step = _transitions(grid, rest, np.full(len(rest), np.exp(-1.0 / (_REST_TIME * rate))))
     rest_step = (1.0 - _TURNS) * rest_step + _TURNS * _stationary(grid, rest)[:, None]
-    return _Process(grid, noise.white, np.stack([rest_step, step]), _stationary(grid, noise.coloured))
+    return _Process(grid, noise.white, np.stack([rest_step, step]), _stationary(grid, noise.coloured), rate, after)
 
 
-def _doubt_at_rest(effort: Array, predicted: Array, moving: Mask) -> Array:
+def _doubt_at_rest(mismatch: Array, predicted: Array, moving: Mask) -> Array:
     """(n,) sd of the model's error at standstill, N m: what |effort| shows of it, and what it cannot show.
 
     Friction that has turned round already, or not yet, leaves |effort| nearly as it was. The change of the model's
     effort from the last sample before a standstill to the first one after it shows how much that is.
     """
-    mismatch = np.where(moving, 0.0, effort - np.abs(predicted))
+    mismatch = np.where(moving, 0.0, mismatch)
     seen = np.sqrt((mismatch**2).sum(axis=0) / np.maximum((~moving).sum(axis=0), 1))
     jump = np.zeros(len(seen))
     for j in range(len(seen)):
@@ -164,6 +194,7 @@ def _smooth(effort: Array, predicted: Array, moving: Mask, process: _Process) ->
     moves = moving.copy()
     moves[1:] &= moving[:-1]  # a standstill is left as it is entered: by a wide step
     joints, all_moving, state = np.arange(n), np.all(moves, axis=1), moves.astype(np.int64)
+    likelihoods = _likelihoods_of(effort, predicted, process)
 
     def step(i: int) -> Array:
         return process.step[1] if all_moving[i] else process.step[state[i], joints]
@@ -173,18 +204,45 @@ def _smooth(effort: Array, predicted: Array, moving: Mask, process: _Process) ->
     for i in range(n_samples):
         if i:
             belief = belief @ step(i)
-        belief = belief * _likelihoods(effort[i], predicted[i], process)[0]
+        belief = belief * likelihoods(i)[0]
         belief /= belief.sum(axis=2, keepdims=True)
         forward[i] = belief
     probability = np.empty(predicted.shape)
     future = np.ones_like(belief)
     for i in range(n_samples - 1, -1, -1):
-        likelihood, plus = _likelihoods(effort[i], predicted[i], process)
+        likelihood, plus = likelihoods(i)
         both = forward[i] * future
         probability[i] = (both * plus).sum(axis=2) / both.sum(axis=2)
         future = (likelihood * future) @ step(i).swapaxes(1, 2)
         future /= future.sum(axis=2, keepdims=True)
     return probability
+
+
+def _likelihoods_of(effort: Array, predicted: Array, process: _Process) -> Callable[[int], tuple[Array, Array]]:
+    """From a sample to what `_likelihoods` gives of it."""
+    after = process.after
+    if after is None:
+        return lambda i: _likelihoods(effort[i], predicted[i], process)
+    readings = after.readings(predicted[..., None] + process.grid[:, None], process.rate)
+    return lambda i: _filtered_likelihoods(effort[i], predicted[i], readings[i], process, after.noise[:, None, None])
+
+
+def _filtered_likelihoods(
+    effort: Array, predicted: Array, readings: Array, process: _Process, before: Array
+) -> tuple[Array, Array]:
+    """The same where |effort| has passed a low-pass, of its mean readings (n, K, G).
+
+    `before` (n, 1, 1) is the sd of the noise that did not pass.
+    """
+    grid = process.grid[:, None]
+    spacing = (process.grid[:, 1] - process.grid[:, 0])[:, None, None]
+    follows = np.clip(np.gradient(readings, axis=2) / spacing, -1.0, 1.0)
+    least = np.maximum(process.white[:, None, None], 0.5 * spacing)  # the grid tells no finer
+    variance = least**2 + (1.0 - follows**2) * before**2
+    misfit = 1.0 + (effort[:, None, None] - readings) ** 2 / (_TAILS * variance)
+    log_likelihood = -0.5 * (_TAILS + 1.0) * np.log(misfit) - 0.5 * np.log(variance)
+    likelihood = np.exp(log_likelihood - log_likelihood.max(axis=2, keepdims=True))
+    return likelihood, ndtr((predicted[:, :, None] + grid) / before)
 
 
 def _likelihoods(effort: Array, predicted: Array, process: _Process) -> tuple[Array, Array]:

@@ -147,7 +147,7 @@ def test_the_parts_of_a_result_belong_together(unsigned):
     assert np.all((unsigned.confidence >= 0.5) & (unsigned.confidence <= 1.0))
     assert np.array_equal(np.bincount(segments.joint, weights=segments.end - segments.start), np.full(n, n_samples))
     assert unsigned.posterior is None
-    assert set(unsigned.timings) == {"prepare", "search", "second opinion"}
+    assert set(unsigned.timings) == {"prepare", "search", "second opinion", "other readings"}
     assert min(unsigned.timings.values()) > 0.0
     np.testing.assert_allclose(unsigned.coefficients.project(unsigned.fit.theta), unsigned.fit.beta)
     predicted = unsigned.model.effort(unsigned.signals.motion, unsigned.fit.theta)
@@ -229,7 +229,7 @@ def test_a_sampled_result_is_that_of_its_draws(truth, unsigned, drawn):
     np.testing.assert_allclose(result.beta, coefficients.mean(axis=0), rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(result.sd, coefficients.std(axis=0), rtol=1e-3)
     assert truth.model.cone.contains(result.theta)
-    assert set(result.timings) == {"prepare", "search", "second opinion", "posterior", "smooth"}
+    assert set(result.timings) == {"prepare", "search", "second opinion", "other readings", "posterior", "smooth"}
     assert list(dict.fromkeys(stage for stage, *_ in calls))[-2:] == ["posterior", "signs of samples"]
     assert calls[-1][1] == calls[-1][2]
     np.testing.assert_array_equal(result.fit.beta, unsigned.fit.beta)

@@ -11,6 +11,7 @@ from bayesid.identification.other_readings import BetterReading
 from bayesid.identification.pipeline import identify
 from bayesid.identification.warnings import warnings_of
 from bayesid.log.log import Log
+from bayesid.log.low_pass import AfterRectifier, LowPass
 from bayesid.signs.search.certified import Certified
 
 
@@ -30,7 +31,13 @@ def model_of(*names):
     effects = [
         SimpleNamespace(name=name, joints=tuple(map(int, joints))) for name, *joints in (text.split() for text in names)
     ]
-    return SimpleNamespace(model=SimpleNamespace(terms=effects, effects=effects))
+    return SimpleNamespace(model=SimpleNamespace(terms=effects, effects=effects), evidence=read_through(None))
+
+
+def read_through(low_pass):
+    """Evidence of a log whose |effort| has passed a low-pass."""
+    after = low_pass and AfterRectifier(low_pass, np.zeros((1, 2)), np.zeros(2))
+    return SimpleNamespace(signals=SimpleNamespace(after_rectifier=after))
 
 
 @dataclass
@@ -127,6 +134,12 @@ def test_each_fault_is_one_sentence(log, changes, sentence):
     (warning,) = warnings(log, **changes)
     assert sentence in warning
     assert "\n" not in warning
+
+
+def test_a_low_pass_after_the_rectifier_is_named(log):
+    asked = SimpleNamespace(evidence=read_through(LowPass(2, 7.934, zero_phase=False)))
+    (warning,) = warnings(log, asked=asked)
+    assert "was low-passed after it was rectified, at about 7.93 Hz (Butterworth, order 2, with its delay)" in warning
 
 
 def test_a_search_that_proves_nothing_has_no_gap(log):

@@ -516,6 +516,7 @@ def test_the_summary_of_a_sampled_result(sampled, sampled_folder):
         "assignments",
         "assignments_elsewhere",
         "excluded",
+        "pressed_windows",
     }
     search = content["search"]
     assert search["cost_parts"]["data"] + search["cost_parts"]["pull"] == pytest.approx(search["cost"])

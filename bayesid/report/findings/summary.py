@@ -292,6 +292,25 @@ class ReadingSummary:
 
 
 @dataclass(frozen=True)
+class LowPassSummary:
+    """A low-pass that |effort| has passed after the rectifier.
+
+    Attributes:
+        cutoff_hz: of a Butterworth low-pass.
+        order: of it.
+        zero_phase: whether it was run forwards and backwards.
+        noise_before_sd: (n,) sd of the noise that it took away, N m.
+        words: all that, as people say it.
+    """
+
+    cutoff_hz: float
+    order: int
+    zero_phase: bool
+    noise_before_sd: Numbers
+    words: str
+
+
+@dataclass(frozen=True)
 class Summary:
     """The numbers of an identification.
 
@@ -318,6 +337,7 @@ class Summary:
         complete: what the catalogue had to say; None where it was not asked.
         modes: of the posterior, the heaviest first; empty where it was not sampled.
         better_reading: of the log, than the one given; None where there is none.
+        low_pass_after_rectifier: that |effort| has passed; None where none was found.
     """
 
     robot: str
@@ -342,6 +362,7 @@ class Summary:
     complete: CompletionSummary | None = None
     modes: tuple[ModeSummary, ...] = ()
     better_reading: ReadingSummary | None = None
+    low_pass_after_rectifier: LowPassSummary | None = None
 
     @property
     def hidden_joints(self) -> int:
@@ -380,6 +401,7 @@ def summarise(identification: Identification) -> Summary:
         complete=_complete(identification),
         modes=_modes(identification),
         better_reading=_reading(identification),
+        low_pass_after_rectifier=_low_pass(identification),
     )
     return from_json(Summary, as_json(summary))  # so that it is what a file gives: None for what is not finite
 
@@ -392,6 +414,14 @@ def log_parts(log: Log) -> tuple[LogPart, ...]:
 def _joints(chosen: Sequence[bool] | np.ndarray) -> tuple[int, ...]:
     """From 1."""
     return tuple((np.flatnonzero(chosen) + 1).tolist())
+
+
+def _low_pass(identification: Identification) -> LowPassSummary | None:
+    after = identification.signals.after_rectifier
+    if after is None:
+        return None
+    low_pass, taken = after.low_pass, tuple(after.noise.tolist())
+    return LowPassSummary(low_pass.cutoff, low_pass.order, low_pass.zero_phase, taken, str(low_pass))
 
 
 def _search(identification: Identification) -> SearchSummary:

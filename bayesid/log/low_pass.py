@@ -1,0 +1,88 @@
+"""A low-pass that |effort| has passed after the rectifier: in the sensor, in the drive, by whoever wrote the log."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import signal
+from scipy.special import ndtr
+
+from bayesid.arrays import Array
+
+_MEMORY = 3.0
+"""Periods of the cut-off after which a response has died out: to e^-13 at least, for orders one and two."""
+
+
+@dataclass(frozen=True, order=True)
+class LowPass:
+    """A Butterworth low-pass of efforts; of the first order it is an RC element.
+
+    Attributes:
+        order: 1 or more; run forwards and backwards, the attenuation is that of twice the order.
+        cutoff: Hz.
+        zero_phase: whether it was run forwards and backwards, which delays nothing.
+    """
+
+    order: int
+    cutoff: float
+    zero_phase: bool
+
+    def __str__(self) -> str:
+        """As people say it."""
+        way = "forwards and backwards" if self.zero_phase else "with its delay"
+        return f"{self.cutoff:.3g} Hz (Butterworth, order {self.order}, {way})"
+
+    def apply(self, values: Array, rate: float) -> Array:
+        """What becomes of (N, ...) values at a rate, Hz; it is at rest before the first one and after the last."""
+        once = self._causal(values, rate)
+        return self._causal(once[::-1], rate)[::-1] if self.zero_phase else once
+
+    def _causal(self, values: Array, rate: float) -> Array:
+        above, below = signal.butter(self.order, self.cutoff, fs=rate)
+        at_rest = signal.lfilter_zi(above, below).reshape(-1, *[1] * (values.ndim - 1)) * values[:1]
+        filtered: Array = signal.lfilter(above, below, values, axis=0, zi=at_rest)[0]
+        return filtered
+
+    def memory(self, rate: float) -> int:
+        """Samples after which a response has died out."""
+        return int(np.ceil(_MEMORY * rate / self.cutoff))
+
+    def autocovariance(self, memory: float, lags: int, rate: float) -> Array:
+        """(lags,) of noise of variance 1 that has passed it; the noise's correlation from sample to sample is given."""
+        reach = int(np.ceil(_MEMORY * rate / self.cutoff))
+        impulse = np.zeros(2 * reach + 1)
+        impulse[reach] = 1.0
+        response = self.apply(impulse, rate)
+        power = signal.correlate(response, response)
+        reach = len(response) - 1 + lags
+        noise = float(memory) ** np.abs(np.arange(-reach, reach + 1))
+        covariance: Array = signal.fftconvolve(noise, power, mode="valid")[lags : 2 * lags]
+        return covariance
+
+
+@dataclass(frozen=True)
+class AfterRectifier:
+    """That the |effort| of the unsigned joints has passed a low-pass.
+
+    Attributes:
+        low_pass: it.
+        read: (N, n) |effort| as it was read, resampled, N m.
+        noise: (n,) sd of the noise before the low-pass that did not pass it, N m.
+    """
+
+    low_pass: LowPass
+    read: Array
+    noise: Array
+
+    def readings(self, effort: Array, rate: float) -> Array:
+        """(N, n, ...) mean readings of efforts, N m, at a rate, Hz."""
+        sd = self.noise.reshape(-1, *[1] * (effort.ndim - 2))
+        return self.low_pass.apply(mean_magnitude(effort, sd), rate)
+
+
+def mean_magnitude(effort: Array, sd: Array | float) -> Array:
+    """E|e + n| of efforts e with normal noise n of a standard deviation: the mean of a folded normal distribution."""
+    ratio = effort / sd
+    mean: Array = sd * np.sqrt(2.0 / np.pi) * np.exp(-0.5 * ratio**2) + effort * (2.0 * ndtr(ratio) - 1.0)
+    return mean

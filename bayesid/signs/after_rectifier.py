@@ -1,0 +1,327 @@
+"""Efforts that were rectified and low-passed after it: found, and freed of it.
+
+|effort| has a cusp at every zero crossing. A low-pass before the rectifier moves the cusp, one behind it rounds it off
+and lifts it off zero, as no effort could have it. So around every zero crossing of the model's effort p, |effort| is
+compared with both: |h * p + b| and h * |p + b|, each with the h that suits it best and, at every crossing, with the
+error b of the model that does. Each crossing is one observation: its sums of squares give a contrast between -1 and 1,
+symmetric about zero or in favour of the first if there is no low-pass behind the rectifier (:eq:`low-pass-contrast`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import nnls
+
+from bayesid.arrays import TINY, Array, Integers, Mask
+from bayesid.fit.noise import autocovariance
+from bayesid.log.low_pass import AfterRectifier, LowPass, mean_magnitude
+from bayesid.log.segments import Cutting, Segments, find_segments
+from bayesid.log.signals import Signals, signed_effort
+from bayesid.model.model import Model
+from bayesid.progress import SILENT, Progress
+from bayesid.signs.search.protocol import Search
+from bayesid.signs.settling import Earlier, Settled, settle_signs, settled_again
+
+_REACH = 0.06
+"""s before and after a zero crossing that count as around it: where a low-pass of a few Hz rounds off most. A round
+number; not studied."""
+_SETTLING = 0.4
+"""s before and after that, in which a low-pass of `_CUTOFFS` comes to rest. A round number; not studied."""
+_MOST_CROSSINGS = 240
+"""Crossings that are looked at, evenly over log and joints: far more than what decides."""
+_FALSE_ALARM = 0.05
+"""Bound on the probability of finding a low-pass where there is none (`significance`): the custom. By the normal limit
+of the same sum it is 0.007."""
+_CUTOFFS = 1.4 * 2.0 ** (0.5 * np.arange(9))
+"""Hz; cut-offs that are tried: from where hardly a motion is left to 22 Hz, which rounds off a sample or two."""
+_OF_NYQUIST = 0.5
+"""Of half the rate: a cut-off above is not tried, since resampling does as much. A round number."""
+_FINER = 2.0 ** (np.arange(-4, 5) / 8)
+"""Cut-offs that are tried about one that was found, relative to it."""
+_SHAPES = ((1, False), (2, False), (1, True), (2, True))
+"""Order, and whether there is no delay: an RC element, a usual low-pass, and both run forwards and backwards."""
+_BIAS = 4.0 * np.linspace(-1.0, 1.0, 41)
+"""Errors of the model that are tried at a crossing, in standard deviations of the residual."""
+_LONGEST_LAG = 0.5
+"""s; beyond this lag a residual's correlation is the motion's (`bayesid.fit.noise`)."""
+_MEMORIES = (0.05, 0.1, 0.2, 0.5, 2.0)
+"""s; correlation times of the model's error that are told apart. Round numbers; not studied."""
+_LEAST_TAKEN = 1.0
+"""Least noise taken, as a share of the residual's variance: as much as has passed. A low-pass is known only so well,
+and slow noise looks like noise that has passed. A round number; not studied."""
+_PASSES = 3
+"""Fits behind a low-pass, each with the signs of the one before it. A round number; not studied."""
+_BLIND = 1e-9
+"""Share of the largest eigenvalue below which a direction is not seen: the root of rounding, cautiously."""
+
+
+def settle_unfiltered(
+    model: Model,
+    signals: Signals,
+    segments: Segments,
+    search: Search,
+    cutting: Cutting,
+    progress: Progress = SILENT,
+    earlier: Earlier | None = None,
+) -> tuple[Settled, Segments]:
+    """`settle_signs`, once more on efforts freed of a low-pass after the rectifier where there was one.
+
+    Args:
+        model: robot and terms.
+        signals: the log.
+        segments: where its signs are constant.
+        search: how to search.
+        cutting: how efforts are cut.
+        progress: of the searches.
+        earlier: what an earlier log says.
+
+    Returns:
+        The signs, whose evidence holds the signals freed of the low-pass, and the segments before any search.
+
+    Raises:
+        SolverError: an optimisation failed.
+    """
+    settled = settle_signs(model, signals, segments, search, progress, earlier)
+    if find_low_pass(settled) is None:
+        return settled, segments
+    rows = _Rows.of(settled)
+    low_pass = min(_tried(signals.rate), key=lambda low_pass: rows.fitted(low_pass)[1])
+    low_pass = min(_finer(low_pass, signals.rate), key=lambda low_pass: rows.fitted(low_pass)[1])
+    predicted = rows.fitted(low_pass)[0]
+    settled = settled_again(settled, freed(settled, low_pass, predicted), predicted)
+    signals = freed(settled, low_pass, settled.predicted)
+    segments = find_segments(signals, model.robot.actuators(signals.motion), cutting)
+    return settle_signs(model, signals, segments, search, progress.under("unfiltered"), earlier), segments
+
+
+def freed(settled: Settled, low_pass: LowPass, predicted: Array) -> Signals:
+    """The log with the efforts of its unsigned joints as they were before a low-pass, by what it does to the model's.
+
+    What the model leaves of the readings stays as it is, so that no noise is made larger.
+
+    Args:
+        settled: signs of the log.
+        low_pass: that |effort| has passed.
+        predicted: (N, n) the model's effort, N m.
+    """
+    signals, used = settled.evidence.signals, settled.evidence.used
+    read = _read(signals)
+    left = np.sign(predicted) * (read - low_pass.apply(np.abs(predicted), signals.rate))
+    columns = zip(np.where(used, left, 0.0).T, used.T, strict=True)
+    noise = np.array([noise_taken(low_pass, column, which, signals.rate) for column, which in columns])
+    after = AfterRectifier(low_pass, read, noise)
+    expected = mean_magnitude(predicted, noise)
+    raw = np.maximum(read + expected - after.readings(predicted, signals.rate), 0.0)
+    raw = np.where(signals.signed, signals.raw_effort, raw)
+    changed = replace(signals, raw_effort=raw, after_rectifier=after)
+    return replace(changed, effort=signed_effort(changed, np.ones_like(raw)))
+
+
+def noise_taken(low_pass: LowPass, residual: Array, used: Mask, rate: float) -> float:
+    """Sd of the noise before a low-pass that has not passed, N m, by the residual (N,) behind it (:eq:`noise-taken`).
+
+    The residual's autocovariance is that of sensor noise behind the low-pass plus white noise and exponentially
+    correlated ones before it, of variances that are not negative (Lawson and Hanson 1974, chapter 23).
+    """
+    observed = autocovariance(residual, used, max(2, int(_LONGEST_LAG * rate)))
+    memories = np.exp(-1.0 / (np.array(_MEMORIES) * rate))
+    passed = np.stack([low_pass.autocovariance(memory, len(observed), rate) for memory in (0.0, *memories)], axis=1)
+    behind = np.eye(len(observed), 1)
+    variance = nnls(np.hstack([behind, passed]), observed)[0][1:]
+    taken = float(variance @ (1.0 - passed[0]))
+    return np.sqrt(max(taken, _LEAST_TAKEN * observed[0], TINY))
+
+
+def find_low_pass(settled: Settled) -> LowPass | None:
+    """The low-pass that |effort| has passed after the rectifier; None where there is no evidence of one.
+
+    Where the crossings favour one, they are looked at once more after a fit to efforts freed of it: a fit to efforts
+    that lag has crossings elsewhere.
+
+    Raises:
+        SolverError: an optimisation failed.
+    """
+    tried = _tried(settled.evidence.signals.rate)
+    first = _Crossings.of(settled)
+    if not tried or significance(np.ones(len(first.joint))) > _FALSE_ALARM or first.contrast(tried).sum() <= 0.0:
+        return None
+    signals = freed(settled, first.best_after(tried), settled.predicted)
+    again = _Crossings.of(settled_again(settled, signals, settled.predicted))
+    return again.best_after(tried) if significance(again.contrast(tried)) <= _FALSE_ALARM else None
+
+
+def significance(contrast: Array) -> float:
+    """Probability at most of contrasts (C,) with such a sum, if each is as likely with the other sign.
+
+    exp(-S^2 / 2) of the self-normalised sum S, by Hoeffding's inequality: whatever the sizes (de la Pena, Lai and Shao
+    2009, section 2.1). 1 where the sum is negative.
+    """
+    total = float(contrast.sum()) / np.sqrt(max(float(contrast @ contrast), TINY))
+    return float(np.exp(-0.5 * max(total, 0.0) ** 2))
+
+
+def _tried(rate: float) -> list[LowPass]:
+    return [LowPass(order, float(f), both) for order, both in _SHAPES for f in _CUTOFFS if _may_be(f, rate)]
+
+
+def _may_be(cutoff: float, rate: float) -> bool:
+    return cutoff < 0.5 * _OF_NYQUIST * rate
+
+
+def _finer(low_pass: LowPass, rate: float) -> list[LowPass]:
+    cutoffs = [low_pass.cutoff * factor for factor in _FINER.tolist()]
+    return [LowPass(order, f, both) for order, both in _SHAPES for f in cutoffs if _may_be(f, rate)]
+
+
+def _read(signals: Signals) -> Array:
+    """(N, n) |effort| as it was read, N m."""
+    return signals.magnitude if signals.after_rectifier is None else signals.after_rectifier.read
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Least squares to readings behind a low-pass, whose rows are h * (s Y): exact for given signs s, and linear.
+
+    A model that was fitted to efforts which lag has taken up some of the lag; so the low-pass is chosen by what is left
+    after a fit of its own.
+
+    Attributes:
+        settled: signs of the log.
+        columns: (N, n, r) of the coefficients.
+        sigma: (n,) sd of the residual, N m, by which joints are weighed.
+    """
+
+    settled: Settled
+    columns: Array
+    sigma: Array
+
+    @classmethod
+    def of(cls, settled: Settled) -> _Rows:
+        """Of a log whose |effort| seems to have passed one."""
+        return cls(settled, settled.evidence.columns, settled.fit.residual.sigma)
+
+    def fitted(self, low_pass: LowPass) -> tuple[Array, float]:
+        """(N, n) the model's effort, N m, fitted without the cone, and minus the log of how likely the residual is."""
+        signals, used, predicted = self.settled.evidence.signals, self.settled.evidence.used, self.settled.predicted
+        read = np.where(signals.signed, signals.raw_effort, _read(signals))
+        target = np.where(used, read, 0.0) / self.sigma
+        for _ in range(_PASSES):
+            signs = np.where(predicted >= 0.0, 1.0, -1.0)
+            filtered = low_pass.apply(signs[:, :, None] * self.columns, signals.rate)
+            rows = np.where(signals.signed[:, None], self.columns, filtered)
+            rows = np.where(used[:, :, None], rows, 0.0) / self.sigma[:, None]
+            predicted = self.columns @ _least_squares(rows.reshape(target.size, -1), target.ravel())
+        expected = np.where(signals.signed, predicted, low_pass.apply(np.abs(predicted), signals.rate))
+        square = np.where(used, read - expected, 0.0) ** 2
+        count = used.sum(axis=0)
+        return predicted, 0.5 * float(count @ np.log(np.maximum(square.sum(axis=0) / np.maximum(count, 1), TINY)))
+
+
+def _least_squares(rows: Array, target: Array) -> Array:
+    """(r,) of least length, columns scaled to the same one."""
+    hessian = rows.T @ rows
+    length = np.sqrt(np.maximum(np.diag(hessian), TINY))
+    inverse = np.linalg.pinv(hessian / np.outer(length, length), rcond=_BLIND, hermitian=True)
+    solution: Array = inverse @ (rows.T @ target / length) / length
+    return solution
+
+
+@dataclass(frozen=True)
+class _Crossings:
+    """C zero crossings of the model's effort, with L samples about each and M in which a low-pass comes to rest.
+
+    Attributes:
+        joint: (C,) 0-based.
+        predicted: (L + 2 M, C) the model's effort, N m.
+        read: (L, C) |effort|, N m.
+        sd: (C,) of the residual, N m.
+        white: (C,) of its white part.
+        rate: Hz.
+    """
+
+    joint: Integers
+    predicted: Array
+    read: Array
+    sd: Array
+    white: Array
+    rate: float
+
+    @classmethod
+    def of(cls, settled: Settled) -> _Crossings:
+        """Those of the unsigned joints, one after the other, mostly in motion and well inside the log."""
+        signals, predicted, noise = settled.evidence.signals, settled.predicted, settled.fit.residual
+        reach, settling = round(_REACH * signals.rate), round(_SETTLING * signals.rate)
+        usable = signals.measured & signals.inner & ~signals.signed
+        places = _apart(predicted, usable, settled.evidence.moving, reach, settling)
+        if len(places) > _MOST_CROSSINGS:
+            places = places[np.linspace(0, len(places) - 1, _MOST_CROSSINGS).astype(int)]
+        joint, at = places.T
+        around = at + np.arange(-reach, reach + 1)[:, None]
+        wide = at + np.arange(-reach - settling, reach + settling + 1)[:, None]
+        read = _read(signals)[around, joint]
+        return cls(joint, predicted[wide, joint], read, noise.sigma[joint], noise.white[joint], signals.rate)
+
+    @property
+    def _bias(self) -> Array:
+        """(C, G) errors of the model."""
+        return self.sd[:, None] * _BIAS
+
+    def _inner(self, values: Array) -> Array:
+        settling = (len(self.predicted) - len(self.read)) // 2
+        return values[settling : settling + len(self.read)]
+
+    def best_after(self, tried: list[LowPass]) -> LowPass:
+        """The low-pass that, after the rectifier, suits most."""
+        return min(tried, key=lambda low_pass: _misfit(self.after(low_pass)))
+
+    def best_before(self, tried: list[LowPass]) -> LowPass | None:
+        """The same before the rectifier; None if no low-pass suits better."""
+        return min([None, *tried], key=lambda low_pass: _misfit(self.before(low_pass)))
+
+    def after(self, low_pass: LowPass) -> Array:
+        """(C,) sums of squares that a low-pass after the rectifier leaves, (N m)^2."""
+        mean = mean_magnitude(self.predicted[..., None] + self._bias, self.white[:, None])
+        return self._left(self._inner(low_pass.apply(mean, self.rate)))
+
+    def before(self, low_pass: LowPass | None) -> Array:
+        """(C,) the same of one before the rectifier, or of none."""
+        predicted = self.predicted if low_pass is None else low_pass.apply(self.predicted, self.rate)
+        return self._left(mean_magnitude(self._inner(predicted)[..., None] + self._bias, self.white[:, None]))
+
+    def _left(self, expected: Array) -> Array:
+        spacing = self._bias[:, 1] - self._bias[:, 0]
+        squares = ((self.read[..., None] - expected) ** 2).sum(axis=0).min(axis=1)
+        left: Array = squares + len(self.read) * spacing**2 / 12.0  # the errors that are tried tell no finer
+        return left
+
+    def contrast(self, tried: list[LowPass]) -> Array:
+        """(C',) between -1 and 1: how much better the best low-pass after the rectifier suits than the best before it.
+
+        Of crossings that one of the two explains no worse than the model explains the joint elsewhere.
+        """
+        before, after = self.before(self.best_before(tried)), self.after(self.best_after(tried))
+        explained = np.minimum(before, after) <= len(self.read) * self.sd**2
+        contrast: Array = ((before - after) / np.maximum(before + after, TINY))[explained]
+        return contrast
+
+
+def _misfit(left: Array) -> float:
+    """Sum of the logarithms: every crossing has noise of its own."""
+    return float(np.log(np.maximum(left, TINY)).sum())
+
+
+def _apart(predicted: Array, usable: Mask, moving: Mask, reach: int, settling: int) -> Integers:
+    """(C, 2) joint and sample of zero crossings, none within reach of another one's."""
+    places = []
+    for j in range(predicted.shape[1]):
+        last = settling - 1
+        for i in np.flatnonzero(np.diff(np.sign(predicted[:, j])) != 0.0).tolist():
+            around = slice(i - reach, i + reach + 1)
+            if around.start <= last or around.stop + settling > len(predicted):
+                continue
+            if usable[around, j].all() and moving[around, j].mean() > 0.5:
+                places.append((j, i))
+                last = around.stop - 1
+    return np.array(places, dtype=np.int64).reshape(-1, 2)
