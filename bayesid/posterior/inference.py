@@ -25,7 +25,6 @@ from bayesid.fit.moments import Moments
 from bayesid.fit.noise import Noise
 from bayesid.posterior.modes import find_modes
 from bayesid.posterior.problem import PosteriorProblem
-from bayesid.posterior.region import Region
 from bayesid.posterior.sampled_modes import SampledMode, mode_of_draws, pool, sample_modes
 from bayesid.posterior.sampler import Draws, Sampling
 from bayesid.posterior.target import Target
@@ -38,8 +37,6 @@ _AVERAGED = 1024
 """Draws from which probabilities of signs are averaged: their Monte Carlo error is below 0.5 / sqrt(1024) = 0.016."""
 _LEAST_WIDER = 1e-6
 """Share of the largest variance, in units of what the log leaves uncertain, below which a direction is rounding."""
-_HALVINGS = 6
-"""Of a move that would leave the region, before it is left out. A round number; not studied."""
 _FROM_ZERO = 1.02
 """Times the shortest interval that one from zero may be long: the place of the shortest is uncertain among draws. A
 round number; not studied."""
@@ -217,11 +214,9 @@ class Posterior:
     @property
     def _nonnegative(self) -> Integers:
         """Indices of the coefficients that are one parameter that cannot be negative."""
-        region, projection = self.target.prior.region, self.target.likelihood.projection
-        alone = (np.count_nonzero(region.rows, axis=1) == 1) & (region.offset == 0.0) & (region.rows.max(axis=1) > 0.0)
-        bounded = region.rows[alone].any(axis=0)
+        projection = self.target.likelihood.projection
         single = np.count_nonzero(projection, axis=1) == 1
-        return np.flatnonzero(single & (projection @ bounded > 0.0))
+        return np.flatnonzero(single & (projection @ self.target.prior.region.nonnegative > 0.0))
 
     def spread(self, count: int = DRAWS) -> tuple[Array, Array]:
         """(K, P) parameters and (K, n) noise scales u of at most `count` draws, evenly spread over all of them."""
@@ -231,15 +226,17 @@ class Posterior:
 def widened(posterior: Posterior, information: Array, lacking: Array) -> Posterior:
     """The posterior with what the model may lack, in each mode (:eq:`nuisance-draws`).
 
-    What moves least squares by e moves a posterior with a prior and a cone by Cov(theta, beta) H e. Draws are moved in
-    one principal direction of e after the other; one that would leave the region is moved the other way, or less far.
+    What moves least squares by e moves a posterior with a prior and a cone by Cov(theta, beta) H e. A draw so moved
+    need not be feasible: what the model lacks is no rigid body, and where it presses the posterior into a corner of the
+    cone, draws that had to stay there would hide how far off it is. Only what cannot be negative by itself is kept at
+    zero.
 
     Args:
         posterior: of the log.
         information: (r, r) H of the coefficients.
         lacking: (r, r) covariance of e, by which least squares are wider than H says.
     """
-    draws, region = posterior.draws, posterior.target.prior.region
+    draws, single = posterior.draws, posterior.target.prior.region.nonnegative
     directions = _principal(information, lacking)
     shift, of_mode = np.zeros_like(draws.theta), posterior.mode_of_draws
     rng = np.random.default_rng(posterior.sampling.seed)
@@ -247,9 +244,9 @@ def widened(posterior: Posterior, information: Array, lacking: Array) -> Posteri
         here, own = of_mode == k, posterior.modes[k].draws
         theta, beta = (values.reshape(-1, values.shape[-1]) for values in (own.theta, own.beta))
         across = (theta - theta.mean(axis=0)).T @ (beta - beta.mean(axis=0)) / max(len(beta) - 1, 1)
-        moved = draws.theta[here]
-        for direction in (across @ directions).T:
-            moved = moved + _inside(region, moved, rng.standard_normal((len(moved), 1)) * direction)
+        moves = across @ directions
+        moved = draws.theta[here] + rng.standard_normal((int(here.sum()), moves.shape[1])) @ moves.T
+        moved[:, single] = np.maximum(moved[:, single], 0.0)
         shift[here] = moved - draws.theta[here]
     return replace(posterior, shift=shift)
 
@@ -260,18 +257,6 @@ def _principal(information: Array, lacking: Array) -> Array:
     root = vectors * np.sqrt(np.maximum(values, 0.0))  # H = root root'
     sizes, turn = np.linalg.eigh(root.T @ lacking @ root)
     return root @ (turn * np.sqrt(np.maximum(sizes, 0.0)))[:, sizes > _LEAST_WIDER * max(sizes[-1], 0.0)]
-
-
-def _inside(region: Region, theta: Array, move: Array) -> Array:
-    """(K, P) moves of points (K, P) that stay inside: as they are, the other way, or halved until they do."""
-    move, done = move.copy(), np.zeros(len(theta), dtype=bool)
-    for halvings in range(_HALVINGS):
-        for sign in (1.0, -1.0):
-            left = np.flatnonzero(~done)
-            tried = sign * move[left] * 0.5**halvings
-            stays = region.contains((theta[left] + tried).T)
-            move[left[stays]], done[left[stays]] = tried[stays], True
-    return np.where(done[:, None], move, 0.0)
 
 
 def infer(problem: PosteriorProblem, search: SearchResult, sampling: Sampling, steps: Steps = no_steps) -> Posterior:

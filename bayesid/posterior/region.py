@@ -116,6 +116,13 @@ class Region:
             matrices[..., i, j] = matrices[..., j, i] = triangles[..., k, :]
         return matrices
 
+    @property
+    def nonnegative(self) -> Mask:
+        """(P,) whether a parameter cannot be negative by itself."""
+        alone = (np.count_nonzero(self.rows, axis=1) == 1) & (self.rows.max(axis=1, initial=0.0) > 0.0)
+        bounded: Mask = self.rows[alone & (self.offset == 0.0)].any(axis=0)
+        return bounded
+
     def contains(self, theta: Array) -> Mask:
         """(W,) whether theta (P, W) lies strictly inside."""
         inside: Mask = np.all(self.slack(theta) > 0.0, axis=0) & positive_definite(self.matrices(theta))

@@ -363,7 +363,12 @@ def _whiteness(summary: Summary) -> Check:
     )
     if lasting.max() <= _WHITE:
         return Check(name, "good", message)
-    remedy = f"the standard deviations allow for it, but something is missing from the model: {_DISCREPANCY}"
+    lasts = [str(j + 1) for j in np.flatnonzero(lasting > _WHITE)]
+    shows = f"of what shows in joint{'s' * (len(lasts) > 1)} {listed(lasts)}"
+    remedy = (
+        f"standard deviations allow for its colour, not for a bias: intervals {shows} may be too narrow, as something "
+        f"is missing from the model: {_DISCREPANCY}"
+    )
     return Check(name, "look", message, remedy)  # how large it is, the fit says
 
 
