@@ -244,7 +244,8 @@ def test_nominal_values_are_believed(place):
     assert float(found["m1"]["mean"]) == pytest.approx(27.0, abs=0.5)
     assert float(found["m1"]["sd"]) == pytest.approx(0.5, rel=0.5)
     prior = json.loads((place / "out" / "summary.json").read_text())["posterior"]["prior_sd"]
-    assert (prior["m1"], prior["m2"]) == (0.5, 10.0)
+    assert prior["m1"] == 0.5
+    assert prior["m2"] == prior["m3"] > 1.0, "any link's, by the robot's lengths and efforts"
 
 
 @pytest.mark.parametrize(
