@@ -105,7 +105,8 @@ def make_case(scenario: Simulated, seed: int) -> Case:
     blind = generator("complete")
     rng = blind.stream(seed, 0)
     told = blind.bare_robot(rng, scenario.robot)
-    arm = replace(told, table=_off(told.table, scenario, blind.stream(seed, 2)))
+    trouble = blind.Trouble(scenario.length, scenario.angle)
+    arm = replace(told, table=blind.built_off(told.table, trouble, blind.stream(seed, 2)))
     play = blind.Play(arm, blind.random_series(blind.stream(seed, 1), arm.n, _is_slow(scenario, rng)))
     arm = blind.with_joints(blind.stream(seed, 4), arm, play)
     play = play.under(arm)
@@ -131,13 +132,6 @@ def _is_slow(scenario: Simulated, rng: np.random.Generator) -> bool:
     """Friction that falls with speed shows in slow parts; a short log would be nothing else."""
     drawn = rng.random() < _SLOW and scenario.duration == DURATION
     return drawn or "stribeck_friction" in scenario.effects
-
-
-def _off(table: Mapping[str, Any], scenario: Simulated, rng: np.random.Generator) -> dict[str, Any]:
-    """The table of a robot that was not built quite as told."""
-    sd = {"a": scenario.length, "alpha": scenario.angle, "d": scenario.length, "theta": scenario.angle}
-    joints = [{key: row[key] + step * rng.standard_normal() for key, step in sd.items()} for row in table["joints"]]
-    return {**table, "joints": joints}
 
 
 def _hidden(scenario: Simulated, seed: int, play: Any, scale: Array) -> Sequence[Any]:

@@ -13,6 +13,7 @@ from bayesid.discrepancy.compare import NoiseFloor, Trial, make_trial, noise_flo
 from bayesid.discrepancy.log_checks import check_holdout
 from bayesid.fit.effects.explanation import Explanation, Observations
 from bayesid.fit.effects.extension import Extension
+from bayesid.fit.effects.held_back import HeldBackErrors, blocks_of
 from bayesid.fit.effects.hypotheses import Hypothesis
 from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.fit.evidence import Evidence
@@ -46,6 +47,17 @@ class HeldBack:
     trial: Trial
     name: str
     another_log: bool
+
+    def errors(self, predicted: Array) -> HeldBackErrors:
+        """What efforts (N, n), N m, leave of blocks of these data."""
+        used = self.trial.used
+        rows = np.flatnonzero(used.any(axis=1))
+        blocks = np.array_split(rows, blocks_of(len(rows) / self.trial.signals.rate))
+        squares = self.trial.residual(predicted) ** 2
+        return HeldBackErrors(
+            np.stack([squares[block].sum(axis=0) for block in blocks]),
+            np.stack([used[block].sum(axis=0) for block in blocks]),
+        )
 
 
 def divide(

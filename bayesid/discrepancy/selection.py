@@ -8,13 +8,13 @@ from functools import partial
 
 import numpy as np
 
-from bayesid.arrays import Array
+from bayesid.arrays import Array, Mask
 from bayesid.discrepancy.case import Case
 from bayesid.discrepancy.compare import NoiseFloor, Trial
 from bayesid.fit.effects.explanation import LN10, Explanation, Observations
 from bayesid.fit.effects.extension import Extension, extend
 from bayesid.fit.effects.forward import Candidate, Products, Rules, select_forward
-from bayesid.fit.effects.held_back import HeldBackErrors, bears_out, blocks_of
+from bayesid.fit.effects.held_back import HeldBackErrors, bears_out
 from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis, hypotheses
 from bayesid.fit.effects.refinement import refined
 from bayesid.fit.effects.relinearisation import sharpened
@@ -25,6 +25,10 @@ from bayesid.progress import SILENT, Progress
 
 _SETTLINGS = 2
 """Times that signs and coefficients take turns before effects are looked for; a round number, not studied."""
+
+ON_LOG, HELD_BACK, GROWN = "log", "held-back data", "gap grew on held-back data"
+"""Which data say that a joint stays unexplained: its residual on the log is above the floor, or that on held-back data;
+or identifying the model again has made it larger there."""
 
 
 @dataclass(frozen=True)
@@ -184,24 +188,10 @@ def _failed(case: Case, chosen: _Chosen) -> Hypothesis | None:
 
 def _held_back(case: Case, effects: Sequence[Hypothesis], explanation: Explanation) -> HeldBackErrors:
     """Errors on blocks of the held-back data."""
-    trial = case.held_back.trial
-    rows = np.flatnonzero(trial.used.any(axis=1))
-    blocks = np.array_split(rows, blocks_of(len(rows) / trial.signals.rate))
-    squares = _held_back_residual(case, effects, explanation) ** 2 * trial.used
-    return HeldBackErrors(
-        np.stack([squares[block].sum(axis=0) for block in blocks]),
-        np.stack([trial.used[block].sum(axis=0) for block in blocks]),
-    )
-
-
-def _held_back_residual(case: Case, effects: Sequence[Hypothesis], explanation: Explanation) -> Array:
-    """(N, n) residuals on held-back data, N m."""
-    trial = case.held_back.trial
     extension = extend(case.knowledge, case.coefficients, effects, explanation)
     if any(effect.source.reveals for effect in effects):
         extension = case.refitted(extension, case.predicted(effects, explanation))
-    predicted = extension.model.effort(trial.signals.motion, extension.theta)
-    return trial.nearest(predicted) - predicted
+    return case.held_back.errors(extension.model.effort(case.held_back.trial.signals.motion, extension.theta))
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -226,8 +216,37 @@ def _without_stand_ins(case: Case, chosen: _Chosen) -> tuple[_Chosen, set[Effect
 def unexplained(
     trial: Trial, predicted: Array, floor: NoiseFloor, explanation: Explanation, thresholds: Thresholds
 ) -> tuple[tuple[int, float], ...]:
-    """Joint (from 1) and ratio to the floor, of those whose residual is surely above it."""
+    """Joint (from 1) and ratio to the floor, of those whose residual is surely above it on the log."""
     gap = trial.gap(predicted)
     sure = explanation.free_evidence - explanation.noise_evidence > thresholds.log10_bayes_factor * LN10
     above = np.flatnonzero(sure & floor.exceeded(gap, thresholds)).tolist()
     return tuple((j + 1, float(gap[j] / floor.rms[j])) for j in above)
+
+
+def unexplained_anywhere(
+    on_log: Sequence[tuple[int, float]],
+    before: HeldBackErrors,
+    after: HeldBackErrors,
+    floor: NoiseFloor,
+    thresholds: Thresholds,
+) -> tuple[tuple[tuple[int, float], ...], dict[int, tuple[str, ...]]]:
+    """Joint (from 1) and ratio to the floor of those that stay unexplained, and by joint which data say so.
+
+    Args:
+        on_log: those on the log; their ratio is kept.
+        before: errors of the model as it was on held-back data, and
+        after: of the extended one.
+        floor: of the noise.
+        thresholds: that decide.
+    """
+    ratio = dict(on_log)
+    above = floor.exceeded(after.rms, thresholds) & after.surely_above(floor.rms)
+    said = {ON_LOG: set(ratio), HELD_BACK: _joints(above), GROWN: _joints(after.surely_grown(before))}
+    joints = sorted(set().union(*said.values()))
+    ratios = tuple((j, ratio.get(j, float(after.rms[j - 1] / floor.rms[j - 1]))) for j in joints)
+    return ratios, {j: tuple(name for name, which in said.items() if j in which) for j in joints}
+
+
+def _joints(which: Mask) -> set[int]:
+    """From 1, of a mask (n,)."""
+    return set((np.flatnonzero(which) + 1).tolist())

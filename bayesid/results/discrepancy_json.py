@@ -5,6 +5,8 @@ from __future__ import annotations
 from itertools import groupby
 from typing import Any
 
+import numpy as np
+
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.fit.effects.added_effect import AddedEffect
 from bayesid.fit.effects.explanation import LN10
@@ -26,9 +28,14 @@ def discrepancy_summary(discrepancy: Discrepancy) -> dict[str, Any]:
             "after": discrepancy.after.tolist(),
             "noise_floor": discrepancy.floor.rms.tolist(),
             "noise_floor_from": list(discrepancy.floor.origin),
+            "noise_floor_white": discrepancy.floor.white.tolist(),
+            "noise_floor_lasting": (np.flatnonzero(discrepancy.floor.lasting) + 1).tolist(),
             "holdout": discrepancy.holdout,
         },
-        "unexplained": [{"joint": joint, "ratio_to_floor": ratio} for joint, ratio in discrepancy.unexplained],
+        "unexplained": [
+            {"joint": joint, "ratio_to_floor": ratio, "seen_on": list(discrepancy.unexplained_on[joint])}
+            for joint, ratio in discrepancy.unexplained
+        ],
         "candidates": [_candidate(score) for score in discrepancy.scores],
         "not_borne_out": [{"effect": effect, "joints": list(joints)} for effect, joints in discrepancy.vetoed],
         "not_testable": [
