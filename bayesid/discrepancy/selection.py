@@ -11,6 +11,7 @@ import numpy as np
 from bayesid.arrays import Array, Mask
 from bayesid.discrepancy.case import Case
 from bayesid.discrepancy.compare import NoiseFloor, Trial
+from bayesid.fit.effects.added_effect import AddedEffect, weigh
 from bayesid.fit.effects.explanation import LN10, Explanation, Observations
 from bayesid.fit.effects.extension import Extension, extend
 from bayesid.fit.effects.forward import Candidate, Products, Rules, select_forward
@@ -43,7 +44,8 @@ class Selection:
         data: that they were selected on, signs settled under them.
         library: all hypotheses.
         extension: the extended model.
-        vetoed: effect and joints that held-back data did not bear out.
+        refused: effects that had passed by their evidence, but that held-back data did not bear out or that were no
+            more than stand-ins; each as it was weighed when it was chosen.
     """
 
     hypotheses: tuple[Hypothesis, ...]
@@ -53,7 +55,7 @@ class Selection:
     data: Observations
     library: Library
     extension: Extension
-    vetoed: tuple[EffectKey, ...]
+    refused: tuple[AddedEffect, ...]
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,10 @@ class _Chosen:
         """Effects and joints."""
         return {effect.key for effect in self.effects}
 
+    def weighed(self, case: Case, library: Library, effect: Hypothesis) -> AddedEffect:
+        """One of the effects against all that could stand in its place."""
+        return weigh(self.data, library, self.effects, self.explanation, effect, case.uncertain)
+
     def without(self, *gone: Hypothesis) -> tuple[Hypothesis, ...]:
         """The effects but some."""
         return tuple(effect for effect in self.effects if all(effect is not other for other in gone))
@@ -79,21 +85,21 @@ def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
     data, library = _begin(case)
     regression, before = explain_with(data, ())
     scores = assess(regression, before, library)
-    chosen, vetoed = _Chosen((), before, data), set[EffectKey]()
+    chosen, refused = _Chosen((), before, data), dict[EffectKey, AddedEffect]()
     most = case.thresholds.max_vetoes
     for done in range(most + 1):
         progress("naming effects", done, most + 1)
-        chosen = _selected(case, chosen, library, vetoed)
+        chosen = _selected(case, chosen, library, set(refused))
         failed = _failed(case, chosen)
         if failed is None:
             break
-        vetoed.add(failed.key)
+        refused[failed.key] = chosen.weighed(case, library, failed)
         chosen = _settled(case, chosen.without(failed), chosen.data)
     else:  # no more is added, what fails goes
         while (failed := _failed(case, chosen)) is not None:
-            vetoed.add(failed.key)
+            refused[failed.key] = chosen.weighed(case, library, failed)
             chosen = _settled(case, chosen.without(failed), chosen.data)
-    chosen, stand_ins = _without_stand_ins(case, chosen)
+    chosen, stand_ins = _without_stand_ins(case, chosen, library)
     effects, explanation = sharpened(chosen.data, chosen.effects, case.columns, case.scene)
     return Selection(
         hypotheses=tuple(effects),
@@ -103,7 +109,7 @@ def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
         data=chosen.data,
         library=library,
         extension=extend(case.knowledge, case.coefficients, effects, explanation),
-        vetoed=tuple(sorted(vetoed | stand_ins)),
+        refused=tuple(sorted((refused | stand_ins).values(), key=lambda effect: effect.hypothesis.key)),
     )
 
 
@@ -141,7 +147,7 @@ def _selected(case: Case, chosen: _Chosen, library: Library, vetoed: set[EffectK
         ]
         scores = best_forms(Screening(regression, explanation.errors), allowed)[: limits.short_list]
         tried = [*chosen.effects, *(score.hypothesis for score, _ in scores)]
-        products = Products(chosen.data, tried, list(explanation.errors))
+        products = Products(chosen.data, tried, list(explanation.errors), case.uncertain)
         rules = Rules(limits.log10_bayes_factor * LN10, limits.max_effects, partial(_sharper, case, chosen.data))
         _, found = select_forward(products, rules, frozenset(chosen.keys))
         effects = refined(chosen.data, [candidate.hypothesis for candidate in found], library)
@@ -197,9 +203,9 @@ def _held_back(case: Case, effects: Sequence[Hypothesis], explanation: Explanati
 # ---------------------------------------------------------------------------------------------------------------
 # What stays unexplained
 # ---------------------------------------------------------------------------------------------------------------
-def _without_stand_ins(case: Case, chosen: _Chosen) -> tuple[_Chosen, set[EffectKey]]:
+def _without_stand_ins(case: Case, chosen: _Chosen, library: Library) -> tuple[_Chosen, dict[EffectKey, AddedEffect]]:
     """Leaves out effects of joints that stay unexplained, unless they explain most of what was to be explained."""
-    gone = set[EffectKey]()
+    gone = dict[EffectKey, AddedEffect]()
     predicted = case.predicted(chosen.effects, chosen.explanation)
     for joint, _ in unexplained(case.trial, predicted, case.floor(predicted), chosen.explanation, case.thresholds):
         of_joint = [effect for effect in chosen.effects if effect.columns.joints == {joint - 1}]
@@ -208,7 +214,7 @@ def _without_stand_ins(case: Case, chosen: _Chosen) -> tuple[_Chosen, set[Effect
         before = _held_back(case, others, without).rms[joint - 1] ** 2
         after = _held_back(case, chosen.effects, chosen.explanation).rms[joint - 1] ** 2
         if of_joint and before - after < case.thresholds.explained_share * (before - chosen.data.floor[joint - 1] ** 2):
-            gone |= {effect.key for effect in of_joint}
+            gone |= {effect.key: chosen.weighed(case, library, effect) for effect in of_joint}
             chosen = _settled(case, others, chosen.data)
     return chosen, gone
 

@@ -49,7 +49,7 @@ class Discrepancy:
             so, on these.
         unexplained_on: by such joint, which data say so (see `bayesid.discrepancy.selection.ON_LOG`).
         scores: of the whole catalogue, before anything was added.
-        vetoed: effects that would have been added but made the fit to held-back data no better.
+        refused: effects that would have been added but made the fit to held-back data no better, or too little.
         not_testable: effect and joints that this log could not show.
         identification: of the extended model on the log.
         trial: the log, stretches of it if it is long; without the held-back ones among the used samples.
@@ -71,7 +71,7 @@ class Discrepancy:
     unexplained: tuple[tuple[int, float], ...]
     unexplained_on: Mapping[int, tuple[str, ...]]
     scores: tuple[Score, ...]
-    vetoed: tuple[EffectKey, ...]
+    refused: tuple[AddedEffect, ...]
     not_testable: tuple[EffectKey, ...]
     identification: Identification
     trial: Trial
@@ -81,6 +81,11 @@ class Discrepancy:
     warnings: tuple[str, ...]
     thresholds: Thresholds
     seconds: float
+
+    @property
+    def vetoed(self) -> tuple[EffectKey, ...]:
+        """Effects and joints that were refused."""
+        return tuple(effect.hypothesis.key for effect in self.refused)
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
@@ -158,7 +163,7 @@ def _discrepancy(case: Case, selection: Selection, again: Identification) -> Dis
         unexplained=ratios,
         unexplained_on=says,
         scores=selection.scores,
-        vetoed=selection.vetoed,
+        refused=selection.refused,
         not_testable=tuple(not_testable(selection.scores, len(floor.rms), case.thresholds)),
         identification=again,
         trial=trial,
@@ -207,7 +212,7 @@ def _warnings(case: Case, floor: NoiseFloor) -> list[str]:
 def _added(case: Case, selection: Selection, again: Identification) -> tuple[AddedEffect, ...]:
     """The effects of the selection, each weighed against its rivals, with its parameters."""
     weighed = [
-        weigh(selection.data, selection.library, selection.hypotheses, selection.explanation, effect)
+        weigh(selection.data, selection.library, selection.hypotheses, selection.explanation, effect, case.uncertain)
         for effect in selection.hypotheses
     ]
     return tuple(

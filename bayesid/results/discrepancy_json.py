@@ -37,7 +37,15 @@ def discrepancy_summary(discrepancy: Discrepancy) -> dict[str, Any]:
             for joint, ratio in discrepancy.unexplained
         ],
         "candidates": [_candidate(score) for score in discrepancy.scores],
-        "not_borne_out": [{"effect": effect, "joints": list(joints)} for effect, joints in discrepancy.vetoed],
+        "not_borne_out": [
+            {
+                "effect": effect.effect,
+                "joints": list(effect.joints),
+                "log10_bayes_factor": effect.gain / LN10,
+                "equivalent": list(effect.equivalent),
+            }
+            for effect in discrepancy.refused
+        ],
         "not_testable": [
             {"effect": effect, "joints": sorted(j for _, joints in group for j in joints)}
             for effect, group in groupby(discrepancy.not_testable, key=lambda pair: pair[0])

@@ -113,7 +113,7 @@ def make(**changes):
             score(TorqueOffset(joints=(2,)), 1.5),
             score(Payload(), -0.75),
         ),
-        "vetoed": (("torque_offset", (3,)),),
+        "refused": (found(TorqueOffset(joints=(3,)), {}),),
         "not_testable": (("hysteresis", (1,)), ("hysteresis", (2,)), ("hysteresis", (3,)), ("payload", ())),
         "identification": SimpleNamespace(
             model=SimpleNamespace(robot=make_robot()), log=SimpleNamespace(source='log "1" & <2>.csv')
@@ -129,7 +129,7 @@ def make(**changes):
     return Discrepancy(**{**{one.name: values.get(one.name) for one in fields(Discrepancy)}, **changes})
 
 
-NOTHING = {"added": (), "where": (), "vetoed": (), "not_testable": (), "warnings": ()}
+NOTHING = {"added": (), "where": (), "refused": (), "not_testable": (), "warnings": ()}
 
 
 # --- Words -----------------------------------------------------------------------------------------------------------

@@ -141,8 +141,9 @@ class Products(Generic[Kind]):
 
     def _multiplied(self, joint: int) -> tuple[Array, Array]:
         index, columns = self._columns[joint]
-        used = self.data.used[:, joint, None]
-        white = self.errors[joint].whiten(np.column_stack([columns, self.data.effort[:, joint]])) * used
+        white = self.errors[joint].whiten(
+            np.column_stack([columns, self.data.effort[:, joint]]), self.data.used[:, joint]
+        )
         size = len(self._known)
         hessian, gradient = np.zeros((FOLDS, size, size)), np.zeros((FOLDS, size))
         for fold in range(FOLDS):

@@ -92,10 +92,16 @@ def whitening(error):
     return np.linalg.solve(np.eye(SMALL) - theta * shift, np.eye(SMALL) - phi * shift) / np.sqrt(-next_to / theta)
 
 
+def bridging(used):
+    """(N, N) matrix that puts what is not used on straight lines between its used neighbours."""
+    places, rows = np.arange(len(used)), np.flatnonzero(used)
+    return np.stack([np.interp(places, rows, np.eye(len(used))[rows, k]) for k in places], axis=1)
+
+
 def white(products, of_joint, errors=ERRORS):
     """Rows of all joints below each other, whitened."""
     used = products.data.used
-    parts = [whitening(e) @ (of_joint(j).T * used[:, j]).T for j, e in enumerate(errors)]
+    parts = [whitening(e) @ bridging(used[:, j]) @ of_joint(j) for j, e in enumerate(errors)]
     return np.concatenate([(part.T * used[:, j]).T for j, part in enumerate(parts)])
 
 
