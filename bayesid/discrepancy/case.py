@@ -119,9 +119,13 @@ class Case:
 
     @cached_property
     def uncertain(self) -> Columns:
-        """What the model may be wrong by in any case: its geometry. An effect must explain more than that can."""
+        """What the model may be wrong by in any case: its geometry. An effect must explain more than that can.
+
+        But for the place of the first joint: how the base stands is an effect by itself, `base_tilt`.
+        """
         motion = self.trial.signals.motion
-        columns = kinematic_columns(self.model.robot, motion, self.scene(self.before).links, self.tolerance)
+        links = self.scene(self.before).links
+        columns = kinematic_columns(self.model.robot, motion, links, self.tolerance, first=1)
         count = columns.shape[2]
         rows = {j: columns[:, j] for j in range(columns.shape[1])}
         return Columns(rows, {}, np.ones(count), np.zeros(count, dtype=bool))

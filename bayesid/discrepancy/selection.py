@@ -147,7 +147,7 @@ def _selected(case: Case, chosen: _Chosen, library: Library, vetoed: set[EffectK
         ]
         scores = best_forms(Screening(regression, explanation.errors), allowed)[: limits.short_list]
         tried = [*chosen.effects, *(score.hypothesis for score, _ in scores)]
-        products = Products(chosen.data, tried, list(explanation.errors), case.uncertain)
+        products = Products(chosen.data, tried, list(explanation.errors), case.uncertain, predicting=False)
         rules = Rules(limits.log10_bayes_factor * LN10, limits.max_effects, partial(_sharper, case, chosen.data))
         _, found = select_forward(products, rules, frozenset(chosen.keys))
         effects = refined(chosen.data, [candidate.hypothesis for candidate in found], library)

@@ -300,6 +300,22 @@ def assert_same(found, expected):
     np.testing.assert_allclose(held[0].squares, held[1].squares, rtol=1e-7)
 
 
+def test_uncertain_columns_predict_held_back_blocks_only_if_they_may():
+    """Columns that are the effect itself take it all in evidence and in predictions; kept out, they predict nothing."""
+    plain = made_case()
+    twin = plain.hypotheses[0].columns
+    uncertain = Columns(twin.rows, {}, 50.0 * twin.sd, np.zeros(len(twin.sd), dtype=bool))
+    with_them, without = (
+        Products(plain.data, plain.hypotheses, list(ERRORS), uncertain, predicting=which) for which in (True, False)
+    )
+    first = plain.candidates[0]
+    for products in (with_them, without):
+        assert products.gains((), products.candidates[:1])[0] < 0.0 < plain.gains((), [first])[0]
+    np.testing.assert_allclose(without.held_back(()).squares, plain.held_back(()).squares)
+    free = plain.with_forms({id(first.hypothesis): replace(first.hypothesis, columns=uncertain)}, [first])
+    np.testing.assert_allclose(with_them.held_back(()).squares, free[0].held_back(free[1]).squares)
+
+
 def test_joints_are_whitened_anew_by_what_is_left_there():
     products = made_case()
     chosen = [products.candidates[0], products.candidates[2]]
