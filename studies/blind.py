@@ -10,7 +10,7 @@ import json
 import tomllib
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
@@ -22,6 +22,7 @@ import numpy as np
 import tomli_w
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq
+from scipy.signal import butter, lfilter, sosfiltfilt
 
 KR5 = Path(str(files("bayesid.model") / "robots" / "kr5.toml"))
 GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -225,6 +226,41 @@ def with_joints(rng, robot, play):
     offset = scale * rng.uniform(-0.02, 0.02, n)
     rotor = scale * rng.uniform(0.03, 0.12, n) / rms(play.ddq)
     return Robot(robot.table, robot.links, friction * share / speed, friction * (1 - share), offset, rotor)
+
+
+# --- Trouble that is no effect ---------------------------------------------------------------------------------------
+class Trouble(NamedTuple):
+    """What is wrong in all three logs alike, and nothing to be found: the model, or the noise.
+
+    sd by which a and d (length, m) and alpha and theta (angle, rad) are off the table; the noise's correlation from
+    sample to sample (memory); a low-pass that efforts went through before their signs were lost (cutoff, Hz; 0: none).
+    """
+
+    length: float = 0.0
+    angle: float = 0.0
+    memory: float = 0.0
+    cutoff: float = 0.0
+
+
+NO_TROUBLE = Trouble()
+
+
+def built_off(table, trouble, rng):
+    """The table of a robot that was not built quite as told."""
+    sd = {"a": trouble.length, "alpha": trouble.angle, "d": trouble.length, "theta": trouble.angle}
+    joints = [{key: row[key] + step * rng.standard_normal() for key, step in sd.items()} for row in table["joints"]]
+    return {**table, "joints": joints}
+
+
+def noise_like(draws, memory):
+    """Independent draws (M, n) made stationary noise of the same sd that lasts from sample to sample."""
+    steps = draws * np.sqrt(1.0 - memory**2)
+    steps[0] = draws[0]
+    return lfilter([1.0], [1.0, -memory], steps, axis=0)
+
+
+def low_passed(efforts, cutoff):
+    return sosfiltfilt(butter(2, cutoff, fs=RATE, output="sos"), efforts, axis=0) if cutoff else efforts
 
 
 # --- Motion ----------------------------------------------------------------------------------------------------------
@@ -791,6 +827,7 @@ class Simulation:
     """A case before it is written."""
 
     robot: Robot
+    table: dict
     terms: str
     baseline: Log
     log: Log
@@ -801,17 +838,17 @@ class Simulation:
     plays: tuple[Play, ...]
 
 
-def played(play, hidden, sd, rng, noise_first):
+def played(play, hidden, sd, rng, noise_first, trouble):
     """The log of a motion with what is hidden in it."""
     efforts = play.healthy()
-    noise = sd * rng.standard_normal((SAMPLES, play.robot.n))
+    noise = sd * noise_like(rng.standard_normal((SAMPLES, play.robot.n)), trouble.memory)
     measured = efforts[BEFORE:] + noise
     for effect in hidden:
         efforts = effect.act(play, efforts)
         of_noise = noise_first and effect.name in READERS
         measured = effect.act(play, measured) if of_noise else efforts[BEFORE:] + noise
     t, q, dq, clean = (x[BEFORE:] for x in (play.t, play.q, play.dq, efforts))
-    return Log(t - t[0], q, dq, clean, measured)
+    return Log(t - t[0], q, dq, clean, low_passed(measured, trouble.cutoff))
 
 
 def first_torques(names):
@@ -833,10 +870,10 @@ def all_hidden(names, seed, plays, sd, size):
     return tuple(hidden)
 
 
-def simulate(seed, effect, size, robot=None, style=None, slow=None):
+def simulate(seed, effect, size, robot=None, style=None, slow=None, trouble=NO_TROUBLE):
     """A case's three logs; robot is "kr5" or "random", style "bare" or "standard", all drawn unless told.
 
-    Slow parts are those of the log and the hold-out log.
+    Slow parts are those of the log and the hold-out log. The table is the one that is told, whatever the trouble.
     """
     names = () if effect is None else (effect,) if isinstance(effect, str) else tuple(effect)
     rng = stream(seed, 0)
@@ -844,7 +881,8 @@ def simulate(seed, effect, size, robot=None, style=None, slow=None):
     robot, style, slow = (d if x is None else x for x, d in zip((robot, style, slow), drawn, strict=True))
     slow = bool(slow or "stribeck_friction" in names)
     slow_baseline = rng.random() < 0.2
-    arm = bare_robot(rng, robot)
+    told = bare_robot(rng, robot)
+    arm = replace(told, table=built_off(told.table, trouble, stream(seed, 11)))
     series = [random_series(stream(seed, 1 + i), arm.n, x) for i, x in enumerate((slow_baseline, slow, slow))]
     plays = [Play(arm, s) for s in series]
     if style == "standard":
@@ -854,14 +892,15 @@ def simulate(seed, effect, size, robot=None, style=None, slow=None):
     hidden = all_hidden(names, seed, plays[1:], sd, size)
     noise_first = bool(stream(seed, 7).random() < 0.5)
     logs = [
-        played(play, h, sd, stream(seed, 8 + i), noise_first)
+        played(play, h, sd, stream(seed, 8 + i), noise_first, trouble)
         for i, (play, h) in enumerate(zip(plays, ((), hidden, hidden), strict=True))
     ]
     parameters = {"robot": robot, "style": style, "slow": slow, "noise_before_sensor": noise_first}
     parameters["effects"] = [
         h.draft.parameters | {"magnitude": h.magnitude, "holdout_size": h.holdout_size} for h in hidden
     ]
-    return Simulation(arm, STANDARD if style == "standard" else RIGID, *logs, sd, hidden, parameters, tuple(plays))
+    terms = STANDARD if style == "standard" else RIGID
+    return Simulation(arm, told.table, terms, *logs, sd, hidden, parameters, tuple(plays))
 
 
 def write_log(path, log):
@@ -882,11 +921,11 @@ def truth_of(case, size):
     return Truth(names, joints, case.parameters, float(size) if names else 0.0, case.noise, *efforts, floor)
 
 
-def make_case(folder, seed, effect, size, robot=None, style=None, slow=None):
+def make_case(folder, seed, effect, size, robot=None, style=None, slow=None, trouble=NO_TROUBLE):
     """Write FILES into the folder and return what they hide; an effect is a name, two names, "outside" or None."""
-    case, folder = simulate(seed, effect, size, robot, style, slow), Path(folder)
+    case, folder = simulate(seed, effect, size, robot, style, slow, trouble), Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "robot.toml").write_text(tomli_w.dumps(case.robot.table))
+    (folder / "robot.toml").write_text(tomli_w.dumps(case.table))
     (folder / "terms.txt").write_text(case.terms + "\n")
     for name in ("baseline", "log", "holdout"):
         write_log(folder / f"{name}.csv", getattr(case, name))

@@ -13,7 +13,7 @@ import json
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from itertools import pairwise
@@ -25,6 +25,7 @@ import numpy as np
 
 from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
 from bayesid.errors import InputError
+from bayesid.fit.effects.explanation import LN10
 from bayesid.identification.pipeline import QUICK, identify
 from bayesid.signs.search.certified import Certified
 from bayesid.study.record import Row
@@ -56,6 +57,15 @@ def generator(study: str = "discrepancy") -> ModuleType:
         raise InputError(f"needs {error.name}", f"study {study}", "pip install 'bayesid[studies]'") from None
 
 
+TROUBLES: Mapping[str, tuple[float, ...]] = {
+    "none": (),
+    "table off by 5 mm and 0.5 degrees": (5e-3, float(np.deg2rad(0.5))),
+    "noise AR(1) 0.97": (0.0, 0.0, 0.97),
+    "low-passed at 8 Hz": (0.0, 0.0, 0.0, 8.0),
+}
+"""What is wrong in all three logs alike and is no effect: numbers of the generator's `Trouble`."""
+
+
 @dataclass(frozen=True)
 class Scenario:
     """A case of the generator; see bayesid.studies.blind.
@@ -65,12 +75,14 @@ class Scenario:
         size: RMS of the effect over that of the noise.
         robot: the arm.
         style: friction of its own, or none.
+        trouble: a key of `TROUBLES`.
     """
 
     effect: str
     size: float
     robot: str
     style: str
+    trouble: str = "none"
 
 
 def plan(trials: int, seed: int) -> Sequence[tuple[Scenario, int]]:
@@ -88,7 +100,8 @@ def trial(scenario: Scenario, seed: int) -> Row:
     with tempfile.TemporaryDirectory() as place:
         folder, secret = Path(place) / "case", Path(place) / "truth.npz"
         effect = effects[0] if len(effects) == 1 else tuple(effects)
-        truth = blind.make_case(folder, seed, effect, scenario.size, scenario.robot, scenario.style)
+        trouble = blind.Trouble(*TROUBLES[scenario.trouble])
+        truth = blind.make_case(folder, seed, effect, scenario.size, scenario.robot, scenario.style, trouble=trouble)
         blind.write_truth(secret, truth)
         named = (folder / "terms.txt").read_text().strip().split(",")
         search = Certified(repeatable=True)
@@ -118,6 +131,7 @@ def score(result: Discrepancy, truth: Any) -> Row:
         "hidden": json.dumps(hidden),
         "status": result.status,
         "named": json.dumps(named),
+        "passed": json.dumps([[*key, list(equivalent), gain] for *key, equivalent, gain in _passed(result)]),
         "unexplained": [joint for joint, _ in result.unexplained],
         "first": bool(named) and bool(hidden) and any(_names(named[0], effect) for effect, _ in hidden),
         "joint": bool(named) and any(named[0][1] == joints for _, joints in hidden),
@@ -126,6 +140,13 @@ def score(result: Discrepancy, truth: Any) -> Row:
         "after": float(ratio.max()),
         "signs": float(right[strong].mean()),
     }
+
+
+def _passed(result: Discrepancy) -> list[tuple[str, tuple[int, ...], tuple[str, ...], float]]:
+    """Effect, joints, equivalents and log10 Bayes factor of what passed by its evidence, before the holdout."""
+    passed = (*result.added, *result.refused)
+    decisive = [effect for effect in passed if effect.gain / LN10 > result.thresholds.log10_bayes_factor]
+    return [(effect.effect, effect.joints, effect.equivalent, effect.gain / LN10) for effect in decisive]
 
 
 def _names(added: tuple[str, tuple[int, ...], tuple[str, ...]], effect: str) -> bool:
@@ -151,6 +172,7 @@ def report(rows: Sequence[Row]) -> str:
         f"outside: unexplained, with the joint:    {count(kinds['outside'], outside_right)}",
         f"outside: something named all the same:   {count(kinds['outside'], lambda row: bool(row['named']))}",
         f"two effects, both found in their joints: {share(kinds['pairs'], 'all')}",
+        false_before_holdout(rows),
     ]
     mended = [row for row in rows if row["hidden"] and row["hidden"][0][0] != "outside"]
     for name, chosen in (("all sizes", mended), (f"size >= {CLEAR:g}", [r for r in mended if r["size"] >= CLEAR])):
@@ -168,7 +190,26 @@ def report(rows: Sequence[Row]) -> str:
 
 def decoded(rows: Sequence[Row]) -> list[Row]:
     """Rows with what was hidden and named as lists again: a column of a table cannot mix texts and numbers."""
-    return [{**row, "hidden": json.loads(row["hidden"]), "named": json.loads(row["named"])} for row in rows]
+    return [{**row, **{name: json.loads(row[name]) for name in ("hidden", "named", "passed")}} for row in rows]
+
+
+def false_before_holdout(rows: Sequence[Row]) -> str:
+    """How many of the effects that pass by their evidence are not hidden in their joints, nor equivalent to what is.
+
+    Without the logs with effects from outside of the catalogue: there is no right name.
+    """
+    known = [row for row in rows if not row["hidden"] or row["hidden"][0][0] != "outside"]
+    false = [wrong for row in known for _, wrong in weighed(row)]
+    share_of = f"{sum(false)} of {len(false)} ({sum(false) / max(len(false), 1):.1%})"
+    return f"of the effects that pass log10 BF 2, false before the holdout is asked: {share_of}"
+
+
+def weighed(row: Row) -> list[tuple[float, bool]]:
+    """Of what passes by its evidence before the holdout is asked: log10 Bayes factor, and whether it is false."""
+    return [
+        (gain, not any(effect in (name, *equivalent) and places == joints for effect, places in row["hidden"]))
+        for name, joints, equivalent, gain in row["passed"]
+    ]
 
 
 def by_kind(rows: Sequence[Row]) -> dict[str, list[Row]]:

@@ -133,7 +133,8 @@ def make_case(scenario: Simulated, seed: int) -> Case:
     blind = generator("complete")
     rng = blind.stream(seed, 0)
     told = bare_robot(rng, scenario.robot)
-    arm = replace(told, table=_off(told.table, scenario, blind.stream(seed, 2)))
+    trouble = blind.Trouble(scenario.length, scenario.angle)
+    arm = replace(told, table=blind.built_off(told.table, trouble, blind.stream(seed, 2)))
     motion = _motion(scenario, arm.n, blind.stream(seed, 1), rng)
     play = blind.Play(arm, motion)
     arm = _with_joints(scenario, seed, arm, play)
@@ -173,13 +174,6 @@ def _with_joints(scenario: Simulated, seed: int, arm: Any, play: Any) -> Any:
         return arm
     arm = blind.with_joints(blind.stream(seed, 4), arm, play)
     return without_some(arm, blind.stream(seed, 10)) if scenario.joints == "some" else arm
-
-
-def _off(table: Mapping[str, Any], scenario: Simulated, rng: np.random.Generator) -> dict[str, Any]:
-    """The table of a robot that was not built quite as told."""
-    sd = {"a": scenario.length, "alpha": scenario.angle, "d": scenario.length, "theta": scenario.angle}
-    joints = [{key: row[key] + step * rng.standard_normal() for key, step in sd.items()} for row in table["joints"]]
-    return {**table, "joints": joints}
 
 
 def _hidden(scenario: Simulated, seed: int, play: Any, scale: Array) -> Sequence[Any]:

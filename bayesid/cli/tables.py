@@ -100,10 +100,10 @@ def validation_parts(result: Validation) -> list[RenderableType]:
 
 def discrepancy_parts(result: Discrepancy) -> list[RenderableType]:
     """What ends `bayesid discrepancy`."""
-    gaps = zip(result.before, result.after, result.floor.rms, strict=True)
+    gaps = zip(result.before, result.after, result.floor.rms, result.floor.white, strict=True)
     rows = [[str(j), *(f"{gap:.4g}" for gap in joint)] for j, joint in enumerate(gaps, start=1)]
     parts: list[RenderableType] = [paragraph(result), "", f"gap on {result.holdout}, RMS in N m:"]
-    parts.append(table(["joint", "before", "after", "floor"], rows))
+    parts.append(table(["joint", "before", "after", "floor", "of it white"], rows))
     if not result.added:
         return parts
     effects = [

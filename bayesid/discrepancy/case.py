@@ -11,9 +11,11 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.discrepancy.compare import NoiseFloor, Trial, make_trial, noise_floor, shortened
 from bayesid.discrepancy.log_checks import check_holdout
-from bayesid.fit.effects.explanation import Explanation, Observations
+from bayesid.fit.effects.explanation import Columns, Explanation, Observations
 from bayesid.fit.effects.extension import Extension
+from bayesid.fit.effects.held_back import HeldBackErrors, blocks_of
 from bayesid.fit.effects.hypotheses import Hypothesis
+from bayesid.fit.effects.kinematics import KinematicTolerance, kinematic_columns
 from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.fit.evidence import Evidence
 from bayesid.fit.knowledge import Information, Knowledge
@@ -46,6 +48,17 @@ class HeldBack:
     trial: Trial
     name: str
     another_log: bool
+
+    def errors(self, predicted: Array) -> HeldBackErrors:
+        """What efforts (N, n), N m, leave of blocks of these data."""
+        used = self.trial.used
+        rows = np.flatnonzero(used.any(axis=1))
+        blocks = np.array_split(rows, blocks_of(len(rows) / self.trial.signals.rate))
+        squares = self.trial.residual(predicted) ** 2
+        return HeldBackErrors(
+            np.stack([squares[block].sum(axis=0) for block in blocks]),
+            np.stack([used[block].sum(axis=0) for block in blocks]),
+        )
 
 
 def divide(
@@ -82,6 +95,7 @@ class Case:
         held_back: the data that score.
         search: how signs are searched.
         thresholds: that decide.
+        tolerance: how far the robot's geometry may be from its table.
     """
 
     knowledge: Knowledge
@@ -91,6 +105,7 @@ class Case:
     held_back: HeldBack
     search: Search
     thresholds: Thresholds = Thresholds()
+    tolerance: KinematicTolerance = KinematicTolerance()
 
     @property
     def model(self) -> Model:
@@ -101,6 +116,19 @@ class Case:
     def columns(self) -> Array:
         """(N, n, r) of the base coefficients."""
         return self.model.columns(self.trial.signals.motion)[:, :, self.coefficients.kept]
+
+    @cached_property
+    def uncertain(self) -> Columns:
+        """What the model may be wrong by in any case: its geometry. An effect must explain more than that can.
+
+        But for the place of the first joint: how the base stands is an effect by itself, `base_tilt`.
+        """
+        motion = self.trial.signals.motion
+        links = self.scene(self.before).links
+        columns = kinematic_columns(self.model.robot, motion, links, self.tolerance, first=1)
+        count = columns.shape[2]
+        rows = {j: columns[:, j] for j in range(columns.shape[1])}
+        return Columns(rows, {}, np.ones(count), np.zeros(count, dtype=bool))
 
     @cached_property
     def information(self) -> Information:

@@ -32,6 +32,9 @@ _PROBED = 5.0
 """Times the tolerance within which the first sample must come back before all others are compared: it saves time."""
 _SHORTEST_PERIOD = 1.0
 """s; a repeated motion lasts longer than this: whatever is shorter is a pause."""
+REPEATED, MODELS_RESIDUAL = "repeated periods", "earlier model's residual"
+REFIT, FAST_PART = "refit with standard effects", "fast part of the residual"
+"""Where a noise floor is taken from."""
 _BINS = 12
 """Of a variable, with equally many samples each; a round number, for display."""
 _MOST_SHARE = 0.25
@@ -127,12 +130,17 @@ class NoiseFloor:
         origin: (n,) where it was taken from.
         limits: (n, 2) largest white and coloured part of an error that is nothing but noise, N m.
         sharp: (n,) whether it holds what lasts of the noise too: a residual above it is a finding.
+        white: (n,) the part of it that changes from sample to sample, N m.
+        lasting: (n,) whether it is a model's residual most of which lasts: the model's own error, or noise that a
+            filter has smoothed; what is below such a floor may still be wrong.
     """
 
     rms: Array
     origin: tuple[str, ...]
     limits: Array
     sharp: Mask
+    white: Array
+    lasting: Mask
 
     def exceeded(self, gap: Array, thresholds: Thresholds) -> Mask:
         """(n,) whether a gap, N m, is too large for the noise of a joint."""
@@ -160,14 +168,17 @@ def noise_floor(
     white = np.where(sharp, np.maximum(earlier.white, np.minimum(fast, largest)), fast)
     coloured = np.where(sharp, earlier.coloured, fast)
     rms = np.where(sharp, np.hypot(white, earlier.coloured), fast if refit is None else refit)
-    blunt = "fast part of the residual" if refit is None else "refit with standard effects"
-    origin = tuple("earlier model's residual" if good else blunt for good in sharp)
+    blunt = FAST_PART if refit is None else REFIT
+    origin = tuple(MODELS_RESIDUAL if good else blunt for good in sharp)
+    lasting = rms > thresholds.above_floor * white  # over the white noise alone it would be a finding itself
     if repeated is not None:
         rms, white = repeated, np.maximum(np.minimum(white, repeated), thresholds.repeated_white * repeated)
-        origin, sharp = ("repeated periods",) * len(rms), np.ones(len(rms), dtype=bool)
+        origin, sharp = (REPEATED,) * len(rms), np.ones(len(rms), dtype=bool)
+        lasting = ~sharp  # a model has no part in it
     white_limit = thresholds.white_limit * np.maximum(white, rms / np.sqrt(2.0))
     coloured_limit = thresholds.coloured_limit * coloured + thresholds.coloured_allowance * white
-    return NoiseFloor(rms, origin, np.stack([white_limit, coloured_limit], axis=1), sharp)
+    limits = np.stack([white_limit, coloured_limit], axis=1)
+    return NoiseFloor(rms, origin, limits, sharp, np.minimum(white, rms), lasting)
 
 
 def _fast_part(residual: Array, used: Mask) -> Array:

@@ -8,13 +8,14 @@ from functools import partial
 
 import numpy as np
 
-from bayesid.arrays import Array
+from bayesid.arrays import Array, Mask
 from bayesid.discrepancy.case import Case
 from bayesid.discrepancy.compare import NoiseFloor, Trial
+from bayesid.fit.effects.added_effect import AddedEffect, weigh
 from bayesid.fit.effects.explanation import LN10, Explanation, Observations
 from bayesid.fit.effects.extension import Extension, extend
 from bayesid.fit.effects.forward import Candidate, Products, Rules, select_forward
-from bayesid.fit.effects.held_back import HeldBackErrors, bears_out, blocks_of
+from bayesid.fit.effects.held_back import HeldBackErrors, bears_out
 from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis, hypotheses
 from bayesid.fit.effects.refinement import refined
 from bayesid.fit.effects.relinearisation import sharpened
@@ -25,6 +26,10 @@ from bayesid.progress import SILENT, Progress
 
 _SETTLINGS = 2
 """Times that signs and coefficients take turns before effects are looked for; a round number, not studied."""
+
+ON_LOG, HELD_BACK, GROWN = "log", "held-back data", "gap grew on held-back data"
+"""Which data say that a joint stays unexplained: its residual on the log is above the floor, or that on held-back data;
+or identifying the model again has made it larger there."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +44,8 @@ class Selection:
         data: that they were selected on, signs settled under them.
         library: all hypotheses.
         extension: the extended model.
-        vetoed: effect and joints that held-back data did not bear out.
+        refused: effects that had passed by their evidence, but that held-back data did not bear out or that were no
+            more than stand-ins; each as it was weighed when it was chosen.
     """
 
     hypotheses: tuple[Hypothesis, ...]
@@ -49,7 +55,7 @@ class Selection:
     data: Observations
     library: Library
     extension: Extension
-    vetoed: tuple[EffectKey, ...]
+    refused: tuple[AddedEffect, ...]
 
 
 @dataclass(frozen=True)
@@ -65,6 +71,10 @@ class _Chosen:
         """Effects and joints."""
         return {effect.key for effect in self.effects}
 
+    def weighed(self, case: Case, library: Library, effect: Hypothesis) -> AddedEffect:
+        """One of the effects against all that could stand in its place."""
+        return weigh(self.data, library, self.effects, self.explanation, effect, case.uncertain)
+
     def without(self, *gone: Hypothesis) -> tuple[Hypothesis, ...]:
         """The effects but some."""
         return tuple(effect for effect in self.effects if all(effect is not other for other in gone))
@@ -75,21 +85,21 @@ def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
     data, library = _begin(case)
     regression, before = explain_with(data, ())
     scores = assess(regression, before, library)
-    chosen, vetoed = _Chosen((), before, data), set[EffectKey]()
+    chosen, refused = _Chosen((), before, data), dict[EffectKey, AddedEffect]()
     most = case.thresholds.max_vetoes
     for done in range(most + 1):
         progress("naming effects", done, most + 1)
-        chosen = _selected(case, chosen, library, vetoed)
+        chosen = _selected(case, chosen, library, set(refused))
         failed = _failed(case, chosen)
         if failed is None:
             break
-        vetoed.add(failed.key)
+        refused[failed.key] = chosen.weighed(case, library, failed)
         chosen = _settled(case, chosen.without(failed), chosen.data)
     else:  # no more is added, what fails goes
         while (failed := _failed(case, chosen)) is not None:
-            vetoed.add(failed.key)
+            refused[failed.key] = chosen.weighed(case, library, failed)
             chosen = _settled(case, chosen.without(failed), chosen.data)
-    chosen, stand_ins = _without_stand_ins(case, chosen)
+    chosen, stand_ins = _without_stand_ins(case, chosen, library)
     effects, explanation = sharpened(chosen.data, chosen.effects, case.columns, case.scene)
     return Selection(
         hypotheses=tuple(effects),
@@ -99,7 +109,7 @@ def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
         data=chosen.data,
         library=library,
         extension=extend(case.knowledge, case.coefficients, effects, explanation),
-        vetoed=tuple(sorted(vetoed | stand_ins)),
+        refused=tuple(sorted((refused | stand_ins).values(), key=lambda effect: effect.hypothesis.key)),
     )
 
 
@@ -137,7 +147,7 @@ def _selected(case: Case, chosen: _Chosen, library: Library, vetoed: set[EffectK
         ]
         scores = best_forms(Screening(regression, explanation.errors), allowed)[: limits.short_list]
         tried = [*chosen.effects, *(score.hypothesis for score, _ in scores)]
-        products = Products(chosen.data, tried, list(explanation.errors))
+        products = Products(chosen.data, tried, list(explanation.errors), case.uncertain, predicting=False)
         rules = Rules(limits.log10_bayes_factor * LN10, limits.max_effects, partial(_sharper, case, chosen.data))
         _, found = select_forward(products, rules, frozenset(chosen.keys))
         effects = refined(chosen.data, [candidate.hypothesis for candidate in found], library)
@@ -184,32 +194,18 @@ def _failed(case: Case, chosen: _Chosen) -> Hypothesis | None:
 
 def _held_back(case: Case, effects: Sequence[Hypothesis], explanation: Explanation) -> HeldBackErrors:
     """Errors on blocks of the held-back data."""
-    trial = case.held_back.trial
-    rows = np.flatnonzero(trial.used.any(axis=1))
-    blocks = np.array_split(rows, blocks_of(len(rows) / trial.signals.rate))
-    squares = _held_back_residual(case, effects, explanation) ** 2 * trial.used
-    return HeldBackErrors(
-        np.stack([squares[block].sum(axis=0) for block in blocks]),
-        np.stack([trial.used[block].sum(axis=0) for block in blocks]),
-    )
-
-
-def _held_back_residual(case: Case, effects: Sequence[Hypothesis], explanation: Explanation) -> Array:
-    """(N, n) residuals on held-back data, N m."""
-    trial = case.held_back.trial
     extension = extend(case.knowledge, case.coefficients, effects, explanation)
     if any(effect.source.reveals for effect in effects):
         extension = case.refitted(extension, case.predicted(effects, explanation))
-    predicted = extension.model.effort(trial.signals.motion, extension.theta)
-    return trial.nearest(predicted) - predicted
+    return case.held_back.errors(extension.model.effort(case.held_back.trial.signals.motion, extension.theta))
 
 
 # ---------------------------------------------------------------------------------------------------------------
 # What stays unexplained
 # ---------------------------------------------------------------------------------------------------------------
-def _without_stand_ins(case: Case, chosen: _Chosen) -> tuple[_Chosen, set[EffectKey]]:
+def _without_stand_ins(case: Case, chosen: _Chosen, library: Library) -> tuple[_Chosen, dict[EffectKey, AddedEffect]]:
     """Leaves out effects of joints that stay unexplained, unless they explain most of what was to be explained."""
-    gone = set[EffectKey]()
+    gone = dict[EffectKey, AddedEffect]()
     predicted = case.predicted(chosen.effects, chosen.explanation)
     for joint, _ in unexplained(case.trial, predicted, case.floor(predicted), chosen.explanation, case.thresholds):
         of_joint = [effect for effect in chosen.effects if effect.columns.joints == {joint - 1}]
@@ -218,7 +214,7 @@ def _without_stand_ins(case: Case, chosen: _Chosen) -> tuple[_Chosen, set[Effect
         before = _held_back(case, others, without).rms[joint - 1] ** 2
         after = _held_back(case, chosen.effects, chosen.explanation).rms[joint - 1] ** 2
         if of_joint and before - after < case.thresholds.explained_share * (before - chosen.data.floor[joint - 1] ** 2):
-            gone |= {effect.key for effect in of_joint}
+            gone |= {effect.key: chosen.weighed(case, library, effect) for effect in of_joint}
             chosen = _settled(case, others, chosen.data)
     return chosen, gone
 
@@ -226,8 +222,37 @@ def _without_stand_ins(case: Case, chosen: _Chosen) -> tuple[_Chosen, set[Effect
 def unexplained(
     trial: Trial, predicted: Array, floor: NoiseFloor, explanation: Explanation, thresholds: Thresholds
 ) -> tuple[tuple[int, float], ...]:
-    """Joint (from 1) and ratio to the floor, of those whose residual is surely above it."""
+    """Joint (from 1) and ratio to the floor, of those whose residual is surely above it on the log."""
     gap = trial.gap(predicted)
     sure = explanation.free_evidence - explanation.noise_evidence > thresholds.log10_bayes_factor * LN10
     above = np.flatnonzero(sure & floor.exceeded(gap, thresholds)).tolist()
     return tuple((j + 1, float(gap[j] / floor.rms[j])) for j in above)
+
+
+def unexplained_anywhere(
+    on_log: Sequence[tuple[int, float]],
+    before: HeldBackErrors,
+    after: HeldBackErrors,
+    floor: NoiseFloor,
+    thresholds: Thresholds,
+) -> tuple[tuple[tuple[int, float], ...], dict[int, tuple[str, ...]]]:
+    """Joint (from 1) and ratio to the floor of those that stay unexplained, and by joint which data say so.
+
+    Args:
+        on_log: those on the log; their ratio is kept.
+        before: errors of the model as it was on held-back data, and
+        after: of the extended one.
+        floor: of the noise.
+        thresholds: that decide.
+    """
+    ratio = dict(on_log)
+    above = floor.exceeded(after.rms, thresholds) & after.surely_above(floor.rms)
+    said = {ON_LOG: set(ratio), HELD_BACK: _joints(above), GROWN: _joints(after.surely_grown(before))}
+    joints = sorted(set().union(*said.values()))
+    ratios = tuple((j, ratio.get(j, float(after.rms[j - 1] / floor.rms[j - 1]))) for j in joints)
+    return ratios, {j: tuple(name for name, which in said.items() if j in which) for j in joints}
+
+
+def _joints(which: Mask) -> set[int]:
+    """From 1, of a mask (n,)."""
+    return set((np.flatnonzero(which) + 1).tolist())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,9 +14,10 @@ from bayesid.arrays import Array
 from bayesid.discrepancy.case import Case, divide
 from bayesid.discrepancy.compare import Excess, NoiseFloor, Trial, make_trial, shortened, where_it_shows
 from bayesid.discrepancy.log_checks import check_log, check_same_robot
-from bayesid.discrepancy.selection import Selection, select_effects, unexplained
+from bayesid.discrepancy.selection import Selection, select_effects, unexplained, unexplained_anywhere
 from bayesid.fit.effects.added_effect import AddedEffect, Quantity, not_testable, weigh
 from bayesid.fit.effects.explanation import Explanation
+from bayesid.fit.effects.held_back import HeldBackErrors
 from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
 from bayesid.fit.effects.scores import Score
 from bayesid.fit.effects.thresholds import Thresholds
@@ -43,9 +45,11 @@ class Discrepancy:
         after: (n,) gap of the extended model on them.
         floor: their noise floor.
         holdout: which data these are.
-        unexplained: joint (from 1) and ratio of what is left to the floor.
+        unexplained: joint (from 1) and ratio of what is left to the floor: on the log or, where only held-back data say
+            so, on these.
+        unexplained_on: by such joint, which data say so (see `bayesid.discrepancy.selection.ON_LOG`).
         scores: of the whole catalogue, before anything was added.
-        vetoed: effects that would have been added but made the fit to held-back data no better.
+        refused: effects that would have been added but made the fit to held-back data no better, or too little.
         not_testable: effect and joints that this log could not show.
         identification: of the extended model on the log.
         trial: the log, stretches of it if it is long; without the held-back ones among the used samples.
@@ -65,8 +69,9 @@ class Discrepancy:
     floor: NoiseFloor
     holdout: str
     unexplained: tuple[tuple[int, float], ...]
+    unexplained_on: Mapping[int, tuple[str, ...]]
     scores: tuple[Score, ...]
-    vetoed: tuple[EffectKey, ...]
+    refused: tuple[AddedEffect, ...]
     not_testable: tuple[EffectKey, ...]
     identification: Identification
     trial: Trial
@@ -76,6 +81,11 @@ class Discrepancy:
     warnings: tuple[str, ...]
     thresholds: Thresholds
     seconds: float
+
+    @property
+    def vetoed(self) -> tuple[EffectKey, ...]:
+        """Effects and joints that were refused."""
+        return tuple(effect.hypothesis.key for effect in self.refused)
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
@@ -139,20 +149,22 @@ def _discrepancy(case: Case, selection: Selection, again: Identification) -> Dis
     before, after = _gaps(case, selection, again)
     predicted = again.model.effort(trial.signals.motion, again.theta)
     floor = case.floor(predicted)
-    ratios = unexplained(trial, predicted, floor, selection.explanation, case.thresholds)
+    on_log = unexplained(trial, predicted, floor, selection.explanation, case.thresholds)
+    ratios, says = unexplained_anywhere(on_log, before, after, floor, case.thresholds)
     added = _added(case, selection, again)
     return Discrepancy(
         status="unexplained" if ratios else "explained" if added else "no_discrepancy",
         where=tuple(_where(case, selection.before, floor)),
         added=added,
-        before=before,
-        after=after,
+        before=before.rms,
+        after=after.rms,
         floor=floor,
         holdout=case.held_back.name,
         unexplained=ratios,
+        unexplained_on=says,
         scores=selection.scores,
-        vetoed=selection.vetoed,
-        not_testable=tuple(not_testable(selection.scores, len(before), case.thresholds)),
+        refused=selection.refused,
+        not_testable=tuple(not_testable(selection.scores, len(floor.rms), case.thresholds)),
         identification=again,
         trial=trial,
         held_back=scoring,
@@ -164,15 +176,15 @@ def _discrepancy(case: Case, selection: Selection, again: Identification) -> Dis
     )
 
 
-def _gaps(case: Case, selection: Selection, again: Identification) -> tuple[Array, Array]:
-    """(n,) gaps on the held-back data of the model as it was and of the extended one, N m."""
-    scoring, theta = case.held_back.trial, again.theta
+def _gaps(case: Case, selection: Selection, again: Identification) -> tuple[HeldBackErrors, HeldBackErrors]:
+    """What the model as it was leaves of the held-back data, and what the extended one does."""
+    theta = again.theta
     if not case.held_back.another_log:  # those stretches must not have had a say
         predicted = case.predicted(selection.hypotheses, selection.explanation)
         theta = case.refitted(selection.extension, predicted).theta
-    motion = scoring.signals.motion
+    motion = case.held_back.trial.signals.motion
     before = case.model.effort(motion, case.knowledge.theta)
-    return scoring.gap(before), scoring.gap(again.model.effort(motion, theta))
+    return case.held_back.errors(before), case.held_back.errors(again.model.effort(motion, theta))
 
 
 def _where(case: Case, explanation: Explanation, floor: NoiseFloor) -> list[Excess]:
@@ -200,7 +212,7 @@ def _warnings(case: Case, floor: NoiseFloor) -> list[str]:
 def _added(case: Case, selection: Selection, again: Identification) -> tuple[AddedEffect, ...]:
     """The effects of the selection, each weighed against its rivals, with its parameters."""
     weighed = [
-        weigh(selection.data, selection.library, selection.hypotheses, selection.explanation, effect)
+        weigh(selection.data, selection.library, selection.hypotheses, selection.explanation, effect, case.uncertain)
         for effect in selection.hypotheses
     ]
     return tuple(

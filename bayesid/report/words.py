@@ -6,7 +6,10 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
 
-from bayesid.discrepancy.compare import Excess
+import numpy as np
+
+from bayesid.discrepancy.compare import MODELS_RESIDUAL, REFIT, Excess
+from bayesid.discrepancy.selection import GROWN, HELD_BACK, ON_LOG
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.fit.effects.added_effect import AddedEffect
 from bayesid.fit.effects.scores import Score
@@ -32,6 +35,8 @@ _SAME = 0.98
 """Share of a gap from which on it has not fallen: 2 % hardly show in two digits."""
 
 
+_WHOSE = {MODELS_RESIDUAL: "earlier model's", REFIT: "refitted model's"}
+"""Own error a floor may be, by where it was taken from."""
 _CHANGE = "change of "
 """Begins the names of what a parameter has changed by."""
 
@@ -115,6 +120,7 @@ def paragraph(discrepancy: Discrepancy) -> str:
     sentences = [sentence for effect in discrepancy.added for sentence in _added(discrepancy, effect)]
     sentences += [_gap(discrepancy)] if discrepancy.added else [_nothing_found(discrepancy)]
     sentences += [_unexplained(discrepancy, joint, ratio) for joint, ratio in discrepancy.unexplained]
+    sentences += _lasting_floor(discrepancy)
     sentences += _not_testable(discrepancy)
     return " ".join(sentences)
 
@@ -277,7 +283,7 @@ def _nothing_found(discrepancy: Discrepancy) -> str:
     gap = _effort(discrepancy, discrepancy.before[worst], worst + 1)
     floor = _effort(discrepancy, discrepancy.floor.rms[worst], worst + 1)
     return (
-        f"Nothing is missing: the model explains this log as it is. On {_data(discrepancy)} it leaves "
+        f"{nothing_missing(discrepancy)}: the model explains this log as it is. On {_data(discrepancy)} it leaves "
         f"{rounded(float(ratio[worst]))} times the noise floor in joint {worst + 1} ({gap}, the floor being {floor}), "
         "and no more than that in any other."
     )
@@ -286,7 +292,42 @@ def _nothing_found(discrepancy: Discrepancy) -> str:
 def _unexplained(discrepancy: Discrepancy, joint: int, ratio: float) -> str:
     shown = next((excess for excess in discrepancy.where if excess.joint == joint), None)
     over = f", and it shows best over {_range(discrepancy, shown)}" if shown else ""
-    return f"Joint {joint} stays unexplained: what is left there is {rounded(ratio, 2)} times the noise floor{over}."
+    says, data = discrepancy.unexplained_on[joint], _data(discrepancy)
+    reasons = []
+    if ON_LOG in says or HELD_BACK in says:
+        where = "" if ON_LOG in says else f" on {data}"
+        reasons.append(f"what is left there{where} is {rounded(ratio, 2)} times the noise floor{over}")
+    if GROWN in says:
+        before, after = rounded(float(discrepancy.before[joint - 1])), discrepancy.after[joint - 1]
+        reasons.append(
+            f"identified again, its gap on {data} rises from {before} to {_effort(discrepancy, after, joint)}"
+        )
+    return f"Joint {joint} stays unexplained: {'; '.join(reasons)}."
+
+
+def _lasting_floor(discrepancy: Discrepancy) -> list[str]:
+    """In joints 4 and 6 the noise floor is the earlier model's own error, or noise that a filter has smoothed."""
+    floor, whose = discrepancy.floor, dict[str, list[int]]()
+    for j in np.flatnonzero(floor.lasting).tolist():
+        whose.setdefault(floor.origin[j], []).append(j)
+    sentences = []
+    for origin, joints in whose.items():
+        most = sorted(joints, key=lambda j: -float(floor.rms[j] / floor.white[j]))[:_MOST]
+        sizes = [
+            f"{rounded(float(floor.white[j]))} of {_effort(discrepancy, floor.rms[j], j + 1)} in joint {j + 1}"
+            for j in most
+        ]
+        sentences.append(
+            f"In {joints_in_words(j + 1 for j in joints)} the noise floor is the {_WHOSE[origin]} own error, or noise "
+            f"that lasts: only {listed(sizes)} change{'s' if len(sizes) == 1 else ''} from sample to sample; what is "
+            "below the floor may still be wrong."
+        )
+    return sentences
+
+
+def nothing_missing(discrepancy: Discrepancy) -> str:
+    """As much as can be said: below a floor that is a model's own error something may be."""
+    return "Nothing is missing" + (" above the noise floor" if discrepancy.floor.lasting.any() else "")
 
 
 def _range(discrepancy: Discrepancy, where: Excess) -> str:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from itertools import groupby
 from typing import Any
 
+import numpy as np
+
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.fit.effects.added_effect import AddedEffect
 from bayesid.fit.effects.explanation import LN10
@@ -26,11 +28,24 @@ def discrepancy_summary(discrepancy: Discrepancy) -> dict[str, Any]:
             "after": discrepancy.after.tolist(),
             "noise_floor": discrepancy.floor.rms.tolist(),
             "noise_floor_from": list(discrepancy.floor.origin),
+            "noise_floor_white": discrepancy.floor.white.tolist(),
+            "noise_floor_lasting": (np.flatnonzero(discrepancy.floor.lasting) + 1).tolist(),
             "holdout": discrepancy.holdout,
         },
-        "unexplained": [{"joint": joint, "ratio_to_floor": ratio} for joint, ratio in discrepancy.unexplained],
+        "unexplained": [
+            {"joint": joint, "ratio_to_floor": ratio, "seen_on": list(discrepancy.unexplained_on[joint])}
+            for joint, ratio in discrepancy.unexplained
+        ],
         "candidates": [_candidate(score) for score in discrepancy.scores],
-        "not_borne_out": [{"effect": effect, "joints": list(joints)} for effect, joints in discrepancy.vetoed],
+        "not_borne_out": [
+            {
+                "effect": effect.effect,
+                "joints": list(effect.joints),
+                "log10_bayes_factor": effect.gain / LN10,
+                "equivalent": list(effect.equivalent),
+            }
+            for effect in discrepancy.refused
+        ],
         "not_testable": [
             {"effect": effect, "joints": sorted(j for _, joints in group for j in joints)}
             for effect, group in groupby(discrepancy.not_testable, key=lambda pair: pair[0])

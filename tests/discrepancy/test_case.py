@@ -1,3 +1,4 @@
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -5,6 +6,7 @@ import pytest
 from conftest import small_robot, smooth_motion
 
 from bayesid.discrepancy.case import Case
+from bayesid.fit.effects.kinematics import KinematicTolerance
 from bayesid.fit.knowledge import Knowledge
 from bayesid.model.inertia import NAMES
 from bayesid.model.model import Model
@@ -18,6 +20,27 @@ ORDERS = (
     ("torque_offset", "payload", "coulomb_friction", "rigid_body"),
     ("viscous_friction", "coulomb_friction"),
 )
+
+
+def test_what_is_uncertain_is_the_geometry_in_its_tolerance():
+    """But for the first joint's place, the base's. The second one is shifted along its own x: differences of robots."""
+    robot, motion = small_robot(N, seed=2), smooth_motion(N, 2.0, 50.0, seed=4)
+    model = Model(robot, make_terms(["viscous_friction", "rigid_body"], robot, motion))
+    theta = random_parameters(model, np.random.default_rng(1))
+    trial = SimpleNamespace(signals=SimpleNamespace(motion=motion), actuators=motion, magnitude=None)
+    tolerance = KinematicTolerance(length=0.004, angle=0.002)
+    case = Case(Knowledge(model, theta, np.zeros((1, 1))), None, None, trial, None, None, tolerance=tolerance)
+    moved, step = list(robot.joints), 1e-4
+    place = moved[1].placement @ np.array([[1, 0, 0, step], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]])
+    moved[1] = replace(moved[1], placement=place)
+    other = replace(robot, joints=tuple(moved))
+    there = Model(other, make_terms(["viscous_friction", "rigid_body"], other, motion)).effort(motion, theta)
+    expected = (there - model.effort(motion, theta)) / step * 0.004
+    assert case.uncertain.joints == {0, 1, 2}
+    np.testing.assert_array_equal(case.uncertain.sd, np.ones(6 * (N - 1)))
+    for j in range(N):
+        found = case.uncertain.rows[j][:, 0]
+        np.testing.assert_allclose(found, expected[:, j], atol=1e-3 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("names", ORDERS)

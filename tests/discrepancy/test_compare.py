@@ -211,6 +211,20 @@ def test_the_fast_part_is_that_of_white_noise_whatever_lasts():
     np.testing.assert_allclose(floor.rms, [0.3, 2.0], rtol=0.06)
 
 
+def test_a_floor_most_of_which_lasts_is_a_models_residual():
+    """By a quarter over the white noise, 0.3 and 2 N m; repeated periods ask no model."""
+    size = rms(other_trial(noise_of((0.3, 2.0), (0.1, 0.1)))[0].signals.raw_effort)
+    trial, error = other_trial(noise_of((0.3, 2.0), (0.28, 1.0)))
+    floor = noise_floor(trial, error, noise_of((0.3, 2.0), (0.28, 1.0)))
+    assert floor.lasting.tolist() == [True, False]
+    np.testing.assert_allclose(floor.white, [0.3, 2.0], rtol=0.05)
+    poor = noise_of(size, size)
+    assert not noise_floor(trial, error, poor).lasting.any()
+    assert noise_floor(trial, error, poor, np.array([0.3, 9.0])).lasting.tolist() == [False, True]
+    trial, error = periodic_trial(noise_of((0.3, 2.0), (0.6, 4.0)))
+    assert not noise_floor(trial, error, noise_of((0.3, 2.0), (0.6, 4.0))).lasting.any()
+
+
 @pytest.mark.parametrize("factor", [1.3, 3.0])
 def test_white_noise_that_has_grown_raises_the_floor_but_not_without_bound(factor):
     """By half at most: more than that is a finding."""

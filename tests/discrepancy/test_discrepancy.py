@@ -18,6 +18,7 @@ from bayesid.log.log import Log, read_log, write_log
 from bayesid.model.model import Model
 from bayesid.model.robot import robot_table
 from bayesid.model.terms import make_terms
+from bayesid.results.discrepancy_json import discrepancy_summary
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.studies import blind
@@ -84,6 +85,54 @@ def test_outside_of_the_catalogue_is_unexplained(tmp_path):
     assert [j for j, _ in result.unexplained] == [joint]
     assert [excess.joint for excess in result.where] == [joint]
     assert not result.added
+
+
+@pytest.mark.parametrize(
+    ("trouble", "seed", "joints"),
+    [(blind.Trouble(length=0.005, angle=np.deg2rad(0.5)), 6, {4, 5}), (blind.Trouble(memory=0.97), 4, {1})],
+    ids=["wrong table", "lasting noise"],
+)
+def test_a_holdout_above_the_floor_or_growing_is_never_no_discrepancy(tmp_path, trouble, seed, joints):
+    """Nothing is hidden and the log itself shows nothing; the truth is 1.7 and 2.0, or 1.3 times the noise."""
+    folder = tmp_path / "case"
+    truth = blind.make_case(folder, seed, None, 0.0, "kr5", "standard", trouble=trouble)
+    terms = (folder / "terms.txt").read_text().strip().split(",")
+    healthy = bayesid.identify(
+        folder / "robot.toml", folder / "baseline.csv", terms=terms, complete="off", posterior=False
+    )
+    result = bayesid.find_discrepancy(healthy, folder / "log.csv", folder / "holdout.csv", posterior=False)
+    assert result.status == "unexplained"
+    assert {joint for joint, _ in result.unexplained} == joints
+    assert not result.added
+    for joint, ratio in result.unexplained:
+        assert "log" not in result.unexplained_on[joint]
+        assert ratio == pytest.approx(result.after[joint - 1] / result.floor.rms[joint - 1])
+        assert result.after[joint - 1] > 1.25 * truth.floor[joint - 1]
+    off = result.floor.rms > 1.3 * truth.noise  # of which the earlier model's error is the larger part
+    assert not off[~result.floor.lasting].any()
+    written = discrepancy_summary(result)
+    assert [(one["joint"], tuple(one["seen_on"])) for one in written["unexplained"]] == list(
+        result.unexplained_on.items()
+    )
+    assert written["gap"]["noise_floor_lasting"] == (np.flatnonzero(result.floor.lasting) + 1).tolist()
+
+
+@pytest.mark.parametrize(
+    ("trouble", "seed"),
+    [(blind.Trouble(length=0.005, angle=np.deg2rad(0.5)), 5), (blind.Trouble(memory=0.97), 7)],
+    ids=["wrong table", "lasting noise"],
+)
+def test_a_wrong_table_and_lasting_noise_pass_for_no_effect(tmp_path, trouble, seed):
+    """A spring of log10 BF 13 and a cable of 7 without the geometry's columns, and with zeros in the gaps."""
+    folder = tmp_path / "case"
+    blind.make_case(folder, seed, None, 0.0, "kr5", "standard", trouble=trouble)
+    terms = (folder / "terms.txt").read_text().strip().split(",")
+    healthy = bayesid.identify(
+        folder / "robot.toml", folder / "baseline.csv", terms=terms, complete="off", posterior=False
+    )
+    result = bayesid.find_discrepancy(healthy, folder / "log.csv", folder / "holdout.csv", posterior=False)
+    assert not result.added
+    assert not result.refused
 
 
 def test_two_effects_in_one_joint_are_both_found(tmp_path):
@@ -167,6 +216,8 @@ def test_an_effect_that_unseen_data_do_not_bear_out_is_left_out(healthy):
     """The spring is in the log, but not in the holdout."""
     result = bayesid.find_discrepancy(healthy, arm_log(2, spring), arm_log(3), posterior=False)
     assert ("joint_spring", (2,)) in result.vetoed
+    (spring_again,) = [one for one in result.refused if one.hypothesis.key == ("joint_spring", (2,))]
+    assert spring_again.gain > 2.0 * LN10
     assert all(effect.effect != "joint_spring" for effect in result.added)
     assert result.status == "unexplained"
 

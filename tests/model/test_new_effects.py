@@ -59,7 +59,8 @@ for name, number in (("fan_drag", ("c2", 6.0, 0.1, "N m s^2/rad^2")), ("crossove
         hypothesis=in_joint_2, joints=(2,), parameters={number[0]: number[1:]}, probability=0.99, equivalent=()
     )
     result = SimpleNamespace(
-        added=[effect], before=sizes, after=sizes, floor=SimpleNamespace(rms=sizes), holdout="later.csv", where=[],
+        added=[effect], before=sizes, after=sizes, holdout="later.csv", where=[],
+        floor=SimpleNamespace(rms=sizes, lasting=sizes > 1.0),
         unexplained=[], not_testable=[], identification=SimpleNamespace(model=rigid),
     )
     said[name] = {"joints": sorted({one.joints for one in forms}), "noun": noun(name), "paragraph": paragraph(result)}

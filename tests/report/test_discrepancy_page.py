@@ -90,18 +90,22 @@ TRIAL, PREDICTED_BEFORE, PREDICTED_AFTER = make_trial()
 FRICTION = {"Fc2": (COULOMB, 0.1, "N m")}
 
 
+def floor_of(rms, origin="repeated periods", lasting=(), white=0.9):
+    """Of joints, those of some (0-based) most of which lasts."""
+    which = np.isin(np.arange(len(rms)), lasting)
+    limits, every = np.stack([rms, rms], axis=1), np.ones(len(rms), dtype=bool)
+    return NoiseFloor(rms, (origin,) * len(rms), limits, every, white * rms, which)
+
+
 def make(**changes):
     """A result in which joint 2 lacked Coulomb friction."""
-    floor = np.array([0.29, 0.30, 0.31])
     values = {
         "status": "explained",
         "where": (Excess(2, 1.87, "velocity", (-1.25, 0.75)),),
         "added": (found(friction(), FRICTION),),
         "before": np.array([0.292, 2.41, 0.313]),
         "after": np.array([0.291, 0.312, 0.312]),
-        "floor": NoiseFloor(
-            floor, ("repeated periods",) * 3, np.stack([floor, floor], axis=1), np.array([1, 1, 0]) > 0
-        ),
+        "floor": replace(floor_of(np.array([0.29, 0.30, 0.31])), sharp=np.array([True, True, False])),
         "holdout": "later <b>.csv",
         "unexplained": (),
         "scores": (
@@ -109,7 +113,7 @@ def make(**changes):
             score(TorqueOffset(joints=(2,)), 1.5),
             score(Payload(), -0.75),
         ),
-        "vetoed": (("torque_offset", (3,)),),
+        "refused": (found(TorqueOffset(joints=(3,)), {}),),
         "not_testable": (("hysteresis", (1,)), ("hysteresis", (2,)), ("hysteresis", (3,)), ("payload", ())),
         "identification": SimpleNamespace(
             model=SimpleNamespace(robot=make_robot()), log=SimpleNamespace(source='log "1" & <2>.csv')
@@ -121,10 +125,11 @@ def make(**changes):
         "thresholds": Thresholds(),
         "seconds": 1.0,
     }
+    values["unexplained_on"] = {joint: ("log",) for joint, _ in changes.get("unexplained", ())}
     return Discrepancy(**{**{one.name: values.get(one.name) for one in fields(Discrepancy)}, **changes})
 
 
-NOTHING = {"added": (), "where": (), "vetoed": (), "not_testable": (), "warnings": ()}
+NOTHING = {"added": (), "where": (), "refused": (), "not_testable": (), "warnings": ()}
 
 
 # --- Words -----------------------------------------------------------------------------------------------------------
@@ -203,6 +208,49 @@ def test_joints_that_stay_unexplained_are_named():
     )
 
 
+@pytest.mark.parametrize(
+    ("says", "told"),
+    [
+        (("held-back data",), "on the holdout is 1.6 times the noise floor."),
+        (("log", "held-back data"), "what is left there is 1.6 times the noise floor."),
+        (("gap grew on held-back data",), "identified again, its gap on the holdout rises from 0.313 to 0.496 N m."),
+        (
+            ("log", "gap grew on held-back data"),
+            "1.6 times the noise floor; identified again, its gap on the holdout rises from 0.313 to 0.496 N m.",
+        ),
+    ],
+)
+def test_which_data_say_that_a_joint_is_unexplained_is_said(says, told):
+    after = np.array([0.292, 0.312, 0.496])
+    changes = {**NOTHING, "status": "unexplained", "unexplained": ((3, 1.6),), "after": after}
+    result = make(**changes, unexplained_on={3: says})
+    said = paragraph(result)
+    assert said.startswith("Something is missing from the model, but no effect of the catalogue explains it. Joint 3 ")
+    assert said.endswith(told)
+    (remark,) = [row[7] for row in page_of(result)[0].table("Gap on later")[1:] if row[7]]
+    assert remark == [1.6]
+
+
+def test_a_floor_that_is_a_models_own_error_is_called_so():
+    floor = floor_of(np.array([0.29, 0.30, 0.31]), "earlier model's residual", lasting=[0, 2], white=0.5)
+    result = make(status="no_discrepancy", **NOTHING, floor=floor)
+    said = paragraph(result)
+    assert "Nothing is missing above the noise floor: " in paragraph(
+        replace(result, before=np.array([0.292, 0.312, 0.313]))
+    )
+    assert said.endswith(
+        "In joints 1 and 3 the noise floor is the earlier model's own error, or noise that lasts: only 0.145 of 0.290 "
+        "N m in joint 1 and 0.155 of 0.310 N m in joint 3 change from sample to sample; what is below the floor may "
+        "still be wrong."
+    )
+    page, text = page_of(result)
+    assert text.count("most of it lasts") == 2
+    assert [row[4] for row in page.table("Gap on later")[1:]] == [[0.5 * rms] for rms in floor.rms]
+    assert "Nothing is missing above the noise floor" in text
+    refit = floor_of(np.ones(3), "refit with standard effects", lasting=[1], white=0.5)
+    assert "In joint 2 the noise floor is the refitted model's own error" in paragraph(replace(result, floor=refit))
+
+
 def test_what_was_found_is_told_apart_from_what_was_not():
     where = (Excess(1, 0.5, "load", (0.0, 1.0)), Excess(2, 1.8, "velocity", (0.0, 1.0)))
     said = paragraph(make(status="unexplained", unexplained=((1, 3.0),), where=where))
@@ -213,7 +261,7 @@ def test_what_was_found_is_told_apart_from_what_was_not():
 
 def test_of_many_joints_the_worst_are_told():
     many = dict.fromkeys(("before", "after"), np.array([1.0, 2.0, 3.0, 4.0, 5.0]))
-    floor = NoiseFloor(np.ones(5), ("x",) * 5, np.ones((5, 2)), np.ones(5, dtype=bool))
+    floor = floor_of(np.ones(5))
     robot = SimpleNamespace(name="r", joints=[SimpleNamespace(prismatic=False)] * 5)
     model = SimpleNamespace(model=SimpleNamespace(robot=robot), log=SimpleNamespace(source="x"))
     where = tuple(Excess(j, 1.0, "load", (0.0, 1.0)) for j in range(1, 6))
@@ -479,9 +527,9 @@ def test_the_page_holds_the_numbers_of_the_result():
     page, text = page_of(result)
     gap = page.table("Gap on later")[1:]
     for j, row in enumerate(gap):
-        ratio = result.after[j] / result.floor.rms[j]
-        assert row[1:5] == [[result.before[j]], [result.after[j]], [result.floor.rms[j]], [ratio]]
-    assert gap[2][6] == [1.7]
+        ratio, white = result.after[j] / result.floor.rms[j], result.floor.white[j]
+        assert row[1:6] == [[result.before[j]], [result.after[j]], [result.floor.rms[j]], [white], [ratio]]
+    assert gap[2][7] == [1.7]
     assert "(a lower bound)" in text
     (verdict,) = page.table("Effects that were added")[1:]
     assert verdict[2:7] == [[COULOMB], [pytest.approx(40.0)], [0.99], [0.004], [0.006]]

@@ -105,6 +105,29 @@ def test_held_body_obeys_virtual_work(kind):
     assert_close(loaded.rigid_efforts(motion.q, motion.dq, motion.ddq), expected, 1e-10)
 
 
+def test_trouble_leaves_the_told_table_and_the_motion_alone():
+    """The table that is told, the motions are those of the case without trouble."""
+    plain = blind.simulate(3, None, 0.0, "kr5", "standard")
+    troubled = blind.simulate(3, None, 0.0, "kr5", "standard", trouble=blind.Trouble(0.005, 0.01, 0.9))
+    assert troubled.table == plain.table == plain.robot.table
+    assert troubled.robot.table != plain.table
+    np.testing.assert_array_equal(troubled.log.q, plain.log.q)
+    noise = troubled.log.measured - troubled.log.clean
+    lasting = np.mean(noise[1:] * noise[:-1], axis=0) / np.mean(noise**2, axis=0)
+    np.testing.assert_allclose(lasting, 0.9, atol=0.05)
+    np.testing.assert_allclose(np.sqrt(np.mean(noise**2, axis=0)), troubled.noise, rtol=0.25)
+    gap = np.sqrt(np.mean((troubled.log.clean - plain.log.clean) ** 2, axis=0) / np.mean(plain.log.clean**2, axis=0))
+    assert np.all((gap > 0.0) & (gap < 1.0))
+
+
+def test_a_low_pass_keeps_what_is_slow():
+    t = blind.times()
+    slow, fast = (np.sin(2.0 * np.pi * f * t)[:, None] for f in (1.0, 30.0))
+    inner = slice(200, -200)
+    np.testing.assert_allclose(blind.low_passed(slow + fast, 8.0)[inner], slow[inner], atol=0.01)
+    assert blind.low_passed(fast, 0.0) is fast
+
+
 @pytest.mark.parametrize("slow", [False, True])
 def test_speeds_and_accelerations_are_derivatives(slow):
     series = blind.random_series(np.random.default_rng(2), 5, slow)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import logsumexp
 
-from bayesid.fit.effects.explanation import LN10, Explanation, Observations
+from bayesid.fit.effects.explanation import LN10, NO_COLUMNS, Columns, Explanation, Observations
 from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
 from bayesid.fit.effects.scores import Library, Score, assess, explain_with, plain_first
 from bayesid.fit.effects.thresholds import Thresholds
@@ -55,7 +55,12 @@ class AddedEffect:
 
 
 def weigh(
-    data: Observations, library: Library, effects: Sequence[Hypothesis], explanation: Explanation, effect: Hypothesis
+    data: Observations,
+    library: Library,
+    effects: Sequence[Hypothesis],
+    explanation: Explanation,
+    effect: Hypothesis,
+    uncertain: Columns = NO_COLUMNS,
 ) -> AddedEffect:
     """An effect against all that could stand in its place, the others that were added given.
 
@@ -65,13 +70,17 @@ def weigh(
         effects: that were added.
         explanation: by these.
         effect: one of them.
+        uncertain: columns that the model may be wrong by beside.
     """
     limits = data.thresholds
     others = [other for other in effects if other is not effect]
-    regression, without = explain_with(data, others, explanation)
+    regression, without = explain_with(data, others, explanation, uncertain)
     scores = plain_first(assess(regression, without, _rivals(library, effect, others)), data)
     scored = next((score.gain for score in scores if score.key == effect.key), None)
-    gain = explanation.log_evidence - without.log_evidence if scored is None else scored
+    if scored is None:
+        gain = explain_with(data, effects, explanation, uncertain)[1].log_evidence - without.log_evidence
+    else:
+        gain = scored
     share = (1.0 - limits.nothing_missing - limits.something_else) / len(main_forms())
     places = max(1, data.effort.shape[1])
     logs = [s.gain + np.log(share / (places if s.hypothesis.joints else 1)) for s in scores]

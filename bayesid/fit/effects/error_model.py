@@ -60,25 +60,45 @@ class ErrorModel:
         """Sd of both, N m."""
         return float(np.hypot(self.white, self.coloured))
 
-    def whiten(self, values: Array) -> Array:
-        """(N, ...) innovations of values (N, ...), in units of their standard deviation."""
+    def whiten(self, values: Array, used: Mask) -> Array:
+        """(N, ...) innovations of values (N, ...), in units of their standard deviation; zero where not used (N,)."""
         share = (self.coloured / self.sigma) ** 2
         memory, theta, variance = _arma(share, self.correlation, self.rate)
-        return lfilter([1.0, -memory], [1.0, -theta], values, axis=0) / (self.sigma * np.sqrt(variance))
+        innovation = lfilter([1.0, -memory], [1.0, -theta], bridged(values, used), axis=0)
+        innovation[~used] = 0.0
+        return innovation / (self.sigma * np.sqrt(variance))
 
     def log_likelihood(self, residual: Array, used: Mask) -> float:
-        """Of residuals (N,), zero where they are not used."""
+        """Of residuals (N,), those that are used."""
         share = (self.coloured / self.sigma) ** 2
         memory, theta, variance = _arma(share, self.correlation, self.rate)
-        square, count = _innovations(residual, used, memory, theta)
+        square, count = _innovations(bridged(residual, used), used, memory, theta)
         scale = self.sigma**2 * variance
         return -0.5 * (count * np.log(2.0 * np.pi * scale) + square / scale)
+
+
+def bridged(values: Array, used: Mask) -> Array:
+    """Values (N, ...), those not used (N,) on straight lines between their used neighbours, and level at both ends.
+
+    Zeros in their place would be jumps: the first sample after a gap would count for as many as one innovation is
+    smaller than the noise, and slow noise for far more than it is worth.
+    """
+    rows, gaps = np.flatnonzero(used), np.flatnonzero(~used)
+    if not len(rows) or not len(gaps):
+        return values
+    after = np.searchsorted(rows, gaps)
+    left, right = rows[np.maximum(after - 1, 0)], rows[np.minimum(after, len(rows) - 1)]
+    share = np.where(right > left, (gaps - left) / np.maximum(right - left, 1), 0.0)
+    share = share.reshape(-1, *(1,) * (values.ndim - 1))
+    filled = values.copy()
+    filled[gaps] = (1.0 - share) * values[left] + share * values[right]
+    return filled
 
 
 def fit_error(
     residual: Array, used: Mask, rate: float, limits: tuple[float, float] | None = None
 ) -> tuple[ErrorModel, float]:
-    """The likeliest error model of residuals (N,), zero where they are not used, and its log likelihood.
+    """The likeliest error model of residuals (N,), of those that are used, and its log likelihood.
 
     Args:
         residual: (N,) N m.
@@ -86,6 +106,7 @@ def fit_error(
         rate: Hz.
         limits: largest white and coloured part, N m; none by default.
     """
+    residual = bridged(residual, used)
 
     def judged(share: float, correlation: float) -> tuple[float, float]:
         """Sigma^2 and log likelihood of a share of the coloured part and a correlation time."""

@@ -157,7 +157,7 @@ class Regression:
         key = joint, error
         if key not in self._whitened:
             columns, effort = self._systems[joint]
-            white = error.whiten(np.column_stack([columns, effort])) * self.data.used[:, joint, None]
+            white = error.whiten(np.column_stack([columns, effort]), self.data.used[:, joint])
             self._whitened[key] = white, white.T @ white
         return self._whitened[key]
 
@@ -242,11 +242,11 @@ def _add_effect(
     columns, effort = white[:, :-1], white[:, -1]
     m = columns.shape[1]
     if joint in effect.shift:
-        shift = error.whiten(effect.shift[joint] * used) * used
+        shift = error.whiten(effect.shift[joint], used)
         gradient[:m] -= columns.T @ shift
         effort = effort - shift
     if joint in effect.rows:
-        rows = error.whiten(effect.rows[joint] * used[:, None]) * used[:, None]
+        rows = error.whiten(effect.rows[joint], used)
         cross = columns.T @ rows
         hessian[:m, m:] += cross
         hessian[m:, :m] += cross.T

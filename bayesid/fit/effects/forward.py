@@ -70,6 +70,9 @@ class Products(Generic[Kind]):
         hypotheses: the candidates, linear about their own numbers.
         errors: of each joint.
         uncertain: columns that the model may be wrong by in any case, beside those of every set of candidates.
+        predicting: whether these may take part in predictions of held-back blocks. What evidence tells from them by
+            their prior alone, such as an offset from an error of the geometry fifty times its tolerance, predictions
+            do not.
 
     Attributes:
         candidates: the hypotheses and their places among all m columns.
@@ -82,6 +85,7 @@ class Products(Generic[Kind]):
     hypotheses: Sequence[Kind]
     errors: list[ErrorModel]
     uncertain: Columns = NO_COLUMNS
+    predicting: bool = True
     candidates: list[Candidate[Kind]] = field(init=False)
     blocks: int = field(init=False)
     hessian: Array = field(init=False)
@@ -141,8 +145,9 @@ class Products(Generic[Kind]):
 
     def _multiplied(self, joint: int) -> tuple[Array, Array]:
         index, columns = self._columns[joint]
-        used = self.data.used[:, joint, None]
-        white = self.errors[joint].whiten(np.column_stack([columns, self.data.effort[:, joint]])) * used
+        white = self.errors[joint].whiten(
+            np.column_stack([columns, self.data.effort[:, joint]]), self.data.used[:, joint]
+        )
         size = len(self._known)
         hessian, gradient = np.zeros((FOLDS, size, size)), np.zeros((FOLDS, size))
         for fold in range(FOLDS):
@@ -151,19 +156,22 @@ class Products(Generic[Kind]):
             hessian[fold][np.ix_(index, index)], gradient[fold, index] = products[:-1, :-1], products[:-1, -1]
         return hessian, gradient
 
-    def indices(self, chosen: Sequence[Candidate[Kind]]) -> Integers:
-        """Of the columns that are always there and of those of some candidates."""
-        return np.concatenate(
-            [np.arange(self._always), *(np.arange(c.place.start, c.place.stop) for c in chosen)]
-        ).astype(int)
+    def indices(self, chosen: Sequence[Candidate[Kind]], *, uncertain: bool = True) -> Integers:
+        """Of the columns that are always there, uncertain ones among them or not, and of those of some candidates."""
+        always = self._always if uncertain else self.data.columns.shape[2]
+        return np.concatenate([np.arange(always), *(np.arange(c.place.start, c.place.stop) for c in chosen)]).astype(
+            int
+        )
 
     def best(self, chosen: Sequence[Candidate[Kind]]) -> Array:
         """(m,) coefficients and amplitudes, one for changes, zero for what is not chosen."""
         return self._solved(self.hessian, self.gradient, chosen)[0]
 
-    def _solved(self, hessian: Array, gradient: Array, chosen: Sequence[Candidate[Kind]]) -> tuple[Array, Array]:
+    def _solved(
+        self, hessian: Array, gradient: Array, chosen: Sequence[Candidate[Kind]], *, uncertain: bool = True
+    ) -> tuple[Array, Array]:
         """The same for given G and g, and P."""
-        index, best = self.indices(chosen), np.zeros(len(self._known))
+        index, best = self.indices(chosen, uncertain=uncertain), np.zeros(len(self._known))
         changes = np.array([c.change for c in chosen if c.change >= 0], dtype=np.int64)
         inverse = inverse_of(hessian[np.ix_(index, index)] + self._precision[np.ix_(index, index)])
         best[changes] = 1.0
@@ -187,7 +195,8 @@ class Products(Generic[Kind]):
         by_fold, slopes = np.sum(self._hessian, axis=0), np.sum(self._gradient, axis=0)
         for fold in range(FOLDS):
             others = [k for k in range(FOLDS) if k != fold]
-            best, _ = self._solved(by_fold[others].sum(axis=0), slopes[others].sum(axis=0), chosen)
+            products = by_fold[others].sum(axis=0), slopes[others].sum(axis=0)
+            best, _ = self._solved(*products, chosen, uncertain=self.predicting)
             held = self._fold == fold
             residual[held] = self._without(best)[held]
         squares = np.stack([(residual[self._block == b] ** 2).sum(axis=0) for b in range(self.blocks)])
@@ -201,7 +210,8 @@ class Products(Generic[Kind]):
         """The same with other forms of some hypotheses, by the ids of the old ones, and the chosen among them."""
         if not forms:
             return self, list(chosen)
-        products = Products(self.data, [forms.get(id(h), h) for h in self.hypotheses], self.errors, self.uncertain)
+        hypotheses = [forms.get(id(h), h) for h in self.hypotheses]
+        products = Products(self.data, hypotheses, self.errors, self.uncertain, self.predicting)
         of_old = {id(old): new for old, new in zip(self.hypotheses, products.candidates, strict=True)}
         return products, [of_old[id(candidate.hypothesis)] for candidate in chosen]
 

@@ -51,6 +51,18 @@ class HeldBackErrors:
         change, count = self.squares - before.squares, np.maximum(self.counts.sum(axis=0), 1)
         return change.sum(axis=0) / count, change.std(axis=0) * np.sqrt(len(change)) / count
 
+    def surely_above(self, level: Array) -> Mask:
+        """(n,) whether the RMS error is above a level (n,), N m, by more than its scatter over the blocks explains."""
+        rise, error = self.rise(HeldBackErrors(self.counts * level**2, self.counts))
+        above: Mask = rise > _SURE * error
+        return above
+
+    def surely_grown(self, before: HeldBackErrors) -> Mask:
+        """(n,) whether the mean squared error has risen: by as much, and as surely, as an effect must lower it."""
+        rise, error = self.rise(before)
+        grown: Mask = rise > np.maximum(HELP * before.rms**2, _SURE * error)
+        return grown
+
 
 def blocks_of(duration: float) -> int:
     """How many blocks a log of some seconds is cut into: fewer where they would be too short, but one a fold."""

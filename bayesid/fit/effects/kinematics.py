@@ -34,17 +34,20 @@ class KinematicTolerance:
             raise ValueError(f"a kinematic tolerance of {self.length:g} m, {self.angle:g} rad")
 
 
-def kinematic_columns(robot: Robot, motion: Motion, links: Array, tolerance: KinematicTolerance) -> Array:
-    """(N, n, 6 n) efforts of one standard deviation of each joint's place and direction, N m.
+def kinematic_columns(
+    robot: Robot, motion: Motion, links: Array, tolerance: KinematicTolerance, first: int = 0
+) -> Array:
+    """(N, n, 6 (n - first)) efforts of one standard deviation of each joint's place and direction, N m.
 
     Args:
         robot: as its table has it.
         motion: N samples.
         links: (10 n,) parameters of the links.
         tolerance: the standard deviations.
+        first: joint (0-based) whose place may be off, as may those after it.
     """
     columns = []
-    for i in range(robot.n_joints):
+    for i in range(first, robot.n_joints):
         for k in range(6):
             sd = tolerance.length if k < 3 else tolerance.angle
             if sd == 0.0:

@@ -10,7 +10,7 @@ from scipy.special import logsumexp
 
 from bayesid.arrays import Array, Mask
 from bayesid.fit.effects.error_model import ErrorModel
-from bayesid.fit.effects.explanation import LN10, Explanation, Observations, Regression
+from bayesid.fit.effects.explanation import LN10, NO_COLUMNS, Columns, Explanation, Observations, Regression
 from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
 from bayesid.fit.effects.screening import Screening
 from bayesid.fit.effects.thresholds import Thresholds
@@ -63,10 +63,18 @@ class Score:
 
 
 def explain_with(
-    data: Observations, effects: Sequence[Hypothesis], start: Explanation | None = None
+    data: Observations, effects: Sequence[Hypothesis], start: Explanation | None = None, uncertain: Columns = NO_COLUMNS
 ) -> tuple[Regression, Explanation]:
-    """The explanation by some effects, error models found with it."""
-    regression = Regression(data, [effect.columns for effect in effects])
+    """The explanation by some effects, error models found with it.
+
+    Args:
+        data: what is explained.
+        effects: by which.
+        start: an explanation whose error models are those to begin with.
+        uncertain: columns that the model may be wrong by beside; if any, theirs are the first amplitudes.
+    """
+    beside = [uncertain] if len(uncertain.sd) else []
+    regression = Regression(data, [*beside, *(effect.columns for effect in effects)])
     explanation = regression.explain(initial_errors(data) if start is None else start.errors)
     for _ in range(_SETTLINGS):
         explanation = regression.explain(explanation.errors)

@@ -28,7 +28,9 @@ class Screening:
         explanation = regression.explain(errors)
         self._root = explanation.root
         self._white = [regression.whitened(j, error)[0][:, :-1] for j, error in enumerate(errors)]
-        self._residual = [error.whiten(explanation.residual[:, j]) for j, error in enumerate(errors)]
+        self._residual = [
+            error.whiten(explanation.residual[:, j], self._data.used[:, j]) for j, error in enumerate(errors)
+        ]
 
     def gains(self, effects: Sequence[Columns]) -> tuple[Array, Array]:
         """Gains in log evidence of k effects with p amplitudes each, in the same joints.
@@ -66,15 +68,15 @@ class Screening:
 
     def _white_shifts(self, effects: Sequence[Columns], joint: int) -> Array:
         """(N, k) whitened changes without amplitudes."""
-        used = self._data.used[:, joint, None]
+        used = self._data.used[:, joint]
         shifts = np.stack([effect.shift.get(joint, np.zeros(len(used))) for effect in effects], axis=1)
-        return self._errors[joint].whiten(shifts * used) * used if np.any(shifts) else shifts
+        return self._errors[joint].whiten(shifts, used) if np.any(shifts) else shifts
 
     def _white_rows(self, effects: Sequence[Columns], joint: int) -> Array:
         """(N, k p) whitened columns."""
-        used, blank = self._data.used[:, joint, None], np.zeros((len(self._data.used), len(effects[0].sd)))
+        blank = np.zeros((len(self._data.used), len(effects[0].sd)))
         rows = np.concatenate([effect.rows.get(joint, blank) for effect in effects], axis=1)
-        return self._errors[joint].whiten(rows * used) * used
+        return self._errors[joint].whiten(rows, self._data.used[:, joint])
 
 
 def _integrated(base: Array, gram: Array, slope: Array, effects: Sequence[Columns]) -> tuple[Array, Array]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from bayesid.discrepancy.compare import Excess
+from bayesid.discrepancy.selection import GROWN, HELD_BACK, ON_LOG
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.fit.effects.added_effect import AddedEffect
 from bayesid.fit.effects.explanation import LN10
@@ -21,6 +22,7 @@ from bayesid.report.words import (
     distinguishing_motions,
     joints_in_words,
     label,
+    nothing_missing,
     paragraph,
     quantity,
     rounded,
@@ -30,10 +32,11 @@ from bayesid.report.words import (
 )
 
 _STATUS = {
-    "no_discrepancy": "Nothing is missing",
     "explained": "Explained: what was missing is found",
     "unexplained": "Not explained: something is still missing",
 }
+_SAID = {ON_LOG: "on the log", HELD_BACK: "on what scores", GROWN: "the gap grew"}
+"""Which data say that a joint is unexplained, in a cell."""
 _CANDIDATES = 25
 """Candidates that are listed: a screen full."""
 
@@ -46,7 +49,7 @@ def discrepancy_page(discrepancy: Discrepancy) -> str:
         "discrepancy.html.jinja",
         "What the model lacks",
         robot,
-        status={"colour": discrepancy.status, "text": _STATUS[discrepancy.status]},
+        status={"colour": discrepancy.status, "text": _STATUS.get(discrepancy.status, nothing_missing(discrepancy))},
         lead=paragraph(discrepancy),
         about=[("Robot", robot), ("Log", identification.log.source), ("Scored on", discrepancy.holdout)],
         warnings=discrepancy.warnings,
@@ -76,9 +79,15 @@ def _gap(discrepancy: Discrepancy, j: int) -> dict[str, Any]:
         "before": discrepancy.before[j],
         "after": discrepancy.after[j],
         "floor": floor.rms[j],
-        "origin": floor.origin[j] + ("" if floor.sharp[j] else " (a lower bound)"),
+        "white": floor.white[j],
+        "origin": floor.origin[j] + ("" if floor.sharp[j] else " (a lower bound)") + _whose_error(discrepancy, j),
         "unexplained": dict(discrepancy.unexplained).get(j + 1),
+        "says": ", ".join(_SAID[which] for which in discrepancy.unexplained_on.get(j + 1, ())),
     }
+
+
+def _whose_error(discrepancy: Discrepancy, j: int) -> str:
+    return "; most of it lasts: that model's own error, or smoothed noise" if discrepancy.floor.lasting[j] else ""
 
 
 def _added(effect: AddedEffect) -> dict[str, Any]:

@@ -92,10 +92,16 @@ def whitening(error):
     return np.linalg.solve(np.eye(SMALL) - theta * shift, np.eye(SMALL) - phi * shift) / np.sqrt(-next_to / theta)
 
 
+def bridging(used):
+    """(N, N) matrix that puts what is not used on straight lines between its used neighbours."""
+    places, rows = np.arange(len(used)), np.flatnonzero(used)
+    return np.stack([np.interp(places, rows, np.eye(len(used))[rows, k]) for k in places], axis=1)
+
+
 def white(products, of_joint, errors=ERRORS):
     """Rows of all joints below each other, whitened."""
     used = products.data.used
-    parts = [whitening(e) @ (of_joint(j).T * used[:, j]).T for j, e in enumerate(errors)]
+    parts = [whitening(e) @ bridging(used[:, j]) @ of_joint(j) for j, e in enumerate(errors)]
     return np.concatenate([(part.T * used[:, j]).T for j, part in enumerate(parts)])
 
 
@@ -292,6 +298,22 @@ def assert_same(found, expected):
     np.testing.assert_allclose(*gains, rtol=1e-7, atol=1e-7)
     held = [products.held_back(pair[0]) for products, pair in zip((found, expected), pairs, strict=True)]
     np.testing.assert_allclose(held[0].squares, held[1].squares, rtol=1e-7)
+
+
+def test_uncertain_columns_predict_held_back_blocks_only_if_they_may():
+    """Columns that are the effect itself take it all in evidence and in predictions; kept out, they predict nothing."""
+    plain = made_case()
+    twin = plain.hypotheses[0].columns
+    uncertain = Columns(twin.rows, {}, 50.0 * twin.sd, np.zeros(len(twin.sd), dtype=bool))
+    with_them, without = (
+        Products(plain.data, plain.hypotheses, list(ERRORS), uncertain, predicting=which) for which in (True, False)
+    )
+    first = plain.candidates[0]
+    for products in (with_them, without):
+        assert products.gains((), products.candidates[:1])[0] < 0.0 < plain.gains((), [first])[0]
+    np.testing.assert_allclose(without.held_back(()).squares, plain.held_back(()).squares)
+    free = plain.with_forms({id(first.hypothesis): replace(first.hypothesis, columns=uncertain)}, [first])
+    np.testing.assert_allclose(with_them.held_back(()).squares, free[0].held_back(free[1]).squares)
 
 
 def test_joints_are_whitened_anew_by_what_is_left_there():

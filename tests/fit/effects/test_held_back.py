@@ -46,6 +46,26 @@ def test_standard_error_is_the_scatter_of_repeated_logs():
 
 
 # ---------------------------------------------------------------------------------------------------------------
+# Above a level, and growth
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("sd", "sure"), [(0.0, True), (2.6, True), (2.7, False)])
+def test_above_a_level_is_sure_by_the_scatter_of_the_blocks(sd, sure):
+    """A mean square of 5 over a level of 2 N m: 1 against 1.5 sd / 4."""
+    found = errors(spread(5.0, sd), 0.24)
+    np.testing.assert_array_equal(found.surely_above(np.array([2.0, 0.5])), [sure, False])
+
+
+@pytest.mark.parametrize(
+    ("rise", "sd", "grown"), [(0.11, 0.0, True), (0.09, 0.0, False), (0.3, 0.7, True), (0.3, 0.9, False)]
+)
+def test_growth_is_as_large_and_as_sure_as_the_help_of_an_effect(rise, sd, grown):
+    """A tenth of the mean square, and one and a half standard errors: 0.3 against 1.5 sd / 4."""
+    before = errors(1.0, 3.0)
+    np.testing.assert_array_equal(errors(spread(1.0 + rise, sd), 3.0).surely_grown(before), [grown, False])
+    assert not before.surely_grown(errors(1.0 + rise, 3.0)).any()
+
+
+# ---------------------------------------------------------------------------------------------------------------
 # Harm
 # ---------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("rise", "visible"), [(-0.5, False), (0.0, False), (0.039, False), (0.041, True), (0.5, True)])

@@ -29,7 +29,9 @@ def made_trial(effort, used=None):
 
 
 def test_a_joint_is_explained_by_the_threshold_of_its_floor():
-    floor = NoiseFloor(np.array([1.0, 2.0]), ("", ""), np.ones((2, 2)), np.array([True, False]))
+    floor = NoiseFloor(
+        np.array([1.0, 2.0]), ("", ""), np.ones((2, 2)), np.array([True, False]), np.ones(2), np.zeros(2, dtype=bool)
+    )
     gap = np.array([1.3, 3.1])
     assert floor.exceeded(gap, USUAL).tolist() == [True, False]
     assert floor.exceeded(gap, replace(USUAL, above_floor=1.4, above_blunt_floor=1.5)).tolist() == [False, True]
