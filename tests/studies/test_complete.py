@@ -11,7 +11,7 @@ from bayesid.log.signals import prepare
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
 from bayesid.model.terms import STANDARD, make_terms
-from bayesid.studies import complete, hidden
+from bayesid.studies import blind, complete
 from bayesid.studies.complete_report import coverage, found, mean_ratio, torque_ratio
 from bayesid.studies.hidden import SHARES, make_case
 from bayesid.studies.readings import NOISES
@@ -103,7 +103,8 @@ def test_a_robot_off_its_table_is_off_by_the_tolerance():
 
 def table_off(count):
     table = {"joints": [{"a": 0.0, "alpha": 0.0, "d": 0.0, "theta": 0.0}] * count}
-    return hidden._off(table, of_class("dh_wide"), np.random.default_rng(0))
+    scenario = of_class("dh_wide")
+    return blind.built_off(table, blind.Trouble(scenario.length, scenario.angle), np.random.default_rng(0))
 
 
 def test_a_short_log_is_a_part_of_a_long_one():
