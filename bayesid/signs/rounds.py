@@ -95,6 +95,7 @@ class SignSearch:
             if last or not cuts:
                 break
             segments = segments.split(cuts)
+        assert sigma is not None  # there was a round
         return SegmentSigns(segments, searched[-1].with_work_of(searched[:-1]), rounds, len(cuts), sigma)
 
     def reweighted(self, searched: SegmentSigns, weights: Array, repeat: bool = True) -> SegmentSigns:
