@@ -41,6 +41,14 @@ class NoCone:
         """Q (r, r) and the centre (r,), zero."""
         return self.weight, np.zeros(len(self.weight))
 
+    def regularisation(self, theta: Array) -> float:
+        """The pull on theta (r,)."""
+        return float(theta @ self.weight @ theta)
+
+    def lighter(self, share: float) -> NoCone:
+        """The same: its pull is a part of the problem that both searches solve."""
+        return self
+
     def prepared(self, hessian: Array) -> PreparedNoCone:
         """A solver for one H (r, r)."""
         return PreparedNoCone(hessian + self.weight)

@@ -99,7 +99,8 @@ class TestThroughCvxpy:
             hessian, energy = moments.hessian_of(decided), float(moments.energy[decided].sum())
             gradient = rng.choice([-1.0, 1.0], count) @ moments.gradient[decided]
             expected = energy + solver.prepared(hessian).solve_precisely(gradient).cost
-            assert node.cost(hessian, gradient, energy) == pytest.approx(expected, abs=1e-5 * problem.energy)
+            cost = node.cost(hessian, gradient, energy)
+            assert cost == pytest.approx(expected, abs=3e-5 * problem.energy)  # cvxpy may end with an inaccurate 1e-5
 
     def test_a_wide_tree_finds_the_best_signs(self, searched):
         problem = searched.problem.first(6)

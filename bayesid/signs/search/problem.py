@@ -196,7 +196,7 @@ class Problem:
     def data_cost(self, branch: Branch) -> tuple[float, float]:
         """Lower bound and value of what a branch costs the data, with next to nothing of the pull."""
         lighter = self._solver.lighter(_LIGHTER)
-        solution = self._counted(lighter.prepared().solve_precisely(branch.signs @ self.moments.gradient))
+        solution = self._counted(lighter.prepared(self._hessian).solve_precisely(branch.signs @ self.moments.gradient))
         value = self.energy + solution.cost - lighter.regularisation(solution.theta)
         return min(self.energy + solution.lower_bound, value), value
 
