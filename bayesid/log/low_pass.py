@@ -44,10 +44,6 @@ class LowPass:
         filtered: Array = signal.lfilter(above, below, values, axis=0, zi=at_rest)[0]
         return filtered
 
-    def memory(self, rate: float) -> int:
-        """Samples after which a response has died out."""
-        return int(np.ceil(_MEMORY * rate / self.cutoff))
-
     def autocovariance(self, memory: float, lags: int, rate: float) -> Array:
         """(lags,) of noise of variance 1 that has passed it; the noise's correlation from sample to sample is given."""
         reach = int(np.ceil(_MEMORY * rate / self.cutoff))

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from made_findings import make_findings, make_samples, with_summary
 
-from bayesid.report.findings.summary import LowPassSummary, ModeSummary, ReadingSummary
+from bayesid.identification.other_readings import BetterReading
+from bayesid.report.findings.summary import LowPassSummary, ModeSummary
 from bayesid.report.verdicts import Check, check_findings, sure_share, verdict, worst
 
 GOOD = make_findings(validated=True)
@@ -65,7 +66,7 @@ def lasting(*share):
     return with_summary(GOOD, "noise", coloured_sd=tuple(sd * np.sqrt(share)))
 
 
-OTHER = ReadingSummary("joint order", "joints 2 and 3 exchanged", 0.041, 0.213)
+OTHER = BetterReading("joint order", "joints 2 and 3 exchanged", 0.041, 0.213)
 
 
 def poor(reading):

@@ -12,6 +12,7 @@ import numpy as np
 from bayesid.files import plain
 from bayesid.fit.effects.wanted import EnteredEffect
 from bayesid.identification.identification import Identification
+from bayesid.identification.other_readings import BetterReading
 from bayesid.identification.provenance import Provenance
 from bayesid.log.log import Log
 from bayesid.posterior.inference import Posterior
@@ -275,23 +276,6 @@ class FitSummary:
 
 
 @dataclass(frozen=True)
-class ReadingSummary:
-    """A reading of the log that explains it better than with the robot file, joint order and units given.
-
-    Attributes:
-        kind: "joint order", "direction", "units", "mounting" or "robot".
-        change: what is other, to follow on "with".
-        leaves: RMS of what it leaves over RMS of the effort, over all joints.
-        given: the same of the reading given.
-    """
-
-    kind: str
-    change: str
-    leaves: float
-    given: float
-
-
-@dataclass(frozen=True)
 class LowPassSummary:
     """A low-pass that |effort| has passed after the rectifier.
 
@@ -361,7 +345,7 @@ class Summary:
     provenance: Provenance
     complete: CompletionSummary | None = None
     modes: tuple[ModeSummary, ...] = ()
-    better_reading: ReadingSummary | None = None
+    better_reading: BetterReading | None = None
     low_pass_after_rectifier: LowPassSummary | None = None
 
     @property
@@ -400,7 +384,7 @@ def summarise(identification: Identification) -> Summary:
         provenance=identification.provenance,
         complete=_complete(identification),
         modes=_modes(identification),
-        better_reading=_reading(identification),
+        better_reading=identification.better_reading,
         low_pass_after_rectifier=_low_pass(identification),
     )
     return from_json(Summary, as_json(summary))  # so that it is what a file gives: None for what is not finite
@@ -495,11 +479,6 @@ def _posterior(identification: Identification) -> PosteriorSummary | None:
         excluded=posterior.excluded,
         pressed_windows=dict(posterior.pressed),
     )
-
-
-def _reading(identification: Identification) -> ReadingSummary | None:
-    reading = identification.better_reading
-    return None if reading is None else ReadingSummary(reading.kind, reading.change, reading.leaves, reading.given)
 
 
 def _modes(identification: Identification) -> tuple[ModeSummary, ...]:
