@@ -111,6 +111,7 @@ def _scored(result: Identification, log: Log) -> Row:
     confidence = np.maximum(result.probability, 1.0 - result.probability)[rows]
     sure = confidence >= SURE
     strong, every = _strong(log.effort), np.ones_like(log.effort, dtype=bool)
+    at_rest = ~moving & (log.effort != 0.0)
     wrong = _wrong_segments(result, log.effort, rows)
     posterior = result.posterior
     assert posterior is not None
@@ -130,6 +131,9 @@ def _scored(result: Identification, log: Log) -> Row:
         "sure_wrong": 1.0 - _share(signs, log.effort, strong & sure),
         "every_sure": float(sure.mean()),
         "every_sure_wrong": 1.0 - _share(signs, log.effort, every & sure),
+        "at_rest": int(at_rest.sum()),
+        "rest_right": _share(signs, log.effort, at_rest),
+        "rest_confidence": float(confidence[at_rest].mean()),
         "wrong_segments": int(wrong.sum()),
         "wrong_moving": int((wrong & result.segments.moving).sum()),
         "auc": area_under_curve(result.confidence, wrong),
@@ -214,6 +218,7 @@ def report(rows: Sequence[Row]) -> str:
     parts = []
     if ordinary:
         parts += [_table_of_signs(ordinary), _table_of_joints(ordinary), _table_of_smooth_truth(ordinary)]
+        parts.append(_table_of_rest(ordinary))
         parts += [_table_of_confidences(ordinary, "wrong segments and how well confidence marks them; the posterior")]
     if poor:
         parts.append(_table_of_confidences(poor, f"the same with terms {', '.join(POOR)}: no friction"))
@@ -255,6 +260,23 @@ def _table_of_smooth_truth(rows: Sequence[Row]) -> str:
     for row in rows:
         joints = "  ".join(f"{share:.2%}" for share in row["smooth_truth_joints"])
         lines.append(f"{row['log']:<17} {row['smooth_truth']:.2%}  {joints}")
+    return "\n".join(lines)
+
+
+def _table_of_rest(rows: Sequence[Row]) -> str:
+    """Where no model knows friction: pooled, each log counts by its samples."""
+    lines = [f"samples at rest\n{'log':<17} samples  right %  mean confidence"]
+    counts = np.array([row["at_rest"] for row in rows], dtype=float)
+    columns = [np.array([row[name] for row in rows]) for name in ("rest_right", "rest_confidence")]
+    pooled = [float(counts @ column / counts.sum()) for column in columns]
+    for name, count, right, confidence in zip(
+        [*(row["log"] for row in rows), "pooled"],
+        [*counts.tolist(), counts.sum()],
+        [*columns[0].tolist(), pooled[0]],
+        [*columns[1].tolist(), pooled[1]],
+        strict=True,
+    ):
+        lines.append(f"{name:<17} {count:>7.0f} {right:>8.2%} {confidence:>16.3f}")
     return "\n".join(lines)
 
 

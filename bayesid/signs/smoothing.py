@@ -43,10 +43,10 @@ _FINEST = 0.75
 """Spacings of the grid: a narrower transition would fall between its points. A round number; not studied."""
 _REACH = 4.0
 """Half-width of the grid in standard deviations of b."""
-_REST_TIME = 0.2
+_REST_TIME = 0.5
 """s; how fast static friction may build up. A round number; not studied."""
-_TURNS = 0.1
-"""Probability, per sample at standstill, that friction turns round at once. A round number; not studied."""
+_TURNS = 0.5
+"""Probability that friction turns round at once in a standstill, at any of its samples: nothing is known of it."""
 _TAILS = 4.0
 """Degrees of freedom of the white noise: real residuals have outliers that a normal distribution thinks impossible. A
 round number; not studied."""
@@ -107,13 +107,16 @@ def smooth(
     """
     draws = predicted if predicted.ndim == 3 else predicted[:, :, None]
     process = _process(effort, draws.mean(axis=2), moving, noise, rate, after)
+    moves = moving.copy()
+    moves[1:] &= moving[:-1]  # a standstill is left as it is entered: by a wide step
+    turns = _turns(moves)
     probability = np.zeros_like(effort)
     for start in range(0, len(effort), blocks.samples):
         stop = min(start + blocks.samples, len(effort))
         around = slice(max(0, start - blocks.overlap), min(len(effort), stop + blocks.overlap))
         for k in range(0, draws.shape[2], blocks.draws):
             last = min(k + blocks.draws, draws.shape[2])
-            block = _smooth(effort[around], draws[around, :, k:last], moving[around], process)
+            block = _smooth(effort[around], draws[around, :, k:last], turns[around], process)
             probability[start:stop] += block[start - around.start : stop - around.start].sum(axis=2)
             progress(start * draws.shape[2] + (stop - start) * last, draws[:, 0].size)
     return probability / draws.shape[2]
@@ -128,6 +131,7 @@ class _Process:
         white: (n,) scale of the white noise, N m.
         step: (2, n, G, G) transition probabilities, at standstill and in motion.
         prior: (n, G) stationary distribution in motion.
+        rest: (n, G) and at standstill.
         rate: of the samples, Hz.
         after: what |effort| has passed after the rectifier; None where there is nothing.
     """
@@ -136,6 +140,7 @@ class _Process:
     white: Array
     step: Array
     prior: Array
+    rest: Array
     rate: float
     after: AfterRectifier | None
 
@@ -148,8 +153,18 @@ def _process(
     grid = (_REACH * rest)[:, None] * np.linspace(-1.0, 1.0, _GRID)
     step = _transitions(grid, noise.coloured, np.exp(-1.0 / (noise.correlation * rate)))
     rest_step = _transitions(grid, rest, np.full(len(rest), np.exp(-1.0 / (_REST_TIME * rate))))
-    rest_step = (1.0 - _TURNS) * rest_step + _TURNS * _stationary(grid, rest)[:, None]
-    return _Process(grid, noise.white, np.stack([rest_step, step]), _stationary(grid, noise.coloured), rate, after)
+    prior, at_rest = _stationary(grid, noise.coloured), _stationary(grid, rest)
+    return _Process(grid, noise.white, np.stack([rest_step, step]), prior, at_rest, rate, after)
+
+
+def _turns(moves: Mask) -> Array:
+    """(N, n) probability that friction turns round at once before a sample: over each standstill in all, `_TURNS`."""
+    turns = np.zeros(moves.shape)
+    for j in range(moves.shape[1]):
+        edges = np.flatnonzero(np.diff(np.concatenate([[True], moves[:, j], [True]]).astype(int)))
+        for start, end in edges.reshape(-1, 2).tolist():
+            turns[start:end, j] = 1.0 - (1.0 - _TURNS) ** (1.0 / (end - start))
+    return turns
 
 
 def _doubt_at_rest(mismatch: Array, predicted: Array, moving: Mask) -> Array:
@@ -188,22 +203,28 @@ def _transitions(grid: Array, sd: Array, memory: Array) -> Array:
     return density / density.sum(axis=2, keepdims=True)
 
 
-def _smooth(effort: Array, predicted: Array, moving: Mask, process: _Process) -> Array:
-    """(N, n, K) P(sign = +) for K predictions (N, n, K), by one forward and one backward pass."""
+def _smooth(effort: Array, predicted: Array, turns: Array, process: _Process) -> Array:
+    """(N, n, K) P(sign = +) for K predictions (N, n, K), by one forward and one backward pass.
+
+    Where friction may turn round at once, with the probabilities `turns` (N, n), a joint is at standstill.
+    """
     n_samples, n, draws = predicted.shape
-    moves = moving.copy()
-    moves[1:] &= moving[:-1]  # a standstill is left as it is entered: by a wide step
-    joints, all_moving, state = np.arange(n), np.all(moves, axis=1), moves.astype(np.int64)
+    joints, moves = np.arange(n), turns == 0.0
+    all_moving, state = np.all(moves, axis=1), moves.astype(np.int64)
     likelihoods = _likelihoods_of(effort, predicted, process)
 
     def step(i: int) -> Array:
         return process.step[1] if all_moving[i] else process.step[state[i], joints]
 
+    def turned(i: int, stays: Array, turns_round: Array) -> Array:
+        turn = turns[i][:, None, None]
+        return stays if all_moving[i] else (1.0 - turn) * stays + turn * turns_round
+
     forward = np.empty((n_samples, n, draws, process.grid.shape[1]))
     belief = np.repeat(process.prior[:, None], draws, axis=1)
     for i in range(n_samples):
         if i:
-            belief = belief @ step(i)
+            belief = turned(i, belief @ step(i), process.rest[:, None])
         belief = belief * likelihoods(i)[0]
         belief /= belief.sum(axis=2, keepdims=True)
         forward[i] = belief
@@ -213,7 +234,8 @@ def _smooth(effort: Array, predicted: Array, moving: Mask, process: _Process) ->
         likelihood, plus = likelihoods(i)
         both = forward[i] * future
         probability[i] = (both * plus).sum(axis=2) / both.sum(axis=2)
-        future = (likelihood * future) @ step(i).swapaxes(1, 2)
+        then = likelihood * future
+        future = turned(i, then @ step(i).swapaxes(1, 2), then @ process.rest[:, :, None])
         future /= future.sum(axis=2, keepdims=True)
     return probability
 

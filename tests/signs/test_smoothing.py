@@ -104,6 +104,66 @@ def test_probabilities_are_calibrated():
 # ---------------------------------------------------------------------------------------------------------------
 # Many draws of the model, standstill, tails
 # ---------------------------------------------------------------------------------------------------------------
+REST_TIME, TURNS = 0.5, 0.5
+"""s in which static friction builds up, and the probability that it turns round at once in a standstill."""
+
+
+def weighed_paths(effort, predicted, moving, noise, draws=400_000, seed=0):
+    """P(sign = +) and its Monte Carlo error by weighting paths that are wider, and may turn round, at standstill.
+
+    A standstill is left by a wide step as it is entered by one; the sizes are those of one joint at one standstill.
+    """
+    at_rest = np.flatnonzero(~moving)
+    mismatch = np.sqrt(np.mean((effort - np.abs(predicted))[at_rest] ** 2))
+    wide = max(mismatch, 0.5 * abs(predicted[at_rest[-1] + 1] - predicted[at_rest[0] - 1]), noise.coloured[0])
+    steps = range(at_rest[0], at_rest[-1] + 2)
+    turn = 1.0 - (1.0 - TURNS) ** (1.0 / len(steps))
+    rng = np.random.default_rng(seed)
+    b = noise.coloured[0] * rng.standard_normal(draws)
+    log_weight, plus = np.zeros(draws), []
+    for i, (e, p) in enumerate(zip(effort, predicted, strict=True)):
+        if i:
+            size, time = (wide, REST_TIME) if i in steps else (noise.coloured[0], noise.correlation[0])
+            memory = np.exp(-1.0 / (time * RATE))
+            b = memory * b + size * np.sqrt(1.0 - memory**2) * rng.standard_normal(draws)
+            if i in steps:
+                b = np.where(rng.random(draws) < turn, wide * rng.standard_normal(draws), b)
+        up, down = t(4).pdf((e - p - b) / noise.white[0]), t(4).pdf((-e - p - b) / noise.white[0])
+        log_weight += np.log(up + down)
+        plus.append(up / (up + down))
+    weight = np.exp(log_weight - log_weight.max())
+    return np.array([weight @ share for share in plus]) / weight.sum(), 0.5 * np.sqrt((weight**2).sum()) / weight.sum()
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_standstill_against_weighed_paths(seed):
+    """Eleven samples, five of them at rest, where friction turns the prediction from below to above zero."""
+    rng = np.random.default_rng(seed)
+    predicted = np.concatenate([[-1.1, -1.0, -0.9], np.full(5, 0.15), [0.8, 0.9, 1.0]])
+    effort = np.abs(predicted + 0.25 * rng.standard_normal(11))
+    moving = np.ones(11, dtype=bool)
+    moving[3:8] = False
+    of_one = noise(0.3, 0.3, 0.04)
+    expected, error = weighed_paths(effort, predicted, moving, of_one)
+    found = smooth(effort[:, None], predicted[:, None], moving[:, None], of_one, RATE)[:, 0]
+    assert 0.1 < expected[5] < 0.9, "in doubt"
+    np.testing.assert_allclose(found, expected, atol=4.0 * error + 0.01)  # the grid's error
+
+
+@pytest.mark.parametrize("holds", [0.05, -0.3])
+def test_more_readings_of_a_standstill_are_no_less_sure(holds):
+    """Half a second, in which static friction holds more than the model has it; the effort's steady course tells."""
+    doubt = []
+    for rate in (50.0, 500.0):
+        time = np.arange(int(1.5 * rate)) / rate
+        shape = np.interp(time, [0.5, 0.65, 0.85, 1.0], [0.0, 1.0, 1.0, 0.0])[:, None]
+        moving = ((time < 0.5) | (time >= 1.0))[:, None]
+        found = smooth(1.2 - 0.6 * shape, 1.2 + (holds - 1.2) * shape, moving, noise(0.1, 0.05, 0.1), rate)
+        assert found.min() > 0.5
+        doubt.append((1.0 - found[~moving]).mean())
+    assert doubt[1] < doubt[0] < 0.01
+
+
 def test_many_predictions_give_the_average_of_each():
     """Six, more than are smoothed at once; in motion the hidden process does not depend on the predictions."""
     rng = np.random.default_rng(11)
@@ -130,7 +190,7 @@ def test_friction_that_turns_round_during_a_short_standstill_leaves_its_samples_
         np.testing.assert_array_equal(found[60 + rest :] > 0.99, after > 0.0)
         np.testing.assert_array_equal(found[60 + rest :] < 0.01, after < 0.0)
     assert sure[1.4] > 0.99, "where friction does not turn nothing is in doubt"
-    assert sure[-0.8] < (0.97 if rest == 1 else 0.7)
+    assert sure[-0.8] < (0.97 if rest == 1 else 0.75)
     assert 1.0 - sure[-0.8] > 8.0 * (1.0 - sure[1.4])
 
 
