@@ -47,8 +47,8 @@ def term_names(options: argparse.Namespace) -> list[str]:
 def beliefs(options: argparse.Namespace) -> Beliefs:
     """What is believed before the log; the geometry's tolerance where a command asks for it."""
     nominal = {} if options.nominal is None else read_nominal(options.nominal)
-    links, stated = getattr(options, "links", None), getattr(options, "kinematic_tolerance", None)
-    kinematics = KinematicTolerance() if stated is None else _tolerance(stated)
+    links, tolerance = getattr(options, "links", None), getattr(options, "kinematic_tolerance", None)
+    kinematics = Beliefs().kinematics if tolerance is None else _tolerance(tolerance)
     return Beliefs(links=None if links is None else _links(links), nominal=nominal, kinematics=kinematics)
 
 

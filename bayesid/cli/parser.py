@@ -217,8 +217,11 @@ def _add_identify(commands: _Commands) -> None:
         "bear out, the rest widens the uncertainty; only-uncertainty adds none; off asks nothing (default: %(default)s)"
     )
     parser.add_argument("--complete", choices=("auto", "only-uncertainty", "off"), default="auto", help=complete)
-    tolerance = "how far the robot's geometry may be from its table, as sd (default: %(default)s)"
-    parser.add_argument("--kinematic-tolerance", default="1mm,0.1deg", metavar="LENGTH,ANGLE", help=tolerance)
+    tolerance = (
+        "how far the robot's geometry may be from its table, as sd; a log may show more, not less "
+        "(default: 1mm,0.1deg, or what the log shows)"
+    )
+    parser.add_argument("--kinematic-tolerance", metavar="LENGTH,ANGLE", help=tolerance)
     _share(parser, "--no-posterior", help="skip sampling; uncertainties leave the cone out")
     _share(parser, "--posterior-budget", "--nominal", "--seed", "--repeatable")
     links = "scales of a link's mass and of its distances from its frame (default: from the robot and its efforts)"

@@ -125,7 +125,7 @@ class Case:
         """
         motion = self.trial.signals.motion
         links = self.scene(self.before).links
-        columns = kinematic_columns(self.model.robot, motion, links, self.tolerance, first=1)
+        columns = kinematic_columns(self.model.robot, motion, links, self.tolerance, known=True)
         count = columns.shape[2]
         rows = {j: columns[:, j] for j in range(columns.shape[1])}
         return Columns(rows, {}, np.ones(count), np.zeros(count, dtype=bool))

@@ -186,11 +186,12 @@ class Beliefs:
         links: what is believed of any link; None for what the robot's lengths and the log's efforts show
             (`bayesid.posterior.links`).
         nominal: single parameters, from CAD or a data sheet: name to mean and standard deviation.
-        kinematics: how far the robot's geometry may be from its table.
+        kinematics: how far the robot's geometry may be from its table; by default the usual tolerance, of which a log
+            may show that it is less.
     """
 
     links: Links | None = None
-    kinematics: KinematicTolerance = KinematicTolerance()
+    kinematics: KinematicTolerance = KinematicTolerance(stated=False)
     nominal: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def of(self, parameters: Sequence[Parameter]) -> Nominal:

@@ -218,6 +218,13 @@ class Posterior:
         single = np.count_nonzero(projection, axis=1) == 1
         return np.flatnonzero(single & (projection @ self.target.prior.region.nonnegative > 0.0))
 
+    @property
+    def single_nonnegative(self) -> Mask:
+        """(P,) whether a parameter cannot be negative and is a coefficient by itself."""
+        projection = self.target.likelihood.projection
+        which: Mask = np.any(projection[self._nonnegative] != 0.0, axis=0) & (np.count_nonzero(projection, axis=0) == 1)
+        return which
+
     def spread(self, count: int = DRAWS) -> tuple[Array, Array]:
         """(K, P) parameters and (K, n) noise scales u of at most `count` draws, evenly spread over all of them."""
         return self.target.split(self.draws.spread(count))
@@ -228,15 +235,15 @@ def widened(posterior: Posterior, information: Array, lacking: Array) -> Posteri
 
     What moves least squares by e moves a posterior with a prior and a cone by Cov(theta, beta) H e. A draw so moved
     need not be feasible: what the model lacks is no rigid body, and where it presses the posterior into a corner of the
-    cone, draws that had to stay there would hide how far off it is. Only what cannot be negative by itself is kept at
-    zero.
+    cone, draws that had to stay there would hide how far off it is. Only a coefficient that is one parameter which
+    cannot be negative is kept at zero: a mass that efforts show in sums alone must give way like all else of them.
 
     Args:
         posterior: of the log.
         information: (r, r) H of the coefficients.
         lacking: (r, r) covariance of e, by which least squares are wider than H says.
     """
-    draws, single = posterior.draws, posterior.target.prior.region.nonnegative
+    draws, single = posterior.draws, posterior.single_nonnegative
     directions = _principal(information, lacking)
     shift, of_mode = np.zeros_like(draws.theta), posterior.mode_of_draws
     rng = np.random.default_rng(posterior.sampling.seed)

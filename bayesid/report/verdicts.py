@@ -34,7 +34,7 @@ from bayesid.model.catalogue import FORMS, noun
 from bayesid.model.effects import ReadableUnit
 from bayesid.report.findings import AMBIGUOUS, Findings, Summary
 from bayesid.report.findings.summary import EffectSummary, Numbers
-from bayesid.report.words import label, listed, quantity
+from bayesid.report.words import joints_in_words, label, listed, quantity
 
 State = Literal["good", "look", "bad", "not done"]
 
@@ -65,6 +65,8 @@ numbers about 95 %."""
 _WORSE = 1.5
 """Times the RMS residual of the log itself that a new log's may reach, as shares of the effort depend on the motion; a
 round number, not studied."""
+_MOST_NAMED = 5
+"""Coefficients that a message names; summary.json has all."""
 _TINY = 1e-300
 """Keeps a division by nothing finite."""
 
@@ -103,6 +105,7 @@ def check_findings(findings: Findings) -> tuple[Check, ...]:
         *modes(findings),
         _fit(findings.summary),
         *beyond_the_terms(findings.summary),
+        *intervals(findings.summary),
         _whiteness(findings.summary),
         _decided(findings),
         _validation(findings),
@@ -301,6 +304,32 @@ def beyond_the_terms(summary: Summary) -> tuple[Check, ...]:
     before, after = (_relative(values, errors.effort) for values in (errors.before, errors.after))
     fall = f"held-back torque error {100 * before:.1f} -> {100 * after:.1f} % of the effort"
     return (Check(name, "good", f"{'; '.join(parts)}; {fall}"),)
+
+
+def intervals(summary: Summary) -> tuple[Check, ...]:
+    """Which intervals do not allow for what may be there besides; nothing where nobody asked the catalogue."""
+    if summary.complete is None:
+        return ()
+    name, found = "Intervals", summary.complete.too_narrow
+    if not found:
+        return (Check(name, "good", "nothing of the catalogue would look like the links' own coefficients"),)
+    parts, remedies = [], []
+    for one in found:
+        named = listed([*one.coefficients[:_MOST_NAMED], *_and_more(len(one.coefficients) - _MOST_NAMED)])
+        if one.times is not None:
+            looks = f"the residual looks like a geometry {one.times:.1f} times as far off its table as believed"
+            parts.append(f"{looks}: intervals of {named} may be too narrow")
+            remedies.append("check the robot file's geometry")
+        else:
+            there = listed([noun(effect) for effect in one.effects], "or")
+            where = joints_in_words(one.joints) if one.joints else "the robot"
+            parts.append(f"intervals of {named} are too narrow if {where} has {there}, which would look the same")
+            remedies.append("state what is known of these links by --nominal")
+    return (Check(name, "look", "; ".join(parts), " and ".join(dict.fromkeys(remedies))),)
+
+
+def _and_more(count: int) -> tuple[str, ...]:
+    return (f"{count} more",) if count > 0 else ()
 
 
 EFFECT_HEADINGS = ("beyond the terms", "log10 Bayes factor", "size and sd", "not told from")

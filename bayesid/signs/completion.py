@@ -14,11 +14,12 @@ from itertools import islice
 import numpy as np
 
 from bayesid.arrays import Array, Mask
+from bayesid.fit.effects.confounded import TooNarrow, geometry_far_off, too_narrow
 from bayesid.fit.effects.explanation import LN10
 from bayesid.fit.effects.hypotheses import EffectKey
-from bayesid.fit.effects.kinematics import KinematicTolerance
+from bayesid.fit.effects.kinematics import KINEMATICS, KinematicTolerance
 from bayesid.fit.effects.signed_log import SignedLog
-from bayesid.fit.effects.unseen import find_nuisance
+from bayesid.fit.effects.unseen import find_unseen
 from bayesid.fit.effects.wanted import NEEDED, EnteredEffect, Wanted, still_wanted, what_is_wanted
 from bayesid.fit.evidence import Evidence
 from bayesid.fit.least_squares import POOR_FIT, Fit, fit_signed, widened
@@ -57,7 +58,8 @@ class Completion:
         effort: (n,) RMS effort there, N m.
         may_enter: whether effects might enter.
         uncertain: effects that did not enter, with their joints, but widen the uncertainty: to their likely size,
-            relative to what is usual (of the geometry, to what was stated).
+            relative to what is usual (of the geometry, to its tolerance).
+        too_narrow: coefficients whose intervals do not allow for what may be there besides.
     """
 
     effects: tuple[EnteredEffect, ...]
@@ -66,6 +68,7 @@ class Completion:
     effort: Array
     may_enter: bool = True
     uncertain: Mapping[str, float] = field(default_factory=dict)
+    too_narrow: tuple[TooNarrow, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -160,11 +163,9 @@ def complete(
     else:
         settled = AveragedSigns.of(completed.settled, signs.settled)
     effects = () if completed is plain else wanted.effects
-    summed_out = _summed_out(settled, {(e.effect, e.joints) for e in effects}, wanted, how.kinematics)
-    nuisance = summed_out.asked.evidence.nuisance
-    uncertain = {} if nuisance is None else dict(zip(nuisance.names, nuisance.scales.tolist(), strict=True))
-    after = wanted.after if effects else wanted.before
-    completion = Completion(effects, wanted.before.rms, after.rms, wanted.effort, may_enter, uncertain)
+    summed_out, narrow = _summed_out(settled, {(e.effect, e.joints) for e in effects}, wanted, how.kinematics)
+    after, sizes = wanted.after if effects else wanted.before, _sizes(summed_out)
+    completion = Completion(effects, wanted.before.rms, after.rms, wanted.effort, may_enter, sizes, narrow)
     return CompletedSigns(completed.model, completed.signals, summed_out, completion)
 
 
@@ -271,18 +272,31 @@ def _with_proposal(opinion: _Opinion, joint: int, searching: _Searching, progres
 
 def _summed_out(
     averaged: AveragedSigns, entered: Set[EffectKey], wanted: Wanted, tolerance: KinematicTolerance
-) -> AveragedSigns:
-    """The fit with all that did not enter, and the geometry, summed out."""
-    evidence = averaged.asked.evidence
+) -> tuple[AveragedSigns, tuple[TooNarrow, ...]]:
+    """The fit with all that did not enter, and the geometry, summed out; and what that cannot allow for."""
+    evidence, fit = averaged.asked.evidence, averaged.fit
     rest = [hypothesis for hypothesis in wanted.screened if hypothesis.key not in entered]
-    nuisance = find_nuisance(evidence, averaged.fit, averaged.probability, rest, tolerance)
-    evidence = replace(evidence, nuisance=nuisance, fitted=averaged.settled.evidence.fitted)
-    fit = averaged.fit
-    if nuisance is not None:
+    unseen = find_unseen(evidence, fit, averaged.probability, rest, tolerance)
+    evidence = replace(evidence, nuisance=unseen.nuisance, fitted=averaged.settled.evidence.fitted)
+    if unseen.nuisance is not None:
         fit = widened(fit, evidence, 2.0 * averaged.settled.probability - 1.0)
     asked = replace(averaged.asked, evidence=evidence, fit=fit)
     settled = asked if averaged.by_asked else averaged.settled
-    return replace(averaged, asked=asked, settled=settled, fit=fit)
+    summed_out = replace(averaged, asked=asked, settled=settled, fit=fit)
+    names, geometry = evidence.coefficients.names, _sizes(summed_out).get(KINEMATICS[0], 0.0)
+    bodies = np.zeros(evidence.model.cone.size, dtype=bool)
+    for body in evidence.model.cone.bodies:
+        bodies[body] = True
+    of_links = np.any(evidence.coefficients.projection[:, bodies] != 0.0, axis=1)
+    off = unseen.by_geometry
+    narrow = () if off is None else geometry_far_off(geometry, off, names, averaged.fit.sd)
+    return summed_out, (*narrow, *too_narrow(unseen.stood_for, names, fit.sd, of_links))
+
+
+def _sizes(averaged: AveragedSigns) -> dict[str, float]:
+    """Of what is summed out, relative to what is usual."""
+    nuisance = averaged.asked.evidence.nuisance
+    return {} if nuisance is None else dict(zip(nuisance.names, nuisance.scales.tolist(), strict=True))
 
 
 def _changed(evidence: Evidence, before: Array, after: Array) -> bool:

@@ -800,6 +800,22 @@ def test_what_a_model_may_lack_leaves_no_friction_below_zero():
     assert wide.shift[..., 1].std() > 0.0
 
 
+def test_what_efforts_show_in_sums_alone_gives_way_on_both_sides():
+    """One coefficient a + 2 m, of a mass near zero: kept there, it would let the sum move to one side only."""
+    plain = normal_draws(np.array([[2.0, -0.9], [-0.9, 0.5]]), cone=Cone.free(1) + Cone.orthant(1))
+    sums = np.array([[1.0, 2.0]])
+    likelihood = replace(plain.target.likelihood, projection=sums, hessian=np.zeros((1, 1, 1)))
+    theta = np.abs(plain.draws.theta - [0.0, -3.0])
+    draws = replace(plain.draws, theta=theta, beta=theta @ sums.T)
+    target, modes = replace(plain.target, likelihood=likelihood), (replace(plain.modes[0], draws=draws),)
+    plain = replace(plain, target=target, draws=draws, modes=modes)
+    wide = widened(plain, np.linalg.inv(plain.covariance_of_log), np.array([[9.0]]))
+    shift = (wide.uncertain.beta - plain.draws.beta).ravel()
+    assert np.any(wide.uncertain.theta[..., 1] < 0.0)
+    assert abs(shift.mean()) < 4.5 * 3.0 / np.sqrt(shift.size)
+    assert shift.std() == pytest.approx(3.0, rel=4.5 / np.sqrt(2.0 * shift.size))
+
+
 def normal_draws(covariance, cone=None):
     """A posterior of two free parameters whose draws are normal, and are the coefficients."""
     posterior = numbered(40)

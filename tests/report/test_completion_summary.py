@@ -33,10 +33,11 @@ def test_summary_holds_what_entered(case):
     result, folder = case
     complete = written(folder)
     completion = result.completion
-    assert set(complete) == {"effects", "held_back_error", "uncertain", "may_enter"}
+    assert set(complete) == {"effects", "held_back_error", "uncertain", "may_enter", "too_narrow"}
     for name in ("before", "after", "effort"):
         assert complete["held_back_error"][name] == getattr(completion, name).tolist()
     assert complete["uncertain"] == list(completion.uncertain)
+    assert complete["too_narrow"] == json.loads(json.dumps([vars(one) for one in completion.too_narrow]))
     assert len(complete["effects"]) == len(completion.effects)
     for entry, entered in zip(complete["effects"], completion.effects, strict=True):
         assert entry["effect"] == entered.effect

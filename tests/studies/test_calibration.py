@@ -89,7 +89,8 @@ def test_a_counterbalance_loads_the_second_joint():
 def test_a_geometry_off_its_table_is_stated_in_one_class_and_in_the_other_not():
     stated, unstated = KINDS["dh_wide"], KINDS["dh_unstated"]
     assert stated.beliefs.kinematics == KinematicTolerance(length=5e-3, angle=0.5 * DEGREE)
-    assert unstated.beliefs.kinematics == KinematicTolerance() == KINDS["right"].beliefs.kinematics
+    usual = KinematicTolerance(stated=False)
+    assert unstated.beliefs.kinematics == usual == KINDS["right"].beliefs.kinematics
     assert np.array_equal(case_of("dh_wide").log.effort, case_of("dh_unstated").log.effort)
     assert KinematicTolerance() == KinematicTolerance(length=KINDS["dh"].length, angle=KINDS["dh"].angle)
 

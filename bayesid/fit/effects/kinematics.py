@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -15,6 +17,8 @@ KINEMATICS: tuple[str, tuple[int, ...]] = ("kinematics", ())
 """Where effects are named: the robot's geometry."""
 _STEP = 1e-5
 """m and rad, of the central differences: their error is its square, and rounding 1e-10 of the effort."""
+_SAME = 1e-9
+"""m and rad up to which two frames are one: rounding."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,10 +28,12 @@ class KinematicTolerance:
     Attributes:
         length: m, of each joint's place.
         angle: rad, of each joint's direction.
+        stated: whether somebody has said so: a log may then show that it is more, but not that it is less.
     """
 
     length: float = 1e-3
     angle: float = float(np.deg2rad(0.1))
+    stated: bool = True
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.length) and np.isfinite(self.angle) and min(self.length, self.angle) >= 0.0):
@@ -35,35 +41,82 @@ class KinematicTolerance:
 
 
 def kinematic_columns(
-    robot: Robot, motion: Motion, links: Array, tolerance: KinematicTolerance, first: int = 0
+    robot: Robot, motion: Motion, links: Array, tolerance: KinematicTolerance, *, known: bool = False
 ) -> Array:
-    """(N, n, 6 (n - first)) efforts of one standard deviation of each joint's place and direction, N m.
+    """(N, n, k) efforts of one standard deviation of each place and direction of the robot's geometry, N m.
+
+    Those are of each joint, along the axes of its frame; in the standard convention, where a link's frame stands at the
+    next joint and its parameters are about that, of the base, and the numbers d, theta, a and alpha of each row.
 
     Args:
         robot: as its table has it.
         motion: N samples.
         links: (10 n,) parameters of the links.
         tolerance: the standard deviations.
-        first: joint (0-based) whose place may be off, as may those after it.
+        known: whether base and parameters are known by another log of the robot: then they do not go along.
     """
     columns = []
-    for i in range(first, robot.n_joints):
-        for k in range(6):
-            sd = tolerance.length if k < 3 else tolerance.angle
-            if sd == 0.0:
-                continue
-            there, back = (_displaced(robot, i, k, step).inverse_dynamics(motion, links) for step in (_STEP, -_STEP))
+    for move, axis, moved in _displacements(robot, known=known):
+        sd = tolerance.length if move is _shift else tolerance.angle
+        if sd > 0.0:
+            there, back = (moved(move(axis, step)).inverse_dynamics(motion, links) for step in (_STEP, -_STEP))
             columns.append(sd * (there - back) / (2.0 * _STEP))
     return np.stack(columns, axis=2) if columns else np.zeros((len(motion), robot.n_joints, 0))
 
 
-def _displaced(robot: Robot, joint: int, axis: int, step: float) -> Robot:
-    """The robot with one joint shifted (axes 0 to 2) or turned (3 to 5) along an axis of its own frame."""
-    move, along = np.eye(4), step * np.eye(3)[axis % 3]
-    if axis < 3:
-        move[:3, 3] = along
-    else:
-        move[:3, :3] = Rotation.from_rotvec(along).as_matrix()
+_Move = Callable[[Array, float], Array]
+"""A step along or about an axis (3,), as a matrix (4, 4)."""
+
+
+def _displacements(robot: Robot, *, known: bool) -> Iterator[tuple[_Move, Array, Callable[[Array], Robot]]]:
+    """Shifts and turns, their axes, and the robot of which one part is moved so."""
+    distal = not known and any(_ends_at_frame(robot, i) for i in range(robot.n_joints))
+    for i in range(1 if known else 0, 1 if distal else robot.n_joints):
+        for move in (_shift, _turn):
+            for axis in np.eye(3):
+                yield move, axis, partial(_with_joint, robot, i)
+    for i in range(robot.n_joints if distal else 0):
+        for axis, first in ((robot.joints[i].axis, True), (np.array([1.0, 0.0, 0.0]), False)):
+            for move in (_shift, _turn):
+                yield move, axis, partial(_with_link, robot, i, first=first)
+
+
+def _ends_at_frame(robot: Robot, link: int) -> bool:
+    """Whether a link's frame is not its joint's, but where the next joint stands, if there is one."""
+    frame = robot.joints[link].link_frame
+    return not np.array_equal(frame, np.eye(4)) and all(np.allclose(frame, p, atol=_SAME) for p in _next(robot, link))
+
+
+def _next(robot: Robot, link: int) -> list[Array]:
+    return [joint.placement for joint in robot.joints if joint.parent == link]
+
+
+def _shift(along: Array, step: float) -> Array:
+    move = np.eye(4)
+    move[:3, 3] = step * along
+    return move
+
+
+def _turn(about: Array, step: float) -> Array:
+    move = np.eye(4)
+    move[:3, :3] = Rotation.from_rotvec(step * about).as_matrix()
+    return move
+
+
+def _with_joint(robot: Robot, joint: int, move: Array) -> Robot:
+    """The robot with one joint moved in its own frame."""
     joints: list[Joint] = list(robot.joints)
     joints[joint] = replace(joints[joint], placement=joints[joint].placement @ move)
+    return replace(robot, joints=tuple(joints))
+
+
+def _with_link(robot: Robot, link: int, move: Array, *, first: bool) -> Robot:
+    """The robot with a link's frame moved, in its joint's frame (first) or its own; and with it what stands there."""
+    frame = robot.joints[link].link_frame
+    moved = move @ frame if first else frame @ move
+    joints = [
+        replace(joint, placement=moved @ np.linalg.solve(frame, joint.placement)) if joint.parent == link else joint
+        for joint in robot.joints
+    ]
+    joints[link] = replace(joints[link], link_frame=moved)
     return replace(robot, joints=tuple(joints))

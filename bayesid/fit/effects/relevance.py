@@ -5,8 +5,11 @@ amplitudes and coefficients integrated out (MacKay 1994; Tipping 2001; :eq:`rele
 
     s^2  <-  |mu|^2 / (p - tr(Sigma) / s^2 + h),
 
-with mu, Sigma the amplitudes' posterior, in units of what was believed of them before, and h the weight of a belief
-that most effects are absent: what the log cannot show at all vanishes.
+with mu, Sigma the amplitudes' posterior, in units of what is usual, and h the weight of a belief that most effects are
+absent: what the log cannot show at all vanishes. What is there in any robot, a geometry that is not quite its table's,
+is believed to be about as large as usual, and has the mean that the log leaves of this belief (:eq:`relevance-there`)::
+
+    s^2 = E[s^2 | log],   p(s) ~ (1 + s^2 / 2)^(-5/2) before it: Student's t, E[s^2] = 1.
 """
 
 from __future__ import annotations
@@ -17,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag
 
-from bayesid.arrays import Array
+from bayesid.arrays import Array, Integers, Mask
 
 _ROUNDS = 60
 """Of the fixed point; it has settled to a few per cent by then. Not studied."""
@@ -25,6 +28,8 @@ _START = 0.3
 """Of s, in units of what was believed before: the fixed point only ever leaves large values slowly."""
 _ABSENT = 0.5
 """h: half an observation of nothing, as of Jeffreys's prior of a variance."""
+_SCALES = np.geomspace(1e-3, 1e2, 501)
+"""Grid of s that the mean is summed over: far finer than what a log tells of a scale, and as far as it matters."""
 _OWN = 1e-2
 """Share of a direction's square that the model's columns must not explain. A round number; not studied."""
 _GONE = 1e-3
@@ -39,12 +44,14 @@ class Group:
 
     Attributes:
         place: indices among all columns.
-        sd: (p,) what was believed of the amplitudes.
+        sd: (p,) usual sizes of the amplitudes.
+        there: whether the effect is there in any case, also in directions that the model's columns stand for.
         least: the scale never falls below it: 1 for what was stated.
     """
 
     place: slice
     sd: Array
+    there: bool = False
     least: float = 0.0
 
 
@@ -53,13 +60,15 @@ class Relevance:
     """What a log says of groups of columns.
 
     Attributes:
-        scales: (groups,) of each, relative to what was believed of it; 0 where it is left out.
+        scales: (groups,) of each, relative to what is usual; 0 where it is left out.
         turns: of each, (p, p') the directions of its amplitudes that count.
+        stood_for: of each, (p, p - p') those that the model's columns stand for.
         moments: (p', p') second moments of the amplitudes of all groups in these directions, given the log.
     """
 
     scales: Array
     turns: tuple[Array, ...]
+    stood_for: tuple[Array, ...]
     moments: Array
 
 
@@ -76,37 +85,61 @@ def learn_scales(hessian: Array, gradient: Array, groups: Sequence[Group], free:
         free: number of the model's columns, which come first and have no prior.
     """
     of_model = inverse_of(hessian[:free, :free])
-    turns = tuple(_own_directions(hessian, of_model, group, free) for group in groups)
+    directions = [_directions(hessian, of_model, group, free) for group in groups]
+    turns, stood_for = tuple(own for own, _ in directions), tuple(others for _, others in directions)
     turn = block_diag(*turns)
     columns = np.concatenate([np.arange(g.place.start, g.place.stop) for g in groups]).astype(int)
     inner, across = hessian[np.ix_(columns, columns)], hessian[np.ix_(columns, np.arange(free))]
     reduced = turn.T @ (inner - across @ of_model @ across.T) @ turn
     slope = turn.T @ (gradient[columns] - across @ of_model @ gradient[:free])
     owner = np.repeat(np.arange(len(groups)), [own.shape[1] for own in turns])
-    least = np.array([g.least for g in groups])
-    scales = np.maximum(_START, least)
-    for _ in range(_ROUNDS):
-        mean, covariance = _amplitudes(reduced, slope, scales[owner])
-        decided = np.bincount(owner, 1.0 - np.diag(covariance), len(groups))
-        scales = np.sqrt(np.bincount(owner, mean**2, len(groups)) / (decided + _ABSENT))
-        scales = np.maximum(np.where(scales < _GONE, 0.0, scales), least)
+    there, least = np.array([g.there for g in groups]), np.array([g.least for g in groups])
+    scales = np.where(there, 1.0, _START)
+    for _ in range(2 if there.any() else 1):
+        scales = _likeliest(reduced, slope, owner, scales, ~there)
+        for k in np.flatnonzero(there).tolist():
+            scales[k] = max(_expected(reduced, slope, owner == k, scales[owner]), least[k])
     mean, covariance = _amplitudes(reduced, slope, scales[owner])
     spread = covariance * np.outer(scales[owner], scales[owner])
-    return Relevance(scales, turns, spread + np.outer(mean, mean))
+    return Relevance(scales, turns, stood_for, spread + np.outer(mean, mean))
 
 
-def _own_directions(hessian: Array, of_model: Array, group: Group, free: int) -> Array:
-    """(p, p') amplitudes, in units of what was believed of them, that the model's columns cannot stand for."""
-    if group.least > 0.0:
-        return np.diag(group.sd)
+def _likeliest(reduced: Array, slope: Array, owner: Integers, scales: Array, learned: Array) -> Array:
+    """(groups,) scales after the fixed point, of those that are learned."""
+    for _ in range(_ROUNDS):
+        mean, covariance = _amplitudes(reduced, slope, scales[owner])
+        decided = np.bincount(owner, 1.0 - np.diag(covariance), len(scales))
+        likelier = np.sqrt(np.bincount(owner, mean**2, len(scales)) / (decided + _ABSENT))
+        scales = np.where(learned, np.where(likelier < _GONE, 0.0, likelier), scales)
+    return scales
+
+
+def _expected(reduced: Array, slope: Array, own: Mask, sd: Array) -> float:
+    """Root mean square of one group's scale given the log, the others' sd (p,) being known."""
+    others = ~own & (sd > 0.0)
+    inner = reduced[np.ix_(others, others)] + np.diag(sd[others] ** -2.0)
+    across = np.linalg.solve(inner, np.column_stack([reduced[np.ix_(others, own)], slope[others]]))
+    left = reduced[np.ix_(own, own)] - reduced[np.ix_(own, others)] @ across[:, :-1]
+    values, vectors = np.linalg.eigh(0.5 * (left + left.T))
+    pull = vectors.T @ (slope[own] - reduced[np.ix_(own, others)] @ across[:, -1])
+    square = _SCALES[:, None] ** 2
+    growth = 1.0 + square * np.maximum(values, 0.0)
+    log_density = 0.5 * np.sum(square * pull**2 / growth - np.log(growth), axis=1) - 2.5 * np.log1p(0.5 * square[:, 0])
+    weight = _SCALES * np.exp(log_density - log_density.max())  # the grid is even in the logarithm
+    return float(np.sqrt(weight @ square[:, 0] / weight.sum()))
+
+
+def _directions(hessian: Array, of_model: Array, group: Group, free: int) -> tuple[Array, Array]:
+    """(p, p') amplitudes, in their usual sizes, that the model's columns cannot stand for, and (p, p - p') others."""
+    if group.there:
+        return np.diag(group.sd), np.zeros((len(group.sd), 0))
     place, sd = group.place, np.diag(group.sd)
     across = hessian[place, :free]
     whole = sd @ hessian[place, place] @ sd
     own = sd @ (hessian[place, place] - across @ of_model @ across.T) @ sd
     values, vectors = np.linalg.eigh(own)
-    sizes = np.einsum("ij,ik,kj->j", vectors, whole, vectors)
-    kept: Array = sd @ vectors[:, values > _OWN * sizes]
-    return kept
+    kept = values > _OWN * np.einsum("ij,ik,kj->j", vectors, whole, vectors)
+    return sd @ vectors[:, kept], sd @ vectors[:, ~kept]
 
 
 def _amplitudes(reduced: Array, slope: Array, scale: Array) -> tuple[Array, Array]:

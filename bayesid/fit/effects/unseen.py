@@ -13,7 +13,7 @@ from bayesid.fit.effects.explanation import Columns
 from bayesid.fit.effects.forward import Products
 from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
 from bayesid.fit.effects.kinematics import KINEMATICS, KinematicTolerance, kinematic_columns
-from bayesid.fit.effects.relevance import Group, learn_scales
+from bayesid.fit.effects.relevance import Group, Relevance, inverse_of, learn_scales
 from bayesid.fit.effects.scores import explain_with
 from bayesid.fit.effects.signed_log import SignedLog
 from bayesid.fit.evidence import Evidence
@@ -30,9 +30,25 @@ class _Geometry:
     key: EffectKey = KINEMATICS
 
 
-def find_nuisance(
+@dataclass(frozen=True)
+class Unseen:
+    """What may be there.
+
+    Attributes:
+        nuisance: what it does to coefficients; None where it does nothing.
+        stood_for: effects of which the model's columns stand for a part: by how much (r,) coefficients are off where it
+            is there, in its usual size. The nuisance leaves that part out: nothing tells that it is there.
+        by_geometry: (r,) sd of the coefficients by the geometry's error alone; None where the geometry is exact.
+    """
+
+    nuisance: Nuisance | None = None
+    stood_for: tuple[tuple[EffectKey, Array], ...] = ()
+    by_geometry: Array | None = None
+
+
+def find_unseen(
     evidence: Evidence, fit: Fit, probability: Array, rest: Sequence[Hypothesis], tolerance: KinematicTolerance
-) -> Nuisance | None:
+) -> Unseen:
     """Effects that may be there, unseen, each of the size that the log makes likeliest; and the geometry's tolerance.
 
     Args:
@@ -40,24 +56,53 @@ def find_nuisance(
         fit: of the model to the log.
         probability: (N, n) P(sign = +) of every sample.
         rest: effects that did not enter.
-        tolerance: of the geometry; its scale may grow, but not shrink.
+        tolerance: of the geometry; its scale may grow, and shrink if nobody has stated it.
     """
     case = SignedLog.of(evidence, fit, probability)
     _, alone = explain_with(case.data, ())
     geometry = _geometry(case, tolerance)
     groups: list[Hypothesis | _Geometry] = [*rest, *([geometry] if len(geometry.columns.sd) else [])]
     if not groups:
-        return None
+        return Unseen()
     products = Products(case.data, groups, list(alone.errors))
-    placed = [Group(c.place, c.hypothesis.columns.sd, float(c.hypothesis is geometry)) for c in products.candidates]
-    relevance = learn_scales(products.hessian, products.gradient, placed, case.data.columns.shape[2])
-    motion, shape = evidence.signals.motion, evidence.used.shape
-    scene = evidence.model.scene(motion, fit.theta, fit.predicted, evidence.signals.magnitude)
+    placed = []
+    for candidate in products.candidates:
+        always = candidate.hypothesis is geometry
+        least = float(always and tolerance.stated)
+        placed.append(Group(candidate.place, candidate.hypothesis.columns.sd, always, least))
+    free = case.data.columns.shape[2]
+    relevance = learn_scales(products.hessian, products.gradient, placed, free)
+    moves = inverse_of(products.hessian[:free, :free]) @ products.hessian[:free]
+    stood_for = tuple(
+        (group.key, np.linalg.norm(moves[:, at.place] @ directions, axis=1))
+        for group, at, directions in zip(groups, placed, relevance.stood_for, strict=True)
+        if directions.size
+    )
     of_groups = list(zip(groups, relevance.scales.tolist(), relevance.turns, strict=True))
     there = [(group, turn) for group, scale, turn in of_groups if scale > 0.0]
     if not there:
-        return None
-    kept = np.concatenate([np.full(turn.shape[1], scale > 0.0) for _, scale, turn in of_groups])
+        return Unseen(None, stood_for)
+    by_geometry = None
+    if geometry is groups[-1]:
+        own = moves[:, placed[-1].place] * placed[-1].sd
+        count = own.shape[1]
+        by_geometry = np.sqrt(np.einsum("rp,pq,rq->r", own, relevance.moments[-count:, -count:], own))
+    nuisance = _nuisance(evidence, fit, case, there, relevance)
+    return Unseen(nuisance, stood_for, by_geometry)
+
+
+def _nuisance(
+    evidence: Evidence,
+    fit: Fit,
+    case: SignedLog,
+    there: Sequence[tuple[Hypothesis | _Geometry, Array]],
+    relevance: Relevance,
+) -> Nuisance | None:
+    """Groups that are there, with their directions, on all rows."""
+    motion, shape = evidence.signals.motion, evidence.used.shape
+    scene = evidence.model.scene(motion, fit.theta, fit.predicted, evidence.signals.magnitude)
+    counts = [turn.shape[1] for turn in relevance.turns]
+    kept = np.repeat(relevance.scales > 0.0, counts)
     return make_nuisance(
         columns=np.concatenate([_on_all_rows(group, case, scene, shape) @ turn for group, turn in there], axis=2),
         model=evidence.columns,

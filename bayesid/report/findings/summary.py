@@ -151,6 +151,23 @@ class ErrorsSummary:
 
 
 @dataclass(frozen=True)
+class TooNarrowSummary:
+    """Coefficients whose intervals are too narrow if one of several effects is there.
+
+    Attributes:
+        effects: any of which would look like these coefficients.
+        joints: from 1; none: the whole robot.
+        coefficients: those that would be off, the most first.
+        times: as far as believed, if the log shows that it is there: the geometry.
+    """
+
+    effects: tuple[str, ...]
+    joints: tuple[int, ...]
+    coefficients: tuple[str, ...]
+    times: float | None = None
+
+
+@dataclass(frozen=True)
 class CompletionSummary:
     """What the catalogue had to say beyond the terms asked for.
 
@@ -159,12 +176,14 @@ class CompletionSummary:
         held_back_error: on blocks of the log that had no say.
         uncertain: effects that did not enter, but widen the uncertainty.
         may_enter: whether effects might enter.
+        too_narrow: coefficients whose intervals do not allow for what may be there besides.
     """
 
     effects: tuple[EffectSummary, ...]
     held_back_error: ErrorsSummary
     uncertain: tuple[str, ...]
     may_enter: bool = True
+    too_narrow: tuple[TooNarrowSummary, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -510,6 +529,7 @@ def _complete(identification: Identification) -> CompletionSummary | None:
         held_back_error=ErrorsSummary(*errors),
         uncertain=tuple(completion.uncertain),
         may_enter=completion.may_enter,
+        too_narrow=tuple(TooNarrowSummary(**vars(one)) for one in completion.too_narrow),
     )
 
 

@@ -1,6 +1,7 @@
 """How efforts change with the geometry: against tables with changed numbers, and dynamics worked out apart."""
 
 from copy import deepcopy
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -76,6 +77,45 @@ def test_numbers_of_the_table_are_displacements_of_joints(key, joint, coupled):
     expected = slope(table, motion, clouds, joint, key)
     found = unit[:, :, joint] @ displacement(table["joints"][joint], key)
     np.testing.assert_allclose(found, expected, rtol=0, atol=CLOSE * np.abs(unit).max())  # a shifted base: nothing
+
+
+@pytest.mark.parametrize("joint", range(JOINTS))
+def test_in_the_standard_convention_they_are_the_numbers_of_the_table(joint):
+    """After those of the base: d, theta, a and alpha of each row; links' frames, and what is stated in them, go along.
+
+    Of a sliding joint d changes nothing, and of the row of the last link everything is about its own frame.
+    """
+    table, motion, clouds = random_table("standard", JOINTS, 8), random_motion(JOINTS, 5, 8), random_clouds(JOINTS, 8)
+    columns = columns_of(table, motion, clouds)
+    assert columns.shape == (5, JOINTS, 6 + 4 * JOINTS)
+    unit = columns[:, :, 6:].reshape(5, JOINTS, JOINTS, 4) / ([TOLERANCE.length, TOLERANCE.angle] * 2)
+    for k, key in enumerate(("d", "theta", "a", "alpha")):
+        expected = slope(table, motion, clouds, joint, key)
+        assert joint < JOINTS - 1 or np.abs(expected).max() > 1e-3 * np.abs(unit).max()
+        np.testing.assert_allclose(unit[:, :, joint, k], expected, rtol=0, atol=CLOSE * np.abs(unit).max())
+
+
+@pytest.mark.parametrize("convention", ["standard", "modified"])
+def test_of_a_known_robot_only_later_joints_are_elsewhere(convention):
+    """Not its base, and its links' parameters stay about the axes that they were identified about."""
+    table, motion, links = random_table(convention, JOINTS, 8), random_motion(JOINTS, 5, 8), random_clouds(JOINTS, 8)
+    robot, parameters = robot_from_table(table, "test"), parameters_of(links)
+    known = kinematic_columns(robot, motion, parameters, TOLERANCE, known=True)
+    assert known.shape == (5, JOINTS, 6 * (JOINTS - 1))
+    every = kinematic_columns(robot, motion, parameters, TOLERANCE)
+    assert convention == "standard" or np.array_equal(known, every[:, :, 6:])
+    step, shifted = 1e-5, []
+    for sign in (1.0, -1.0):
+        joint = replace(robot.joints[2], placement=robot.joints[2].placement @ shift_along_y(sign * step))
+        there = replace(robot, joints=(*robot.joints[:2], joint))
+        shifted.append(there.inverse_dynamics(motion, parameters))
+    assert_close(known[:, :, 7], TOLERANCE.length * (shifted[0] - shifted[1]) / (2.0 * step), CLOSE)
+
+
+def shift_along_y(length):
+    move = np.eye(4)
+    move[1, 3] = length
+    return move
 
 
 def test_of_a_turned_base_only_gravity_changes():

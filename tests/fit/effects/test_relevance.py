@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import null_space
 from scipy.optimize import approx_fprime
-from scipy.stats import multivariate_normal
+from scipy.stats import multivariate_normal, t
 
 from bayesid.fit.effects.relevance import Group, inverse_of, learn_scales
 
@@ -16,7 +16,7 @@ ABSENT = 0.5
 class Case:
     """Whitened columns of a model and of some groups, and efforts."""
 
-    def __init__(self, sds, amplitudes, seed=0, least=None):
+    def __init__(self, sds, amplitudes, seed=0, least=None, there=None):
         rng = np.random.default_rng(seed)
         self.sds = [np.asarray(sd, dtype=float) for sd in sds]
         self.model = rng.normal(size=(COUNT, FREE)) * [1.0, 30.0, 0.02]
@@ -25,11 +25,12 @@ class Case:
         for rows, values in zip(self.rows, amplitudes, strict=True):
             self.effort += rows @ np.asarray(values, dtype=float)
         self.least = least or [0.0] * len(sds)
+        self.there = there or [False] * len(sds)
 
     def learned(self):
         columns, groups, start = np.hstack([self.model, *self.rows]), [], FREE
-        for sd, least in zip(self.sds, self.least, strict=True):
-            groups.append(Group(slice(start, start + len(sd)), sd, least))
+        for sd, there, least in zip(self.sds, self.there, self.least, strict=True):
+            groups.append(Group(slice(start, start + len(sd)), sd, there, least))
             start += len(sd)
         return learn_scales(columns.T @ columns, columns.T @ self.effort, groups, FREE)
 
@@ -108,7 +109,8 @@ def test_what_the_log_cannot_show_vanishes():
 
 @pytest.mark.parametrize("amplitude", [0.0, 0.2, 6.0])
 def test_what_was_stated_never_shrinks_but_may_grow(amplitude):
-    case = Case([[1.0, 2.0], [0.5]], [[amplitude, 2.0 * amplitude], [0.9]], seed=2, least=[1.0, 0.0])
+    amplitudes, there = [[amplitude, 2.0 * amplitude], [0.9]], [True, False]
+    case = Case([[1.0, 2.0], [0.5]], amplitudes, seed=2, least=[1.0, 0.0], there=there)
     found = case.learned()
     if amplitude == 6.0:
         assert 3.0 < found.scales[0] < 9.0
@@ -121,12 +123,32 @@ def test_what_was_stated_never_shrinks_but_may_grow(amplitude):
     np.testing.assert_allclose(moments, covariance + np.outer(mean, mean), rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.parametrize("amplitude", [0.0, 0.3, 5.0])
+def test_what_is_there_in_any_case_has_the_mean_square_that_belief_and_log_leave(amplitude):
+    """By densities of all rows, on an even grid, beside another group that is searched for."""
+    case = Case([[1.0, 0.5, 2.0], [0.5]], [amplitude * np.array([0.9, -0.6, 1.7]), [1.3]], seed=6, there=[True, False])
+    found = case.learned()
+    grid = np.linspace(0.005, 20.0, 2000)
+    densities = np.array([case.log_density([s, found.scales[1]]) + t(4, scale=np.sqrt(0.5)).logpdf(s) for s in grid])
+    weight = np.exp(densities - densities.max())
+    assert found.scales[0] == pytest.approx(np.sqrt(weight @ grid**2 / weight.sum()), rel=0.02)
+    assert (found.scales[0] < 1.0) == (amplitude < 1.0)
+
+
+def test_what_is_there_in_any_case_is_as_usual_where_the_log_cannot_show_it():
+    case = Case([[1.0, 2.0], [0.8]], [[0.0, 0.0], [0.0]], seed=7, there=[True, False])
+    for rows in case.rows:
+        rows *= 1e-3
+    found = case.learned()
+    np.testing.assert_allclose(found.scales, [1.0, 0.0], atol=5e-3)
+
+
 # ---------------------------------------------------------------------------------------------------------------
 # Directions
 # ---------------------------------------------------------------------------------------------------------------
-def with_collinear(part, sd=(0.5, 2.0), least=0.0, seed=3):
+def with_collinear(part, sd=(0.5, 2.0), seed=3, *, there=False):
     """A group whose columns' sum is in the model's span, but for a part of it; and the difference's size."""
-    case = Case([sd], [[0.9, -1.1]], seed=seed, least=[least])
+    case = Case([sd], [[0.9, -1.1]], seed=seed, there=[there])
     inside = case.model @ [0.7, 0.03, -9.0]
     beside = null_space(np.column_stack([case.model, case.rows[0]]).T)[:, 0]
     target = inside + part * np.linalg.norm(inside) * beside
@@ -162,9 +184,9 @@ def test_one_column_takes_the_place_of_two_that_are_not_both_there():
     assert found.scales[0] > 0.1
 
 
-@pytest.mark.parametrize(("part", "least"), [(0.5, 0.0), (0.0, 1.0)])
-def test_directions_of_their_own_and_what_was_stated_are_kept(part, least):
-    (turn,) = with_collinear(part, least=least).learned().turns
+@pytest.mark.parametrize(("part", "there"), [(0.5, False), (0.0, True)])
+def test_directions_of_their_own_and_of_what_is_there_in_any_case_are_kept(part, there):
+    (turn,) = with_collinear(part, there=there).learned().turns
     assert turn.shape == (2, 2)
     np.testing.assert_allclose(turn @ turn.T, np.diag([0.25, 4.0]), atol=1e-9)
 
