@@ -324,7 +324,7 @@ def intervals(summary: Summary) -> tuple[Check, ...]:
             there = listed([noun(effect) for effect in one.effects], "or")
             where = joints_in_words(one.joints) if one.joints else "the robot"
             parts.append(f"intervals of {named} are too narrow if {where} has {there}, which would look the same")
-            remedies.append("state what is known of these links by --nominal")
+            remedies.append("state what is known of these links by `--nominal`")
     return (Check(name, "look", "; ".join(parts), " and ".join(dict.fromkeys(remedies))),)
 
 
