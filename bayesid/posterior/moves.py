@@ -19,6 +19,7 @@ from emcee.state import State
 from scipy.special import wrightomega
 
 from bayesid.arrays import TINY, Array, Integers
+from bayesid.posterior.factors import factor
 from bayesid.posterior.region import Region, Uniforms, draw_on_line
 from bayesid.posterior.target import Target
 
@@ -65,7 +66,7 @@ class Conditional:
         place = random.random_sample(int(self.block.max()) + 1)[self.block]
         order = np.lexsort((random.random_sample(size), place))
         columns = np.zeros((size, size))
-        columns[order] = np.linalg.cholesky(self.covariance[np.ix_(order, order)])
+        columns[order] = factor(self.covariance[np.ix_(order, order)])
         return columns
 
 

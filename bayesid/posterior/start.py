@@ -15,9 +15,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_solve
 
 from bayesid.arrays import Array, Integers
+from bayesid.posterior.factors import factor
 from bayesid.posterior.moves import Conditional, HitAndRun, InTurn, NoiseScales, Random
 from bayesid.posterior.region import Region
 from bayesid.posterior.target import Target
@@ -31,10 +32,6 @@ _SUFFICIENT = 0.25
 """Share of the linear decrease that a step must bring: alpha < 1/2 of the line search (the same, 9.2)."""
 _SHORTEST_STEP = 1e-12
 """Share of a Newton step at which the line search gives up: rounding."""
-_LEAST_RIDGE = 1e-15
-"""The first ridge that a factorisation tries, relative to a unit diagonal: four roundings."""
-_MOST_RIDGE = 1e-9
-"""The largest: what asks for more is singular, not rounded."""
 _HOT = 4.0
 """Temperature at which walkers are spread: twice the posterior's sd, as R-hat wants it (Gelman and Rubin 1992)."""
 _HOT_SWEEPS = 3
@@ -104,17 +101,7 @@ def _inverse(matrix: Array) -> Array:
     Raises:
         LinAlgError: it is singular by more than rounding.
     """
-    scale = 1.0 / np.sqrt(np.diag(matrix))
-    ridge = 0.0
-    while True:
-        try:
-            factor = cho_factor(scale[:, None] * matrix * scale + ridge * np.eye(len(matrix)))
-            break
-        except np.linalg.LinAlgError:
-            if ridge >= _MOST_RIDGE:
-                raise
-        ridge = max(_LEAST_RIDGE, 10.0 * ridge)
-    inverse: Array = scale[:, None] * cho_solve(factor, np.eye(len(matrix))) * scale
+    inverse: Array = cho_solve((factor(matrix), True), np.eye(len(matrix)))
     return 0.5 * (inverse + inverse.T)
 
 
@@ -143,7 +130,7 @@ def spread_walkers(target: Target, centre: Centre, directions: Conditional, walk
     They begin inside the ellipsoid that the barrier's Hessian spans about the centre, which lies in the region
     (Nesterov and Nemirovskii 1994, 2.1.1).
     """
-    root = np.linalg.cholesky(centre.covariance)
+    root = factor(centre.covariance)
     noise = random.standard_normal((walkers, len(root)))
     radius = random.random_sample((walkers, 1)) / np.linalg.norm(noise, axis=1, keepdims=True)
     theta = centre.theta + _REACH * radius * noise @ root.T

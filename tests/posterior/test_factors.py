@@ -1,0 +1,25 @@
+import numpy as np
+import pytest
+
+from bayesid.posterior.factors import factor
+
+
+def test_a_factor_in_mixed_units():
+    """Twelve orders of magnitude, and nearly singular: a plain factorisation fails on what rounding leaves of it."""
+    rng = np.random.default_rng(2)
+    units = np.geomspace(1e-9, 1e3, 8)
+    rows = rng.normal(size=(8, 8))
+    rows[7] = rows[6] + 1e-8 * rows[7]
+    rows /= np.linalg.norm(rows, axis=1)[:, None]
+    scaled = rows @ rows.T
+    matrix = scaled * np.outer(units, units)
+    with pytest.raises(np.linalg.LinAlgError):
+        np.linalg.cholesky(matrix)
+    lower = factor(matrix)
+    np.testing.assert_array_equal(lower, np.tril(lower))
+    np.testing.assert_allclose(lower @ lower.T / np.outer(units, units), scaled, rtol=0, atol=1e-14)
+
+
+def test_what_is_singular_by_more_than_rounding_is_refused():
+    with pytest.raises(np.linalg.LinAlgError):
+        factor(np.array([[4.0, 3.0], [3.0, 2.0]]))
