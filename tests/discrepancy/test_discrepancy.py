@@ -40,11 +40,16 @@ def blind_case(folder, seed, effect, size, style="bare"):
     ("effect", "style", "seed"),
     [
         ("coulomb_friction", "bare", 3),
-        ("rotor_inertia", "standard", 14),
-        ("payload", "bare", 5),
-        ("base_tilt", "standard", 7),
         ("clipping", "bare", 11),
-        ("torque_ripple", "standard", 4),
+        *(
+            pytest.param(*case, marks=pytest.mark.long)
+            for case in (
+                ("rotor_inertia", "standard", 14),
+                ("payload", "bare", 5),
+                ("base_tilt", "standard", 7),
+                ("torque_ripple", "standard", 4),
+            )
+        ),
     ],
 )
 def test_hidden_effect_is_named_and_added(tmp_path, effect, style, seed):
@@ -89,7 +94,10 @@ def test_outside_of_the_catalogue_is_unexplained(tmp_path):
 
 @pytest.mark.parametrize(
     ("trouble", "seed", "joints"),
-    [(blind.Trouble(length=0.005, angle=np.deg2rad(0.5)), 6, {4, 5}), (blind.Trouble(memory=0.97), 4, {1})],
+    [
+        (blind.Trouble(length=0.005, angle=np.deg2rad(0.5)), 6, {4, 5}),
+        pytest.param(blind.Trouble(memory=0.97), 4, {1}, marks=pytest.mark.long),
+    ],
     ids=["wrong table", "lasting noise"],
 )
 def test_a_holdout_above_the_floor_or_growing_is_never_no_discrepancy(tmp_path, trouble, seed, joints):
@@ -119,7 +127,10 @@ def test_a_holdout_above_the_floor_or_growing_is_never_no_discrepancy(tmp_path, 
 
 @pytest.mark.parametrize(
     ("trouble", "seed"),
-    [(blind.Trouble(length=0.005, angle=np.deg2rad(0.5)), 5), (blind.Trouble(memory=0.97), 7)],
+    [
+        pytest.param(blind.Trouble(length=0.005, angle=np.deg2rad(0.5)), 5, marks=pytest.mark.long),
+        (blind.Trouble(memory=0.97), 7),
+    ],
     ids=["wrong table", "lasting noise"],
 )
 def test_a_wrong_table_and_lasting_noise_pass_for_no_effect(tmp_path, trouble, seed):

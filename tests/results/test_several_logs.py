@@ -83,6 +83,7 @@ def test_a_change_between_logs_shows_in_the_coefficient_that_changed(separate):
     assert min(p.values()) > 1e-4
 
 
+@pytest.mark.long
 def test_workers_give_the_same_and_a_table_of_the_robot_will_do(week, separate, tmp_path):
     joints = [{"a": 0.0, "alpha": np.pi / 2, "d": 0.4, "theta": 0.0}, {"a": 0.35, "alpha": 0.0, "d": 0.0, "theta": 0.0}]
     robot = robot_from_table({"name": "arm", "convention": "standard", "joints": joints}, "arm")

@@ -105,6 +105,7 @@ def test_bound_never_exceeds_the_cost_in_the_cone():
         assert bound <= prepared.solve(gradient).cost + 1e-6 * m.energy.sum()
 
 
+@pytest.mark.long
 def test_a_joint_that_is_turned_round_is_turned_back():
     model, coefficients, m = case(3, 12, seed=4)
     pricing = cone(model, coefficients, m)

@@ -117,6 +117,7 @@ class TestOutcome:
         assert theirs.warm_up == pytest.approx(0.5 * theirs.seconds)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("numpyro", [pytest.param(True, marks=needs_numpyro), False])
 def test_the_study_runs(monkeypatch, capsys, numpyro):
     monkeypatch.setattr(benchmark_posterior, "numpyro_installed", lambda: numpyro)

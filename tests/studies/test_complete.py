@@ -207,6 +207,7 @@ def test_an_effect_is_found_in_its_joint_and_in_any_form(entered, is_it):
 # ---------------------------------------------------------------------------------------------------------------
 # Trials
 # ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.long
 def test_one_log_in_both_modes():
     row = complete.trial(of_class("short", robot="kr5"), 0)
     for mode in MODES:
