@@ -99,15 +99,20 @@ def test_certified_signs_are_those_that_the_data_prefer(seed):
         assert min(costs) < costs[0] + 1.0
 
 
-def test_no_certificate_where_the_data_prefer_what_the_pull_does_not():
-    """Hanging has the friction of the log, standing the inertia that its noise shows: the pull takes it."""
+@pytest.mark.parametrize(("noise", "least_pull", "seeds"), [(0.01, 1e-7, range(40)), (0.001, 1e-9, range(40))])
+def test_no_certificate_where_the_data_prefer_what_the_pull_does_not(noise, least_pull, seeds):
+    """Hanging has the friction of the log, standing the inertia that its noise shows: the pull takes it.
+
+    Of the more precise log a hundred millionth of the energy is a cost of 30, which counts as equal in the tree alone.
+    """
     withheld = 0
-    for seed in range(40):
-        problem = Pendulum(0.1, seed, friction=0.02, least_pull=1e-7)
+    for seed in seeds:
+        problem = Pendulum(0.1, seed, noise=noise, friction=2.0 * noise, least_pull=least_pull)
         result = certified(problem.moments, problem.solver())
         assert result.pull == pytest.approx(problem.solver().regularisation(result.theta))
         assert result.certified != (result.withheld == "pull")
         gain = problem.data_cost(result.signs) - min(problem.data_cost(branch.signs) for branch in result.branches)
-        assert not (result.certified and gain > 2e-8 * problem.energy), "twice what counts as equal"
+        left = 0.05 * result.pull  # of a pull that is a hundredth of what it was here
+        assert not (result.certified and gain > 0.1 + left), "a tenth counts as alike"
         withheld += bool(result.withheld)
     assert withheld, "or the case shows nothing"

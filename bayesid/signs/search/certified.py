@@ -38,6 +38,9 @@ from bayesid.signs.search.tree import Proof, prove, settled
 _REPEATED = 0.2
 """Share of the budget for which a first search goes on that leaves a poor fit; a round number, not studied."""
 
+_ALIKE = 0.1
+"""Cost, twice the nats, within which the data do not prefer one of two assignments: odds of 1.05. What counts as equal
+in the tree may be several nats where a log is precise; of the few that are priced one by one it need not."""
 _HIDDEN = 3.0
 """Times its own pull by which a branch may cost the data less than its cost says (`_data_agree`)."""
 
@@ -191,7 +194,7 @@ def _data_agree(problem: Problem, best: Branch, others: Sequence[Branch]) -> boo
     """
     near = [branch for branch in others if branch.cost - _HIDDEN * problem.pull_of(branch) <= best.cost + problem.exact]
     value = problem.data_cost(best)[1] if near else best.cost
-    return all(problem.data_cost(branch)[0] >= value - problem.exact for branch in near)
+    return all(problem.data_cost(branch)[0] >= value - min(problem.exact, _ALIKE) for branch in near)
 
 
 def _what_matters(proof: Proof, cost: float, missed: float) -> tuple[int, float, float]:
