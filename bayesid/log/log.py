@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from glob import glob
 from itertools import chain
@@ -153,6 +153,7 @@ def read_log(
     degrees: bool | None = None,
     topic: str | None = None,
     joints: Sequence[str] | None = None,
+    columns: Mapping[str, str] | None = None,
 ) -> Log:
     """Reads and checks a log in one of the formats of `bayesid.log.formats`.
 
@@ -169,11 +170,15 @@ def read_log(
         topic: of a recording with joint states of several topics; by default the only one with efforts.
         joints: names from base to tip, where joints have names; by default all, in the order of their numbers, or else
             in that of the first message.
+        columns: what the file calls t, q, dq, and tau or i, as in {"t": "Zeit [ms]", "q": "Achse{} [Grad]"}: `{}`
+            stands for the joints' numbers, from 0 or from 1, `{2-7}` for those from 2 to 7, and q1, q2, .. are one
+            joint's. Units in brackets count. By default the usual names are known.
 
     Raises:
         InputError: the file, a row, a column or an option cannot be used.
     """
-    table = read_table(Path(path), Options(topic=topic, joints=joints, currents=gains is not None))
+    options = Options(topic=topic, joints=joints, currents=gains is not None, columns=columns)
+    table = read_table(Path(path), options)
     angle, factors = _angle(table, degrees), _factors(table, gains)
     q, measured = table.block("q", angle), table.block("tau" if "tau1" in table.columns else "i")
     signed = _signed(measured, unsigned, table.n_joints)

@@ -1,121 +1,321 @@
 """The names of a log's columns: `t,q1..qn[,dq1..dqn],tau1..taun`, or `i1..in`, each perhaps with its unit.
 
-`q1[deg]`, `q1 (deg)` and `q1_deg` are q1 in degrees, where no column is called q1 and nothing more.
+`q1[deg]`, `q1 (deg)` and `q1_deg` are q1 in degrees, where no column is called q1 and nothing more. Where these names
+make no whole log, the usual other ones count too (`WORDS`), and joints may be numbered from 0.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from bayesid.errors import InputError
-from bayesid.log.formats.table import DEGREE
+from bayesid.log.formats.stated import OPTION, stated_columns
+from bayesid.log.formats.table import SourceColumn
+from bayesid.log.formats.units import factor_of, split_brackets
 
-_ANGLES = {"rad": 1.0, "deg": DEGREE, "°": DEGREE}
-UNITS: dict[str, dict[str, float]] = {
-    "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
-    "q": {**_ANGLES, "m": 1.0, "mm": 1e-3},
-    "dq": {f"{angle}{per}": factor for per in ("/s", "_s", "") for angle, factor in _ANGLES.items()}
-    | {"rpm": 6.0 * DEGREE, "m/s": 1.0, "mm/s": 1e-3},
-    "tau": {"Nm": 1.0, "N m": 1.0, "N": 1.0},
-    "i": {"A": 1.0, "mA": 1e-3},
+WORDS = {
+    "t": ("t", "time", "timestamp", "zeit", "zeitstempel"),
+    "q": ("q", "actual q", "joint", "joint position", "joint pos", "joint angle", "position", "pos", "actual position")
+    + ("angle", "axis", "achse", "achswinkel", "gelenk", "gelenkwinkel", "winkel"),
+    "dq": ("dq", "qd", "actual qd", "joint velocity", "joint vel", "velocity", "vel", "actual velocity", "speed")
+    + ("joint speed", "geschwindigkeit"),
+    "tau": ("tau", "tau j", "torque", "joint torque", "actual torque", "effort", "joint effort", "moment")
+    + ("drehmoment",),
+    "i": ("i", "current", "actual current", "joint current", "motor current", "strom", "motorstrom"),
 }
-"""SI units in one of the units that a column may be in."""
-_UNIT = re.compile(r"(?P<name>.+?)\s*(?:\[(?P<square>[^]]+)\]|\((?P<round>[^)]+)\)|_(?P<tail>.+))")
-_NAME = re.compile(r"t|(?:q|dq|tau|i)[1-9]\d*")
+"""What columns of a kind are called in logs of UR (RTDE's `actual_q_0`), Franka (libfranka's `tau_J`), ROS, MATLAB, and
+in German, beside a joint's number; of currents and torques only what is measured. Spaces stand for any separator."""
+_KIND_OF = {word.replace(" ", ""): kind for kind, words in WORDS.items() for word in words}
+_OWN = re.compile(r"t|(?:q|dq|tau|i)[1-9]\d*")
+_FROM_ZERO = re.compile(r"(?:q|dq|tau|i)(?:0|[1-9]\d*)")
+_OTHER = 3
+"""Rank of what is not called as in a CSV log."""
+_LAST_NUMBER = re.compile(r"\d+(?=\D*$)")
+_SEVERAL = 2
+"""Columns that differ by a number only, and may so be those of the joints, from this many on."""
+_SHOWN = 20
+"""Names of a header that a message shows, those that differ by their numbers as one."""
 
 
 @dataclass(frozen=True)
-class SourceColumn:
-    """A column of a file that a log needs.
+class _Reading:
+    """What a column's label says.
 
     Attributes:
-        name: of the log's column: t, q1, ...
-        place: of the file's column, from 0.
-        label: what the file calls it.
-        unit: how many SI units one of the file's is; None where the name does not say.
+        place: of the column, from 0.
+        label: of the column.
+        kind: "t", "q", "dq", "tau" or "i".
+        word: by which the kind is known, in small letters and without separators.
+        number: of the joint, as the label has it; -1 of a time.
+        rank: 0 for a name of a CSV log, 1 for one with a unit, 2 for a joint 0, `_OTHER` for all others.
+        factor: SI units in one of the unit, if one is stated.
     """
 
-    name: str
     place: int
     label: str
-    unit: float | None = None
+    kind: str
+    word: str
+    number: int
+    rank: int
+    factor: float | None
 
 
-def split_unit(label: str) -> tuple[str, str | None]:
-    """A name and the unit that follows it, if one does: "q1[deg]" is q1 in "deg"."""
-    match = _UNIT.fullmatch(label)
-    return (label, None) if match is None else (match["name"], match["square"] or match["round"] or match["tail"])
-
-
-def choose(header: Sequence[str], where: str) -> tuple[SourceColumn, ...]:
+def choose(header: Sequence[str], where: str, columns: Mapping[str, str] | None = None) -> tuple[SourceColumn, ...]:
     """The columns that make a log: the time; for every joint its position, effort and, if measured, velocity.
 
     Args:
         header: the names of a file's columns; those that are not of a log are left out.
         where: the header's place, for messages.
+        columns: those that a user has named, see `bayesid.log.formats.stated`; the others go by their own names.
 
     Raises:
-        InputError: a column is missing or appears twice.
+        InputError: a column is missing or appears twice, or which is meant stays open.
     """
-    recognised = _recognised(header, where)
-    if "t" not in recognised:
-        raise InputError("column t is missing", where, _remedy(header))
-    n = _highest("q", recognised)
-    if n == 0:
-        raise InputError("column q1 is missing", where, "add the joint positions q1..qn in rad")
-    chosen = [recognised["t"]]
-    effort = "tau" if _highest("tau", recognised) else "i"
-    for kind in ["q", effort, *(["dq"] if _highest("dq", recognised) else [])]:
-        for j in range(1, n + 1):
-            if f"{kind}{j}" not in recognised:
-                absent = f"tau{j} (or i{j} with gains)" if kind == "i" else f"{kind}{j}"
-                raise InputError(f"column {absent} is missing", where, f"add it; q1..q{n} are there")
-            chosen.append(recognised[f"{kind}{j}"])
-        if _highest(kind, recognised) > n:
-            extra = next(name for name in recognised if name.startswith(kind) and int(name.removeprefix(kind)) > n)
-            remedy = "give q and effort columns for the same joints"
-            raise InputError(f"column {extra} has no q beside it", where, remedy)
-    return tuple(chosen)
+    stated = stated_columns(header, columns, where, described(header)) if columns else []
+    kinds, taken = {_kind(source.name) for source in stated}, {source.place for source in stated}
+    kinds |= {"tau", "i"} if kinds & {"tau", "i"} else set()
+    readings = [reading for reading in _read(header) if reading.place not in taken and reading.kind not in kinds]
+    families = _families(readings, kinds, where)
+    _check_start(families, where)
+    chosen = [*stated, *(_source(one, family) for family in families for one in family.values())]
+    return _complete({source.name: source for source in chosen}, header, where)
 
 
 def has_positions(header: Sequence[str]) -> bool:
-    """Whether a file holds joint positions by these names."""
-    plain = any(re.fullmatch(r"q[1-9]\d*", label) for label in header)
-    return plain or any(source.name.startswith("q") for source in _with_units(header))
+    """Whether a file holds joint positions by the names of a CSV log."""
+    return any(reading.kind == "q" and reading.rank <= 1 for reading in _read(header))
 
 
-def _recognised(header: Sequence[str], where: str) -> dict[str, SourceColumn]:
-    """The columns of a log among a file's; those with a unit after their name count where no other has the name."""
-    plain = [SourceColumn(label, place, label) for place, label in enumerate(header) if _NAME.fullmatch(label)]
-    names = {source.name for source in plain}
-    recognised: dict[str, SourceColumn] = {}
-    for source in [*plain, *(source for source in _with_units(header) if source.name not in names)]:
-        if source.name in recognised:
-            raise InputError(f"column {source.name} appears twice", where, "give every column its own name")
-        recognised[source.name] = source
-    return recognised
+def time_among(labels: Sequence[str]) -> str | None:
+    """The label of the time, by its own name or else by another one; None where there is none, or more than one."""
+    times = [reading for reading in _read(labels) if reading.kind == "t"]
+    best = [reading for reading in times if reading.rank == min(one.rank for one in times)]
+    return best[0].label if len(best) == 1 else None
 
 
-def _with_units(header: Sequence[str]) -> list[SourceColumn]:
-    columns = []
-    for place, label in enumerate(header):
-        name, unit = split_unit(label)
-        factor = UNITS[name.rstrip("0123456789")].get(unit or "") if _NAME.fullmatch(name) else None
-        if factor is not None:
-            columns.append(SourceColumn(name, place, label, factor))
-    return columns
+def kind_of(label: str) -> str | None:
+    """What a variable holds, of all joints, by its name without a number; None if it is none of a log's."""
+    return _KIND_OF.get(_plain(split_brackets(label).name))
 
 
-def _highest(kind: str, names: dict[str, SourceColumn]) -> int:
+# ---------------------------------------------------------------------------------------------------------------
+# What labels say
+# ---------------------------------------------------------------------------------------------------------------
+def _read(header: Sequence[str]) -> list[_Reading]:
+    return [reading for place, label in enumerate(header) if (reading := _reading(place, label)) is not None]
+
+
+def _reading(place: int, label: str) -> _Reading | None:
+    """What a label says, its unit in brackets, or behind a "_"; None if it is none of a log's, or its unit unknown."""
+    name, unit = split_brackets(label)
+    if unit is not None:
+        return _with_unit(place, label, name, unit, any_current=True)
+    ends = [match.start() for match in re.finditer("_", label)]
+    tailed = (_with_unit(place, label, label[:end], label[end + 1 :]) for end in ends)
+    return _with_unit(place, label, label, None) or next((reading for reading in tailed if reading is not None), None)
+
+
+def _with_unit(place: int, label: str, name: str, unit: str | None, any_current: bool = False) -> _Reading | None:
+    numbers = re.findall(r"\d+", name)
+    word = _plain(re.sub(r"\d+", "", name))
+    kind = _KIND_OF.get(word)
+    if kind is None or len(numbers) != (kind != "t") or name == "T":  # which is a temperature
+        return None
+    factor = None if unit is None else factor_of(kind, unit)
+    if unit is not None and factor is None:
+        if kind != "i" or not any_current:
+            return None
+        factor = 1.0  # gains turn any unit of currents into N m
+    own = 1 if unit is not None else 0
+    rank = own if _OWN.fullmatch(name) else 2 if _FROM_ZERO.fullmatch(name) else _OTHER
+    return _Reading(place, label, kind, word, int(numbers[0]) if numbers else -1, rank, factor)
+
+
+def _plain(name: str) -> str:
+    """A name in small letters, without what separates its words."""
+    return re.sub(r"[\W_]+", "", name).casefold()
+
+
+def _kind(name: str) -> str:
+    return name.rstrip("0123456789")
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Which columns
+# ---------------------------------------------------------------------------------------------------------------
+_Family = Mapping[int, _Reading]
+"""Columns of one kind that are called alike, by the numbers in their labels."""
+
+
+def _families(readings: Sequence[_Reading], stated: Set[str], where: str) -> list[_Family]:
+    """Of each kind that a log needs, and that nobody has stated, the columns to be used.
+
+    Those with a log's own names come first, and where these make a whole log no others are looked at.
+    """
+    own = {kind: _own_family(readings, kind, where) for kind in WORDS}
+    effort = next((kind for kind in ("tau", "i") if own[kind]), None)
+    if not stated and own["t"] and own["q"] and effort is not None:
+        return [own[kind] for kind in ("t", "q", effort, "dq") if own[kind]]
+    needed = [kind for kind in ("t", "q", "dq") if kind not in stated]
+    found = [own[kind] or _other_family(readings, kind, where) for kind in needed]
+    if effort is not None:
+        found.append(own[effort])
+    elif "tau" not in stated:
+        found.append(_other_family(readings, "tau", where) or _other_family(readings, "i", where))
+    return [family for family in found if family]
+
+
+def _own_family(readings: Sequence[_Reading], kind: str, where: str) -> _Family:
+    """The columns named as in a CSV log; those with a unit after their name count where no other has the name."""
+    own = [one for one in readings if one.kind == kind and one.rank < _OTHER]
+    plain = {one.number for one in own if one.rank == 0}
+    family: dict[int, _Reading] = {}
+    for one in sorted(own, key=lambda one: one.rank):
+        if one.rank == 1 and one.number in plain:
+            continue
+        if one.number in family:
+            said = f"column {kind if kind == 't' else f'{kind}{one.number}'} appears twice"
+            raise InputError(said, where, "give every column its own name")
+        family[one.number] = one
+    return family
+
+
+def _other_family(readings: Sequence[_Reading], kind: str, where: str) -> _Family:
+    """The columns of a kind that go by one other word; empty if there are none."""
+    families: dict[str, dict[int, _Reading]] = {}
+    for one in readings:
+        if one.kind == kind and one.rank == _OTHER:
+            family = families.setdefault(one.word, {})
+            if one.number in family:
+                raise _either(family[one.number], one, where)
+            family[one.number] = one
+    if len(families) > 1:
+        first, second, *_ = families.values()
+        raise _either(next(iter(first.values())), next(iter(second.values())), where)
+    return next(iter(families.values()), {})
+
+
+def _either(first: _Reading, second: _Reading, where: str) -> InputError:
+    said = f"columns {first.label} and {second.label} may both be {'the time' if first.kind == 't' else first.kind}"
+    return InputError(said, where, f'say which with {OPTION} {first.kind}="{pattern_of(first.label)}"')
+
+
+def _check_start(families: Sequence[_Family], where: str) -> None:
+    """Joints are numbered from 0 or from 1, alike in positions, velocities and efforts."""
+    numbered = [family for family in families if -1 not in family]
+    from_zero = [family for family in numbered if 0 in family]
+    if from_zero and len(from_zero) < len(numbered):
+        zero, one = from_zero[0], next(family for family in numbered if 0 not in family)
+        said = f"{_span(zero)} count from 0, {_span(one)} from 1"
+        ranges = ",".join(f'{_kind_of(family)}="{_ranged(family, max(one))}"' for family in (zero, one))
+        raise InputError(said, where, f"say which belong together with {OPTION}, as in {ranges}")
+
+
+def _kind_of(family: _Family) -> str:
+    return next(iter(family.values())).kind
+
+
+def _span(family: _Family) -> str:
+    """The first and the last label."""
+    return f"{family[min(family)].label}..{family[max(family)].label}"
+
+
+def _ranged(family: _Family, last: int) -> str:
+    """A pattern of the columns from 1 to the last."""
+    return pattern_of(family[max(family)].label).replace("{}", f"{{1-{last}}}")
+
+
+def _source(one: _Reading, family: _Family) -> SourceColumn:
+    """A column under its log's name, joints counted from 1."""
+    joint = "" if one.kind == "t" else str(one.number + (0 in family))
+    return SourceColumn(f"{one.kind}{joint}", one.place, one.label, one.factor)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What is missing
+# ---------------------------------------------------------------------------------------------------------------
+def _complete(found: Mapping[str, SourceColumn], header: Sequence[str], where: str) -> tuple[SourceColumn, ...]:
+    """The columns of a log, in order, if none is missing."""
+    n, effort = _highest("q", found), "tau" if _highest("tau", found) else "i"
+    absent = {"column t": "t" not in found, "column q1": n == 0}
+    absent["column tau1 (or i1 with gains)"] = not _highest(effort, found)
+    for said in (said for said, is_absent in absent.items() if is_absent):
+        said = f"{said} is missing{described(header, found)}"
+        raise InputError(said, where, f"say which columns are meant with {suggestion(header, found)}")
+    chosen = [found["t"]]
+    for kind in ["q", effort, *(["dq"] if _highest("dq", found) else [])]:
+        for j in range(1, n + 1):
+            if f"{kind}{j}" not in found:
+                there = f"{_label(found, 'q', 1)}..{_label(found, 'q', n)}"
+                absent_one = f"tau{j} (or i{j} with gains)" if _label(found, kind, j) == f"i{j}" else _label(found, kind, j)
+                raise InputError(f"column {absent_one} is missing", where, f"add it; {there} are there")
+            chosen.append(found[f"{kind}{j}"])
+        if _highest(kind, found) > n:
+            extra = next(source for name, source in found.items() if _kind(name) == kind and _joint(name) > n)
+            remedy = "give q and effort columns for the same joints"
+            raise InputError(f"column {extra.label} has no q beside it", where, remedy)
+    return tuple(chosen)
+
+
+def _highest(kind: str, names: Mapping[str, SourceColumn]) -> int:
     """The highest joint of which there is a column of a kind."""
-    return max((int(match[1]) for name in names if (match := re.fullmatch(rf"{kind}(\d+)", name))), default=0)
+    return max((_joint(name) for name in names if name != "t" and _kind(name) == kind), default=0)
 
 
-def _remedy(header: Sequence[str]) -> str:
-    """What to do about a header without a time."""
-    for separator, word in {";": "semicolons", "\t": "tabs"}.items():
-        if any(separator in name for name in header):
-            return f"separate the columns by commas, not by {word}"
-    return "add the time in s"
+def _joint(name: str) -> int:
+    return int(name.removeprefix(_kind(name)))
+
+
+def _label(found: Mapping[str, SourceColumn], kind: str, joint: int) -> str:
+    """What the file calls a joint's column, or would call it, by the columns beside it."""
+    if f"{kind}{joint}" in found:
+        return found[f"{kind}{joint}"].label
+    beside = next(name for name in found if _kind(name) == kind)
+    label = found[beside].label
+    number = _LAST_NUMBER.search(split_brackets(label).name)
+    if number is None:
+        return f"{kind}{joint}"
+    return f"{label[: number.start()]}{int(number[0]) + joint - _joint(beside)}{label[number.end() :]}"
+
+
+def pattern_of(label: str) -> str:
+    """A label with {} in place of its last number, as for `--columns`."""
+    number = _LAST_NUMBER.search(split_brackets(label).name)
+    return label if number is None else f"{label[: number.start()]}{{}}{label[number.end() :]}"
+
+
+def described(header: Sequence[str], found: Mapping[str, SourceColumn] = MappingProxyType({})) -> str:
+    """The columns of a header, those that differ by a number as one, and what each is taken for."""
+    kinds = {source.label: _kind(source.name) for source in found.values()}
+    patterns = {pattern_of(label): kinds.get(label, "") for label in reversed(header) if label}
+    shown = [f"{pattern} ({kind or 'not used'})" if found else pattern for pattern, kind in patterns.items()][::-1]
+    return f" among {', '.join(shown[:_SHOWN])}{' and others' if len(shown) > _SHOWN else ''}"
+
+
+def suggestion(header: Sequence[str], found: Mapping[str, SourceColumn]) -> str:
+    """The option that names the columns of a log: those found and, for those missing, what might be meant."""
+    members: dict[str, list[str]] = {}
+    for label in header:
+        members.setdefault(pattern_of(label) if label else "", []).append(label)
+    used = {pattern_of(source.label): _kind(source.name) for source in found.values()}
+    open_ones = [pattern for pattern in members if pattern and pattern not in used]
+    effort = next((kind for kind in ("tau", "i") if _highest(kind, found)), None)
+    parts = []
+    for kinds in (("t",), ("q",), ("tau", "i") if effort is None else (effort,)):
+        known = [(kind, pattern) for pattern, kind in used.items() if kind in kinds]
+        alone = kinds == ("t",)
+        fitting = [one for one in open_ones if (len(members[one]) < _SEVERAL) == alone]
+        kind, pattern = (known or _likely(kinds, fitting) or [(kinds[0], "NAME" if alone else "NAME{}")])[0]
+        open_ones = [one for one in open_ones if one != pattern]
+        parts.append(f'{kind}="{pattern}"')
+    return f"{OPTION} {','.join(parts)}"
+
+
+def _likely(kinds: Sequence[str], patterns: Sequence[str]) -> list[tuple[str, str]]:
+    """Which pattern may be of which kind: those with a unit of it first, then those without any."""
+    units = {pattern: split_brackets(pattern).unit for pattern in patterns}
+    stated = [(kind, one) for kind in kinds for one, unit in units.items() if unit and factor_of(kind, unit) is not None]
+    return stated + [(kinds[0], one) for one, unit in units.items() if unit is None]
