@@ -15,6 +15,7 @@ from glob import glob
 from itertools import chain
 from math import pi
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from bayesid.arrays import Array, Integers, Mask, frozen
 from bayesid.errors import InputError
 from bayesid.files import numbered, replace_file, write_columns
 from bayesid.log.formats import Options, Table, is_log_folder, read_table
+from bayesid.log.formats.memory import Variables, read_variables
 from bayesid.log.formats.table import ABSURD, DEGREE
 
 _FEW_TURNS = 4.0 * pi
@@ -145,8 +147,12 @@ class Log:
         return int(self.q.shape[1])
 
 
+LogSource: TypeAlias = Log | str | Path | Variables
+"""What stands for a log wherever one is asked for."""
+
+
 def read_log(
-    path: str | Path,
+    source: str | Path | Variables,
     gains: Sequence[float] | None = None,
     unsigned: str | None = None,
     *,
@@ -155,12 +161,13 @@ def read_log(
     joints: Sequence[str] | None = None,
     columns: Mapping[str, str] | None = None,
 ) -> Log:
-    """Reads and checks a log in one of the formats of `bayesid.log.formats`.
+    """Reads and checks a log in one of the formats of `bayesid.log.formats`, or one that is in memory.
 
     What had to be assumed, such as the order of a bag's joints, is said in a `UserWarning`.
 
     Args:
-        path: the file, or a folder that is a recording.
+        source: the file, or a folder that is a recording; or a data frame, a structured array or a dict with columns
+            named as in a file, or with `t` (N,), `q` (N, n), `tau` or `i` (N, n), and `dq` (N, n) if measured.
         gains: n drive gains, N m/A, for a log of currents i1..in; efforts that the format leaves open (those of a ROS
             bag) are then currents.
         unsigned: "all", "none" or 1-based joints as in "1,3"; by default a joint whose effort is never negative.
@@ -176,9 +183,15 @@ def read_log(
 
     Raises:
         InputError: the file, a row, a column or an option cannot be used.
+
+    Example:
+        >>> t = np.arange(200) / 100.0
+        >>> q = np.column_stack([np.sin(t), np.cos(3.0 * t)])
+        >>> bayesid.read_log({"t": t, "q": q, "tau": 5.0 * q}).n_joints
+        2
     """
     options = Options(topic=topic, joints=joints, currents=gains is not None, columns=columns)
-    table = read_table(Path(path), options)
+    table = read_table(Path(source), options) if isinstance(source, str | Path) else _in_memory(source, options)
     angle, factors = _angle(table, degrees), _factors(table, gains)
     q, measured = table.block("q", angle), table.block("tau" if "tau1" in table.columns else "i")
     signed = _signed(measured, unsigned, table.n_joints)
@@ -199,6 +212,15 @@ def read_log(
         dq=table.block("dq", angle) if "dq1" in table.columns else None,
         source=table.source,
     )
+
+
+def as_log(source: LogSource) -> Log:
+    """A log as it is, and anything else as `read_log` reads it.
+
+    Raises:
+        InputError: it cannot be used.
+    """
+    return source if isinstance(source, Log) else read_log(source)
 
 
 def find_logs(patterns: Sequence[str | Path]) -> list[Path]:
@@ -300,6 +322,13 @@ def write_log(path: str | Path, log: Log) -> None:
 # ---------------------------------------------------------------------------------------------------------------
 # What a table's numbers mean
 # ---------------------------------------------------------------------------------------------------------------
+def _in_memory(source: Variables, options: Options) -> Table:
+    for name in ("topic", "joints"):
+        if getattr(options, name) is not None:
+            raise InputError(f"is in memory, which has no {name}", type(source).__name__, f"leave {name} out")
+    return read_variables(source, options.columns)
+
+
 def _angle(table: Table, degrees: bool | None) -> float:
     """The unit, rad, of the positions of which the file does not say it."""
     if degrees is None:

@@ -468,7 +468,10 @@ def test_lost_and_repeated_packets(tmp_path, recorded):
         ({"aipos_a2": 1.0}, "row 1: columns AIPos.A2 and aipos_a2 hold the same"),
         ({"R2.AIPos.A1": 1.0, "R2.AIPos.A2": 1.0, "R2.AIPos.A3": 1.0}, "AIPos.A1 and R2.AIPos.A1 hold the same"),
         ({"Torque.A1": 1.0, "GearTorque.A1": 1.0}, "row 1: Torque.A1 and GearTorque.A1 are torques; leave all but one"),
-        ({"IPOC": None, "Time": 4.0}, "column Time spans 252 s with steps of 4 s: milliseconds?; name the column Time[ms]"),
+        (
+            {"IPOC": None, "Time": 4.0},
+            "column Time spans 252 s with steps of 4 s: milliseconds?; name the column Time[ms]",
+        ),
         ({"MACur.A2": None, "MACur.A2[%]": np.nan}, "row 2: column MACur.A2[%] holds nan"),
         ({"AxisVel.A1": None, "AxisVel.A1[%]": 1.0}, "column AxisVel.A1[%] is in a unit that is not known; give it in"),
         ({"AIPos.A3": np.nan}, "row 2: column AIPos.A3 holds nan"),

@@ -9,22 +9,22 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
-from types import MappingProxyType
 
 from bayesid.errors import InputError
 from bayesid.log.formats.stated import OPTION, stated_columns
 from bayesid.log.formats.table import SourceColumn
 from bayesid.log.formats.units import factor_of, split_brackets
 
+_POSITIONS = "q", "actual q", "joint", "axis", "position", "pos", "angle", "joint position", "joint pos", "joint angle"
+_VELOCITIES = "dq", "qd", "actual qd", "velocity", "vel", "speed", "joint velocity", "joint vel", "joint speed"
+_TORQUES = "tau", "tau j", "torque", "effort", "moment", "joint torque", "joint effort", "actual torque", "drehmoment"
+_CURRENTS = "i", "current", "actual current", "joint current", "motor current", "strom", "motorstrom"
 WORDS = {
     "t": ("t", "time", "timestamp", "zeit", "zeitstempel"),
-    "q": ("q", "actual q", "joint", "joint position", "joint pos", "joint angle", "position", "pos", "actual position")
-    + ("angle", "axis", "achse", "achswinkel", "gelenk", "gelenkwinkel", "winkel"),
-    "dq": ("dq", "qd", "actual qd", "joint velocity", "joint vel", "velocity", "vel", "actual velocity", "speed")
-    + ("joint speed", "geschwindigkeit"),
-    "tau": ("tau", "tau j", "torque", "joint torque", "actual torque", "effort", "joint effort", "moment")
-    + ("drehmoment",),
-    "i": ("i", "current", "actual current", "joint current", "motor current", "strom", "motorstrom"),
+    "q": (*_POSITIONS, "actual position", "achse", "achswinkel", "gelenk", "gelenkwinkel", "winkel"),
+    "dq": (*_VELOCITIES, "actual velocity", "geschwindigkeit"),
+    "tau": _TORQUES,
+    "i": _CURRENTS,
 }
 """What columns of a kind are called in logs of UR (RTDE's `actual_q_0`), Franka (libfranka's `tau_J`), ROS, MATLAB, and
 in German, beside a joint's number; of currents and torques only what is measured. Spaces stand for any separator."""
@@ -87,6 +87,11 @@ def choose(header: Sequence[str], where: str, columns: Mapping[str, str] | None 
 def has_positions(header: Sequence[str]) -> bool:
     """Whether a file holds joint positions by the names of a CSV log."""
     return any(reading.kind == "q" and reading.rank <= 1 for reading in _read(header))
+
+
+def has_any_positions(labels: Sequence[str]) -> bool:
+    """Whether labels, or names of variables that hold all joints, are those of joint positions by any usual name."""
+    return any(reading.kind == "q" for reading in _read(labels)) or "q" in map(kind_of, labels)
 
 
 def time_among(labels: Sequence[str]) -> str | None:
@@ -207,11 +212,13 @@ def _check_start(families: Sequence[_Family], where: str) -> None:
     """Joints are numbered from 0 or from 1, alike in positions, velocities and efforts."""
     numbered = [family for family in families if -1 not in family]
     from_zero = [family for family in numbered if 0 in family]
-    if from_zero and len(from_zero) < len(numbered):
-        zero, one = from_zero[0], next(family for family in numbered if 0 not in family)
-        said = f"{_span(zero)} count from 0, {_span(one)} from 1"
-        ranges = ",".join(f'{_kind_of(family)}="{_ranged(family, max(one))}"' for family in (zero, one))
-        raise InputError(said, where, f"say which belong together with {OPTION}, as in {ranges}")
+    if not from_zero or len(from_zero) == len(numbered):
+        return
+    from_one = [family for family in numbered if 0 not in family]
+    n = min(max(family) for family in from_one)
+    ranges = ",".join(f'{_kind_of(family)}="{_ranged(family, n)}"' for family in numbered)
+    said = f"{_span(from_zero[0])} count from 0, {_span(from_one[0])} from 1"
+    raise InputError(said, where, f"say which belong together with {OPTION}, as in {ranges}")
 
 
 def _kind_of(family: _Family) -> str:
@@ -250,8 +257,9 @@ def _complete(found: Mapping[str, SourceColumn], header: Sequence[str], where: s
         for j in range(1, n + 1):
             if f"{kind}{j}" not in found:
                 there = f"{_label(found, 'q', 1)}..{_label(found, 'q', n)}"
-                absent_one = f"tau{j} (or i{j} with gains)" if _label(found, kind, j) == f"i{j}" else _label(found, kind, j)
-                raise InputError(f"column {absent_one} is missing", where, f"add it; {there} are there")
+                label = _label(found, kind, j)
+                label = f"tau{j} (or {label} with gains)" if label == f"i{j}" else label
+                raise InputError(f"column {label} is missing", where, f"add it; {there} are there")
             chosen.append(found[f"{kind}{j}"])
         if _highest(kind, found) > n:
             extra = next(source for name, source in found.items() if _kind(name) == kind and _joint(name) > n)
@@ -287,11 +295,11 @@ def pattern_of(label: str) -> str:
     return label if number is None else f"{label[: number.start()]}{{}}{label[number.end() :]}"
 
 
-def described(header: Sequence[str], found: Mapping[str, SourceColumn] = MappingProxyType({})) -> str:
-    """The columns of a header, those that differ by a number as one, and what each is taken for."""
-    kinds = {source.label: _kind(source.name) for source in found.values()}
-    patterns = {pattern_of(label): kinds.get(label, "") for label in reversed(header) if label}
-    shown = [f"{pattern} ({kind or 'not used'})" if found else pattern for pattern, kind in patterns.items()][::-1]
+def described(header: Sequence[str], found: Mapping[str, SourceColumn] | None = None) -> str:
+    """The columns of a header, those that differ by a number as one, and what each is taken for where that is known."""
+    kinds = {} if found is None else {source.label: _kind(source.name) for source in found.values()}
+    patterns = {pattern_of(label): kinds.get(label, "not used") for label in reversed(header) if label}
+    shown = [pattern if found is None else f"{pattern} ({kind})" for pattern, kind in patterns.items()][::-1]
     return f" among {', '.join(shown[:_SHOWN])}{' and others' if len(shown) > _SHOWN else ''}"
 
 
@@ -317,5 +325,5 @@ def suggestion(header: Sequence[str], found: Mapping[str, SourceColumn]) -> str:
 def _likely(kinds: Sequence[str], patterns: Sequence[str]) -> list[tuple[str, str]]:
     """Which pattern may be of which kind: those with a unit of it first, then those without any."""
     units = {pattern: split_brackets(pattern).unit for pattern in patterns}
-    stated = [(kind, one) for kind in kinds for one, unit in units.items() if unit and factor_of(kind, unit) is not None]
+    stated = [(kind, one) for kind in kinds for one, unit in units.items() if unit and factor_of(kind, unit)]
     return stated + [(kinds[0], one) for one, unit in units.items() if unit is None]

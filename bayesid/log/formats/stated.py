@@ -1,7 +1,7 @@
 """Which columns make a log by the word of a user: `t="Zeit [ms]"`, `q="Achse{} [Grad]"`, or of one joint, `q2=elbow`.
 
-`{}` stands for the numbers of the joints, from 0 or from 1 as the file has them, `{2-7}` for those from 2 to 7. A unit in
-brackets is looked for in the header, and counts by itself where the header has none.
+`{}` stands for the numbers of the joints, from 0 or from 1 as the file has them, `{2-7}` for those from 2 to 7. A unit
+in brackets is looked for in the header, and counts by itself where the header has none.
 """
 
 from __future__ import annotations
@@ -91,7 +91,9 @@ def stated_columns(header: Sequence[str], columns: Mapping[str, str], where: str
         InputError: no column is called so, several are, or one's unit is not known.
     """
     chosen: dict[str, SourceColumn] = {}
-    for key in sorted(check_columns(columns), key=lambda key: key[-1:].isdecimal()):  # one joint's overrides all joints'
+    for key in sorted(
+        check_columns(columns), key=lambda key: key != _kind(key)
+    ):  # a joint's own comes last, and counts
         kind, pattern = _kind(key), columns[key]
         matches = [match for place, label in enumerate(header) if (match := _match(kind, pattern, label, place))]
         if not matches:

@@ -22,8 +22,8 @@ _LONGEST_GAP = 3600.0
 studied."""
 _SLOWEST = 0.5
 """s; a log whose typical step is this long or longer is taken to count something else than seconds. Controllers log
-their joints every 0.25 to 12 ms (UR RTDE 2 or 8, KUKA RSI 4 or 12, ABB EGM 4, Franka FCI 1, Stäubli 4), a slow bus every
-0.1 s, so that a count of ms grows by 0.5 and more a row; and at 2 Hz no acceleration of a joint could be told."""
+their joints every 1 to 12 ms by their manuals (UR RTDE 2 or 8, KUKA RSI 4 or 12, ABB EGM 4, Franka FCI 1), a slow bus
+every 0.1 s: a count of ms grows by 0.5 and more a row, and at 2 Hz no acceleration of a joint could be told."""
 _PARTS = {"milliseconds": ("ms", 1e-3), "microseconds": ("us", 1e-6), "nanoseconds": ("ns", 1e-9)}
 FEWEST_ROWS = 50
 """Rows of a log, and distinct instants in it, at least: half a second at the usual 100 Hz, too short to filter. A round
@@ -140,7 +140,7 @@ def _check_unit_of_time(table: Table) -> None:
         raise InputError(f"{said}: no joint log is so slow", table.source, f"give {t.label} in s")
     word, unit = likely
     stated = f"{t.label}[{unit}]"
-    remedy = f"name the column {stated}, or give --columns t=\"{stated}\" ({t.label}[s] if it is in seconds)"
+    remedy = f'name the column {stated}, or give --columns t="{stated}" ({t.label}[s] if it is in seconds)'
     raise InputError(f"{said}: {word}?", table.source, remedy)
 
 

@@ -220,7 +220,8 @@ def _read_values(path: Path, layout: Layout, used: list[int]) -> Array:
         return np.empty((0, n))
     if values.shape[1] != n:
         said = f"has {n} names for {values.shape[1]} columns"
-        raise InputError(said, f"{path}, row {layout.header_row}", "give every column one name")
+        remedy = _semicolons(layout, values.shape[1]) or "give every column one name"
+        raise InputError(said, f"{path}, row {layout.header_row}", remedy)
     return values
 
 
@@ -250,9 +251,14 @@ def _first_bad_row(path: Path, layout: Layout, used: list[int]) -> InputError:
 
 def _remedy(number: int, layout: Layout, cells: int) -> str:
     """What to do about a row of the wrong length."""
-    if layout.separator == "," and number == layout.rows + 1 and cells > len(layout.header) + 1:
-        return "if its numbers have decimal commas, write the table with semicolons between the columns"
-    return "remove the row (a truncated last row is common) or complete it"
+    truncated = "remove the row (a truncated last row is common) or complete it"
+    return (_semicolons(layout, cells) if number == layout.rows + 1 else "") or truncated
+
+
+def _semicolons(layout: Layout, cells: int) -> str:
+    """What to do about rows so long that commas must be decimal ones too; nothing where they are not."""
+    doubled = layout.separator == "," and cells > len(layout.header) + 1
+    return "if its numbers have decimal commas, write the table with semicolons between the columns" if doubled else ""
 
 
 def _is_number(cell: str) -> bool:
