@@ -196,12 +196,7 @@ def read_log(
     q, measured = table.block("q", angle), table.block("tau" if "tau1" in table.columns else "i")
     signed = _signed(measured, unsigned, table.n_joints)
     effort = measured * factors
-    for j in np.flatnonzero(np.ptp(q, axis=0) == 0.0):
-        said = f"column {table.columns[f'q{j + 1}'].label} is constant"
-        raise InputError(said, table.source, "record a motion in which every joint moves")
-    for j in np.flatnonzero(~np.any(effort, axis=0)):
-        said = f"the effort of joint {j + 1} is zero in every row"
-        raise InputError(said, table.source, "check that its sensor was read")
+    _check_blocks(table, q, effort)
     for note in table.notes:
         warnings.warn(note, stacklevel=2)
     return Log(
@@ -327,6 +322,16 @@ def _in_memory(source: Variables, options: Options) -> Table:
         if getattr(options, name) is not None:
             raise InputError(f"is in memory, which has no {name}", type(source).__name__, f"leave {name} out")
     return read_variables(source, options.columns)
+
+
+def _check_blocks(table: Table, q: Array, effort: Array) -> None:
+    """Each joint has moved, and its sensor was read."""
+    for j in np.flatnonzero(np.ptp(q, axis=0) == 0.0):
+        said = f"column {table.columns[f'q{j + 1}'].label} is constant"
+        raise InputError(said, table.source, "record a motion in which every joint moves")
+    for j in np.flatnonzero(~np.any(effort, axis=0)):
+        said = f"the effort of joint {j + 1} is zero in every row"
+        raise InputError(said, table.source, "check that its sensor was read")
 
 
 def _angle(table: Table, degrees: bool | None) -> float:

@@ -416,9 +416,9 @@ def test_logs_in_memory_are_logs_wherever_one_is(recorded):
     """One joint short of the robot: the same one line from all that take a log."""
     robot = load_robot("kr5")
     for form in ("matrices", "structured", "frame"):
-        with pytest.raises(InputError, match="the log has 2 joints, robot .* has 6"):
+        with pytest.raises(InputError, match=r"the log has 2 joints, robot .* has 6"):
             identify(robot, in_memory(recorded, form))
-        with pytest.raises(InputError, match="the log has 2 joints, robot .* has 6"):
+        with pytest.raises(InputError, match=r"the log has 2 joints, robot .* has 6"):
             judge_log(robot, in_memory(recorded, form))
     with pytest.raises(InputError, match="is no log: int"):
         identify(robot, 5)
