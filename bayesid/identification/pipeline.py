@@ -366,7 +366,9 @@ def segment_signs(segments: Segments, probability: Array, effort: Array) -> tupl
 def _check(robot: Robot, log: Log) -> None:
     if robot.n_joints != log.n_joints:
         counts = f"the log has {log.n_joints} joints, robot {robot.name} has {robot.n_joints}"
-        raise InputError(counts, log.source, "give the log and the robot that belong together")
+        remedy = "give the log and the robot that belong together"
+        fewer = " (or, with --columns, those of the robot's joints alone)" if log.n_joints > robot.n_joints else ""
+        raise InputError(counts, log.source, remedy + fewer)
     for j in np.flatnonzero(np.ptp(log.q, axis=0) < _LEAST_MOTION):
         raise InputError(f"joint {j + 1} does not move", log.source, "record a motion in which every joint moves")
 

@@ -24,6 +24,7 @@ from bayesid.errors import InputError
 from bayesid.files import numbered, replace_file, write_columns
 from bayesid.log.formats import Options, Table, is_log_folder, read_table
 from bayesid.log.formats.memory import Variables, read_variables
+from bayesid.log.formats.stated import parse_columns
 from bayesid.log.formats.table import ABSURD, DEGREE
 
 _FEW_TURNS = 4.0 * pi
@@ -159,7 +160,7 @@ def read_log(
     degrees: bool | None = None,
     topic: str | None = None,
     joints: Sequence[str] | None = None,
-    columns: Mapping[str, str] | None = None,
+    columns: Mapping[str, str] | str | Path | None = None,
 ) -> Log:
     """Reads and checks a log in one of the formats of `bayesid.log.formats`, or one that is in memory.
 
@@ -179,7 +180,7 @@ def read_log(
             in that of the first message.
         columns: what the file calls t, q, dq, and tau or i, as in {"t": "Zeit [ms]", "q": "Achse{} [Grad]"}: `{}`
             stands for the joints' numbers, from 0 or from 1, `{2-7}` for those from 2 to 7, and q1, q2, .. are one
-            joint's. Units in brackets count. By default the usual names are known.
+            joint's. Units in brackets count. Or as on the command line, or a TOML file. By default the usual names.
 
     Raises:
         InputError: the file, a row, a column or an option cannot be used.
@@ -190,7 +191,8 @@ def read_log(
         >>> bayesid.read_log({"t": t, "q": q, "tau": 5.0 * q}).n_joints
         2
     """
-    options = Options(topic=topic, joints=joints, currents=gains is not None, columns=columns)
+    stated = parse_columns(str(columns)) if isinstance(columns, str | Path) else columns
+    options = Options(topic=topic, joints=joints, currents=gains is not None, columns=stated)
     table = read_table(Path(source), options) if isinstance(source, str | Path) else _in_memory(source, options)
     angle, factors = _angle(table, degrees), _factors(table, gains)
     q, measured = table.block("q", angle), table.block("tau" if "tau1" in table.columns else "i")

@@ -3,6 +3,7 @@
 import csv
 import io
 import time
+from datetime import datetime, timedelta
 
 import numpy as np
 import pyarrow as pa
@@ -212,6 +213,13 @@ def test_columns_of_the_command_line(tmp_path):
     assert parse_columns("t=\"Zeit, ab Start [ms]\", q=Achse{} [Grad],tau2 = 'M=2'") == expected
     path = save(tmp_path / "columns.toml", 't = "Zeit, ab Start [ms]"\nq = "Achse{} [Grad]"\ntau2 = "M=2"\n')
     assert parse_columns(str(path)) == expected
+
+
+def test_columns_in_python_may_be_those_of_the_command_line(tmp_path, recorded):
+    path = save(tmp_path / "log.csv", text(german(recorded), ";", ","))
+    stated = save(tmp_path / "columns.toml", "".join(f'{key} = "{name}"\n' for key, name in GERMAN.items()))
+    for columns in (stated, ",".join(f'{key}="{name}"' for key, name in GERMAN.items())):
+        assert_same(read_log(path, [1.0, 1.0], columns=columns), recorded)
 
 
 @pytest.mark.parametrize(
@@ -480,6 +488,19 @@ def test_a_mangled_log_is_read_right_at_once(tmp_path, recorded, form, encoding)
     content = MANGLED[form](recorded)
     content = "\ufeff" + content if encoding in ("utf-16-le", "utf-16-be") else content
     assert_same(read_log(save(tmp_path / "log.csv", content, encoding)), recorded)
+
+
+@pytest.mark.parametrize("form", ["%Y-%m-%d %H:%M:%S.%f", "%Y-%m-%dT%H:%M:%S.%fZ", "%H:%M:%S.%f", "%H:%M:%S,%f"])
+def test_a_time_of_day_or_a_date(tmp_path, recorded, form):
+    start = datetime(2026, 2, 3, 23, 59, 8, 250_000)
+    cells = [(start + timedelta(seconds=t)).strftime(form) for t in recorded["t"]]
+    path = save(tmp_path / "log.csv", text(flat(recorded) | {"t": cells}, ";"))
+    log = read_log(path)
+    midnight = 0.0 if form.startswith("%H") else (datetime(2026, 2, 3) - datetime(1970, 1, 1)).total_seconds()
+    np.testing.assert_allclose(log.t, midnight + 86348.25 + recorded["t"], rtol=0.0, atol=3e-7)
+    assert_same(log, recorded | {"t": log.t})
+    path = save(tmp_path / "bad.csv", text(flat(recorded) | {"t": [*cells[:7], "late", *cells[8:]]}, ";"))
+    assert "bad.csv, row 9: column t holds 'late', not a time; " in refusal(path)
 
 
 def test_a_utf_16_file_without_its_mark(tmp_path, recorded):

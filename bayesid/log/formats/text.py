@@ -13,6 +13,7 @@ import re
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TextIO
 
@@ -64,6 +65,7 @@ class Layout:
         header: the names of the columns, with the units of a second row of the header in brackets.
         header_row: the header's line, from 1.
         rows: lines above the values: the header and those around it.
+        first: the cells of the first row of values.
     """
 
     encoding: str
@@ -72,6 +74,7 @@ class Layout:
     header: tuple[str, ...] = ()
     header_row: int = 1
     rows: int = 1
+    first: tuple[str, ...] = ()
 
     def lines(self, file: TextIO) -> Iterator[str]:
         """The file's lines, their numbers with decimal points."""
@@ -101,14 +104,14 @@ def look(content: bytes, whole: bool = False) -> Layout:
         line, row = lines.readline(), 2
     if "\0" in line:
         raise csv.Error("no text")
-    line, first = line.lstrip("#% "), lines.readline()
-    separator = _separator(line, first)
-    header, values, rows = _split(line, separator), _split(first, separator), row
+    line, beneath = line.lstrip("#% "), lines.readline()
+    separator = _separator(line, beneath)
+    header, values, rows = _split(line, separator), _split(beneath, separator), row
     if _are_units(values, header):
         header, rows = [_joined(*pair) for pair in zip(header, values, strict=True)], row + 1
         values = _split(lines.readline(), separator)
-    comma = separator != "," or (len(values) == len(header) and any("," in cell for cell in values))
-    return Layout(encoding, separator, comma, tuple(header), row, rows)
+    comma = separator != "," or '"' in beneath + lines.read()
+    return Layout(encoding, separator, comma, tuple(header), row, rows, tuple(values))
 
 
 def read_text(path: Path, select: Callable[[Sequence[str], str], Sequence[SourceColumn]]) -> Table:
@@ -130,10 +133,12 @@ def read_text(path: Path, select: Callable[[Sequence[str], str], Sequence[Source
         if all(_is_number(cell.replace(",", ".")) for cell in layout.header):
             raise InputError("holds numbers, not the names of the columns", where, "begin it with t,q1..qn,tau1..taun")
         chosen = sorted(select(layout.header, where), key=lambda source: source.place)  # the first bad one is named
-        values = _read_values(path, layout, [source.place for source in chosen])
+        clock = _clock(layout, chosen)
+        values = _read_values(path, layout, [source.place for source in chosen], clock)
     except (UnicodeDecodeError, csv.Error):
         raise InputError("is not text", str(path), "give a CSV log") from None
-    columns = {source.name: Column(source.label, values[:, source.place], source.unit) for source in chosen}
+    units = {source.place: 1.0 if source.place == clock else source.unit for source in chosen}
+    columns = {one.name: Column(one.label, values[:, one.place], units[one.place]) for one in chosen}
     return Table(columns, str(path), lambda row: _where(path, layout, row))
 
 
@@ -196,10 +201,37 @@ def _open(path: Path, layout: Layout) -> TextIO:
     return path.open(newline="", encoding=layout.encoding)
 
 
-def _read_values(path: Path, layout: Layout, used: list[int]) -> Array:
-    """(N, columns) numbers of the used columns; the other columns come as 0."""
+def _clock(layout: Layout, chosen: Sequence[SourceColumn]) -> int | None:
+    """The place of a time that is written as a date or a time of day; None where it is a number."""
+    places = [one.place for one in chosen if one.name == "t" and one.place < len(layout.first)]
+    return next((place for place in places if _is_clock(layout.first[place])), None)
+
+
+def _seconds(cell: str) -> float:
+    """A date and time by ISO 8601 in s since 1970, UTC where no zone is given, or a time of day in s since midnight.
+
+    Raises:
+        ValueError: it is neither.
+    """
+    cell = cell.strip().strip('"')
+    day = "" if "-" in cell else "1970-01-01T"
+    moment = datetime.fromisoformat(day + cell)
+    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+
+
+def _is_clock(cell: str) -> bool:
+    try:
+        _seconds(cell)
+    except ValueError:
+        return False
+    return ":" in cell
+
+
+def _read_values(path: Path, layout: Layout, used: list[int], clock: int | None) -> Array:
+    """(N, columns) numbers of the used columns, s in that of the clock; the other columns come as 0."""
     n = len(layout.header)
-    ignored: dict[int | str, Callable[[str], float]] = {i: lambda _: 0.0 for i in range(n) if i not in used}
+    converters: dict[int | str, Callable[[str], float]] = {i: lambda _: 0.0 for i in range(n) if i not in used}
+    converters |= {} if clock is None else {clock: _seconds}
     with _open(path, layout) as file, warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of a file without rows, which is refused later
         try:
@@ -210,12 +242,12 @@ def _read_values(path: Path, layout: Layout, used: list[int]) -> Array:
                 comments=None,
                 skiprows=layout.rows,
                 ndmin=2,
-                converters=ignored,
+                converters=converters,
             )
         except UnicodeDecodeError:
             raise
         except ValueError:
-            raise _first_bad_row(path, layout, used) from None
+            raise _first_bad_row(path, layout, used, clock) from None
     if len(values) == 0:
         return np.empty((0, n))
     if values.shape[1] != n:
@@ -232,7 +264,7 @@ def _where(path: Path, layout: Layout, row: int) -> str:
     return f"{path}, row {lines[row]}"
 
 
-def _first_bad_row(path: Path, layout: Layout, used: list[int]) -> InputError:
+def _first_bad_row(path: Path, layout: Layout, used: list[int], clock: int | None) -> InputError:
     """Why the table cannot be read, by a slow second look."""
     with _open(path, layout) as file:
         for number, line in enumerate(layout.lines(file), start=1):
@@ -243,8 +275,8 @@ def _first_bad_row(path: Path, layout: Layout, used: list[int]) -> InputError:
                 said = f"holds {len(cells)} values, the header names {len(layout.header)}"
                 return InputError(said, where, _remedy(number, layout, len(cells)))
             for i in used:
-                if not _is_number(cells[i]):
-                    said = f"column {layout.header[i]} holds {cells[i]!r}, not a number"
+                if not (_is_clock if i == clock else _is_number)(cells[i]):
+                    said = f"column {layout.header[i]} holds {cells[i]!r}, not a {'time' if i == clock else 'number'}"
                     return InputError(said, where, "correct the value")
     return InputError("cannot be read as a table of numbers", str(path), "give a comma-separated file")
 
