@@ -23,6 +23,7 @@ from bayesid.arrays import Array, Integers, Mask, frozen
 from bayesid.errors import InputError
 from bayesid.files import numbered, replace_file, write_columns
 from bayesid.log.formats import Options, Table, is_log_folder, read_table
+from bayesid.log.formats.labels import pattern_of
 from bayesid.log.formats.memory import Variables, read_variables
 from bayesid.log.formats.stated import parse_columns
 from bayesid.log.formats.table import ABSURD, DEGREE
@@ -352,7 +353,10 @@ def _factors(table: Table, gains: Sequence[float] | None) -> Array:
     n, where = table.n_joints, table.source
     if "tau1" in table.columns:
         if gains is not None:
-            raise InputError("gains are given but the log holds torques tau1..taun", where, "drop --gains")
+            remedy = (
+                f'drop --gains, or give --columns i="{pattern_of(table.columns["tau1"].label)}" if they are currents'
+            )
+            raise InputError("gains are given but the log holds torques tau1..taun", where, remedy)
         return np.ones(n)
     if gains is None:
         raise InputError("the log holds currents but no gains are given", where, "give --gains K1,..,Kn in N m/A")

@@ -319,6 +319,24 @@ def test_names_that_leave_open_what_is_meant(tmp_path, recorded, change, said):
     assert said in refusal(save(tmp_path / "log.csv", text(columns)))
 
 
+def test_a_time_that_a_user_names_changes_nothing_else(tmp_path, recorded):
+    """What stands beside a whole log is ignored all the same."""
+    columns = flat({"t": recorded["t"] * 1e3, "q": recorded["q"], "tau": recorded["tau"]})
+    columns |= {"velocity_1": np.full(ROWS, np.nan), "torque_1": np.full(ROWS, np.nan)}
+    path = save(tmp_path / "log.csv", text(columns))
+    assert_same(read_log(path, columns={"t": "t[ms]"}), {name: recorded[name] for name in ("t", "q", "tau")})
+
+
+def test_efforts_that_are_currents(tmp_path, recorded):
+    """As some drivers of ROS have it: the line that refuses them says how they are read."""
+    path = save(tmp_path / "log.csv", text(flat(recorded, tau="effort_{}")))
+    assert_same(read_log(path), recorded)
+    said = refusal(path, gains=[2.0, 3.0])
+    assert 'drop --gains, or give --columns i="effort_{}" if they are currents' in said
+    log = read_log(path, [2.0, 3.0], columns={"i": "effort_{}"})
+    assert_same(log, recorded | {"tau": recorded["tau"] * [2.0, 3.0]})
+
+
 def test_joints_of_an_open_count_are_read_as_stated(tmp_path, recorded):
     """q0 may be a rail before the arm: the suggested line reads the arm alone, and another one the rail too."""
     rail = flat(recorded) | {name: 0.1 * np.arange(ROWS) for name in ("q0", "dq0")}

@@ -23,7 +23,9 @@ from typing import NamedTuple
 
 from bayesid.errors import InputError
 from bayesid.log.formats.base import Format, Options
-from bayesid.log.formats.names import choose, described, has_positions
+from bayesid.log.formats.labels import has_positions
+from bayesid.log.formats.missing import described
+from bayesid.log.formats.names import choose
 from bayesid.log.formats.stated import stated_columns
 from bayesid.log.formats.table import DEGREE, SourceColumn, Table
 from bayesid.log.formats.text import look, read_text

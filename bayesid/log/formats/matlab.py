@@ -15,7 +15,7 @@ import numpy as np
 
 from bayesid.errors import InputError
 from bayesid.log.formats.base import Format, Options
-from bayesid.log.formats.names import WORDS, has_any_positions, kind_of, time_among
+from bayesid.log.formats.labels import WORDS, has_any_positions, kind_of, time_among
 from bayesid.log.formats.table import Table
 from bayesid.log.formats.variables import table_of
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesid.errors import InputError
-from bayesid.log.formats.names import time_among
+from bayesid.log.formats.labels import time_among
 from bayesid.log.formats.table import Table, check
 from bayesid.log.formats.variables import table_of
 

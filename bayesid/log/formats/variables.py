@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError
-from bayesid.log.formats.names import choose, described, kind_of, time_among
+from bayesid.log.formats.labels import kind_of, time_among
+from bayesid.log.formats.missing import described
+from bayesid.log.formats.names import choose
 from bayesid.log.formats.stated import stated_columns
 from bayesid.log.formats.table import Column, SourceColumn, Table, rows_of, seconds
 from bayesid.log.formats.units import split_brackets
