@@ -103,15 +103,15 @@ def test_how_slow_a_log_may_be(tmp_path, recorded, period, refused):
 
 
 def test_a_long_log_in_milliseconds_is_refused_at_once(tmp_path):
-    """100,000 rows of six joints; the limit of a loaded machine is far above what it takes."""
+    """100,000 rows of six joints; processor time, for other programs may run."""
     t = np.arange(100_000) * 2.0
     block = np.sin(1e-3 * t[:, None] + np.arange(12))
     path = tmp_path / "long.csv"
     names = ["t", *(f"q{j}" for j in range(1, 7)), *(f"tau{j}" for j in range(1, 7))]
     np.savetxt(path, np.column_stack([t, block]), "%.6g", ",", header=",".join(names), comments="")
-    began = time.perf_counter()
+    began = time.process_time()
     assert "milliseconds?" in refusal(path)
-    assert time.perf_counter() - began < 5.0
+    assert time.process_time() - began < 5.0
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -268,6 +268,24 @@ def test_columns_of_other_formats(tmp_path, recorded):
         (1, {"t": "Time", "q": "joint_{}", "dq": "velocity_{}", "tau": "effort_{}"}),
         (1, {"t": "Timestamp", "q": "position_{}", "dq": "joint_{}_velocity", "tau": "current_{}"}),
         (1, {"t": "time_s", "q": "joint_{}_position", "dq": "Joint{}Velocity", "tau": "joint{}.torque"}),
+        (
+            0,
+            {
+                "t": "/states/header/stamp",
+                "q": "/states/position[{}]",
+                "dq": "/states/velocity[{}]",
+                "tau": "/states/tau[{}]",
+            },
+        ),
+        (
+            1,
+            {
+                "t": "__time",
+                "q": "/arm/joint_{}/position",
+                "dq": "/arm/joint_{}/velocity",
+                "tau": "/arm/joint_{}/effort",
+            },
+        ),
         (1, {"t": "Zeit [s]", "q": "Achse {} [rad]", "dq": "Geschwindigkeit{}", "tau": "Drehmoment {} [Nm]"}),
         (1, {"t": "Zeit", "q": "Achse{}", "dq": "Geschwindigkeit{} (rad/s)", "tau": "Strom{} [%]"}),
     ],
@@ -282,7 +300,15 @@ def test_usual_names_are_known(tmp_path, recorded, start, names):
 
 def test_the_names_of_a_csv_log_come_first(tmp_path, recorded):
     """As ever: what stands beside a whole log is ignored, whatever it holds."""
-    more = {"time": np.nan, "position_1": np.nan, "velocity_1": np.nan, "torque_1": np.nan, "q_1": np.nan, "Q1": np.nan}
+    more = {
+        "time": np.nan,
+        "position_1": np.nan,
+        "velocity_1": np.nan,
+        "torque_1": np.nan,
+        "q_1": np.nan,
+        "Q1": np.nan,
+        "cmd/q1": np.nan,
+    }
     columns = flat(recorded) | {name: np.full(ROWS, value) for name, value in more.items()}
     assert_same(read_log(save(tmp_path / "log.csv", text(columns))), recorded)
 
@@ -496,6 +522,9 @@ MANGLED = {
     "units beneath": with_units_beneath,
     "line ends of Windows": lambda recorded: text(flat(recorded), ";", ",", "\r\n"),
     "a note of the separator": lambda recorded: "sep=;\r\n" + text(flat(recorded), ";", ",", "\r\n"),
+    "settings above": lambda recorded: f"Recorder 1.2\r\nDate;3.2.2026\r\n\r\n{text(flat(recorded), ';', ',')}",
+    "notes above": lambda recorded: "# Recorder 1.2, of 2026, by hand\n# 125 Hz\n# " + text(flat(recorded)),
+    "separators at the ends": lambda recorded: text(flat(recorded), ";").replace("\n", ";\n").replace(";\n", "\n", 1),
     "header behind a #": lambda recorded: "# " + text(flat(recorded)),
 }
 
@@ -524,6 +553,17 @@ def test_a_time_of_day_or_a_date(tmp_path, recorded, form):
 def test_a_utf_16_file_without_its_mark(tmp_path, recorded):
     for encoding in ("utf-16-le", "utf-16-be"):
         assert_same(read_log(save(tmp_path / "log.csv", text(flat(recorded)), encoding)), recorded)
+
+
+def test_rows_are_counted_from_the_first_line_of_the_file(tmp_path, recorded):
+    content = "Recorder 1.2\n\n" + text(flat(recorded), ";")
+    lines = content.splitlines()
+    lines[9] = lines[9].replace(";", ";nan;", 1).rpartition(";")[0]
+    path = save(tmp_path / "log.csv", "\n".join(lines))
+    assert "log.csv, row 10: column q1 holds nan" in refusal(path)
+    lines[9] = lines[9].replace("nan", "?")
+    assert "log.csv, row 10: column q1 holds '?', not a number" in refusal(save(path, "\n".join(lines)))
+    assert "log.csv, row 3: column q1 is missing" in refusal(save(path, content.replace("q1", "x1")))
 
 
 @pytest.mark.parametrize(

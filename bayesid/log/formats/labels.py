@@ -16,7 +16,7 @@ _VELOCITIES = "dq", "qd", "actual qd", "velocity", "vel", "speed", "joint veloci
 _TORQUES = "tau", "tau j", "torque", "effort", "moment", "joint torque", "joint effort", "actual torque", "drehmoment"
 _CURRENTS = "i", "current", "actual current", "joint current", "motor current", "strom", "motorstrom"
 WORDS = {
-    "t": ("t", "time", "timestamp", "zeit", "zeitstempel"),
+    "t": ("t", "time", "timestamp", "stamp", "zeit", "zeitstempel"),
     "q": (*_POSITIONS, "actual position", "achse", "achswinkel", "gelenk", "gelenkwinkel", "winkel"),
     "dq": (*_VELOCITIES, "actual velocity", "geschwindigkeit"),
     "tau": _TORQUES,
@@ -104,9 +104,11 @@ def _reading(place: int, label: str) -> Reading | None:
     name, unit = split_brackets(label)
     if unit is not None:
         return _with_unit(place, label, name, unit, any_current=True)
+    paths = [label[match.end() :] for match in re.finditer("/", label)]  # of topics: the shortest end that says it
     ends = [match.start() for match in re.finditer("_", label)]
     tailed = (_with_unit(place, label, label[:end], label[end + 1 :]) for end in ends)
-    return _with_unit(place, label, label, None) or next((reading for reading in tailed if reading is not None), None)
+    whole = (_with_unit(place, label, name, None) for name in (label, *reversed(paths)))
+    return next((reading for reading in (*whole, *tailed) if reading is not None), None)
 
 
 def _with_unit(place: int, label: str, name: str, unit: str | None, any_current: bool = False) -> Reading | None:
@@ -120,8 +122,8 @@ def _with_unit(place: int, label: str, name: str, unit: str | None, any_current:
         if kind != "i" or not any_current:
             return None
         factor = 1.0  # gains turn any unit of currents into N m
-    own = 1 if unit is not None else 0
-    rank = own if _OWN.fullmatch(name) else 2 if _JOINT_ZERO.fullmatch(name) else OTHER
+    rank = (1 if unit is not None else 0) if _OWN.fullmatch(name) else 2 if _JOINT_ZERO.fullmatch(name) else OTHER
+    rank = rank if label.startswith(name) else OTHER  # the end of a topic is no name of a CSV log
     return Reading(place, label, kind, word, int(numbers[0]) if numbers else -1, rank, factor)
 
 

@@ -28,8 +28,10 @@ from bayesid.log.formats.units import is_unit, split_brackets
 
 _SEPARATORS = ",", ";", "\t", "|", " "
 """What may be between two columns; spaces count in any number."""
-_ASIDE = re.compile(r"sep=.\s*", re.IGNORECASE)
-"""A line before the header in which spreadsheets note the separator."""
+_ABOVE = 100
+"""Lines in which the header is looked for: recorders write their settings above it, spreadsheets the separator."""
+_FEWEST = 3
+"""Columns of a log, at least: time, position and effort of one joint."""
 _HEADER = 1 << 20
 """Bytes in which the header and the first values are: more than any has."""
 _QUOTED = re.compile(r'"[^"]*"')
@@ -98,20 +100,20 @@ def look(content: bytes, whole: bool = False) -> Layout:
     """
     encoding = _encoding(content, whole)
     text = codecs.getincrementaldecoder(encoding)().decode(content[:_HEADER])
-    lines = io.StringIO(text, newline="")
-    line, row = lines.readline(), 1
-    if _ASIDE.fullmatch(line):
-        line, row = lines.readline(), 2
-    if "\0" in line:
+    lines = io.StringIO(text, newline="").readlines()
+    if lines and "\0" in lines[0]:
         raise csv.Error("no text")
-    line, beneath = line.lstrip("#% "), lines.readline()
+    row = next((k for k in range(min(len(lines), _ABOVE)) if _is_header(*_two(lines, k))), 0)
+    line, beneath = _two(lines, row)
     separator = _separator(line, beneath)
-    header, values, rows = _split(line, separator), _split(beneath, separator), row
+    header, values, rows = _names(line, separator), _split(beneath, separator), row + 1
     if _are_units(values, header):
-        header, rows = [_joined(*pair) for pair in zip(header, values, strict=True)], row + 1
-        values = _split(lines.readline(), separator)
-    comma = separator != "," or '"' in beneath + lines.read()
-    return Layout(encoding, separator, comma, tuple(header), row, rows, tuple(values))
+        header, rows = [_joined(*pair) for pair in zip(header, values, strict=True)], row + 2
+        values = _split(_two(lines, row + 1)[1], separator)
+    if len(values) == len(header) + 1 and not values[-1]:  # every row ends with a separator, but the header
+        header = [*header, ""]
+    comma = separator != "," or any('"' in line for line in lines[row + 1 :])
+    return Layout(encoding, separator, comma, tuple(header), row + 1, rows, tuple(values))
 
 
 def read_text(path: Path, select: Callable[[Sequence[str], str], Sequence[SourceColumn]]) -> Table:
@@ -130,13 +132,13 @@ def read_text(path: Path, select: Callable[[Sequence[str], str], Sequence[Source
         where = f"{path}, row {layout.header_row}"
         if not any(layout.header):
             raise InputError("does not begin with a header", str(path), "begin it with t,q1..qn,tau1..taun")
-        if all(_is_number(cell.replace(",", ".")) for cell in layout.header):
+        if all(map(_is_value, layout.header)):
             raise InputError("holds numbers, not the names of the columns", where, "begin it with t,q1..qn,tau1..taun")
         chosen = sorted(select(layout.header, where), key=lambda source: source.place)  # the first bad one is named
         clock = _clock(layout, chosen)
         values = _read_values(path, layout, [source.place for source in chosen], clock)
     except (UnicodeDecodeError, csv.Error):
-        raise InputError("is not text", str(path), "give a CSV log") from None
+        raise InputError("is not text", str(path), "give a CSV log (save a spreadsheet as CSV)") from None
     units = {source.place: 1.0 if source.place == clock else source.unit for source in chosen}
     columns = {one.name: Column(one.label, values[:, one.place], units[one.place]) for one in chosen}
     return Table(columns, str(path), lambda row: _where(path, layout, row))
@@ -162,11 +164,34 @@ def _encoding(content: bytes, whole: bool) -> str:
     return "utf-8"
 
 
+def _two(lines: Sequence[str], row: int) -> tuple[str, str]:
+    """A line, counted from 0, and the next that is not blank; nothing behind the last."""
+    return "".join(lines[row : row + 1]), next((line for line in lines[row + 1 :] if line.strip()), "")
+
+
+def _is_header(line: str, beneath: str) -> bool:
+    """Whether a line names columns, and the next has as many values, or their units: above may stand anything."""
+    separator = _separator(line, beneath)
+    names, cells = _names(line, separator), _split(beneath, separator)
+    if len(names) < _FEWEST or len(cells) not in (len(names), len(names) + 1) or any(map(_is_value, names)):
+        return False
+    return any(map(_is_value, cells)) or _are_units(cells, names)
+
+
+def _names(line: str, separator: str) -> list[str]:
+    """The names of a header, before which a sign of a comment may stand."""
+    return _split(line.lstrip("#% "), separator)
+
+
+def _is_value(cell: str) -> bool:
+    return _is_number(cell.replace(",", "."))
+
+
 def _separator(line: str, first: str) -> str:
     """What cuts the header into most columns, if possible as many as the first row; spaces where nothing else does."""
     found: dict[str, tuple[bool, bool, int]] = {}
     for separator in _SEPARATORS:
-        if (count := len(_split(line, separator))) > 1:
+        if (count := len(_names(line, separator))) > 1:
             found[separator] = separator != " ", count == len(_split(first, separator)), count
     return max(found, key=lambda separator: found[separator], default=",")
 
