@@ -14,6 +14,7 @@ from bayesid.cli.terminal import warn
 from bayesid.errors import InputError
 from bayesid.fit.effects.kinematics import KinematicTolerance
 from bayesid.fit.knowledge import Beliefs, Links, read_nominal
+from bayesid.log.formats.stated import parse_columns
 from bayesid.log.log import Log, read_log
 from bayesid.model.terms import RigidBody
 from bayesid.posterior.sampler import Sampling
@@ -23,7 +24,8 @@ def reading_options(options: argparse.Namespace) -> dict[str, Any]:
     """Keyword arguments of `bayesid.read_log`."""
     joints = None if options.joints is None else [name.strip() for name in options.joints.split(",")]
     direct = {name: getattr(options, name) for name in ("unsigned", "degrees", "topic")}
-    return {"gains": _gains(options.gains), "joints": joints, **direct}
+    columns = None if options.columns is None else parse_columns(options.columns)
+    return {"gains": _gains(options.gains), "joints": joints, "columns": columns, **direct}
 
 
 def read(path: Path, reading: Mapping[str, Any]) -> Log:

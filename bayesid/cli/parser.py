@@ -115,6 +115,11 @@ _SHARED: dict[str, dict[str, Any]] = {
         "action": argparse.BooleanOptionalAction,
         "help": "positions and velocities without a unit are in degrees; --no-degrees: in rad, however large",
     },
+    "--columns": {
+        "metavar": 'T="..",Q="..{}",..',
+        "help": 'what the log calls its columns, as in t="Zeit [ms]",q="Achse{} [Grad]",i="Strom{} [A]", or a TOML '
+        "file with such lines (default: the usual names)",
+    },
     "--topic": {"metavar": "/NAME", "help": "of a ROS bag with joint states of several topics"},
     "--joints": {"metavar": "A,B,..", "help": "names of a ROS bag's joints, from base to tip"},
     "--search-budget": {"type": float, "metavar": "S"},
@@ -136,7 +141,7 @@ _SHARED: dict[str, dict[str, Any]] = {
     "--out": {"type": Path},
     "--quiet": {"action": "store_true", "help": "print nothing but warnings and errors"},
 }
-_READING = "--gains", "--unsigned", "--degrees", "--topic", "--joints"
+_READING = "--gains", "--unsigned", "--degrees", "--columns", "--topic", "--joints"
 """How a log is to be read, see `bayesid.read_log`."""
 
 
@@ -192,6 +197,7 @@ def _add_identify(commands: _Commands) -> None:
         "bayesid identify monday.csv tuesday.csv --robot ur10e --search-budget 30",
         "bayesid identify 'week/*.csv' --each --robot ur10e --workers 2 --out week-by-day",
         "bayesid identify kuka_rsi.csv --robot kr5 --gains 2.1,2.0,1.1,0.6,0.6,0.3",
+        "bayesid identify messung.csv --robot kr5 --columns 't=Zeit [ms],q=Achse{} [Grad],tau=Moment{}'",
         "bayesid identify my_bag --robot robot.urdf --topic /joint_states",
     ]
     parser = _command(commands, "identify", "signs, coefficients and feasible parameters from a log", examples)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -25,7 +24,7 @@ from bayesid.identification.identification import Identification
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.options import Preparation
 from bayesid.identification.pipeline import QUICK, identify_again
-from bayesid.log.log import Log, read_log
+from bayesid.log.log import LogSource, as_log
 from bayesid.log.signals import prepare
 from bayesid.model.coefficients import base_coefficients
 from bayesid.posterior.sampler import Sampling
@@ -91,8 +90,8 @@ class Discrepancy:
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def find_discrepancy(
     earlier: IdentifiedModel | Identification,
-    log: Log | str | Path,
-    holdout: Log | str | Path | None = None,
+    log: LogSource,
+    holdout: LogSource | None = None,
     *,
     search: Search = QUICK,
     posterior: Sampling | bool = True,
@@ -104,7 +103,7 @@ def find_discrepancy(
 
     Args:
         earlier: an identification of the robot, or a stored one: the model, what is known of it, and its noise.
-        log: a log of the same robot.
+        log: a log of the same robot, or anything that `bayesid.read_log` reads.
         holdout: another one, to score by; without it stretches of the log are held back.
         search: how signs are searched under the extended model.
         posterior: how that of the extended model is sampled, or whether it is.
@@ -117,8 +116,8 @@ def find_discrepancy(
         SolverError: an optimisation failed.
     """
     began = time.perf_counter()
-    log = log if isinstance(log, Log) else read_log(log)
-    later = None if holdout is None else holdout if isinstance(holdout, Log) else read_log(holdout)
+    log = as_log(log)
+    later = None if holdout is None else as_log(holdout)
     model, cutoff = earlier.knowledge.model, preparation.cutoff
     check_log(model.robot, log)
     trial = shortened(make_trial(model, prepare(log, cutoff), thresholds))

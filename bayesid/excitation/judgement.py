@@ -20,7 +20,7 @@ from bayesid.errors import InputError
 from bayesid.excitation.expectation import Expectation, check_noise, expect, undecided
 from bayesid.excitation.resolvability import INDEPENDENT, JointFlips, SegmentFlips, groups_of, mistaken, turn_measured
 from bayesid.fit.moments import moments
-from bayesid.log.log import Log, read_log
+from bayesid.log.log import LogSource, as_log
 from bayesid.log.segments import Segments, find_segments
 from bayesid.log.signals import Signals, prepare
 from bayesid.model import terms as catalogue
@@ -105,7 +105,7 @@ class ExcitationJudgement:
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def judge_log(
     robot: Robot | str | Path,
-    log: Log | str | Path,
+    log: LogSource,
     terms: Iterable[str] = catalogue.STANDARD,
     *,
     noise: float = 0.05,
@@ -116,7 +116,7 @@ def judge_log(
 
     Args:
         robot: a robot, a built-in name or a file.
-        log: a log or a file, see `bayesid.read_log`.
+        log: a log, or anything that `bayesid.read_log` reads.
         terms: names from `bayesid.model.terms.CATALOGUE`: what is to be identified.
         noise: of the efforts, relative to each joint's RMS effort.
         cutoff: of the motion's low-pass, Hz; from the data by default.
@@ -127,7 +127,7 @@ def judge_log(
     """
     check_noise(noise)
     robot = robot if isinstance(robot, Robot) else load_robot(robot)
-    log = log if isinstance(log, Log) else read_log(log)
+    log = as_log(log)
     if robot.n_joints != log.n_joints:
         problem = f"the log has {log.n_joints} joints, robot {robot.name} has {robot.n_joints}"
         raise InputError(problem, log.source, "give the log and the robot that belong together")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.other_readings import BetterReading
 from bayesid.identification.provenance import Provenance
 from bayesid.identification.validation import Validation
-from bayesid.log.log import Log
+from bayesid.log.log import Log, LogSource
 from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals
 from bayesid.model.coefficients import BaseCoefficients
@@ -177,6 +176,6 @@ class Identification:
         """(N, n) the likelier sign of every sample, +1 or -1."""
         return np.where(self.probability >= 0.5, 1.0, -1.0)
 
-    def validate(self, log: Log | str | Path, cutoff: float | None = None) -> Validation:
+    def validate(self, log: LogSource, cutoff: float | None = None) -> Validation:
         """Predicts another log of the same robot (see `IdentifiedModel.validate`)."""
         return self.identified.validate(log, cutoff)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from bayesid.arrays import Array
 from bayesid.fit.knowledge import Knowledge
 from bayesid.fit.noise import Noise
 from bayesid.identification.validation import PredictedEfforts, Validation, check_joints, compare
-from bayesid.log.log import Log, read_log
+from bayesid.log.log import LogSource, as_log
 from bayesid.log.signals import prepare
 from bayesid.model.model import Model
 from bayesid.motion import Motion
@@ -71,17 +70,17 @@ class IdentifiedModel:
         sd = np.hypot(np.concatenate(of_model), np.sqrt(np.mean(self.draws.sigma**2, axis=0)))
         return PredictedEfforts(predicted, sd, "parameters and noise, by the posterior")
 
-    def validate(self, log: Log | str | Path, cutoff: float | None = None) -> Validation:
+    def validate(self, log: LogSource, cutoff: float | None = None) -> Validation:
         """Predicts a log's efforts from its motion, settles the unknown signs under the model, and compares.
 
         Args:
-            log: a log of the same robot, or its file.
+            log: a log of the same robot, or anything that `bayesid.read_log` reads.
             cutoff: of the motion's low-pass, Hz; from the data by default.
 
         Raises:
             InputError: the log cannot be read, or has another number of joints.
         """
-        log = log if isinstance(log, Log) else read_log(log)
+        log = as_log(log)
         check_joints(self.model.robot, log)
         signals = prepare(log, cutoff)
         return compare(log, signals, self.model.robot, self.predict(signals.motion), self.noise)

@@ -27,7 +27,7 @@ from bayesid.identification.options import Completeness, Preparation, check_comp
 from bayesid.identification.other_readings import suspected_reading
 from bayesid.identification.provenance import record_provenance
 from bayesid.identification.warnings import warnings_of
-from bayesid.log.log import Log, read_log
+from bayesid.log.log import Log, LogSource, as_log
 from bayesid.log.segments import Segments, find_segments
 from bayesid.log.signals import Signals, prepare
 from bayesid.model import terms as catalogue
@@ -69,7 +69,7 @@ _SILENT_EFFORT = 1e-24
 @threadpool_limits.wrap(limits=1, user_api="blas")  # matrices are small: threads only wait for each other
 def identify(
     robot: Robot | str | Path,
-    log: Log | str | Path,
+    log: LogSource,
     terms: Iterable[str] = catalogue.STANDARD,
     *,
     complete: Completeness = "auto",
@@ -83,7 +83,7 @@ def identify(
 
     Args:
         robot: a robot, a built-in name or a file.
-        log: a log or a file, see `bayesid.read_log`.
+        log: a log, or anything that `bayesid.read_log` reads.
         terms: names from `bayesid.model.terms.CATALOGUE`.
         complete: what the rest of the catalogue has a say in: "auto", the model and the uncertainty;
             "only-uncertainty"; or "off", nothing.
@@ -108,7 +108,7 @@ def identify(
     run = _Run(search, posterior, preparation, beliefs, progress, subject)
     progress("prepare", 0, 1)
     robot = robot if isinstance(robot, Robot) else load_robot(robot)
-    log = log if isinstance(log, Log) else read_log(log)
+    log = as_log(log)
     _check(robot, log)
     signals = prepare(log, preparation.cutoff)
     model = Model(robot, catalogue.make_terms(terms, robot, signals.motion))
@@ -366,7 +366,9 @@ def segment_signs(segments: Segments, probability: Array, effort: Array) -> tupl
 def _check(robot: Robot, log: Log) -> None:
     if robot.n_joints != log.n_joints:
         counts = f"the log has {log.n_joints} joints, robot {robot.name} has {robot.n_joints}"
-        raise InputError(counts, log.source, "give the log and the robot that belong together")
+        remedy = "give the log and the robot that belong together"
+        fewer = " (or, with --columns, those of the robot's joints alone)" if log.n_joints > robot.n_joints else ""
+        raise InputError(counts, log.source, remedy + fewer)
     for j in np.flatnonzero(np.ptp(log.q, axis=0) < _LEAST_MOTION):
         raise InputError(f"joint {j + 1} does not move", log.source, "record a motion in which every joint moves")
 

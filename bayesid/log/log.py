@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from glob import glob
 from itertools import chain
 from math import pi
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -22,6 +23,9 @@ from bayesid.arrays import Array, Integers, Mask, frozen
 from bayesid.errors import InputError
 from bayesid.files import numbered, replace_file, write_columns
 from bayesid.log.formats import Options, Table, is_log_folder, read_table
+from bayesid.log.formats.labels import pattern_of
+from bayesid.log.formats.memory import Variables, read_variables
+from bayesid.log.formats.stated import parse_columns
 from bayesid.log.formats.table import ABSURD, DEGREE
 
 _FEW_TURNS = 4.0 * pi
@@ -145,21 +149,27 @@ class Log:
         return int(self.q.shape[1])
 
 
+LogSource: TypeAlias = Log | str | Path | Variables
+"""What stands for a log wherever one is asked for."""
+
+
 def read_log(
-    path: str | Path,
+    source: str | Path | Variables,
     gains: Sequence[float] | None = None,
     unsigned: str | None = None,
     *,
     degrees: bool | None = None,
     topic: str | None = None,
     joints: Sequence[str] | None = None,
+    columns: Mapping[str, str] | str | Path | None = None,
 ) -> Log:
-    """Reads and checks a log in one of the formats of `bayesid.log.formats`.
+    """Reads and checks a log in one of the formats of `bayesid.log.formats`, or one that is in memory.
 
     What had to be assumed, such as the order of a bag's joints, is said in a `UserWarning`.
 
     Args:
-        path: the file, or a folder that is a recording.
+        source: the file, or a folder that is a recording; or a data frame, a structured array or a dict with columns
+            named as in a file, or with `t` (N,), `q` (N, n), `tau` or `i` (N, n), and `dq` (N, n) if measured.
         gains: n drive gains, N m/A, for a log of currents i1..in; efforts that the format leaves open (those of a ROS
             bag) are then currents.
         unsigned: "all", "none" or 1-based joints as in "1,3"; by default a joint whose effort is never negative.
@@ -169,21 +179,27 @@ def read_log(
         topic: of a recording with joint states of several topics; by default the only one with efforts.
         joints: names from base to tip, where joints have names; by default all, in the order of their numbers, or else
             in that of the first message.
+        columns: what the file calls t, q, dq, and tau or i, as in {"t": "Zeit [ms]", "q": "Achse{} [Grad]"}: `{}`
+            stands for the joints' numbers, from 0 or from 1, `{2-7}` for those from 2 to 7, and q1, q2, .. are one
+            joint's. Units in brackets count. Or as on the command line, or a TOML file. By default the usual names.
 
     Raises:
         InputError: the file, a row, a column or an option cannot be used.
+
+    Example:
+        >>> t = np.arange(200) / 100.0
+        >>> q = np.column_stack([np.sin(t), np.cos(3.0 * t)])
+        >>> bayesid.read_log({"t": t, "q": q, "tau": 5.0 * q}).n_joints
+        2
     """
-    table = read_table(Path(path), Options(topic=topic, joints=joints, currents=gains is not None))
+    stated = parse_columns(str(columns)) if isinstance(columns, str | Path) else columns
+    options = Options(topic=topic, joints=joints, currents=gains is not None, columns=stated)
+    table = read_table(Path(source), options) if isinstance(source, str | Path) else _in_memory(source, options)
     angle, factors = _angle(table, degrees), _factors(table, gains)
     q, measured = table.block("q", angle), table.block("tau" if "tau1" in table.columns else "i")
     signed = _signed(measured, unsigned, table.n_joints)
     effort = measured * factors
-    for j in np.flatnonzero(np.ptp(q, axis=0) == 0.0):
-        said = f"column {table.columns[f'q{j + 1}'].label} is constant"
-        raise InputError(said, table.source, "record a motion in which every joint moves")
-    for j in np.flatnonzero(~np.any(effort, axis=0)):
-        said = f"the effort of joint {j + 1} is zero in every row"
-        raise InputError(said, table.source, "check that its sensor was read")
+    _check_blocks(table, q, effort)
     for note in table.notes:
         warnings.warn(note, stacklevel=2)
     return Log(
@@ -194,6 +210,15 @@ def read_log(
         dq=table.block("dq", angle) if "dq1" in table.columns else None,
         source=table.source,
     )
+
+
+def as_log(source: LogSource) -> Log:
+    """A log as it is, and anything else as `read_log` reads it.
+
+    Raises:
+        InputError: it cannot be used.
+    """
+    return source if isinstance(source, Log) else read_log(source)
 
 
 def find_logs(patterns: Sequence[str | Path]) -> list[Path]:
@@ -295,6 +320,23 @@ def write_log(path: str | Path, log: Log) -> None:
 # ---------------------------------------------------------------------------------------------------------------
 # What a table's numbers mean
 # ---------------------------------------------------------------------------------------------------------------
+def _in_memory(source: Variables, options: Options) -> Table:
+    for name in ("topic", "joints"):
+        if getattr(options, name) is not None:
+            raise InputError(f"is in memory, which has no {name}", type(source).__name__, f"leave {name} out")
+    return read_variables(source, options.columns)
+
+
+def _check_blocks(table: Table, q: Array, effort: Array) -> None:
+    """Each joint has moved, and its sensor was read."""
+    for j in np.flatnonzero(np.ptp(q, axis=0) == 0.0):
+        said = f"column {table.columns[f'q{j + 1}'].label} is constant"
+        raise InputError(said, table.source, "record a motion in which every joint moves")
+    for j in np.flatnonzero(~np.any(effort, axis=0)):
+        said = f"the effort of joint {j + 1} is zero in every row"
+        raise InputError(said, table.source, "check that its sensor was read")
+
+
 def _angle(table: Table, degrees: bool | None) -> float:
     """The unit, rad, of the positions of which the file does not say it."""
     if degrees is None:
@@ -311,7 +353,10 @@ def _factors(table: Table, gains: Sequence[float] | None) -> Array:
     n, where = table.n_joints, table.source
     if "tau1" in table.columns:
         if gains is not None:
-            raise InputError("gains are given but the log holds torques tau1..taun", where, "drop --gains")
+            remedy = (
+                f'drop --gains, or give --columns i="{pattern_of(table.columns["tau1"].label)}" if they are currents'
+            )
+            raise InputError("gains are given but the log holds torques tau1..taun", where, remedy)
         return np.ones(n)
     if gains is None:
         raise InputError("the log holds currents but no gains are given", where, "give --gains K1,..,Kn in N m/A")

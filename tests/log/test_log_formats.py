@@ -468,7 +468,10 @@ def test_lost_and_repeated_packets(tmp_path, recorded):
         ({"aipos_a2": 1.0}, "row 1: columns AIPos.A2 and aipos_a2 hold the same"),
         ({"R2.AIPos.A1": 1.0, "R2.AIPos.A2": 1.0, "R2.AIPos.A3": 1.0}, "AIPos.A1 and R2.AIPos.A1 hold the same"),
         ({"Torque.A1": 1.0, "GearTorque.A1": 1.0}, "row 1: Torque.A1 and GearTorque.A1 are torques; leave all but one"),
-        ({"IPOC": None, "Time": 4.0}, "column Time grows by 4 a row: does it count ms?; call it Time[ms], or Time[s]"),
+        (
+            {"IPOC": None, "Time": 4.0},
+            "column Time spans 252 s with steps of 4 s: milliseconds?; name the column Time[ms]",
+        ),
         ({"MACur.A2": None, "MACur.A2[%]": np.nan}, "row 2: column MACur.A2[%] holds nan"),
         ({"AxisVel.A1": None, "AxisVel.A1[%]": 1.0}, "column AxisVel.A1[%] is in a unit that is not known; give it in"),
         ({"AIPos.A3": np.nan}, "row 2: column AIPos.A3 holds nan"),
@@ -491,10 +494,12 @@ def test_a_bad_number_in_a_semicolon_table(tmp_path, recorded):
     assert "row 7: column IPOC holds 'x', not a number" in refusal(path)
 
 
-def test_our_own_header_wants_commas(tmp_path, recorded):
-    for separator, word in {";": "semicolons", "\t": "tabs"}.items():
-        path = write_text(tmp_path / "log.csv", flat(recorded), separator)
-        assert f"row 1: column t is missing; separate the columns by commas, not by {word}" in refusal(path)
+def test_a_user_names_the_columns_of_kuka(tmp_path, recorded):
+    """The time alone, in a unit that the header does not state, or all."""
+    path = write_text(tmp_path / "rsi.csv", kuka(recorded, effort="Torque.A", clock="Time"), ";", ",")
+    assert_same(read_log(path, columns={"t": "Time[ms]"}), recorded, atol=1e-13)
+    columns = {"t": "Time [ms]", "q": "AIPos.A{}", "tau": "Torque.A{}", "dq": "AxisVel.A{} [deg/s]"}
+    assert_same(read_log(path, columns=columns, degrees=True), recorded, atol=1e-13)
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -19,11 +19,13 @@ class Options:
         topic: the one to read, of several.
         joints: names from base to tip.
         currents: whether efforts without a unit are currents, A.
+        columns: what the log's columns are called, see `bayesid.log.formats.stated`.
     """
 
     topic: str | None = None
     joints: Sequence[str] | None = None
     currents: bool = False
+    columns: Mapping[str, str] | None = None
 
 
 class Format(ABC):

@@ -16,18 +16,20 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
 from bayesid.errors import InputError
 from bayesid.log.formats.base import Format, Options
-from bayesid.log.formats.names import UNITS, SourceColumn, has_positions
-from bayesid.log.formats.table import DEGREE, Table
-from bayesid.log.formats.text import Dialect, first_line, read_text
+from bayesid.log.formats.labels import has_positions
+from bayesid.log.formats.missing import described
+from bayesid.log.formats.names import choose
+from bayesid.log.formats.stated import stated_columns
+from bayesid.log.formats.table import DEGREE, SourceColumn, Table
+from bayesid.log.formats.text import look, read_text
+from bayesid.log.formats.units import UNITS, factor_of
 
 _TIME = re.compile(r"(?P<prefix>.*[._ ])?ipoc|(?P<plain>t|time|zeit)", re.IGNORECASE)
 _TORQUES = "Torque", "GearTorque", "AxisTorque"
@@ -37,42 +39,27 @@ _AXIS = re.compile(
     re.IGNORECASE,
 )
 _UNIT = re.compile(r"(?P<name>.*?)\s*[\[(](?P<unit>[^])]+)[\])]")
-_SLOWEST = 1.0
-"""s; a controller's clock ticks every few ms, so what ticks no faster counts ms. Anything between the two would do."""
-_NEEDED = "needed are IPOC or Time, AIPos.A1.. and MACur.A1.. or Torque.A1.."
+_NEEDED = "needed are IPOC or Time, AIPos.A1.. and MACur.A1.. or Torque.A1.., or --columns"
 _SHOWN = 30
 """Names of a header that a message shows."""
-
-
-_DIALECTS = Dialect(";", decimal_comma=True), Dialect("\t", decimal_comma=True), Dialect()
-"""With semicolons and tabs it stays open what a comma is, so both are decimal points."""
 
 
 class KukaTable(Format):
     """A table whose header names the axes of a controller, or its clock."""
 
     name = "a KUKA table"
+    options = frozenset({"columns"})
 
     def recognises(self, path: Path, head: bytes) -> bool:
         """Whether the header is a controller's, and not that of a CSV log."""
-        return _dialect(first_line(head)) is not None
+        try:
+            return _is_kuka(look(head).header)
+        except (UnicodeDecodeError, csv.Error):
+            return False
 
     def read(self, path: Path, options: Options) -> Table:
-        """The columns of a log."""
-        with path.open("rb") as file:
-            dialect = _dialect(first_line(file.readline()))
-        return _check(read_text(path, dialect or Dialect(), _choose))
-
-
-def _dialect(line: str) -> Dialect | None:
-    """How a file with this header writes a table; None if it is none of a controller's."""
-    for dialect in _DIALECTS:
-        try:
-            if _is_kuka(dialect.header(line)):
-                return dialect
-        except csv.Error:
-            continue
-    return None
+        """The columns of a log; a user may name the time of one, or all."""
+        return _noted(read_text(path, lambda header, where: _chosen(header, where, options.columns or {})))
 
 
 class _Kind(NamedTuple):
@@ -123,10 +110,10 @@ class _Columns:
         label = self.header[place]
         bracketed = _UNIT.fullmatch(label)
         if bracketed is not None and name != "i":  # gains turn any unit of currents into N m
-            if bracketed["unit"] not in UNITS[name]:
+            unit = factor_of(name, bracketed["unit"])
+            if unit is None:
                 said = f"column {label} is in a unit that is not known"
                 raise InputError(said, self.where, f"give it in {', '.join(UNITS[name])}")
-            unit = UNITS[name][bracketed["unit"]]
         return SourceColumn(f"{name}{axis}" if axis else name, place, label, unit)
 
 
@@ -134,6 +121,14 @@ def _is_kuka(header: Sequence[str]) -> bool:
     """Whether a header names the axes of a KUKA controller, or its clock, and not the joints of a CSV log."""
     kinds = {kind.quantity for kind, _ in filter(None, map(_parse, header))}
     return bool(kinds & {"aipos", "aspos", "a", "ipoc"}) and not has_positions(header)
+
+
+def _chosen(header: Sequence[str], where: str, columns: Mapping[str, str]) -> tuple[SourceColumn, ...]:
+    """The columns that make a log, by the controller's names but for a time that a user has named, or by the user's."""
+    if set(columns) - {"t"}:
+        return choose(header, where, columns)
+    stated = {source.name: source for source in stated_columns(header, columns, where, described(header))}
+    return tuple(stated.get(source.name, source) for source in _choose(header, where))
 
 
 def _choose(header: Sequence[str], where: str) -> tuple[SourceColumn, ...]:
@@ -170,17 +165,8 @@ def _choose(header: Sequence[str], where: str) -> tuple[SourceColumn, ...]:
     return tuple(chosen)
 
 
-def _check(table: Table) -> Table:
-    """The table itself, if its time is in s; with a note if its positions are commanded ones.
-
-    Raises:
-        InputError: it looks as if it counted ms.
-    """
-    t = table.columns["t"]
-    steps = np.diff(t.values)
-    if t.unit is None and np.any(steps > 0.0) and np.median(steps[steps > 0.0]) >= _SLOWEST:
-        said = f"column {t.label} grows by {np.median(steps[steps > 0.0]):g} a row: does it count ms?"
-        raise InputError(said, table.source, f"call it {t.label}[ms], or {t.label}[s] if it does not")
+def _noted(table: Table) -> Table:
+    """The table itself, with a note if its positions are commanded ones."""
     if "aspos" in table.columns["q1"].label.lower():
         said = f"{table.source}: positions are commanded ones (ASPos); the axes lag behind them"
         return replace(table, notes=(*table.notes, said))

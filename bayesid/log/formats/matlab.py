@@ -1,34 +1,25 @@
 """MATLAB files: version 5 and older through scipy, version 7.3 (HDF5) through h5py.
 
 Either as variables, or as the fields of one struct: `t` (N,), `q` (N, n) or (n, N), `tau` or `i` alike, and `dq` if
-velocities were measured; or vectors `q1..qn` and so on, as in a CSV log. Some other names are understood:
-see `_ALIASES`.
+velocities were measured; or vectors `q1..qn` and so on, as in a CSV log; or the same by the other usual names (see
+`bayesid.log.formats.names`).
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bayesid.arrays import Array
 from bayesid.errors import InputError
 from bayesid.log.formats.base import Format, Options
-from bayesid.log.formats.names import choose
-from bayesid.log.formats.table import Column, Table, rows_of
+from bayesid.log.formats.labels import WORDS, has_any_positions, kind_of, time_among
+from bayesid.log.formats.table import Table
+from bayesid.log.formats.variables import table_of
 
-_ALIASES = {
-    "t": ("t", "time"),
-    "q": ("q", "position"),
-    "dq": ("dq", "qd", "velocity"),
-    "tau": ("tau", "torque"),
-    "i": ("i", "current"),
-}
-"""What the variables of a log are called."""
-_NEEDED = "save t (N x 1), q (N x n) and tau or i (N x n), or one struct that holds them"
+_NEEDED = "save t (N x 1), q (N x n) and tau or i (N x n), or one struct that holds them, or give --columns"
 _HDF5 = b"MATLAB 7.3"
 
 
@@ -38,14 +29,15 @@ class MatlabFile(Format):
     name = "a MATLAB file"
     magic = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
     extensions = (".mat",)
+    options = frozenset({"columns"})
     order = 1
 
     def read(self, path: Path, options: Options) -> Table:
         """The columns of a log."""
-        return _read(path)
+        return _read(path, options)
 
 
-def _read(path: Path) -> Table:
+def _read(path: Path, options: Options) -> Table:
     with path.open("rb") as file:
         load = _load_hdf5 if file.read(len(_HDF5)) == _HDF5 else _load
     try:
@@ -53,13 +45,11 @@ def _read(path: Path) -> Table:
     except Exception as error:  # a damaged file raises whatever the parser stumbles over
         said = f"cannot be read as a MATLAB file ({type(error).__name__})"
         raise InputError(said, str(path), "save it again with save(..., '-v7')") from None
-    columns = _columns(_log_of(variables, str(path)), str(path))
-    chosen = choose(list(columns), str(path))
-    return Table(
-        {source.name: Column(source.label, columns[source.label], source.unit) for source in chosen},
-        str(path),
-        rows_of(str(path)),
-    )
+    found = _log_of(variables, str(path), named=bool(options.columns))
+    for kind in WORDS if not options.columns else ():
+        if len(same := [name for name in found if kind_of(name) == kind]) > 1:
+            raise InputError(f"variables {' and '.join(same)} may be the same", str(path), "save one of them only")
+    return table_of(found, str(path), options.columns)
 
 
 def _load(path: Path) -> dict[str, Any]:
@@ -81,11 +71,20 @@ def _load_hdf5(path: Path) -> dict[str, Any]:
         return {name: plain(file[name]) for name in file if not name.startswith("#")}
 
 
-def _log_of(variables: Mapping[str, Any], where: str) -> Mapping[str, Any]:
-    """What holds the log: the variables themselves, or the only struct with a time and positions."""
+def _log_of(variables: Mapping[str, Any], where: str, named: bool) -> Mapping[str, Any]:
+    """What holds the log: the variables themselves, or the only struct with a time and positions.
+
+    Args:
+        variables: of the file.
+        where: for messages.
+        named: whether a user says what they are called: any may then be a log.
+    """
     if _is_log(variables):
         return variables
-    structs = {name: value for name, value in variables.items() if isinstance(value, Mapping) and _is_log(value)}
+    candidates = {name: value for name, value in variables.items() if isinstance(value, Mapping)}
+    structs = {name: value for name, value in candidates.items() if _is_log(value)}
+    if named and not structs:
+        return next(iter(candidates.values())) if len(candidates) == 1 else variables
     if len(structs) > 1:
         raise InputError(f"structs {' and '.join(structs)} both hold a log", where, "save one of them by itself")
     if not structs:
@@ -95,45 +94,4 @@ def _log_of(variables: Mapping[str, Any], where: str) -> Mapping[str, Any]:
 
 
 def _is_log(variables: Mapping[str, Any]) -> bool:
-    return all(set(names) & set(variables) for names in (_ALIASES["t"], (*_ALIASES["q"], "q1")))
-
-
-def _columns(variables: Mapping[str, Any], where: str) -> dict[str, Array]:
-    """The columns, (N,) each, of vectors and matrices."""
-    named = {kind: [name for name in names if name in variables] for kind, names in _ALIASES.items()}
-    for names in named.values():
-        if len(names) > 1:
-            raise InputError(f"variables {' and '.join(names)} may be the same", where, "save one of them only")
-    t = _numbers(variables, named["t"][0], where)
-    if t.ndim != 1:
-        raise InputError(f"variable {named['t'][0]} has shape {t.shape}", where, "save the time as a vector")
-    columns = {"t": t}
-    for kind in ("q", "dq", "tau", "i"):
-        for name in named[kind]:
-            matrix = _rows(_numbers(variables, name, where), name, len(t), where)
-            columns |= {f"{kind}{j + 1}": column for j, column in enumerate(matrix.T)}
-        for name in variables:
-            if re.fullmatch(rf"{kind}[1-9]\d*", name):
-                if name in columns:
-                    said = f"variables {named[kind][0]} and {name} may be the same"
-                    raise InputError(said, where, "save one of them only")
-                columns[name] = _rows(_numbers(variables, name, where), name, len(t), where)[:, 0]
-    return columns
-
-
-def _rows(values: Array, name: str, n_rows: int, where: str) -> Array:
-    """(N, n) a matrix with an instant a row, however it was saved."""
-    matrix = values[:, None] if values.ndim == 1 else values
-    if matrix.shape == (n_rows, n_rows):
-        raise InputError(f"variable {name} is square: its rows or its columns may be instants", where, "cut the log")
-    if matrix.ndim != 2 or n_rows not in matrix.shape:
-        said = f"variable {name} has shape {values.shape} for {n_rows} instants"
-        raise InputError(said, where, "save it with a row an instant")
-    return matrix if matrix.shape[0] == n_rows else matrix.T
-
-
-def _numbers(variables: Mapping[str, Any], name: str, where: str) -> Array:
-    values = np.asarray(variables[name])
-    if values.dtype.kind not in "iuf":
-        raise InputError(f"variable {name} is not an array of numbers", where, "save it as double")
-    return values.astype(float)
+    return time_among(list(variables)) is not None and has_any_positions(list(variables))

@@ -1,121 +1,174 @@
 """The names of a log's columns: `t,q1..qn[,dq1..dqn],tau1..taun`, or `i1..in`, each perhaps with its unit.
 
-`q1[deg]`, `q1 (deg)` and `q1_deg` are q1 in degrees, where no column is called q1 and nothing more.
+`q1[deg]`, `q1 (deg)` and `q1_deg` are q1 in degrees, where no column is called q1 and nothing more. Where these names
+make no whole log, the usual other ones count too (`WORDS`), and joints may be numbered from 0.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence, Set
 
 from bayesid.errors import InputError
-from bayesid.log.formats.table import DEGREE
+from bayesid.log.formats.labels import OTHER, WORDS, Reading, kind_part, pattern_of, raised, read_labels
+from bayesid.log.formats.missing import described, suggestion
+from bayesid.log.formats.stated import OPTION, stated_columns
+from bayesid.log.formats.table import SourceColumn
 
-_ANGLES = {"rad": 1.0, "deg": DEGREE, "°": DEGREE}
-UNITS: dict[str, dict[str, float]] = {
-    "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
-    "q": {**_ANGLES, "m": 1.0, "mm": 1e-3},
-    "dq": {f"{angle}{per}": factor for per in ("/s", "_s", "") for angle, factor in _ANGLES.items()}
-    | {"rpm": 6.0 * DEGREE, "m/s": 1.0, "mm/s": 1e-3},
-    "tau": {"Nm": 1.0, "N m": 1.0, "N": 1.0},
-    "i": {"A": 1.0, "mA": 1e-3},
-}
-"""SI units in one of the units that a column may be in."""
-_UNIT = re.compile(r"(?P<name>.+?)\s*(?:\[(?P<square>[^]]+)\]|\((?P<round>[^)]+)\)|_(?P<tail>.+))")
-_NAME = re.compile(r"t|(?:q|dq|tau|i)[1-9]\d*")
+_Family = Mapping[int, Reading]
+"""Columns of one kind that are called alike, by the numbers in their labels."""
 
 
-@dataclass(frozen=True)
-class SourceColumn:
-    """A column of a file that a log needs.
-
-    Attributes:
-        name: of the log's column: t, q1, ...
-        place: of the file's column, from 0.
-        label: what the file calls it.
-        unit: how many SI units one of the file's is; None where the name does not say.
-    """
-
-    name: str
-    place: int
-    label: str
-    unit: float | None = None
-
-
-def split_unit(label: str) -> tuple[str, str | None]:
-    """A name and the unit that follows it, if one does: "q1[deg]" is q1 in "deg"."""
-    match = _UNIT.fullmatch(label)
-    return (label, None) if match is None else (match["name"], match["square"] or match["round"] or match["tail"])
-
-
-def choose(header: Sequence[str], where: str) -> tuple[SourceColumn, ...]:
+def choose(header: Sequence[str], where: str, columns: Mapping[str, str] | None = None) -> tuple[SourceColumn, ...]:
     """The columns that make a log: the time; for every joint its position, effort and, if measured, velocity.
 
     Args:
         header: the names of a file's columns; those that are not of a log are left out.
         where: the header's place, for messages.
+        columns: those that a user has named, see `bayesid.log.formats.stated`; the others go by their own names.
 
     Raises:
-        InputError: a column is missing or appears twice.
+        InputError: a column is missing or appears twice, or which is meant stays open.
     """
-    recognised = _recognised(header, where)
-    if "t" not in recognised:
-        raise InputError("column t is missing", where, _remedy(header))
-    n = _highest("q", recognised)
-    if n == 0:
-        raise InputError("column q1 is missing", where, "add the joint positions q1..qn in rad")
-    chosen = [recognised["t"]]
-    effort = "tau" if _highest("tau", recognised) else "i"
-    for kind in ["q", effort, *(["dq"] if _highest("dq", recognised) else [])]:
+    stated = stated_columns(header, columns, where, described(header)) if columns else []
+    kinds, taken = {kind_part(source.name) for source in stated}, {source.place for source in stated}
+    kinds |= {"tau", "i"} if kinds & {"tau", "i"} else set()
+    readings = [reading for reading in read_labels(header) if reading.place not in taken and reading.kind not in kinds]
+    families = _families(readings, kinds, where)
+    _check_start(families, where)
+    chosen = [*stated, *(_source(one, family) for family in families for one in family.values())]
+    return _complete({source.name: source for source in chosen}, header, where)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Which columns
+# ---------------------------------------------------------------------------------------------------------------
+def _families(readings: Sequence[Reading], stated: Set[str], where: str) -> list[_Family]:
+    """Of each kind that a log needs, and that nobody has stated, the columns to be used.
+
+    Those with a log's own names come first; where these and the stated ones make a whole log, no others are looked at.
+    """
+    own = {kind: _own_family(readings, kind, where) for kind in WORDS}
+    effort = next((kind for kind in ("tau", "i") if own[kind]), None)
+    known = {*stated, *(kind for kind in WORDS if own[kind])}
+    if {"t", "q"} <= known and known & {"tau", "i"}:
+        return [own[kind] for kind in ("t", "q", effort, "dq") if kind is not None and own[kind]]
+    needed = [kind for kind in ("t", "q", "dq") if kind not in stated]
+    found = [own[kind] or _other_family(readings, kind, where) for kind in needed]
+    if effort is not None:
+        found.append(own[effort])
+    elif "tau" not in stated:
+        found.append(_other_family(readings, "tau", where) or _other_family(readings, "i", where))
+    return [family for family in found if family]
+
+
+def _own_family(readings: Sequence[Reading], kind: str, where: str) -> _Family:
+    """The columns named as in a CSV log; those with a unit after their name count where no other has the name."""
+    own = [one for one in readings if one.kind == kind and one.rank < OTHER]
+    plain = {one.number for one in own if one.rank == 0}
+    family: dict[int, Reading] = {}
+    for one in sorted(own, key=lambda one: one.rank):
+        if one.rank == 1 and one.number in plain:
+            continue
+        if one.number in family:
+            said = f"column {kind if kind == 't' else f'{kind}{one.number}'} appears twice"
+            raise InputError(said, where, "give every column its own name")
+        family[one.number] = one
+    return family
+
+
+def _other_family(readings: Sequence[Reading], kind: str, where: str) -> _Family:
+    """The columns of a kind that go by one other word; empty if there are none."""
+    families: dict[str, dict[int, Reading]] = {}
+    for one in readings:
+        if one.kind == kind and one.rank == OTHER:
+            family = families.setdefault(one.word, {})
+            if one.number in family:
+                raise _either(family[one.number], one, where)
+            family[one.number] = one
+    if len(families) > 1:
+        first, second, *_ = families.values()
+        raise _either(next(iter(first.values())), next(iter(second.values())), where)
+    return next(iter(families.values()), {})
+
+
+def _either(first: Reading, second: Reading, where: str) -> InputError:
+    said = f"columns {first.label} and {second.label} may both be {'the time' if first.kind == 't' else first.kind}"
+    return InputError(said, where, f'say which with {OPTION} {first.kind}="{pattern_of(first.label)}"')
+
+
+def _check_start(families: Sequence[_Family], where: str) -> None:
+    """Joints are numbered from 0 or from 1, alike in positions, velocities and efforts."""
+    numbered = [family for family in families if -1 not in family]
+    from_zero = [family for family in numbered if 0 in family]
+    if not from_zero or len(from_zero) == len(numbered):
+        return
+    from_one = [family for family in numbered if 0 not in family]
+    n = min(max(family) for family in from_one)
+    ranges = ",".join(f'{_kind_of(family)}="{_ranged(family, n)}"' for family in numbered)
+    said = f"{_span(from_zero[0])} count from 0, {_span(from_one[0])} from 1"
+    raise InputError(said, where, f"say which belong together with {OPTION}, as in {ranges}")
+
+
+def _kind_of(family: _Family) -> str:
+    return next(iter(family.values())).kind
+
+
+def _span(family: _Family) -> str:
+    """The first and the last label."""
+    return f"{family[min(family)].label}..{family[max(family)].label}"
+
+
+def _ranged(family: _Family, last: int) -> str:
+    """A pattern of the columns from 1 to the last."""
+    return pattern_of(family[max(family)].label).replace("{}", f"{{1-{last}}}")
+
+
+def _source(one: Reading, family: _Family) -> SourceColumn:
+    """A column under its log's name, joints counted from 1."""
+    joint = "" if one.kind == "t" else str(one.number + (0 in family))
+    return SourceColumn(f"{one.kind}{joint}", one.place, one.label, one.factor)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What is missing
+# ---------------------------------------------------------------------------------------------------------------
+def _complete(found: Mapping[str, SourceColumn], header: Sequence[str], where: str) -> tuple[SourceColumn, ...]:
+    """The columns of a log, in order, if none is missing."""
+    n, effort = _highest("q", found), "tau" if _highest("tau", found) else "i"
+    absent = {"column t": "t" not in found, "column q1": n == 0}
+    absent["column tau1 (or i1 with gains)"] = not _highest(effort, found)
+    for said in (said for said, is_absent in absent.items() if is_absent):
+        said = f"{said} is missing{described(header, found)}"
+        raise InputError(said, where, f"say which columns are meant with {suggestion(header, found)}")
+    chosen = [found["t"]]
+    for kind in ["q", effort, *(["dq"] if _highest("dq", found) else [])]:
         for j in range(1, n + 1):
-            if f"{kind}{j}" not in recognised:
-                absent = f"tau{j} (or i{j} with gains)" if kind == "i" else f"{kind}{j}"
-                raise InputError(f"column {absent} is missing", where, f"add it; q1..q{n} are there")
-            chosen.append(recognised[f"{kind}{j}"])
-        if _highest(kind, recognised) > n:
-            extra = next(name for name in recognised if name.startswith(kind) and int(name.removeprefix(kind)) > n)
+            if f"{kind}{j}" not in found:
+                there = f"{_label(found, 'q', 1)}..{_label(found, 'q', n)}"
+                label = _label(found, kind, j)
+                label = f"tau{j} (or {label} with gains)" if label == f"i{j}" else label
+                raise InputError(f"column {label} is missing", where, f"add it; {there} are there")
+            chosen.append(found[f"{kind}{j}"])
+        if _highest(kind, found) > n:
+            extra = next(source for name, source in found.items() if kind_part(name) == kind and _joint(name) > n)
             remedy = "give q and effort columns for the same joints"
-            raise InputError(f"column {extra} has no q beside it", where, remedy)
+            raise InputError(f"column {extra.label} has no q beside it", where, remedy)
     return tuple(chosen)
 
 
-def has_positions(header: Sequence[str]) -> bool:
-    """Whether a file holds joint positions by these names."""
-    plain = any(re.fullmatch(r"q[1-9]\d*", label) for label in header)
-    return plain or any(source.name.startswith("q") for source in _with_units(header))
-
-
-def _recognised(header: Sequence[str], where: str) -> dict[str, SourceColumn]:
-    """The columns of a log among a file's; those with a unit after their name count where no other has the name."""
-    plain = [SourceColumn(label, place, label) for place, label in enumerate(header) if _NAME.fullmatch(label)]
-    names = {source.name for source in plain}
-    recognised: dict[str, SourceColumn] = {}
-    for source in [*plain, *(source for source in _with_units(header) if source.name not in names)]:
-        if source.name in recognised:
-            raise InputError(f"column {source.name} appears twice", where, "give every column its own name")
-        recognised[source.name] = source
-    return recognised
-
-
-def _with_units(header: Sequence[str]) -> list[SourceColumn]:
-    columns = []
-    for place, label in enumerate(header):
-        name, unit = split_unit(label)
-        factor = UNITS[name.rstrip("0123456789")].get(unit or "") if _NAME.fullmatch(name) else None
-        if factor is not None:
-            columns.append(SourceColumn(name, place, label, factor))
-    return columns
-
-
-def _highest(kind: str, names: dict[str, SourceColumn]) -> int:
+def _highest(kind: str, names: Mapping[str, SourceColumn]) -> int:
     """The highest joint of which there is a column of a kind."""
-    return max((int(match[1]) for name in names if (match := re.fullmatch(rf"{kind}(\d+)", name))), default=0)
+    return max((_joint(name) for name in names if name != "t" and kind_part(name) == kind), default=0)
 
 
-def _remedy(header: Sequence[str]) -> str:
-    """What to do about a header without a time."""
-    for separator, word in {";": "semicolons", "\t": "tabs"}.items():
-        if any(separator in name for name in header):
-            return f"separate the columns by commas, not by {word}"
-    return "add the time in s"
+def _joint(name: str) -> int:
+    return int(name.removeprefix(kind_part(name)))
+
+
+def _label(found: Mapping[str, SourceColumn], kind: str, joint: int) -> str:
+    """What the file calls a joint's column, or would call it, by the columns beside it."""
+    if f"{kind}{joint}" in found:
+        return found[f"{kind}{joint}"].label
+    beside = next(name for name in found if kind_part(name) == kind)
+    label = raised(found[beside].label, joint - _joint(beside))
+    return f"{kind}{joint}" if label == found[beside].label else label

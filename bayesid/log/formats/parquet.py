@@ -25,19 +25,20 @@ class ParquetFile(Format):
 
     name = "a Parquet file"
     magic = (b"PAR1",)
+    options = frozenset({"columns"})
 
     def read(self, path: Path, options: Options) -> Table:
         """The columns of a log."""
-        return _read(path)
+        return _read(path, options)
 
 
-def _read(path: Path) -> Table:
+def _read(path: Path, options: Options) -> Table:
     import pyarrow
     from pyarrow import parquet
 
     try:
         file = parquet.ParquetFile(path)
-        chosen = choose(file.schema_arrow.names, str(path))
+        chosen = choose(file.schema_arrow.names, str(path), options.columns)
         columns = file.read([source.label for source in chosen])
     except (pyarrow.ArrowException, pyarrow.ArrowInvalid, OSError) as error:
         if isinstance(error, FileNotFoundError):

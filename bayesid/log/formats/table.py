@@ -20,6 +20,11 @@ between the two would do."""
 _LONGEST_GAP = 3600.0
 """A log that pauses longer than this, s, is two recordings, or its clock was set in between. A round number; not
 studied."""
+_SLOWEST = 0.5
+"""s; a log whose typical step is this long or longer is taken to count something else than seconds. Controllers log
+their joints every 1 to 12 ms by their manuals (UR RTDE 2 or 8, KUKA RSI 4 or 12, ABB EGM 4, Franka FCI 1), a slow bus
+every 0.1 s: a count of ms grows by 0.5 and more a row, and at 2 Hz no acceleration of a joint could be told."""
+_PARTS = {"milliseconds": ("ms", 1e-3), "microseconds": ("us", 1e-6), "nanoseconds": ("ns", 1e-9)}
 FEWEST_ROWS = 50
 """Rows of a log, and distinct instants in it, at least: half a second at the usual 100 Hz, too short to filter. A round
 number; not studied."""
@@ -37,6 +42,23 @@ class Column:
 
     label: str
     values: Array
+    unit: float | None = None
+
+
+@dataclass(frozen=True)
+class SourceColumn:
+    """A column of a file that a log needs.
+
+    Attributes:
+        name: of the log's column: t, q1, ...
+        place: of the file's column, from 0.
+        label: what the file calls it.
+        unit: how many SI units one of the file's is; None where nobody says.
+    """
+
+    name: str
+    place: int
+    label: str
     unit: float | None = None
 
 
@@ -92,6 +114,7 @@ def check(table: Table) -> Table:
         said = f"holds {len(t.values)} rows, too few to identify anything"
         raise InputError(said, table.source, f"record at least {FEWEST_ROWS} rows, better thousands")
     _check_numbers(table)
+    _check_unit_of_time(table)
     with np.errstate(over="ignore"):
         step = np.diff(table.t)
     for k in np.flatnonzero((step < 0.0) | (step > _LONGEST_GAP)):
@@ -101,6 +124,24 @@ def check(table: Table) -> Table:
     if table.t[-1] == table.t[0]:
         raise InputError("time never advances", f"{table.source}, column {t.label}", "give the time of each row in s")
     return table
+
+
+def _check_unit_of_time(table: Table) -> None:
+    """A time whose unit is not stated is in s: its typical step shows whether it can be."""
+    t = table.columns["t"]
+    with np.errstate(over="ignore"):
+        steps = np.diff(t.values)
+    if t.unit is not None or not np.any(steps > 0.0) or np.median(steps[steps > 0.0]) < _SLOWEST:
+        return
+    step = float(np.median(steps[steps > 0.0]))
+    likely = next(((word, unit) for word, (unit, factor) in _PARTS.items() if step * factor < _SLOWEST), None)
+    said = f"column {t.label} spans {t.values[-1] - t.values[0]:.6g} s with steps of {step:.6g} s"
+    if likely is None:
+        raise InputError(f"{said}: no joint log is so slow", table.source, f"give {t.label} in s")
+    word, unit = likely
+    stated = f"{t.label}[{unit}]"
+    remedy = f'name the column {stated}, or give --columns t="{stated}" ({t.label}[s] if it is in seconds)'
+    raise InputError(f"{said}: {word}?", table.source, remedy)
 
 
 def _check_numbers(table: Table) -> None:

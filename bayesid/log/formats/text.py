@@ -1,12 +1,19 @@
-"""Tables as text: CSV with the names of a log's columns. Other tables of text build on `read_text`."""
+"""Tables as text: a header with the names of a log's columns, then a row an instant, in any usual way to write it.
+
+Separators, decimal commas, encodings, quotes and a second row with units are found by looking. Other tables of text
+build on `read_text`.
+"""
 
 from __future__ import annotations
 
+import codecs
 import csv
 import io
+import re
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TextIO
 
@@ -15,14 +22,29 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.errors import InputError
 from bayesid.log.formats.base import Format, Options
-from bayesid.log.formats.names import SourceColumn, choose
-from bayesid.log.formats.table import Column, Table
+from bayesid.log.formats.names import choose
+from bayesid.log.formats.table import Column, SourceColumn, Table
+from bayesid.log.formats.units import is_unit, split_brackets
+
+_SEPARATORS = ",", ";", "\t", "|", " "
+"""What may be between two columns; spaces count in any number."""
+_ABOVE = 100
+"""Lines in which the header is looked for: recorders write their settings above it, spreadsheets the separator."""
+_FEWEST = 3
+"""Columns of a log, at least: time, position and effort of one joint."""
+_HEADER = 1 << 20
+"""Bytes in which the header and the first values are: more than any has."""
+_QUOTED = re.compile(r'"[^"]*"')
+_WESTERN = re.compile(rb"[\t-\r\x20-\x7e\x80\x82-\x8c\x8e\x91-\x9c\x9e-\xfe]*")
+"""Bytes of a text in cp1252, the encoding of Western Windows: no control characters, none that it does not have."""
+_BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 
 
 class CsvFile(Format):
     """What no other format recognises."""
 
     name = "a CSV table"
+    options = frozenset({"columns"})
     order = 2
 
     def recognises(self, path: Path, head: bytes) -> bool:
@@ -31,36 +53,74 @@ class CsvFile(Format):
 
     def read(self, path: Path, options: Options) -> Table:
         """The columns of a log."""
-        return read_text(path, Dialect(), choose)
+        return read_text(path, lambda header, where: choose(header, where, options.columns))
 
 
 @dataclass(frozen=True)
-class Dialect:
-    """How a file writes a table: what is between two columns, and between a number's units and tenths."""
+class Layout:
+    """How a file writes a table.
 
+    Attributes:
+        encoding: of its text.
+        separator: what is between two columns; a space stands for any number of them.
+        decimal_comma: whether commas may stand between a number's units and tenths; decimal points may all the same.
+        header: the names of the columns, with the units of a second row of the header in brackets.
+        header_row: the header's line, from 1.
+        rows: lines above the values: the header and those around it.
+        first: the cells of the first row of values.
+    """
+
+    encoding: str
     separator: str = ","
     decimal_comma: bool = False
+    header: tuple[str, ...] = ()
+    header_row: int = 1
+    rows: int = 1
+    first: tuple[str, ...] = ()
 
     def lines(self, file: TextIO) -> Iterator[str]:
         """The file's lines, their numbers with decimal points."""
-        return (line.replace(",", ".") for line in file) if self.decimal_comma else iter(file)
-
-    def header(self, line: str) -> list[str]:
-        """The names of the columns."""
-        return [name.strip() for name in next(csv.reader([line], delimiter=self.separator), [])]
-
-
-def first_line(head: bytes) -> str:
-    """The first line of a file that begins with these bytes; what is no text in it is left out."""
-    return io.StringIO(head.decode("utf-8-sig", errors="ignore"), newline="").readline()
+        if not self.decimal_comma:
+            return iter(file)
+        if self.separator == ",":  # those in quotes are the decimal ones
+            return (_QUOTED.sub(lambda quoted: quoted[0].replace(",", "."), line) for line in file)
+        return (line.replace(",", ".") for line in file)
 
 
-def read_text(path: Path, dialect: Dialect, select: Callable[[Sequence[str], str], Sequence[SourceColumn]]) -> Table:
+def look(content: bytes, whole: bool = False) -> Layout:
+    """How a file is written.
+
+    Args:
+        content: its first bytes.
+        whole: whether these are all.
+
+    Raises:
+        UnicodeDecodeError: it is not text.
+        csv.Error: it is no table.
+    """
+    encoding = _encoding(content, whole)
+    text = codecs.getincrementaldecoder(encoding)().decode(content[:_HEADER])
+    lines = io.StringIO(text, newline="").readlines()
+    if lines and "\0" in lines[0]:
+        raise csv.Error("no text")
+    row = next((k for k in range(min(len(lines), _ABOVE)) if _is_header(*_two(lines, k))), 0)
+    line, beneath = _two(lines, row)
+    separator = _separator(line, beneath)
+    header, values, rows = _names(line, separator), _split(beneath, separator), row + 1
+    if _are_units(values, header):
+        header, rows = [_joined(*pair) for pair in zip(header, values, strict=True)], row + 2
+        values = _split(_two(lines, row + 1)[1], separator)
+    if len(values) == len(header) + 1 and not values[-1]:  # every row ends with a separator, but the header
+        header = [*header, ""]
+    comma = separator != "," or any('"' in line for line in lines[row + 1 :])
+    return Layout(encoding, separator, comma, tuple(header), row + 1, rows, tuple(values))
+
+
+def read_text(path: Path, select: Callable[[Sequence[str], str], Sequence[SourceColumn]]) -> Table:
     """Reads a table of text.
 
     Args:
         path: the file.
-        dialect: how it writes a table.
         select: the columns that make a log, of a header at a place that messages name.
 
     Raises:
@@ -68,71 +128,194 @@ def read_text(path: Path, dialect: Dialect, select: Callable[[Sequence[str], str
         OSError: there is no such file, or it cannot be opened.
     """
     try:
-        with _open(path) as file:
-            header = dialect.header(file.readline())
-        if not any(header):
+        layout = look(path.read_bytes(), whole=True)
+        where = f"{path}, row {layout.header_row}"
+        if not any(layout.header):
             raise InputError("does not begin with a header", str(path), "begin it with t,q1..qn,tau1..taun")
-        chosen = sorted(select(header, f"{path}, row 1"), key=lambda source: source.place)  # the first bad one is named
-        values = _read_values(path, dialect, header, [source.place for source in chosen])
+        if all(map(_is_value, layout.header)):
+            raise InputError("holds numbers, not the names of the columns", where, "begin it with t,q1..qn,tau1..taun")
+        chosen = sorted(select(layout.header, where), key=lambda source: source.place)  # the first bad one is named
+        clock = _clock(layout, chosen)
+        values = _read_values(path, layout, [source.place for source in chosen], clock)
     except (UnicodeDecodeError, csv.Error):
-        raise InputError("is not text", str(path), "give a CSV log") from None
-    columns = {source.name: Column(source.label, values[:, source.place], source.unit) for source in chosen}
-    return Table(columns, str(path), lambda row: _where(path, row))
+        raise InputError("is not text", str(path), "give a CSV log (save a spreadsheet as CSV)") from None
+    units = {source.place: 1.0 if source.place == clock else source.unit for source in chosen}
+    columns = {one.name: Column(one.label, values[:, one.place], units[one.place]) for one in chosen}
+    return Table(columns, str(path), lambda row: _where(path, layout, row))
 
 
-def _open(path: Path) -> TextIO:
-    return path.open(newline="", encoding="utf-8-sig")
+# ---------------------------------------------------------------------------------------------------------------
+# How a file is written
+# ---------------------------------------------------------------------------------------------------------------
+def _encoding(content: bytes, whole: bool) -> str:
+    """By its first bytes, or else UTF-8 where it is that, or what Western Windows writes."""
+    for bom, encoding in _BOMS.items():
+        if content.startswith(bom):
+            return encoding
+    for place, encoding in ((1, "utf-16-le"), (0, "utf-16-be")):  # of plain text every other byte is zero
+        if len(content) > 1 and not any(content[place:64:2]):
+            return encoding
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(content, final=whole)
+    except UnicodeDecodeError:
+        if not _WESTERN.fullmatch(content):
+            raise
+        return "cp1252"
+    return "utf-8"
 
 
-def _read_values(path: Path, dialect: Dialect, header: list[str], used: list[int]) -> Array:
-    """(N, columns) numbers of the used columns; the other columns come as 0."""
-    ignored: dict[int | str, Callable[[str], float]] = {i: lambda _: 0.0 for i in range(len(header)) if i not in used}
-    with _open(path) as file, warnings.catch_warnings():
+def _two(lines: Sequence[str], row: int) -> tuple[str, str]:
+    """A line, counted from 0, and the next that is not blank; nothing behind the last."""
+    return "".join(lines[row : row + 1]), next((line for line in lines[row + 1 :] if line.strip()), "")
+
+
+def _is_header(line: str, beneath: str) -> bool:
+    """Whether a line names columns, and the next has as many values, or their units: above may stand anything."""
+    separator = _separator(line, beneath)
+    names, cells = _names(line, separator), _split(beneath, separator)
+    if len(names) < _FEWEST or len(cells) not in (len(names), len(names) + 1) or any(map(_is_value, names)):
+        return False
+    return any(map(_is_value, cells)) or _are_units(cells, names)
+
+
+def _names(line: str, separator: str) -> list[str]:
+    """The names of a header, before which a sign of a comment may stand."""
+    return _split(line.lstrip("#% "), separator)
+
+
+def _is_value(cell: str) -> bool:
+    return _is_number(cell.replace(",", "."))
+
+
+def _separator(line: str, first: str) -> str:
+    """What cuts the header into most columns, if possible as many as the first row; spaces where nothing else does."""
+    found: dict[str, tuple[bool, bool, int]] = {}
+    for separator in _SEPARATORS:
+        if (count := len(_names(line, separator))) > 1:
+            found[separator] = separator != " ", count == len(_split(first, separator)), count
+    return max(found, key=lambda separator: found[separator], default=",")
+
+
+def _split(line: str, separator: str) -> list[str]:
+    """The cells of a line."""
+    line = line.strip(" \r\n") if separator == " " else line
+    cells = next(csv.reader([line], delimiter=separator, skipinitialspace=separator == " "), [])
+    return [cell.strip() for cell in cells]
+
+
+def _are_units(cells: Sequence[str], header: Sequence[str]) -> bool:
+    """Whether a row beneath the header holds units, and no value."""
+    inner = [_unit_of(cell) for cell in cells]
+    return len(cells) == len(header) and any(map(is_unit, inner)) and not any(map(_is_number, inner))
+
+
+def _unit_of(cell: str) -> str:
+    """A unit without the brackets around it."""
+    return cell[1:-1].strip() if cell[:1] + cell[-1:] in ("[]", "()") else cell
+
+
+def _joined(name: str, unit: str) -> str:
+    """A name with the unit beneath it."""
+    return f"{name} [{_unit_of(unit)}]" if unit and name and split_brackets(name).unit is None else name
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What it holds
+# ---------------------------------------------------------------------------------------------------------------
+def _open(path: Path, layout: Layout) -> TextIO:
+    return path.open(newline="", encoding=layout.encoding)
+
+
+def _clock(layout: Layout, chosen: Sequence[SourceColumn]) -> int | None:
+    """The place of a time that is written as a date or a time of day; None where it is a number."""
+    places = [one.place for one in chosen if one.name == "t" and one.place < len(layout.first)]
+    return next((place for place in places if _is_clock(layout.first[place])), None)
+
+
+def _seconds(cell: str) -> float:
+    """A date and time by ISO 8601 in s since 1970, UTC where no zone is given, or a time of day in s since midnight.
+
+    Raises:
+        ValueError: it is neither.
+    """
+    cell = cell.strip().strip('"')
+    day = "" if "-" in cell else "1970-01-01T"
+    moment = datetime.fromisoformat(day + cell)
+    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+
+
+def _is_clock(cell: str) -> bool:
+    try:
+        _seconds(cell)
+    except ValueError:
+        return False
+    return ":" in cell
+
+
+def _read_values(path: Path, layout: Layout, used: list[int], clock: int | None) -> Array:
+    """(N, columns) numbers of the used columns, s in that of the clock; the other columns come as 0."""
+    n = len(layout.header)
+    converters: dict[int | str, Callable[[str], float]] = {i: lambda _: 0.0 for i in range(n) if i not in used}
+    converters |= {} if clock is None else {clock: _seconds}
+    with _open(path, layout) as file, warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of a file without rows, which is refused later
         try:
             values: Array = np.loadtxt(
-                dialect.lines(file),
-                delimiter=dialect.separator,
+                layout.lines(file),
+                delimiter=None if layout.separator == " " else layout.separator,
                 quotechar='"',
                 comments=None,
-                skiprows=1,
+                skiprows=layout.rows,
                 ndmin=2,
-                converters=ignored,
+                converters=converters,
             )
         except UnicodeDecodeError:
             raise
         except ValueError:
-            raise _first_bad_row(path, dialect, header, used) from None
+            raise _first_bad_row(path, layout, used, clock) from None
     if len(values) == 0:
-        return np.empty((0, len(header)))
-    if values.shape[1] != len(header):
-        said = f"has {len(header)} names for {values.shape[1]} columns"
-        raise InputError(said, f"{path}, row 1", "give every column one name")
+        return np.empty((0, n))
+    if values.shape[1] != n:
+        said = f"has {n} names for {values.shape[1]} columns"
+        remedy = _semicolons(layout, values.shape[1]) or "give every column one name"
+        raise InputError(said, f"{path}, row {layout.header_row}", remedy)
     return values
 
 
-def _where(path: Path, row: int) -> str:
+def _where(path: Path, layout: Layout, row: int) -> str:
     """The file's line of a row of values: the header is row 1, and blank lines count."""
-    with _open(path) as file:
-        lines = [number for number, line in enumerate(file, start=1) if number > 1 and line.strip()]
+    with _open(path, layout) as file:
+        lines = [number for number, line in enumerate(file, start=1) if number > layout.rows and line.strip()]
     return f"{path}, row {lines[row]}"
 
 
-def _first_bad_row(path: Path, dialect: Dialect, header: list[str], used: list[int]) -> InputError:
+def _first_bad_row(path: Path, layout: Layout, used: list[int], clock: int | None) -> InputError:
     """Why the table cannot be read, by a slow second look."""
-    with _open(path) as file:
-        for number, cells in enumerate(csv.reader(dialect.lines(file), delimiter=dialect.separator), start=1):
-            if number == 1 or not cells:
+    with _open(path, layout) as file:
+        for number, line in enumerate(layout.lines(file), start=1):
+            if number <= layout.rows or not line.strip():
                 continue
-            where = f"{path}, row {number}"
-            if len(cells) != len(header):
-                said = f"holds {len(cells)} values, the header names {len(header)}"
-                return InputError(said, where, "remove the row (a truncated last row is common) or complete it")
+            cells, where = _split(line, layout.separator), f"{path}, row {number}"
+            if len(cells) != len(layout.header):
+                said = f"holds {len(cells)} values, the header names {len(layout.header)}"
+                return InputError(said, where, _remedy(number, layout, len(cells)))
             for i in used:
-                if not _is_number(cells[i]):
-                    said = f"column {header[i]} holds {cells[i].strip()!r}, not a number"
+                if not (_is_clock if i == clock else _is_number)(cells[i]):
+                    said = f"column {layout.header[i]} holds {cells[i]!r}, not a {'time' if i == clock else 'number'}"
                     return InputError(said, where, "correct the value")
     return InputError("cannot be read as a table of numbers", str(path), "give a comma-separated file")
+
+
+def _remedy(number: int, layout: Layout, cells: int) -> str:
+    """What to do about a row of the wrong length."""
+    truncated = "remove the row (a truncated last row is common) or complete it"
+    return (_semicolons(layout, cells) if number == layout.rows + 1 else "") or truncated
+
+
+def _semicolons(layout: Layout, cells: int) -> str:
+    """What to do about rows so long that commas must be decimal ones too; nothing where they are not."""
+    doubled = layout.separator == "," and cells > len(layout.header) + 1
+    return "if its numbers have decimal commas, write the table with semicolons between the columns" if doubled else ""
 
 
 def _is_number(cell: str) -> bool:

@@ -1,0 +1,132 @@
+"""What the labels of columns say: the names `t,q1..qn,dq1..,tau1..,i1..` of a log, and the usual other ones.
+
+`q1[deg]`, `q1 (deg)` and `q1_deg` are q1 in degrees.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from bayesid.log.formats.units import factor_of, split_brackets
+
+_POSITIONS = "q", "actual q", "joint", "axis", "position", "pos", "angle", "joint position", "joint pos", "joint angle"
+_VELOCITIES = "dq", "qd", "actual qd", "velocity", "vel", "speed", "joint velocity", "joint vel", "joint speed"
+_TORQUES = "tau", "tau j", "torque", "effort", "moment", "joint torque", "joint effort", "actual torque", "drehmoment"
+_CURRENTS = "i", "current", "actual current", "joint current", "motor current", "strom", "motorstrom"
+WORDS = {
+    "t": ("t", "time", "timestamp", "stamp", "zeit", "zeitstempel"),
+    "q": (*_POSITIONS, "actual position", "achse", "achswinkel", "gelenk", "gelenkwinkel", "winkel"),
+    "dq": (*_VELOCITIES, "actual velocity", "geschwindigkeit"),
+    "tau": _TORQUES,
+    "i": _CURRENTS,
+}
+"""What columns of a kind are called in logs of UR (RTDE's `actual_q_0`), Franka (libfranka's `tau_J`), ROS, MATLAB, and
+in German, beside a joint's number; of currents and torques only what is measured. Spaces stand for any separator."""
+_KIND_OF = {word.replace(" ", ""): kind for kind, words in WORDS.items() for word in words}
+_OWN = re.compile(r"t|(?:q|dq|tau|i)[1-9]\d*")
+_JOINT_ZERO = re.compile(r"(?:q|dq|tau|i)0")
+OTHER = 3
+"""Rank of what is not called as in a CSV log."""
+_LAST_NUMBER = re.compile(r"\d+(?=\D*$)")
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What a column's label says.
+
+    Attributes:
+        place: of the column, from 0.
+        label: of the column.
+        kind: "t", "q", "dq", "tau" or "i".
+        word: by which the kind is known, in small letters and without separators.
+        number: of the joint, as the label has it; -1 of a time.
+        rank: 0 for a name of a CSV log, 1 for one with a unit, 2 for a joint 0, `OTHER` for all others.
+        factor: SI units in one of the unit, if one is stated.
+    """
+
+    place: int
+    label: str
+    kind: str
+    word: str
+    number: int
+    rank: int
+    factor: float | None
+
+
+def read_labels(header: Sequence[str]) -> list[Reading]:
+    """What the labels say that are of a log."""
+    return [reading for place, label in enumerate(header) if (reading := _reading(place, label)) is not None]
+
+
+def has_positions(header: Sequence[str]) -> bool:
+    """Whether a file holds joint positions by the names of a CSV log."""
+    return any(reading.kind == "q" and reading.rank <= 1 for reading in read_labels(header))
+
+
+def has_any_positions(labels: Sequence[str]) -> bool:
+    """Whether labels, or names of variables that hold all joints, are those of joint positions by any usual name."""
+    return any(reading.kind == "q" for reading in read_labels(labels)) or "q" in map(kind_of, labels)
+
+
+def time_among(labels: Sequence[str]) -> str | None:
+    """The label of the time, by its own name or else by another one; None where there is none, or more than one."""
+    times = [reading for reading in read_labels(labels) if reading.kind == "t"]
+    best = [reading for reading in times if reading.rank == min(one.rank for one in times)]
+    return best[0].label if len(best) == 1 else None
+
+
+def kind_of(label: str) -> str | None:
+    """What a variable holds, of all joints, by its name without a number; None if it is none of a log's."""
+    return _KIND_OF.get(_plain(split_brackets(label).name))
+
+
+def pattern_of(label: str) -> str:
+    """A label with {} in place of its last number, as for `--columns`."""
+    number = _LAST_NUMBER.search(split_brackets(label).name)
+    return label if number is None else f"{label[: number.start()]}{{}}{label[number.end() :]}"
+
+
+def raised(label: str, number: int) -> str:
+    """A label with its last number raised by another one; the same where it has none."""
+    found = _LAST_NUMBER.search(split_brackets(label).name)
+    return label if found is None else f"{label[: found.start()]}{int(found[0]) + number}{label[found.end() :]}"
+
+
+def kind_part(name: str) -> str:
+    """The kind in the name of a log's column: q of q1."""
+    return name.rstrip("0123456789")
+
+
+def _reading(place: int, label: str) -> Reading | None:
+    """What a label says, its unit in brackets, or behind a "_"; None if it is none of a log's, or its unit unknown."""
+    name, unit = split_brackets(label)
+    if unit is not None:
+        return _with_unit(place, label, name, unit, any_current=True)
+    paths = [label[match.end() :] for match in re.finditer("/", label)]  # of topics: the shortest end that says it
+    ends = [match.start() for match in re.finditer("_", label)]
+    tailed = (_with_unit(place, label, label[:end], label[end + 1 :]) for end in ends)
+    whole = (_with_unit(place, label, name, None) for name in (label, *reversed(paths)))
+    return next((reading for reading in (*whole, *tailed) if reading is not None), None)
+
+
+def _with_unit(place: int, label: str, name: str, unit: str | None, any_current: bool = False) -> Reading | None:
+    numbers = re.findall(r"\d+", name)
+    word = _plain(re.sub(r"\d+", "", name))
+    kind = _KIND_OF.get(word)
+    if kind is None or len(numbers) != (kind != "t") or name == "T":  # which is a temperature
+        return None
+    factor = None if unit is None else factor_of(kind, unit)
+    if unit is not None and factor is None:
+        if kind != "i" or not any_current:
+            return None
+        factor = 1.0  # gains turn any unit of currents into N m
+    rank = (1 if unit is not None else 0) if _OWN.fullmatch(name) else 2 if _JOINT_ZERO.fullmatch(name) else OTHER
+    rank = rank if label.startswith(name) else OTHER  # the end of a topic is no name of a CSV log
+    return Reading(place, label, kind, word, int(numbers[0]) if numbers else -1, rank, factor)
+
+
+def _plain(name: str) -> str:
+    """A name in small letters, without what separates its words."""
+    return re.sub(r"[\W_]+", "", name).casefold()

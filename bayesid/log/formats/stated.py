@@ -1,0 +1,171 @@
+"""Which columns make a log by the word of a user: `t="Zeit [ms]"`, `q="Achse{} [Grad]"`, or of one joint, `q2=elbow`.
+
+`{}` stands for the numbers of the joints, from 0 or from 1 as the file has them, `{2-7}` for those from 2 to 7. A unit
+in brackets is looked for in the header, and counts by itself where the header has none.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from bayesid.errors import InputError
+from bayesid.log.formats.table import SourceColumn
+from bayesid.log.formats.units import UNITS, factor_of, split_brackets
+
+OPTION = "--columns"
+EXAMPLE = 't="Zeit [ms]",q="Achse{} [Grad]",i="Strom{} [A]"'
+_KEY = re.compile(r"(?P<kind>t|q|dq|tau|i)(?P<joint>(?<!t)[1-9]\d*)?")
+_PLACEHOLDER = re.compile(r"\{(?:(?P<first>\d+)-(?P<last>\d+))?\}")
+_NEXT = re.compile(r",\s*(?=(?:t|(?:q|dq|tau|i)\d*)\s*=)")
+
+
+class _Match(NamedTuple):
+    """A column that a pattern fits: its place, the number in its name, and its unit as text."""
+
+    place: int
+    number: int | None
+    unit: str | None
+
+
+def parse_columns(text: str) -> dict[str, str]:
+    """What the command line says of columns, as in `t="Zeit [ms]",q="Achse{}"`, or the TOML file that says it.
+
+    Raises:
+        InputError: it cannot be understood, or there is no such file.
+    """
+    if "=" not in text:
+        return _read(Path(text))
+    columns: dict[str, str] = {}
+    for part in _NEXT.split(text):
+        key, _, pattern = (word.strip() for word in part.partition("="))
+        quoted = len(pattern) > 1 and pattern[0] == pattern[-1] and pattern[0] in "\"'"
+        if key in columns:
+            raise InputError(f"{key} is given twice", OPTION, "give it once")
+        columns[key] = pattern[1:-1] if quoted else pattern
+    return check_columns(columns)
+
+
+def check_columns(columns: Mapping[str, str]) -> dict[str, str]:
+    """The columns themselves, if each is one of a log and has a name.
+
+    Raises:
+        InputError: one is not.
+    """
+    for key, pattern in columns.items():
+        if not isinstance(key, str) or not _KEY.fullmatch(key):
+            remedy = f"give t, q, dq, tau or i, or one joint's as q1: {EXAMPLE}"
+            raise InputError(f"{key!r} is no column of a log", OPTION, remedy)
+        if not isinstance(pattern, str) or not pattern.strip():
+            raise InputError(f"{key} has no name of a column", OPTION, f"give it as in {EXAMPLE}")
+        if len(_PLACEHOLDER.findall(pattern)) > 1:
+            raise InputError(f"{pattern} has more than one number", OPTION, f"put one {{}} into it, as in {EXAMPLE}")
+    if {_kind(key) for key in columns} >= {"tau", "i"}:
+        raise InputError("tau and i are both given", OPTION, "give torques or currents")
+    return dict(columns)
+
+
+def _read(path: Path) -> dict[str, str]:
+    remedy = f"give {EXAMPLE}, or a TOML file with such lines"
+    try:
+        return check_columns(tomllib.loads(path.read_text(encoding="utf-8")))
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})", f"{OPTION} {path}", remedy) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"is no TOML file ({error})", f"{OPTION} {path}", remedy) from None
+
+
+def stated_columns(header: Sequence[str], columns: Mapping[str, str], where: str, found: str) -> list[SourceColumn]:
+    """The columns of a header that a user has named, their joints counted from 1.
+
+    Args:
+        header: names of a file's columns.
+        columns: patterns by the log's column: t; q, dq, tau or i of all joints, or q1.. of one.
+        where: the header's place, for messages.
+        found: what the file's columns are, for messages.
+
+    Raises:
+        InputError: no column is called so, several are, or one's unit is not known.
+    """
+    chosen: dict[str, SourceColumn] = {}
+    for key in sorted(
+        check_columns(columns), key=lambda key: key != _kind(key)
+    ):  # a joint's own comes last, and counts
+        kind, pattern = _kind(key), columns[key]
+        matches = [match for place, label in enumerate(header) if (match := _match(kind, pattern, label, place))]
+        if not matches:
+            raise InputError(f"no column is called {pattern}{found}", where, f"give {OPTION} a name that is there")
+        joints = [None] if kind == "t" or key != kind else _joints(matches, pattern)
+        names = [key] if joints == [None] else [f"{kind}{joint}" for joint in joints]
+        if len(set(names)) < len(matches):
+            both = " and ".join(header[match.place] for match in matches)
+            raise InputError(f"columns {both} are both {pattern}", where, f"give {OPTION} the name of one of them")
+        for name, match in zip(names, matches, strict=True):
+            unit = _factor(kind, match.unit, header[match.place], where)
+            chosen[name] = SourceColumn(name, match.place, header[match.place], unit)
+    return list(chosen.values())
+
+
+def _kind(key: str) -> str:
+    match = _KEY.fullmatch(key)
+    return key if match is None else match["kind"]
+
+
+def _match(kind: str, pattern: str, label: str, place: int) -> _Match | None:
+    """The column of a label, if a pattern fits it, and its unit too where both have one."""
+    wanted, seen = split_brackets(pattern.strip()), split_brackets(label)
+    whole = _expression(pattern.strip()).fullmatch(label)
+    match = whole or (_expression(wanted.name).fullmatch(seen.name) if _agree(kind, wanted.unit, seen.unit) else None)
+    if match is None:
+        return None
+    number = int(match["number"]) if "number" in match.re.groupindex else None
+    span = _PLACEHOLDER.search(wanted.name)
+    if number is not None and span is not None and span["first"] is not None:
+        if not int(span["first"]) <= number <= int(span["last"]):
+            return None
+        number -= int(span["first"]) - 1
+    return _Match(place, number, seen.unit or wanted.unit)
+
+
+def _agree(kind: str, wanted: str | None, seen: str | None) -> bool:
+    """Whether two units are the same, such as deg and Grad, or one of them open."""
+    if wanted is None or seen is None:
+        return True
+    return factor_of(kind, wanted) is not None and factor_of(kind, wanted) == factor_of(kind, seen)
+
+
+def _expression(pattern: str) -> re.Pattern[str]:
+    """A pattern as a regular expression: the number is a group, spaces do not matter."""
+    before, *rest = _PLACEHOLDER.split(pattern, maxsplit=1)
+    return re.compile(rf"{_fixed(before)}\s*(?P<number>\d+)\s*{_fixed(rest[-1])}" if rest else _fixed(before))
+
+
+def _fixed(text: str) -> str:
+    return r"\s*".join(re.escape(word) for word in text.split())
+
+
+def _joints(matches: Sequence[_Match], pattern: str) -> list[int | None]:
+    """The joints, from 1, of the numbers in the names: these begin with 0 or 1, or with what the pattern says."""
+    numbers = [match.number for match in matches if match.number is not None]
+    if len(numbers) < len(matches):
+        return [1] * len(matches)
+    shift = 1 if 0 in numbers and not _given_first(pattern) else 0
+    return [number + shift for number in numbers]
+
+
+def _given_first(pattern: str) -> bool:
+    match = _PLACEHOLDER.search(pattern)
+    return match is not None and match["first"] is not None
+
+
+def _factor(kind: str, unit: str | None, label: str, where: str) -> float | None:
+    if unit is None:
+        return None
+    factor = factor_of(kind, unit)
+    if factor is None and kind != "i":  # gains turn any unit of currents into N m
+        said = f"column {label} is in {unit}, which is no known unit of {kind}"
+        raise InputError(said, where, f"give it in {', '.join(UNITS[kind])}")
+    return factor
