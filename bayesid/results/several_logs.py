@@ -37,7 +37,7 @@ class Run:
     Attributes:
         log: its file.
         folder: its result folder.
-        error: why there is none; empty if there is.
+        error: why there is none, in the words of the command line, as logs.csv has it; empty if there is.
         bad_input: whether that is a fault of the log or an option.
         figures: for runs.csv.
         coefficients: rows of its coefficients.csv.
@@ -128,7 +128,7 @@ def _identify(job: _Job) -> Run:
         result = identify(job.robot, read_log(job.log, **job.reading), **job.options)
         save_identification(result, job.folder, report=job.report)
     except InputError as error:
-        return Run(job.log, job.folder, str(error), bad_input=True)
+        return Run(job.log, job.folder, error.on_command_line, bad_input=True)
     return Run(
         job.log, job.folder, figures=_figures(result), coefficients=coefficient_rows(result), warnings=result.warnings
     )
