@@ -13,6 +13,7 @@ from bayesid.fit.least_squares import Fit
 from bayesid.fit.noise import Noise
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.other_readings import BetterReading
+from bayesid.identification.prediction import MotionLike, PredictedEfforts
 from bayesid.identification.provenance import Provenance
 from bayesid.identification.validation import Validation
 from bayesid.log.log import Log
@@ -176,6 +177,12 @@ class Identification:
     def sample_signs(self) -> Array:
         """(N, n) the likelier sign of every sample, +1 or -1."""
         return np.where(self.probability >= 0.5, 1.0, -1.0)
+
+    def predict(
+        self, motion: MotionLike, *, noise: bool = True, draws: int = 0, cutoff: float | None = None, seed: int = 0
+    ) -> PredictedEfforts:
+        """Efforts of a new motion with their uncertainty (see `IdentifiedModel.predict`)."""
+        return self.identified.predict(motion, noise=noise, draws=draws, cutoff=cutoff, seed=seed)
 
     def validate(self, log: Log | str | Path, cutoff: float | None = None) -> Validation:
         """Predicts another log of the same robot (see `IdentifiedModel.validate`)."""

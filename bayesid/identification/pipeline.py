@@ -103,7 +103,7 @@ def identify(
     Example:
         >>> result = bayesid.identify("ur10e", "log.csv", search=bayesid.Certified(budget=30.0), posterior=False)
     """
-    name, terms = robot.name if isinstance(robot, Robot) else str(robot), tuple(terms)
+    name, terms = robot.name if isinstance(robot, Robot) else str(robot), catalogue.term_names(terms)
     subject = {"robot": name, "terms": list(terms), "complete": check_completeness(complete)}
     run = _Run(search, posterior, preparation, beliefs, progress, subject)
     progress("prepare", 0, 1)
@@ -255,7 +255,9 @@ def _identified(model: Model, evidence: Evidence, fit: Fit, posterior: Posterior
     that knowledge leaves it out.
     """
     if posterior is None:
-        return IdentifiedModel(model, fit.theta, fit.noise, of_base(model, evidence.coefficients, fit.information))
+        precision = of_base(model, evidence.coefficients, fit.information)
+        lacking = None if evidence.nuisance is None else _lacking(fit)
+        return IdentifiedModel(model, fit.theta, fit.noise, precision, lacking=lacking)
     precision = of_base(model, evidence.coefficients, _inverse(posterior.covariance_of_log))
     theta, log_scale = posterior.target.split(posterior.uncertain.spread(DRAWS))
     draws = ParameterDraws(theta, posterior.target.likelihood.sigma * np.exp(log_scale))
@@ -293,12 +295,15 @@ def _sample(run: _Run, averaged: AveragedSigns, sampling: Sampling) -> Posterior
         information=evidence.information,
     )
     posterior = infer(problem, search, sampling, run.progress.steps("posterior"))
-    if evidence.nuisance is None:
-        return posterior
+    return posterior if evidence.nuisance is None else widened(posterior, fit.information, _lacking(fit))
+
+
+def _lacking(fit: Fit) -> Array:
+    """(r, r) covariance by which coefficients are less certain than the information says: what the model may lack."""
     known = np.isfinite(fit.sd)
-    lacking = np.where(np.outer(known, known), fit.covariance, 0.0)
+    lacking: Array = np.where(np.outer(known, known), fit.covariance, 0.0)
     lacking[np.ix_(known, known)] -= _inverse(fit.information)[np.ix_(known, known)]
-    return widened(posterior, fit.information, lacking)
+    return lacking
 
 
 def _usual_links(evidence: Evidence, moments: Moments) -> Links:

@@ -173,8 +173,9 @@ def read_log(
     Raises:
         InputError: the file, a row, a column or an option cannot be used.
     """
+    _check_lists(gains=gains, joints=joints)
     table = read_table(Path(path), Options(topic=topic, joints=joints, currents=gains is not None))
-    angle, factors = _angle(table, degrees), _factors(table, gains)
+    angle, factors = angle_unit(table, degrees), _factors(table, gains)
     q, measured = table.block("q", angle), table.block("tau" if "tau1" in table.columns else "i")
     signed = _signed(measured, unsigned, table.n_joints)
     effort = measured * factors
@@ -295,7 +296,7 @@ def write_log(path: str | Path, log: Log) -> None:
 # ---------------------------------------------------------------------------------------------------------------
 # What a table's numbers mean
 # ---------------------------------------------------------------------------------------------------------------
-def _angle(table: Table, degrees: bool | None) -> float:
+def angle_unit(table: Table, degrees: bool | None) -> float:
     """The unit, rad, of the positions of which the file does not say it."""
     if degrees is None:
         reach = np.abs([c.values for name, c in table.columns.items() if name.startswith("q") and c.unit is None])
@@ -321,6 +322,13 @@ def _factors(table: Table, gains: Sequence[float] | None) -> Array:
     if not np.all((np.abs(factors) < ABSURD) & (factors != 0.0)):
         raise InputError("a gain is zero or not finite", "--gains", "give one gain per joint, N m/A")
     return factors
+
+
+def _check_lists(**given: object) -> None:
+    """What has an entry for every joint is a list, where it is given."""
+    for name, values in given.items():
+        if not isinstance(values, Sequence | np.ndarray | None) or isinstance(values, str):
+            raise InputError(f"{values!r} is no list", f"--{name}", "give one entry a joint, as in [1, 2, 3]")
 
 
 def _signed(measured: Array, unsigned: str | None, n: int) -> Mask:

@@ -19,11 +19,13 @@ class Options:
         topic: the one to read, of several.
         joints: names from base to tip.
         currents: whether efforts without a unit are currents, A.
+        motion: whether the motion is all that is wanted: efforts are left out.
     """
 
     topic: str | None = None
     joints: Sequence[str] | None = None
     currents: bool = False
+    motion: bool = False
 
 
 class Format(ABC):
@@ -33,7 +35,8 @@ class Format(ABC):
         name: for messages, as in "is a MATLAB file".
         magic: bytes with which its files begin.
         extensions: of its files, as in ".mat", where the first bytes do not decide.
-        options: names of the fields of `Options` that mean something to it; `currents` may be ignored.
+        options: names of the fields of `Options` that mean something to it; `currents` may be ignored, `motion` means
+            something to all.
         order: formats are asked in ascending order whether they recognise a file; 0 for those that look into it, 1 for
             those that go by its name, 2 for the one that takes any.
     """

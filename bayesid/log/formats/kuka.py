@@ -18,6 +18,7 @@ import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -61,7 +62,7 @@ class KukaTable(Format):
         """The columns of a log."""
         with path.open("rb") as file:
             dialect = _dialect(first_line(file.readline()))
-        return _check(read_text(path, dialect or Dialect(), _choose))
+        return _check(read_text(path, dialect or Dialect(), partial(_choose, motion=options.motion)))
 
 
 def _dialect(line: str) -> Dialect | None:
@@ -136,7 +137,7 @@ def _is_kuka(header: Sequence[str]) -> bool:
     return bool(kinds & {"aipos", "aspos", "a", "ipoc"}) and not has_positions(header)
 
 
-def _choose(header: Sequence[str], where: str) -> tuple[SourceColumn, ...]:
+def _choose(header: Sequence[str], where: str, motion: bool = False) -> tuple[SourceColumn, ...]:
     """The columns that make a log, see `bayesid.log.formats.names.choose`.
 
     Raises:
@@ -148,12 +149,13 @@ def _choose(header: Sequence[str], where: str) -> tuple[SourceColumn, ...]:
         raise _missing("there are no axis positions", columns)
     prefix, n = position.prefix, max(columns.places[position])
     clock = columns.pick(["ipoc", "t", "time", "zeit"], prefix)
-    efforts = [kind for quantity in _TORQUES if (kind := columns.pick([quantity.lower()], prefix)) is not None]
+    sought = () if motion else _TORQUES
+    efforts = [kind for quantity in sought if (kind := columns.pick([quantity.lower()], prefix)) is not None]
     if len(efforts) > 1:
         first = [header[min(columns.places[kind].values())] for kind in efforts]
         raise InputError(f"{' and '.join(first)} are torques", where, "leave all but one kind out")
     effort = efforts[0] if efforts else None
-    current = columns.pick(["macur", "i"], prefix) if effort is None else None
+    current = columns.pick(["macur", "i"], prefix) if effort is None and not motion else None
     velocity = columns.pick(["axisvel"], prefix)
     if clock is None:
         raise _missing("there is no time", columns)
@@ -165,7 +167,7 @@ def _choose(header: Sequence[str], where: str) -> tuple[SourceColumn, ...]:
         chosen += columns.choices("tau", effort, n, None)
     elif current is not None:
         chosen += columns.choices("i", current, n, None)
-    else:
+    elif not motion:
         raise _missing("there are neither motor currents nor torques of the axes", columns)
     return tuple(chosen)
 

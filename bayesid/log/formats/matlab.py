@@ -42,10 +42,10 @@ class MatlabFile(Format):
 
     def read(self, path: Path, options: Options) -> Table:
         """The columns of a log."""
-        return _read(path)
+        return _read(path, options.motion)
 
 
-def _read(path: Path) -> Table:
+def _read(path: Path, motion: bool) -> Table:
     with path.open("rb") as file:
         load = _load_hdf5 if file.read(len(_HDF5)) == _HDF5 else _load
     try:
@@ -54,7 +54,7 @@ def _read(path: Path) -> Table:
         said = f"cannot be read as a MATLAB file ({type(error).__name__})"
         raise InputError(said, str(path), "save it again with save(..., '-v7')") from None
     columns = _columns(_log_of(variables, str(path)), str(path))
-    chosen = choose(list(columns), str(path))
+    chosen = choose(list(columns), str(path), motion)
     return Table(
         {source.name: Column(source.label, columns[source.label], source.unit) for source in chosen},
         str(path),

@@ -49,12 +49,13 @@ def split_unit(label: str) -> tuple[str, str | None]:
     return (label, None) if match is None else (match["name"], match["square"] or match["round"] or match["tail"])
 
 
-def choose(header: Sequence[str], where: str) -> tuple[SourceColumn, ...]:
+def choose(header: Sequence[str], where: str, motion: bool = False) -> tuple[SourceColumn, ...]:
     """The columns that make a log: the time; for every joint its position, effort and, if measured, velocity.
 
     Args:
         header: the names of a file's columns; those that are not of a log are left out.
         where: the header's place, for messages.
+        motion: whether efforts are left out, and need not be there.
 
     Raises:
         InputError: a column is missing or appears twice.
@@ -67,7 +68,7 @@ def choose(header: Sequence[str], where: str) -> tuple[SourceColumn, ...]:
         raise InputError("column q1 is missing", where, "add the joint positions q1..qn in rad")
     chosen = [recognised["t"]]
     effort = "tau" if _highest("tau", recognised) else "i"
-    for kind in ["q", effort, *(["dq"] if _highest("dq", recognised) else [])]:
+    for kind in ["q", *([] if motion else [effort]), *(["dq"] if _highest("dq", recognised) else [])]:
         for j in range(1, n + 1):
             if f"{kind}{j}" not in recognised:
                 absent = f"tau{j} (or i{j} with gains)" if kind == "i" else f"{kind}{j}"

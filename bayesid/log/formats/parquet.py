@@ -28,16 +28,16 @@ class ParquetFile(Format):
 
     def read(self, path: Path, options: Options) -> Table:
         """The columns of a log."""
-        return _read(path)
+        return _read(path, options.motion)
 
 
-def _read(path: Path) -> Table:
+def _read(path: Path, motion: bool) -> Table:
     import pyarrow
     from pyarrow import parquet
 
     try:
         file = parquet.ParquetFile(path)
-        chosen = choose(file.schema_arrow.names, str(path))
+        chosen = choose(file.schema_arrow.names, str(path), motion)
         columns = file.read([source.label for source in chosen])
     except (pyarrow.ArrowException, pyarrow.ArrowInvalid, OSError) as error:
         if isinstance(error, FileNotFoundError):

@@ -7,6 +7,7 @@ import io
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TextIO
 
@@ -31,7 +32,7 @@ class CsvFile(Format):
 
     def read(self, path: Path, options: Options) -> Table:
         """The columns of a log."""
-        return read_text(path, Dialect(), choose)
+        return read_text(path, Dialect(), partial(choose, motion=options.motion))
 
 
 @dataclass(frozen=True)

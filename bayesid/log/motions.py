@@ -1,0 +1,127 @@
+"""Motions without efforts: what a planner wrote or a controller recorded, of which efforts are to be predicted."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from bayesid.arrays import Array, frozen
+from bayesid.errors import InputError
+from bayesid.files import numbered
+from bayesid.log.formats import Column, Options, Table, read_table
+from bayesid.log.formats.names import choose
+from bayesid.log.formats.table import check, rows_of
+from bayesid.log.log import angle_unit
+
+_GIVEN = "the motion"
+"""What messages call a motion that is no file."""
+
+
+@dataclass(frozen=True)
+class RecordedMotion:
+    """Positions over time as recorded or planned: no filter, no resampling.
+
+    Attributes:
+        t: (N,) time, s, non-decreasing.
+        q: (N, n) joint positions, rad (m for a prismatic joint).
+        dq: (N, n) joint velocities, rad/s, or None.
+        source: where it came from, for messages.
+    """
+
+    t: Array
+    q: Array
+    dq: Array | None = None
+    source: str = _GIVEN
+
+    def __post_init__(self) -> None:
+        q = frozen(self.q, (None, None), "q")
+        object.__setattr__(self, "q", q)
+        object.__setattr__(self, "t", frozen(self.t, (q.shape[0],), "t"))
+        if self.dq is not None:
+            object.__setattr__(self, "dq", frozen(self.dq, q.shape, "dq"))
+
+
+@runtime_checkable
+class Frame(Protocol):
+    """A table with named columns: a DataFrame of pandas or polars."""
+
+    @property
+    def columns(self) -> Iterable[Any]:
+        """The names of its columns."""
+
+    def __getitem__(self, name: Any) -> Any:
+        """The column of a name."""
+
+
+def read_motion(
+    path: str | Path, *, degrees: bool | None = None, topic: str | None = None, joints: Sequence[str] | None = None
+) -> RecordedMotion:
+    """Reads and checks a motion in one of the formats of logs; efforts may be there, and are left out.
+
+    Args:
+        path: the file, or a folder that is a recording.
+        degrees: as for `bayesid.read_log`.
+        topic: as for `bayesid.read_log`.
+        joints: as for `bayesid.read_log`.
+
+    Raises:
+        InputError: the file, a row, a column or an option cannot be used.
+    """
+    table = read_table(Path(path), Options(topic=topic, joints=joints, motion=True))
+    for note in table.notes:
+        warnings.warn(note, stacklevel=2)
+    return _recorded(table, angle_unit(table, degrees))
+
+
+def motion_of_frame(frame: Frame) -> RecordedMotion:
+    """The motion in the columns t, q1..qn and, if they are there, dq1..dqn of a table; units as in a log's header.
+
+    Raises:
+        InputError: a column is missing, or a value cannot be used.
+    """
+    labels = list(frame.columns)
+    chosen = choose([str(label) for label in labels], _GIVEN, motion=True)
+    columns = {
+        source.name: Column(source.label, _numbers(frame[labels[source.place]], source.label), source.unit)
+        for source in chosen
+    }
+    table = check(Table(columns, _GIVEN, rows_of(_GIVEN)))
+    return _recorded(table, angle_unit(table, None))
+
+
+def motion_of_arrays(t: object, q: object, dq: object | None = None) -> RecordedMotion:
+    """The motion in arrays: (N,) s, (N, n) rad and, if they are given, (N, n) rad/s.
+
+    Raises:
+        InputError: their shapes do not belong together, or a value cannot be used.
+    """
+    given = {"t": _numbers(t, "t"), "q": _numbers(q, "q"), **({} if dq is None else {"dq": _numbers(dq, "dq")})}
+    shape = given["q"].shape
+    for name, values in given.items():
+        expected = shape[:1] if name == "t" else shape
+        if len(shape) != 2 or values.shape != expected:
+            said = f"{name} has shape {values.shape} beside q of {shape}"
+            raise InputError(said, _GIVEN, "give t (N,), and q and dq (N, n)")
+    columns = {"t": Column("t", given["t"])}
+    for kind in ("q", "dq"):
+        if kind in given:
+            names = numbered(kind, shape[1])
+            columns |= {name: Column(name, column) for name, column in zip(names, given[kind].T, strict=True)}
+    return _recorded(check(Table(columns, _GIVEN, rows_of(_GIVEN))), 1.0)
+
+
+def _recorded(table: Table, angle: float) -> RecordedMotion:
+    dq = table.block("dq", angle) if "dq1" in table.columns else None
+    return RecordedMotion(table.t, table.block("q", angle), dq, table.source)
+
+
+def _numbers(values: object, name: str) -> Array:
+    try:
+        return np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} holds something else than numbers", _GIVEN, "give numbers") from None
