@@ -24,6 +24,7 @@ PYTHON_NAMES: Mapping[str, str] = {
     "--periods": "TrajectoryShape(periods=...)",
     "--posterior-budget": "Sampling(budget=...)",
     "--search-budget": "Certified(budget=...)",
+    "--without-noise": "noise=False",
 }
 """What an option of the command line is in Python, where it is no argument of the same name. Folders and files have an
 argument of another name in every function, so they are not named."""

@@ -18,7 +18,6 @@ from bayesid.identification.prediction import (
     MotionLike,
     PredictedEfforts,
     Spread,
-    check_motion,
     drawn_noise,
     motion_of,
     spread_of,
@@ -103,12 +102,11 @@ class IdentifiedModel:
             >>> stored = bayesid.load_model("result")
             >>> stored.predict("motion.csv").to_dataframe()
         """
-        motion = motion_of(motion, cutoff)
-        check_motion(self.model.robot, motion)
+        motion = motion_of(motion, self.model.robot, cutoff)
         known = self._knows_parameters
         if not known and not noise:
             said = "nothing is known of how certain the model's parameters are"
-            raise InputError(said, "noise=False", "leave it out: the noise is known")
+            raise InputError(said, "--without-noise", "leave it out: the noise is known")
         of_noise = self.noise.sigma if self.draws is None else np.sqrt(np.mean(self.draws.sigma**2, axis=0))
         return PredictedEfforts(
             t=motion.t,

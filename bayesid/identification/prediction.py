@@ -15,7 +15,7 @@ from bayesid.files import numbered, replace_file, write_columns
 from bayesid.fit.knowledge import scale_of
 from bayesid.fit.noise import Noise
 from bayesid.log.log import Log
-from bayesid.log.motions import Frame, RecordedMotion, motion_of_arrays, motion_of_frame, read_motion
+from bayesid.log.motions import GIVEN, Frame, RecordedMotion, motion_of_arrays, motion_of_frame, read_motion
 from bayesid.log.signals import filtered_motion
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
@@ -145,49 +145,56 @@ class PredictedEfforts:
         return place
 
 
-def motion_of(given: MotionLike, cutoff: float | None = None) -> Motion:
+def motion_of(given: MotionLike, robot: Robot, cutoff: float | None = None) -> Motion:
     """The motion that is meant: as it stands if accelerations are given, else low-passed and differentiated.
 
     Args:
         given: see `MotionLike`.
+        robot: that is to move so.
         cutoff: of the low-pass, Hz; from the motion by default.
 
     Raises:
-        InputError: it is none, or cannot be used.
+        InputError: it is none, cannot be used, or has another number of joints.
     """
-    if isinstance(given, Motion):
+    motion = _read(given)
+    n, source = (motion.n_joints, GIVEN) if isinstance(motion, Motion) else (motion.q.shape[1], motion.source)
+    if n != robot.n_joints:
+        counts = f"the motion has {n} joints, the model's robot {robot.name} has {robot.n_joints}"
+        raise InputError(counts, source, "give a motion of the same robot")
+    return motion if isinstance(motion, Motion) else filtered_motion(motion, cutoff)
+
+
+def _read(given: MotionLike) -> Motion | RecordedMotion:
+    """What was given, checked."""
+    if isinstance(given, Motion | RecordedMotion):
         return given
-    if isinstance(given, RecordedMotion):
-        return filtered_motion(given, cutoff)
     if isinstance(given, Log):
-        return filtered_motion(RecordedMotion(given.t, given.q, given.dq, given.source), cutoff)
+        return RecordedMotion(given.t, given.q, given.dq, given.source)
     if isinstance(given, str | Path):
-        return filtered_motion(read_motion(given), cutoff)
-    if isinstance(given, Frame) and not isinstance(given, np.ndarray):
-        return filtered_motion(motion_of_frame(given), cutoff)
-    if not isinstance(given, tuple | list) or not 2 <= len(given) <= 4:
-        raise InputError(f"{type(given).__name__} is no motion", "motion", "give a file, a log, or (t, q[, dq[, ddq]])")
+        return read_motion(given)
+    if isinstance(given, tuple | list):
+        return _of_arrays(given)
+    if isinstance(given, Frame):
+        return motion_of_frame(given)
+    raise InputError(f"{type(given).__name__} is no motion", GIVEN, _REMEDY)
+
+
+def _of_arrays(given: Sequence[object]) -> Motion | RecordedMotion:
+    if not 2 <= len(given) <= 4:
+        raise InputError(f"{len(given)} arrays are no motion", GIVEN, _REMEDY)
     if len(given) < 4 or given[3] is None:
-        return filtered_motion(motion_of_arrays(*given[:3]), cutoff)
+        return motion_of_arrays(*given[:3])
     remedy = "give finite t (N,), which never falls, and q, dq and ddq (N, n)"
     try:
         motion = Motion(*given)
     except (TypeError, ValueError) as error:
-        raise InputError(str(error), "motion", remedy) from None
+        raise InputError(str(error), GIVEN, remedy) from None
     if not len(motion) or np.any(np.diff(motion.t) < 0.0):
-        raise InputError("time runs backwards" if len(motion) else "holds no instant", "motion", remedy)
+        raise InputError("time runs backwards" if len(motion) else "holds no instant", GIVEN, remedy)
     return motion
 
 
-def check_motion(robot: Robot, motion: Motion) -> None:
-    """A motion has as many joints as a model's robot.
-
-    Raises:
-        InputError: it has not.
-    """
-    if motion.n_joints != robot.n_joints:
-        counts = f"the motion has {motion.n_joints} joints, the model's robot {robot.name} has {robot.n_joints}"
-        raise InputError(counts, "motion", "give a motion of the same robot")
+_REMEDY = "give a file, a log, a DataFrame, or arrays (t, q[, dq[, ddq]])"
 
 
 # ---------------------------------------------------------------------------------------------------------------

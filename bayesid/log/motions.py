@@ -18,7 +18,7 @@ from bayesid.log.formats.names import choose
 from bayesid.log.formats.table import check, rows_of
 from bayesid.log.log import angle_unit
 
-_GIVEN = "the motion"
+GIVEN = "the motion"
 """What messages call a motion that is no file."""
 
 
@@ -36,7 +36,7 @@ class RecordedMotion:
     t: Array
     q: Array
     dq: Array | None = None
-    source: str = _GIVEN
+    source: str = GIVEN
 
     def __post_init__(self) -> None:
         q = frozen(self.q, (None, None), "q")
@@ -85,12 +85,12 @@ def motion_of_frame(frame: Frame) -> RecordedMotion:
         InputError: a column is missing, or a value cannot be used.
     """
     labels = list(frame.columns)
-    chosen = choose([str(label) for label in labels], _GIVEN, motion=True)
+    chosen = choose([str(label) for label in labels], GIVEN, motion=True)
     columns = {
         source.name: Column(source.label, _numbers(frame[labels[source.place]], source.label), source.unit)
         for source in chosen
     }
-    table = check(Table(columns, _GIVEN, rows_of(_GIVEN)))
+    table = check(Table(columns, GIVEN, rows_of(GIVEN)))
     return _recorded(table, angle_unit(table, None))
 
 
@@ -106,13 +106,13 @@ def motion_of_arrays(t: object, q: object, dq: object | None = None) -> Recorded
         expected = shape[:1] if name == "t" else shape
         if len(shape) != 2 or values.shape != expected:
             said = f"{name} has shape {values.shape} beside q of {shape}"
-            raise InputError(said, _GIVEN, "give t (N,), and q and dq (N, n)")
+            raise InputError(said, GIVEN, "give t (N,), and q and dq (N, n)")
     columns = {"t": Column("t", given["t"])}
     for kind in ("q", "dq"):
         if kind in given:
             names = numbered(kind, shape[1])
             columns |= {name: Column(name, column) for name, column in zip(names, given[kind].T, strict=True)}
-    return _recorded(check(Table(columns, _GIVEN, rows_of(_GIVEN))), 1.0)
+    return _recorded(check(Table(columns, GIVEN, rows_of(GIVEN))), 1.0)
 
 
 def _recorded(table: Table, angle: float) -> RecordedMotion:
@@ -124,4 +124,4 @@ def _numbers(values: object, name: str) -> Array:
     try:
         return np.asarray(values, dtype=float)
     except (TypeError, ValueError):
-        raise InputError(f"{name} holds something else than numbers", _GIVEN, "give numbers") from None
+        raise InputError(f"{name} holds something else than numbers", GIVEN, "give numbers") from None

@@ -863,7 +863,18 @@ def test_demo_with_a_bad_seed(refused):
 # ---------------------------------------------------------------------------------------------------------------
 # report, completion, and what all commands share
 # ---------------------------------------------------------------------------------------------------------------
-EVERY = ("identify", "validate", "discrepancy", "report", "excite", "simulate", "demo", "study", "completion")
+EVERY = (
+    "identify",
+    "validate",
+    "predict",
+    "discrepancy",
+    "report",
+    "excite",
+    "simulate",
+    "demo",
+    "study",
+    "completion",
+)
 
 
 @pytest.fixture

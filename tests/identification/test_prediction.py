@@ -280,7 +280,7 @@ BAD = {
     "words": ((["a"], Q), "t holds something else than numbers"),
     "few": ((T[:20], Q[:20]), "holds 20 rows"),
     "number": (3.0, "float is no motion"),
-    "one": ((T,), "tuple is no motion"),
+    "one": ((T,), "1 arrays are no motion"),
     "frame": (DataFrame({"t": T, "q2": T}), "column q1 is missing"),
     "no file": ("absent.csv", "absent.csv: no such file"),
 }
