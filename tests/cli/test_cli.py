@@ -863,18 +863,7 @@ def test_demo_with_a_bad_seed(refused):
 # ---------------------------------------------------------------------------------------------------------------
 # report, completion, and what all commands share
 # ---------------------------------------------------------------------------------------------------------------
-EVERY = (
-    "identify",
-    "validate",
-    "predict",
-    "discrepancy",
-    "report",
-    "excite",
-    "simulate",
-    "demo",
-    "study",
-    "completion",
-)
+EVERY = "identify validate predict discrepancy report excite simulate demo study completion".split()
 
 
 @pytest.fixture
