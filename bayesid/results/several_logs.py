@@ -37,7 +37,7 @@ class Run:
     Attributes:
         log: its file.
         folder: its result folder.
-        error: why there is none, in the words of the command line, as logs.csv has it; empty if there is.
+        error: why there is none, in the words of the command line, as runs.csv has it; empty if there is.
         bad_input: whether that is a fault of the log or an option.
         figures: for runs.csv.
         coefficients: rows of its coefficients.csv.

@@ -863,7 +863,7 @@ def test_demo_with_a_bad_seed(refused):
 # ---------------------------------------------------------------------------------------------------------------
 # report, completion, and what all commands share
 # ---------------------------------------------------------------------------------------------------------------
-EVERY = "identify validate predict discrepancy report excite simulate demo study completion".split()
+EVERY = (*COMMANDS, "predict", "discrepancy", "report", "excite", "study", "completion")
 
 
 @pytest.fixture
