@@ -7,14 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from bayesid.arrays import Array, Integers, Mask
+from bayesid.arrays import TINY, Array, Integers, Mask
 from bayesid.fit.knowledge import Beliefs, Knowledge
 from bayesid.fit.least_squares import Fit
 from bayesid.fit.noise import Noise
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.other_readings import BetterReading
-from bayesid.identification.prediction import MotionLike, PredictedEfforts
+from bayesid.identification.prediction import NORMAL_95, MotionLike, PredictedEfforts
 from bayesid.identification.provenance import Provenance
+from bayesid.identification.recorded import recorded_segments
+from bayesid.identification.records import Coefficient, ParameterValue, Records, SegmentSign, named
 from bayesid.identification.validation import Validation
 from bayesid.log.log import Log
 from bayesid.log.segments import Segments
@@ -29,6 +31,26 @@ _NONE = 1e-9
 """Share of a coefficient below which a parameter's is rounding."""
 _SILENT = 1e-12
 """Share of a coefficient that the log does not excite below which a parameter does not depend on it."""
+
+
+SURE = 0.99
+"""Probability from which on a sign is as good as certain: what the project's README promises (of the samples given as
+much, at most 0.05 % are wrong)."""
+KNOWN = 0.1
+"""Standard deviation over value up to which a coefficient is counted as known: the 10 % of the studies' tables."""
+
+
+def sure_share_of(probability: Array, effort: Array, used: Mask) -> float:
+    """Share of |effort|, each joint alike, whose sign is as good as certain.
+
+    Args:
+        probability: (N, n) P(sign = +).
+        effort: (N, n) N m.
+        used: (N, n) the samples that count.
+    """
+    certain = np.maximum(probability, 1.0 - probability) >= SURE
+    weight = np.abs(effort) * used
+    return float(np.mean((weight * certain).sum(axis=0) / np.maximum(weight.sum(axis=0), TINY)))
 
 
 @dataclass(frozen=True)
@@ -178,6 +200,82 @@ class Identification:
         """(N, n) the likelier sign of every sample, +1 or -1."""
         return np.where(self.probability >= 0.5, 1.0, -1.0)
 
+    @property
+    def interval_95(self) -> tuple[Array, Array]:
+        """(r,) ends of the 95 % intervals of the coefficients: the posterior's, or two standard deviations."""
+        if self.posterior is not None:
+            return self.posterior.interval(0.95)
+        return self.beta - NORMAL_95 * self.sd, self.beta + NORMAL_95 * self.sd
+
+    @property
+    def n_known(self) -> int:
+        """Number of coefficients whose sd is below a tenth of their value."""
+        return int((self.sd < KNOWN * np.abs(self.beta)).sum())
+
+    @property
+    def sure_share(self) -> float:
+        """Share of the |effort| in motion, each joint alike, whose sign is sure to 99 %."""
+        recorded = self.log.clock(self.signals.motion.t)[0] >= 0  # the pause between joined logs is not
+        moving = self.segments.per_sample(self.segments.moving, *self.probability.shape) > 0
+        return sure_share_of(self.probability, self.signals.raw_effort, moving & recorded[:, None])
+
+    @property
+    def recorded_segments(self) -> tuple[Segments, Integers, Array]:
+        """The segments without the pauses between logs that were joined, their signs (S,) and confidences (S,)."""
+        if not self.log.pooled:
+            return self.segments, self.signs, self.confidence
+        signals = self.signals
+        return recorded_segments(self.log, signals.motion.t, self.segments, self.probability, signals.raw_effort)
+
+    def coefficients_table(self) -> Records[Coefficient]:
+        """The base coefficients, one record each: to iterate over, or `.to_dataframe()`."""
+        known, (low, high), (prior_sd, by_data) = self.coefficients, self.interval_95, self.prior_sd
+        words = zip(known.names, known.expressions, known.units, strict=True)
+        before, nominal = np.where(np.isfinite(prior_sd), prior_sd, np.nan), self.nominal_beta
+        numbers = np.column_stack([self.beta, self.sd, low, high, before, nominal]).tolist()
+        rows = (
+            Coefficient(*names, mean, sd, lower, upper, _decided_by(data), of_prior, stated)
+            for names, (mean, sd, lower, upper, of_prior, stated), data in zip(words, numbers, by_data, strict=True)
+        )
+        return Records(Coefficient, tuple(rows))
+
+    def parameters_table(self) -> Records[ParameterValue]:
+        """The model's parameters, one record each: to iterate over, or `.to_dataframe()`."""
+        sd, by_data = self.parameter_sd
+        figures = zip(self.model.parameters, self.theta.tolist(), sd.tolist(), by_data, strict=True)
+        rows = (ParameterValue(p.name, p.unit, p.joint, mean, own, _decided_by(data)) for p, mean, own, data in figures)
+        return Records(ParameterValue, tuple(rows))
+
+    def segments_table(self) -> Records[SegmentSign]:
+        """The segments with their signs, one record each, joints from 1: to iterate over, or `.to_dataframe()`."""
+        segments, signs, confidence = self.recorded_segments
+        place, t = self.log.clock(self.signals.motion.t)
+        sources = [piece.source for piece in self.log.pieces] if self.log.pooled else [self.log.source]
+        figures = zip(segments.joint, segments.start, segments.end, signs, confidence, strict=True)
+        rows = (
+            SegmentSign(int(j) + 1, float(t[a]), float(t[b - 1]), int(b - a), int(s), float(sure), sources[place[a]])
+            for j, a, b, s, sure in figures
+        )
+        return Records(SegmentSign, tuple(rows))
+
+    def coefficient(self, name: str) -> Coefficient:
+        """A base coefficient by its name, as in `result.coefficient("Fc2").mean`.
+
+        Raises:
+            InputError: there is none of this name; near names are told.
+        """
+        parameters = [parameter.name for parameter in self.model.parameters]
+        elsewhere = f"efforts show it in sums alone; take parameter({name!r})" if name in parameters else ""
+        return named(self.coefficients_table(), name, "coefficient", elsewhere)
+
+    def parameter(self, name: str) -> ParameterValue:
+        """A parameter of the model by its name, as in `result.parameter("m3").mean`.
+
+        Raises:
+            InputError: there is none of this name; near names are told.
+        """
+        return named(self.parameters_table(), name, "parameter")
+
     def predict(
         self, motion: MotionLike, *, noise: bool = True, draws: int = 0, cutoff: float | None = None, seed: int = 0
     ) -> PredictedEfforts:
@@ -187,3 +285,7 @@ class Identification:
     def validate(self, log: Log | str | Path, cutoff: float | None = None) -> Validation:
         """Predicts another log of the same robot (see `IdentifiedModel.validate`)."""
         return self.identified.validate(log, cutoff)
+
+
+def _decided_by(data: bool) -> str:
+    return "data" if data else "prior"

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from bayesid.arrays import Array, Integers
+from bayesid.arrays import Array
 from bayesid.errors import InputError
 from bayesid.fit.evidence import Evidence
 from bayesid.fit.knowledge import Beliefs, Knowledge, Links, of_base
@@ -26,6 +26,7 @@ from bayesid.identification.identified_model import IdentifiedModel, ParameterDr
 from bayesid.identification.options import Completeness, Preparation, check_completeness, plain_options
 from bayesid.identification.other_readings import suspected_reading
 from bayesid.identification.provenance import record_provenance
+from bayesid.identification.recorded import segment_signs
 from bayesid.identification.warnings import warnings_of
 from bayesid.log.log import Log, read_log
 from bayesid.log.segments import Segments, find_segments
@@ -62,8 +63,6 @@ _MOST_SMOOTHED = 24
 _SMOOTHED = 200_000
 """Samples times draws, from which on there are fewer draws: a long log leaves little doubt about parameters. A round
 number; not studied."""
-_SILENT_EFFORT = 1e-24
-"""(N m)^2 by which a sample counts at least, far below any sensor: a segment of exact zeros has a confidence too."""
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # matrices are small: threads only wait for each other
@@ -349,20 +348,6 @@ def _sign_changes(signals: Signals) -> list[tuple[int, int]]:
     positive = signals.effort >= 0.0
     changes = np.argwhere(positive[1:] != positive[:-1])
     return [(int(j), int(i) + 1) for i, j in changes if signals.signed[j]]
-
-
-def segment_signs(segments: Segments, probability: Array, effort: Array) -> tuple[Integers, Array]:
-    """(S,) signs and (S,) confidences: each segment's mean probability, weighted with the squared effort.
-
-    Args:
-        segments: S over N samples.
-        probability: (N, n) P(sign = +).
-        effort: (N, n) N m.
-    """
-    share = np.empty(len(segments))
-    for k, (j, a, b) in enumerate(zip(segments.joint, segments.start, segments.end, strict=True)):
-        share[k] = np.average(probability[a:b, j], weights=effort[a:b, j] ** 2 + _SILENT_EFFORT)
-    return np.where(share >= 0.5, 1, -1), np.maximum(share, 1.0 - share)
 
 
 # ---------------------------------------------------------------------------------------------------------------

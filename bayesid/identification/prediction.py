@@ -186,7 +186,8 @@ def _of_arrays(given: Sequence[object]) -> Motion | RecordedMotion:
         return motion_of_arrays(*given[:3])
     remedy = "give finite t (N,), which never falls, and q, dq and ddq (N, n)"
     try:
-        motion = Motion(*given)
+        t, q, dq, ddq = (np.asarray(values, dtype=float) for values in given)
+        motion = Motion(t, q, dq, ddq)
     except (TypeError, ValueError) as error:
         raise InputError(str(error), GIVEN, remedy) from None
     if not len(motion) or np.any(np.diff(motion.t) < 0.0):
