@@ -255,7 +255,7 @@ def _add_predict(commands: _Commands) -> None:
         "bayesid predict result motion.csv --out torques.csv",
         "bayesid predict result motion.csv --without-noise --out torques.csv",
     ]
-    parser = _command(commands, "predict", "efforts of a motion by a result's model, with 95 % bands", examples)
+    parser = _command(commands, "predict", "efforts of a motion by a result's model, with bands", examples)
     parser.add_argument("result", type=Path, help="folder that `bayesid identify` wrote")
     motion = "t,q1..qn[,dq1..dqn] in any format of logs; efforts need not be there"
     parser.add_argument("motion", type=Path, help=motion)

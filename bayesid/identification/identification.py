@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
 from bayesid.arrays import TINY, Array, Integers, Mask
+from bayesid.errors import in_python
 from bayesid.fit.knowledge import Beliefs, Knowledge
 from bayesid.fit.least_squares import Fit
 from bayesid.fit.noise import Noise
@@ -27,6 +30,8 @@ from bayesid.posterior.inference import OF_PRIOR, Posterior
 from bayesid.signs.completion import Completion
 from bayesid.signs.search.result import SearchResult
 
+_SHOWN = 3
+"""Warnings that a short text shows."""
 _NONE = 1e-9
 """Share of a coefficient below which a parameter's is rounding."""
 _SILENT = 1e-12
@@ -84,7 +89,10 @@ class Identification:
         completion: what the catalogue had to say beyond the terms asked for; None where it was not asked.
         better_reading: of the log, than with this robot file, joint order and these units; None where there is none or
             the fit is no reason to look for one.
+        notebook_view: HTML of a result, for notebooks; figures and checks stand above this room, so `bayesid` sets it.
     """
+
+    notebook_view: ClassVar[Callable[[Identification], str] | None] = None
 
     identified: IdentifiedModel
     coefficients: BaseCoefficients
@@ -110,6 +118,51 @@ class Identification:
     provenance: Provenance
     completion: Completion | None = None
     better_reading: BetterReading | None = None
+
+    def __repr__(self) -> str:
+        left = self.fit.relative_residual
+        lines = [
+            f"Identification of {self.model.robot.name} from {self.log.source}: {len(self.log)} rows, "
+            f"{self.log.n_joints} joints, {int(self.log.signed.sum())} of them signed",
+            f"signs         {self._about_signs}",
+            f"coefficients  {len(self.coefficients)}, {self.n_known} known to {KNOWN:.0%}; condition number "
+            f"{self.fit.condition:.0f}",
+            f"fit           leaves {left.min():.1%} to {left.max():.1%} of a joint's effort",
+            f"posterior     {self._about_posterior}",
+            f"effects       {self._about_effects}",
+            f"warnings      {len(self.warnings) or 'none'}",
+            *(f"  - {in_python(warning)}" for warning in self.warnings[:_SHOWN]),
+            *(["  - .warnings has all"] if len(self.warnings) > _SHOWN else []),
+            "go on with    .coefficient(NAME), .segments_table(), .predict(motion), .validate(log)",
+            "checks        bayesid.check_findings(bayesid.find_findings(result))",
+        ]
+        return "\n  ".join(lines)
+
+    def _repr_html_(self) -> str | None:
+        """What a notebook shows: `notebook_view`, or the text where there is none."""
+        view = type(self).notebook_view
+        return None if view is None else view(self)
+
+    @property
+    def _about_signs(self) -> str:
+        if self.log.signed.all():
+            return "all known"
+        proof = "certified: no other assignment costs less" if self.search.certified else "not certified"
+        count = len(self.recorded_segments[0])
+        return f"{count} segments, {proof}; {self.sure_share:.1%} of |effort| sure to {SURE:.0%}"
+
+    @property
+    def _about_posterior(self) -> str:
+        if self.posterior is None:
+            return "not sampled"
+        figures = f"R-hat {self.posterior.max_rhat:.3f}, effective sample size {self.posterior.min_ess:.0f}"
+        modes = f"{len(self.posterior.modes)} mode{'s' * (len(self.posterior.modes) > 1)}"
+        return f"{'converged' if self.posterior.converged else 'NOT converged'} ({figures}), {modes}"
+
+    @property
+    def _about_effects(self) -> str:
+        names = " + ".join(" ".join([one.name, *map(str, one.joints)]) for one in self.model.effects)
+        return f"{names}{'' if self.completion is None else f'; {len(self.completion.effects)} entered by completion'}"
 
     @property
     def model(self) -> Model:

@@ -66,6 +66,19 @@ class IdentifiedModel:
     draws: ParameterDraws | None = None
     lacking: Array | None = None
 
+    def __repr__(self) -> str:
+        effects = ", ".join(effect.name for effect in self.model.effects)
+        known = "nothing" if not self._knows_parameters else "covariance" if self.draws is None else "draws"
+        robot = self.model.robot
+        lines = [
+            f"IdentifiedModel of {robot.name}: {robot.n_joints} joints, {len(self.theta)} parameters",
+            f"effects      {effects}",
+            f"noise        {', '.join(f'{sd:.3g}' for sd in self.noise.sigma)} (sd a joint)",
+            f"uncertainty  {known} of the parameters",
+            "go on with   .predict(motion), .validate(log), .effort(motion), bayesid.find_discrepancy(model, log)",
+        ]
+        return "\n  ".join(lines)
+
     @property
     def knowledge(self) -> Knowledge:
         """What the log has shown of the coefficients, for another log."""

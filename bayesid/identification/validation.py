@@ -49,6 +49,20 @@ class Validation:
     coverage: Array
     band: str
 
+    def __repr__(self) -> str:
+        figures = zip(self.rms_error, self.relative_residual, self.coverage, strict=True)
+        joints = [
+            f"{j:>5}   {error:>10.4g}   {share:>17.1%}   {inside:>14.1%}"
+            for j, (error, share, inside) in enumerate(figures, start=1)
+        ]
+        lines = [
+            f"Validation on {self.log.source}: {len(self.log)} rows",
+            "joint    RMS error   relative residual   in 95 % band",
+            *joints,
+            f"the band holds {self.band}",
+        ]
+        return "\n  ".join(lines)
+
 
 def check_joints(robot: Robot, log: Log) -> None:
     """A log has as many joints as a model's robot.

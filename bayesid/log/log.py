@@ -106,6 +106,14 @@ class Log:
     def __len__(self) -> int:
         return len(self.t)
 
+    def __repr__(self) -> str:
+        signed = np.flatnonzero(self.signed) + 1
+        signs = "all signed" if self.signed.all() else f"signed: {', '.join(map(str, signed))}" if len(signed) else ""
+        seconds = self.t[-1] - self.t[0] if len(self) else 0.0
+        velocities = "velocities measured" if self.dq is not None else "no velocities"
+        joints = f"{self.n_joints} joints ({signs or 'none signed'})"
+        return f"Log {self.source}: {len(self)} rows in {seconds:.4g} s, {joints}, {velocities}"
+
     def rectified(self) -> Log:
         """The log as a controller that hides every sign would have written it."""
         return replace(self, effort=np.abs(self.effort), signed=np.zeros(self.n_joints, dtype=bool))

@@ -65,6 +65,10 @@ class Signals:
     measured: Mask
     after_rectifier: AfterRectifier | None = None
 
+    def __repr__(self) -> str:
+        n = self.motion.n_joints
+        return f"Signals: {len(self.motion)} instants of {n} joints at {self.rate:.6g} Hz, cut-off {self.cutoff:.3g} Hz"
+
     @property
     def effort_cutoff(self) -> float:
         """Cut-off of the efforts' light low-pass, Hz."""

@@ -60,6 +60,13 @@ class Separate:
     runs: tuple[Run, ...]
     agreement: Agreement | None
 
+    def __repr__(self) -> str:
+        heads = [
+            f"{run.log}: {run.error or f'{len(run.coefficients)} coefficients in {run.folder}'}" for run in self.runs
+        ]
+        said = "nothing to compare" if self.agreement is None else f"{len(self.agreement.names)} coefficients compared"
+        return "\n  ".join([f"Separate: {len(self.runs)} logs, {said}", *heads])
+
 
 @dataclass(frozen=True)
 class _Job:
