@@ -56,6 +56,9 @@ def test_terms_and_options_are_named_as_arguments(log):
     assert refusal(bayesid.Beam, width=0).startswith("Beam(width=...): ")
     assert refusal(bayesid.Sampling, mode=0).startswith("Sampling(mode=...): ")
     assert refusal(bayesid.Links, mass=-1.0).startswith("Beliefs(links=...): ")
+    assert refusal(bayesid.identify, robot, log, search="beam").startswith("search: 'beam' is no search")
+    assert refusal(bayesid.identify, robot, log, posterior=60.0).startswith("posterior: 60.0 is no sampling")
+    assert refusal(bayesid.identify, robot, log, beliefs={"m2": (1.0, 0.1)}).startswith("beliefs: dict are no")
     fast = bayesid.Preparation(cutoff=99.0)
     assert refusal(bayesid.identify, robot, log, preparation=fast).startswith("cutoff: ")
 

@@ -95,26 +95,22 @@ def identify(
     With `repeatable` set in `search` and `posterior` the same seed gives the same result, to the last digit, on a busy
     machine too: budgets then count work instead of seconds.
 
+    Returns:
+        An `Identification`: signs with confidences, coefficients and parameters with standard deviations, warnings, and
+        the model, which predicts and validates. Efforts are in N m, of a prismatic joint in N.
+
     Raises:
         InputError: the robot, the log or an option cannot be used.
         SolverError: an optimisation failed.
 
     Example:
         >>> result = bayesid.identify("ur10e", "log.csv", search=bayesid.Certified(budget=30.0), posterior=False)
+        >>> result.coefficient("Fc2").mean, result.predict("motion.csv").upper
     """
     name, terms = robot.name if isinstance(robot, Robot) else str(robot), catalogue.term_names(terms)
     subject = {"robot": name, "terms": list(terms), "complete": check_completeness(complete)}
     run = _Run(search, posterior, preparation, beliefs, progress, subject)
-    progress("prepare", 0, 1)
-    robot = robot if isinstance(robot, Robot) else load_robot(robot)
-    log = log if isinstance(log, Log) else read_log(log)
-    _check(robot, log)
-    signals = prepare(log, preparation.cutoff)
-    model = Model(robot, catalogue.make_terms(terms, robot, signals.motion))
-    segments = find_segments(signals, robot.actuators(signals.motion), preparation.cutting)
-    _check_amount(segments, base_coefficients(model), log)
-    beliefs.of(model.parameters)  # what cannot be used is refused before the search
-    run.lap("prepare")
+    log, model, signals, segments = _prepared(run, robot, log, terms)
     asked, segments = settle_unfiltered(model, signals, segments, search, preparation.cutting, progress)
     run.lap("search")
     averaged = average_over_models(asked, segments, search, progress)
@@ -185,6 +181,16 @@ class _Run:
     laps: dict[str, float] = field(default_factory=dict)
     _last: float = field(default_factory=time.perf_counter)
 
+    def __post_init__(self) -> None:
+        if isinstance(self.search, str):
+            raise InputError(f"{self.search!r} is no search", "search", "give bayesid.Certified() or bayesid.Beam()")
+        if not isinstance(self.posterior, bool | Sampling):
+            remedy = "give True, False or bayesid.Sampling()"
+            raise InputError(f"{self.posterior!r} is no sampling", "posterior", remedy)
+        if not isinstance(self.beliefs, Beliefs):
+            said = f"{type(self.beliefs).__name__} are no beliefs"
+            raise InputError(said, "beliefs", "give bayesid.Beliefs(nominal=..., links=...)")
+
     @property
     def sampling(self) -> Sampling | None:
         """How the posterior is sampled; None if it is not."""
@@ -202,6 +208,23 @@ class _Run:
         """A stage has ended."""
         now = time.perf_counter()
         self.laps[stage], self._last = now - self._last, now
+
+
+def _prepared(
+    run: _Run, robot: Robot | str | Path, log: Log | str | Path, terms: Iterable[str]
+) -> tuple[Log, Model, Signals, Segments]:
+    """Log, model, signals and segments; what cannot be used is refused before the search."""
+    run.progress("prepare", 0, 1)
+    robot = robot if isinstance(robot, Robot) else load_robot(robot)
+    log = log if isinstance(log, Log) else read_log(log)
+    _check(robot, log)
+    signals = prepare(log, run.preparation.cutoff)
+    model = Model(robot, catalogue.make_terms(terms, robot, signals.motion))
+    segments = find_segments(signals, robot.actuators(signals.motion), run.preparation.cutting)
+    _check_amount(segments, base_coefficients(model), log)
+    run.beliefs.of(model.parameters)
+    run.lap("prepare")
+    return log, model, signals, segments
 
 
 def _identification(run: _Run, log: Log, signals: Signals, model: Model, averaged: AveragedSigns) -> Identification:
