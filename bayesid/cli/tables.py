@@ -9,6 +9,7 @@ from rich.text import Text
 from bayesid.cli.terminal import table
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.identification.identification import KNOWN, SURE, Identification
+from bayesid.identification.prediction import PredictedEfforts
 from bayesid.identification.validation import Validation
 from bayesid.report.findings import summarise
 from bayesid.report.verdicts import EFFECT_HEADINGS, Check, beyond_the_terms, effect_rows, proof, sampling
@@ -93,6 +94,15 @@ def validation_parts(result: Validation) -> list[RenderableType]:
     ]
     headings = ["joint", "RMS error, N m", "relative residual", "in the 95 % band"]
     return [table(headings, rows), f"the band holds {result.band}"]
+
+
+def prediction_parts(result: PredictedEfforts) -> list[RenderableType]:
+    """What ends `bayesid predict`."""
+    largest, half = np.abs(result.mean).max(axis=0), np.median(result.upper - result.mean, axis=0)
+    figures = zip(result.units, largest, half, strict=True)
+    rows = [[str(j), f"{most:.4g}", f"{width:.3g}", unit] for j, (unit, most, width) in enumerate(figures, start=1)]
+    headings = ["joint", "largest effort", "95 % band: +-, in the middle", "unit"]
+    return [table(headings, rows), f"the band holds {result.holds}"]
 
 
 def discrepancy_parts(result: Discrepancy) -> list[RenderableType]:

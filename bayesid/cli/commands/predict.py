@@ -7,6 +7,7 @@ from pathlib import Path
 
 from bayesid.cli.options import motion_options, read_positions
 from bayesid.cli.progress import StageBars
+from bayesid.cli.tables import prediction_parts
 from bayesid.cli.terminal import show
 from bayesid.errors import InputError
 from bayesid.files import check_place
@@ -24,7 +25,7 @@ def run(options: argparse.Namespace) -> None:
         predicted = identified.predict(motion, noise=not options.without_noise, cutoff=options.cutoff)
     predicted.save(options.out)
     if not options.quiet:
-        show(repr(predicted), f"written to {options.out}")
+        show(*prediction_parts(predicted), f"written to {options.out}")
 
 
 def _check(out: Path, motion: Path) -> None:
