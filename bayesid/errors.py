@@ -28,13 +28,16 @@ PYTHON_NAMES: Mapping[str, str] = {
 }
 """What an option of the command line is in Python, where it is no argument of the same name. Folders and files have an
 argument of another name in every function, so they are not named."""
-_OPTION = re.compile(r"(?<![\w-])(--[a-z][a-z-]*)( ?)")
+_OPTION = re.compile(r"`[^`\s]+\s[^`]*`|(?<![\w-])(--[a-z][a-z-]*)( ?)")
+"""An option; or a whole command in backticks, which stays as it is."""
 
 
 def in_python(text: str) -> str:
     """A sentence that speaks of options of the command line, with the arguments of the Python interface instead."""
 
     def argument(found: re.Match[str]) -> str:
+        if found[1] is None:
+            return found[0]
         name = PYTHON_NAMES.get(found[1], found[1].removeprefix("--").replace("-", "_"))
         return name + found[2] if name else ""
 

@@ -34,6 +34,7 @@ def test_an_argument_stands_in_place_of_an_option():
 
 def test_what_is_no_option_stays():
     assert in_python("a--b -- c, log.csv, row 3") == "a--b -- c, log.csv, row 3"
+    assert in_python("run `dask worker --nthreads 1`, or --seed") == "run `dask worker --nthreads 1`, or seed"
     assert in_python("say --no-degrees, or `--cutoff`") == "say degrees=False, or `cutoff`"
 
 

@@ -133,8 +133,8 @@ class Identification:
             f"warnings      {len(self.warnings) or 'none'}",
             *(f"  - {in_python(warning)}" for warning in self.warnings[:_SHOWN]),
             *(["  - .warnings has all"] if len(self.warnings) > _SHOWN else []),
-            "go on with    .coefficient(NAME), .segments_table(), .predict(motion), .validate(log)",
             "checks        bayesid.check_findings(bayesid.find_findings(result))",
+            "go on with    .coefficient(NAME), .segments_table(), .predict(motion), .validate(log)",
         ]
         return "\n  ".join(lines)
 

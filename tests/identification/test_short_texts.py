@@ -116,6 +116,7 @@ def test_a_notebook_shows_text_checks_and_a_figure(result):
     checks = bayesid.check_findings(bayesid.find_findings(result))
     assert all(f"<strong>{check.name}:</strong>" in text for check in checks)
     assert "<b>" not in replace(result, log=replace(result.log, source="<b>.csv"))._repr_html_()
+    assert "leave out posterior=False" in replace(result, posterior=None)._repr_html_()
     worst = int(result.fit.relative_residual.argmax()) + 1
     assert f"joint {worst}: effort" in text
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from markupsafe import Markup
 
+from bayesid.errors import in_python
 from bayesid.identification.identification import Identification
 from bayesid.report.findings import find_findings
 from bayesid.report.pages.rendering import fragment
@@ -30,7 +31,7 @@ def identification_view(identification: Identification) -> str:
     return fragment(
         "notebook.html.jinja",
         text=repr(identification),
-        checks=[(check, _COLOURS[check.state]) for check in check_findings(findings)],
+        checks=[(check, in_python(check.remedy), _COLOURS[check.state]) for check in check_findings(findings)],
         joint=joint,
         figure=Markup(inline_svg(figure, name, alt)),
     )
