@@ -2,7 +2,7 @@
 
 import bayesid
 result = bayesid.identify("ur10e", "log.csv")
-result.beta, result.sd, result.sample_signs
+result.coefficient("Fc2").mean, result.predict("motion.csv").to_dataframe()
 result.validate("another_log.csv").relative_residual
 bayesid.plot.torques(result)
 bayesid.find_discrepancy(result, "another_log.csv").added
@@ -13,4 +13,20 @@ The names of __init__.pyi are promised, all else may change; each is loaded wher
 import lazy_loader
 
 __version__ = "0.1.0"
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> object:
+    """A promised name; with what gives identifications comes what notebooks show of them, from rooms above theirs."""
+    value = _load(name)
+    if name in ("identify", "find_discrepancy", "Identification"):
+        from bayesid.identification.identification import Identification
+
+        Identification.notebook_view = _notebook_view
+    return value
+
+
+def _notebook_view(identification: object) -> str:
+    from bayesid.report.pages.notebook import identification_view  # matplotlib takes a second to import
+
+    return identification_view(identification)

@@ -21,6 +21,7 @@ from .identification.identification import Identification as Identification
 from .identification.identified_model import IdentifiedModel as IdentifiedModel
 from .identification.options import Preparation as Preparation
 from .identification.pipeline import identify as identify
+from .identification.prediction import PredictedEfforts as PredictedEfforts
 from .identification.validation import Validation as Validation
 from .log.log import Log as Log
 from .log.log import join_logs as join_logs

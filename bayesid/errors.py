@@ -6,6 +6,43 @@ A numerical stage that ends without an answer raises `SolverError`, which carrie
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
+
+PYTHON_NAMES: Mapping[str, str] = {
+    "--beam-width": "Beam(width=...)",
+    "--degrees": "degrees=True",
+    "--effect": "effects",
+    "--harmonics": "TrajectoryShape(harmonics=...)",
+    "--initial-segments": "Beam(initial_segments=...)",
+    "--links": "Beliefs(links=...)",
+    "--mode": "Sampling(mode=...)",
+    "--no-degrees": "degrees=False",
+    "--no-posterior": "posterior=False",
+    "--nominal": "Beliefs(nominal=...)",
+    "--out": "",
+    "--periods": "TrajectoryShape(periods=...)",
+    "--posterior-budget": "Sampling(budget=...)",
+    "--search-budget": "Certified(budget=...)",
+    "--without-noise": "noise=False",
+}
+"""What an option of the command line is in Python, where it is no argument of the same name. Folders and files have an
+argument of another name in every function, so they are not named."""
+_OPTION = re.compile(r"`[^`\s]+\s[^`]*`|(?<![\w-])(--[a-z][a-z-]*)( ?)")
+"""An option; or a whole command in backticks, which stays as it is."""
+
+
+def in_python(text: str) -> str:
+    """A sentence that speaks of options of the command line, with the arguments of the Python interface instead."""
+
+    def argument(found: re.Match[str]) -> str:
+        if found[1] is None:
+            return found[0]
+        name = PYTHON_NAMES.get(found[1], found[1].removeprefix("--").replace("-", "_"))
+        return name + found[2] if name else ""
+
+    return _OPTION.sub(argument, text)
+
 
 class BayesidError(Exception):
     """Base of every exception that bayesid raises on purpose."""
@@ -14,15 +51,26 @@ class BayesidError(Exception):
 class InputError(BayesidError, ValueError):
     """The user's input cannot be used.
 
+    What raises it speaks of options as the command line does, as in `--terms`; as text it has the names of Python's
+    arguments, and `on_command_line` keeps the options.
+
     Args:
         what: what is wrong, in a few words.
-        where: file and row, column or key.
+        where: file and row, column or key, or the option.
         remedy: what the user can do about it.
     """
 
     def __init__(self, what: str, where: str, remedy: str) -> None:
         self.what, self.where, self.remedy = what, where, remedy
-        super().__init__(f"{where}: {what}; {remedy}")
+        super().__init__(what, where, remedy)
+
+    def __str__(self) -> str:
+        return f"{in_python(self.where)}: {self.what}; {in_python(self.remedy)}"
+
+    @property
+    def on_command_line(self) -> str:
+        """The line for those who gave options."""
+        return f"{self.where}: {self.what}; {self.remedy}"
 
 
 class SolverError(BayesidError, RuntimeError):

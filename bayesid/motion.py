@@ -45,6 +45,10 @@ class Motion:
     def __len__(self) -> int:
         return len(self.t)
 
+    def __repr__(self) -> str:
+        span = f", {self.t[0]:.6g} to {self.t[-1]:.6g} s" if len(self) else ""
+        return f"Motion: {len(self)} instants of {self.n_joints} joints{span}"
+
     @property
     def n_joints(self) -> int:
         """Number of joints n."""

@@ -30,7 +30,7 @@ from bayesid.fit.knowledge import Beliefs
 from bayesid.identification.identification import Identification
 from bayesid.identification.options import Completeness
 from bayesid.identification.pipeline import identify
-from bayesid.identification.validation import NORMAL_95
+from bayesid.identification.prediction import NORMAL_95
 from bayesid.log.log import Log, read_log
 from bayesid.model.robot import Robot, load_robot
 from bayesid.model.terms import STANDARD

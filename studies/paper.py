@@ -14,7 +14,7 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.cli.demo import NOISE, run_experiment
-from bayesid.identification.validation import NORMAL_95
+from bayesid.identification.prediction import NORMAL_95
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.paper import TABLE_II
 from bayesid.study.record import Row

@@ -15,7 +15,7 @@ from bayesid.fit.noise import relative_rms
 from bayesid.identification.identification import Identification
 from bayesid.identification.options import Preparation
 from bayesid.identification.pipeline import identify
-from bayesid.identification.validation import NORMAL_95
+from bayesid.identification.prediction import NORMAL_95
 from bayesid.log.log import Log
 from bayesid.log.segments import Cutting
 from bayesid.model import terms as catalogue

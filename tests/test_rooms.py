@@ -40,6 +40,7 @@ HOMES = {
     "emcee": {"posterior"},
     "arviz": {"posterior"},
     "xarray": {"posterior"},
+    "pandas": {"posterior"},
     "matplotlib": {"report"},
     "jinja2": {"report"},
     "markupsafe": {"report"},

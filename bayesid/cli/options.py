@@ -6,9 +6,9 @@ import argparse
 import math
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from bayesid.cli.terminal import warn
 from bayesid.errors import InputError
@@ -16,26 +16,42 @@ from bayesid.fit.effects.kinematics import KinematicTolerance
 from bayesid.fit.knowledge import Beliefs, Links, read_nominal
 from bayesid.log.formats.stated import parse_columns
 from bayesid.log.log import Log, read_log
+from bayesid.log.motions import RecordedMotion, read_motion
 from bayesid.model.terms import RigidBody
 from bayesid.posterior.sampler import Sampling
+
+Recording = TypeVar("Recording", Log, RecordedMotion)
 
 
 def reading_options(options: argparse.Namespace) -> dict[str, Any]:
     """Keyword arguments of `bayesid.read_log`."""
+    return {"gains": _gains(options.gains), "unsigned": options.unsigned, **motion_options(options)}
+
+
+def motion_options(options: argparse.Namespace) -> dict[str, Any]:
+    """Keyword arguments of `bayesid.log.motions.read_motion`."""
     joints = None if options.joints is None else [name.strip() for name in options.joints.split(",")]
-    direct = {name: getattr(options, name) for name in ("unsigned", "degrees", "topic")}
     columns = None if options.columns is None else parse_columns(options.columns)
-    return {"gains": _gains(options.gains), "joints": joints, "columns": columns, **direct}
+    return {"joints": joints, "columns": columns, "degrees": options.degrees, "topic": options.topic}
 
 
 def read(path: Path, reading: Mapping[str, Any]) -> Log:
     """A log; each warning of its reader is one line."""
+    return _read_with_notes(read_log, path, reading)
+
+
+def read_positions(path: Path, reading: Mapping[str, Any]) -> RecordedMotion:
+    """A motion; each warning of its reader is one line."""
+    return _read_with_notes(read_motion, path, reading)
+
+
+def _read_with_notes(reader: Callable[..., Recording], path: Path, reading: Mapping[str, Any]) -> Recording:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
-        log = read_log(path, **reading)
+        recording = reader(path, **reading)
     for warning in caught:
         warn(str(warning.message))
-    return log
+    return recording
 
 
 def term_names(options: argparse.Namespace) -> list[str]:

@@ -25,6 +25,7 @@ _EXAMPLES = """examples:
   bayesid excite --robot ur10e --out motion
   bayesid report result --validation another_log.csv
   bayesid validate result another_log.csv
+  bayesid predict result motion.csv --out torques.csv
   bayesid discrepancy result another_log.csv --holdout a_third_log.csv --out extended
   bayesid simulate --robot panda --duration 20 --noise 0.05 --out log.csv
   bayesid study noise --trials 64 --workers 2
@@ -141,7 +142,9 @@ _SHARED: dict[str, dict[str, Any]] = {
     "--out": {"type": Path},
     "--quiet": {"action": "store_true", "help": "print nothing but warnings and errors"},
 }
-_READING = "--gains", "--unsigned", "--degrees", "--columns", "--topic", "--joints"
+_MOTION = "--degrees", "--columns", "--topic", "--joints"
+"""How a motion is to be read."""
+_READING = "--gains", "--unsigned", *_MOTION
 """How a log is to be read, see `bayesid.read_log`."""
 
 
@@ -166,6 +169,7 @@ def make_parser() -> Parser:
     for add in (
         _add_identify,
         _add_validate,
+        _add_predict,
         _add_discrepancy,
         _add_report,
         _add_excite,
@@ -249,6 +253,23 @@ def _add_validate(commands: _Commands) -> None:
     parser.add_argument("log", type=Path, help="log of the same robot")
     _share(parser, *_READING, "--cutoff")
     _share(parser, "--out", help="folder for summary, signed log and prediction (default: none)")
+    _share(parser, "--quiet")
+
+
+def _add_predict(commands: _Commands) -> None:
+    examples = [
+        "bayesid predict result motion.csv --out torques.csv",
+        "bayesid predict result motion.csv --without-noise --out torques.csv",
+    ]
+    parser = _command(commands, "predict", "efforts of a motion by a result's model, with bands", examples)
+    parser.add_argument("result", type=Path, help="folder that `bayesid identify` wrote")
+    motion = "t,q1..qn[,dq1..dqn] in any format of logs; efforts need not be there"
+    parser.add_argument("motion", type=Path, help=motion)
+    _share(parser, *_MOTION, "--cutoff")
+    noise = "sd and bands of the model's effort alone (default: of a measured effort, with its noise)"
+    parser.add_argument("--without-noise", action="store_true", help=noise)
+    columns = "file to write: t,tau1..taun,sd1..sdn,lower1..lowern,upper1..uppern, a row for every row of the motion"
+    _share(parser, "--out", required=True, metavar="FILE.csv", help=columns)
     _share(parser, "--quiet")
 
 

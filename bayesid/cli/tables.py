@@ -8,23 +8,22 @@ from rich.text import Text
 
 from bayesid.cli.terminal import table
 from bayesid.discrepancy.workflow import Discrepancy
-from bayesid.identification.identification import Identification
+from bayesid.identification.identification import KNOWN, SURE, Identification
+from bayesid.identification.prediction import PredictedEfforts
 from bayesid.identification.validation import Validation
-from bayesid.report.findings import recorded_segments, summarise
-from bayesid.report.verdicts import EFFECT_HEADINGS, SURE, Check, beyond_the_terms, effect_rows, proof, sampling
+from bayesid.report.findings import summarise
+from bayesid.report.verdicts import EFFECT_HEADINGS, Check, beyond_the_terms, effect_rows, proof, sampling
 from bayesid.report.words import paragraph
 from bayesid.results.agreement import text as agreement_text
 from bayesid.results.several_logs import Separate
 
 _COLOURS = {"good": "green", "look": "yellow", "bad": "bold red", "not done": "yellow"}
-_KNOWN = 0.1
-"""Standard deviation over value up to which a coefficient is counted as known: the 10 % of the studies' tables."""
 
 
 def identification_parts(result: Identification) -> list[RenderableType]:
     """What ends `bayesid identify`."""
     fit, search, summary = result.fit, result.search, summarise(result)
-    segments, _, confidence = recorded_segments(result)
+    segments, _, confidence = result.recorded_segments
     recorded = result.log.clock(result.signals.motion.t)[0] >= 0  # the pause between joined logs is not
     sure = np.maximum(result.probability, 1.0 - result.probability)[recorded] >= SURE
     effort = np.abs(result.signals.raw_effort)[recorded]
@@ -34,12 +33,11 @@ def identification_parts(result: Identification) -> list[RenderableType]:
         of_joint = confidence[segments.joint == j]
         figures = f"{of_joint.min():.2f}", f"{share[j]:.1%}", f"{fit.relative_residual[j]:.1%}"
         rows.append([str(j + 1), str(len(of_joint)), *figures])
-    known = int((result.sd < _KNOWN * np.abs(result.beta)).sum())
     settled = f", {result.settled_share:.1%} of samples settled" if search.certified else ""
     return [
         f"{summary.robot}: {summary.n_samples} rows, {summary.n_segments} segments ({summary.n_segments_searched} "
-        f"searched), {summary.n_coefficients} coefficients ({known} known to {100 * _KNOWN:g} %), condition number "
-        f"{fit.condition:.0f}",
+        f"searched), {summary.n_coefficients} coefficients ({result.n_known} known to {100 * KNOWN:g} %), condition "
+        f"number {fit.condition:.0f}",
         _verdict(
             f"search: {search.method}, {search.solves} cone problems, {result.timings['search']:.1f} s; ",
             proof(summary),
@@ -96,6 +94,15 @@ def validation_parts(result: Validation) -> list[RenderableType]:
     ]
     headings = ["joint", "RMS error, N m", "relative residual", "in the 95 % band"]
     return [table(headings, rows), f"the band holds {result.band}"]
+
+
+def prediction_parts(result: PredictedEfforts) -> list[RenderableType]:
+    """What ends `bayesid predict`."""
+    largest, half = np.abs(result.mean).max(axis=0), np.median(result.upper - result.mean, axis=0)
+    figures = zip(result.units, largest, half, strict=True)
+    rows = [[str(j), f"{most:.4g}", f"{width:.3g}", unit] for j, (unit, most, width) in enumerate(figures, start=1)]
+    headings = ["joint", "largest effort", "95 % band: +-, in the middle", "unit"]
+    return [table(headings, rows), f"the band holds {result.holds}"]
 
 
 def discrepancy_parts(result: Discrepancy) -> list[RenderableType]:

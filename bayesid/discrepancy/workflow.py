@@ -81,6 +81,23 @@ class Discrepancy:
     thresholds: Thresholds
     seconds: float
 
+    def __repr__(self) -> str:
+        gaps = zip(self.before, self.after, self.floor.rms, strict=True)
+        joints = [f"{j:>5}   {a:>8.4g}   {b:>8.4g}   {c:>8.4g}" for j, (a, b, c) in enumerate(gaps, start=1)]
+        added = [" ".join([effect.effect, *map(str, effect.joints)]) for effect in self.added]
+        left = [f"joint {j} ({ratio:.2f} x floor)" for j, ratio in self.unexplained]
+        lines = [
+            f"Discrepancy from {self.identification.log.source}: {self.status.replace('_', ' ')}",
+            f"added        {', '.join(added) or 'nothing'}",
+            f"unexplained  {', '.join(left) or 'nothing'}",
+            f"gap on {self.holdout}, RMS in N m:",
+            "joint     before      after      floor",
+            *joints,
+            f"warnings     {len(self.warnings) or 'none'}",
+            "go on with   .added, .identification, bayesid.save_discrepancy(this, folder)",
+        ]
+        return "\n  ".join(lines)
+
     @property
     def vetoed(self) -> tuple[EffectKey, ...]:
         """Effects and joints that were refused."""

@@ -202,6 +202,15 @@ class ExcitationDesign:
     start: Quality
     reached: Quality
 
+    def __repr__(self) -> str:
+        lines = [
+            f"ExcitationDesign for {self.model.robot.name}: {len(self.motion)} instants at {self.rate:g} Hz",
+            f"condition number  {self.start.condition:.1f} at the start, {self.reached.condition:.1f} now",
+            f"undecided         {len(self.undecided)} of {len(self.coefficients)} coefficients",
+            "go on with        .motion, bayesid.save_design(this, folder)",
+        ]
+        return "\n  ".join(lines)
+
     @property
     def of_limits(self) -> Motion:
         """Positions from -1 at the lower to 1 at the upper limit, velocities and accelerations as shares of theirs."""

@@ -80,6 +80,14 @@ class ExcitationJudgement:
     segments: SegmentFlips
     doubtful: Array
 
+    def __repr__(self) -> str:
+        lines = [
+            f"ExcitationJudgement of {self.source}: {self.light}, condition number {self.condition:.1f}",
+            f"undecided  {len(self.undecided)} of {len(self.coefficients)} coefficients",
+            *(f"- {remark}" for remark in self.remarks),
+        ]
+        return "\n  ".join(lines)
+
     @property
     def undecided(self) -> tuple[int, ...]:
         """Coefficients that the log leaves undecided."""

@@ -202,13 +202,27 @@ class Beliefs:
         """
         places = {parameter.name: k for k, parameter in enumerate(parameters)}
         mean, sd = np.full(len(places), np.nan), np.full(len(places), np.nan)
-        for name, (value, spread) in self.nominal.items():
+        for name, stated in self.nominal.items():
             if name not in places:
-                raise InputError(f"the model has no parameter {name!r}", "nominal values", _REMEDY)
+                raise InputError(f"the model has no parameter {name!r}", "--nominal", _REMEDY)
+            value, spread = _pair(name, stated)
             if not (np.isfinite(value) and np.isfinite(spread) and spread > 0.0):
-                raise InputError(f"{name} = {value:g} +- {spread:g} cannot be used", "nominal values", _REMEDY)
+                raise InputError(f"{name} = {value:g} +- {spread:g} cannot be used", "--nominal", _REMEDY)
             mean[places[name]], sd[places[name]] = value, spread
         return Nominal(mean, sd)
+
+
+def _pair(name: str, stated: object) -> tuple[float, float]:
+    """Mean and standard deviation of a parameter, of whatever was stated in their place."""
+    try:
+        mean, sd = (float(value) for value in stated)  # type: ignore[attr-defined]
+    except (TypeError, ValueError):
+        said, remedy = (
+            f"{name} = {stated!r} is no mean with its sd",
+            f"give two numbers, as in {{{name!r}: (0.7, 0.1)}}",
+        )
+        raise InputError(said, "--nominal", remedy) from None
+    return mean, sd
 
 
 _REMEDY = "give lines name,mean,sd, with names as in parameters.csv"

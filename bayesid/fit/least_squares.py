@@ -75,6 +75,11 @@ class Fit:
     tolerance: float
     moved_inside: bool
 
+    def __repr__(self) -> str:
+        left = ", ".join(f"{share:.1%}" for share in self.relative_residual)
+        size = f"{len(self.theta)} parameters, {len(self.beta)} coefficients"
+        return f"Fit of {size}: leaves {left} of each joint's effort; condition number {self.condition:.0f}"
+
     @property
     def sd(self) -> Array:
         """(r,) standard deviations of the coefficients."""

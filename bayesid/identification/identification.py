@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from bayesid.arrays import Array, Integers, Mask
+from bayesid.arrays import TINY, Array, Integers, Mask
+from bayesid.errors import in_python
 from bayesid.fit.knowledge import Beliefs, Knowledge
 from bayesid.fit.least_squares import Fit
 from bayesid.fit.noise import Noise
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.other_readings import BetterReading
+from bayesid.identification.prediction import NORMAL_95, MotionLike, PredictedEfforts
 from bayesid.identification.provenance import Provenance
+from bayesid.identification.recorded import recorded_segments
+from bayesid.identification.records import Coefficient, ParameterValue, Records, SegmentSign, named
 from bayesid.identification.validation import Validation
 from bayesid.log.log import Log, LogSource
 from bayesid.log.segments import Segments
@@ -23,10 +29,32 @@ from bayesid.posterior.inference import OF_PRIOR, Posterior
 from bayesid.signs.completion import Completion
 from bayesid.signs.search.result import SearchResult
 
+_SHOWN = 3
+"""Warnings that a short text shows."""
 _NONE = 1e-9
 """Share of a coefficient below which a parameter's is rounding."""
 _SILENT = 1e-12
 """Share of a coefficient that the log does not excite below which a parameter does not depend on it."""
+
+
+SURE = 0.99
+"""Probability from which on a sign is as good as certain: what the project's README promises (of the samples given as
+much, at most 0.05 % are wrong)."""
+KNOWN = 0.1
+"""Standard deviation over value up to which a coefficient is counted as known: the 10 % of the studies' tables."""
+
+
+def sure_share_of(probability: Array, effort: Array, used: Mask) -> float:
+    """Share of |effort|, each joint alike, whose sign is as good as certain.
+
+    Args:
+        probability: (N, n) P(sign = +).
+        effort: (N, n) N m.
+        used: (N, n) the samples that count.
+    """
+    certain = np.maximum(probability, 1.0 - probability) >= SURE
+    weight = np.abs(effort) * used
+    return float(np.mean((weight * certain).sum(axis=0) / np.maximum(weight.sum(axis=0), TINY)))
 
 
 @dataclass(frozen=True)
@@ -60,7 +88,10 @@ class Identification:
         completion: what the catalogue had to say beyond the terms asked for; None where it was not asked.
         better_reading: of the log, than with this robot file, joint order and these units; None where there is none or
             the fit is no reason to look for one.
+        notebook_view: HTML of a result, for notebooks; figures and checks stand above this room, so `bayesid` sets it.
     """
+
+    notebook_view: ClassVar[Callable[[Identification], str] | None] = None
 
     identified: IdentifiedModel
     coefficients: BaseCoefficients
@@ -86,6 +117,51 @@ class Identification:
     provenance: Provenance
     completion: Completion | None = None
     better_reading: BetterReading | None = None
+
+    def __repr__(self) -> str:
+        left = self.fit.relative_residual
+        lines = [
+            f"Identification of {self.model.robot.name} from {self.log.source}: {len(self.log)} rows, "
+            f"{self.log.n_joints} joints, {int(self.log.signed.sum())} of them signed",
+            f"signs         {self._about_signs}",
+            f"coefficients  {len(self.coefficients)}, {self.n_known} known to {KNOWN:.0%}; condition number "
+            f"{self.fit.condition:.0f}",
+            f"fit           leaves {left.min():.1%} to {left.max():.1%} of a joint's effort",
+            f"posterior     {self._about_posterior}",
+            f"effects       {self._about_effects}",
+            f"warnings      {len(self.warnings) or 'none'}",
+            *(f"  - {in_python(warning)}" for warning in self.warnings[:_SHOWN]),
+            *(["  - .warnings has all"] if len(self.warnings) > _SHOWN else []),
+            "checks        bayesid.check_findings(bayesid.find_findings(result))",
+            "go on with    .coefficient(NAME), .segments_table(), .predict(motion), .validate(log)",
+        ]
+        return "\n  ".join(lines)
+
+    def _repr_html_(self) -> str | None:
+        """What a notebook shows: `notebook_view`, or the text where there is none."""
+        view = type(self).notebook_view
+        return None if view is None else view(self)
+
+    @property
+    def _about_signs(self) -> str:
+        if self.log.signed.all():
+            return "all known"
+        proof = "certified: no other assignment costs less" if self.search.certified else "not certified"
+        count = len(self.recorded_segments[0])
+        return f"{count} segments, {proof}; {self.sure_share:.1%} of |effort| sure to {SURE:.0%}"
+
+    @property
+    def _about_posterior(self) -> str:
+        if self.posterior is None:
+            return "not sampled"
+        figures = f"R-hat {self.posterior.max_rhat:.3f}, effective sample size {self.posterior.min_ess:.0f}"
+        modes = f"{len(self.posterior.modes)} mode{'s' * (len(self.posterior.modes) > 1)}"
+        return f"{'converged' if self.posterior.converged else 'NOT converged'} ({figures}), {modes}"
+
+    @property
+    def _about_effects(self) -> str:
+        names = " + ".join(" ".join([one.name, *map(str, one.joints)]) for one in self.model.effects)
+        return f"{names}{'' if self.completion is None else f'; {len(self.completion.effects)} entered by completion'}"
 
     @property
     def model(self) -> Model:
@@ -176,6 +252,92 @@ class Identification:
         """(N, n) the likelier sign of every sample, +1 or -1."""
         return np.where(self.probability >= 0.5, 1.0, -1.0)
 
+    @property
+    def interval_95(self) -> tuple[Array, Array]:
+        """(r,) ends of the 95 % intervals of the coefficients: the posterior's, or two standard deviations."""
+        if self.posterior is not None:
+            return self.posterior.interval(0.95)
+        return self.beta - NORMAL_95 * self.sd, self.beta + NORMAL_95 * self.sd
+
+    @property
+    def n_known(self) -> int:
+        """Number of coefficients whose sd is below a tenth of their value."""
+        return int((self.sd < KNOWN * np.abs(self.beta)).sum())
+
+    @property
+    def sure_share(self) -> float:
+        """Share of the |effort| in motion, each joint alike, whose sign is sure to 99 %."""
+        recorded = self.log.clock(self.signals.motion.t)[0] >= 0  # the pause between joined logs is not
+        moving = self.segments.per_sample(self.segments.moving, *self.probability.shape) > 0
+        return sure_share_of(self.probability, self.signals.raw_effort, moving & recorded[:, None])
+
+    @property
+    def recorded_segments(self) -> tuple[Segments, Integers, Array]:
+        """The segments without the pauses between logs that were joined, their signs (S,) and confidences (S,)."""
+        if not self.log.pooled:
+            return self.segments, self.signs, self.confidence
+        signals = self.signals
+        return recorded_segments(self.log, signals.motion.t, self.segments, self.probability, signals.raw_effort)
+
+    def coefficients_table(self) -> Records[Coefficient]:
+        """The base coefficients, one record each: to iterate over, or `.to_dataframe()`."""
+        known, (low, high), (prior_sd, by_data) = self.coefficients, self.interval_95, self.prior_sd
+        words = zip(known.names, known.expressions, known.units, strict=True)
+        before, nominal = np.where(np.isfinite(prior_sd), prior_sd, np.nan), self.nominal_beta
+        numbers = np.column_stack([self.beta, self.sd, low, high, before, nominal]).tolist()
+        rows = (
+            Coefficient(*names, mean, sd, lower, upper, _decided_by(data), of_prior, stated)
+            for names, (mean, sd, lower, upper, of_prior, stated), data in zip(words, numbers, by_data, strict=True)
+        )
+        return Records(Coefficient, tuple(rows))
+
+    def parameters_table(self) -> Records[ParameterValue]:
+        """The model's parameters, one record each: to iterate over, or `.to_dataframe()`."""
+        sd, by_data = self.parameter_sd
+        figures = zip(self.model.parameters, self.theta.tolist(), sd.tolist(), by_data, strict=True)
+        rows = (ParameterValue(p.name, p.unit, p.joint, mean, own, _decided_by(data)) for p, mean, own, data in figures)
+        return Records(ParameterValue, tuple(rows))
+
+    def segments_table(self) -> Records[SegmentSign]:
+        """The segments with their signs, one record each, joints from 1: to iterate over, or `.to_dataframe()`."""
+        segments, signs, confidence = self.recorded_segments
+        place, t = self.log.clock(self.signals.motion.t)
+        sources = [piece.source for piece in self.log.pieces] if self.log.pooled else [self.log.source]
+        figures = zip(segments.joint, segments.start, segments.end, signs, confidence, strict=True)
+        rows = (
+            SegmentSign(int(j) + 1, float(t[a]), float(t[b - 1]), int(b - a), int(s), float(sure), sources[place[a]])
+            for j, a, b, s, sure in figures
+        )
+        return Records(SegmentSign, tuple(rows))
+
+    def coefficient(self, name: str) -> Coefficient:
+        """A base coefficient by its name, as in `result.coefficient("Fc2").mean`.
+
+        Raises:
+            InputError: there is none of this name; near names are told.
+        """
+        parameters = [parameter.name for parameter in self.model.parameters]
+        elsewhere = f"efforts show it in sums alone; take parameter({name!r})" if name in parameters else ""
+        return named(self.coefficients_table(), name, "coefficient", elsewhere)
+
+    def parameter(self, name: str) -> ParameterValue:
+        """A parameter of the model by its name, as in `result.parameter("m3").mean`.
+
+        Raises:
+            InputError: there is none of this name; near names are told.
+        """
+        return named(self.parameters_table(), name, "parameter")
+
+    def predict(
+        self, motion: MotionLike, *, noise: bool = True, draws: int = 0, cutoff: float | None = None, seed: int = 0
+    ) -> PredictedEfforts:
+        """Efforts of a new motion with their uncertainty (see `IdentifiedModel.predict`)."""
+        return self.identified.predict(motion, noise=noise, draws=draws, cutoff=cutoff, seed=seed)
+
     def validate(self, log: LogSource, cutoff: float | None = None) -> Validation:
         """Predicts another log of the same robot (see `IdentifiedModel.validate`)."""
         return self.identified.validate(log, cutoff)
+
+
+def _decided_by(data: bool) -> str:
+    return "data" if data else "prior"

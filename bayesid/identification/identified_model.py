@@ -7,9 +7,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesid.arrays import Array
+from bayesid.errors import InputError
 from bayesid.fit.knowledge import Knowledge
 from bayesid.fit.noise import Noise
-from bayesid.identification.validation import PredictedEfforts, Validation, check_joints, compare
+from bayesid.identification.prediction import (
+    BY_INFORMATION,
+    BY_POSTERIOR,
+    NOISE_ALONE,
+    MotionLike,
+    PredictedEfforts,
+    Spread,
+    drawn_noise,
+    motion_of,
+    spread_of,
+)
+from bayesid.identification.validation import Validation, check_joints, compare
 from bayesid.log.log import LogSource, as_log
 from bayesid.log.signals import prepare
 from bayesid.model.model import Model
@@ -42,6 +54,8 @@ class IdentifiedModel:
         noise: of the efforts of the log that the model was identified from.
         precision: (r, r) inverse covariance of the base coefficients; zero where nothing is known.
         draws: of the posterior; None if it was not sampled.
+        lacking: (r, r) covariance by which the coefficients are less certain than `precision` says, for the model may
+            lack something; None where it lacks nothing, or draws show it.
     """
 
     model: Model
@@ -49,6 +63,20 @@ class IdentifiedModel:
     noise: Noise
     precision: Array
     draws: ParameterDraws | None = None
+    lacking: Array | None = None
+
+    def __repr__(self) -> str:
+        effects = ", ".join(effect.name for effect in self.model.effects)
+        known = "nothing" if not self._knows_parameters else "covariance" if self.draws is None else "draws"
+        robot = self.model.robot
+        lines = [
+            f"IdentifiedModel of {robot.name}: {robot.n_joints} joints, {len(self.theta)} parameters",
+            f"effects      {effects}",
+            f"noise        {', '.join(f'{sd:.3g}' for sd in self.noise.sigma)} (sd a joint)",
+            f"uncertainty  {known} of the parameters",
+            "go on with   .predict(motion), .validate(log), .effort(motion), bayesid.find_discrepancy(model, log)",
+        ]
+        return "\n  ".join(lines)
 
     @property
     def knowledge(self) -> Knowledge:
@@ -59,16 +87,87 @@ class IdentifiedModel:
         """(N, n) actuator efforts of a motion, N m."""
         return self.model.effort(motion, self.theta)
 
-    def predict(self, motion: Motion) -> PredictedEfforts:
-        """Efforts of a motion with standard deviations, by the posterior or, without draws, of the noise alone."""
-        predicted = self.effort(motion)
+    def predict(
+        self, motion: MotionLike, *, noise: bool = True, draws: int = 0, cutoff: float | None = None, seed: int = 0
+    ) -> PredictedEfforts:
+        """Efforts of a motion with their uncertainty.
+
+        What is uncertain of the parameters comes from the posterior's draws; without a posterior from the covariance of
+        the coefficients by least squares, which leaves out the cone. `PredictedEfforts.basis` says which.
+
+        Args:
+            motion: a `Motion` or arrays (t, q, dq, ddq), taken as they are; or positions, which are low-passed and
+                differentiated as a log's are: arrays (t, q) or (t, q, dq), a log, a DataFrame with the columns t,
+                q1..qn[, dq1..dqn], or a file of those. Efforts need not be there, and are left out. N instants, s and
+                rad; n joints.
+            noise: whether sd and band are those of a measured effort, into which band a measurement falls 95 % of the
+                time, or of the model's effort alone, whose parameters are uncertain.
+            draws: K efforts (K, N, n) to draw as well.
+            cutoff: of the low-pass, Hz; from the motion by default.
+            seed: of the draws.
+
+        Raises:
+            InputError: the motion cannot be used, or nothing is known of the parameters' uncertainty and no noise is
+                wanted.
+
+        Example:
+            >>> stored = bayesid.load_model("result")
+            >>> stored.predict("motion.csv").to_dataframe()
+        """
+        motion = motion_of(motion, self.model.robot, cutoff)
+        known = self._knows_parameters
+        if not known and not noise:
+            said = "nothing is known of how certain the model's parameters are"
+            raise InputError(said, "--without-noise", "leave it out: the noise is known")
+        of_noise = self.noise.sigma if self.draws is None else np.sqrt(np.mean(self.draws.sigma**2, axis=0))
+        return PredictedEfforts(
+            t=motion.t,
+            mean=self.effort(motion),
+            sd_of_mean=self._sd_of_effort(motion) if known else np.zeros(motion.q.shape),
+            sd_of_noise=of_noise,
+            noise=noise,
+            basis=NOISE_ALONE if not known else BY_INFORMATION if self.draws is None else BY_POSTERIOR,
+            units=tuple("N" if joint.prismatic else "N m" for joint in self.model.robot.joints),
+            draws=self._drawn_efforts(motion, draws, noise, np.random.default_rng(seed)) if draws else None,
+        )
+
+    @property
+    def _knows_parameters(self) -> bool:
+        """Whether anything is known of how certain they are."""
+        return self.draws is not None or bool(self.precision.any())
+
+    @property
+    def _spread(self) -> Spread:
+        """Of the coefficients, without a posterior."""
+        return spread_of(self.model, self.precision, self.lacking)
+
+    def _sd_of_effort(self, motion: Motion) -> Array:
+        """(N, n) of the efforts before sensors read them, N m."""
+        chunks = (columns for _, columns in self.model.chunks(motion))
         if self.draws is None:
-            return PredictedEfforts(predicted, np.broadcast_to(self.noise.sigma, motion.q.shape).copy(), "noise alone")
+            spread = self._spread
+            return np.concatenate([spread.sd(columns) for columns in chunks])
         count = len(self.draws.theta)
         drawn = self.draws.theta[np.linspace(0, count - 1, min(_DRAWS, count)).astype(int)]
-        of_model = [(columns @ drawn.T).std(axis=2) for _, columns in self.model.chunks(motion)]
-        sd = np.hypot(np.concatenate(of_model), np.sqrt(np.mean(self.draws.sigma**2, axis=0)))
-        return PredictedEfforts(predicted, sd, "parameters and noise, by the posterior")
+        return np.concatenate([(columns @ drawn.T).std(axis=2) for columns in chunks])
+
+    def _drawn_efforts(self, motion: Motion, count: int, noise: bool, rng: np.random.Generator) -> Array:
+        """(K, N, n) efforts that might be, N m."""
+        sigma = np.tile(self.noise.sigma, (count, 1))
+        if self.draws is not None:
+            total = len(self.draws.theta)
+            chosen = rng.choice(total, count, replace=count > total)
+            theta, sigma = self.draws.theta[chosen], self.draws.sigma[chosen]
+            parts = [columns @ theta.T for _, columns in self.model.chunks(motion)]
+        elif self._knows_parameters:
+            spread = self._spread
+            normal = rng.standard_normal((count, spread.root.shape[1]))
+            chunks = self.model.chunks(motion)
+            parts = [(columns @ self.theta)[:, :, None] + spread.moves(columns, normal) for _, columns in chunks]
+        else:
+            parts = [np.repeat(self.effort(motion)[:, :, None], count, axis=2)]
+        efforts = np.stack([self.model.read(effort) for effort in np.moveaxis(np.concatenate(parts), 2, 0)])
+        return efforts + drawn_noise(self.noise, sigma, motion.t, rng) if noise else efforts
 
     def validate(self, log: LogSource, cutoff: float | None = None) -> Validation:
         """Predicts a log's efforts from its motion, settles the unknown signs under the model, and compares.

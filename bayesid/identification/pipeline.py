@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from bayesid.arrays import Array, Integers
+from bayesid.arrays import Array
 from bayesid.errors import InputError
 from bayesid.fit.evidence import Evidence
 from bayesid.fit.knowledge import Beliefs, Knowledge, Links, of_base
@@ -26,6 +26,7 @@ from bayesid.identification.identified_model import IdentifiedModel, ParameterDr
 from bayesid.identification.options import Completeness, Preparation, check_completeness, plain_options
 from bayesid.identification.other_readings import suspected_reading
 from bayesid.identification.provenance import record_provenance
+from bayesid.identification.recorded import segment_signs
 from bayesid.identification.warnings import warnings_of
 from bayesid.log.log import Log, LogSource, as_log
 from bayesid.log.segments import Segments, find_segments
@@ -62,8 +63,6 @@ _MOST_SMOOTHED = 24
 _SMOOTHED = 200_000
 """Samples times draws, from which on there are fewer draws: a long log leaves little doubt about parameters. A round
 number; not studied."""
-_SILENT_EFFORT = 1e-24
-"""(N m)^2 by which a sample counts at least, far below any sensor: a segment of exact zeros has a confidence too."""
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # matrices are small: threads only wait for each other
@@ -96,26 +95,22 @@ def identify(
     With `repeatable` set in `search` and `posterior` the same seed gives the same result, to the last digit, on a busy
     machine too: budgets then count work instead of seconds.
 
+    Returns:
+        An `Identification`: signs with confidences, coefficients and parameters with standard deviations, warnings, and
+        the model, which predicts and validates. Efforts are in N m, of a prismatic joint in N.
+
     Raises:
         InputError: the robot, the log or an option cannot be used.
         SolverError: an optimisation failed.
 
     Example:
         >>> result = bayesid.identify("ur10e", "log.csv", search=bayesid.Certified(budget=30.0), posterior=False)
+        >>> result.coefficient("Fc2").mean, result.predict("motion.csv").upper
     """
-    name, terms = robot.name if isinstance(robot, Robot) else str(robot), tuple(terms)
+    name, terms = robot.name if isinstance(robot, Robot) else str(robot), catalogue.term_names(terms)
     subject = {"robot": name, "terms": list(terms), "complete": check_completeness(complete)}
     run = _Run(search, posterior, preparation, beliefs, progress, subject)
-    progress("prepare", 0, 1)
-    robot = robot if isinstance(robot, Robot) else load_robot(robot)
-    log = as_log(log)
-    _check(robot, log)
-    signals = prepare(log, preparation.cutoff)
-    model = Model(robot, catalogue.make_terms(terms, robot, signals.motion))
-    segments = find_segments(signals, robot.actuators(signals.motion), preparation.cutting)
-    _check_amount(segments, base_coefficients(model), log)
-    beliefs.of(model.parameters)  # what cannot be used is refused before the search
-    run.lap("prepare")
+    log, model, signals, segments = _prepared(run, robot, log, terms)
     asked, segments = settle_unfiltered(model, signals, segments, search, preparation.cutting, progress)
     run.lap("search")
     averaged = average_over_models(asked, segments, search, progress)
@@ -186,6 +181,16 @@ class _Run:
     laps: dict[str, float] = field(default_factory=dict)
     _last: float = field(default_factory=time.perf_counter)
 
+    def __post_init__(self) -> None:
+        if isinstance(self.search, str):
+            raise InputError(f"{self.search!r} is no search", "search", "give bayesid.Certified() or bayesid.Beam()")
+        if not isinstance(self.posterior, bool | Sampling):
+            remedy = "give True, False or bayesid.Sampling()"
+            raise InputError(f"{self.posterior!r} is no sampling", "posterior", remedy)
+        if not isinstance(self.beliefs, Beliefs):
+            said = f"{type(self.beliefs).__name__} are no beliefs"
+            raise InputError(said, "beliefs", "give bayesid.Beliefs(nominal=..., links=...)")
+
     @property
     def sampling(self) -> Sampling | None:
         """How the posterior is sampled; None if it is not."""
@@ -203,6 +208,22 @@ class _Run:
         """A stage has ended."""
         now = time.perf_counter()
         self.laps[stage], self._last = now - self._last, now
+
+
+def _prepared(
+    run: _Run, robot: Robot | str | Path, log: LogSource, terms: Iterable[str]
+) -> tuple[Log, Model, Signals, Segments]:
+    """Log, model, signals and segments; what cannot be used is refused before the search."""
+    run.progress("prepare", 0, 1)
+    robot, log = robot if isinstance(robot, Robot) else load_robot(robot), as_log(log)
+    _check(robot, log)
+    signals = prepare(log, run.preparation.cutoff)
+    model = Model(robot, catalogue.make_terms(terms, robot, signals.motion))
+    segments = find_segments(signals, robot.actuators(signals.motion), run.preparation.cutting)
+    _check_amount(segments, base_coefficients(model), log)
+    run.beliefs.of(model.parameters)
+    run.lap("prepare")
+    return log, model, signals, segments
 
 
 def _identification(run: _Run, log: Log, signals: Signals, model: Model, averaged: AveragedSigns) -> Identification:
@@ -255,7 +276,9 @@ def _identified(model: Model, evidence: Evidence, fit: Fit, posterior: Posterior
     that knowledge leaves it out.
     """
     if posterior is None:
-        return IdentifiedModel(model, fit.theta, fit.noise, of_base(model, evidence.coefficients, fit.information))
+        precision = of_base(model, evidence.coefficients, fit.information)
+        lacking = None if evidence.nuisance is None else _lacking(fit)
+        return IdentifiedModel(model, fit.theta, fit.noise, precision, lacking=lacking)
     precision = of_base(model, evidence.coefficients, _inverse(posterior.covariance_of_log))
     theta, log_scale = posterior.target.split(posterior.uncertain.spread(DRAWS))
     draws = ParameterDraws(theta, posterior.target.likelihood.sigma * np.exp(log_scale))
@@ -293,12 +316,15 @@ def _sample(run: _Run, averaged: AveragedSigns, sampling: Sampling) -> Posterior
         information=evidence.information,
     )
     posterior = infer(problem, search, sampling, run.progress.steps("posterior"))
-    if evidence.nuisance is None:
-        return posterior
+    return posterior if evidence.nuisance is None else widened(posterior, fit.information, _lacking(fit))
+
+
+def _lacking(fit: Fit) -> Array:
+    """(r, r) covariance by which coefficients are less certain than the information says: what the model may lack."""
     known = np.isfinite(fit.sd)
-    lacking = np.where(np.outer(known, known), fit.covariance, 0.0)
+    lacking: Array = np.where(np.outer(known, known), fit.covariance, 0.0)
     lacking[np.ix_(known, known)] -= _inverse(fit.information)[np.ix_(known, known)]
-    return widened(posterior, fit.information, lacking)
+    return lacking
 
 
 def _usual_links(evidence: Evidence, moments: Moments) -> Links:
@@ -344,20 +370,6 @@ def _sign_changes(signals: Signals) -> list[tuple[int, int]]:
     positive = signals.effort >= 0.0
     changes = np.argwhere(positive[1:] != positive[:-1])
     return [(int(j), int(i) + 1) for i, j in changes if signals.signed[j]]
-
-
-def segment_signs(segments: Segments, probability: Array, effort: Array) -> tuple[Integers, Array]:
-    """(S,) signs and (S,) confidences: each segment's mean probability, weighted with the squared effort.
-
-    Args:
-        segments: S over N samples.
-        probability: (N, n) P(sign = +).
-        effort: (N, n) N m.
-    """
-    share = np.empty(len(segments))
-    for k, (j, a, b) in enumerate(zip(segments.joint, segments.start, segments.end, strict=True)):
-        share[k] = np.average(probability[a:b, j], weights=effort[a:b, j] ** 2 + _SILENT_EFFORT)
-    return np.where(share >= 0.5, 1, -1), np.maximum(share, 1.0 - share)
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -9,29 +9,12 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.errors import InputError
 from bayesid.fit.noise import Noise, relative_rms
+from bayesid.identification.prediction import PredictedEfforts
 from bayesid.log.log import Log
 from bayesid.log.segments import Segments, find_segments
 from bayesid.log.signals import Signals, signed_effort
 from bayesid.model.robot import Robot
 from bayesid.signs.smoothing import sign_probabilities
-
-NORMAL_95 = 1.959963984540054
-"""Standard deviations within which 95 % of a normal distribution lie: the 0.975 quantile."""
-
-
-@dataclass(frozen=True)
-class PredictedEfforts:
-    """Efforts predicted for a motion of N instants.
-
-    Attributes:
-        effort: (N, n) N m.
-        sd: (N, n) standard deviation of an unfiltered effort about it, N m.
-        basis: what the standard deviation accounts for.
-    """
-
-    effort: Array
-    sd: Array
-    basis: str
 
 
 @dataclass(frozen=True)
@@ -66,6 +49,20 @@ class Validation:
     coverage: Array
     band: str
 
+    def __repr__(self) -> str:
+        figures = zip(self.rms_error, self.relative_residual, self.coverage, strict=True)
+        joints = [
+            f"{j:>5}   {error:>10.4g}   {share:>17.1%}   {inside:>14.1%}"
+            for j, (error, share, inside) in enumerate(figures, start=1)
+        ]
+        lines = [
+            f"Validation on {self.log.source}: {len(self.log)} rows",
+            "joint    RMS error   relative residual   in 95 % band",
+            *joints,
+            f"the band holds {self.band}",
+        ]
+        return "\n  ".join(lines)
+
 
 def check_joints(robot: Robot, log: Log) -> None:
     """A log has as many joints as a model's robot.
@@ -85,17 +82,17 @@ def compare(log: Log, signals: Signals, robot: Robot, prediction: PredictedEffor
         log: the raw log.
         signals: the log on an even grid of N instants.
         robot: of the log.
-        prediction: of its motion.
+        prediction: of its motion, with the noise of a measurement.
         noise: of the model's residual on the log it was identified from.
     """
     segments = find_segments(signals, robot.actuators(signals.motion))
     moving = segments.per_sample(segments.moving, *signals.effort.shape) > 0
-    predicted, half = prediction.effort, NORMAL_95 * prediction.sd
+    predicted, lower, upper = prediction.mean, prediction.lower, prediction.upper
     probability = sign_probabilities(signals, predicted, moving, noise)
     signs = np.where(probability >= 0.5, 1.0, -1.0)
     measured, unfiltered = signed_effort(signals, signs), signed_effort(signals, signs, filtered=False)
     residual, count = measured - predicted, np.maximum(moving.sum(axis=0), 1)
-    inside = np.abs(unfiltered - predicted) <= half
+    inside = (unfiltered >= lower) & (unfiltered <= upper)
     return Validation(
         log=log,
         signals=signals,
@@ -105,8 +102,8 @@ def compare(log: Log, signals: Signals, robot: Robot, prediction: PredictedEffor
         predicted=predicted,
         rms_error=np.sqrt((residual**2 * moving).sum(axis=0) / count),
         relative_residual=relative_rms(residual, measured, moving),
-        lower=predicted - half,
-        upper=predicted + half,
+        lower=lower,
+        upper=upper,
         coverage=(inside & moving).sum(axis=0) / count,
-        band=prediction.basis,
+        band=prediction.holds,
     )

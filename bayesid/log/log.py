@@ -110,6 +110,14 @@ class Log:
     def __len__(self) -> int:
         return len(self.t)
 
+    def __repr__(self) -> str:
+        signed = np.flatnonzero(self.signed) + 1
+        signs = "all signed" if self.signed.all() else f"signed: {', '.join(map(str, signed))}" if len(signed) else ""
+        seconds = self.t[-1] - self.t[0] if len(self) else 0.0
+        velocities = "velocities measured" if self.dq is not None else "no velocities"
+        joints = f"{self.n_joints} joints ({signs or 'none signed'})"
+        return f"Log {self.source}: {len(self)} rows in {seconds:.4g} s, {joints}, {velocities}"
+
     def rectified(self) -> Log:
         """The log as a controller that hides every sign would have written it."""
         return replace(self, effort=np.abs(self.effort), signed=np.zeros(self.n_joints, dtype=bool))
@@ -192,10 +200,11 @@ def read_log(
         >>> bayesid.read_log({"t": t, "q": q, "tau": 5.0 * q}).n_joints
         2
     """
+    _check_lists(gains=gains, joints=joints)
     stated = parse_columns(str(columns)) if isinstance(columns, str | Path) else columns
     options = Options(topic=topic, joints=joints, currents=gains is not None, columns=stated)
     table = read_table(Path(source), options) if isinstance(source, str | Path) else _in_memory(source, options)
-    angle, factors = _angle(table, degrees), _factors(table, gains)
+    angle, factors = angle_unit(table, degrees), _factors(table, gains)
     q, measured = table.block("q", angle), table.block("tau" if "tau1" in table.columns else "i")
     signed = _signed(measured, unsigned, table.n_joints)
     effort = measured * factors
@@ -337,7 +346,7 @@ def _check_blocks(table: Table, q: Array, effort: Array) -> None:
         raise InputError(said, table.source, "check that its sensor was read")
 
 
-def _angle(table: Table, degrees: bool | None) -> float:
+def angle_unit(table: Table, degrees: bool | None) -> float:
     """The unit, rad, of the positions of which the file does not say it."""
     if degrees is None:
         reach = np.abs([c.values for name, c in table.columns.items() if name.startswith("q") and c.unit is None])
@@ -366,6 +375,13 @@ def _factors(table: Table, gains: Sequence[float] | None) -> Array:
     if not np.all((np.abs(factors) < ABSURD) & (factors != 0.0)):
         raise InputError("a gain is zero or not finite", "--gains", "give one gain per joint, N m/A")
     return factors
+
+
+def _check_lists(**given: object) -> None:
+    """What has an entry for every joint is a list, where it is given."""
+    for name, values in given.items():
+        if not isinstance(values, Sequence | np.ndarray | None) or isinstance(values, str):
+            raise InputError(f"{values!r} is no list", f"--{name}", "give one entry a joint, as in [1, 2, 3]")
 
 
 def _signed(measured: Array, unsigned: str | None, n: int) -> Mask:

@@ -7,6 +7,7 @@ does need quiet accelerations. So the motion passes a zero-phase low-pass at the
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,7 @@ from bayesid.errors import InputError
 from bayesid.log.formats.table import FEWEST_ROWS
 from bayesid.log.log import Log
 from bayesid.log.low_pass import AfterRectifier
+from bayesid.log.motions import RecordedMotion
 from bayesid.motion import Motion
 
 _ORDER = 4
@@ -63,6 +65,10 @@ class Signals:
     measured: Mask
     after_rectifier: AfterRectifier | None = None
 
+    def __repr__(self) -> str:
+        n = self.motion.n_joints
+        return f"Signals: {len(self.motion)} instants of {n} joints at {self.rate:.6g} Hz, cut-off {self.cutoff:.3g} Hz"
+
     @property
     def effort_cutoff(self) -> float:
         """Cut-off of the efforts' light low-pass, Hz."""
@@ -98,22 +104,14 @@ def prepare(log: Log, cutoff: float | None = None) -> Signals:
     Raises:
         InputError: nothing moves, too few distinct rows, or a cut-off beyond the log's Nyquist frequency.
     """
-    keep = _distinct_rows(log)
-    t = _instants(log.t[keep], log.q[keep])
+    recorded = RecordedMotion(log.t, log.q, log.dq, log.source)
+    even = _on_even_grid(recorded, log.effort)
+    keep, t, grid, rate, q, dq = even.keep, even.t, even.grid, even.rate, even.q, even.dq
     periods = np.diff(t)
-    rate = 1.0 / float(np.median(periods))
-    grid = t[0] + np.arange(int((t[-1] - t[0]) * rate * (1 + 1e-9)) + 1) / rate
-    if len(grid) < FEWEST_ROWS:
-        raise InputError(f"only {len(grid)} distinct instants", log.source, "record a longer log")
-    q = CubicSpline(t, log.q[keep])(grid)
-    dq = None if log.dq is None else PchipInterpolator(t, log.dq[keep])(grid)
     effort = PchipInterpolator(t, log.effort[keep])(grid)
     effort[:, ~log.signed] = np.maximum(effort[:, ~log.signed], 0.0)
     chosen = cutoff is None
-    cutoff = choose_cutoff(q, dq, rate) if cutoff is None else cutoff
-    if not 0.0 < cutoff < rate / 2:
-        remedy = f"give a value between 0 and {rate / 2:g} Hz, half the log's rate"
-        raise InputError(f"a cut-off of {cutoff:g} Hz does not suit a log of {rate:g} Hz", "--cutoff", remedy)
+    cutoff = even.cutoff(cutoff)
     processing: dict[str, object] = {
         "rows": len(log),
         "repeated_rows_dropped": len(log) - len(t),
@@ -136,6 +134,69 @@ def prepare(log: Log, cutoff: float | None = None) -> Signals:
         processing=processing,
         measured=np.repeat(_measured(grid, t, 0.5 / cutoff)[:, None], log.n_joints, axis=1),
     )
+
+
+def filtered_motion(recorded: RecordedMotion, cutoff: float | None = None) -> Motion:
+    """A motion at its own N instants, made as `prepare` makes a log's: low-passed on an even grid and differentiated.
+
+    Args:
+        recorded: positions as recorded or planned, and velocities where there are any.
+        cutoff: as for `prepare`.
+
+    Raises:
+        InputError: too few distinct instants, or a cut-off beyond the motion's Nyquist frequency.
+    """
+    even = _on_even_grid(recorded)
+    smooth = _smooth_motion(even.grid, even.q, even.dq, even.rate, even.cutoff(cutoff))
+    q, velocity = CubicSpline(smooth.t, smooth.q), CubicSpline(smooth.t, smooth.dq)
+    return Motion(recorded.t, q(recorded.t), velocity(recorded.t), velocity(recorded.t, 1))
+
+
+@dataclass(frozen=True)
+class _EvenMotion:
+    """A recorded motion on an even grid, not filtered.
+
+    Attributes:
+        keep: (K,) the rows that bring something new.
+        t: (K,) their instants, s.
+        grid: (N,) even instants, s.
+        rate: of the grid, Hz.
+        q: (N, n) positions, rad.
+        dq: (N, n) measured velocities, rad/s, or None.
+    """
+
+    keep: Integers
+    t: Array
+    grid: Array
+    rate: float
+    q: Array
+    dq: Array | None
+
+    def cutoff(self, asked: float | None) -> float:
+        """The one asked for, or one by the data.
+
+        Raises:
+            InputError: it lies beyond the Nyquist frequency.
+        """
+        cutoff = choose_cutoff(self.q, self.dq, self.rate) if asked is None else asked
+        if not 0.0 < cutoff < self.rate / 2:
+            remedy = f"give a value between 0 and {self.rate / 2:g} Hz, half the log's rate"
+            raise InputError(f"a cut-off of {cutoff:g} Hz does not suit a log of {self.rate:g} Hz", "--cutoff", remedy)
+        return cutoff
+
+
+def _on_even_grid(recorded: RecordedMotion, effort: Array | None = None) -> _EvenMotion:
+    """A motion without repeated rows, resampled; (M, n) efforts beside it tell rows apart too."""
+    measured, source = recorded.dq, recorded.source
+    keep = _distinct_rows(recorded.t, [part for part in (recorded.q, effort, measured) if part is not None])
+    t = _instants(recorded.t[keep], recorded.q[keep])
+    rate = 1.0 / float(np.median(np.diff(t)))
+    grid = t[0] + np.arange(int((t[-1] - t[0]) * rate * (1 + 1e-9)) + 1) / rate
+    if len(grid) < FEWEST_ROWS:
+        raise InputError(f"only {len(grid)} distinct instants", source, "record a longer log")
+    q = CubicSpline(t, recorded.q[keep])(grid)
+    dq = None if measured is None else PchipInterpolator(t, measured[keep])(grid)
+    return _EvenMotion(keep, t, grid, rate, q, dq)
 
 
 def signed_effort(signals: Signals, signs: Array, filtered: bool = True) -> Array:
@@ -209,16 +270,15 @@ def choose_cutoff(q: Array, dq: Array | None, rate: float) -> float:
     return float(np.clip(10.0 * bandwidth, min(_SLOWEST, 0.4 * rate), 0.4 * rate))
 
 
-def _distinct_rows(log: Log) -> Integers:
+def _distinct_rows(t: Array, readings: Sequence[Array]) -> Integers:
     """Rows that bring something new: a later time and a changed reading (controllers repeat the last one)."""
-    readings = [log.q, log.effort] + ([] if log.dq is None else [log.dq])
     same = np.all(np.diff(np.hstack(readings), axis=0) == 0.0, axis=1)
     fresh = np.concatenate([[True], ~same])
-    typical = float(np.median(np.diff(log.t[fresh]))) if fresh.sum() > 2 else 0.0
+    typical = float(np.median(np.diff(t[fresh]))) if fresh.sum() > 2 else 0.0
     keep: list[int] = []
-    for i in range(len(log)):
-        later = not keep or log.t[i] > log.t[keep[-1]]
-        if later and (fresh[i] or log.t[i] - log.t[keep[-1]] > _HELD * typical):
+    for i in range(len(t)):
+        later = not keep or t[i] > t[keep[-1]]
+        if later and (fresh[i] or t[i] - t[keep[-1]] > _HELD * typical):
             keep.append(i)
     return np.array(keep)
 

@@ -48,6 +48,9 @@ class BaseCoefficients:
     def __len__(self) -> int:
         return len(self.kept)
 
+    def __repr__(self) -> str:
+        return f"BaseCoefficients: {len(self)} of {self.projection.shape[1]} parameters, {', '.join(self.names)}"
+
     def project(self, theta: Array) -> Array:
         """(..., r) coefficients of (..., P) parameters."""
         return theta @ self.projection.T

@@ -86,6 +86,20 @@ class Posterior:
     shift: Array | None = None
     excluded: float | None = None
 
+    def __repr__(self) -> str:
+        sweeps, ensembles, walkers, size = self.draws.theta.shape
+        weights = ", ".join(f"{sampled.weight:.2g}" for sampled in self.modes)
+        lines = [
+            f"Posterior of {size} parameters: {sweeps * ensembles * walkers} draws in {self.seconds:.1f} s",
+            f"converged    {'yes' if self.converged else 'no'}: R-hat {self.max_rhat:.3f}, effective sample size "
+            f"{self.min_ess:.0f} at worst",
+            f"modes        {len(self.modes)} (weights {weights}), mode {self.chosen + 1} is written",
+            f"decided      {int(self.decided_by_data.sum())} of {size} parameters by the data",
+            f"windows      {', '.join(name for name, _ in self.pressed) or 'none'} of the prior's hold draws back",
+            "go on with   .theta, .parameter_sd, .interval(0.95), bayesid.inference_data(result)",
+        ]
+        return "\n  ".join(lines)
+
     @property
     def uncertain(self) -> Draws:
         """The draws, moved by what the model may lack."""

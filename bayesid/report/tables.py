@@ -9,7 +9,7 @@ import numpy as np
 
 from bayesid.identification.identification import Identification
 from bayesid.identification.validation import Validation
-from bayesid.report.findings import as_json, coefficient_table, log_parts, recorded_segments, summarise
+from bayesid.report.findings import as_json, log_parts, summarise
 
 if TYPE_CHECKING:
     from bayesid.posterior.inference_data import InferenceData  # ArviZ takes half a second to import
@@ -17,20 +17,18 @@ if TYPE_CHECKING:
 
 def segment_rows(identification: Identification) -> list[dict[str, object]]:
     """segments.csv: one row a segment; of several logs the last column names which, and times are on its clock."""
-    segments, signs, confidence = recorded_segments(identification)
-    log = identification.log
-    place, t = log.clock(identification.signals.motion.t)
+    pooled = identification.log.pooled
     return [
         {
-            "joint": int(j) + 1,
-            "start": repr(float(t[a])),
-            "end": repr(float(t[b - 1])),
-            "n_samples": int(b - a),
-            "sign": int(sign),
-            "confidence": float(sure),
-            **({"log": log.pieces[place[a]].source} if log.pooled else {}),
+            "joint": segment.joint,
+            "start": repr(segment.start),
+            "end": repr(segment.end),
+            "n_samples": segment.n_samples,
+            "sign": segment.sign,
+            "confidence": segment.confidence,
+            **({"log": segment.log} if pooled else {}),
         }
-        for j, a, b, sign, sure in zip(segments.joint, segments.start, segments.end, signs, confidence, strict=True)
+        for segment in identification.segments_table()
     ]
 
 
@@ -40,47 +38,41 @@ def coefficient_rows(identification: Identification) -> list[dict[str, object]]:
     Beside what the design promises: what the prior alone knew, whether data or prior decide, as for parameters, and
     the value that nominal parameters give, if there are any and they give one.
     """
-    table = coefficient_table(identification)
     return [
         {
-            "name": table.name[k],
-            "expression": table.expression[k],
-            "mean": mean,
-            "sd": table.sd[k],
-            "rsd_percent": 100.0 * table.sd[k] / abs(mean) if mean else np.inf,
-            "q2.5": table.low[k],
-            "q97.5": table.high[k],
-            "unit": table.unit[k],
-            "prior_sd": _if_known(table.prior_sd[k]),
-            "decided_by": _decided_by(table.by_data[k]),
-            "nominal": _if_known(table.nominal[k]),
+            "name": one.name,
+            "expression": one.expression,
+            "mean": one.mean,
+            "sd": one.sd,
+            "rsd_percent": 100.0 * one.sd / abs(one.mean) if one.mean else np.inf,
+            "q2.5": one.lower,
+            "q97.5": one.upper,
+            "unit": one.unit,
+            "prior_sd": _if_known(one.prior_sd),
+            "decided_by": one.decided_by,
+            "nominal": _if_known(one.nominal),
         }
-        for k, mean in enumerate(table.mean)
+        for one in identification.coefficients_table()
     ]
 
 
 def parameter_rows(identification: Identification) -> list[dict[str, object]]:
     """parameters.csv: one row a standard parameter; without a posterior `sd` only where the data alone decide it."""
-    sd, by_data = identification.parameter_sd
     return [
         {
-            "name": parameter.name,
-            "unit": parameter.unit,
-            "joint": parameter.joint,
-            "mean": identification.theta[k],
-            "sd": _if_known(sd[k]),
-            "decided_by": _decided_by(by_data[k]),
+            "name": one.name,
+            "unit": one.unit,
+            "joint": one.joint,
+            "mean": one.mean,
+            "sd": _if_known(one.sd),
+            "decided_by": one.decided_by,
         }
-        for k, parameter in enumerate(identification.model.parameters)
+        for one in identification.parameters_table()
     ]
 
 
 def _if_known(value: float) -> object:
     return value if np.isfinite(value) else ""
-
-
-def _decided_by(data: bool) -> str:
-    return "data" if data else "prior"
 
 
 def inference_data(identification: Identification) -> InferenceData:

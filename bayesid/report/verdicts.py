@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from bayesid.fit.least_squares import POOR_FIT
+from bayesid.identification.identification import SURE, sure_share_of
 from bayesid.identification.other_readings import SUSPICIOUS
 from bayesid.identification.warnings import (
     EXCLUDED,
@@ -48,9 +49,6 @@ _MOSTLY_SURE = 0.95
 """Share of the |effort| that should have a sign which is as good as certain: the custom of 95 %."""
 _UNSURE = 0.8
 """Such a share below which too much is guessed; a round number, not studied."""
-SURE = 0.99
-"""Probability from which on a sign is as good as certain: what the project's README promises (of the samples given as
-much, at most 0.05 % are wrong)."""
 _WHITE = 0.3
 """Share of the residual's variance that may last longer than sensor noise does; a round number, not studied."""
 _DECIDED = 0.9
@@ -67,8 +65,6 @@ _WORSE = 1.5
 round number, not studied."""
 _MOST_NAMED = 5
 """Coefficients that a message names; summary.json has all."""
-_TINY = 1e-300
-"""Keeps a division by nothing finite."""
 
 _EXCITE = "`bayesid excite` designs one for your robot"
 _DISCREPANCY = "`bayesid discrepancy` names what the model lacks"
@@ -211,9 +207,7 @@ def low_pass(summary: Summary) -> tuple[Check, ...]:
 def sure_share(findings: Findings) -> float:
     """Share of the |effort| in motion, each joint alike, whose sign is as good as certain."""
     samples = findings.samples
-    certain = np.maximum(samples.probability, 1.0 - samples.probability) >= SURE
-    effort = np.abs(samples.recorded) * samples.used
-    return float(np.mean((effort * certain).sum(axis=0) / np.maximum(effort.sum(axis=0), _TINY)))
+    return sure_share_of(samples.probability, samples.recorded, samples.used)
 
 
 def proof(summary: Summary) -> Check:

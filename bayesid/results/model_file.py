@@ -64,7 +64,10 @@ def _stored_model(table: dict[str, Any], where: str) -> IdentifiedModel:
         raise ValueError("a term comes twice")
     theta = frozen([table["values"][name] for name in names], (len(names),), "values")
     noise = _stored_noise(table["noise"], robot.n_joints)
-    return IdentifiedModel(model, theta, noise, _stored_precision(table.get("knowledge"), model))
+    knowledge = table.get("knowledge")
+    return IdentifiedModel(
+        model, theta, noise, _stored_precision(knowledge, model), lacking=_stored_lacking(knowledge, model)
+    )
 
 
 def _stored_precision(table: dict[str, Any] | None, model: Model) -> Array:
@@ -80,6 +83,14 @@ def _stored_precision(table: dict[str, Any] | None, model: Model) -> Array:
     if np.abs(scaled - scaled.T).max() > _ROUNDING or np.linalg.eigvalsh(scaled)[0] < -_ROUNDING:
         raise ValueError("the knowledge's precision is not that of a normal distribution")
     return precision
+
+
+def _stored_lacking(table: dict[str, Any] | None, model: Model) -> Array | None:
+    """(r, r); None where the file says nothing."""
+    if table is None or "lacking" not in table:
+        return None
+    size = len(base_coefficients(model))
+    return frozen(table["lacking"], (size, size), "knowledge, lacking,")
 
 
 def _stored_draws(model: Model, path: Path) -> ParameterDraws | None:
@@ -145,5 +156,6 @@ def model_table(stored: IdentifiedModel) -> dict[str, Any]:
         "knowledge": {
             "coefficients": list(base_coefficients(stored.model).names),
             "precision": stored.precision.tolist(),
+            **({} if stored.lacking is None else {"lacking": stored.lacking.tolist()}),
         },
     }

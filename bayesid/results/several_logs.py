@@ -37,7 +37,7 @@ class Run:
     Attributes:
         log: its file.
         folder: its result folder.
-        error: why there is none; empty if there is.
+        error: why there is none, in the words of the command line, as runs.csv has it; empty if there is.
         bad_input: whether that is a fault of the log or an option.
         figures: for runs.csv.
         coefficients: rows of its coefficients.csv.
@@ -59,6 +59,13 @@ class Separate:
 
     runs: tuple[Run, ...]
     agreement: Agreement | None
+
+    def __repr__(self) -> str:
+        heads = [
+            f"{run.log}: {run.error or f'{len(run.coefficients)} coefficients in {run.folder}'}" for run in self.runs
+        ]
+        said = "nothing to compare" if self.agreement is None else f"{len(self.agreement.names)} coefficients compared"
+        return "\n  ".join([f"Separate: {len(self.runs)} logs, {said}", *heads])
 
 
 @dataclass(frozen=True)
@@ -128,7 +135,7 @@ def _identify(job: _Job) -> Run:
         result = identify(job.robot, read_log(job.log, **job.reading), **job.options)
         save_identification(result, job.folder, report=job.report)
     except InputError as error:
-        return Run(job.log, job.folder, str(error), bad_input=True)
+        return Run(job.log, job.folder, error.on_command_line, bad_input=True)
     return Run(
         job.log, job.folder, figures=_figures(result), coefficients=coefficient_rows(result), warnings=result.warnings
     )

@@ -402,7 +402,7 @@ def test_a_urdf_robot(place, capfd):
     assert run("simulate", "--robot", "odd.urdf", "--duration", 6, "--out", "odd.csv") == 0
     assert run(*identify("odd_signed.csv", "odd.urdf"), *QUICK) == 0
     assert run("validate", "out", "odd.csv") == 0
-    assert capfd.readouterr().out.endswith("the band holds noise alone\n")
+    assert capfd.readouterr().out.endswith("the band holds parameters and noise, by the information matrix\n")
 
 
 def test_demo_is_the_papers_experiment(shop, place, capfd):
@@ -863,7 +863,7 @@ def test_demo_with_a_bad_seed(refused):
 # ---------------------------------------------------------------------------------------------------------------
 # report, completion, and what all commands share
 # ---------------------------------------------------------------------------------------------------------------
-EVERY = ("identify", "validate", "discrepancy", "report", "excite", "simulate", "demo", "study", "completion")
+EVERY = (*COMMANDS, "predict", "discrepancy", "report", "excite", "study", "completion")
 
 
 @pytest.fixture

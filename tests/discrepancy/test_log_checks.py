@@ -36,7 +36,7 @@ def refused(check, *arguments):
         check(*arguments)
     assert "\n" not in str(caught.value)
     assert caught.value.remedy
-    assert str(caught.value) == f"{caught.value.where}: {caught.value.what}; {caught.value.remedy}"
+    assert caught.value.on_command_line == f"{caught.value.where}: {caught.value.what}; {caught.value.remedy}"
     return caught.value
 
 

@@ -459,7 +459,7 @@ def test_a_log_of_another_robot_and_a_bad_noise_are_refused(model):
     log = log_of(model, random_trajectory(3, 20.0, seed=2))
     with pytest.raises(InputError, match="has 2"):
         judge_log(small_robot(2), log)
-    with pytest.raises(InputError, match="--noise"):
+    with pytest.raises(InputError, match="noise: "):
         judge_log(model.robot, log, noise=-1.0)
 
 

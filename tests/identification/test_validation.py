@@ -151,7 +151,7 @@ def test_the_smoothing_of_friction_is_the_models_own(model, theta, noise):
 
 def test_a_cutoff_may_be_given(model, theta, noise, new):
     assert validate(model, theta, noise, new, cutoff=12.0).signals.cutoff == 12.0
-    with pytest.raises(InputError, match="--cutoff"):
+    with pytest.raises(InputError, match="cutoff: "):
         validate(model, theta, noise, new, cutoff=60.0)
 
 

@@ -51,7 +51,7 @@ def refusal(path, **options):
     """The one line that refuses a log."""
     with pytest.raises(InputError) as caught:
         read_log(path, **options)
-    message = str(caught.value)
+    message = caught.value.on_command_line
     assert "\n" not in message
     assert caught.value.remedy
     return message

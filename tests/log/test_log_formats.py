@@ -67,7 +67,7 @@ def refusal(path, **options):
         read_log(path, **options)
     assert "\n" not in str(caught.value)
     assert caught.value.remedy
-    return str(caught.value)
+    return caught.value.on_command_line
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -642,9 +642,9 @@ def test_actuator_that_never_moves_has_no_dry_friction():
 @pytest.mark.parametrize(
     ("names", "said"),
     [
-        (["rigid_body", "stiction"], "--terms: unknown term 'stiction'"),
-        ([""], "--terms: unknown term ''"),
-        (["rigid_body", "torque_offset", "rigid_body"], "--terms: term 'rigid_body' comes twice"),
+        (["rigid_body", "stiction"], "terms: unknown term 'stiction'"),
+        ([""], "terms: unknown term ''"),
+        (["rigid_body", "torque_offset", "rigid_body"], "terms: term 'rigid_body' comes twice"),
     ],
 )
 def test_bad_names(names, said):

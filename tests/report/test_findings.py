@@ -286,9 +286,9 @@ def test_a_validation_is_kept(half_signed, logs, tmp_path):
     folder = save_identification(half_signed, tmp_path / "result", validation=validation, report=False)
     seen = read_findings(folder).prediction
     assert seen.source == logs[1].source
-    assert seen.band == "noise alone"
-    width = np.broadcast_to(2 * 1.96 * half_signed.noise.sigma, seen.upper.shape)
-    np.testing.assert_allclose(seen.upper - seen.lower, width, rtol=1e-4)
+    assert seen.band == "parameters and noise, by the information matrix"
+    np.testing.assert_allclose(seen.upper - seen.lower, validation.upper - validation.lower, rtol=1e-4)
+    assert np.all(seen.upper - seen.lower > 2 * 1.959 * half_signed.noise.sigma)
     np.testing.assert_array_equal(seen.coverage, validation.coverage)
     np.testing.assert_allclose(seen.measured, validation.measured, rtol=SINGLE)
     same(find_findings(half_signed).with_validation(validation), read_findings(folder))

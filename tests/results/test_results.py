@@ -28,7 +28,7 @@ from bayesid.model.robot import load_robot, robot_from_urdf
 from bayesid.model.terms import CATALOGUE, STANDARD, ActuatorTerm, RigidBody, make_terms
 from bayesid.motion import Motion
 from bayesid.posterior.sampler import Sampling
-from bayesid.report.findings import as_json, recorded_segments, summarise
+from bayesid.report.findings import as_json, summarise
 from bayesid.report.tables import coefficient_rows, inference_data, parameter_rows
 from bayesid.results import folders as results
 from bayesid.results.folders import check_result_folder, save_identification, save_validation
@@ -294,7 +294,7 @@ def test_the_signed_log_of_several_logs_has_their_rows_and_times(recordings, poo
 
 def test_a_segment_that_spans_a_pause_is_cut_there(pooled):
     """Signs and confidences of all others stay what they were; those of its parts follow from the parts' samples."""
-    segments, signs, confidence = recorded_segments(pooled)
+    segments, signs, confidence = pooled.recorded_segments
     before = zip(pooled.segments.joint, pooled.segments.start, pooled.segments.end, strict=True)
     known = dict(zip(before, zip(pooled.signs, pooled.confidence, strict=True), strict=True))
     where = list(zip(segments.joint, segments.start, segments.end, strict=True))
@@ -329,7 +329,7 @@ def test_one_log_is_not_called_several(result, folder):
     content = strict((folder / "summary.json").read_text())
     assert "logs" not in content
     assert all("log" not in row for row in content["search"]["ambiguous"])
-    segments, signs, confidence = recorded_segments(result)
+    segments, signs, confidence = result.recorded_segments
     assert segments is result.segments
     assert (signs is result.signs, confidence is result.confidence) == (True, True)
 
@@ -1040,7 +1040,7 @@ def test_a_validation_folder(validation, tmp_path):
     np.testing.assert_allclose(values[:, 7:10], validation.lower, rtol=1e-7)
     np.testing.assert_allclose(values[:, 10:], validation.upper, rtol=1e-7)
     np.testing.assert_allclose(content["coverage_95"], validation.coverage)
-    assert content["band"] == "noise alone"
+    assert content["band"] == "parameters and noise, by the information matrix"
     assert len(table(place / "signed_log.csv")) == 601
     save_validation(validation, place)
     assert list(tmp_path.iterdir()) == [place]

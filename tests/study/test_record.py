@@ -43,7 +43,7 @@ def refusal(of, *arguments):
         of(*arguments)
     assert "\n" not in str(error.value)
     assert error.value.remedy
-    return str(error.value)
+    return error.value.on_command_line
 
 
 # ---------------------------------------------------------------------------------------------------------------

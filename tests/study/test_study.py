@@ -57,7 +57,7 @@ def refusal(*arguments, **options):
         run_study(*arguments, **options)
     assert "\n" not in str(error.value)
     assert error.value.remedy
-    return str(error.value)
+    return error.value.on_command_line
 
 
 # ---------------------------------------------------------------------------------------------------------------

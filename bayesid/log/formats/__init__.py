@@ -53,7 +53,11 @@ def is_log_folder(path: Path) -> bool:
 
 def _check_options(path: Path, reader: Format, options: Options) -> None:
     for field in fields(options):
-        if getattr(options, field.name) not in (None, False) and field.name not in {*reader.options, "currents"}:
+        if getattr(options, field.name) not in (None, False) and field.name not in {
+            *reader.options,
+            "currents",
+            "motion",
+        }:
             raise InputError(f"is {reader.name}, which has no {field.name}", str(path), f"leave --{field.name} out")
 
 

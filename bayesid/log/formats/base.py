@@ -20,12 +20,14 @@ class Options:
         joints: names from base to tip.
         currents: whether efforts without a unit are currents, A.
         columns: what the log's columns are called, see `bayesid.log.formats.stated`.
+        motion: whether the motion is all that is wanted: efforts are left out.
     """
 
     topic: str | None = None
     joints: Sequence[str] | None = None
     currents: bool = False
     columns: Mapping[str, str] | None = None
+    motion: bool = False
 
 
 class Format(ABC):
@@ -35,7 +37,8 @@ class Format(ABC):
         name: for messages, as in "is a MATLAB file".
         magic: bytes with which its files begin.
         extensions: of its files, as in ".mat", where the first bytes do not decide.
-        options: names of the fields of `Options` that mean something to it; `currents` may be ignored.
+        options: names of the fields of `Options` that mean something to it; `currents` may be ignored, `motion` means
+            something to all.
         order: formats are asked in ascending order whether they recognise a file; 0 for those that look into it, 1 for
             those that go by its name, 2 for the one that takes any.
     """

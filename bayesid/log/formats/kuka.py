@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -59,7 +59,7 @@ class KukaTable(Format):
 
     def read(self, path: Path, options: Options) -> Table:
         """The columns of a log; a user may name the time of one, or all."""
-        return _noted(read_text(path, lambda header, where: _chosen(header, where, options.columns or {})))
+        return _noted(read_text(path, lambda header, where: _chosen(header, where, options)))
 
 
 class _Kind(NamedTuple):
@@ -123,15 +123,16 @@ def _is_kuka(header: Sequence[str]) -> bool:
     return bool(kinds & {"aipos", "aspos", "a", "ipoc"}) and not has_positions(header)
 
 
-def _chosen(header: Sequence[str], where: str, columns: Mapping[str, str]) -> tuple[SourceColumn, ...]:
+def _chosen(header: Sequence[str], where: str, options: Options) -> tuple[SourceColumn, ...]:
     """The columns that make a log, by the controller's names but for a time that a user has named, or by the user's."""
+    columns = options.columns or {}
     if set(columns) - {"t"}:
-        return choose(header, where, columns)
+        return choose(header, where, columns, motion=options.motion)
     stated = {source.name: source for source in stated_columns(header, columns, where, described(header))}
-    return tuple(stated.get(source.name, source) for source in _choose(header, where))
+    return tuple(stated.get(source.name, source) for source in _choose(header, where, motion=options.motion))
 
 
-def _choose(header: Sequence[str], where: str) -> tuple[SourceColumn, ...]:
+def _choose(header: Sequence[str], where: str, *, motion: bool = False) -> tuple[SourceColumn, ...]:
     """The columns that make a log, see `bayesid.log.formats.names.choose`.
 
     Raises:
@@ -143,12 +144,13 @@ def _choose(header: Sequence[str], where: str) -> tuple[SourceColumn, ...]:
         raise _missing("there are no axis positions", columns)
     prefix, n = position.prefix, max(columns.places[position])
     clock = columns.pick(["ipoc", "t", "time", "zeit"], prefix)
-    efforts = [kind for quantity in _TORQUES if (kind := columns.pick([quantity.lower()], prefix)) is not None]
+    sought = () if motion else _TORQUES
+    efforts = [kind for quantity in sought if (kind := columns.pick([quantity.lower()], prefix)) is not None]
     if len(efforts) > 1:
         first = [header[min(columns.places[kind].values())] for kind in efforts]
         raise InputError(f"{' and '.join(first)} are torques", where, "leave all but one kind out")
     effort = efforts[0] if efforts else None
-    current = columns.pick(["macur", "i"], prefix) if effort is None else None
+    current = columns.pick(["macur", "i"], prefix) if effort is None and not motion else None
     velocity = columns.pick(["axisvel"], prefix)
     if clock is None:
         raise _missing("there is no time", columns)
@@ -160,7 +162,7 @@ def _choose(header: Sequence[str], where: str) -> tuple[SourceColumn, ...]:
         chosen += columns.choices("tau", effort, n, None)
     elif current is not None:
         chosen += columns.choices("i", current, n, None)
-    else:
+    elif not motion:
         raise _missing("there are neither motor currents nor torques of the axes", columns)
     return tuple(chosen)
 

@@ -30,17 +30,18 @@ Variables: TypeAlias = Mapping[str, Any] | NDArray[Any] | Frame
 """A mapping of names to arrays, a structured array, or a data frame."""
 
 
-def read_variables(source: Variables, columns: Mapping[str, str] | None = None) -> Table:
+def read_variables(source: Variables, columns: Mapping[str, str] | None = None, *, motion: bool = False) -> Table:
     """What a program's variables hold of a log, its numbers checked.
 
     Args:
         source: see `bayesid.log.formats.variables`.
         columns: those that a user has named, see `bayesid.log.formats.stated`.
+        motion: whether efforts are left out, and need not be there.
 
     Raises:
         InputError: it is nothing of the kind, or cannot be used.
     """
-    return check(table_of(_by_name(source), type(source).__name__, columns))
+    return check(table_of(_by_name(source), type(source).__name__, columns, motion=motion))
 
 
 def _by_name(source: Any) -> dict[str, Any]:

@@ -18,25 +18,28 @@ _Family = Mapping[int, Reading]
 """Columns of one kind that are called alike, by the numbers in their labels."""
 
 
-def choose(header: Sequence[str], where: str, columns: Mapping[str, str] | None = None) -> tuple[SourceColumn, ...]:
+def choose(
+    header: Sequence[str], where: str, columns: Mapping[str, str] | None = None, *, motion: bool = False
+) -> tuple[SourceColumn, ...]:
     """The columns that make a log: the time; for every joint its position, effort and, if measured, velocity.
 
     Args:
         header: the names of a file's columns; those that are not of a log are left out.
         where: the header's place, for messages.
         columns: those that a user has named, see `bayesid.log.formats.stated`; the others go by their own names.
+        motion: whether efforts are left out, and need not be there.
 
     Raises:
         InputError: a column is missing or appears twice, or which is meant stays open.
     """
     stated = stated_columns(header, columns, where, described(header)) if columns else []
     kinds, taken = {kind_part(source.name) for source in stated}, {source.place for source in stated}
-    kinds |= {"tau", "i"} if kinds & {"tau", "i"} else set()
+    kinds |= {"tau", "i"} if motion or kinds & {"tau", "i"} else set()
     readings = [reading for reading in read_labels(header) if reading.place not in taken and reading.kind not in kinds]
     families = _families(readings, kinds, where)
     _check_start(families, where)
     chosen = [*stated, *(_source(one, family) for family in families for one in family.values())]
-    return _complete({source.name: source for source in chosen}, header, where)
+    return _complete({source.name: source for source in chosen}, header, where, motion=motion)
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -132,16 +135,18 @@ def _source(one: Reading, family: _Family) -> SourceColumn:
 # ---------------------------------------------------------------------------------------------------------------
 # What is missing
 # ---------------------------------------------------------------------------------------------------------------
-def _complete(found: Mapping[str, SourceColumn], header: Sequence[str], where: str) -> tuple[SourceColumn, ...]:
-    """The columns of a log, in order, if none is missing."""
+def _complete(
+    found: Mapping[str, SourceColumn], header: Sequence[str], where: str, *, motion: bool
+) -> tuple[SourceColumn, ...]:
+    """The columns of a log, or of its motion alone, in order, if none is missing."""
     n, effort = _highest("q", found), "tau" if _highest("tau", found) else "i"
     absent = {"column t": "t" not in found, "column q1": n == 0}
-    absent["column tau1 (or i1 with gains)"] = not _highest(effort, found)
+    absent["column tau1 (or i1 with gains)"] = not motion and not _highest(effort, found)
     for said in (said for said, is_absent in absent.items() if is_absent):
         said = f"{said} is missing{described(header, found)}"
         raise InputError(said, where, f"say which columns are meant with {suggestion(header, found)}")
     chosen = [found["t"]]
-    for kind in ["q", effort, *(["dq"] if _highest("dq", found) else [])]:
+    for kind in ["q", *([] if motion else [effort]), *(["dq"] if _highest("dq", found) else [])]:
         for j in range(1, n + 1):
             if f"{kind}{j}" not in found:
                 there = f"{_label(found, 'q', 1)}..{_label(found, 'q', n)}"

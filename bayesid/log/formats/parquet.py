@@ -38,7 +38,7 @@ def _read(path: Path, options: Options) -> Table:
 
     try:
         file = parquet.ParquetFile(path)
-        chosen = choose(file.schema_arrow.names, str(path), options.columns)
+        chosen = choose(file.schema_arrow.names, str(path), options.columns, motion=options.motion)
         columns = file.read([source.label for source in chosen])
     except (pyarrow.ArrowException, pyarrow.ArrowInvalid, OSError) as error:
         if isinstance(error, FileNotFoundError):

@@ -89,10 +89,9 @@ def _read(path: Path, options: Options) -> Table:
     stamped = any(message.stamp for message in messages)  # not all: the clock of a simulation begins at zero
     times = seconds([message.stamp if stamped else message.received for message in messages])
     columns = {"t": Column("t", times, 1.0)}
-    blocks = {
-        "q": _block(messages, "position", names),
-        "i" if options.currents else "tau": _block(messages, "effort", names),
-    }
+    blocks = {"q": _block(messages, "position", names)}
+    if not options.motion:
+        blocks["i" if options.currents else "tau"] = _block(messages, "effort", names)
     for kind, block in blocks.items():
         missing = [k for k, row in enumerate(block) if row is None]
         if missing:

@@ -53,7 +53,7 @@ class CsvFile(Format):
 
     def read(self, path: Path, options: Options) -> Table:
         """The columns of a log."""
-        return read_text(path, lambda header, where: choose(header, where, options.columns))
+        return read_text(path, lambda header, where: choose(header, where, options.columns, motion=options.motion))
 
 
 @dataclass(frozen=True)

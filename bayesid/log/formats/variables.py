@@ -20,19 +20,22 @@ from bayesid.log.formats.units import split_brackets
 _Vector = NDArray[Any]
 
 
-def table_of(variables: Mapping[str, Any], source: str, columns: Mapping[str, str] | None = None) -> Table:
+def table_of(
+    variables: Mapping[str, Any], source: str, columns: Mapping[str, str] | None = None, *, motion: bool = False
+) -> Table:
     """The columns of a log.
 
     Args:
         variables: `t` (N,), `q` (N, n) or (n, N) or `q1..qn` (N,) each, and so on; others are left out.
         source: where they are from, for messages.
         columns: those that a user has named, see `bayesid.log.formats.stated`; `q="q{}"` are those of a matrix q.
+        motion: whether efforts are left out, and need not be there.
 
     Raises:
         InputError: one is missing, holds no numbers, or has another length than the time.
     """
     vectors = _vectors(variables, source, columns or {})
-    chosen = choose(list(vectors), source, columns)
+    chosen = choose(list(vectors), source, columns, motion=motion)
     n_rows = len(vectors[chosen[0].label])
     for one in chosen:
         if len(vectors[one.label]) != n_rows:

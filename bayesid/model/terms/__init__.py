@@ -45,7 +45,7 @@ def make_terms(names: Iterable[str], robot: Robot, motion: Motion) -> tuple[Term
     Raises:
         InputError: a name is not in the catalogue, comes twice, or needs numbers that no motion shows.
     """
-    names = list(names)
+    names = term_names(names)
     for name in names:
         if name not in CATALOGUE:
             raise InputError(f"unknown term {name!r}", "--terms", f"choose from {', '.join(CATALOGUE)}")
@@ -53,3 +53,14 @@ def make_terms(names: Iterable[str], robot: Robot, motion: Motion) -> tuple[Term
             raise InputError(f"term {name!r} comes twice", "--terms", "name each term once")
     actuators = robot.actuators(motion)
     return tuple(CATALOGUE[name].for_motion(actuators) for name in names)
+
+
+def term_names(names: Iterable[str]) -> tuple[str, ...]:
+    """The names one by one.
+
+    Raises:
+        InputError: they are one text, of which the names would be the letters, or no names at all.
+    """
+    if isinstance(names, str) or not isinstance(names, Iterable):
+        raise InputError(f"{names!r} is no list of names", "--terms", f"give one, as in [{STANDARD[0]!r}]")
+    return tuple(names)

@@ -4,7 +4,7 @@ Plotting code computes nothing: all that it draws stands here, from an identific
 folder (`read_findings`), which gives the same.
 """
 
-from bayesid.report.findings.collect import coefficient_table, find_findings
+from bayesid.report.findings.collect import find_findings
 from bayesid.report.findings.content import (
     AMBIGUOUS,
     Alternatives,
@@ -16,7 +16,6 @@ from bayesid.report.findings.content import (
     Samples,
     SegmentTable,
 )
-from bayesid.report.findings.recorded import recorded_segments
 from bayesid.report.findings.store import FILE, read_findings, write_findings
 from bayesid.report.findings.summary import Summary, as_json, from_json, log_parts, summarise
 
@@ -33,12 +32,10 @@ __all__ = [
     "SegmentTable",
     "Summary",
     "as_json",
-    "coefficient_table",
     "find_findings",
     "from_json",
     "log_parts",
     "read_findings",
-    "recorded_segments",
     "summarise",
     "write_findings",
 ]

@@ -9,6 +9,7 @@ import numpy as np
 from bayesid.arrays import Array, Integers
 from bayesid.fit.noise import autocovariance
 from bayesid.identification.identification import Identification
+from bayesid.identification.prediction import NORMAL_95
 from bayesid.log.signals import signed_effort
 from bayesid.report.findings.content import (
     AMBIGUOUS,
@@ -20,14 +21,11 @@ from bayesid.report.findings.content import (
     Samples,
     SegmentTable,
 )
-from bayesid.report.findings.recorded import recorded_segments
 from bayesid.report.findings.summary import summarise
 from bayesid.report.thinning import evenly
 
 _LAGS = 0.5
 """s up to which the residual's autocorrelation is shown; a round number, not studied."""
-_NORMAL_95 = 1.959963984540054
-"""Quantile 0.975 of the standard normal distribution."""
 _TINY = 1e-300
 """Keeps a division by nothing finite."""
 
@@ -45,7 +43,7 @@ def find_findings(identification: Identification) -> Findings:
         samples=_rows(samples, shown),
         segments=_segments(identification),
         correlation=_correlation(samples, identification.signals.rate),
-        coefficients=coefficient_table(identification),
+        coefficients=_coefficients(identification),
         prior_parameters=tuple(
             parameter.name for parameter, data in zip(identification.model.parameters, by_data, strict=True) if not data
         ),
@@ -90,7 +88,7 @@ def _rows(samples: Samples, rows: Integers) -> Samples:
 
 
 def _segments(identification: Identification) -> SegmentTable:
-    segments, signs, confidence = recorded_segments(identification)
+    segments, signs, confidence = identification.recorded_segments
     t = identification.signals.motion.t - identification.signals.motion.origin
     last = len(t) - 1
     return SegmentTable(
@@ -110,23 +108,20 @@ def _correlation(samples: Samples, rate: float) -> Correlation:
     of_joints = [autocovariance(samples.residual[:, j], samples.used[:, j], lags) for j in range(n)]
     values = np.array([covariance / max(covariance[0], _TINY) for covariance in of_joints])
     count = np.maximum(samples.used.sum(axis=0), 1)
-    return Correlation(np.arange(values.shape[1]) / rate, values, _NORMAL_95 / np.sqrt(count))
+    return Correlation(np.arange(values.shape[1]) / rate, values, NORMAL_95 / np.sqrt(count))
 
 
-def coefficient_table(identification: Identification) -> CoefficientTable:
+def _coefficients(identification: Identification) -> CoefficientTable:
     """The base coefficients with their uncertainty, by the posterior if there is one."""
-    coefficients, mean, sd = identification.coefficients, identification.beta, identification.sd
-    if identification.posterior is None:
-        low, high = mean - _NORMAL_95 * sd, mean + _NORMAL_95 * sd
-    else:
-        low, high = identification.posterior.interval(0.95)
+    coefficients = identification.coefficients
+    low, high = identification.interval_95
     prior_sd, by_data = identification.prior_sd
     return CoefficientTable(
         name=tuple(coefficients.names),
         expression=tuple(coefficients.expressions),
         unit=tuple(coefficients.units),
-        mean=mean,
-        sd=sd,
+        mean=identification.beta,
+        sd=identification.sd,
         low=low,
         high=high,
         prior_sd=np.where(np.isfinite(prior_sd), prior_sd, np.nan),

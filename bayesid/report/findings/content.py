@@ -226,6 +226,12 @@ class Findings:
     draws: Array | None = None
     prediction: Prediction | None = None
 
+    def __repr__(self) -> str:
+        drawn = "no draws" if self.draws is None else f"draws of {self.n_ensembles} ensembles"
+        other = "no validation" if self.prediction is None else f"validated on {self.prediction.source}"
+        size = f"{len(self.samples.t)} samples, {len(self.segments.joint)} segments, {len(self.coefficients.name)}"
+        return f"Findings of {self.summary.robot}: {size} coefficients, {drawn}, {other}; bayesid.check_findings judges"
+
     @property
     def n_joints(self) -> int:
         """Number of joints n."""

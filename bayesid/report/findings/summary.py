@@ -16,7 +16,6 @@ from bayesid.identification.other_readings import BetterReading
 from bayesid.identification.provenance import Provenance
 from bayesid.log.log import Log
 from bayesid.posterior.inference import Posterior
-from bayesid.report.findings.recorded import recorded_segments
 
 _MOST_DIFFERENT = 3
 """Coefficients of another mode that are named; a round number."""
@@ -386,7 +385,7 @@ def summarise(identification: Identification) -> Summary:
         terms=tuple(dict.fromkeys(term.name for term in model.terms)),
         distortions=tuple(distortion.name for distortion in model.distortions),
         n_samples=len(log),
-        n_segments=len(recorded_segments(identification)[0]),
+        n_segments=len(identification.recorded_segments[0]),
         n_segments_searched=len(identification.search.signs),
         n_coefficients=len(identification.coefficients),
         signed_joints=_joints(log.signed),

@@ -13,6 +13,7 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from bayesid.identification.identification import SURE
 from bayesid.identification.warnings import convergence
 from bayesid.progress import SILENT, Progress
 from bayesid.report import plot
@@ -22,7 +23,7 @@ from bayesid.report.pages.rendering import Picture, data, number, picture, rende
 from bayesid.report.plot.remainder import VARIABLES
 from bayesid.report.plot.style import new_figure
 from bayesid.report.plot.svg import inline_svg
-from bayesid.report.verdicts import EFFECT_HEADINGS, SURE, State, check_findings, effect_rows, sure_share, worst
+from bayesid.report.verdicts import EFFECT_HEADINGS, State, check_findings, effect_rows, sure_share, worst
 from bayesid.report.words import listed, quantity
 
 _STATES: Mapping[State, Mapping[str, str]] = {

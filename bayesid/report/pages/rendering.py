@@ -57,6 +57,11 @@ def render(template: str, title: str, subject: str, script: str = "", **content:
     return _environment().get_template(template).render(**page, script=script, **content)
 
 
+def fragment(template: str, **content: Any) -> str:
+    """A part of somebody else's page, of a template and what it needs; text is escaped."""
+    return _environment().get_template(template).render(**content)
+
+
 def _read(file: str) -> Markup:
     return Markup(resources.files(_ROOM).joinpath(file).read_text(encoding="utf-8"))
 

@@ -12,6 +12,8 @@ from typing import Any, Literal
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from bayesid.errors import InputError
+
 INK, ORANGE, BLUE, MAGENTA = "#767676", "#cc6a1a", "#2b83c6", "#c2408f"
 WIDTH = 5.4
 """in; two figures fit side by side on a page, one on a telephone."""
@@ -53,11 +55,14 @@ def each_joint(
     """Joints (from 1) and an Axes for each, one below the other in a new figure unless they are given.
 
     Raises:
-        ValueError: there is no such joint, or not one Axes for each.
+        InputError: there is no such joint, or what was given is no list.
+        ValueError: there is not one Axes for each.
     """
+    if isinstance(joints, int | str):
+        raise InputError(f"{joints!r} is no list of joints", "joints", f"give one, as joints=[{joints}]")
     chosen = list(range(1, n_joints + 1)) if joints is None else list(joints)
     if not chosen or not all(1 <= joint <= n_joints for joint in chosen):
-        raise ValueError(f"joints {chosen}: choose from 1 to {n_joints}")
+        raise InputError(f"there is no joint {chosen}", "joints", f"choose from 1 to {n_joints}")
     if axes is None:
         axes = new_figure(height * len(chosen), width).subplots(len(chosen), squeeze=False)[:, 0].tolist()
     if len(axes) != len(chosen):

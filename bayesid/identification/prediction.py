@@ -1,0 +1,252 @@
+"""Efforts of a motion with their uncertainty: what `validate` compares with a log, and `predict` hands out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from bayesid.arrays import Array, Integers
+from bayesid.errors import InputError
+from bayesid.files import numbered, replace_file, write_columns
+from bayesid.fit.knowledge import scale_of
+from bayesid.fit.noise import Noise
+from bayesid.log.formats.memory import Frame, Variables
+from bayesid.log.log import Log
+from bayesid.log.motions import GIVEN, RecordedMotion, motion_of_arrays, motion_of_variables, read_motion
+from bayesid.log.signals import filtered_motion
+from bayesid.model.coefficients import base_coefficients
+from bayesid.model.model import Model
+from bayesid.model.robot import Robot
+from bayesid.motion import Motion
+
+if TYPE_CHECKING:
+    from bayesid.posterior.labelled import DataFrame, Dataset  # pandas takes half a second to import
+
+MotionLike: TypeAlias = Motion | RecordedMotion | Log | str | Path | Sequence[object] | Variables
+"""What efforts can be predicted of: a motion, a log, a file of either, arrays (t, q[, dq[, ddq]]), or arrays by name."""
+
+NORMAL_95 = 1.959963984540054
+"""Standard deviations within which 95 % of a normal distribution lie: the 0.975 quantile."""
+BY_POSTERIOR, BY_INFORMATION, NOISE_ALONE = "by the posterior", "by the information matrix", "noise alone"
+"""Where the uncertainty of a prediction comes from: draws; least squares; or nothing is known of the parameters'."""
+_UNKNOWN = 1e-12
+"""Information about a combination of coefficients, relative to the best known one, below which it is rounding; as where
+`bayesid.fit.least_squares` says that a coefficient is not excited."""
+_INVOLVED = 1e-3
+"""Share of an instant's columns in combinations of which nothing is known, from which on its effort is unknown; as
+there."""
+
+
+@dataclass(frozen=True, repr=False)
+class PredictedEfforts:
+    """Efforts predicted for a motion of N instants.
+
+    Bands are those of the normal distribution of this mean and sd (:eq:`prediction-band`).
+
+    Attributes:
+        t: (N,) the motion's instants, s.
+        mean: (N, n) the model's efforts, N m (N of a prismatic joint).
+        sd_of_mean: (N, n) standard deviation of the model's efforts, as its parameters are uncertain; inf where the log
+            has shown nothing of what this motion needs, 0 where nothing is known of the parameters' uncertainty.
+        sd_of_noise: (n,) standard deviation of a measured, unfiltered effort about the model's.
+        noise: whether `sd`, `lower`, `upper` and `draws` are of a measured effort, with its noise, or of the model's.
+        basis: where the uncertainty comes from: "by the posterior", "by the information matrix", or "noise alone".
+        units: (n,) of the efforts.
+        draws: (K, N, n) efforts drawn from what sd and band describe; None if none were asked for.
+    """
+
+    t: Array
+    mean: Array
+    sd_of_mean: Array
+    sd_of_noise: Array
+    noise: bool
+    basis: str
+    units: tuple[str, ...]
+    draws: Array | None = None
+
+    @property
+    def sd(self) -> Array:
+        """(N, n) standard deviation, N m: of a measured effort if `noise`, else of the model's."""
+        return np.hypot(self.sd_of_mean, self.sd_of_noise) if self.noise else self.sd_of_mean
+
+    @property
+    def lower(self) -> Array:
+        """(N, n) lower end of the 95 % band, N m."""
+        return self.mean - NORMAL_95 * self.sd
+
+    @property
+    def upper(self) -> Array:
+        """(N, n) upper end of the 95 % band, N m."""
+        return self.mean + NORMAL_95 * self.sd
+
+    @property
+    def holds(self) -> str:
+        """What the band accounts for, in words."""
+        if self.basis == NOISE_ALONE:
+            return NOISE_ALONE
+        return f"parameters{' and noise' if self.noise else ''}, {self.basis}"
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __repr__(self) -> str:
+        largest = ", ".join(f"{value:.4g}" for value in np.abs(self.mean).max(axis=0))
+        half = ", ".join(f"{value:.3g}" for value in np.median(NORMAL_95 * self.sd, axis=0))
+        drawn = "" if self.draws is None else f", {len(self.draws)} draws"
+        lines = [
+            f"PredictedEfforts: {len(self.t)} instants of {self.mean.shape[1]} joints{drawn}",
+            f"largest effort   {largest} ({', '.join(dict.fromkeys(self.units))})",
+            f"95 % band        +- {half} in the middle; holds {self.holds}",
+            "go on with       .mean, .sd, .lower, .upper, .to_dataframe(), .to_xarray()",
+        ]
+        return "\n  ".join(lines)
+
+    def columns(self) -> dict[str, Array]:
+        """Name to (N,) values: t, tau1..taun, sd1..sdn, lower1..lowern, upper1..uppern."""
+        blocks = {"tau": self.mean, "sd": self.sd, "lower": self.lower, "upper": self.upper}
+        n = self.mean.shape[1]
+        named = {f"{kind}{j + 1}": block[:, j] for kind, block in blocks.items() for j in range(n)}
+        return {"t": self.t, **named}
+
+    def to_dataframe(self) -> DataFrame:
+        """A `pandas.DataFrame` with the columns t, tau1..taun, sd1..sdn, lower1..lowern, upper1..uppern."""
+        from bayesid.posterior.labelled import data_frame
+
+        return data_frame(self.columns())
+
+    def to_xarray(self) -> Dataset:
+        """An `xarray.Dataset` over time (s) and joint (from 1), and over draw where draws were asked for."""
+        from bayesid.posterior.labelled import dataset
+
+        over, unit = ("time", "joint"), {"units": ", ".join(dict.fromkeys(self.units))}
+        blocks = {"mean": self.mean, "sd": self.sd, "lower": self.lower, "upper": self.upper}
+        variables: dict[str, tuple[tuple[str, ...], Array, dict[str, str]]] = {
+            name: (over, block, unit) for name, block in {**blocks, "sd_of_mean": self.sd_of_mean}.items()
+        }
+        if self.draws is not None:
+            variables["draws"] = (("draw", *over), self.draws, unit)
+        joints = np.arange(1, self.mean.shape[1] + 1)
+        coordinates = {"time": self.t, "joint": joints, "unit": ("joint", list(self.units))}
+        return dataset(variables, coordinates, {"band": self.holds, "band_mass": 0.95})
+
+    def save(self, path: str | Path) -> Path:
+        """Writes a CSV file with the columns of `to_dataframe`; one that is there is replaced as a whole.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
+        n, place = self.mean.shape[1], Path(path)
+        names = ["t", *(name for kind in ("tau", "sd", "lower", "upper") for name in numbered(kind, n))]
+        values = np.hstack([self.mean, self.sd, self.lower, self.upper])
+        replace_file(place, lambda aside: write_columns(aside, names, self.t, values, ".9g"))
+        return place
+
+
+def motion_of(given: MotionLike, robot: Robot, cutoff: float | None = None) -> Motion:
+    """The motion that is meant: as it stands if accelerations are given, else low-passed and differentiated.
+
+    Args:
+        given: see `MotionLike`.
+        robot: that is to move so.
+        cutoff: of the low-pass, Hz; from the motion by default.
+
+    Raises:
+        InputError: it is none, cannot be used, or has another number of joints.
+    """
+    motion = _read(given)
+    n, source = (motion.n_joints, GIVEN) if isinstance(motion, Motion) else (motion.q.shape[1], motion.source)
+    if n != robot.n_joints:
+        counts = f"the motion has {n} joints, the model's robot {robot.name} has {robot.n_joints}"
+        raise InputError(counts, source, "give a motion of the same robot")
+    return motion if isinstance(motion, Motion) else filtered_motion(motion, cutoff)
+
+
+def _read(given: MotionLike) -> Motion | RecordedMotion:
+    """What was given, checked."""
+    if isinstance(given, Motion | RecordedMotion):
+        return given
+    if isinstance(given, Log):
+        return RecordedMotion(given.t, given.q, given.dq, given.source)
+    if isinstance(given, str | Path):
+        return read_motion(given)
+    if isinstance(given, tuple | list):
+        return _of_arrays(given)
+    if isinstance(given, Mapping | Frame) or (isinstance(given, np.ndarray) and given.dtype.names):
+        return motion_of_variables(given)
+    raise InputError(f"{type(given).__name__} is no motion", GIVEN, _REMEDY)
+
+
+def _of_arrays(given: Sequence[object]) -> Motion | RecordedMotion:
+    if not 2 <= len(given) <= 4:
+        raise InputError(f"{len(given)} arrays are no motion", GIVEN, _REMEDY)
+    if len(given) < 4 or given[3] is None:
+        return motion_of_arrays(*given[:3])
+    remedy = "give finite t (N,), which never falls, and q, dq and ddq (N, n)"
+    try:
+        t, q, dq, ddq = (np.asarray(values, dtype=float) for values in given)
+        motion = Motion(t, q, dq, ddq)
+    except (TypeError, ValueError) as error:
+        raise InputError(str(error), GIVEN, remedy) from None
+    if not len(motion) or np.any(np.diff(motion.t) < 0.0):
+        raise InputError("time runs backwards" if len(motion) else "holds no instant", GIVEN, remedy)
+    return motion
+
+
+_REMEDY = "give a file, a log, a DataFrame, or arrays (t, q[, dq[, ddq]])"
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What the parameters' uncertainty makes of the efforts
+# ---------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Spread:
+    """A normal distribution of the r base coefficients about their mean.
+
+    Attributes:
+        kept: (r,) indices of the parameters whose columns are the coefficients'.
+        root: (r, k) of their covariance: it is root root'.
+        unknown: (r, u) combinations of which nothing is known.
+        scale: (r,) by which columns are divided before they are compared with these.
+    """
+
+    kept: Integers
+    root: Array
+    unknown: Array
+    scale: Array
+
+    def sd(self, columns: Array) -> Array:
+        """(N, n) of the efforts, of the model's columns (N, n, P)."""
+        rows = columns[:, :, self.kept]
+        scaled = rows / self.scale
+        share = np.linalg.norm(scaled @ self.unknown, axis=2)
+        blind = share > _INVOLVED * np.linalg.norm(scaled, axis=2)
+        return np.where(blind, np.inf, np.linalg.norm(rows @ self.root, axis=2))
+
+    def moves(self, columns: Array, normal: Array) -> Array:
+        """(N, n, K) by which standard normal numbers (K, k) move the efforts."""
+        moved: Array = columns[:, :, self.kept] @ (self.root @ normal.T)
+        return moved
+
+
+def spread_of(model: Model, precision: Array, lacking: Array | None) -> Spread:
+    """Of a model's coefficients, from their inverse covariance (r, r) and that of what it may lack, (r, r)."""
+    scale = scale_of(precision)
+    values, vectors = np.linalg.eigh(precision / scale[:, None] / scale)
+    known = values > _UNKNOWN * values.max()
+    root = vectors[:, known] / np.sqrt(values[known]) / scale[:, None]
+    if lacking is not None:
+        sizes, turn = np.linalg.eigh(lacking * scale[:, None] * scale)
+        root = np.hstack([root, turn * np.sqrt(np.maximum(sizes, 0.0)) / scale[:, None]])
+    return Spread(base_coefficients(model).kept, root, vectors[:, ~known], scale)
+
+
+def drawn_noise(noise: Noise, sigma: Array, t: Array, rng: np.random.Generator) -> Array:
+    """(K, N, n) noise of measured efforts at instants t (N,), of these sd (K, n), N m, with the colour of `noise`."""
+    steps = np.diff(t)
+    period = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 1.0
+    unit = noise.draw(len(t), len(sigma), 1.0 / period, rng) / noise.sigma[:, None]
+    return np.moveaxis(unit, 2, 0) * sigma[:, None]

@@ -1,0 +1,160 @@
+"""What was identified, entry by entry: plain records to iterate over, to look up by name, or to make a DataFrame of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from difflib import get_close_matches
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar, overload
+
+from bayesid.errors import InputError
+
+if TYPE_CHECKING:
+    from bayesid.posterior.labelled import DataFrame  # pandas takes half a second to import
+
+_NEAR = 0.4
+"""Likeness, by `difflib`, from which on a name is suggested: of names of three letters one that shares two of them. A
+round number; not studied."""
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """A base coefficient.
+
+    Attributes:
+        name: of the parameter that it is built on.
+        expression: the sum of parameters that it is.
+        unit: of it.
+        mean: of the posterior, or the least-squares estimate.
+        sd: its standard deviation; inf where the log shows nothing of it.
+        lower: lower end of its 95 % interval.
+        upper: upper end.
+        decided_by: "data" or "prior".
+        prior_sd: what the prior alone knows; NaN without a posterior.
+        nominal: what the nominal parameters give; NaN where they do not give one.
+    """
+
+    name: str
+    expression: str
+    unit: str
+    mean: float
+    sd: float
+    lower: float
+    upper: float
+    decided_by: str
+    prior_sd: float
+    nominal: float
+
+
+@dataclass(frozen=True)
+class ParameterValue:
+    """A parameter of the model.
+
+    Attributes:
+        name: of it.
+        unit: of it.
+        joint: or link, from 1.
+        mean: of the posterior, or the least-squares estimate.
+        sd: its standard deviation; NaN where none is known: efforts show it in sums alone, and nothing was sampled.
+        decided_by: "data" or "prior".
+    """
+
+    name: str
+    unit: str
+    joint: int
+    mean: float
+    sd: float
+    decided_by: str
+
+
+@dataclass(frozen=True)
+class SegmentSign:
+    """A segment of constant sign.
+
+    Attributes:
+        joint: from 1.
+        start: its first sample, s, on the clock of its log.
+        end: its last sample, s.
+        n_samples: in it.
+        sign: +1 or -1.
+        confidence: that it is right.
+        log: that it is of.
+    """
+
+    joint: int
+    start: float
+    end: float
+    n_samples: int
+    sign: int
+    confidence: float
+    log: str
+
+
+Record = TypeVar("Record", Coefficient, ParameterValue, SegmentSign, covariant=True)
+
+
+@dataclass(frozen=True, repr=False)
+class Records(Sequence[Record], Generic[Record]):
+    """Records of one kind, in order.
+
+    Attributes:
+        kind: of what.
+        rows: the records.
+    """
+
+    kind: type[Record]
+    rows: tuple[Record, ...]
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __iter__(self) -> Iterator[Record]:
+        return iter(self.rows)
+
+    @overload
+    def __getitem__(self, place: int) -> Record: ...
+    @overload
+    def __getitem__(self, place: slice) -> Sequence[Record]: ...
+    def __getitem__(self, place: int | slice) -> Record | Sequence[Record]:
+        return self.rows[place]
+
+    def __repr__(self) -> str:
+        names = ", ".join(field.name for field in fields(self.kind))
+        return f"{len(self)} records of {self.kind.__name__} ({names}); .to_dataframe() makes a table"
+
+    def to_dataframe(self) -> DataFrame:
+        """A `pandas.DataFrame` with a row a record, and a column a field."""
+        from bayesid.posterior.labelled import data_frame
+
+        return data_frame({field.name: [getattr(row, field.name) for row in self.rows] for field in fields(self.kind)})
+
+
+class Named(Protocol):
+    """What has a name."""
+
+    @property
+    def name(self) -> str:
+        """It."""
+
+
+Entry = TypeVar("Entry", bound=Named)
+
+
+def named(entries: Sequence[Entry], name: str, what: str, elsewhere: str = "") -> Entry:
+    """The entry of a name.
+
+    Args:
+        entries: to look among.
+        name: of one of them.
+        what: they are, for messages.
+        elsewhere: where an entry of that name is instead; empty where there is none.
+
+    Raises:
+        InputError: there is none; near names are told.
+    """
+    names = [entry.name for entry in entries]
+    if name in names:
+        return entries[names.index(name)]
+    near = get_close_matches(str(name), names, n=3, cutoff=_NEAR)
+    remedy = elsewhere or (f"did you mean {' or '.join(near)}?" if near else f"choose from {', '.join(names)}")
+    raise InputError(f"there is no {what} {name!r}", f"{what}(name)", remedy)

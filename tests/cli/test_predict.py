@@ -1,0 +1,125 @@
+"""`bayesid predict`: the file, and what is refused."""
+
+import shutil
+
+import numpy as np
+import pytest
+from conftest import small_robot, smooth_motion
+
+import bayesid
+from bayesid import cli
+from bayesid.log.log import write_log
+
+COLUMNS = ["t", *(f"{kind}{j}" for kind in ("tau", "sd", "lower", "upper") for j in (1, 2))]
+
+
+def run(*arguments):
+    try:
+        return cli.main([str(argument) for argument in arguments])
+    except SystemExit as end:
+        return end.code
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A result, its model, and a motion without efforts."""
+    place = tmp_path_factory.mktemp("made")
+    robot, motion = small_robot(2), smooth_motion(2, 6.0, 100.0, seed=1)
+    model = bayesid.Model(robot, bayesid.make_terms(["rigid_body", "viscous_friction"], robot, motion))
+    rng = np.random.default_rng(2)
+    theta = bayesid.random_parameters(model, rng)
+    log = bayesid.simulate(model, theta, motion, rng=rng, noise=0.03, signed=True)
+    result = bayesid.identify(robot, log, ["rigid_body", "viscous_friction"], complete="off", posterior=False)
+    bayesid.save_identification(result, place / "result", report=False)
+    new = smooth_motion(2, 4.0, 125.0, seed=3)
+    values = np.column_stack([new.t, new.q])
+    np.savetxt(place / "motion.csv", values, delimiter=",", header="t,q1,q2", comments="", fmt="%.17g")
+    write_log(place / "log.csv", log)
+    return place, result
+
+
+@pytest.fixture
+def place(made, tmp_path, monkeypatch):
+    for path in made[0].iterdir():
+        (shutil.copytree if path.is_dir() else shutil.copy)(path, tmp_path / path.name)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def table(path):
+    return path.read_text().splitlines()[0].split(","), np.loadtxt(path, delimiter=",", skiprows=1)
+
+
+@pytest.mark.parametrize(("options", "noise"), [((), True), (("--without-noise",), False)])
+def test_the_file_holds_what_python_gives(made, place, capfd, options, noise):
+    assert run("predict", "result", "motion.csv", "--out", "new/torques.csv", *options) == 0
+    header, values = table(place / "new" / "torques.csv")
+    predicted = made[1].predict(place / "motion.csv", noise=noise)
+    assert header == COLUMNS
+    assert values.shape == (500, 9)
+    np.testing.assert_array_equal(values[:, 0], predicted.t)
+    for block, expected in zip(
+        np.split(values[:, 1:], 4, axis=1),
+        (predicted.mean, predicted.sd, predicted.lower, predicted.upper),
+        strict=True,
+    ):
+        np.testing.assert_allclose(block, expected, rtol=1e-6, atol=1e-6)
+    out, err = capfd.readouterr()
+    assert predicted.holds in out
+    assert "written to new/torques.csv" in out
+    assert err == ""
+
+
+def test_a_log_is_a_motion_and_quiet_is_quiet(made, place, capfd):
+    assert run("predict", "result", "log.csv", "--out", "torques.csv", "--cutoff", 9, "--quiet") == 0
+    _, values = table(place / "torques.csv")
+    expected = made[1].predict(made[1].log, cutoff=9.0)
+    np.testing.assert_allclose(values[:, 1:3], expected.mean, rtol=1e-6, atol=1e-6)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_an_earlier_file_is_replaced(place):
+    (place / "torques.csv").write_text("old")
+    assert run("predict", "result", "motion.csv", "--out", "torques.csv", "--quiet") == 0
+    assert table(place / "torques.csv")[0] == COLUMNS
+
+
+def edited(place, change):
+    path = place / "motion.csv"
+    path.write_text(change(path.read_text()))
+
+
+TO = "result", "motion.csv", "--out", "x.csv"
+BAD = {
+    "no result": (None, ("absent", "motion.csv", "--out", "x.csv"), ["absent", "holds no model.toml"]),
+    "no motion": (None, ("result", "absent.csv", "--out", "x.csv"), ["absent.csv", "no such file"]),
+    "a folder": (None, ("result", "motion.csv", "--out", "result"), ["result", "is a folder"]),
+    "itself": (None, ("result", "motion.csv", "--out", "./motion.csv"), ["is the motion itself"]),
+    "no place": (None, ("result", "motion.csv", "--out", "log.csv/x.csv"), ["log.csv", "is not a folder"]),
+    "cutoff": (None, (*TO, "--cutoff", 80), ["--cutoff", "80 Hz"]),
+    "one joint": (lambda s: s.replace("q2", "x"), TO, ["motion.csv", "1 joints"]),
+    "gap": (lambda s: s.replace("q1", "x"), TO, ["column q1 is missing"]),
+    "no time": (lambda s: s.replace("t,", "when,"), TO, ["column t is missing"]),
+    "words": (lambda s: s + "4.1,a,b\n", TO, ["row 502", "'a', not a number"]),
+    "short": (lambda s: "\n".join(s.splitlines()[:9]), TO, ["holds 8 rows"]),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input_is_one_line_and_nothing_is_written(place, capfd, name):
+    change, arguments, says = BAD[name]
+    if change is not None:
+        edited(place, change)
+    before = {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
+    assert run("predict", *arguments) == 2
+    out, err = capfd.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert all(word in err for word in says), err
+    assert {path: path.read_bytes() for path in place.rglob("*") if path.is_file()} == before
+
+
+def test_out_is_needed_and_misspelled_options_are_named(place, capfd):
+    assert run("predict", "result", "motion.csv") == 2
+    assert "--out" in capfd.readouterr().err
+    assert run("predict", "result", "motion.csv", "--out", "x.csv", "--without-nose") == 2
+    assert "--without-noise" in capfd.readouterr().err

@@ -1,0 +1,78 @@
+"""Errors seen from Python name the arguments of Python; the command line names its options."""
+
+import pickle
+
+import numpy as np
+import pytest
+from conftest import small_robot, smooth_motion
+
+import bayesid
+from bayesid.cli.parser import make_parser
+from bayesid.errors import PYTHON_NAMES, InputError, in_python
+from bayesid.log.log import Log, write_log
+
+
+@pytest.fixture(scope="module")
+def log():
+    motion = smooth_motion(2, 4.0, 100.0, seed=1)
+    return Log(motion.t, motion.q, np.sin(motion.q) + 0.3 * motion.dq, np.ones(2, dtype=bool))
+
+
+def refusal(call, *arguments, **options):
+    with pytest.raises(InputError) as caught:
+        call(*arguments, **options)
+    assert "--" not in str(caught.value)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_an_argument_stands_in_place_of_an_option():
+    error = InputError("a budget of -1 s", "--search-budget", "give --terms fewer, or --out a new folder")
+    assert str(error) == "Certified(budget=...): a budget of -1 s; give terms fewer, or a new folder"
+    assert error.on_command_line == "--search-budget: a budget of -1 s; give --terms fewer, or --out a new folder"
+
+
+def test_what_is_no_option_stays():
+    assert in_python("a--b -- c, log.csv, row 3") == "a--b -- c, log.csv, row 3"
+    assert in_python("run `dask worker --nthreads 1`, or --seed") == "run `dask worker --nthreads 1`, or seed"
+    assert in_python("say --no-degrees, or `--cutoff`") == "say degrees=False, or `cutoff`"
+
+
+def test_an_error_survives_the_way_from_a_worker():
+    error = pickle.loads(pickle.dumps(InputError("what", "--cutoff", "remedy")))
+    assert (str(error), error.on_command_line) == ("cutoff: what; remedy", "--cutoff: what; remedy")
+
+
+def test_every_name_is_of_an_option_there_is():
+    options = {name for command in make_parser().commands.values() for name in command.options}
+    assert set(PYTHON_NAMES) <= options
+
+
+def test_terms_and_options_are_named_as_arguments(log):
+    robot = small_robot(2)
+    assert refusal(bayesid.identify, robot, log, ["rigid"]).startswith("terms: unknown term 'rigid'")
+    assert refusal(bayesid.identify, robot, log, "rigid_body").startswith("terms: 'rigid_body' is no list")
+    assert refusal(bayesid.identify, robot, log, complete="no").startswith("complete: ")
+    assert refusal(bayesid.Certified, budget=-1.0).startswith("Certified(budget=...): ")
+    assert refusal(bayesid.Beam, width=0).startswith("Beam(width=...): ")
+    assert refusal(bayesid.Sampling, mode=0).startswith("Sampling(mode=...): ")
+    assert refusal(bayesid.Links, mass=-1.0).startswith("Beliefs(links=...): ")
+    assert refusal(bayesid.identify, robot, log, search="beam").startswith("search: 'beam' is no search")
+    assert refusal(bayesid.identify, robot, log, posterior=60.0).startswith("posterior: 60.0 is no sampling")
+    assert refusal(bayesid.identify, robot, log, beliefs={"m2": (1.0, 0.1)}).startswith("beliefs: dict are no")
+    fast = bayesid.Preparation(cutoff=99.0)
+    assert refusal(bayesid.identify, robot, log, preparation=fast).startswith("cutoff: ")
+
+
+@pytest.mark.parametrize("stated", [0.7, (0.7,), (0.7, 0.1, 2.0), "0.7", None, ("a", "b")])
+def test_a_nominal_value_without_its_sd_is_refused(log, stated):
+    said = refusal(bayesid.identify, small_robot(2), log, beliefs=bayesid.Beliefs(nominal={"m2": stated}))
+    assert said.startswith(f"Beliefs(nominal=...): m2 = {stated!r} is no mean with its sd")
+    assert "{'m2': (0.7, 0.1)}" in said
+
+
+def test_numbers_in_place_of_lists_are_refused(log, tmp_path):
+    write_log(tmp_path / "log.csv", log)
+    assert refusal(bayesid.read_log, tmp_path / "log.csv", gains=14.0).startswith("gains: 14.0 is no list")
+    assert refusal(bayesid.read_log, tmp_path / "log.csv", joints=7).startswith("joints: 7 is no list")
+    assert "joints=[7]" in refusal(bayesid.plot.style.each_joint, 7, 7, None, 1.0)
