@@ -79,7 +79,8 @@ class _Reading:
         kind: see `BetterReading`.
         change: see there.
         robot: whose log it is.
-        order: (n,) the recorded joint that each joint of the robot is.
+        order: (n,) the recorded joint that each joint of the robot is, by its positions.
+        efforts: (n,) and by its efforts.
         factor: (n,) of the recorded positions.
         turned: (n,) +1 or -1, of the recorded efforts where their signs are known.
     """
@@ -88,6 +89,7 @@ class _Reading:
     change: str
     robot: Robot
     order: Integers
+    efforts: Integers
     factor: Array
     turned: Array
 
@@ -151,9 +153,9 @@ def better_reading(evidence: Evidence, signs: Array, time: Array) -> BetterReadi
 
 def _leaves(reading: _Reading, excerpt: _Excerpt) -> tuple[Array, int]:
     """(n,) relative residual of each recorded joint under a reading, and its number of coefficients."""
-    motion, order = reading.motion(excerpt.motion), reading.order
+    motion, order = reading.motion(excerpt.motion), reading.efforts
     columns = Model(reading.robot, make_terms(STANDARD, reading.robot, motion)).columns(motion)
-    used, signed = excerpt.used[:, order], excerpt.signed[order]
+    used, signed = excerpt.used[:, reading.order], excerpt.signed[order]
     effort = excerpt.effort[:, order] * np.where(signed, reading.turned, 1.0)
     energy = np.maximum((effort**2 * used).sum(axis=0), np.finfo(float).tiny)
     weight = used / np.sqrt(energy)
@@ -190,7 +192,7 @@ def _rms(left: Array) -> float:
 # ---------------------------------------------------------------------------------------------------------------
 def _as_given(robot: Robot) -> _Reading:
     n = robot.n_joints
-    return _Reading("", "", robot, np.arange(n), np.ones(n), np.ones(n))
+    return _Reading("", "", robot, np.arange(n), np.arange(n), np.ones(n), np.ones(n))
 
 
 def _readings(robot: Robot) -> Iterator[_Reading]:
@@ -211,13 +213,20 @@ def _readings(robot: Robot) -> Iterator[_Reading]:
 
 def _orders(given: _Reading) -> Iterator[_Reading]:
     n = given.robot.n_joints
+    exchanged = {}
     for a in range(n):
         for b in range(a + 1, n):
             order = np.arange(n)
             order[[a, b]] = b, a
-            yield replace(given, kind="joint order", change=f"joints {a + 1} and {b + 1} exchanged", order=order)
+            exchanged[f"joints {a + 1} and {b + 1} exchanged"] = order
     if n > 3:  # else that is an exchange of two
-        yield replace(given, kind="joint order", change="the joints in reversed order", order=np.arange(n)[::-1])
+        exchanged["the joints in reversed order"] = np.arange(n)[::-1]
+    for change, order in exchanged.items():
+        yield replace(given, kind="joint order", change=change, order=order, efforts=order)
+    for change, order in exchanged.items():
+        yield replace(
+            given, kind="joint order", change=f"the efforts of {change}, and not their positions", efforts=order
+        )
 
 
 def _directions(given: _Reading) -> Iterator[_Reading]:

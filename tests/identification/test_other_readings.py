@@ -80,6 +80,17 @@ def test_joints_in_another_order(order, rectified):
 
 
 @pytest.mark.parametrize("rectified", [True, False])
+@pytest.mark.parametrize("order", SWAPPED[:3])
+def test_efforts_in_another_order_than_positions(order, rectified):
+    log = signed_log()
+    found = reading_of("kr5", replace(log, effort=log.effort[:, order]), rectified)
+    first = int(np.flatnonzero(np.array(order) != np.arange(6))[0])
+    named = f"the efforts of joints {first + 1} and {first + 2} exchanged, and not their positions"
+    assert (found.kind, found.change) == ("joint order", named)
+    assert found.leaves < 0.7 * found.given
+
+
+@pytest.mark.parametrize("rectified", [True, False])
 @pytest.mark.parametrize(
     ("factor", "named"), [(1.0 / DEGREE, "positions in degrees, not rad"), (DEGREE, "positions in rad, not degrees")]
 )
