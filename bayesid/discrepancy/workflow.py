@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from bayesid.arrays import Array
 from bayesid.discrepancy.case import Case, divide
 from bayesid.discrepancy.compare import Excess, NoiseFloor, Trial, make_trial, shortened, where_it_shows
-from bayesid.discrepancy.log_checks import check_log, check_same_robot
+from bayesid.discrepancy.log_checks import check_log, check_same_robot, check_unseen
 from bayesid.discrepancy.selection import Selection, select_effects, unexplained, unexplained_anywhere
 from bayesid.fit.effects.added_effect import AddedEffect, Quantity, not_testable, weigh
 from bayesid.fit.effects.explanation import Explanation
@@ -28,6 +28,7 @@ from bayesid.identification.pipeline import QUICK, identify_again
 from bayesid.log.log import Log, read_log
 from bayesid.log.signals import prepare
 from bayesid.model.coefficients import base_coefficients
+from bayesid.model.model import Model
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress
 from bayesid.signs.search.protocol import Search
@@ -38,7 +39,8 @@ class Discrepancy:
     """What a model lacks to explain a log.
 
     Attributes:
-        status: "no_discrepancy", "explained" or "unexplained".
+        status: "no_discrepancy", "explained", "partly_explained" (effects were found, but joints stay unexplained) or
+            "unexplained".
         where: where the model before exceeds the floor, its parameters moved as far as the earlier log allows.
         added: effects, in this order.
         before: (n,) gap of the model as it was, on data that chose nothing, RMS in N m.
@@ -113,7 +115,8 @@ def find_discrepancy(
         thresholds: that decide which effects are added, and what is explained.
 
     Raises:
-        InputError: a log is of another robot, too short, too still, or the holdout is the log.
+        InputError: a log is of another robot, too short, too still, one that the model was identified from, or the
+            holdout is the log.
         SolverError: an optimisation failed.
     """
     began = time.perf_counter()
@@ -121,6 +124,9 @@ def find_discrepancy(
     later = None if holdout is None else holdout if isinstance(holdout, Log) else read_log(holdout)
     model, cutoff = earlier.knowledge.model, preparation.cutoff
     check_log(model.robot, log)
+    known = earlier.identified if isinstance(earlier, Identification) else earlier
+    for unseen in (log, *([] if later is None else [later])):
+        check_unseen(known, unseen)
     trial = shortened(make_trial(model, prepare(log, cutoff), thresholds))
     selecting, held_back = divide(model, log, later, trial, cutoff, thresholds)
     coefficients = base_coefficients(model)
@@ -138,6 +144,7 @@ def find_discrepancy(
         preparation=preparation,
         progress=progress,
     )
+    again = replace(again, identified=replace(again.identified, logs=again.identified.logs | known.logs))
     return replace(_discrepancy(case, selection, again), seconds=time.perf_counter() - began)
 
 
@@ -153,7 +160,7 @@ def _discrepancy(case: Case, selection: Selection, again: Identification) -> Dis
     ratios, says = unexplained_anywhere(on_log, before, after, floor, case.thresholds)
     added = _added(case, selection, again)
     return Discrepancy(
-        status="unexplained" if ratios else "explained" if added else "no_discrepancy",
+        status=_status(bool(added), bool(ratios)),
         where=tuple(_where(case, selection.before, floor)),
         added=added,
         before=before.rms,
@@ -174,6 +181,13 @@ def _discrepancy(case: Case, selection: Selection, again: Identification) -> Dis
         thresholds=case.thresholds,
         seconds=np.nan,
     )
+
+
+def _status(found: bool, left: bool) -> str:
+    """Of whether effects were found, and whether joints stay unexplained."""
+    if left:
+        return "partly_explained" if found else "unexplained"
+    return "explained" if found else "no_discrepancy"
 
 
 def _gaps(case: Case, selection: Selection, again: Identification) -> tuple[HeldBackErrors, HeldBackErrors]:
@@ -215,27 +229,66 @@ def _added(case: Case, selection: Selection, again: Identification) -> tuple[Add
         weigh(selection.data, selection.library, selection.hypotheses, selection.explanation, effect, case.uncertain)
         for effect in selection.hypotheses
     ]
+    numbers = _Numbers(case.model, case.knowledge.theta, again)
     return tuple(
-        replace(effect, parameters=_parameters(case, effect.hypothesis, sd, again))
+        replace(
+            effect,
+            parameters={**numbers.parameters(effect.hypothesis), **_own_numbers(case, effect.hypothesis, sd)},
+            readable=numbers.readable(effect.hypothesis),
+        )
         for effect, sd in zip(weighed, selection.explanation.sd, strict=True)
     )
 
 
-def _parameters(case: Case, effect: Hypothesis, sd: Array, again: Identification) -> dict[str, Quantity]:
-    """Parameters of an added effect, then its nonlinear numbers."""
-    names = [parameter.name for parameter in again.model.parameters]
-    earlier = {p.name: value for p, value in zip(case.model.parameters, case.knowledge.theta, strict=True)}
-    spread, _ = again.parameter_sd
-    quantities: dict[str, Quantity] = {}
-    for parameter in effect.source.parameters(case.model.robot):
-        k = names.index(parameter.name)
-        quantities[parameter.name] = (float(again.theta[k]), float(spread[k]), parameter.unit)
-        if parameter.name in effect.changes:
-            change = float(again.theta[k]) - float(earlier[parameter.name])
-            quantities[f"change of {parameter.name}"] = (change, float(spread[k]), parameter.unit)
+def _own_numbers(case: Case, effect: Hypothesis, sd: Array) -> dict[str, Quantity]:
+    """The nonlinear numbers of an added effect."""
     numbers = effect.source.numbers(case.model.robot)
     tuned = not effect.source.linear and len(sd) >= len(numbers)
     deviations = sd[: len(numbers)] if tuned else np.full(len(numbers), np.nan)
-    for (name, (value, unit)), deviation in zip(numbers.items(), deviations, strict=True):
-        quantities[name] = (value, float(deviation), unit)
-    return quantities
+    named = zip(numbers.items(), deviations, strict=True)
+    return {name: (value, float(deviation), unit) for (name, (value, unit)), deviation in named}
+
+
+class _Numbers:
+    """Parameters of the extended model, beside those of the model as it was."""
+
+    def __init__(self, model: Model, theta: Array, again: Identification) -> None:
+        self._again, self._names = again, [parameter.name for parameter in again.model.parameters]
+        self._earlier = {p.name: float(value) for p, value in zip(model.parameters, theta, strict=True)}
+        self._sd, _ = again.parameter_sd
+        draws = None if again.posterior is None else again.posterior.uncertain.theta
+        self._draws = None if draws is None else draws.reshape(-1, draws.shape[-1])
+
+    def parameters(self, effect: Hypothesis) -> dict[str, Quantity]:
+        """Of an added effect, and of what it adds to that the model had: the new value and the change."""
+        quantities: dict[str, Quantity] = {}
+        for parameter in effect.source.parameters(self._again.model.robot):
+            name, unit = parameter.name, parameter.unit
+            quantities[name] = (*self._sum(name), unit)
+            if name in effect.changes:
+                quantities |= self._changed(name, quantities[name])
+            for symbol, other in effect.source.adds_to.items():
+                target = f"{other}{parameter.joint}"
+                if name == f"{symbol}{parameter.joint}" and target in self._earlier:
+                    quantities[target] = (*self._sum(target, name), unit)
+                    quantities |= self._changed(target, quantities[target])
+        return quantities
+
+    def readable(self, effect: Hypothesis) -> dict[str, Quantity]:
+        """What people read in place of these."""
+        place = [self._names.index(p.name) for p in effect.source.parameters(self._again.model.robot)]
+        values = effect.source.readable(self._again.theta[place])
+        drawn = {} if self._draws is None else effect.source.readable(self._draws[:, place])
+        sd = {name: float(np.std(draws)) for name, (draws, _) in drawn.items()}
+        return {name: (float(value), sd.get(name, np.nan), unit) for name, (value, unit) in values.items()}
+
+    def _sum(self, *names: str) -> tuple[float, float]:
+        """Value and standard deviation of the sum of parameters; NaN where that is not known."""
+        place = [self._names.index(name) for name in names]
+        if self._draws is not None and len(place) > 1:
+            return float(self._again.theta[place].sum()), float(self._draws[:, place].sum(axis=1).std())
+        return float(self._again.theta[place].sum()), float(self._sd[place[0]]) if len(place) == 1 else np.nan
+
+    def _changed(self, name: str, now: Quantity) -> dict[str, Quantity]:
+        value, sd, unit = now
+        return {f"change of {name}": (value - self._earlier[name], sd, unit)}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.fit.knowledge import Knowledge
 from bayesid.fit.noise import Noise
+from bayesid.identification.provenance import hashes
 from bayesid.identification.validation import PredictedEfforts, Validation, check_joints, compare
 from bayesid.log.log import Log, read_log
 from bayesid.log.signals import prepare
@@ -43,6 +44,8 @@ class IdentifiedModel:
         noise: of the efforts of the log that the model was identified from.
         precision: (r, r) inverse covariance of the base coefficients; zero where nothing is known.
         draws: of the posterior; None if it was not sampled.
+        logs: by which the logs that it was identified from are known again
+            (`bayesid.identification.provenance.hashes`); none of a model that was written by hand.
     """
 
     model: Model
@@ -50,6 +53,7 @@ class IdentifiedModel:
     noise: Noise
     precision: Array
     draws: ParameterDraws | None = None
+    logs: frozenset[str] = frozenset()
 
     @property
     def knowledge(self) -> Knowledge:
@@ -59,6 +63,10 @@ class IdentifiedModel:
     def effort(self, motion: Motion) -> Array:
         """(N, n) actuator efforts of a motion, N m."""
         return self.model.effort(motion, self.theta)
+
+    def seen(self, log: Log) -> bool:
+        """Whether it was identified from this log, which then shows nothing new of it."""
+        return bool(self.logs & hashes(log))
 
     def predict(self, motion: Motion) -> PredictedEfforts:
         """Efforts of a motion with standard deviations, by the posterior or, without draws, of the noise alone."""
@@ -74,6 +82,8 @@ class IdentifiedModel:
     def validate(self, log: Log | str | Path, cutoff: float | None = None) -> Validation:
         """Predicts a log's efforts from its motion, settles the unknown signs under the model, and compares.
 
+        A log that the model was identified from is no validation; `Validation.seen` says so.
+
         Args:
             log: a log of the same robot, or its file.
             cutoff: of the motion's low-pass, Hz; from the data by default.
@@ -84,4 +94,5 @@ class IdentifiedModel:
         log = log if isinstance(log, Log) else read_log(log)
         check_joints(self.model.robot, log)
         signals = prepare(log, cutoff)
-        return compare(log, signals, self.model.robot, self.predict(signals.motion), self.noise)
+        compared = compare(log, signals, self.model.robot, self.predict(signals.motion), self.noise)
+        return replace(compared, seen=self.seen(log))

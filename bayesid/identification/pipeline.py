@@ -25,7 +25,7 @@ from bayesid.identification.identification import Identification
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
 from bayesid.identification.options import Completeness, Preparation, check_completeness, plain_options
 from bayesid.identification.other_readings import suspected_reading
-from bayesid.identification.provenance import record_provenance
+from bayesid.identification.provenance import hashes, record_provenance
 from bayesid.identification.warnings import warnings_of
 from bayesid.log.log import Log, read_log
 from bayesid.log.segments import Segments, find_segments
@@ -222,7 +222,7 @@ def _identification(run: _Run, log: Log, signals: Signals, model: Model, average
     segments = settled.signs.segments.split(_sign_changes(signals))
     signs, confidence = segment_signs(segments, probability, signals.raw_effort)
     return Identification(
-        identified=_identified(model, asked.evidence, averaged.fit, posterior),
+        identified=replace(_identified(model, asked.evidence, averaged.fit, posterior), logs=hashes(log)),
         coefficients=asked.evidence.coefficients,
         log=log,
         signals=signals,

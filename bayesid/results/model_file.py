@@ -64,7 +64,9 @@ def _stored_model(table: dict[str, Any], where: str) -> IdentifiedModel:
         raise ValueError("a term comes twice")
     theta = frozen([table["values"][name] for name in names], (len(names),), "values")
     noise = _stored_noise(table["noise"], robot.n_joints)
-    return IdentifiedModel(model, theta, noise, _stored_precision(table.get("knowledge"), model))
+    knowledge = table.get("knowledge")
+    logs = frozenset(map(str, (knowledge or {}).get("logs", [])))
+    return IdentifiedModel(model, theta, noise, _stored_precision(knowledge, model), logs=logs)
 
 
 def _stored_precision(table: dict[str, Any] | None, model: Model) -> Array:
@@ -145,5 +147,6 @@ def model_table(stored: IdentifiedModel) -> dict[str, Any]:
         "knowledge": {
             "coefficients": list(base_coefficients(stored.model).names),
             "precision": stored.precision.tolist(),
+            "logs": sorted(stored.logs),
         },
     }
