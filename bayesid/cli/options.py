@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import math
 import re
+import shlex
+import sys
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,6 +19,11 @@ from bayesid.fit.knowledge import Beliefs, Links, read_nominal
 from bayesid.log.log import Log, read_log
 from bayesid.model.terms import RigidBody
 from bayesid.posterior.sampler import Sampling
+
+
+def command_line() -> str:
+    """What was typed."""
+    return shlex.join(["bayesid", *sys.argv[1:]])
 
 
 def reading_options(options: argparse.Namespace) -> dict[str, Any]:

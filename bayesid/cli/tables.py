@@ -100,7 +100,12 @@ def validation_parts(result: Validation) -> list[RenderableType]:
         for j, (error, relative, inside) in enumerate(figures, start=1)
     ]
     headings = ["joint", "RMS error, N m", "relative residual", "in the 95 % band"]
-    return [table(headings, rows), f"the band holds {result.band}"]
+    seen = "no validation: the model was identified from this log"
+    return [
+        *([Text(seen, _COLOURS["bad"])] if result.seen else []),
+        table(headings, rows),
+        f"the band holds {result.band}",
+    ]
 
 
 def discrepancy_parts(result: Discrepancy) -> list[RenderableType]:

@@ -23,7 +23,7 @@ from bayesid.fit.effects.scores import Score
 from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.identification.identification import Identification
 from bayesid.identification.identified_model import IdentifiedModel
-from bayesid.identification.options import Preparation
+from bayesid.identification.options import Preparation, call_of, call_of_log
 from bayesid.identification.pipeline import QUICK, identify_again
 from bayesid.log.log import Log, read_log
 from bayesid.log.signals import prepare
@@ -144,7 +144,12 @@ def find_discrepancy(
         preparation=preparation,
         progress=progress,
     )
-    again = replace(again, identified=replace(again.identified, logs=again.identified.logs | known.logs))
+    scored = [] if later is None else [f"holdout={call_of_log(later)}"]
+    again = replace(
+        again,
+        identified=replace(again.identified, logs=again.identified.logs | known.logs),
+        provenance=replace(again.provenance, call=call_of("find_discrepancy", "earlier", call_of_log(log), *scored)),
+    )
     return replace(_discrepancy(case, selection, again), seconds=time.perf_counter() - began)
 
 

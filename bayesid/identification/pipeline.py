@@ -23,7 +23,14 @@ from bayesid.fit.least_squares import Fit, fit_signed
 from bayesid.fit.moments import Moments
 from bayesid.identification.identification import Identification
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
-from bayesid.identification.options import Completeness, Preparation, check_completeness, plain_options
+from bayesid.identification.options import (
+    Completeness,
+    Preparation,
+    call_of,
+    call_of_log,
+    check_completeness,
+    plain_options,
+)
 from bayesid.identification.other_readings import suspected_reading
 from bayesid.identification.provenance import hashes, record_provenance
 from bayesid.identification.warnings import warnings_of
@@ -110,6 +117,9 @@ def identify(
     robot = robot if isinstance(robot, Robot) else load_robot(robot)
     log = log if isinstance(log, Log) else read_log(log)
     _check(robot, log)
+    asked_for = {"terms": (terms, catalogue.STANDARD), "complete": (complete, "auto"), "search": (search, Certified())}
+    asked_for |= {"posterior": (posterior, True), "preparation": (preparation, Preparation())}
+    run.call = call_of("identify", repr(name), call_of_log(log), **asked_for, beliefs=(beliefs, Beliefs()))
     signals = prepare(log, preparation.cutoff)
     model = Model(robot, catalogue.make_terms(terms, robot, signals.motion))
     segments = find_segments(signals, robot.actuators(signals.motion), preparation.cutting)
@@ -122,8 +132,8 @@ def identify(
     run.lap("second opinion")
     if complete == "off":
         return _identification(run, log, asked.evidence.signals, model, averaged)
-    asked_for = Completing(complete == "auto", beliefs.kinematics, preparation.cutting)
-    completed = complete_model(averaged, segments, search, asked_for, progress)
+    completing = Completing(complete == "auto", beliefs.kinematics, preparation.cutting)
+    completed = complete_model(averaged, segments, search, completing, progress)
     run.lap("complete")
     result = _identification(run, log, completed.signals, completed.model, completed.averaged)
     return replace(result, signals=asked.evidence.signals, completion=completed.completion)
@@ -175,7 +185,7 @@ def identify_again(
 
 @dataclass
 class _Run:
-    """What a run was asked for, and the seconds that its stages took."""
+    """What a run was asked for, the Python call that asks the same, and the seconds that its stages took."""
 
     search: Search
     posterior: Sampling | bool
@@ -183,6 +193,7 @@ class _Run:
     beliefs: Beliefs
     progress: Progress
     subject: Mapping[str, object]
+    call: str = ""
     laps: dict[str, float] = field(default_factory=dict)
     _last: float = field(default_factory=time.perf_counter)
 
@@ -243,7 +254,7 @@ def _identification(run: _Run, log: Log, signals: Signals, model: Model, average
         timings=run.laps,
         warnings=warnings_of(log, averaged, doubt, posterior, reading),
         beliefs=run.beliefs,
-        provenance=record_provenance(run.asked, log),
+        provenance=record_provenance(run.asked, log, run.call),
         better_reading=reading,
     )
 

@@ -31,6 +31,7 @@ class Provenance:
         machine: processor and system.
         date: when it ended, UTC, ISO 8601.
         command: the command line, if there was one.
+        call: the Python call that does the same.
     """
 
     options: Mapping[str, object]
@@ -40,10 +41,11 @@ class Provenance:
     machine: str
     date: str
     command: str | None = None
+    call: str = ""
 
 
-def record_provenance(options: Mapping[str, object], log: Log) -> Provenance:
-    """What is to be noted after a run on a log with some options."""
+def record_provenance(options: Mapping[str, object], log: Log, call: str = "") -> Provenance:
+    """What is to be noted after a run on a log with some options, by a Python call."""
     return Provenance(
         options=options,
         data=fingerprint(log),
@@ -51,6 +53,7 @@ def record_provenance(options: Mapping[str, object], log: Log) -> Provenance:
         versions={"python": platform.python_version(), **{name: version(name) for name in _PACKAGES}},
         machine=f"{platform.machine()}, {platform.system()}",
         date=datetime.now(UTC).isoformat(timespec="seconds"),
+        call=call,
     )
 
 

@@ -176,8 +176,8 @@ def _candidates(discrepancy: Discrepancy) -> dict[str, Any]:
     caption = (
         f"The best {min(_CANDIDATES, len(scores))} of {len(scores)} candidates, and all that were added. The log10 "
         "Bayes factor is of each by itself, added to the model as it was; it says where to begin. To be added an "
-        f"effect needs {discrepancy.thresholds.log10_bayes_factor:g} beside those that were added before it: what a better one "
-        "explains it no longer does, and what a larger one hides may show later."
+        f"effect needs {discrepancy.thresholds.log10_bayes_factor:g} beside those that were added before it: what a "
+        "better one explains it no longer does, and what a larger one hides may show later."
     )
     return {"candidates": rows, "candidates_caption": caption, "candidate_pictures": [_candidate_picture(discrepancy)]}
 

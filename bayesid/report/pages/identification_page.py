@@ -15,15 +15,24 @@ from matplotlib.figure import Figure
 
 from bayesid.identification.warnings import convergence
 from bayesid.progress import SILENT, Progress
-from bayesid.report import plot
+from bayesid.report import commands, plot
 from bayesid.report.findings import Findings
 from bayesid.report.findings.summary import SearchSummary
 from bayesid.report.pages.rendering import Picture, data, number, picture, render
 from bayesid.report.plot.remainder import VARIABLES
 from bayesid.report.plot.style import new_figure
 from bayesid.report.plot.svg import inline_svg
-from bayesid.report.verdicts import EFFECT_HEADINGS, SURE, State, check_findings, effect_rows, sure_share, worst
-from bayesid.report.words import listed, quantity
+from bayesid.report.verdicts import (
+    EFFECT_HEADINGS,
+    SURE,
+    State,
+    at_standstill,
+    check_findings,
+    effect_rows,
+    sure_share,
+    worst,
+)
+from bayesid.report.words import listed, quantity, upper
 
 _STATES: Mapping[State, Mapping[str, str]] = {
     "good": {"colour": "good", "text": "good"},
@@ -205,7 +214,7 @@ def _doubts(findings: Findings) -> dict[str, Any]:
         f"{which} in motion whose sign is not sure, by their largest |effort|. The sign of a small effort matters "
         "little to the coefficients: its likelihood is averaged over both."
     )
-    return {"doubts": rows, "doubts_caption": caption}
+    return {"doubts": rows, "doubts_caption": caption, "still": upper(at_standstill(findings))}
 
 
 def _coefficients(findings: Findings) -> dict[str, Any]:
@@ -358,7 +367,7 @@ def _others(findings: Findings) -> Iterator[dict[str, Any]]:
 def _validation(findings: Findings) -> dict[str, Any]:
     prediction = findings.prediction
     if prediction is None:
-        return {"prediction": None}
+        return {"prediction": None, "validate": commands.validate(findings)}
     pictures = [
         _zoomable(
             partial(plot.validation, findings, [joint], key=False),
@@ -376,6 +385,7 @@ def _run(findings: Findings) -> dict[str, Any]:
     run = findings.summary.provenance
     rows = [
         *([("Command", run.command)] if run.command else []),
+        *([("In Python", run.call)] if run.call else []),
         *((f"Option {name}", _option(value)) for name, value in run.options.items()),
         *((f"SHA-256 of {name}", digest) for name, digest in run.files.items()),
         ("SHA-256 of the samples", run.data),
