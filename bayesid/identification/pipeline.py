@@ -117,9 +117,17 @@ def identify(
     robot = robot if isinstance(robot, Robot) else load_robot(robot)
     log = log if isinstance(log, Log) else read_log(log)
     _check(robot, log)
-    asked_for = {"terms": (terms, catalogue.STANDARD), "complete": (complete, "auto"), "search": (search, Certified())}
-    asked_for |= {"posterior": (posterior, True), "preparation": (preparation, Preparation())}
-    run.call = call_of("identify", repr(name), call_of_log(log), **asked_for, beliefs=(beliefs, Beliefs()))
+    run.call = call_of(
+        "identify",
+        repr(name),
+        call_of_log(log),
+        terms=(terms, tuple(catalogue.STANDARD)),
+        complete=(complete, "auto"),
+        search=(search, Certified()),
+        posterior=(posterior, True),
+        preparation=(preparation, Preparation()),
+        beliefs=(beliefs, Beliefs()),
+    )
     signals = prepare(log, preparation.cutoff)
     model = Model(robot, catalogue.make_terms(terms, robot, signals.motion))
     segments = find_segments(signals, robot.actuators(signals.motion), preparation.cutting)

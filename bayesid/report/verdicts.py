@@ -218,16 +218,17 @@ def _segments(findings: Findings) -> Check:
 
 
 def at_standstill(findings: Findings) -> str:
-    """Which segments at standstill are ambiguous, the one that lasts longest named; empty where none is."""
+    """How many segments at standstill are ambiguous, the one of the largest |effort| named; empty where none is."""
     table = findings.segments
     doubtful = np.flatnonzero(table.ambiguous & ~table.moving)
     if not len(doubtful):
         return ""
-    longest = doubtful[int(np.argmax((table.end - table.start)[doubtful]))]
-    where = f"joint {table.joint[longest] + 1}, {table.start[longest]:.1f} to {table.end[longest]:.1f} s"
+    size = findings.segment_size
+    largest = doubtful[int(np.argmax(size[doubtful]))]
+    where = f"joint {table.joint[largest] + 1}, {table.start[largest]:.1f} to {table.end[largest]:.1f} s"
     return (
-        f"at standstill, where friction may point either way, {len(doubtful)} of {int((~table.moving).sum())} are (the "
-        f"longest in {where})"
+        f"at standstill, where friction may point either way, {len(doubtful)} of {int((~table.moving).sum())} segments "
+        f"are ambiguous (the largest, {size[largest]:.0%} of its joint's |effort|, in {where})"
     )
 
 

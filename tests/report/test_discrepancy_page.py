@@ -28,6 +28,7 @@ from bayesid.model.terms.cable_drag import CableDrag
 from bayesid.model.terms.coulomb_friction import CoulombFriction
 from bayesid.model.terms.hysteresis import Hysteresis
 from bayesid.model.terms.payload import Payload
+from bayesid.model.terms.thermal_drift import ThermalDrift
 from bayesid.model.terms.torque_offset import TorqueOffset
 from bayesid.report.discrepancy_verdicts import discrepancy_checks, lead
 from bayesid.report.pages.discrepancy_page import discrepancy_page
@@ -327,6 +328,88 @@ def test_without_numbers_the_effect_is_still_named():
     assert paragraph(make(added=(both,))).startswith("Joints 1 and 2 need Coulomb friction.")
     changed = paragraph(make(added=(found(friction(), changes=("Fc2",)),)))
     assert changed.startswith("Joint 2's Coulomb friction has changed. With it")
+
+
+BODY = {
+    "mass": (2.8, 0.04, "kg"),
+    "centre of mass x": (0.03, 0.004, "m"),
+    "centre of mass y": (-0.2, 0.002, "m"),
+    "centre of mass z": (0.1104, 0.0006, "m"),
+    "inertia xx": (0.005, 0.002, "kg m^2"),
+}
+
+
+def test_what_was_found_and_what_is_left_leads():
+    """Joint 2 keeps 1.5 of 1.9 N m of excess: not most of it is explained; joint 3 had 0.9 and keeps 0.35."""
+    payload = replace(found(Payload(), {"mp3": (2.8, 0.04, "kg")}), readable=BODY)
+    changed = found(friction(1), {"Fc1": (7.3, 0.5, "N m"), "change of Fc1": (-1.8, 0.5, "N m")}, changes=("Fc1",))
+    where = tuple(Excess(j, excess, "load", (0.0, 1.0)) for j, excess in ((1, 3.0), (2, 1.9), (3, 0.9)))
+    result = make(
+        status="partly_explained",
+        added=(payload, changed),
+        where=where,
+        unexplained=((2, 5.1), (3, np.hypot(1.0, 0.35 / 0.31))),
+    )
+    assert lead(result) == (
+        "Found: a payload of 2.80 kg at (0.030, -0.200, 0.1104) m in the last link's frame; changed Coulomb friction "
+        "in joint 1. Together they explain what showed in joint 1 and most of what showed in joint 3; joint 2 keeps 1.5 "
+        "N m above the noise that nothing explains; joint 3 keeps 0.35 N m above the noise that nothing explains."
+    )
+    states = [(check.name, check.state) for check in discrepancy_checks(result)]
+    assert states[:5] == [
+        ("Payload", "good"),
+        ("Coulomb friction, joint 1", "good"),
+        ("Gap", "good"),
+        ("What is left", "bad"),
+        ("What is left", "bad"),
+    ]
+    page, text = page_of(result)
+    assert '<p class="status partly_explained">Partly explained: ' in text
+    assert page.table("Effects that were added")[1][2] == [value for value, _, _ in BODY.values()]
+    assert page.table("Effects that were added")[2][2] == [7.3]
+    assert "9.1&nbsp;&rarr;&nbsp;7.3&nbsp;&plusmn;&nbsp;0.5 N&nbsp;m" in text
+    assert "mp3" not in text
+
+
+def test_friction_that_adds_to_the_earlier_models_is_told_before_and_now():
+    """Of a drift from -1.8 N m on; what would be negative altogether is not told as found."""
+    drift = ThermalDrift(joints=(2,), smoothing=(0.05,), time=(300.0,))
+    own = {"Fcold2": (-1.8, 0.5, "N m"), "Fwarm2": (0.8, 0.2, "N m"), "time2": (300.0, np.nan, "s")}
+    total = {"Fc2": (7.3, 0.5, "N m"), "change of Fc2": (-1.8, 0.5, "N m")}
+    result = make(added=(found(drift, own | total),))
+    said = (
+        "Joint 2 needs dry friction of 9.1 -> 7.3 +- 0.5 N m that changes by 0.8 +- 0.2 N m as it warms up, over 300 s"
+    )
+    assert discrepancy_checks(result)[0].message == said
+    page, text = page_of(result)
+    assert sorted(page.table("Effects that were added")[1][2]) == [0.8, 7.3, 300.0]
+    impossible = make(added=(found(drift, own | {"Fc2": (-0.3, 0.5, "N m"), "change of Fc2": (-1.8, 0.5, "N m")}),))
+    for result in (impossible, make(added=(found(drift, own),))):
+        (check, *_) = discrepancy_checks(result)
+        assert check.state == "look"
+        assert check.message.startswith("by itself it would make the Coulomb friction of joint 2 negative")
+        assert "1.8" not in check.message
+
+
+def test_what_became_of_each_candidate_is_told():
+    """What was added is listed however poor it was by itself."""
+    drift = Hysteresis(joints=(2,), width=(0.01,))
+    scores = (
+        *(score(TorqueOffset(joints=(1,)), gain) for gain in range(10, 40)),
+        score(friction(), 9.0),
+        score(drift, -2.0),
+        score(TorqueOffset(joints=(3,)), 50.0),
+        score(Payload(), 45.0),
+    )
+    result = make(added=(found(friction(), FRICTION), found(drift, {})), scores=scores)
+    page, text = page_of(result)
+    rows = re.findall(
+        r'<tr><th scope="row">(\d+)</th><td>([^<]+)</td><td>[^<]+</td><td>.*?</td><td>([^<]+)</td></tr>', text
+    )
+    assert rows[0] == ("1", "torque offset", "left out: see below")
+    assert rows[1] == ("2", "payload", "not needed beside those added")
+    assert rows[-2:] == [("33", "Coulomb friction", "added first"), ("34", "presliding hysteresis", "added second")]
+    assert len(page.table("The best 25 of 34")) == 1 + 25 + 2
 
 
 def test_doubt_is_said():

@@ -290,12 +290,20 @@ def test_the_log_of_the_identification_is_no_validation():
 
 
 def test_doubts_at_standstill_are_told_beside_those_in_motion():
-    """The longest one is named: joint 2's, which lasts 0.9 s."""
-    table = GOOD.segments
+    """The one of the largest |effort| is named: joint 2's, half of what that joint reaches."""
+    table, samples = GOOD.segments, GOOD.samples
     still = ~table.moving
-    end = np.where(still & (table.joint == 1), table.start + 0.9, np.where(still, table.start + 0.2, table.end))
-    found = replace(GOOD, segments=replace(table, ambiguous=table.ambiguous | still, end=end))
-    said = "at standstill, where friction may point either way, 2 of 2 are (the longest in joint 2, 0.0 to 0.9 s)"
+    recorded = np.ones_like(samples.recorded)
+    recorded[: len(recorded) // 12] = [0.2, 0.5]
+    found = replace(
+        GOOD,
+        samples=replace(samples, recorded=recorded),
+        segments=replace(table, ambiguous=table.ambiguous | still, end=np.where(still, table.start + 0.2, table.end)),
+    )
+    said = (
+        "at standstill, where friction may point either way, 2 of 2 segments are ambiguous (the largest, 50% of its "
+        "joint's |effort|, in joint 2, 0.0 to 0.2 s)"
+    )
     assert said in told(found, "Signs of the segments").message
     assert told(found, "Signs of the segments").state == "good"
     assert "standstill" not in told(GOOD, "Signs of the segments").message
