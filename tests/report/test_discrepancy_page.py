@@ -352,8 +352,8 @@ def test_what_was_found_and_what_is_left_leads():
     )
     assert lead(result) == (
         "Found: a payload of 2.80 kg at (0.030, -0.200, 0.1104) m in the last link's frame; changed Coulomb friction "
-        "in joint 1. Together they explain what showed in joint 1 and most of what showed in joint 3; joint 2 keeps 1.5 "
-        "N m above the noise that nothing explains; joint 3 keeps 0.35 N m above the noise that nothing explains."
+        "in joint 1. Together they explain what showed in joint 1 and most of what showed in joint 3; joint 2 keeps "
+        "1.5 N m above the noise that nothing explains; joint 3 keeps 0.35 N m above the noise that nothing explains."
     )
     states = [(check.name, check.state) for check in discrepancy_checks(result)]
     assert states[:5] == [
