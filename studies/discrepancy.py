@@ -248,7 +248,7 @@ def _confusion(rows: Sequence[Row]) -> list[str]:
 
 def outside_right(row: Row) -> bool:
     """Whether an effect from outside is reported as unexplained, in its joint."""
-    return row["status"] == "unexplained" and row["hidden"][0][1][0] in row["unexplained"]
+    return row["hidden"][0][1][0] in row["unexplained"]
 
 
 def share(rows: Sequence[Row], key: str) -> str:

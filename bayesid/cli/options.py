@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import math
 import re
+import shlex
+import sys
 import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -21,6 +23,11 @@ from bayesid.model.terms import RigidBody
 from bayesid.posterior.sampler import Sampling
 
 Recording = TypeVar("Recording", Log, RecordedMotion)
+
+
+def command_line() -> str:
+    """What was typed."""
+    return shlex.join(["bayesid", *sys.argv[1:]])
 
 
 def reading_options(options: argparse.Namespace) -> dict[str, Any]:

@@ -11,9 +11,9 @@ from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.identification.identification import KNOWN, SURE, Identification
 from bayesid.identification.prediction import PredictedEfforts
 from bayesid.identification.validation import Validation
+from bayesid.report.discrepancy_verdicts import discrepancy_checks, lead
 from bayesid.report.findings import summarise
 from bayesid.report.verdicts import EFFECT_HEADINGS, Check, beyond_the_terms, effect_rows, proof, sampling
-from bayesid.report.words import paragraph
 from bayesid.results.agreement import text as agreement_text
 from bayesid.results.several_logs import Separate
 
@@ -52,6 +52,11 @@ def identification_parts(result: Identification) -> list[RenderableType]:
 
 def _verdict(head: str, check: Check, tail: str = "") -> Text:
     return Text.assemble(head, (check.message, _COLOURS[check.state]), tail)
+
+
+def _line(check: Check) -> Text:
+    remedy = f"; {check.remedy}" if check.remedy else ""
+    return Text.assemble((f"  {check.name}: ", _COLOURS[check.state]), check.message, remedy)
 
 
 def _sampling_effort(result: Identification) -> str:
@@ -93,7 +98,12 @@ def validation_parts(result: Validation) -> list[RenderableType]:
         for j, (error, relative, inside) in enumerate(figures, start=1)
     ]
     headings = ["joint", "RMS error, N m", "relative residual", "in the 95 % band"]
-    return [table(headings, rows), f"the band holds {result.band}"]
+    seen = "no validation: the model was identified from this log"
+    return [
+        *([Text(seen, _COLOURS["bad"])] if result.seen else []),
+        table(headings, rows),
+        f"the band holds {result.band}",
+    ]
 
 
 def prediction_parts(result: PredictedEfforts) -> list[RenderableType]:
@@ -109,7 +119,8 @@ def discrepancy_parts(result: Discrepancy) -> list[RenderableType]:
     """What ends `bayesid discrepancy`."""
     gaps = zip(result.before, result.after, result.floor.rms, result.floor.white, strict=True)
     rows = [[str(j), *(f"{gap:.4g}" for gap in joint)] for j, joint in enumerate(gaps, start=1)]
-    parts: list[RenderableType] = [paragraph(result), "", f"gap on {result.holdout}, RMS in N m:"]
+    parts: list[RenderableType] = [lead(result), *map(_line, discrepancy_checks(result)), ""]
+    parts.append(f"gap on {result.holdout}, RMS in N m:")
     parts.append(table(["joint", "before", "after", "floor", "of it white"], rows))
     if not result.added:
         return parts

@@ -8,6 +8,7 @@ from bayesid.arrays import Array
 from bayesid.discrepancy.compare import ENCODER_RANGE, Trial
 from bayesid.errors import InputError
 from bayesid.fit.effects.thresholds import Thresholds
+from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.validation import check_joints
 from bayesid.log.log import Log
 from bayesid.model.robot import Robot
@@ -25,6 +26,17 @@ def check_log(robot: Robot, log: Log) -> None:
     check_joints(robot, log)
     if np.all(np.ptp(log.q, axis=0) < ENCODER_RANGE):
         raise InputError("no joint moves", log.source, "record a motion")
+
+
+def check_unseen(earlier: IdentifiedModel, log: Log) -> None:
+    """The model was not identified from the log.
+
+    Raises:
+        InputError: it was: what it lacks there, its own fit has bent it round.
+    """
+    if earlier.seen(log):
+        problem = "is a log that the model was identified from: it cannot show what the model lacks"
+        raise InputError(problem, log.source, "give another log of this robot, of another motion or load")
 
 
 def check_same_robot(predicted: Array, trial: Trial, log: Log, thresholds: Thresholds = Thresholds()) -> None:

@@ -12,7 +12,8 @@ from threadpoolctl import threadpool_limits
 from bayesid.arrays import Array
 from bayesid.discrepancy.case import Case, divide
 from bayesid.discrepancy.compare import Excess, NoiseFloor, Trial, make_trial, shortened, where_it_shows
-from bayesid.discrepancy.log_checks import check_log, check_same_robot
+from bayesid.discrepancy.log_checks import check_log, check_same_robot, check_unseen
+from bayesid.discrepancy.numbers import Numbers
 from bayesid.discrepancy.selection import Selection, select_effects, unexplained, unexplained_anywhere
 from bayesid.fit.effects.added_effect import AddedEffect, Quantity, not_testable, weigh
 from bayesid.fit.effects.explanation import Explanation
@@ -22,7 +23,7 @@ from bayesid.fit.effects.scores import Score
 from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.identification.identification import Identification
 from bayesid.identification.identified_model import IdentifiedModel
-from bayesid.identification.options import Preparation
+from bayesid.identification.options import Preparation, call_of, call_of_log
 from bayesid.identification.pipeline import QUICK, identify_again
 from bayesid.log.log import LogSource, as_log
 from bayesid.log.signals import prepare
@@ -37,7 +38,8 @@ class Discrepancy:
     """What a model lacks to explain a log.
 
     Attributes:
-        status: "no_discrepancy", "explained" or "unexplained".
+        status: "no_discrepancy", "explained", "partly_explained" (effects were found, but joints stay unexplained) or
+            "unexplained".
         where: where the model before exceeds the floor, its parameters moved as far as the earlier log allows.
         added: effects, in this order.
         before: (n,) gap of the model as it was, on data that chose nothing, RMS in N m.
@@ -129,7 +131,8 @@ def find_discrepancy(
         thresholds: that decide which effects are added, and what is explained.
 
     Raises:
-        InputError: a log is of another robot, too short, too still, or the holdout is the log.
+        InputError: a log is of another robot, too short, too still, one that the model was identified from, or the
+            holdout is the log.
         SolverError: an optimisation failed.
     """
     began = time.perf_counter()
@@ -137,6 +140,9 @@ def find_discrepancy(
     later = None if holdout is None else as_log(holdout)
     model, cutoff = earlier.knowledge.model, preparation.cutoff
     check_log(model.robot, log)
+    known = earlier.identified if isinstance(earlier, Identification) else earlier
+    for unseen in (log, *([] if later is None else [later])):
+        check_unseen(known, unseen)
     trial = shortened(make_trial(model, prepare(log, cutoff), thresholds))
     selecting, held_back = divide(model, log, later, trial, cutoff, thresholds)
     coefficients = base_coefficients(model)
@@ -154,6 +160,12 @@ def find_discrepancy(
         preparation=preparation,
         progress=progress,
     )
+    scored = [] if later is None else [f"holdout={call_of_log(later)}"]
+    again = replace(
+        again,
+        identified=replace(again.identified, logs=again.identified.logs | known.logs),
+        provenance=replace(again.provenance, call=call_of("find_discrepancy", "earlier", call_of_log(log), *scored)),
+    )
     return replace(_discrepancy(case, selection, again), seconds=time.perf_counter() - began)
 
 
@@ -169,7 +181,7 @@ def _discrepancy(case: Case, selection: Selection, again: Identification) -> Dis
     ratios, says = unexplained_anywhere(on_log, before, after, floor, case.thresholds)
     added = _added(case, selection, again)
     return Discrepancy(
-        status="unexplained" if ratios else "explained" if added else "no_discrepancy",
+        status=_status(bool(added), bool(ratios)),
         where=tuple(_where(case, selection.before, floor)),
         added=added,
         before=before.rms,
@@ -190,6 +202,13 @@ def _discrepancy(case: Case, selection: Selection, again: Identification) -> Dis
         thresholds=case.thresholds,
         seconds=np.nan,
     )
+
+
+def _status(found: bool, left: bool) -> str:
+    """Of whether effects were found, and whether joints stay unexplained."""
+    if left:
+        return "partly_explained" if found else "unexplained"
+    return "explained" if found else "no_discrepancy"
 
 
 def _gaps(case: Case, selection: Selection, again: Identification) -> tuple[HeldBackErrors, HeldBackErrors]:
@@ -231,27 +250,21 @@ def _added(case: Case, selection: Selection, again: Identification) -> tuple[Add
         weigh(selection.data, selection.library, selection.hypotheses, selection.explanation, effect, case.uncertain)
         for effect in selection.hypotheses
     ]
+    numbers = Numbers(case.model, case.knowledge.theta, again)
     return tuple(
-        replace(effect, parameters=_parameters(case, effect.hypothesis, sd, again))
+        replace(
+            effect,
+            parameters={**numbers.parameters(effect.hypothesis), **_own_numbers(case, effect.hypothesis, sd)},
+            readable=numbers.readable(effect.hypothesis),
+        )
         for effect, sd in zip(weighed, selection.explanation.sd, strict=True)
     )
 
 
-def _parameters(case: Case, effect: Hypothesis, sd: Array, again: Identification) -> dict[str, Quantity]:
-    """Parameters of an added effect, then its nonlinear numbers."""
-    names = [parameter.name for parameter in again.model.parameters]
-    earlier = {p.name: value for p, value in zip(case.model.parameters, case.knowledge.theta, strict=True)}
-    spread, _ = again.parameter_sd
-    quantities: dict[str, Quantity] = {}
-    for parameter in effect.source.parameters(case.model.robot):
-        k = names.index(parameter.name)
-        quantities[parameter.name] = (float(again.theta[k]), float(spread[k]), parameter.unit)
-        if parameter.name in effect.changes:
-            change = float(again.theta[k]) - float(earlier[parameter.name])
-            quantities[f"change of {parameter.name}"] = (change, float(spread[k]), parameter.unit)
+def _own_numbers(case: Case, effect: Hypothesis, sd: Array) -> dict[str, Quantity]:
+    """The nonlinear numbers of an added effect."""
     numbers = effect.source.numbers(case.model.robot)
     tuned = not effect.source.linear and len(sd) >= len(numbers)
     deviations = sd[: len(numbers)] if tuned else np.full(len(numbers), np.nan)
-    for (name, (value, unit)), deviation in zip(numbers.items(), deviations, strict=True):
-        quantities[name] = (value, float(deviation), unit)
-    return quantities
+    named = zip(numbers.items(), deviations, strict=True)
+    return {name: (value, float(deviation), unit) for (name, (value, unit)), deviation in named}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,8 +21,9 @@ from bayesid.identification.prediction import (
     motion_of,
     spread_of,
 )
+from bayesid.identification.provenance import hashes
 from bayesid.identification.validation import Validation, check_joints, compare
-from bayesid.log.log import LogSource, as_log
+from bayesid.log.log import Log, LogSource, as_log
 from bayesid.log.signals import prepare
 from bayesid.model.model import Model
 from bayesid.motion import Motion
@@ -56,6 +57,8 @@ class IdentifiedModel:
         draws: of the posterior; None if it was not sampled.
         lacking: (r, r) covariance by which the coefficients are less certain than `precision` says, for the model may
             lack something; None where it lacks nothing, or draws show it.
+        logs: by which the logs that it was identified from are known again
+            (`bayesid.identification.provenance.hashes`); none of a model that was written by hand.
     """
 
     model: Model
@@ -64,6 +67,7 @@ class IdentifiedModel:
     precision: Array
     draws: ParameterDraws | None = None
     lacking: Array | None = None
+    logs: frozenset[str] = frozenset()
 
     def __repr__(self) -> str:
         effects = ", ".join(effect.name for effect in self.model.effects)
@@ -86,6 +90,10 @@ class IdentifiedModel:
     def effort(self, motion: Motion) -> Array:
         """(N, n) actuator efforts of a motion, N m."""
         return self.model.effort(motion, self.theta)
+
+    def seen(self, log: Log) -> bool:
+        """Whether it was identified from this log, which then shows nothing new of it."""
+        return bool(self.logs & hashes(log))
 
     def predict(
         self, motion: MotionLike, *, noise: bool = True, draws: int = 0, cutoff: float | None = None, seed: int = 0
@@ -172,6 +180,8 @@ class IdentifiedModel:
     def validate(self, log: LogSource, cutoff: float | None = None) -> Validation:
         """Predicts a log's efforts from its motion, settles the unknown signs under the model, and compares.
 
+        A log that the model was identified from is no validation; `Validation.seen` says so.
+
         Args:
             log: a log of the same robot, or anything that `bayesid.read_log` reads.
             cutoff: of the motion's low-pass, Hz; from the data by default.
@@ -182,4 +192,5 @@ class IdentifiedModel:
         log = as_log(log)
         check_joints(self.model.robot, log)
         signals = prepare(log, cutoff)
-        return compare(log, signals, self.model.robot, self.predict(signals.motion), self.noise)
+        compared = compare(log, signals, self.model.robot, self.predict(signals.motion), self.noise)
+        return replace(compared, seen=self.seen(log))

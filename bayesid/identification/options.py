@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass
-from typing import Literal, get_args
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import Any, Literal, get_args
 
 from bayesid.errors import InputError
+from bayesid.log.log import Log
 from bayesid.log.segments import USUAL, Cutting
 
 Completeness = Literal["auto", "off", "only-uncertainty"]
@@ -49,6 +51,41 @@ def plain_options(options: Mapping[str, object]) -> dict[str, object]:
         else:
             plain[name] = value if _is_plain(value) else repr(value)
     return plain
+
+
+def call_of_log(log: Log) -> str:
+    """Python that reads a log again; `log` where it never was a file."""
+    sources = [piece.source for piece in log.pieces] or [log.source]
+    if not all(Path(source).exists() for source in sources):
+        return "log"
+    unsigned = ",".join(str(j) for j, signed in enumerate(log.signed, start=1) if not signed) or "none"
+    read = [f"bayesid.read_log({source!r}, unsigned={unsigned!r})" for source in sources]
+    return read[0] if len(read) == 1 else f"bayesid.join_logs([{', '.join(read)}])"
+
+
+def call_of(function: str, *given: str, **options: tuple[object, object]) -> str:
+    """Python that calls a function of `bayesid` again.
+
+    Args:
+        function: its name.
+        given: arguments, as Python.
+        options: name to value and usual value; those that are usual are left out.
+    """
+    named = [f"{name}={_as_python(value)}" for name, (value, usual) in options.items() if repr(value) != repr(usual)]
+    return f"bayesid.{function}({', '.join([*given, *named])})"
+
+
+def _as_python(value: object) -> str:
+    """Option objects by what differs from their defaults; long tables in short."""
+    if is_dataclass(value) and not isinstance(value, type):
+        parts = [(one.name, getattr(value, one.name), _usual(one)) for one in fields(value)]
+        changed = ", ".join(f"{name}={_as_python(part)}" for name, part, usual in parts if repr(part) != repr(usual))
+        return f"bayesid.{type(value).__name__}({changed})"
+    return "{...}" if isinstance(value, Mapping) and value else repr(value)
+
+
+def _usual(field: Field[Any]) -> object:
+    return field.default if field.default_factory is MISSING else field.default_factory()
 
 
 def _is_plain(value: object) -> bool:

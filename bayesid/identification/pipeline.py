@@ -23,9 +23,16 @@ from bayesid.fit.least_squares import Fit, fit_signed
 from bayesid.fit.moments import Moments
 from bayesid.identification.identification import Identification
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
-from bayesid.identification.options import Completeness, Preparation, check_completeness, plain_options
+from bayesid.identification.options import (
+    Completeness,
+    Preparation,
+    call_of,
+    call_of_log,
+    check_completeness,
+    plain_options,
+)
 from bayesid.identification.other_readings import suspected_reading
-from bayesid.identification.provenance import record_provenance
+from bayesid.identification.provenance import hashes, record_provenance
 from bayesid.identification.recorded import segment_signs
 from bayesid.identification.warnings import warnings_of
 from bayesid.log.log import Log, LogSource, as_log
@@ -110,6 +117,18 @@ def identify(
     name, terms = robot.name if isinstance(robot, Robot) else str(robot), catalogue.term_names(terms)
     subject = {"robot": name, "terms": list(terms), "complete": check_completeness(complete)}
     run = _Run(search, posterior, preparation, beliefs, progress, subject)
+    log = as_log(log)
+    run.call = call_of(
+        "identify",
+        repr(name),
+        call_of_log(log),
+        terms=(terms, tuple(catalogue.STANDARD)),
+        complete=(complete, "auto"),
+        search=(search, Certified()),
+        posterior=(posterior, True),
+        preparation=(preparation, Preparation()),
+        beliefs=(beliefs, Beliefs()),
+    )
     log, model, signals, segments = _prepared(run, robot, log, terms)
     asked, segments = settle_unfiltered(model, signals, segments, search, preparation.cutting, progress)
     run.lap("search")
@@ -117,8 +136,8 @@ def identify(
     run.lap("second opinion")
     if complete == "off":
         return _identification(run, log, asked.evidence.signals, model, averaged)
-    asked_for = Completing(complete == "auto", beliefs.kinematics, preparation.cutting)
-    completed = complete_model(averaged, segments, search, asked_for, progress)
+    completing = Completing(complete == "auto", beliefs.kinematics, preparation.cutting)
+    completed = complete_model(averaged, segments, search, completing, progress)
     run.lap("complete")
     result = _identification(run, log, completed.signals, completed.model, completed.averaged)
     return replace(result, signals=asked.evidence.signals, completion=completed.completion)
@@ -170,7 +189,7 @@ def identify_again(
 
 @dataclass
 class _Run:
-    """What a run was asked for, and the seconds that its stages took."""
+    """What a run was asked for, the Python call that asks the same, and the seconds that its stages took."""
 
     search: Search
     posterior: Sampling | bool
@@ -178,6 +197,7 @@ class _Run:
     beliefs: Beliefs
     progress: Progress
     subject: Mapping[str, object]
+    call: str = ""
     laps: dict[str, float] = field(default_factory=dict)
     _last: float = field(default_factory=time.perf_counter)
 
@@ -243,7 +263,7 @@ def _identification(run: _Run, log: Log, signals: Signals, model: Model, average
     segments = settled.signs.segments.split(_sign_changes(signals))
     signs, confidence = segment_signs(segments, probability, signals.raw_effort)
     return Identification(
-        identified=_identified(model, asked.evidence, averaged.fit, posterior),
+        identified=replace(_identified(model, asked.evidence, averaged.fit, posterior), logs=hashes(log)),
         coefficients=asked.evidence.coefficients,
         log=log,
         signals=signals,
@@ -264,7 +284,7 @@ def _identification(run: _Run, log: Log, signals: Signals, model: Model, average
         timings=run.laps,
         warnings=warnings_of(log, averaged, doubt, posterior, reading),
         beliefs=run.beliefs,
-        provenance=record_provenance(run.asked, log),
+        provenance=record_provenance(run.asked, log, run.call),
         better_reading=reading,
     )
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from bayesid.posterior.labelled import DataFrame, Dataset  # pandas takes half a second to import
 
 MotionLike: TypeAlias = Motion | RecordedMotion | Log | str | Path | Sequence[object] | Variables
-"""What efforts can be predicted of: a motion, a log, a file of either, arrays (t, q[, dq[, ddq]]), or arrays by name."""
+"""What efforts can be predicted of: a motion, a log, a file of either, arrays (t, q[, dq[, ddq]]), or by name."""
 
 NORMAL_95 = 1.959963984540054
 """Standard deviations within which 95 % of a normal distribution lie: the 0.975 quantile."""

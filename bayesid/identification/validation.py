@@ -34,6 +34,7 @@ class Validation:
         upper: (N, n) its upper end, N m.
         coverage: (n,) share of the unfiltered efforts in motion, with their likelier signs, that lie in the band.
         band: what the band accounts for.
+        seen: whether the model was identified from this log: then it is no validation.
     """
 
     log: Log
@@ -48,6 +49,7 @@ class Validation:
     upper: Array
     coverage: Array
     band: str
+    seen: bool = False
 
     def __repr__(self) -> str:
         figures = zip(self.rms_error, self.relative_residual, self.coverage, strict=True)

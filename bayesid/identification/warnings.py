@@ -43,6 +43,7 @@ def warnings_of(
         *_hardly_negative(log),
         *_low_pass_warning(averaged.asked.evidence.signals.after_rectifier),
         *_fit_warnings(averaged.fit),
+        *_edge_warning(averaged.fit, log.n_joints),
         *_search_warnings(averaged.settled.signs),
         *_tolerance_warning(averaged.fit),
         *_missing_terms(averaged),
@@ -65,11 +66,6 @@ def other_reading(change: str, leaves: float, given: float) -> str:
 def not_excited(count: int | str, of: int | None = None) -> str:
     """That a log does not show some coefficients, of so many."""
     return f"the log does not excite {count}{'' if of is None else f' of {of}'} coefficients"
-
-
-def on_edge(links: Sequence[int]) -> str:
-    """That links, from 1, are as far from physical as they may be."""
-    return f"the parameters of link {', '.join(map(str, links))} sit on the edge of the feasible set"
 
 
 def low_passed(low_pass: str) -> str:
@@ -168,9 +164,22 @@ def _fit_warnings(fit: Fit) -> list[str]:
     unexcited = int(np.isinf(fit.sd).sum())
     if unexcited:
         warnings.append(f"{not_excited(unexcited)}; their standard deviation is infinite")
-    if fit.on_edge.any():
-        warnings.append(on_edge((np.flatnonzero(fit.on_edge) + 1).tolist()))
     return warnings
+
+
+def _edge_warning(fit: Fit, n_links: int) -> list[str]:
+    """Bodies beyond the links are what the last one carries."""
+    on_edge = (np.flatnonzero(fit.on_edge) + 1).tolist()
+    if not on_edge:
+        return []
+    links, carried = [k for k in on_edge if k <= n_links], on_edge[-1] > n_links
+    parts = [f"link {', '.join(map(str, links))}"] if links else []
+    parts += ["what the last link carries"] if carried else []
+    return [
+        f"single masses, centres of mass and inertias of {' and of '.join(parts)} cannot be trusted one by one: the "
+        "fit pressed them to the edge of what is physically possible (coefficients and predicted efforts are not "
+        "touched); state what is known of them by --nominal"
+    ]
 
 
 def _search_warnings(signs: SegmentSigns) -> list[str]:

@@ -63,6 +63,8 @@ class Phrase:
         noun: with its article; a form without one has that of the effect's main form.
         size: the number whose sign decides between the sentence and the opposite, or whose change alone is reported.
         opposite: for a negative size, which is then given without its sign.
+        detail: one more sentence, of what `Effect.readable` gives, names in braces.
+        brief: the noun with the numbers that matter most, of the same names; by default the noun.
         units: of the numbers that people read in another unit than the model's.
     """
 
@@ -70,6 +72,8 @@ class Phrase:
     noun: str = ""
     size: str = ""
     opposite: str = ""
+    detail: str = ""
+    brief: str = ""
     units: Mapping[str, ReadableUnit] = field(default_factory=dict)
 
 
@@ -107,6 +111,8 @@ class Effect:
     """Whether the efforts are linear in its amplitudes wherever it is looked at."""
     reveals: ClassVar[bool] = False
     """Whether its rows show parameters of other effects that no log without it could show."""
+    adds_to: ClassVar[Mapping[str, str]] = {}
+    """Symbols of its parameters to those of another effect's that they add to, joint by joint, where a model has it."""
     needs_earlier: ClassVar[bool] = False
     """Whether only what an earlier log has shown tells it from the model's own parameters."""
     refines: ClassVar[bool] = False
@@ -185,6 +191,10 @@ class Effect:
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """The parameters that it adds to a model."""
         return ()
+
+    def readable(self, values: Array) -> Mapping[str, tuple[Array, str]]:
+        """What people read in place of its parameters (..., p): name to (...) values and unit; by default nothing."""
+        return {}
 
     def one_sided(self, robot: Robot) -> Integers:
         """Indices of the amplitudes that cannot be negative."""

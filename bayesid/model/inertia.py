@@ -56,6 +56,20 @@ PSEUDO_INERTIA_BASIS: Array = pseudo_inertia(np.eye(10))
 """(10, 4, 4): the pseudo-inertia is linear in the parameters, P(pi) = sum_k pi_k BASIS[k]."""
 
 
+def about_centre_of_mass(parameters: Array) -> tuple[Array, Array]:
+    """(..., 3) centre of mass, m, and (..., 3, 3) inertia about it, kg m^2, of (..., 10) parameters with a mass > 0.
+
+    Example:
+        >>> centre, inertia = about_centre_of_mass(np.array([0.0, 0.0, 0.0, 0.5, 0.0, 0.5, 1.0, 0.0, 0.0, 2.0]))
+        >>> centre.tolist(), inertia.tolist()  # a point mass of 2 kg at x = 0.5 m
+        ([0.5, 0.0, 0.0], [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    """
+    mass = parameters[..., 9]
+    centre = parameters[..., 6:9] / mass[..., None]
+    square = np.sum(centre**2, axis=-1)[..., None, None] * np.eye(3) - centre[..., :, None] * centre[..., None, :]
+    return centre, inertia_matrix(parameters) - mass[..., None, None] * square
+
+
 def change_of_frame(rotation: Array, translation: Array) -> Array:
     """The (10, 10) matrix that takes a link's parameters from frame b to frame a.
 

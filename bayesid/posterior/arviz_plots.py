@@ -17,8 +17,8 @@ with warnings.catch_warnings():
 
 
 def draw_forest(draws: Array, names: Sequence[str], ax: Any, look: Mapping[str, Any]) -> None:
-    """Intervals of 94 %, one an ensemble."""
-    arviz.plot_forest(_data(draws, names), ax=ax, combined=False, show=False, **look)  # type: ignore[no-untyped-call]
+    """Intervals of 95 %, one an ensemble."""
+    arviz.plot_forest(_data(draws, names), ax=ax, combined=False, show=False, hdi_prob=0.95, **look)  # type: ignore[no-untyped-call]
 
 
 def draw_pair(draws: Array, names: Sequence[str], axes: Any, look: Mapping[str, Any]) -> None:

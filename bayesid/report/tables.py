@@ -118,6 +118,7 @@ def validation_summary(validation: Validation) -> dict[str, Any]:
     parts = [as_json(part) for part in log_parts(validation.log)]
     return {
         "log": validation.log.source,
+        "seen": validation.seen,
         **({"logs": parts} if parts else {}),
         "n_samples": len(validation.log),
         "rms_error": validation.rms_error.tolist(),

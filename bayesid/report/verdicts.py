@@ -26,13 +26,13 @@ from bayesid.identification.warnings import (
     low_passed,
     not_excited,
     not_ruled_out,
-    on_edge,
     other_modes,
     other_reading,
     pressed_windows,
 )
 from bayesid.model.catalogue import FORMS, noun
 from bayesid.model.effects import ReadableUnit
+from bayesid.report import commands
 from bayesid.report.findings import AMBIGUOUS, Findings, Summary
 from bayesid.report.findings.summary import EffectSummary, Numbers
 from bayesid.report.words import joints_in_words, label, listed, quantity
@@ -63,11 +63,11 @@ numbers about 95 %."""
 _WORSE = 1.5
 """Times the RMS residual of the log itself that a new log's may reach, as shares of the effort depend on the motion; a
 round number, not studied."""
+_LARGER = 4.0
+"""Times a budget in seconds that did not suffice: enough to be worth another run; a round number."""
 _MOST_NAMED = 5
 """Coefficients that a message names; summary.json has all."""
 
-_EXCITE = "`bayesid excite` designs one for your robot"
-_DISCREPANCY = "`bayesid discrepancy` names what the model lacks"
 _TELL_APART = "record a motion that loads or accelerates these joints"
 _ALTERNATIVES = "see below where they differ; the posterior weighs them"
 
@@ -99,14 +99,28 @@ def check_findings(findings: Findings) -> tuple[Check, ...]:
         proof(findings.summary),
         sampling(findings.summary),
         *modes(findings),
-        _fit(findings.summary),
+        _fit(findings),
         *beyond_the_terms(findings.summary),
         *intervals(findings.summary),
-        _whiteness(findings.summary),
+        _whiteness(findings),
         _decided(findings),
         _validation(findings),
         _warnings(findings.summary),
     )
+
+
+def _names_it(findings: Findings, log: str = "") -> str:
+    return f"{commands.find_discrepancy(findings, log)} names what the model lacks on another log"
+
+
+def _excite(summary: Summary) -> str:
+    return f"{commands.excite(summary)} designs one"
+
+
+def _more(summary: Summary, budget: str) -> str:
+    """The command with a larger budget of search or posterior."""
+    given = summary.provenance.options.get(f"{budget}.budget")
+    return commands.again(summary, f"--{budget}-budget {_LARGER * given:g}") if isinstance(given, float) else ""
 
 
 def worst(checks: Iterable[Check]) -> State:
@@ -166,13 +180,17 @@ def _excitation(findings: Findings) -> Check:
     silent = int(np.isinf(findings.coefficients.sd).sum())
     if condition is None or silent:
         message = not_excited(silent or "some", len(findings.coefficients.mean))
-        return Check("Excitation", "bad", message, f"record a motion that moves more joints at once: {_EXCITE}")
+        return Check(
+            "Excitation", "bad", message, f"record a motion that moves more joints at once: {_excite(findings.summary)}"
+        )
     number = f"the condition number of the regressor is {condition:.0f}"
     message = f"{number} (rows over their noise, columns of equal length)"
     if condition <= _WELL_CONDITIONED:
         return Check("Excitation", "good", message)
     state: State = "look" if condition <= _ILL_CONDITIONED else "bad"
-    return Check("Excitation", state, message, f"some coefficients can hardly be separated: {_EXCITE}")
+    return Check(
+        "Excitation", state, message, f"some coefficients can hardly be separated: {_excite(findings.summary)}"
+    )
 
 
 def _segments(findings: Findings) -> Check:
@@ -186,12 +204,28 @@ def _segments(findings: Findings) -> Check:
         f"{int(moving.sum())} segments in motion are ambiguous (confidence below {AMBIGUOUS:g})"
     )
     doubt = [share or 0.0 for share in findings.summary.signs.doubt]
+    message += f"; {still}" if (still := at_standstill(findings)) else ""
     if any(doubt):
         message += f"; {confidences_lowered(doubt)}"
     if share >= _MOSTLY_SURE and not any(doubt):
         return Check(name, "good", message)
     remedy = "validate on a log with known signs, move these joints faster or loaded, or join several logs"
     return Check(name, "look" if share >= _UNSURE else "bad", message, remedy)
+
+
+def at_standstill(findings: Findings) -> str:
+    """How many segments at standstill are ambiguous, the one of the largest |effort| named; empty where none is."""
+    table = findings.segments
+    doubtful = np.flatnonzero(table.ambiguous & ~table.moving)
+    if not len(doubtful):
+        return ""
+    size = findings.segment_size
+    largest = doubtful[int(np.argmax(size[doubtful]))]
+    where = f"joint {table.joint[largest] + 1}, {table.start[largest]:.1f} to {table.end[largest]:.1f} s"
+    return (
+        f"at standstill, where friction may point either way, {len(doubtful)} of {int((~table.moving).sum())} segments "
+        f"are ambiguous (the largest, {size[largest]:.0%} of its joint's |effort|, in {where})"
+    )
 
 
 def low_pass(summary: Summary) -> tuple[Check, ...]:
@@ -228,11 +262,13 @@ def proof(summary: Summary) -> Check:
         kept = search.assignments or 0
         survived = f"{kept} assignment{'s' * (kept != 1)} survived the beam"
         message = f"nothing is proven: {survived} and can be weighed; what it has dropped is unknown"
-        return Check(name, "look", message, "leave out --search beam")
+        return Check(
+            name, "look", message, f"leave out --search beam{commands.again(summary, without=('--search', 'beam'))}"
+        )
     if search.withheld:
         return Check(name, "look", f"not certified: {WITHHELD[search.withheld]}", f"{_TELL_APART}; {_ALTERNATIVES}")
     message = f"not proven: {not_ruled_out(search.gap or 0.0, search.cost or 0.0)}"
-    return Check(name, "look", message, "give more --search-budget, or a longer log")
+    return Check(name, "look", message, f"give more --search-budget, or a longer log{_more(summary, 'search')}")
 
 
 def sampling(summary: Summary) -> Check:
@@ -240,11 +276,15 @@ def sampling(summary: Summary) -> Check:
     name, posterior = "Sampling", summary.posterior
     if posterior is None:
         message = "no posterior was sampled: standard deviations leave physical feasibility out"
-        return Check(name, "not done", message, "leave out --no-posterior")
+        return Check(
+            name, "not done", message, f"leave out --no-posterior{commands.again(summary, without=('--no-posterior',))}"
+        )
     message = convergence(posterior.max_rhat, posterior.min_ess)
     if posterior.converged:
         return Check(name, "good", f"converged: {message}, at worst")
-    return Check(name, "bad", f"not converged: {message}, at worst", "give more --posterior-budget")
+    return Check(
+        name, "bad", f"not converged: {message}, at worst", f"give more --posterior-budget{_more(summary, 'posterior')}"
+    )
 
 
 def modes(findings: Findings) -> tuple[Check, ...]:
@@ -268,17 +308,14 @@ def modes(findings: Findings) -> tuple[Check, ...]:
     return (Check(name, state, message, remedy),)
 
 
-def _fit(summary: Summary) -> Check:
-    share = np.array(summary.fit.relative_residual, dtype=float)
+def _fit(findings: Findings) -> Check:
+    share = np.array(findings.summary.fit.relative_residual, dtype=float)
     joint = int(share.argmax())
     message = f"the model leaves {share.min():.1%} to {share.max():.1%} of a joint's effort, most in joint {joint + 1}"
-    links = summary.fit.links_on_edge
-    if links:
-        message += f"; {on_edge(links)}"
     if share.max() > POOR_FIT:
-        return Check("Fit", "bad", message, f"a term is missing, or signs are wrong: {_DISCREPANCY}")
-    if share.max() > SUSPICIOUS or links:
-        return Check("Fit", "look", message, _DISCREPANCY)
+        return Check("Fit", "bad", message, f"a term is missing, or signs are wrong: {_names_it(findings)}")
+    if share.max() > SUSPICIOUS:
+        return Check("Fit", "look", message, _names_it(findings))
     return Check("Fit", "good", message)
 
 
@@ -375,8 +412,8 @@ def _size(effect: EffectSummary) -> str:
     return f" ({quantity(people.factor * (value - people.neutral), people.factor * sd, people.unit)})"
 
 
-def _whiteness(summary: Summary) -> Check:
-    name, noise = "Whiteness of the residual", summary.noise
+def _whiteness(findings: Findings) -> Check:
+    name, noise = "Whiteness of the residual", findings.summary.noise
     lasting = (np.array(noise.coloured_sd, dtype=float) / np.array(noise.sd, dtype=float)) ** 2
     joint = int(lasting.argmax())
     count = np.array(noise.samples_that_count_as_one, dtype=float).max()
@@ -390,7 +427,7 @@ def _whiteness(summary: Summary) -> Check:
     shows = f"of what shows in joint{'s' * (len(lasts) > 1)} {listed(lasts)}"
     remedy = (
         f"standard deviations allow for its colour, not for a bias: intervals {shows} may be too narrow, as something "
-        f"is missing from the model: {_DISCREPANCY}"
+        f"is missing from the model: {_names_it(findings)}"
     )
     return Check(name, "look", message, remedy)  # how large it is, the fit says
 
@@ -403,7 +440,7 @@ def _decided(findings: Findings) -> Check:
         f"the data decide {by_data} of {count} coefficients; {poor} are smaller than their standard deviation; "
         f"{by_prior} single parameters rest on the prior, as efforts show them only in sums"
     )
-    remedy = f"{_EXCITE}; or give what you know by --nominal"
+    remedy = f"{_excite(findings.summary)}; or give what you know by --nominal"
     posterior = findings.summary.posterior
     if posterior is not None and posterior.pressed_windows:
         message = f"{pressed_windows(posterior.pressed_windows)}; {message}"
@@ -417,18 +454,22 @@ def _validation(findings: Findings) -> Check:
     prediction = findings.prediction
     if prediction is None:
         message = "the model has not been tried on a log that it has not seen"
-        return Check("Validation", "not done", message, "run `bayesid report RESULT --validation ANOTHER_LOG`")
+        return Check("Validation", "not done", message, f"run {commands.validate(findings)}")
+    if prediction.seen:
+        message = f"none: the model was identified from {prediction.source}, so that it fits this log proves nothing"
+        return Check("Validation", "not done", message, f"run {commands.validate(findings)}")
     share, coverage = prediction.relative_residual, prediction.coverage
     message = (
-        f"on {prediction.source} it leaves {share.min():.1%} to {share.max():.1%} of a joint's effort, and "
-        f"{coverage.min():.0%} to {coverage.max():.0%} of the efforts lie in the bands of 95 %"
+        f"on {prediction.source} it leaves {share.min():.1%} to {share.max():.1%} of a joint's measured effort, noise "
+        f"and all, and {coverage.min():.0%} to {coverage.max():.0%} of the efforts lie in the bands of 95 %"
     )
+    lacks = _names_it(findings, prediction.source)
     if share.max() > POOR_FIT:
-        return Check("Validation", "bad", message, f"do not use the model for this motion; {_DISCREPANCY}")
+        return Check("Validation", "bad", message, f"do not use the model for this motion; {lacks}")
     covered = _COVERED[0] <= coverage.min() and coverage.max() <= _COVERED[1]
     if covered and np.all(prediction.rms_error <= _WORSE * np.array(findings.summary.noise.residual_sd, dtype=float)):
         return Check("Validation", "good", message)
-    return Check("Validation", "look", message, f"other loads, speeds or temperatures than in the log? {_DISCREPANCY}")
+    return Check("Validation", "look", message, f"other loads, speeds or temperatures than in the log? {lacks}")
 
 
 def _warnings(summary: Summary) -> Check:

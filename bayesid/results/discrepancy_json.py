@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import groupby
 from typing import Any
 
 import numpy as np
 
 from bayesid.discrepancy.workflow import Discrepancy
-from bayesid.fit.effects.added_effect import AddedEffect
+from bayesid.fit.effects.added_effect import AddedEffect, Quantity
 from bayesid.fit.effects.explanation import LN10
 from bayesid.fit.effects.scores import Score
 from bayesid.model.catalogue import FORMS
@@ -70,11 +71,14 @@ def _added(effect: AddedEffect) -> dict[str, Any]:
         "probability": effect.probability,
         "probability_nothing_missing": effect.nothing_missing,
         "probability_something_else": effect.something_else,
-        "parameters": {
-            name: {"value": value, "sd": sd, "unit": unit} for name, (value, sd, unit) in effect.parameters.items()
-        },
+        "parameters": _quantities(effect.parameters),
+        "readable": _quantities(effect.readable),
         "alternatives": [_candidate(rival) for rival in effect.rivals[:5]],
     }
+
+
+def _quantities(named: Mapping[str, Quantity]) -> dict[str, Any]:
+    return {name: {"value": value, "sd": sd, "unit": unit} for name, (value, sd, unit) in named.items()}
 
 
 def _candidate(score: Score) -> dict[str, Any]:

@@ -7,6 +7,7 @@ it holds nothing but files that the same command writes: other people's files, a
 from __future__ import annotations
 
 from collections.abc import Set
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -85,7 +86,7 @@ def save_identification(
     """
 
     def write(place: Path) -> None:
-        findings = _write_identification(place, identification, validation)
+        findings = _write_identification(place, folder, identification, validation)
         if with_log:
             write_log(place / "log.csv", identification.log)
         if report:
@@ -148,7 +149,7 @@ def save_discrepancy(
     def write(place: Path) -> None:
         from bayesid.report.pages.discrepancy_page import discrepancy_page  # matplotlib takes a second to import
 
-        findings = _write_identification(place, discrepancy.identification)
+        findings = _write_identification(place, folder, discrepancy.identification)
         if report:
             _write_report(findings, place / _REPORT, progress)
         write_json(place / "discrepancy.json", discrepancy_summary(discrepancy))
@@ -158,9 +159,10 @@ def save_discrepancy(
 
 
 def _write_identification(
-    place: Path, identification: Identification, validation: Validation | None = None
+    place: Path, folder: str | Path, identification: Identification, validation: Validation | None = None
 ) -> Findings:
-    findings = find_findings(identification)
+    """Into a place beside the folder, which it becomes."""
+    findings = replace(find_findings(identification), folder=str(folder))
     findings = findings if validation is None else findings.with_validation(validation)
     verdicts = verdict(check_findings(findings))
     write_json(place / "summary.json", as_json(findings.summary) | {"verdict": verdicts.plain})

@@ -65,9 +65,9 @@ def _stored_model(table: dict[str, Any], where: str) -> IdentifiedModel:
     theta = frozen([table["values"][name] for name in names], (len(names),), "values")
     noise = _stored_noise(table["noise"], robot.n_joints)
     knowledge = table.get("knowledge")
-    return IdentifiedModel(
-        model, theta, noise, _stored_precision(knowledge, model), lacking=_stored_lacking(knowledge, model)
-    )
+    logs = frozenset(map(str, (knowledge or {}).get("logs", [])))
+    precision, lacking = _stored_precision(knowledge, model), _stored_lacking(knowledge, model)
+    return IdentifiedModel(model, theta, noise, precision, lacking=lacking, logs=logs)
 
 
 def _stored_precision(table: dict[str, Any] | None, model: Model) -> Array:
@@ -157,5 +157,6 @@ def model_table(stored: IdentifiedModel) -> dict[str, Any]:
             "coefficients": list(base_coefficients(stored.model).names),
             "precision": stored.precision.tolist(),
             **({} if stored.lacking is None else {"lacking": stored.lacking.tolist()}),
+            "logs": sorted(stored.logs),
         },
     }

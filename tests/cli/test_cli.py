@@ -417,6 +417,12 @@ def test_demo_is_the_papers_experiment(shop, place, capfd):
     assert len(bayesid.read_log(place / "bayesid-demo" / "log.csv")) == 667
     assert "0 of " in out
     assert "segments above 5 % have the wrong sign" in out
+    true, measured = (
+        next(x for x in out.splitlines() if x.startswith(f"  against {what}")) for what in ("the", "meas")
+    )
+    shown = bayesid.read_findings(place / "bayesid-demo").prediction.relative_residual
+    assert measured.split(":")[1].split() == [f"{share:.2%}" for share in shown]
+    assert all(float(error[:-1]) < 2.0 for error in true.split(":")[1].split())
     assert sum(line.lstrip()[:2].strip().isdigit() for line in out.splitlines()) >= 27
 
 

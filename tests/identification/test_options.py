@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -11,7 +11,8 @@ from conftest import small_robot
 
 import bayesid
 from bayesid.fit.knowledge import Beliefs, Links
-from bayesid.identification.options import Preparation, plain_options
+from bayesid.identification.options import Preparation, call_of, call_of_log, plain_options
+from bayesid.log.log import read_log, write_log
 from bayesid.log.segments import Cutting
 from bayesid.model.model import Model
 from bayesid.model.terms import make_terms
@@ -20,7 +21,7 @@ from bayesid.progress import SILENT, no_steps
 from bayesid.signs.search.beam import Beam
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.result import SearchResult
-from bayesid.simulation.logs import simulate
+from bayesid.simulation.logs import simulate, simulate_log
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
 
@@ -40,6 +41,27 @@ def test_fields_of_an_option_stand_under_its_name():
         "search.node_cost": None,
         "posterior": None,
     }
+
+
+def test_a_run_is_told_as_a_python_call(tmp_path):
+    """What is usual is left out; a log that was read is read again with the same joints unsigned."""
+    usual = {"search": Certified(), "posterior": True}
+    assert call_of("identify", "'kr5'", "log", search=(Certified(), usual["search"])) == "bayesid.identify('kr5', log)"
+    chosen = {"search": Certified(budget=2.5, fallback=Beam(width=7)), "posterior": Sampling(seed=3)}
+    told = call_of("identify", "'kr5'", "log", **{name: (chosen[name], usual[name]) for name in usual})
+    assert told == (
+        "bayesid.identify('kr5', log, search=bayesid.Certified(budget=2.5, fallback=bayesid.Beam(width=7)), "
+        "posterior=bayesid.Sampling(seed=3))"
+    )
+    repeated = eval(told.partition("search=")[2].partition(", posterior")[0])
+    assert repeated == chosen["search"]
+    log, _ = simulate_log(small_robot(2), 3.0, 50.0, 0.1, [], 1)
+    assert call_of_log(log) == "log"
+    path = tmp_path / "a log.csv"
+    write_log(path, log)
+    again = eval(call_of_log(replace(read_log(path), signed=np.array([False, True]))))
+    np.testing.assert_array_equal(again.signed, [False, True])
+    np.testing.assert_array_equal(again.q, read_log(path).q)
 
 
 def test_options_within_options_stand_under_both_names():

@@ -10,7 +10,7 @@ from importlib.metadata import version
 import numpy as np
 import pytest
 
-from bayesid.identification.provenance import fingerprint, record_provenance
+from bayesid.identification.provenance import fingerprint, hashes, record_provenance
 from bayesid.log.log import Log, join_logs, read_log, write_log
 
 T = np.array([0.0, 0.01, 0.02])
@@ -75,6 +75,20 @@ def test_all_files_of_joined_logs_are_recorded(tmp_path):
     recorded = record_provenance({}, join_logs(logs))
     assert [path.rpartition("/")[2] for path in recorded.files] == ["a.csv", "b.csv"]
     assert len(set(recorded.files.values())) == 2
+
+
+def test_a_log_is_known_again_however_it_is_read_or_joined(tmp_path):
+    """By its file where signs are taken for known, by its samples where the file is another one."""
+    for name, shift in (("a.csv", 0.0), ("b.csv", 0.5), ("c.csv", 0.7)):
+        write_log(tmp_path / name, long_log(shift))
+    first, second, third = (read_log(tmp_path / name, unsigned="1") for name in ("a.csv", "b.csv", "c.csv"))
+    joined = hashes(join_logs([first, second]))
+    assert joined & hashes(read_log(tmp_path / "b.csv", unsigned="none"))
+    assert joined & hashes(replace(second, source="from elsewhere"))
+    assert joined & hashes(join_logs([third, first]))
+    assert not joined & hashes(third)
+    (tmp_path / "a.csv").rename(tmp_path / "renamed.csv")
+    assert joined & hashes(read_log(tmp_path / "renamed.csv", unsigned="none"))
 
 
 def test_what_is_recorded_of_a_run():

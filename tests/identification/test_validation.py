@@ -9,6 +9,7 @@ from bayesid.errors import InputError
 from bayesid.fit.noise import Noise
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
 from bayesid.identification.pipeline import identify
+from bayesid.identification.provenance import hashes
 from bayesid.model.model import Model
 from bayesid.model.robot import load_robot
 from bayesid.model.terms import STANDARD, make_terms
@@ -75,6 +76,13 @@ def test_the_true_model_predicts_a_new_log_within_its_noise(model, theta, noise,
     assert np.all(result.relative_residual > 0.25 * NOISE)
     strong = np.abs(effort) >= 0.05 * np.abs(effort).max(axis=0)
     assert np.all(((result.probability >= 0.5) == (effort > 0.0))[strong])
+
+
+def test_a_log_that_the_model_was_identified_from_is_marked(model, theta, noise, new):
+    seen = IdentifiedModel(model, theta, noise, np.zeros((0, 0)), logs=hashes(new))
+    assert seen.validate(new).seen
+    assert not seen.validate(replace(new, effort=1.01 * new.effort)).seen
+    assert not validate(model, theta, noise, new).seen
 
 
 def test_the_errors_are_those_of_the_samples_in_motion(model, theta, noise, new):

@@ -89,7 +89,16 @@ def test_nothing_wrong_is_nothing_said(log):
     [
         ({"fit": fit_with(relative=(0.1, 0.26))}, "joint 2 leaves 26% of its effort unexplained"),
         ({"fit": fit_with(sd=(0.3, np.inf, np.inf))}, "the log does not excite 2 coefficients"),
-        ({"fit": fit_with(on_edge=(True, False, True))}, "the parameters of link 1, 3 sit on the edge"),
+        (
+            {"fit": fit_with(on_edge=(True, True, False))},
+            "single masses, centres of mass and inertias of link 1, 2 cannot be trusted one by one: the fit pressed "
+            "them to the edge of what is physically possible (coefficients and predicted efforts are not touched); "
+            "state what is known of them by --nominal",
+        ),
+        (
+            {"fit": fit_with(on_edge=(True, False, True))},
+            "of link 1 and of what the last link carries cannot be trusted",
+        ),
         ({"fit": fit_with(tolerance=2e-8)}, "a relative gap of 2e-08 only"),
         ({"settled": SimpleNamespace(signs=signs_with(certified=False))}, "others may cost up to 30 less than 120"),
         (

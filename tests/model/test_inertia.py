@@ -26,6 +26,16 @@ def test_pseudo_inertia_is_the_second_moment_of_the_mass():
         np.testing.assert_allclose(inertia.from_pseudo_inertia(moment), parameters, rtol=0, atol=1e-14)
 
 
+def test_inertia_about_the_centre_of_mass_is_that_of_the_points():
+    for (points, masses), parameters in zip(CLOUDS, PARAMETERS, strict=True):
+        centre, about = inertia.about_centre_of_mass(parameters)
+        mean = masses @ points / masses.sum()
+        arms = points - mean
+        expected = sum(m * (r @ r * np.eye(3) - np.outer(r, r)) for m, r in zip(masses, arms, strict=True))
+        np.testing.assert_allclose(centre, mean, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(about, expected, rtol=0, atol=1e-13)
+
+
 def test_pseudo_inertia_and_back():
     parameters = np.random.default_rng(0).normal(size=(2, 3, 10))
     matrices = inertia.pseudo_inertia(parameters)

@@ -26,7 +26,7 @@ from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
 from bayesid.model.robot import load_robot
 from bayesid.model.terms import make_terms
-from bayesid.report.words import paragraph
+from bayesid.report.discrepancy_verdicts import discrepancy_checks
 from bayesid.results.export import mjcf, urdf
 from bayesid.results.model_file import load_model, model_table
 from bayesid.simulation.logs import parse_effect, simulate_log
@@ -56,14 +56,18 @@ for name, number in (("fan_drag", ("c2", 6.0, 0.1, "N m s^2/rad^2")), ("crossove
     forms = [one for one in candidates if one.effect == name]
     in_joint_2 = next(one for one in forms if one.joints == (2,))
     effect = SimpleNamespace(
-        hypothesis=in_joint_2, joints=(2,), parameters={number[0]: number[1:]}, probability=0.99, equivalent=()
+        hypothesis=in_joint_2, effect=name, joints=(2,), parameters={number[0]: number[1:]}, readable={},
+        probability=0.99, equivalent=(),
     )
     result = SimpleNamespace(
         added=[effect], before=sizes, after=sizes, holdout="later.csv", where=[],
         floor=SimpleNamespace(rms=sizes, lasting=sizes > 1.0),
         unexplained=[], not_testable=[], identification=SimpleNamespace(model=rigid),
     )
-    said[name] = {"joints": sorted({one.joints for one in forms}), "noun": noun(name), "paragraph": paragraph(result)}
+    said[name] = {
+        "joints": sorted({one.joints for one in forms}), "noun": noun(name),
+        "paragraph": discrepancy_checks(result)[0].message,
+    }
 
 # In files
 own = [make_effect("fan_drag", {"joints": [2]}), make_effect("crossover", {"joints": [3], "width": [0.5]})]
@@ -110,10 +114,10 @@ def test_new_effects_are_candidates_in_every_joint_and_are_spoken_of(said):
     each = [[j] for j in range(1, 7)]
     assert said["fan_drag"]["joints"] == said["crossover"]["joints"] == each
     assert said["fan_drag"]["noun"] == "a fan's drag"
-    drag = "Joint 2 needs the drag of a fan, 6.00 +- 0.10 N m s^2/rad^2 times the squared speed. With it the gap"
-    assert said["fan_drag"]["paragraph"].startswith(drag)
-    loss = "Joint 2's efforts read too small, those of 0.400 N m by half. With it the gap"
-    assert said["crossover"]["paragraph"].startswith(loss)
+    drag = "Joint 2 needs the drag of a fan, 6.00 +- 0.10 N m s^2/rad^2 times the squared speed"
+    assert said["fan_drag"]["paragraph"] == drag
+    loss = "Joint 2's efforts read too small, those of 0.400 N m by half"
+    assert said["crossover"]["paragraph"] == loss
 
 
 def test_new_effects_stand_at_the_head_of_exports(said):

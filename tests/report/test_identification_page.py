@@ -135,11 +135,32 @@ def test_the_page_is_whole_and_needs_nothing_else(pages, name):
 
 
 @pytest.mark.parametrize("name", MADE)
+def test_contents_and_checks_lead_to_their_sections(pages, name):
+    """The list at the top has all sections in their order, and nothing else; every check but those of none leads on."""
+    findings, _, text = pages(name)
+    sections = re.findall(r'<section id="([\w-]+)" aria-labelledby="[\w-]+"><h2 id="[\w-]+">([^<]+)</h2>', text)
+    contents = text.partition('<nav class="contents"')[2].partition("</nav>")[0]
+    assert re.findall(r'<a href="#([\w-]+)">([^<]+)</a>', contents) == sections
+    checks = text.partition('<ul class="checks">')[2].partition("</ul>")[0]
+    linked = {check: place for place, check in re.findall(r'<strong><a href="#([\w-]+)">([^<]+)</a>', checks)}
+    told = {one.name for one in check_findings(findings)}
+    without = ({"Proof"} if name == "signed" else set()) | (set() if findings.summary.warnings else {"Warnings"})
+    assert set(linked) == told - without
+    assert linked["Fit"] == "residuals"
+    assert set(linked.values()) <= {place for place, _ in sections} | {"warnings"}
+
+
+def test_the_window_names_robot_and_log(pages):
+    findings, _, text = pages("beam")
+    assert f"<title>Identification: {findings.summary.robot}, {findings.summary.log}</title>" in text
+
+
+@pytest.mark.parametrize("name", MADE)
 def test_all_checks_are_told(pages, name):
     findings, _, text = pages(name)
     for one in check_findings(findings):
         word = {"good": "good", "look": "look at", "bad": "bad", "not done": "not done"}[one.state]
-        assert f'<span class="light">{word}</span><div><strong>{one.name}:</strong>' in text
+        assert re.search(f'<span class="light">{word}</span><div><strong>(<a [^>]*>)?{one.name}(</a>)?:</strong>', text)
         assert typeset(one.message.split("`")[0]) in text
         assert typeset(one.remedy.split("`")[0]) in text
 
@@ -189,7 +210,7 @@ def test_ambiguous_segments_are_listed_by_their_size(pages):
 
     ordered = sorted(doubtful, key=size, reverse=True)
     assert [row[3:5] for row in rows] == [[[table.confidence[k]], [size(k)]] for k in ordered]
-    links = [(one["href"], float(one["data-from"]), float(one["data-to"])) for one in page.links]
+    links = [(one["href"], float(one["data-from"]), float(one["data-to"])) for one in page.links if "data-from" in one]
     assert links[: len(ordered)] == [
         (f"#torque{table.joint[k] + 1}", *(pytest.approx(one[k], abs=1e-4) for one in (table.start, table.end)))
         for k in ordered

@@ -317,7 +317,7 @@ def test_intervals_of_draws_are_those_of_each_ensemble():
     labels = [text.get_text() for text in ax.get_yticklabels()]
     assert labels == [FOUND.coefficients.name[k] for k in chosen[::-1]]
     scaled = np.sort(FOUND.standardised(chosen), axis=1)
-    inside = int(np.floor(0.94 * scaled.shape[1]))
+    inside = int(np.floor(0.95 * scaled.shape[1]))
     lines = [one.get_segments()[0] for one in ax.collections[::2]]  # each is followed by its quartiles
     for line, (k, e) in zip(lines, [(k, e) for k in (2, 1, 0) for e in (0, 1)], strict=True):
         draws = scaled[e, :, k]

@@ -155,7 +155,7 @@ CASES = [
     ("Modes", "bad", with_modes(0.97, 0.03, mode=2), ["mode 2 (0.03): 0.97 for mode 1"]),
     ("Fit", "good", GOOD, ["2.3% to 2.6%", "joint 2"]),
     ("Fit", "look", with_summary(GOOD, "fit", relative_residual=[0.11, 0.04]), ["4.0% to 11.0%", "joint 1"]),
-    ("Fit", "look", with_summary(GOOD, "fit", links_on_edge=[2, 3]), ["link 2, 3"]),
+    ("Fit", "good", with_summary(GOOD, "fit", links_on_edge=[2, 3]), ["2.3% to 2.6%"]),
     ("Fit", "bad", with_summary(GOOD, "fit", relative_residual=[0.04, 0.26]), ["26.0%", "joint 2"]),
     ("Intervals", "good", completed(), ["nothing of the catalogue"]),
     (
@@ -251,6 +251,62 @@ def test_joints_that_stand_still_are_no_fault():
 )
 def test_the_worst_light_counts(states, expected):
     assert worst(Check("x", state, "y") for state in states) == expected
+
+
+def told(findings, name):
+    (check,) = [one for one in check_findings(findings) if one.name == name]
+    return check
+
+
+def test_remedies_are_commands_with_the_result_and_its_robot():
+    """As far as they are known; a command that was run is run again with what helps."""
+    found = replace(with_summary(GOOD, "fit", relative_residual=[0.3, 0.1]), folder="my results/un")
+    run = {
+        "command": "bayesid identify 'a log.csv' --robot ur10e --no-posterior --out x",
+        "options": {"robot": "ur10e"},
+    }
+    found = with_summary(replace(found, prediction=None), "provenance", **run)
+    assert "`bayesid discrepancy 'my results/un' ANOTHER_LOG.csv`" in told(found, "Fit").remedy
+    assert told(found, "Validation").remedy == "run `bayesid report 'my results/un' --validation ANOTHER_LOG.csv`"
+    silent_one = with_summary(found, "fit", condition_number=None)
+    assert "`bayesid excite --robot ur10e`" in told(silent_one, "Excitation").remedy
+    unsampled = with_summary(found, posterior=None)
+    assert told(unsampled, "Sampling").remedy == (
+        "leave out --no-posterior: `bayesid identify 'a log.csv' --robot ur10e --out x`"
+    )
+    unproven = with_summary(found, "search", certified=False, gap=2.0)
+    unproven = with_summary(unproven, "provenance", options={"search.budget": 10.0})
+    assert told(unproven, "Proof").remedy.endswith(" --out x --search-budget 40`")
+    by_hand = with_summary(unsampled, "provenance", command=None)
+    assert told(by_hand, "Sampling").remedy == "leave out --no-posterior"
+
+
+def test_the_log_of_the_identification_is_no_validation():
+    found = replace(GOOD, prediction=replace(GOOD.prediction, seen=True), folder="un")
+    check = told(found, "Validation")
+    assert check.state == "not done"
+    assert "the model was identified from another.csv" in check.message
+    assert check.remedy == "run `bayesid report un --validation ANOTHER_LOG.csv`"
+
+
+def test_doubts_at_standstill_are_told_beside_those_in_motion():
+    """The one of the largest |effort| is named: joint 2's, half of what that joint reaches."""
+    table, samples = GOOD.segments, GOOD.samples
+    still = ~table.moving
+    recorded = np.ones_like(samples.recorded)
+    recorded[: len(recorded) // 12] = [0.2, 0.5]
+    found = replace(
+        GOOD,
+        samples=replace(samples, recorded=recorded),
+        segments=replace(table, ambiguous=table.ambiguous | still, end=np.where(still, table.start + 0.2, table.end)),
+    )
+    said = (
+        "at standstill, where friction may point either way, 2 of 2 segments are ambiguous (the largest, 50% of its "
+        "joint's |effort|, in joint 2, 0.0 to 0.2 s)"
+    )
+    assert said in told(found, "Signs of the segments").message
+    assert told(found, "Signs of the segments").state == "good"
+    assert "standstill" not in told(GOOD, "Signs of the segments").message
 
 
 @pytest.mark.parametrize("kind", ["joint order", "direction", "units", "mounting", "robot"])

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
-from bayesid.cli.options import read, reading_options, sampling
+from bayesid.cli.options import command_line, read, reading_options, sampling
 from bayesid.cli.progress import StageBars
 from bayesid.cli.tables import discrepancy_parts
 from bayesid.cli.terminal import show, warn
@@ -39,6 +40,9 @@ def run(options: argparse.Namespace) -> None:
             preparation=Preparation(cutoff=options.cutoff),
             progress=Progress(bars.show),
         )
+        again = result.identification
+        run_by = replace(again.provenance, command=command_line())
+        result = replace(result, identification=replace(again, provenance=run_by))
         bars.show("write", 0, 1)
         save_discrepancy(result, folder, progress=Progress(bars.show))
     for warning in result.warnings:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import shlex
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from bayesid.cli.options import beliefs, read, reading_options, sampling, term_names
+from bayesid.cli.options import beliefs, command_line, read, reading_options, sampling, term_names
 from bayesid.cli.progress import CountBar, StageBars
 from bayesid.cli.tables import identification_parts, separate_parts
 from bayesid.cli.terminal import complain, show, warn
@@ -43,8 +41,7 @@ def run(options: argparse.Namespace) -> None:
         bars.show("read", 0, 1)
         log = join_logs([read(path, reading) for path in logs])
         result = identify(options.robot, log, **settings, progress=Progress(bars.show))
-        command = shlex.join(["bayesid", *sys.argv[1:]])
-        result = replace(result, provenance=replace(result.provenance, command=command))
+        result = replace(result, provenance=replace(result.provenance, command=command_line()))
         bars.show("write", 0, 1)
         save_identification(result, folder, report=not options.no_report, progress=Progress(bars.show))
     for warning in result.warnings:

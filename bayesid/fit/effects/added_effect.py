@@ -31,7 +31,8 @@ class AddedEffect:
         something_else: probability that it is something outside of the catalogue.
         rivals: scores of the alternatives, best first, itself included.
         equivalent: names of the effects that the log cannot tell from it.
-        parameters: by their names; of a change both the new value and the change.
+        parameters: by their names; of what the earlier model has too, the new value and the change.
+        readable: what people read in place of parameters (`bayesid.model.effects.Effect.readable`), by its names.
     """
 
     hypothesis: Hypothesis
@@ -42,6 +43,7 @@ class AddedEffect:
     rivals: tuple[Score, ...]
     equivalent: tuple[str, ...]
     parameters: dict[str, Quantity] = field(default_factory=dict)
+    readable: dict[str, Quantity] = field(default_factory=dict)
 
     @property
     def effect(self) -> str:

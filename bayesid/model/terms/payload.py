@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.model.effects import Phrase
-from bayesid.model.inertia import NAMES, UNITS
+from bayesid.model.inertia import NAMES, UNITS, about_centre_of_mass
 from bayesid.model.parameters import Cone, Parameter
 from bayesid.model.robot import Robot
 from bayesid.model.terms.base import WholeRobotTerm
@@ -32,7 +33,13 @@ class Payload(WholeRobotTerm):
     variable: ClassVar[str] = "load"
     shown_by: ClassVar[str] = "turning the wrist while the arm is stretched and at rest, then accelerating it"
     phrase: ClassVar[Phrase] = Phrase(
-        "The robot carries a payload of {mp} that the model lacks.", "a payload", size="mp"
+        "The robot carries a payload of {mp} that the model lacks.",
+        "a payload",
+        size="mp",
+        detail="Its centre of mass lies at ({centre of mass x}, {centre of mass y}, {centre of mass z}) in the last "
+        "link's frame.",
+        brief="a payload of {mass} kg at ({centre of mass x}, {centre of mass y}, {centre of mass z}) m in the last "
+        "link's frame",
     )
 
     of_links: ClassVar[bool] = True
@@ -46,6 +53,18 @@ class Payload(WholeRobotTerm):
         return tuple(
             Parameter(f"{name}p{robot.n_joints}", unit, robot.n_joints) for name, unit in zip(NAMES, UNITS, strict=True)
         )
+
+    def readable(self, values: Array) -> Mapping[str, tuple[Array, str]]:
+        """Mass, centre of mass, and inertia about it, in the last link's frame."""
+        centre, inertia = about_centre_of_mass(values)
+        return {
+            "mass": (values[..., 9], "kg"),
+            **{f"centre of mass {axis}": (centre[..., k], "m") for k, axis in enumerate("xyz")},
+            **{
+                f"inertia {'xyz'[i]}{'xyz'[j]}": (inertia[..., i, j], "kg m^2")
+                for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+            },
+        }
 
     def cone(self, robot: Robot) -> Cone:
         """A positive semidefinite pseudo-inertia."""

@@ -40,6 +40,7 @@ class StribeckFriction(DryTerm):
     )
     shape_units: ClassVar[Mapping[str, str]] = {"speed": "rad/s"}
     symbols: ClassVar[tuple[str, ...]] = ("Fk", "Fs")
+    adds_to: ClassVar[Mapping[str, str]] = {"Fk": "Fc"}
     units: ClassVar[tuple[tuple[str, str], ...]] = (("N m", "N"), ("N m", "N"))
     nonnegative: ClassVar[bool] = True
 

@@ -49,6 +49,7 @@ class ThermalDrift(DryTerm):
     )
     shape_units: ClassVar[Mapping[str, str]] = {"time": "s"}
     symbols: ClassVar[tuple[str, ...]] = ("Fcold", "Fwarm")
+    adds_to: ClassVar[Mapping[str, str]] = {"Fcold": "Fc"}
     units: ClassVar[tuple[tuple[str, str], ...]] = (("N m", "N"), ("N m", "N"))
 
     @classmethod
@@ -83,6 +84,7 @@ class ViscousThermalDrift(ActuatorTerm):
     )
     shape_units: ClassVar[Mapping[str, str]] = {"time": "s"}
     symbols: ClassVar[tuple[str, ...]] = ("fcold", "fwarm")
+    adds_to: ClassVar[Mapping[str, str]] = {"fcold": "Fv"}
     units: ClassVar[tuple[tuple[str, str], ...]] = (("N m s/rad", "N s/m"),) * 2
 
     @classmethod
@@ -106,6 +108,7 @@ class FrictionThermalDrift(ThermalDrift):
         "{Fwarm2}, and viscous friction of {fcold2} by {fwarm2}."
     )
     symbols: ClassVar[tuple[str, ...]] = ("Fcold2_", "Fwarm2_", "fcold2_", "fwarm2_")
+    adds_to: ClassVar[Mapping[str, str]] = {"Fcold2_": "Fc", "fcold2_": "Fv"}
     units: ClassVar[tuple[tuple[str, str], ...]] = (("N m", "N"), ("N m", "N"), *ViscousThermalDrift.units)
 
     def unit_efforts(self, actuators: Motion) -> Array:
@@ -124,6 +127,7 @@ class OffsetThermalDrift(ViscousThermalDrift):
         "{who} needs a zero error of {ocold} that drifts by {owarm} as it warms up, over {time}."
     )
     symbols: ClassVar[tuple[str, ...]] = ("ocold", "owarm")
+    adds_to: ClassVar[Mapping[str, str]] = {"ocold": "offset"}
     units: ClassVar[tuple[tuple[str, str], ...]] = (("N m", "N"), ("N m", "N"))
 
     def unit_efforts(self, actuators: Motion) -> Array:

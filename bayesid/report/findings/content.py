@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -182,6 +182,7 @@ class Prediction:
         relative_residual: (n,) the same over the RMS of the effort.
         coverage: (n,) share of the unfiltered efforts in motion that lie in the band.
         band: what the band accounts for.
+        seen: whether the model was identified from this log: then it is no validation.
     """
 
     source: str
@@ -194,6 +195,7 @@ class Prediction:
     relative_residual: Array
     coverage: Array
     band: str
+    seen: bool = False
 
 
 @dataclass(frozen=True)
@@ -212,6 +214,7 @@ class Findings:
         alternatives: to the signs that were found.
         draws: (E, D, r) of the coefficients, sweep after sweep of each of E ensembles; None if none were sampled.
         prediction: of another log, or None.
+        folder: that holds the result; empty where it is in none.
     """
 
     summary: Summary
@@ -225,6 +228,7 @@ class Findings:
     alternatives: Alternatives
     draws: Array | None = None
     prediction: Prediction | None = None
+    folder: str = field(default="", compare=False)
 
     def __repr__(self) -> str:
         drawn = "no draws" if self.draws is None else f"draws of {self.n_ensembles} ensembles"
@@ -297,5 +301,6 @@ class Findings:
                 relative_residual=validation.relative_residual,
                 coverage=validation.coverage,
                 band=validation.band,
+                seen=validation.seen,
             ),
         )

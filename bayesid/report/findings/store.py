@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import zlib
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -68,7 +68,7 @@ def read_findings(folder: str | Path) -> Findings:
         kept_parts = _NEEDED | {name.partition(".")[0] for name in arrays}
         parts: dict[str, Any] = {name: _part(_PARTS[name], name, arrays) for name in _PARTS if name in kept_parts}
         parts |= {name: tuple(arrays[name].tolist()) for name in _WORDS}
-        return Findings(summary=summary, **parts, draws=_read_draws(place / "posterior.nc"))
+        return Findings(summary=summary, **parts, draws=_read_draws(place / "posterior.nc"), folder=str(folder))
     except (FileNotFoundError, NotADirectoryError) as error:
         missing = Path(error.filename).name
         raise InputError(f"holds no {missing}", str(folder), _REMEDY) from None
@@ -84,6 +84,8 @@ def read_findings(folder: str | Path) -> Findings:
 def _part(kind: type, name: str, arrays: Mapping[str, Any]) -> Any:
     values: dict[str, Any] = {}
     for entry in fields(kind):
+        if f"{name}.{entry.name}" not in arrays and entry.default is not MISSING:
+            continue  # of an earlier version
         value = arrays[f"{name}.{entry.name}"]
         if value.ndim == 0:
             values[entry.name] = value.item()

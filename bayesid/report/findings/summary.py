@@ -582,7 +582,7 @@ def _fit(identification: Identification) -> FitSummary:
         relative_gap=fit.tolerance,
         parameters_moved_inside=fit.moved_inside,
         smallest_eigenvalues=tuple(fit.smallest_eigenvalues.tolist()),
-        links_on_edge=_joints(fit.on_edge),
+        links_on_edge=_joints(fit.on_edge[: identification.model.robot.n_joints]),
         standard_deviations="information matrix with effective sample counts; the cone is not accounted for"
         if identification.posterior is None
         else "of the posterior",

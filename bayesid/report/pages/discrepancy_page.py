@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,43 +15,62 @@ from bayesid.fit.effects.explanation import LN10
 from bayesid.fit.effects.hypotheses import Hypothesis
 from bayesid.fit.effects.scores import Score
 from bayesid.model.catalogue import FORMS
+from bayesid.report.discrepancy_verdicts import (
+    discrepancy_checks,
+    distinguishing_motions,
+    lead,
+    nothing_missing,
+    testable_groups,
+    told,
+)
 from bayesid.report.pages.rendering import Picture, picture, render
 from bayesid.report.plot.discrepancy import BARS, candidate_figure, effort_figure, gap_figure, residual_figure
-from bayesid.report.words import (
-    best_first,
-    distinguishing_motions,
-    joints_in_words,
-    label,
-    nothing_missing,
-    paragraph,
-    quantity,
-    rounded,
-    score_label,
-    testable_groups,
-    unit_of,
-)
+from bayesid.report.verdicts import State
+from bayesid.report.words import best_first, joints_in_words, label, quantity, rounded, score_label, unit_of
 
 _STATUS = {
     "explained": "Explained: what was missing is found",
-    "unexplained": "Not explained: something is still missing",
+    "partly_explained": "Partly explained: something was found, something is left",
+    "unexplained": "Not explained: something is missing",
 }
 _SAID = {ON_LOG: "on the log", HELD_BACK: "on what scores", GROWN: "the gap grew"}
 """Which data say that a joint is unexplained, in a cell."""
+_STATES: Mapping[State, Mapping[str, str]] = {
+    "good": {"colour": "good", "text": "found"},
+    "look": {"colour": "look", "text": "look at"},
+    "bad": {"colour": "bad", "text": "unexplained"},
+    "not done": {"colour": "open", "text": "not shown"},
+}
+"""Of each state the class on the page and the word."""
+_SECTIONS = {
+    "findings": "Verdicts",
+    "gap": "The gap",
+    "found": "What was found",
+    "where": "Where the model as it was fails",
+    "efforts": "Measured and modelled efforts",
+    "candidates": "Candidates",
+    "left-out": "Left out",
+    "not-testable": "What this log cannot tell",
+}
+"""Of the page, in their order: name and title."""
 _CANDIDATES = 25
-"""Candidates that are listed: a screen full."""
+"""Candidates that are listed beside those that were added: a screen full."""
+_ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
 
 
 def discrepancy_page(discrepancy: Discrepancy) -> str:
     """The report of a comparison, in HTML: opens in a browser from anywhere, light or dark, and prints."""
     identification = discrepancy.identification
-    robot = identification.model.robot.name
+    robot, log = identification.model.robot.name, identification.log.source
     return render(
         "discrepancy.html.jinja",
         "What the model lacks",
-        robot,
+        f"{robot}, {log}",
         status={"colour": discrepancy.status, "text": _STATUS.get(discrepancy.status, nothing_missing(discrepancy))},
-        lead=paragraph(discrepancy),
-        about=[("Robot", robot), ("Log", identification.log.source), ("Scored on", discrepancy.holdout)],
+        lead=lead(discrepancy),
+        checks=[(check, _STATES[check.state]) for check in discrepancy_checks(discrepancy)],
+        about=[("Robot", robot), ("Log", log), ("Scored on", discrepancy.holdout)],
+        contents=_contents(discrepancy),
         warnings=discrepancy.warnings,
         holdout=discrepancy.holdout,
         gaps=[_gap(discrepancy, j) for j in range(len(discrepancy.before))],
@@ -67,6 +86,16 @@ def discrepancy_page(discrepancy: Discrepancy) -> str:
             (label(effect), _joints(joints), FORMS[effect].shown_by) for effect, joints in testable_groups(discrepancy)
         ],
     )
+
+
+def _contents(discrepancy: Discrepancy) -> dict[str, str]:
+    """The sections that are there."""
+    absent = {
+        *([] if discrepancy_checks(discrepancy) else ["findings"]),
+        *([] if discrepancy.vetoed else ["left-out"]),
+        *([] if discrepancy.not_testable else ["not-testable"]),
+    }
+    return {name: title for name, title in _SECTIONS.items() if name not in absent}
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -94,10 +123,7 @@ def _added(effect: AddedEffect) -> dict[str, Any]:
     return {
         "name": _name(effect.hypothesis),
         "joints": _joints(effect.joints),
-        "parameters": [
-            (name, value, quantity(float(value), float(sd), unit))
-            for name, (value, sd, unit) in effect.parameters.items()
-        ],
+        "parameters": _parameters(effect),
         "gain": effect.gain / LN10,
         "probability": effect.probability,
         "nothing_missing": effect.nothing_missing,
@@ -105,6 +131,20 @@ def _added(effect: AddedEffect) -> dict[str, Any]:
         "equivalent": ", ".join(label(name) for name in effect.equivalent),
         "shown_by": distinguishing_motions(effect),
     }
+
+
+def _parameters(effect: AddedEffect) -> list[tuple[str, float, str]]:
+    """Name, value and text: what people read in place of parameters, if there is such; of changes before and now."""
+    if effect.readable and not effect.hypothesis.changes:
+        numbers = effect.readable.items()
+        return [(name, value, quantity(value, sd, unit)) for name, (value, sd, unit) in numbers]
+    added = {f"{symbol}{j}" for symbol in effect.hypothesis.source.adds_to for j in effect.joints}
+    in_total = any(name.startswith("change of ") for name in effect.parameters) and not effect.hypothesis.changes
+    return [
+        (name, value, told(effect, name))
+        for name, (value, _, _) in effect.parameters.items()
+        if not name.startswith("change of ") and not (in_total and name in added)
+    ]
 
 
 def _where(discrepancy: Discrepancy, excess: Excess) -> dict[str, Any]:
@@ -129,27 +169,38 @@ def _candidates(discrepancy: Discrepancy) -> dict[str, Any]:
     scores = discrepancy.scores
     if not scores:
         return {"candidates": []}
-    added = {(effect.effect, effect.joints) for effect in discrepancy.added}
-    rows = [_candidate(score, score.key in added) for score in best_first(scores)[:_CANDIDATES]]
+    places = {effect.hypothesis.key: place for place, effect in enumerate(discrepancy.added)}
+    ordered = best_first(scores)
+    shown = [(rank, s) for rank, s in enumerate(ordered, start=1) if rank <= _CANDIDATES or s.key in places]
+    rows = [_candidate(discrepancy, score, rank, places.get(score.key)) for rank, score in shown]
     caption = (
-        f"The best {len(rows)} of {len(scores)} candidates, each added by itself to the model as it was. To be added, "
-        f"an effect needs a log10 Bayes factor of {discrepancy.thresholds.log10_bayes_factor:g} and must be worth it; "
-        "what explains the same as a better one no longer does once that is added. The last columns hold what an "
-        "effect of a usual size would have reached, and the effect's worth: by how much it lowers a joint's mean "
-        "squared residual, in units of the noise floor's or, where much more is left, of a part of that."
+        f"The best {min(_CANDIDATES, len(scores))} of {len(scores)} candidates, and all that were added. The log10 "
+        "Bayes factor is of each by itself, added to the model as it was; it says where to begin. To be added an "
+        f"effect needs {discrepancy.thresholds.log10_bayes_factor:g} beside those that were added before it: what a "
+        "better one explains it no longer does, and what a larger one hides may show later."
     )
     return {"candidates": rows, "candidates_caption": caption, "candidate_pictures": [_candidate_picture(discrepancy)]}
 
 
-def _candidate(score: Score, added: bool) -> dict[str, Any]:
+def _candidate(discrepancy: Discrepancy, score: Score, rank: int, place: int | None) -> dict[str, Any]:
     return {
+        "rank": rank,
         "name": _name(score.hypothesis),
         "joints": _joints(score.hypothesis.joints),
         "gain": score.gain / LN10,
-        "added": added,
-        "expected_gain": score.expected_gain / LN10,
-        "improvement": score.improvement,
+        "became": _became(discrepancy, score, place),
     }
+
+
+def _became(discrepancy: Discrepancy, score: Score, place: int | None) -> str:
+    """What became of a candidate."""
+    if place is not None:
+        return f"added {_ORDINALS[place] if place < len(_ORDINALS) else f'as number {place + 1}'}"
+    if score.key in discrepancy.vetoed:
+        return "left out: see below"
+    if score.gain >= discrepancy.thresholds.log10_bayes_factor * LN10:
+        return "not needed beside those added" if discrepancy.added else "not worth adding"
+    return "this log could not show it" if score.key in discrepancy.not_testable else "too weak"
 
 
 def _joints(joints: Sequence[int]) -> str:
@@ -195,6 +246,6 @@ def _effort_picture(discrepancy: Discrepancy, joint: int) -> Picture:
 
 def _candidate_picture(discrepancy: Discrepancy) -> Picture:
     scores = discrepancy.scores
-    caption = f"The first {min(BARS, len(scores))}; blue: added. The dashed line is what an effect needs to be added."
+    caption = f"The first {min(BARS, len(scores))}, each by itself; blue: added. Dashed: what is needed to be added."
     bars = "; ".join(f"{score_label(score)}: {rounded(score.gain / LN10)}" for score in best_first(scores)[:BARS])
     return picture(candidate_figure(discrepancy), "candidates", caption, f"Bars of log10 Bayes factors: {bars}")

@@ -16,15 +16,23 @@ from matplotlib.figure import Figure
 from bayesid.identification.identification import SURE
 from bayesid.identification.warnings import convergence
 from bayesid.progress import SILENT, Progress
-from bayesid.report import plot
+from bayesid.report import commands, plot
 from bayesid.report.findings import Findings
 from bayesid.report.findings.summary import SearchSummary
 from bayesid.report.pages.rendering import Picture, data, number, picture, render
 from bayesid.report.plot.remainder import VARIABLES
 from bayesid.report.plot.style import new_figure
 from bayesid.report.plot.svg import inline_svg
-from bayesid.report.verdicts import EFFECT_HEADINGS, State, check_findings, effect_rows, sure_share, worst
-from bayesid.report.words import listed, quantity
+from bayesid.report.verdicts import (
+    EFFECT_HEADINGS,
+    State,
+    at_standstill,
+    check_findings,
+    effect_rows,
+    sure_share,
+    worst,
+)
+from bayesid.report.words import listed, quantity, upper
 
 _STATES: Mapping[State, Mapping[str, str]] = {
     "good": {"colour": "good", "text": "good"},
@@ -38,6 +46,36 @@ _VERDICT: Mapping[State, str] = {
     "look": "Usable; look at what is marked",
     "bad": "Do not rely on this result yet",
 }
+_SECTIONS = {
+    "checks": "Checks",
+    "torques": "Efforts and signs",
+    "doubts": "Ambiguous segments",
+    "effects": "Beyond the terms asked for",
+    "coefficients": "Coefficients",
+    "posterior": "Posterior",
+    "residuals": "Residuals",
+    "proof": "The proof",
+    "validation": "Validation on another log",
+    "run": "What was run",
+}
+"""Of the page, in their order: name and title."""
+_SECTION_OF = {
+    "Robot file": "run",
+    "Excitation": "coefficients",
+    "Signs of the segments": "doubts",
+    "Low-pass after the rectifier": "torques",
+    "Proof": "proof",
+    "Sampling": "posterior",
+    "Modes": "posterior",
+    "Fit": "residuals",
+    "Beyond the terms": "effects",
+    "Intervals": "coefficients",
+    "Whiteness of the residual": "residuals",
+    "Data or prior": "coefficients",
+    "Validation": "validation",
+    "Warnings": "warnings",
+}
+"""Where the page shows more of a check."""
 _WELL_KNOWN = 0.1
 """Relative standard deviation of a coefficient that is known well, as the terminal counts them."""
 _DOUBTS = 20
@@ -63,23 +101,31 @@ def identification_page(findings: Findings, progress: Progress = SILENT) -> str:
         findings: what there is to show.
         progress: called as progress("report", done, total).
     """
-    checks = check_findings(findings)
-    state = worst(checks)
+    checks, summary = check_findings(findings), findings.summary
+    state, effects = worst(checks), effect_rows(summary)
+    absent = {
+        *([] if effects else ["effects"]),
+        *([] if summary.hidden_joints else ["proof"]),
+        *([] if summary.warnings else ["warnings"]),
+    }
     content: dict[str, Any] = {
         "status": {"colour": _STATES[state]["colour"], "text": _VERDICT[state]},
         "lead": _lead(findings),
         "about": _about(findings),
-        "warnings": findings.summary.warnings,
+        "contents": {name: title for name, title in _SECTIONS.items() if name not in absent},
+        "warnings": summary.warnings,
         "checks": [(check, _STATES[check.state]) for check in checks],
-        "hidden": findings.summary.hidden_joints > 0,
-        "effects": effect_rows(findings.summary),
+        "sections": {check: name for check, name in _SECTION_OF.items() if name not in absent},
+        "hidden": summary.hidden_joints > 0,
+        "effects": effects,
         "effect_headings": [heading[0].upper() + heading[1:] for heading in EFFECT_HEADINGS],
     }
     parts = (_torques, _doubts, _coefficients, _posterior, _residuals, _proof, _validation, _run)
     for done, part in enumerate(parts, start=1):
         content |= part(findings)
         progress("report", done, len(parts))
-    return render("identification.html.jinja", "Identification", findings.summary.robot, script="zoom.js", **content)
+    subject = f"{summary.robot}, {summary.log}"
+    return render("identification.html.jinja", "Identification", subject, script="zoom.js", **content)
 
 
 def _lead(findings: Findings) -> str:
@@ -168,7 +214,7 @@ def _doubts(findings: Findings) -> dict[str, Any]:
         f"{which} in motion whose sign is not sure, by their largest |effort|. The sign of a small effort matters "
         "little to the coefficients: its likelihood is averaged over both."
     )
-    return {"doubts": rows, "doubts_caption": caption}
+    return {"doubts": rows, "doubts_caption": caption, "still": upper(at_standstill(findings))}
 
 
 def _coefficients(findings: Findings) -> dict[str, Any]:
@@ -224,7 +270,7 @@ def _posterior(findings: Findings) -> dict[str, Any]:
         return {"posterior": None}
     few = len(findings.coefficients.mean) < 2
     drawn = [
-        ("forest", plot.forest(findings), "Intervals of 94 % of the worst-decided coefficients, one an ensemble."),
+        ("forest", plot.forest(findings), "Intervals of 95 % of the worst-decided coefficients, one an ensemble."),
         *([] if few else [("pair", plot.pair(findings)[0], "Draws of the three worst-decided against each other.")]),
         ("trace", plot.trace(findings)[0], "Densities and draws, sweep after sweep; one colour an ensemble."),
         ("rank", plot.rank(findings)[0], "Ranks of each ensemble's draws: flat where the ensembles agree."),
@@ -321,7 +367,7 @@ def _others(findings: Findings) -> Iterator[dict[str, Any]]:
 def _validation(findings: Findings) -> dict[str, Any]:
     prediction = findings.prediction
     if prediction is None:
-        return {"prediction": None}
+        return {"prediction": None, "validate": commands.validate(findings)}
     pictures = [
         _zoomable(
             partial(plot.validation, findings, [joint], key=False),
@@ -339,6 +385,7 @@ def _run(findings: Findings) -> dict[str, Any]:
     run = findings.summary.provenance
     rows = [
         *([("Command", run.command)] if run.command else []),
+        *([("In Python", run.call)] if run.call else []),
         *((f"Option {name}", _option(value)) for name, value in run.options.items()),
         *((f"SHA-256 of {name}", digest) for name, digest in run.files.items()),
         ("SHA-256 of the samples", run.data),

@@ -48,7 +48,7 @@ def render(template: str, title: str, subject: str, script: str = "", **content:
     Args:
         template: its file.
         title: its heading.
-        subject: what it is about, for the window's title.
+        subject: what it is about, robot and log, for the window's title.
         script: file of what makes it more comfortable; without it the page says the same.
         content: what the template needs; text is escaped.
     """
@@ -88,6 +88,7 @@ def _environment() -> Environment:
 def typeset(text: str) -> Markup:
     """Escaped, with the signs that plain text lacks."""
     text = str(escape(text)).replace(" +- ", "&nbsp;&plusmn;&nbsp;").replace("^2", "&sup2;").replace("^3", "&sup3;")
+    text = text.replace(" -&gt; ", "&nbsp;&rarr;&nbsp;")
     text = re.sub(r"\b(N|kg) (m|s)\b", r"\1&nbsp;\2", text)
     text = re.sub(r"(\d) ?%", r"\1&nbsp;%", text)
     return Markup(re.sub(r"(?<![\w)])-(?=\d)", "&minus;", text))

@@ -24,7 +24,7 @@ _SCALE = "over the prior's sd"
 
 
 def forest(result: Source, count: int = 12, axes: Axes | None = None) -> Axes:
-    """94 % intervals of the worst-decided coefficients, one an ensemble; ensembles that disagree have not converged.
+    """95 % intervals of the worst-decided coefficients, one an ensemble; ensembles that disagree have not converged.
 
     Args:
         result: an identification with a posterior, its findings, or a result folder.

@@ -1,0 +1,374 @@
+"""A discrepancy in plain words: a sentence that says it all, and a verdict for each thing that there is to say."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby
+
+import numpy as np
+
+from bayesid.discrepancy.compare import MODELS_RESIDUAL, REFIT, Excess
+from bayesid.discrepancy.selection import GROWN, HELD_BACK, ON_LOG
+from bayesid.discrepancy.workflow import Discrepancy
+from bayesid.fit.effects.added_effect import AddedEffect, Quantity
+from bayesid.model.catalogue import FORMS, noun, owner
+from bayesid.model.effects import ReadableUnit
+from bayesid.report.verdicts import Check
+from bayesid.report.words import joints_in_words, label, listed, quantity, rounded, unit_of, upper
+
+_MOST = 3
+"""Joints whose gaps are named one by one: more make a sentence that nobody reads."""
+_SURE = 0.9
+"""Probability below which it is mentioned; a round number."""
+_SAME = 0.98
+"""Share of a gap from which on it has not fallen: 2 % hardly show in two digits."""
+_MOSTLY = 0.5
+"""Share of a joint's excess from which on most of it is explained."""
+_WHOSE = {MODELS_RESIDUAL: "earlier model's", REFIT: "refitted model's"}
+"""Own error a floor may be, by where it was taken from."""
+_CHANGE = "change of "
+"""Begins the names of what a parameter has changed by."""
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# In one sentence
+# ---------------------------------------------------------------------------------------------------------------
+def lead(discrepancy: Discrepancy) -> str:
+    """What was found, what it explains, and what is left."""
+    left = [_left(discrepancy, joint, ratio) for joint, ratio in discrepancy.unexplained]
+    if not discrepancy.added:
+        return f"{_nothing_found(discrepancy)}{f' {upper(listed(left))}.' if left else ''}"
+    parts = [_explains(discrepancy), *left]
+    return f"Found: {'; '.join(_in_brief(discrepancy))}. {upper('; '.join(filter(None, parts)))}."
+
+
+def _in_brief(discrepancy: Discrepancy) -> Iterator[str]:
+    """A payload of 3.05 kg at (0.030, 0.164, 0.036) m; changed load-dependent friction in joints 2 and 3."""
+    groups: dict[tuple[str, bool], list[AddedEffect]] = {}
+    for added in discrepancy.added:
+        groups.setdefault((added.effect, bool(added.hypothesis.changes)), []).append(added)
+    for (effect, changed), alike in groups.items():
+        brief = alike[0].hypothesis.source.phrase.brief
+        joints = sorted({joint for added in alike for joint in added.joints})
+        where = f" in {joints_in_words(joints)}" if joints else ""
+        if brief and alike[0].readable and not changed:
+            yield brief.format(**{name: _known_digits(number) for name, number in alike[0].readable.items()})
+        else:
+            yield f"{'changed ' if changed else ''}{label(effect)}{where}"
+
+
+def _known_digits(number: Quantity) -> str:
+    """A value to the digits that its deviation leaves, without it."""
+    value, sd, _ = number
+    return quantity(value, sd, "").split(" +- ")[0].lstrip("(")
+
+
+def _explains(discrepancy: Discrepancy) -> str:
+    """It explains what showed in joints 2 and 3, and most of what showed in joint 4."""
+    left = dict(discrepancy.unexplained)
+    showed = {excess.joint for excess in discrepancy.where}
+    most = sorted(j for j in showed & set(left) if _share_explained(discrepancy, j) >= _MOSTLY)
+    whole = sorted(showed - set(left))
+    parts = [f"what showed in {joints_in_words(whole)}"] if whole else []
+    parts += [f"most of what showed in {joints_in_words(most)}"] if most else []
+    it = "it explains" if len(discrepancy.added) == 1 else "together they explain"
+    return f"{it} {listed(parts)}" if parts else ""
+
+
+def _share_explained(discrepancy: Discrepancy, joint: int) -> float:
+    """Of a joint's excess over the floor."""
+    before = next(excess.excess for excess in discrepancy.where if excess.joint == joint)
+    return 1.0 - _excess(discrepancy, joint, dict(discrepancy.unexplained)[joint]) / before if before > 0.0 else 0.0
+
+
+def _excess(discrepancy: Discrepancy, joint: int, ratio: float) -> float:
+    """Root of the mean square above the floor's, N m, of a gap that is so many times the floor."""
+    return float(discrepancy.floor.rms[joint - 1]) * math.sqrt(max(ratio**2 - 1.0, 0.0))
+
+
+def _left(discrepancy: Discrepancy, joint: int, ratio: float) -> str:
+    """Joint 4 keeps 0.40 N m that nothing explains."""
+    if set(discrepancy.unexplained_on[joint]) == {GROWN}:
+        return f"joint {joint} is predicted worse than before on {_data(discrepancy)}"
+    keeps = f"{rounded(_excess(discrepancy, joint, ratio), 2)} {unit_of(discrepancy, joint)}"
+    return f"joint {joint} keeps {keeps} above the noise that nothing explains"
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# A verdict for each
+# ---------------------------------------------------------------------------------------------------------------
+def discrepancy_checks(discrepancy: Discrepancy) -> tuple[Check, ...]:
+    """What was found (good, or to be looked at), what is left (bad), and what the log cannot tell (not done)."""
+    return (
+        *(_found(discrepancy, added) for added in discrepancy.added),
+        *([Check("Gap", "good", _gap(discrepancy))] if discrepancy.added else []),
+        *(_unexplained(discrepancy, joint, ratio) for joint, ratio in discrepancy.unexplained),
+        *_lasting_floor(discrepancy),
+        *_not_testable(discrepancy),
+    )
+
+
+def _found(discrepancy: Discrepancy, added: AddedEffect) -> Check:
+    """An effect with its size, and what speaks against it."""
+    name = upper(label(added.effect, added.joints))
+    impossible = _below_zero(added)
+    if impossible:
+        message = f"by itself it would make {listed(impossible)} negative: it stands for something else that acts alike"
+        return Check(name, "look", message, f"{distinguishing_motions(added)} would show what it is")
+    parts, remedy = [_change(discrepancy, added) if added.hypothesis.changes else _need(discrepancy, added)], ""
+    if added.readable and added.hypothesis.source.phrase.detail and not added.hypothesis.changes:
+        texts = {symbol: quantity(*number) for symbol, number in added.readable.items()}
+        parts.append(added.hypothesis.source.phrase.detail.format(**texts))
+    if added.probability < _SURE:
+        parts.append(
+            f"The probability of this is {_percent(added.probability)}; that nothing is missing in its place, "
+            f"{_percent(added.nothing_missing)}, that it is something outside of the catalogue, "
+            f"{_percent(added.something_else)}."
+        )
+    if added.equivalent:
+        parts.append(f"This log cannot tell it from {listed([noun(name) for name in added.equivalent], 'or')}.")
+        remedy = f"{distinguishing_motions(added)} would tell"
+    doubtful = bool(added.equivalent) or added.probability < _SURE
+    return Check(name, "look" if doubtful else "good", " ".join(parts).removesuffix("."), remedy)
+
+
+def _below_zero(added: AddedEffect) -> list[str]:
+    """What an effect would make negative that cannot be: the friction that it adds to."""
+    impossible = []
+    for symbol, other in added.hypothesis.source.adds_to.items():
+        term = owner(other)
+        for joint in added.joints:
+            number = added.parameters.get(f"{other}{joint}", added.parameters.get(f"{symbol}{joint}"))
+            if term.nonnegative and number is not None and number[0] < 0.0:
+                impossible.append(f"the {label(term.name)} of joint {joint}")
+    return impossible
+
+
+def distinguishing_motions(added: AddedEffect) -> str:
+    """The motions that would tell an effect from its equivalents."""
+    kinds = [added.hypothesis.source.shown_by, *(FORMS[name].shown_by for name in added.equivalent)]
+    return ", or ".join(dict.fromkeys(kinds))
+
+
+def testable_groups(discrepancy: Discrepancy) -> list[tuple[str, tuple[int, ...]]]:
+    """Effects that the log could not show, and all joints in which it could not; none: the whole robot."""
+    ordered = sorted(discrepancy.not_testable)
+    grouped = [(effect, list(group)) for effect, group in groupby(ordered, key=lambda pair: pair[0])]
+    return [(effect, tuple(sorted({j for _, joints in group for j in joints}))) for effect, group in grouped]
+
+
+def _percent(share: float) -> str:
+    """A probability; one that rounds to nothing or to all is not said to be."""
+    return "under 1 %" if share < 0.01 else "over 99 %" if share > 0.99 else f"{100.0 * share:.0f} %"
+
+
+def _numbers(discrepancy: Discrepancy, added: AddedEffect) -> dict[str, str]:
+    """The parameters as people read them, by symbols without the joint; of what the model had, before and now."""
+    source, suffixes = added.hypothesis.source, [str(joint) for joint in added.joints] or [str(len(discrepancy.before))]
+    texts = {}
+    for name in added.parameters:
+        known = name in source.phrase.units or not name.endswith(tuple(suffixes))
+        symbol = name if known else name[: -len(next(s for s in suffixes if name.endswith(s)))]
+        if name.startswith(_CHANGE) or symbol in source.adds_to.values():
+            continue
+        total = f"{source.adds_to.get(symbol, symbol)}{name[len(symbol) :]}"
+        texts[symbol.rstrip("_")] = told(added, total if total in added.parameters else name)
+    return texts
+
+
+def told(added: AddedEffect, name: str) -> str:
+    """A parameter as people read it: 1.9 +- 0.1 N m, or 9.1 -> 7.3 +- 0.5 N m where the earlier model has it."""
+    units = added.hypothesis.source.phrase.units
+    people = units.get(name, units.get(name.rstrip("0123456789").rstrip("_")))
+    value, sd, unit = _for_people(added.parameters[name], people)
+    if (change := added.parameters.get(f"{_CHANGE}{name}")) is None:
+        return quantity(value, sd, unit)
+    factor = 1.0 if people is None else people.factor
+    earlier = value - factor * change[0]
+    now = quantity(value, sd, unit)
+    decimals = len(now.split()[0].partition(".")[2])
+    return f"{f'{earlier:.{decimals}f}' if now[0] != '(' else rounded(earlier)} -> {now}"
+
+
+def _for_people(number: Quantity, people: ReadableUnit | None) -> Quantity:
+    value, sd, unit = number
+    people = people or ReadableUnit("" if unit == "1" else unit)
+    return people.factor * (value - people.neutral), people.factor * sd, people.unit
+
+
+def _need(discrepancy: Discrepancy, added: AddedEffect) -> str:
+    """Joint 3 needs Coulomb friction of 1.9 +- 0.1 N m."""
+    source, numbers = added.hypothesis.source, _numbers(discrepancy, added)
+    phrase = source.phrase
+    if not phrase.sentence or len(added.joints) > 1:
+        return _plainly(added, numbers)
+    who = upper(joints_in_words(added.joints)) if added.joints else "All joints"
+    whose = f"{who}'s" if added.joints else f"{who}'"
+    sentence = phrase.sentence
+    if phrase.opposite and (size := _size(added)) is not None and size[0] < 0.0:
+        value, sd, unit = size
+        sentence, numbers[phrase.size] = phrase.opposite, quantity(-value, sd, unit)
+    try:
+        return sentence.format(who=who, whose=whose, **numbers)
+    except KeyError:
+        return _plainly(added, numbers)
+
+
+def _size(added: AddedEffect) -> Quantity | None:
+    """The number whose sign decides between a sentence and its opposite; None where there is none."""
+    source = added.hypothesis.source
+    size, people = source.phrase.size, source.phrase.units.get(source.phrase.size)
+    suffixes = [str(joint) for joint in added.joints] or [""]
+    names = [f"{size}{suffix}" for suffix in suffixes]
+    if names[0] in added.parameters:
+        return _for_people(added.parameters[names[0]], people)
+    return (source.shape[size][0], math.nan, "") if size in source.shape else None
+
+
+def _plainly(added: AddedEffect, numbers: Mapping[str, str]) -> str:
+    """Without a sentence of its own, or without its numbers."""
+    where = upper(joints_in_words(added.joints)) if added.joints else "The robot"
+    parts = ", ".join(f"{symbol} = {number}" for symbol, number in numbers.items())
+    needs = "need" if len(added.joints) > 1 else "needs"
+    return f"{where} {needs} {noun(added.hypothesis.source.name)}{f' ({parts})' if parts else ''}."
+
+
+def _change(discrepancy: Discrepancy, added: AddedEffect) -> str:
+    """Joint 3's Coulomb friction has changed: 9.1 -> 7.3 +- 0.5 N m."""
+    source, numbers = added.hypothesis.source, _numbers(discrepancy, added)
+    whose = f"{upper(joints_in_words(added.joints))}'s" if len(added.joints) == 1 else "The"
+    where = f" of {joints_in_words(added.joints)}" if len(added.joints) > 1 else ""
+    chosen = {source.phrase.size: numbers[source.phrase.size]} if source.phrase.size in numbers else numbers
+    parts = [f"{symbol} " * (len(chosen) > 1) + text for symbol, text in chosen.items()]
+    return f"{whose} {label(source.name)}{where} has changed{f': {listed(parts)}' if parts else ''}."
+
+
+def _gap(discrepancy: Discrepancy) -> str:
+    """With it the gap on the holdout falls from 2.4 to 0.31 N m in joint 3, the noise floor being 0.30 N m."""
+    joints, floor = _worth_naming(discrepancy), discrepancy.floor.rms
+    with_ = "With it" if len(discrepancy.added) == 1 else "With them"
+    falls = _falls(discrepancy, joints[:_MOST], with_floor=len(joints) > 1)
+    sentence = f"{with_} the gap on {_data(discrepancy)} {falls}"
+    if len(joints) == 1:
+        return f"{sentence}, the noise floor being {_effort(discrepancy, floor[joints[0] - 1], joints[0])}"
+    rest = joints[_MOST:]
+    if not rest:
+        return sentence
+    most = max(float(discrepancy.after[j - 1] / floor[j - 1]) for j in rest)
+    at_most = " at most" if len(rest) > 1 else ""
+    return f"{sentence}; in {joints_in_words(rest)} it ends at {rounded(most)} times the floor{at_most}"
+
+
+def _worth_naming(discrepancy: Discrepancy) -> list[int]:
+    """Joints whose gap is worth naming, the largest first: above the floor before, and not named as unexplained."""
+    unexplained = {joint for joint, _ in discrepancy.unexplained}
+    acting = {joint for added in discrepancy.added for joint in added.joints}
+    above = {excess.joint for excess in discrepancy.where}
+    preferred = above - unexplained, acting - unexplained, above, acting, set(range(1, len(discrepancy.before) + 1))
+    chosen = next(joints for joints in preferred if joints)
+    return sorted(chosen, key=lambda j: -float(discrepancy.before[j - 1] / discrepancy.floor.rms[j - 1]))
+
+
+def _falls(discrepancy: Discrepancy, joints: Sequence[int], with_floor: bool) -> str:
+    """Falls from 2.4 to 0.31 N m in joint 3 and from 1.2 to 0.20 N m in joint 5."""
+    parts: list[str] = []
+    verb = ""
+    for joint in joints:
+        before, after = float(discrepancy.before[joint - 1]), float(discrepancy.after[joint - 1])
+        earlier, verb = verb, "falls" if after < _SAME * before else "stays" if after < before / _SAME else "rises"
+        sizes = f"at {rounded(after)}" if verb == "stays" else f"from {rounded(before)} to {rounded(after)}"
+        floor = f" (noise floor {rounded(float(discrepancy.floor.rms[joint - 1]))})" if with_floor else ""
+        sentence = f"{sizes} {unit_of(discrepancy, joint)} in joint {joint}{floor}"
+        parts.append(sentence if verb == earlier else f"{verb} {sentence}")
+    return listed(parts)
+
+
+def _data(discrepancy: Discrepancy) -> str:
+    return "the stretches held back" if discrepancy.holdout.startswith("stretches ") else "the holdout"
+
+
+def _effort(discrepancy: Discrepancy, value: float, joint: int) -> str:
+    return f"{rounded(float(value))} {unit_of(discrepancy, joint)}"
+
+
+def _nothing_found(discrepancy: Discrepancy) -> str:
+    if discrepancy.unexplained:
+        return "Something is missing from the model, but no effect of the catalogue explains it."
+    if discrepancy.where:
+        joints = joints_in_words(excess.joint for excess in discrepancy.where)
+        falls = _falls(discrepancy, _worth_naming(discrepancy)[:_MOST], with_floor=True)
+        sentence = f"No effect is missing from the model, but its parameters do not quite fit {joints}"
+        return f"{sentence}: with these identified again, the gap on {_data(discrepancy)} {falls}."
+    ratio = discrepancy.before / discrepancy.floor.rms
+    worst = int(ratio.argmax())
+    gap = _effort(discrepancy, discrepancy.before[worst], worst + 1)
+    floor = _effort(discrepancy, discrepancy.floor.rms[worst], worst + 1)
+    return (
+        f"{nothing_missing(discrepancy)}: the model explains this log as it is. On {_data(discrepancy)} it leaves "
+        f"{rounded(float(ratio[worst]))} times the noise floor in joint {worst + 1} ({gap}, the floor being {floor}), "
+        "and no more than that in any other."
+    )
+
+
+def _unexplained(discrepancy: Discrepancy, joint: int, ratio: float) -> Check:
+    shown = next((excess for excess in discrepancy.where if excess.joint == joint), None)
+    over = f", and it shows best over {_range(discrepancy, shown)}" if shown else ""
+    says, data = discrepancy.unexplained_on[joint], _data(discrepancy)
+    reasons = []
+    if ON_LOG in says or HELD_BACK in says:
+        where = "" if ON_LOG in says else f" on {data}"
+        reasons.append(f"what is left there{where} is {rounded(ratio, 2)} times the noise floor{over}")
+    if GROWN in says:
+        before, after = rounded(float(discrepancy.before[joint - 1])), discrepancy.after[joint - 1]
+        reasons.append(
+            f"identified again, its gap on {data} rises from {before} to {_effort(discrepancy, after, joint)}"
+        )
+    message = f"Joint {joint} stays unexplained: {'; '.join(reasons)}"
+    return Check("What is left", "bad", message, "see its residual: no effect of the catalogue has its shape")
+
+
+def _lasting_floor(discrepancy: Discrepancy) -> list[Check]:
+    """In joints 4 and 6 the noise floor is the earlier model's own error, or noise that a filter has smoothed."""
+    floor, whose = discrepancy.floor, dict[str, list[int]]()
+    for j in np.flatnonzero(floor.lasting).tolist():
+        whose.setdefault(floor.origin[j], []).append(j)
+    checks = []
+    for origin, joints in whose.items():
+        most = sorted(joints, key=lambda j: -float(floor.rms[j] / floor.white[j]))[:_MOST]
+        sizes = [
+            f"{rounded(float(floor.white[j]))} of {_effort(discrepancy, floor.rms[j], j + 1)} in joint {j + 1}"
+            for j in most
+        ]
+        message = (
+            f"In {joints_in_words(j + 1 for j in joints)} the noise floor is the {_WHOSE[origin]} own error, or noise "
+            f"that lasts: only {listed(sizes)} change{'s' if len(sizes) == 1 else ''} from sample to sample; what is "
+            "below the floor may still be wrong"
+        )
+        checks.append(Check("Noise floor", "look", message, "a log that repeats its motion shows what is noise"))
+    return checks
+
+
+def nothing_missing(discrepancy: Discrepancy) -> str:
+    """As much as can be said: below a floor that is a model's own error something may be."""
+    return "Nothing is missing" + (" above the noise floor" if discrepancy.floor.lasting.any() else "")
+
+
+def _range(discrepancy: Discrepancy, where: Excess) -> str:
+    """Velocity (0.10 to 0.50 rad/s)."""
+    (low, high), unit = where.range, unit_of(discrepancy, where.joint, where.variable)
+    return f"{where.variable} ({rounded(low, 2)} to {rounded(high, 2)} {unit})"
+
+
+def _not_testable(discrepancy: Discrepancy) -> list[Check]:
+    by_joints: dict[tuple[int, ...], list[str]] = {}
+    for effect, joints in testable_groups(discrepancy):
+        by_joints.setdefault(joints, []).append(noun(effect))
+    parts = [
+        f"{listed(names, 'or')} in {joints_in_words(joints)}" if joints else listed(names, "or")
+        for joints, names in by_joints.items()
+    ]
+    if not parts:
+        return []
+    message = f"Even of a usual size this log could not show {'; '.join(parts)}"
+    return [Check("What this log cannot tell", "not done", message, "record a motion that would show it, see below")]
