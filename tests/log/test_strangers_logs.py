@@ -397,13 +397,14 @@ def in_memory(recorded, form):
     return {
         "frame": frame.assign(comment="a text"),
         "index": frame.set_index("t"),
+        "levels": frame.set_axis([(n.rstrip("12"), n[1:].lstrip("qau")) for n in frame], axis=1),
         "stamps": frame.assign(t=when),
         "stamped index": frame.drop(columns="t").set_axis(when),
     }[form]
 
 
 FORMS = ("vectors", "matrices", "transposed", "lists", "structured", "structured matrices")
-FRAMES = ("frame", "index", "stamps", "stamped index")
+FRAMES = ("frame", "index", "levels", "stamps", "stamped index")
 
 
 @pytest.mark.parametrize("form", [*FORMS, *FRAMES])
@@ -520,6 +521,7 @@ MANGLED = {
     "words between": lambda recorded: text(noted(recorded), ";", ","),
     "index": indexed,
     "units beneath": with_units_beneath,
+    "units beneath, every other line blank": lambda recorded: with_units_beneath(recorded).replace("\n", "\r\r\n"),
     "line ends of Windows": lambda recorded: text(flat(recorded), ";", ",", "\r\n"),
     "a note of the separator": lambda recorded: "sep=;\r\n" + text(flat(recorded), ";", ",", "\r\n"),
     "settings above": lambda recorded: f"Recorder 1.2\r\nDate;3.2.2026\r\n\r\n{text(flat(recorded), ';', ',')}",
