@@ -208,6 +208,23 @@ def test_what_is_missing_is_said_with_the_columns_that_are_there(tmp_path, recor
     assert_same(read_log(path, [1.0, 1.0], columns=suggested), {name: recorded[name] for name in ("t", "q", "tau")})
 
 
+@pytest.mark.parametrize("end", ["/position", "_joint_position", ".pos [deg]"])
+def test_joints_with_names_of_their_own_are_suggested_one_by_one(tmp_path, recorded, end):
+    """In the order of the header; two of the three only differ by a number."""
+    blocks = {
+        end: np.column_stack([recorded["q"], recorded["q"][:, 0]]),
+        "/effort": 10.0 * recorded["dq"][:, [0, 1, 1]],
+    }
+    names = "elbow", "wrist_1", "wrist_2"
+    columns = {f"{name}{end}": block[:, j] for end, block in blocks.items() for j, name in enumerate(names)}
+    path = save(tmp_path / "log.csv", text({"time": recorded["t"]} | columns))
+    said = refusal(path)
+    assert f'--columns t="time",q1="elbow{end}",q2="wrist_1{end}",q3="wrist_2{end}",tau1="elbow/effort",' in said
+    log = read_log(path, columns=parse_columns(said.partition("--columns ")[2]))
+    np.testing.assert_allclose(log.effort, blocks["/effort"], rtol=1e-13)
+    np.testing.assert_allclose(log.q, blocks[end] * (np.pi / 180.0 if "deg" in end else 1.0), rtol=1e-13)
+
+
 def test_columns_of_the_command_line(tmp_path):
     expected = {"t": "Zeit, ab Start [ms]", "q": "Achse{} [Grad]", "tau2": "M=2"}
     assert parse_columns("t=\"Zeit, ab Start [ms]\", q=Achse{} [Grad],tau2 = 'M=2'") == expected

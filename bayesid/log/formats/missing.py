@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from bayesid.log.formats.labels import kind_part, pattern_of
+from bayesid.log.formats.labels import kind_at_end, kind_part, pattern_of
 from bayesid.log.formats.stated import OPTION
 from bayesid.log.formats.table import SourceColumn
 from bayesid.log.formats.units import factor_of, split_brackets
@@ -31,14 +31,19 @@ def suggestion(header: Sequence[str], found: Mapping[str, SourceColumn]) -> str:
     used = {pattern_of(source.label): kind_part(source.name) for source in found.values()}
     open_ones = [pattern for pattern in members if pattern and pattern not in used]
     effort = next((kind for kind in ("tau", "i") if kind in used.values()), None)
-    parts = []
+    parts: list[str] = []
     for kinds in (("t",), ("q",), ("tau", "i") if effort is None else (effort,)):
         known = [(kind, pattern) for pattern, kind in used.items() if kind in kinds]
         alone = kinds == ("t",)
         fitting = [one for one in open_ones if (len(members[one]) < _SEVERAL) == alone]
         kind, pattern = (known or _likely(kinds, fitting) or [(kinds[0], "NAME" if alone else "NAME{}")])[0]
+        named = [] if alone or known else [label for label in header if kind_at_end(label) in kinds]
+        if len(named) > len(members.get(pattern, ())):  # each joint has a name of its own
+            kind, pattern = str(kind_at_end(named[0])), ""
+            parts += [f'{kind}{joint}="{label}"' for joint, label in enumerate(named, start=1)]
+        else:
+            parts.append(f'{kind}="{pattern}"')
         open_ones = [one for one in open_ones if one != pattern]
-        parts.append(f'{kind}="{pattern}"')
     return f"{OPTION} {','.join(parts)}"
 
 
