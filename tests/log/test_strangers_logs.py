@@ -225,6 +225,14 @@ def test_joints_with_names_of_their_own_are_suggested_one_by_one(tmp_path, recor
     np.testing.assert_allclose(log.q, blocks[end] * (np.pi / 180.0 if "deg" in end else 1.0), rtol=1e-13)
 
 
+def test_what_a_user_has_named_stays_in_the_suggestion(tmp_path, recorded):
+    columns = flat(recorded, t="clock", q="x{}", start=0) | {"x2": np.zeros(ROWS)}
+    path = save(tmp_path / "log.csv", text(columns))
+    said = refusal(path, columns={"q": "x{0-1}"})
+    assert said.endswith('--columns t="clock",q1="x0",q2="x1",tau="tau{}"')
+    assert_same(read_log(path, columns=parse_columns(said.partition("--columns ")[2])), recorded)
+
+
 def test_columns_of_the_command_line(tmp_path):
     expected = {"t": "Zeit, ab Start [ms]", "q": "Achse{} [Grad]", "tau2": "M=2"}
     assert parse_columns("t=\"Zeit, ab Start [ms]\", q=Achse{} [Grad],tau2 = 'M=2'") == expected
