@@ -208,6 +208,31 @@ def test_what_is_missing_is_said_with_the_columns_that_are_there(tmp_path, recor
     assert_same(read_log(path, [1.0, 1.0], columns=suggested), {name: recorded[name] for name in ("t", "q", "tau")})
 
 
+@pytest.mark.parametrize("end", ["/position", "_joint_position", ".pos [deg]"])
+def test_joints_with_names_of_their_own_are_suggested_one_by_one(tmp_path, recorded, end):
+    """In the order of the header; two of the three only differ by a number."""
+    blocks = {
+        end: np.column_stack([recorded["q"], recorded["q"][:, 0]]),
+        "/effort": 10.0 * recorded["dq"][:, [0, 1, 1]],
+    }
+    names = "elbow", "wrist_1", "wrist_2"
+    columns = {f"{name}{end}": block[:, j] for end, block in blocks.items() for j, name in enumerate(names)}
+    path = save(tmp_path / "log.csv", text({"time": recorded["t"]} | columns))
+    said = refusal(path)
+    assert f'--columns t="time",q1="elbow{end}",q2="wrist_1{end}",q3="wrist_2{end}",tau1="elbow/effort",' in said
+    log = read_log(path, columns=parse_columns(said.partition("--columns ")[2]))
+    np.testing.assert_allclose(log.effort, blocks["/effort"], rtol=1e-13)
+    np.testing.assert_allclose(log.q, blocks[end] * (np.pi / 180.0 if "deg" in end else 1.0), rtol=1e-13)
+
+
+def test_what_a_user_has_named_stays_in_the_suggestion(tmp_path, recorded):
+    columns = flat(recorded, t="clock", q="x{}", start=0) | {"x2": np.zeros(ROWS)}
+    path = save(tmp_path / "log.csv", text(columns))
+    said = refusal(path, columns={"q": "x{0-1}"})
+    assert said.endswith('--columns t="clock",q1="x0",q2="x1",tau="tau{}"')
+    assert_same(read_log(path, columns=parse_columns(said.partition("--columns ")[2])), recorded)
+
+
 def test_columns_of_the_command_line(tmp_path):
     expected = {"t": "Zeit, ab Start [ms]", "q": "Achse{} [Grad]", "tau2": "M=2"}
     assert parse_columns("t=\"Zeit, ab Start [ms]\", q=Achse{} [Grad],tau2 = 'M=2'") == expected
@@ -397,13 +422,14 @@ def in_memory(recorded, form):
     return {
         "frame": frame.assign(comment="a text"),
         "index": frame.set_index("t"),
+        "levels": frame.set_axis([(n.rstrip("12"), n[1:].lstrip("qau")) for n in frame], axis=1),
         "stamps": frame.assign(t=when),
         "stamped index": frame.drop(columns="t").set_axis(when),
     }[form]
 
 
 FORMS = ("vectors", "matrices", "transposed", "lists", "structured", "structured matrices")
-FRAMES = ("frame", "index", "stamps", "stamped index")
+FRAMES = ("frame", "index", "levels", "stamps", "stamped index")
 
 
 @pytest.mark.parametrize("form", [*FORMS, *FRAMES])
@@ -520,6 +546,7 @@ MANGLED = {
     "words between": lambda recorded: text(noted(recorded), ";", ","),
     "index": indexed,
     "units beneath": with_units_beneath,
+    "units beneath, every other line blank": lambda recorded: with_units_beneath(recorded).replace("\n", "\r\r\n"),
     "line ends of Windows": lambda recorded: text(flat(recorded), ";", ",", "\r\n"),
     "a note of the separator": lambda recorded: "sep=;\r\n" + text(flat(recorded), ";", ",", "\r\n"),
     "settings above": lambda recorded: f"Recorder 1.2\r\nDate;3.2.2026\r\n\r\n{text(flat(recorded), ';', ',')}",

@@ -82,6 +82,11 @@ def kind_of(label: str) -> str | None:
     return _KIND_OF.get(_plain(split_brackets(label).name))
 
 
+def kind_at_end(label: str) -> str | None:
+    """What a column holds by its last word, before which the joint's own name may stand: `elbow/position`."""
+    return _KIND_OF.get(_plain(re.split(r"[/._ ]", split_brackets(label).name)[-1]))
+
+
 def pattern_of(label: str) -> str:
     """A label with {} in place of its last number, as for `--columns`."""
     number = _LAST_NUMBER.search(split_brackets(label).name)

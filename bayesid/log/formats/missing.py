@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from bayesid.log.formats.labels import kind_part, pattern_of
+from bayesid.log.formats.labels import kind_at_end, kind_part, pattern_of
 from bayesid.log.formats.stated import OPTION
 from bayesid.log.formats.table import SourceColumn
 from bayesid.log.formats.units import factor_of, split_brackets
@@ -25,21 +26,36 @@ def described(header: Sequence[str], found: Mapping[str, SourceColumn] | None = 
 
 def suggestion(header: Sequence[str], found: Mapping[str, SourceColumn]) -> str:
     """The option that names the columns of a log: those found and, for those missing, what might be meant."""
-    members: dict[str, list[str]] = {}
-    for label in header:
-        members.setdefault(pattern_of(label) if label else "", []).append(label)
-    used = {pattern_of(source.label): kind_part(source.name) for source in found.values()}
-    open_ones = [pattern for pattern in members if pattern and pattern not in used]
-    effort = next((kind for kind in ("tau", "i") if kind in used.values()), None)
-    parts = []
+    left = [label for label in header if label and label not in {source.label for source in found.values()}]
+    effort = next((kind for kind in ("tau", "i") if f"{kind}1" in found), None)
+    parts: list[tuple[str, str]] = []
     for kinds in (("t",), ("q",), ("tau", "i") if effort is None else (effort,)):
-        known = [(kind, pattern) for pattern, kind in used.items() if kind in kinds]
-        alone = kinds == ("t",)
-        fitting = [one for one in open_ones if (len(members[one]) < _SEVERAL) == alone]
-        kind, pattern = (known or _likely(kinds, fitting) or [(kinds[0], "NAME" if alone else "NAME{}")])[0]
-        open_ones = [one for one in open_ones if one != pattern]
-        parts.append(f'{kind}="{pattern}"')
-    return f"{OPTION} {','.join(parts)}"
+        known = [source for source in found.values() if kind_part(source.name) in kinds]
+        part = _as_found(known, header) if known else _guessed(kinds, left)
+        left = [label for label in left if not {label, pattern_of(label)} & {pattern for _, pattern in part}]
+        parts += part
+    return f"{OPTION} " + ",".join(f'{key}="{pattern}"' for key, pattern in parts)
+
+
+def _as_found(known: Sequence[SourceColumn], header: Sequence[str]) -> list[tuple[str, str]]:
+    """What reads the columns of a kind that are known: one pattern if it fits them and no others."""
+    pattern = pattern_of(known[0].label)
+    if [pattern_of(label) for label in header].count(pattern) == len(known):
+        return [(kind_part(known[0].name), pattern)]
+    return [(source.name, source.label) for source in known]
+
+
+def _guessed(kinds: Sequence[str], labels: Sequence[str]) -> list[tuple[str, str]]:
+    """What may be of one of some kinds: a single column for the time, else columns of several joints."""
+    counts = Counter(map(pattern_of, labels))
+    alone = "t" in kinds
+    fitting = [pattern for pattern, count in counts.items() if (count < _SEVERAL) == alone]
+    kind, pattern = next(iter(_likely(kinds, fitting)), (kinds[0], "NAME" if alone else "NAME{}"))
+    for by_end in () if alone else kinds:
+        named = [label for label in labels if kind_at_end(label) == by_end]
+        if len(named) > counts[pattern]:  # each joint has a name of its own
+            return [(f"{by_end}{joint}", label) for joint, label in enumerate(named, start=1)]
+    return [(kind, pattern)]
 
 
 def _likely(kinds: Sequence[str], patterns: Sequence[str]) -> list[tuple[str, str]]:

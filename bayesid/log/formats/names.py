@@ -152,7 +152,11 @@ def _complete(
                 there = f"{_label(found, 'q', 1)}..{_label(found, 'q', n)}"
                 label = _label(found, kind, j)
                 label = f"tau{j} (or {label} with gains)" if label == f"i{j}" else label
-                raise InputError(f"column {label} is missing", where, f"add it; {there} are there")
+                raise InputError(
+                    f"column {label} is missing",
+                    where,
+                    f"add it; {there} are there (or say which are meant with {OPTION})",
+                )
             chosen.append(found[f"{kind}{j}"])
         if _highest(kind, found) > n:
             extra = next(source for name, source in found.items() if kind_part(name) == kind and _joint(name) > n)

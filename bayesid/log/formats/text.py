@@ -108,8 +108,8 @@ def look(content: bytes, whole: bool = False) -> Layout:
     separator = _separator(line, beneath)
     header, values, rows = _names(line, separator), _split(beneath, separator), row + 1
     if _are_units(values, header):
-        header, rows = [_joined(*pair) for pair in zip(header, values, strict=True)], row + 2
-        values = _split(_two(lines, row + 1)[1], separator)
+        header, rows = [_joined(*pair) for pair in zip(header, values, strict=True)], lines.index(beneath, row + 1) + 1
+        values = _split(_two(lines, rows - 1)[1], separator)
     if len(values) == len(header) + 1 and not values[-1]:  # every row ends with a separator, but the header
         header = [*header, ""]
     comma = separator != "," or any('"' in line for line in lines[row + 1 :])
