@@ -27,6 +27,7 @@ from .log.log import Log as Log
 from .log.log import join_logs as join_logs
 from .log.log import read_log as read_log
 from .log.log import write_log as write_log
+from .log.motions import read_motion as read_motion
 from .log.segments import Cutting as Cutting
 from .model.model import Model as Model
 from .model.robot import Robot as Robot

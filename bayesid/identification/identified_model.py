@@ -173,7 +173,8 @@ class IdentifiedModel:
             chunks = self.model.chunks(motion)
             parts = [(columns @ self.theta)[:, :, None] + spread.moves(columns, normal) for _, columns in chunks]
         else:
-            parts = [np.repeat(self.effort(motion)[:, :, None], count, axis=2)]
+            chunks = self.model.chunks(motion)
+            parts = [np.repeat((columns @ self.theta)[:, :, None], count, axis=2) for _, columns in chunks]
         efforts = np.stack([self.model.read(effort) for effort in np.moveaxis(np.concatenate(parts), 2, 0)])
         return efforts + drawn_noise(self.noise, sigma, motion.t, rng) if noise else efforts
 

@@ -107,10 +107,10 @@ class PredictedEfforts:
 
     def columns(self) -> dict[str, Array]:
         """Name to (N,) values: t, tau1..taun, sd1..sdn, lower1..lowern, upper1..uppern."""
-        blocks = {"tau": self.mean, "sd": self.sd, "lower": self.lower, "upper": self.upper}
-        n = self.mean.shape[1]
-        named = {f"{kind}{j + 1}": block[:, j] for kind, block in blocks.items() for j in range(n)}
-        return {"t": self.t, **named}
+        columns = {"t": self.t}
+        for kind, block in (("tau", self.mean), ("sd", self.sd), ("lower", self.lower), ("upper", self.upper)):
+            columns |= dict(zip(numbered(kind, block.shape[1]), block.T, strict=True))
+        return columns
 
     def to_dataframe(self) -> DataFrame:
         """A `pandas.DataFrame` with the columns t, tau1..taun, sd1..sdn, lower1..lowern, upper1..uppern."""
@@ -139,10 +139,9 @@ class PredictedEfforts:
         Raises:
             InputError: the file cannot be written.
         """
-        n, place = self.mean.shape[1], Path(path)
-        names = ["t", *(name for kind in ("tau", "sd", "lower", "upper") for name in numbered(kind, n))]
-        values = np.hstack([self.mean, self.sd, self.lower, self.upper])
-        replace_file(place, lambda aside: write_columns(aside, names, self.t, values, ".9g"))
+        place, (names, values) = Path(path), zip(*self.columns().items(), strict=True)
+        efforts = np.column_stack(values[1:])
+        replace_file(place, lambda aside: write_columns(aside, names, self.t, efforts, ".9g"))
         return place
 
 

@@ -12,6 +12,7 @@ from bayesid.fit.noise import Noise
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import join_logs, write_log
+from bayesid.model.catalogue import make_effect
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
 from bayesid.model.terms import make_terms
@@ -177,6 +178,19 @@ def test_where_nothing_is_known_the_noise_is_alone(model, theta, noise):
     assert predicted.holds == predicted.basis == "noise alone"
     with pytest.raises(InputError, match="noise=False: nothing is known"):
         nominal.predict(motion_of(7), noise=False)
+
+
+def test_drawn_efforts_are_read_once_by_the_sensor(model, theta, noise, normal):
+    """A sensor that takes 0.4 N m off: once, whatever is known of the parameters."""
+    sensor = make_effect("dead_zone.shrinking", {"joints": (2,), "width": (0.4,)})
+    motion = motion_of(7)
+    quiet = replace(noise, white=1e-9 * noise.white, coloured=1e-9 * noise.coloured)
+    certain = replace(normal[0], model=model.extend(sensor), noise=quiet, precision=1e18 * normal[0].precision)
+    for one in (certain, replace(certain, precision=np.zeros((0, 0)))):
+        predicted = one.predict(motion, draws=2)
+        np.testing.assert_allclose(predicted.draws[1], predicted.mean, atol=1e-5)
+        off = np.abs(model.effort(motion, theta)) - np.abs(predicted.mean)
+        assert off[:, 1].max() == pytest.approx(0.4)
 
 
 def test_the_band_holds_a_new_log(model, theta, result):

@@ -1,0 +1,84 @@
+"""Motions without efforts, in every format of logs; and that logs are motions too."""
+
+import numpy as np
+import pytest
+from test_log_formats import Bag, flat, kuka, write_hdf5, write_matlab, write_parquet, write_text
+
+import bayesid
+from bayesid.errors import InputError
+from bayesid.log.log import Log, read_log
+from bayesid.log.motions import RecordedMotion
+from bayesid.log.signals import filtered_motion, prepare
+
+ROWS, N = 64, 3
+
+
+@pytest.fixture(scope="module")
+def columns():
+    """Of a log of three joints; two of them would make no log, for one stands still and one has no effort."""
+    rng = np.random.default_rng(5)
+    q, dq, tau = rng.normal(size=(3, ROWS, N)) * np.array([1.0, 2.0, 30.0])[:, None, None]
+    q[:, 1], tau[:, 2] = 0.25, 0.0
+    return {"t": 3.0 + np.arange(ROWS) * 4e-3, "q": q, "dq": dq, "tau": tau}
+
+
+def kuka_table(path, given):
+    table = kuka(given if "tau" in given else given | {"tau": np.zeros((ROWS, N))})
+    return write_text(path, {name: x for name, x in table.items() if "tau" in given or not name.startswith("MACur")})
+
+
+WRITERS = {
+    "csv": lambda path, given: write_text(path, flat(given)),
+    "parquet": lambda path, given: write_parquet(path, flat(given)),
+    "mat": write_matlab,
+    "hdf5": write_hdf5,
+    "kuka": kuka_table,
+}
+
+
+@pytest.mark.parametrize("form", WRITERS)
+@pytest.mark.parametrize("left_out", [("tau",), ()])
+def test_a_motion_needs_no_efforts(tmp_path, columns, form, left_out):
+    given = {name: values for name, values in columns.items() if name not in left_out}
+    path = WRITERS[form](tmp_path / f"motion{'.mat' if form in ('mat', 'hdf5') else '.csv'}", given)
+    motion = bayesid.read_motion(path)
+    np.testing.assert_allclose(motion.t, columns["t"], atol=1e-12)
+    np.testing.assert_allclose(motion.q, columns["q"], atol=1e-13)
+    np.testing.assert_allclose(motion.dq, columns["dq"], atol=1e-13)
+    if left_out:
+        with pytest.raises(InputError):
+            read_log(path, gains=[1.0, 1.0, 1.0])
+
+
+def test_a_bag_without_efforts(tmp_path, columns):
+    bag = Bag()
+    given = {name: columns[name] for name in ("t", "q")}
+    path = bag.write(tmp_path / "bag", {"/a": bag.states(given, ["j1", "j2", "j3"]), "/talk": []})
+    motion = bayesid.read_motion(path, topic="/a", joints=["j3", "j1"])
+    np.testing.assert_allclose(motion.q, columns["q"][:, [2, 0]], atol=1e-15)
+    assert motion.dq is None
+
+
+def test_degrees_and_bad_files_are_as_of_logs(tmp_path, columns):
+    path = write_text(tmp_path / "motion.csv", flat({"t": columns["t"], "q": np.rad2deg(columns["q"])}))
+    with pytest.raises(InputError, match="are they degrees"):
+        bayesid.read_motion(path)
+    np.testing.assert_allclose(bayesid.read_motion(path, degrees=True).q, columns["q"], atol=1e-12)
+    path.write_text("t,q2\n" + "".join(f"{k},0.1\n" for k in range(60)))
+    with pytest.raises(InputError, match="column q1 is missing"):
+        bayesid.read_motion(path)
+
+
+def test_a_motion_at_its_own_rows_is_that_of_the_even_grid():
+    """Jittering rows: each has the values of a curve through the filtered grid."""
+    rng = np.random.default_rng(3)
+    t = np.arange(800) / 200.0 + rng.uniform(-1e-3, 1e-3, 800)
+    q = np.column_stack([np.sin(3.0 * t), 0.4 * np.cos(5.0 * t)])
+    motion = filtered_motion(RecordedMotion(t, q))
+    grid = prepare(Log(t, q, q, np.ones(2, dtype=bool))).motion
+    inner = slice(60, -60)
+    np.testing.assert_array_equal(motion.t, t)
+    np.testing.assert_allclose(motion.dq[inner, 0], 3.0 * np.cos(3.0 * t)[inner], atol=2e-3)
+    np.testing.assert_allclose(motion.ddq[inner, 1], -10.0 * np.cos(5.0 * t)[inner], atol=0.1)
+    at = np.interp(grid.t[inner], motion.t, motion.q[:, 0])
+    np.testing.assert_allclose(at, grid.q[inner, 0], atol=1e-4)
