@@ -117,19 +117,8 @@ def identify(
     name, terms = robot.name if isinstance(robot, Robot) else str(robot), catalogue.term_names(terms)
     subject = {"robot": name, "terms": list(terms), "complete": check_completeness(complete)}
     run = _Run(search, posterior, preparation, beliefs, progress, subject)
-    log = as_log(log)
-    run.call = call_of(
-        "identify",
-        repr(name),
-        call_of_log(log),
-        terms=(terms, tuple(catalogue.STANDARD)),
-        complete=(complete, "auto"),
-        search=(search, Certified()),
-        posterior=(posterior, True),
-        preparation=(preparation, Preparation()),
-        beliefs=(beliefs, Beliefs()),
-    )
     log, model, signals, segments = _prepared(run, robot, log, terms)
+    run.call = _call(run, log)
     asked, segments = settle_unfiltered(model, signals, segments, search, preparation.cutting, progress)
     run.lap("search")
     averaged = average_over_models(asked, segments, search, progress)
@@ -244,6 +233,21 @@ def _prepared(
     run.beliefs.of(model.parameters)
     run.lap("prepare")
     return log, model, signals, segments
+
+
+def _call(run: _Run, log: Log) -> str:
+    """Python that does the run again."""
+    return call_of(
+        "identify",
+        repr(run.subject["robot"]),
+        call_of_log(log),
+        terms=(run.subject["terms"], list(catalogue.STANDARD)),
+        complete=(run.subject["complete"], "auto"),
+        search=(run.search, Certified()),
+        posterior=(run.posterior, True),
+        preparation=(run.preparation, Preparation()),
+        beliefs=(run.beliefs, Beliefs()),
+    )
 
 
 def _identification(run: _Run, log: Log, signals: Signals, model: Model, averaged: AveragedSigns) -> Identification:
