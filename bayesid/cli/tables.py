@@ -13,7 +13,7 @@ from bayesid.identification.prediction import PredictedEfforts
 from bayesid.identification.validation import Validation
 from bayesid.report.discrepancy_verdicts import discrepancy_checks, lead
 from bayesid.report.findings import summarise
-from bayesid.report.verdicts import EFFECT_HEADINGS, Check, beyond_the_terms, effect_rows, proof, sampling
+from bayesid.report.verdicts import EFFECT_HEADINGS, Check, beyond_the_terms, effect_rows, intervals, proof, sampling
 from bayesid.results.agreement import text as agreement_text
 from bayesid.results.several_logs import Separate
 
@@ -45,6 +45,7 @@ def identification_parts(result: Identification) -> list[RenderableType]:
         ),
         *(f"beyond the terms asked for: {check.message}" for check in beyond_the_terms(summary)),
         *([table(list(EFFECT_HEADINGS), [list(row) for row in effects])] if (effects := effect_rows(summary)) else []),
+        *([_verdict("intervals: ", check)] if (check := intervals(summary)).state == "look" else []),
         _verdict("posterior: ", sampling(summary), _sampling_effort(result)),
         table(["joint", "segments", "least sure", f"|effort| sure to {100 * SURE:g} %", "relative residual"], rows),
     ]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -65,9 +65,9 @@ _WORSE = 1.5
 round number, not studied."""
 _LARGER = 4.0
 """Times a budget in seconds that did not suffice: enough to be worth another run; a round number."""
-_MOST_NAMED = 5
-"""Coefficients that a message names; summary.json has all."""
 
+_FIRST = "mend what the first check says"
+_WANTED = "wanted are at most 1.01, and at least 400 and four a walker"
 _TELL_APART = "record a motion that loads or accelerates these joints"
 _ALTERNATIVES = "see below where they differ; the posterior weighs them"
 
@@ -91,22 +91,26 @@ class Check:
 
 def check_findings(findings: Findings) -> tuple[Check, ...]:
     """All checks of an identification, in the order of the pipeline."""
-    return (
-        robot_file(findings.summary),
+    summary = findings.summary
+    reading = robot_file(summary)
+    others = (
         _excitation(findings),
         _segments(findings),
-        *low_pass(findings.summary),
-        proof(findings.summary),
-        sampling(findings.summary),
+        *low_pass(summary),
+        proof(summary),
+        sampling(summary),
         *modes(findings),
         _fit(findings),
-        *beyond_the_terms(findings.summary),
-        *intervals(findings.summary),
+        *beyond_the_terms(summary),
+        intervals(summary),
         _whiteness(findings),
         _decided(findings),
         _validation(findings),
-        _warnings(findings.summary),
+        _warnings(summary),
     )
+    if reading.state == "bad":  # nothing else is to be mended before
+        others = tuple(replace(check, remedy=_FIRST) if check.remedy else check for check in others)
+    return (reading, *others)
 
 
 def _names_it(findings: Findings, log: str = "") -> str:
@@ -255,8 +259,12 @@ def proof(summary: Summary) -> Check:
         return Check(name, "bad", excluded_yet_likely(excluded), remedy)
     if search.certified:
         others = (search.assignments or 1) - 1
-        also = "no other comes" if not others else "one other comes" if others == 1 else f"{others} others come"
-        message = f"no assignment of signs costs less, and {also} within {search.within or 0.0:.1f} of its cost"
+        also = "no other" if not others else "one other" if others == 1 else f"{others} others"
+        comes = "come" if others > 1 else "comes"
+        message = (
+            f"under this model no assignment of signs costs less, and {also} of the strong segments {comes} within "
+            f"{search.within or 0.0:.1f}, twice the log of the odds"
+        )
         return Check(name, "good" if not others else "look", message, _ALTERNATIVES if others else "")
     if search.lower_bound is None:
         kept = search.assignments or 0
@@ -282,9 +290,8 @@ def sampling(summary: Summary) -> Check:
     message = convergence(posterior.max_rhat, posterior.min_ess)
     if posterior.converged:
         return Check(name, "good", f"converged: {message}, at worst")
-    return Check(
-        name, "bad", f"not converged: {message}, at worst", f"give more --posterior-budget{_more(summary, 'posterior')}"
-    )
+    remedy = f"give more --posterior-budget{_more(summary, 'posterior')}"
+    return Check(name, "bad", f"not converged: {message}, at worst; {_WANTED}", remedy)
 
 
 def modes(findings: Findings) -> tuple[Check, ...]:
@@ -337,30 +344,35 @@ def beyond_the_terms(summary: Summary) -> tuple[Check, ...]:
     return (Check(name, "good", f"{'; '.join(parts)}; {fall}"),)
 
 
-def intervals(summary: Summary) -> tuple[Check, ...]:
-    """Which intervals do not allow for what may be there besides; nothing where nobody asked the catalogue."""
+def intervals(summary: Summary) -> Check:
+    """Which intervals do not allow for what may be there besides."""
+    name = "Intervals"
     if summary.complete is None:
-        return ()
-    name, found = "Intervals", summary.complete.too_narrow
+        message = "nobody asked what the log cannot tell from the links"
+        return Check(name, "not done", message, "leave out --complete off")
+    if max(share or 0.0 for share in summary.fit.relative_residual) > POOR_FIT:
+        return Check(
+            name, "not done", "not judged: of a model that leaves so much, no interval holds", "mend the fit first"
+        )
+    found = summary.complete.too_narrow
     if not found:
-        return (Check(name, "good", "nothing of the catalogue would look like the links' own coefficients"),)
+        return Check(name, "good", "nothing of the catalogue would look like the links' own coefficients")
     parts, remedies = [], []
     for one in found:
-        named = listed([*one.coefficients[:_MOST_NAMED], *_and_more(len(one.coefficients) - _MOST_NAMED)])
+        named = listed(one.coefficients)
         if one.times is not None:
             looks = f"the residual looks like a geometry {one.times:.1f} times as far off its table as believed"
-            parts.append(f"{looks}: intervals of {named} may be too narrow")
+            parts.append(f"{looks}: {named} may be farther off than their intervals say")
             remedies.append("check the robot file's geometry")
         else:
             there = listed([noun(effect) for effect in one.effects], "or")
             where = joints_in_words(one.joints) if one.joints else "the robot"
-            parts.append(f"intervals of {named} are too narrow if {where} has {there}, which would look the same")
-            remedies.append("state what is known of these links by `--nominal`")
-    return (Check(name, "look", "; ".join(parts), " and ".join(dict.fromkeys(remedies))),)
-
-
-def _and_more(count: int) -> tuple[str, ...]:
-    return (f"{count} more",) if count > 0 else ()
+            parts.append(
+                f"this log cannot tell {there} from the links: if {where} has one, {named} are off, many times as far "
+                "as their intervals say; if not, nothing is amiss"
+            )
+            remedies.append("if it has one, state what is known of these links by `--nominal`")
+    return Check(name, "look", "; ".join(parts), " and ".join(dict.fromkeys(remedies)))
 
 
 EFFECT_HEADINGS = ("beyond the terms", "log10 Bayes factor", "size and sd", "not told from")
@@ -415,11 +427,10 @@ def _size(effect: EffectSummary) -> str:
 def _whiteness(findings: Findings) -> Check:
     name, noise = "Whiteness of the residual", findings.summary.noise
     lasting = (np.array(noise.coloured_sd, dtype=float) / np.array(noise.sd, dtype=float)) ** 2
-    joint = int(lasting.argmax())
-    count = np.array(noise.samples_that_count_as_one, dtype=float).max()
+    joint, counts = int(lasting.argmax()), np.array(noise.samples_that_count_as_one, dtype=float)
     message = (
-        f"up to {lasting.max():.0%} of the residual's variance lasts longer than sensor noise (joint {joint + 1}), so "
-        f"that up to {count:.0f} samples count as one"
+        f"up to {lasting.max():.0%} of the residual's variance lasts longer than sensor noise (joint {joint + 1}); up "
+        f"to {counts.max():.0f} samples count as one (joint {int(counts.argmax()) + 1})"
     )
     if lasting.max() <= _WHITE:
         return Check(name, "good", message)
