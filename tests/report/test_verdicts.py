@@ -170,6 +170,7 @@ CASES = [
     ("Fit", "look", with_summary(GOOD, "fit", relative_residual=[0.11, 0.04]), ["4.0% to 11.0%", "joint 1"]),
     ("Fit", "good", with_summary(GOOD, "fit", links_on_edge=[2, 3]), ["2.3% to 2.6%"]),
     ("Fit", "bad", with_summary(GOOD, "fit", relative_residual=[0.04, 0.26]), ["26.0%", "joint 2"]),
+    ("Beyond the terms", "good", GOOD, ["nothing that evidence"]),
     ("Intervals", "not done", with_summary(GOOD, complete=None), ["nobody asked"]),
     ("Intervals", "not done", with_summary(asked(GOOD, SPRING), "fit", relative_residual=[0.04, 0.26]), ["not judged"]),
     ("Intervals", "good", GOOD, ["nothing of the catalogue"]),
