@@ -45,8 +45,8 @@ def identification_parts(result: Identification) -> list[RenderableType]:
         ),
         *(f"beyond the terms asked for: {check.message}" for check in beyond_the_terms(summary)),
         *([table(list(EFFECT_HEADINGS), [list(row) for row in effects])] if (effects := effect_rows(summary)) else []),
-        *([_verdict("intervals: ", check)] if (check := intervals(summary)).state == "look" else []),
         _verdict("posterior: ", sampling(summary), _sampling_effort(result)),
+        *([_verdict("intervals: ", check)] if (check := intervals(summary)).state == "look" else []),
         table(["joint", "segments", "least sure", f"|effort| sure to {100 * SURE:g} %", "relative residual"], rows),
     ]
 

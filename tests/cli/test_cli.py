@@ -145,7 +145,8 @@ def test_identify_leaves_what_is_promised(place, capfd):
     out, err = capfd.readouterr()
     assert {path.name for path in (place / "out").iterdir()} == RESULT | {"posterior.nc", "report.html"}
     assert {path.name for path in place.iterdir()} == {"arm.toml", "log.csv", "out"}
-    assert out.count("\n") == 9
+    assert out.count("\n") == 10
+    assert "intervals: this log cannot tell a balancing spring from the links: if joint 2 has one" in out
     assert "arm: 601 rows" in out
     assert "posterior: not converged: R-hat " in out
     (warning,) = [line for line in err.splitlines() if "converged" in line]
