@@ -73,11 +73,13 @@ class _Attempt(NamedTuple):
         equilibrate: whether Clarabel scales the rows.
         step: share of the way to the edge of the cone that it steps at most: full steps may go back and forth without
             end.
+        constant: on the diagonal of Clarabel's linear systems.
     """
 
     coarser: float = 1.0
     equilibrate: bool = True
     step: float = 0.99
+    constant: float = _REGULARISATION
 
 
 _ATTEMPTS = (
@@ -87,9 +89,12 @@ _ATTEMPTS = (
     _Attempt(10.0),
     _Attempt(10.0, equilibrate=False, step=0.8),
     _Attempt(100.0, step=0.8),
+    _Attempt(100.0, equilibrate=False, constant=1e-8),
+    _Attempt(1e3),
+    _Attempt(1e4, constant=1e-8),
 )
 """What is tried, one after the other, after an update that failed: what costs no accuracy first. Set by hand on the
-problems that stalled (tests/fit/test_solver.py)."""
+problems that stalled (tests/fit/test_solver.py, tests/studies/test_calibration.py)."""
 _PRECISE = (1e-10, 1e-9, 1e-8, 1e-7, 1e-6)
 """Tolerances tried where precision is asked for."""
 
@@ -271,7 +276,7 @@ class PreparedLeastSquares:
         settings.presolve_enable = False  # it would forbid updates
         settings.equilibrate_enable = attempt.equilibrate
         settings.max_step_fraction = attempt.step
-        settings.static_regularization_constant = _REGULARISATION
+        settings.static_regularization_constant = attempt.constant
         settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
         offsets, rows, cones = self._stated.rows
         return clarabel.DefaultSolver(self._quadratic, linear, rows, offsets, cones, settings)

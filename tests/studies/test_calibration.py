@@ -8,6 +8,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from bayesid.fit.effects.kinematics import KinematicTolerance
+from bayesid.identification.pipeline import identify
+from bayesid.signs.search.certified import Certified
 from bayesid.studies import calibration, misfit
 from bayesid.studies.calibration import CLASSES, STUDY, bins, trial
 from bayesid.studies.calibration_report import (
@@ -262,3 +264,11 @@ def test_a_log_of_a_class_is_scored():
     assert sum(right for _, right, _ in row["samples"]) == pytest.approx(2400 * row["right"])
     assert sum(count for count, _, _ in row["rest"]) < 240
     assert row["preference"] < 1e3
+
+
+def test_a_log_on_which_the_solver_stalled_is_solved_to_a_tolerance_that_is_named():
+    """All six attempts of before ended with a NumericalError; the costs and their bounds are duality's all the same."""
+    _, _, log = calibration._log(calibration.Scenario("ur10e", 0.02, 0.9, 3.0), 214)
+    result = identify("ur10e", log.rectified(), complete="off", search=Certified(repeatable=True), posterior=False)
+    assert result.search.certified
+    assert 1e-6 < result.search.tolerance <= 1e-2
