@@ -211,7 +211,7 @@ def test_what_the_model_has_already_is_a_change(healthy):
 def test_held_back_stretches_choose_nothing(healthy):
     """Nonsense in them leaves the first scores as they were, but for their edges; what is chosen fails on them.
 
-    There signs are told by their neighbours, across a standstill too: 28 of 984 samples of joint 2 change theirs.
+    There signs are told by their neighbours, across a standstill too.
     """
     log = arm_log(2, spring)
     held = np.isin(np.minimum(np.arange(len(log)) * BLOCKS // len(log), BLOCKS - 1), HELD_BACK_BLOCKS)

@@ -6,14 +6,9 @@ import numpy as np
 import pytest
 from made_findings import make_findings, make_samples, with_summary
 
+from bayesid.fit.effects.confounded import TooNarrow
 from bayesid.identification.other_readings import BetterReading
-from bayesid.report.findings.summary import (
-    CompletionSummary,
-    ErrorsSummary,
-    LowPassSummary,
-    ModeSummary,
-    TooNarrowSummary,
-)
+from bayesid.report.findings.summary import CompletionSummary, ErrorsSummary, LowPassSummary, ModeSummary
 from bayesid.report.verdicts import Check, check_findings, sure_share, verdict, worst
 
 
@@ -81,8 +76,8 @@ def lasting(*share):
     return with_summary(GOOD, "noise", coloured_sd=tuple(sd * np.sqrt(share)))
 
 
-SPRING = TooNarrowSummary(("gravity_spring", "joint_spring"), (2,), ("mc2x", "J2xx"))
-FAR_OFF = TooNarrowSummary(("kinematics",), (), ("a", "b", "c", "d", "e", "f", "g"), 3.14)
+SPRING = TooNarrow(("gravity_spring", "joint_spring"), (2,), ("mc2x", "J2xx"))
+FAR_OFF = TooNarrow(("kinematics",), (), ("a", "b", "c", "d", "e", "f", "g"), 3.14)
 OTHER = BetterReading("joint order", "joints 2 and 3 exchanged", 0.041, 0.213)
 
 

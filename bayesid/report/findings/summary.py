@@ -10,6 +10,7 @@ from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 import numpy as np
 
 from bayesid.files import plain
+from bayesid.fit.effects.confounded import TooNarrow
 from bayesid.fit.effects.wanted import EnteredEffect
 from bayesid.identification.identification import Identification
 from bayesid.identification.other_readings import BetterReading
@@ -150,23 +151,6 @@ class ErrorsSummary:
 
 
 @dataclass(frozen=True)
-class TooNarrowSummary:
-    """Coefficients whose intervals are too narrow if one of several effects is there.
-
-    Attributes:
-        effects: any of which would look like these coefficients.
-        joints: from 1; none: the whole robot.
-        coefficients: those that would be off, the most first.
-        times: as far as believed, if the log shows that it is there: the geometry.
-    """
-
-    effects: tuple[str, ...]
-    joints: tuple[int, ...]
-    coefficients: tuple[str, ...]
-    times: float | None = None
-
-
-@dataclass(frozen=True)
 class CompletionSummary:
     """What the catalogue had to say beyond the terms asked for.
 
@@ -182,7 +166,7 @@ class CompletionSummary:
     held_back_error: ErrorsSummary
     uncertain: tuple[str, ...]
     may_enter: bool = True
-    too_narrow: tuple[TooNarrowSummary, ...] = ()
+    too_narrow: tuple[TooNarrow, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -528,7 +512,7 @@ def _complete(identification: Identification) -> CompletionSummary | None:
         held_back_error=ErrorsSummary(*errors),
         uncertain=tuple(completion.uncertain),
         may_enter=completion.may_enter,
-        too_narrow=tuple(TooNarrowSummary(**vars(one)) for one in completion.too_narrow),
+        too_narrow=completion.too_narrow,
     )
 
 
