@@ -23,10 +23,11 @@ from bayesid.fit.moments import moments
 from bayesid.log.log import LogSource, as_log
 from bayesid.log.segments import Segments, find_segments
 from bayesid.log.signals import Signals, prepare
-from bayesid.model import terms as catalogue
+from bayesid.model import catalogue
 from bayesid.model.coefficients import BaseCoefficients
 from bayesid.model.model import Model
 from bayesid.model.robot import Robot, load_robot
+from bayesid.model.terms import STANDARD, Term
 from bayesid.simulation.exciting import UNEXCITED, log_condition_of
 
 _LITTLE = 0.2
@@ -114,7 +115,7 @@ class ExcitationJudgement:
 def judge_log(
     robot: Robot | str | Path,
     log: LogSource,
-    terms: Iterable[str] = catalogue.STANDARD,
+    terms: Iterable[str | Term] = STANDARD,
     *,
     noise: float = 0.05,
     cutoff: float | None = None,
@@ -125,7 +126,7 @@ def judge_log(
     Args:
         robot: a robot, a built-in name or a file.
         log: a log, or anything that `bayesid.read_log` reads.
-        terms: names from `bayesid.model.terms.CATALOGUE`: what is to be identified.
+        terms: names of the catalogue, or terms of your own: what is to be identified.
         noise: of the efforts, relative to each joint's RMS effort.
         cutoff: of the motion's low-pass, Hz; from the data by default.
         seed: of the expected robots.

@@ -38,10 +38,11 @@ from bayesid.identification.warnings import warnings_of
 from bayesid.log.log import Log, LogSource, as_log
 from bayesid.log.segments import Segments, find_segments
 from bayesid.log.signals import Signals, prepare
-from bayesid.model import terms as catalogue
+from bayesid.model import catalogue
 from bayesid.model.coefficients import BaseCoefficients, base_coefficients
 from bayesid.model.model import Model
 from bayesid.model.robot import Robot, load_robot
+from bayesid.model.terms import STANDARD, Term
 from bayesid.posterior.inference import DRAWS, Posterior, infer, widened
 from bayesid.posterior.links import usual_links
 from bayesid.posterior.problem import PosteriorProblem
@@ -76,7 +77,7 @@ number; not studied."""
 def identify(
     robot: Robot | str | Path,
     log: LogSource,
-    terms: Iterable[str] = catalogue.STANDARD,
+    terms: Iterable[str | Term] = STANDARD,
     *,
     complete: Completeness = "auto",
     search: Search = Certified(),
@@ -90,7 +91,7 @@ def identify(
     Args:
         robot: a robot, a built-in name or a file.
         log: a log, or anything that `bayesid.read_log` reads.
-        terms: names from `bayesid.model.terms.CATALOGUE`.
+        terms: names of the catalogue, or terms of your own.
         complete: what the rest of the catalogue has a say in: "auto", the model and the uncertainty;
             "only-uncertainty"; or "off", nothing.
         search: how signs are searched: `Certified`, `Beam`, or an object of your own with their protocol.
@@ -114,11 +115,11 @@ def identify(
         >>> result = bayesid.identify("ur10e", "log.csv", search=bayesid.Certified(budget=30.0), posterior=False)
         >>> result.coefficient("Fc2").mean, result.predict("motion.csv").upper
     """
-    name, terms = robot.name if isinstance(robot, Robot) else str(robot), catalogue.term_names(terms)
-    subject = {"robot": name, "terms": list(terms), "complete": check_completeness(complete)}
+    name, terms = robot.name if isinstance(robot, Robot) else str(robot), catalogue.check_terms(terms)
+    subject = {"robot": name, "terms": [str(one) for one in terms], "complete": check_completeness(complete)}
     run = _Run(search, posterior, preparation, beliefs, progress, subject)
     log, model, signals, segments = _prepared(run, robot, log, terms)
-    run.call = _call(run, log)
+    run.call = _call(run, log, terms)
     asked, segments = settle_unfiltered(model, signals, segments, search, preparation.cutting, progress)
     run.lap("search")
     averaged = average_over_models(asked, segments, search, progress)
@@ -220,7 +221,7 @@ class _Run:
 
 
 def _prepared(
-    run: _Run, robot: Robot | str | Path, log: LogSource, terms: Iterable[str]
+    run: _Run, robot: Robot | str | Path, log: LogSource, terms: Iterable[str | Term]
 ) -> tuple[Log, Model, Signals, Segments]:
     """Log, model, signals and segments; what cannot be used is refused before the search."""
     run.progress("prepare", 0, 1)
@@ -235,13 +236,13 @@ def _prepared(
     return log, model, signals, segments
 
 
-def _call(run: _Run, log: Log) -> str:
+def _call(run: _Run, log: Log, terms: tuple[str | Term, ...]) -> str:
     """Python that does the run again."""
     return call_of(
         "identify",
         repr(run.subject["robot"]),
         call_of_log(log),
-        terms=(run.subject["terms"], list(catalogue.STANDARD)),
+        terms=(list(terms), list(STANDARD)),
         complete=(run.subject["complete"], "auto"),
         search=(run.search, Certified()),
         posterior=(run.posterior, True),

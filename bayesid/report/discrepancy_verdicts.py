@@ -12,7 +12,7 @@ from bayesid.discrepancy.compare import MODELS_RESIDUAL, REFIT, Excess
 from bayesid.discrepancy.selection import GROWN, HELD_BACK, ON_LOG
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.fit.effects.added_effect import AddedEffect, Quantity
-from bayesid.model.catalogue import FORMS, noun, owner
+from bayesid.model.catalogue import forms, noun, owner
 from bayesid.model.effects import ReadableUnit
 from bayesid.report.verdicts import Check
 from bayesid.report.words import joints_in_words, label, listed, quantity, rounded, unit_of, upper
@@ -147,7 +147,7 @@ def _below_zero(added: AddedEffect) -> list[str]:
 
 def distinguishing_motions(added: AddedEffect) -> str:
     """The motions that would tell an effect from its equivalents."""
-    kinds = [added.hypothesis.source.shown_by, *(FORMS[name].shown_by for name in added.equivalent)]
+    kinds = [added.hypothesis.source.shown_by, *(forms()[name].shown_by for name in added.equivalent)]
     return ", or ".join(dict.fromkeys(kinds))
 
 

@@ -12,10 +12,11 @@ import numpy as np
 
 from bayesid.fit.moments import moments
 from bayesid.log.segments import Segments
+from bayesid.model.catalogue import make_terms
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
 from bayesid.model.robot import BUILT_IN, load_robot
-from bayesid.model.terms import STANDARD, make_terms
+from bayesid.model.terms import STANDARD
 from bayesid.simulation.trajectories import random_trajectory
 
 _SEGMENT = 100

@@ -10,8 +10,8 @@ from bayesid.errors import InputError
 from bayesid.fit.knowledge import Beliefs
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import join_logs
+from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
-from bayesid.model.terms import make_terms
 from bayesid.posterior.sampler import Sampling
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters

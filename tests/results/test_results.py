@@ -20,12 +20,12 @@ from bayesid.fit.noise import Noise
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.pipeline import identify, identify_again
 from bayesid.log.log import join_logs, read_log
-from bayesid.model.catalogue import make_effect
+from bayesid.model.catalogue import make_effect, make_terms
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.distortions import CATALOGUE as DISTORTIONS
 from bayesid.model.model import Model
 from bayesid.model.robot import load_robot, robot_from_urdf
-from bayesid.model.terms import CATALOGUE, STANDARD, ActuatorTerm, RigidBody, make_terms
+from bayesid.model.terms import CATALOGUE, STANDARD, ActuatorTerm, RigidBody
 from bayesid.motion import Motion
 from bayesid.posterior.sampler import Sampling
 from bayesid.report.findings import as_json, summarise
