@@ -8,12 +8,12 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Sequence
-from difflib import get_close_matches
 from importlib.metadata import version
 from itertools import takewhile
 from pathlib import Path
 from typing import Any, NoReturn, TypeAlias
 
+from bayesid.errors import near_names
 from bayesid.study.names import STUDIES
 
 SHELLS = ("bash", "zsh", "tcsh")
@@ -82,8 +82,8 @@ class Parser(argparse.ArgumentParser):
 
 
 def _suggestion(word: str, known: Sequence[str]) -> str:
-    nearest = get_close_matches(word, known, n=1)
-    return f", did you mean {nearest[0]}?" if nearest else ""
+    near = near_names(word, known)
+    return f", {near}" if near else ""
 
 
 def _seed(text: str) -> int:

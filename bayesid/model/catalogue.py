@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from difflib import get_close_matches
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from bayesid.errors import InputError
+from bayesid.errors import InputError, near_names
 from bayesid.model import distortions, terms
 from bayesid.model.distortions.base import Distortion
 from bayesid.model.effects import Effect, Phrase, effect_of
@@ -81,7 +80,7 @@ def make_terms(chosen: Iterable[str | Term], robot: Robot, motion: Motion) -> tu
         made.append(term)
     names = [parameter.name for term in made for parameter in term.parameters(robot)]
     if twice := sorted({name for name in names if names.count(name) > 1}):
-        remedy = "name each term once, and give the parameters of your own other symbols"
+        remedy = "name each effect once, and give the parameters of your own other symbols"
         raise InputError(f"two terms have a parameter {twice[0]}", "--terms", remedy)
     return tuple(made)
 
@@ -102,15 +101,17 @@ def check_terms(chosen: Iterable[str | Term]) -> tuple[str | Term, ...]:
         if not isinstance(one, str | Term):
             remedy = "give a name of the catalogue or a bayesid.model.terms.Term"
             raise InputError(f"{one!r} is neither the name of a term nor a term", "--terms", remedy)
+        if listed.count(one) > 1:
+            said = f"term {one if isinstance(one, Term) else repr(one)} comes twice"
+            raise InputError(said, "--terms", "name each term once")
     return listed
 
 
 def _term_class(name: str) -> type[Term]:
     known = {key: kind for key, kind in forms().items() if issubclass(kind, Term)}
     if name not in known:
-        close = get_close_matches(name, known, 1)
-        meant = f"did you mean {close[0]}? " if close else ""
-        raise InputError(f"unknown term {name!r}", "--terms", f"{meant}choose from {', '.join(known)}")
+        remedy = f"{near_names(name, known)} choose from {', '.join(known)}".strip()
+        raise InputError(f"unknown term {name!r}", "--terms", remedy)
     return known[name]
 
 

@@ -8,10 +8,10 @@ from pathlib import Path
 from bayesid.cli.options import beliefs, read, reading_options, term_names
 from bayesid.cli.progress import StageBars
 from bayesid.cli.terminal import show
-from bayesid.excitation.design import Objective, TrajectoryShape, design_excitation
+from bayesid.excitation.design import ExcitationDesign, Objective, TrajectoryShape, design_excitation
 from bayesid.excitation.judgement import judge_log
 from bayesid.excitation.limits import read_limits
-from bayesid.files import check_folder
+from bayesid.files import check_folder, reserved
 from bayesid.progress import Progress
 from bayesid.report.excitation_text import design_text, judgement_text
 from bayesid.results.designs import DESIGN_FILES, DESIGN_MARKER, save_design
@@ -36,8 +36,15 @@ def _judge(options: argparse.Namespace, bars: StageBars) -> str:
 
 def _design(options: argparse.Namespace, bars: StageBars) -> str:
     folder = check_folder(options.out, DESIGN_FILES, DESIGN_MARKER)
+    with reserved(folder):
+        design = _designed(options, bars)
+        save_design(design, folder)
+    return f"{design_text(design)}\nwritten to {folder}/"
+
+
+def _designed(options: argparse.Namespace, bars: StageBars) -> ExcitationDesign:
     source = options.limits or (options.robot if Path(options.robot).suffix in (".urdf", ".xml") else None)
-    design = design_excitation(
+    return design_excitation(
         options.robot,
         term_names(options),
         shape=TrajectoryShape(
@@ -49,5 +56,3 @@ def _design(options: argparse.Namespace, bars: StageBars) -> str:
         seed=options.seed,
         progress=Progress(bars.show),
     )
-    save_design(design, folder)
-    return f"{design_text(design)}\nwritten to {folder}/"

@@ -13,6 +13,7 @@ from bayesid.cli.progress import CountBar, StageBars
 from bayesid.cli.tables import identification_parts, separate_parts
 from bayesid.cli.terminal import complain, show, warn
 from bayesid.errors import BayesidError, InputError
+from bayesid.files import reserved
 from bayesid.identification.options import Preparation
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import find_logs, join_logs
@@ -37,7 +38,7 @@ def run(options: argparse.Namespace) -> None:
     if any(folder.resolve() in (path.resolve(), path.resolve().parent) for path in logs):  # a bag is a folder
         raise InputError("holds the log, which the result would replace", str(folder), "give --out a new folder")
     reading = reading_options(options)
-    with StageBars(options.quiet) as bars:
+    with reserved(folder), StageBars(options.quiet) as bars:
         bars.show("read", 0, 1)
         log = join_logs([read(path, reading) for path in logs])
         result = identify(options.robot, log, **settings, progress=Progress(bars.show))
@@ -71,7 +72,7 @@ def _search(options: argparse.Namespace) -> Search:
 
 def _identify_each(options: argparse.Namespace, logs: Sequence[Path], settings: Mapping[str, Any]) -> None:
     folder = options.out or Path(f"bayesid-each-{logs[0].stem}")
-    with CountBar("logs", options.quiet) as bar:
+    with reserved(folder), CountBar("logs", options.quiet) as bar:
         settings = {**settings, "reading": reading_options(options), "report": not options.no_report}
         settings |= {"workers": options.workers, "scheduler": options.scheduler, "progress": bar.show}
         separate = identify_separately(options.robot, logs, folder, **settings)
