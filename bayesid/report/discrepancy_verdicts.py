@@ -39,8 +39,16 @@ def lead(discrepancy: Discrepancy) -> str:
     left = [_left(discrepancy, joint, ratio) for joint, ratio in discrepancy.unexplained]
     if not discrepancy.added:
         return f"{_nothing_found(discrepancy)}{f' {upper(listed(left))}.' if left else ''}"
-    parts = [_explains(discrepancy), *left]
+    parts = [_explains(discrepancy), *(left or [_at_the_floor(discrepancy)])]
     return f"Found: {'; '.join(_in_brief(discrepancy))}. {upper('; '.join(filter(None, parts)))}."
+
+
+def _at_the_floor(discrepancy: Discrepancy) -> str:
+    """What remains is at most 1.15 times the noise floor (0.561 N m in joint 5)."""
+    ratio = discrepancy.after / discrepancy.floor.rms
+    joint = int(np.argmax(ratio)) + 1
+    remains = f"{rounded(float(discrepancy.after[joint - 1]), 3)} {unit_of(discrepancy, joint)}"
+    return f"what remains is at most {ratio.max():.2f} times the noise floor ({remains} in joint {joint})"
 
 
 def _in_brief(discrepancy: Discrepancy) -> Iterator[str]:
