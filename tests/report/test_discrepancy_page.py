@@ -346,8 +346,8 @@ def test_where_all_is_explained_the_lead_says_what_remains():
     payload = replace(found(Payload(), {"mp3": (2.8, 0.04, "kg")}), readable=BODY)
     result = make(added=(payload,), where=(Excess(1, 3.0, "load", (0.0, 1.0)),), unexplained=(), after=after)
     assert lead(result).endswith(
-        f"It explains what showed in joint 1; what remains is at most 1.17 times the noise floor ({after[2]:.3g} N m in "
-        "joint 3)."
+        "It explains what showed in joint 1; what remains is at most 1.17 times the noise floor "
+        f"({after[2]:.3g} N m in joint 3)."
     )
 
 
