@@ -136,9 +136,7 @@ def judge_log(
     check_noise(noise)
     robot = robot if isinstance(robot, Robot) else load_robot(robot)
     log = as_log(log)
-    if robot.n_joints != log.n_joints:
-        problem = f"the log has {log.n_joints} joints, robot {robot.name} has {robot.n_joints}"
-        raise InputError(problem, log.source, "give the log and the robot that belong together")
+    robot.check_joints(log.n_joints, log.source)
     signals = prepare(log, cutoff)
     actuators = robot.actuators(signals.motion)
     segments = find_segments(signals, actuators)

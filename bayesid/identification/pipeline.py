@@ -88,7 +88,7 @@ def identify(
     """Identifies a robot from a log with known, unknown or mixed signs.
 
     Args:
-        robot: a robot, a built-in name or a file.
+        robot: a robot, or a name or file that `bayesid.load_robot` takes.
         log: a log, or anything that `bayesid.read_log` reads.
         terms: names from `bayesid.model.terms.CATALOGUE`.
         complete: what the rest of the catalogue has a say in: "auto", the model and the uncertainty;
@@ -114,11 +114,12 @@ def identify(
         >>> result = bayesid.identify("ur10e", "log.csv", search=bayesid.Certified(budget=30.0), posterior=False)
         >>> result.coefficient("Fc2").mean, result.predict("motion.csv").upper
     """
-    name, terms = robot.name if isinstance(robot, Robot) else str(robot), catalogue.term_names(terms)
-    subject = {"robot": name, "terms": list(terms), "complete": check_completeness(complete)}
+    robot, terms = robot if isinstance(robot, Robot) else load_robot(robot), catalogue.term_names(terms)
+    loaded = {"robot": robot.name} if robot.origin is None else robot.origin.options
+    subject = {**loaded, "terms": list(terms), "complete": check_completeness(complete)}
     run = _Run(search, posterior, preparation, beliefs, progress, subject)
     log, model, signals, segments = _prepared(run, robot, log, terms)
-    run.call = _call(run, log)
+    run.call = _call(run, robot, log)
     asked, segments = settle_unfiltered(model, signals, segments, search, preparation.cutting, progress)
     run.lap("search")
     averaged = average_over_models(asked, segments, search, progress)
@@ -219,12 +220,10 @@ class _Run:
         self.laps[stage], self._last = now - self._last, now
 
 
-def _prepared(
-    run: _Run, robot: Robot | str | Path, log: LogSource, terms: Iterable[str]
-) -> tuple[Log, Model, Signals, Segments]:
+def _prepared(run: _Run, robot: Robot, log: LogSource, terms: Iterable[str]) -> tuple[Log, Model, Signals, Segments]:
     """Log, model, signals and segments; what cannot be used is refused before the search."""
     run.progress("prepare", 0, 1)
-    robot, log = robot if isinstance(robot, Robot) else load_robot(robot), as_log(log)
+    log = as_log(log)
     _check(robot, log)
     signals = prepare(log, run.preparation.cutoff)
     model = Model(robot, catalogue.make_terms(terms, robot, signals.motion))
@@ -235,11 +234,11 @@ def _prepared(
     return log, model, signals, segments
 
 
-def _call(run: _Run, log: Log) -> str:
-    """Python that does the run again."""
+def _call(run: _Run, robot: Robot, log: Log) -> str:
+    """Python that does the run again; `robot` stands for one that was made or changed in Python."""
     return call_of(
         "identify",
-        repr(run.subject["robot"]),
+        "robot" if robot.origin is None else robot.origin.in_python,
         call_of_log(log),
         terms=(run.subject["terms"], list(catalogue.STANDARD)),
         complete=(run.subject["complete"], "auto"),
@@ -400,11 +399,7 @@ def _sign_changes(signals: Signals) -> list[tuple[int, int]]:
 # Checks
 # ---------------------------------------------------------------------------------------------------------------
 def _check(robot: Robot, log: Log) -> None:
-    if robot.n_joints != log.n_joints:
-        counts = f"the log has {log.n_joints} joints, robot {robot.name} has {robot.n_joints}"
-        remedy = "give the log and the robot that belong together"
-        fewer = " (or, with --columns, those of the robot's joints alone)" if log.n_joints > robot.n_joints else ""
-        raise InputError(counts, log.source, remedy + fewer)
+    robot.check_joints(log.n_joints, log.source)
     for j in np.flatnonzero(np.ptp(log.q, axis=0) < _LEAST_MOTION):
         raise InputError(f"joint {j + 1} does not move", log.source, "record a motion in which every joint moves")
 

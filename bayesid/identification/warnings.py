@@ -39,6 +39,7 @@ def warnings_of(
         reading: of the log, that explains it better than the one given; None without one.
     """
     return (
+        *averaged.asked.model.robot.notes,
         *_reading_warning(reading),
         *_hardly_negative(log),
         *_low_pass_warning(averaged.asked.evidence.signals.after_rectifier),

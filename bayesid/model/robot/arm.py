@@ -12,15 +12,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from bayesid.arrays import Array, frozen
+from bayesid.errors import InputError
 from bayesid.model import inertia
 from bayesid.motion import Motion
 
+_CHAINS = 6
+"""Chains of a robot that an error names; a round number."""
 _TO_PINOCCHIO = [9, 6, 7, 8, 0, 1, 3, 2, 4, 5]  # pinocchio: m, mc, Ixx, Ixy, Iyy, Ixz, Iyz, Izz
 
 
@@ -34,6 +38,8 @@ class Robot:
         gravity: (3,) acceleration of gravity in the base frame, m/s^2.
         transmission: (n, n) motor speeds = transmission @ joint speeds, or None for motors on their joints.
         lengths: symbol to value of the DH table's lengths (a1, d1, ...; m); empty for a URDF.
+        notes: what a user should know of how it was read, a sentence each: joints that are held, a base that may move.
+        origin: how `load_robot` came by it; None for a robot that was made or changed in Python.
     """
 
     name: str
@@ -41,6 +47,8 @@ class Robot:
     gravity: Array
     transmission: Array | None = None
     lengths: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    origin: Origin | None = field(init=False, default=None, repr=False, compare=False)
     _pinocchio: Any = field(init=False, repr=False, compare=False)
     _link_to_joint: Array = field(init=False, repr=False, compare=False)
 
@@ -144,12 +152,69 @@ class Robot:
             row[:] = seen_from.action @ pin.getJointJacobian(model, data, last, pin.WORLD).reshape(6, -1)
         return jacobian @ np.linalg.inv(self.coupling)
 
+    def chains(self, count: int) -> tuple[str, ...]:
+        """Names of the joints to which a chain of so many joints leads from the base."""
+        lengths: list[int] = []
+        for joint in self.joints:
+            lengths.append(1 + (lengths[joint.parent] if joint.parent >= 0 else 0))
+        named = zip(self.joints, lengths, strict=True)
+        return tuple(joint.name for joint, length in named if length == count and joint.name)
+
+    def check_joints(self, count: int, source: str) -> None:
+        """That a log holds the robot's joints.
+
+        Args:
+            count: joints of the log.
+            source: of the log.
+
+        Raises:
+            InputError: their numbers differ; it names the robot's chains of so many joints.
+        """
+        if count == self.n_joints:
+            return
+        held = f" ({', '.join(self.notes)})" if self.notes else ""
+        remedy = "give the log and the robot that belong together"
+        if count > self.n_joints:
+            remedy += " (or, with --columns, those of the robot's joints alone)"
+        elif chains := self.chains(count):
+            remedy += f", or its chain of {count} joints by {' or '.join(f'--tip {name}' for name in chains[:_CHAINS])}"
+        raise InputError(f"the log has {count} joints, robot {self.name} has {self.n_joints}{held}", source, remedy)
+
     def same_kinematics(self, other: Robot) -> bool:
         """Whether the two robots move and are geared alike (to 1e-6): a model of one then serves the other."""
         if self.n_joints != other.n_joints or not np.allclose(self.coupling, other.coupling, atol=1e-6):
             return False
         pairs = zip(self.joints, other.joints, strict=True)
         return all(a.matches(b) for a, b in pairs) and np.allclose(self.gravity, other.gravity, atol=1e-6)
+
+
+@dataclass(frozen=True)
+class Origin:
+    """How `load_robot` came by a robot: enough to load it again.
+
+    Attributes:
+        source: name or file, as it was given.
+        urdf: the URDF file that was read; None for a DH table.
+        tip: link or joint at the end of the chain; None where none was asked for.
+        hold: positions of joints that were asked to be held, rad or m.
+    """
+
+    source: str
+    urdf: Path | None = None
+    tip: str | None = None
+    hold: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def options(self) -> dict[str, object]:
+        """What was chosen, by the names of the options."""
+        tip: dict[str, object] = {} if self.tip is None else {"tip": self.tip}
+        return {"robot": self.source, **tip, **({"hold": dict(self.hold)} if self.hold else {})}
+
+    @property
+    def in_python(self) -> str:
+        """The robot as an argument of Python."""
+        chosen = [f", {name}={value!r}" for name, value in self.options.items() if name != "robot"]
+        return f"bayesid.load_robot({self.source!r}{''.join(chosen)})" if chosen else repr(self.source)
 
 
 @dataclass(frozen=True)
@@ -162,6 +227,7 @@ class Joint:
         prismatic: whether it slides rather than turns.
         parent: index of the parent joint, -1 for the base.
         link_frame: (4, 4) the link's frame in the joint's frame; the link's parameters are given in it.
+        name: in the URDF; empty for a DH table.
     """
 
     placement: Array
@@ -169,6 +235,7 @@ class Joint:
     prismatic: bool = False
     parent: int = -1
     link_frame: Array = field(default_factory=lambda: np.eye(4))
+    name: str = ""
 
     def matches(self, other: Joint) -> bool:
         """Same place, axis and kind to 1e-6."""

@@ -62,10 +62,13 @@ def robot_table(robot: Robot) -> dict[str, Any]:
                 "type": "prismatic" if joint.prismatic else "revolute",
                 "parent": int(joint.parent),
                 "link_frame": joint.link_frame.tolist(),
+                **({"name": joint.name} if joint.name else {}),
             }
             for joint in robot.joints
         ],
     }
+    if robot.notes:
+        table["notes"] = list(robot.notes)
     if robot.transmission is not None:
         table["transmission"] = robot.transmission.tolist()
     return table
@@ -81,6 +84,7 @@ def _robot_from_chain(table: Mapping[str, Any], where: str) -> Robot:
         gravity=given_numbers(table.get("gravity", [0.0, 0.0, -9.81]), (3,), "gravity", where),
         transmission=_transmission(table.get("transmission"), len(rows), where),
         lengths={str(key): float(given_numbers(value, (), str(key), where)) for key, value in lengths.items()},
+        notes=tuple(map(str, table.get("notes", ()))),
     )
 
 
@@ -96,7 +100,7 @@ def _chain_joint(row: object, index: int, where: str) -> Joint:
         raise InputError("key 'axis' is no unit vector", where, _AS_WRITTEN)
     if not isinstance(row["parent"], int) or not -1 <= row["parent"] < index:
         raise InputError("key 'parent' names no earlier joint", where, _AS_WRITTEN)
-    return Joint(placement, axis, row["type"] == "prismatic", row["parent"], link_frame)
+    return Joint(placement, axis, row["type"] == "prismatic", row["parent"], link_frame, str(row.get("name", "")))
 
 
 def _dh_row(row: object, where: str) -> dict[str, Any]:
