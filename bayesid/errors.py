@@ -13,7 +13,6 @@ PYTHON_NAMES: Mapping[str, str] = {
     "--beam-width": "Beam(width=...)",
     "--degrees": "degrees=True",
     "--effect": "effects",
-    "--hold": "load_robot(..., hold={...})",
     "--harmonics": "TrajectoryShape(harmonics=...)",
     "--initial-segments": "Beam(initial_segments=...)",
     "--links": "Beliefs(links=...)",
@@ -25,7 +24,6 @@ PYTHON_NAMES: Mapping[str, str] = {
     "--periods": "TrajectoryShape(periods=...)",
     "--posterior-budget": "Sampling(budget=...)",
     "--search-budget": "Certified(budget=...)",
-    "--tip": "load_robot(..., tip=...)",
     "--without-noise": "noise=False",
 }
 """What an option of the command line is in Python, where it is no argument of the same name. Folders and files have an

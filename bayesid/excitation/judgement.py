@@ -26,7 +26,7 @@ from bayesid.log.signals import Signals, prepare
 from bayesid.model import terms as catalogue
 from bayesid.model.coefficients import BaseCoefficients
 from bayesid.model.model import Model
-from bayesid.model.robot import Robot, load_robot
+from bayesid.model.robot import Robot, check_joints, load_robot
 from bayesid.simulation.exciting import UNEXCITED, log_condition_of
 
 _LITTLE = 0.2
@@ -136,7 +136,7 @@ def judge_log(
     check_noise(noise)
     robot = robot if isinstance(robot, Robot) else load_robot(robot)
     log = as_log(log)
-    robot.check_joints(log.n_joints, log.source)
+    check_joints(robot, log.n_joints, log.source)
     signals = prepare(log, cutoff)
     actuators = robot.actuators(signals.motion)
     segments = find_segments(signals, actuators)

@@ -41,7 +41,7 @@ from bayesid.log.signals import Signals, prepare
 from bayesid.model import terms as catalogue
 from bayesid.model.coefficients import BaseCoefficients, base_coefficients
 from bayesid.model.model import Model
-from bayesid.model.robot import Robot, load_robot
+from bayesid.model.robot import Robot, check_joints, load_robot
 from bayesid.posterior.inference import DRAWS, Posterior, infer, widened
 from bayesid.posterior.links import usual_links
 from bayesid.posterior.problem import PosteriorProblem
@@ -399,7 +399,7 @@ def _sign_changes(signals: Signals) -> list[tuple[int, int]]:
 # Checks
 # ---------------------------------------------------------------------------------------------------------------
 def _check(robot: Robot, log: Log) -> None:
-    robot.check_joints(log.n_joints, log.source)
+    check_joints(robot, log.n_joints, log.source)
     for j in np.flatnonzero(np.ptp(log.q, axis=0) < _LEAST_MOTION):
         raise InputError(f"joint {j + 1} does not move", log.source, "record a motion in which every joint moves")
 

@@ -19,12 +19,9 @@ import numpy as np
 import pinocchio as pin
 
 from bayesid.arrays import Array, frozen
-from bayesid.errors import InputError
 from bayesid.model import inertia
 from bayesid.motion import Motion
 
-_CHAINS = 6
-"""Chains of a robot that an error names; a round number."""
 _TO_PINOCCHIO = [9, 6, 7, 8, 0, 1, 3, 2, 4, 5]  # pinocchio: m, mc, Ixx, Ixy, Iyy, Ixz, Iyz, Izz
 
 
@@ -151,34 +148,6 @@ class Robot:
             seen_from = pin.SE3(np.eye(3), -tool.translation) if in_base else tool.inverse()
             row[:] = seen_from.action @ pin.getJointJacobian(model, data, last, pin.WORLD).reshape(6, -1)
         return jacobian @ np.linalg.inv(self.coupling)
-
-    def chains(self, count: int) -> tuple[str, ...]:
-        """Names of the joints to which a chain of so many joints leads from the base."""
-        lengths: list[int] = []
-        for joint in self.joints:
-            lengths.append(1 + (lengths[joint.parent] if joint.parent >= 0 else 0))
-        named = zip(self.joints, lengths, strict=True)
-        return tuple(joint.name for joint, length in named if length == count and joint.name)
-
-    def check_joints(self, count: int, source: str) -> None:
-        """That a log holds the robot's joints.
-
-        Args:
-            count: joints of the log.
-            source: of the log.
-
-        Raises:
-            InputError: their numbers differ; it names the robot's chains of so many joints.
-        """
-        if count == self.n_joints:
-            return
-        held = f" ({', '.join(self.notes)})" if self.notes else ""
-        remedy = "give the log and the robot that belong together"
-        if count > self.n_joints:
-            remedy += " (or, with --columns, those of the robot's joints alone)"
-        elif chains := self.chains(count):
-            remedy += f", or its chain of {count} joints by {' or '.join(f'--tip {name}' for name in chains[:_CHAINS])}"
-        raise InputError(f"the log has {count} joints, robot {self.name} has {self.n_joints}{held}", source, remedy)
 
     def same_kinematics(self, other: Robot) -> bool:
         """Whether the two robots move and are geared alike (to 1e-6): a model of one then serves the other."""
