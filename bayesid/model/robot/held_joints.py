@@ -65,8 +65,7 @@ def hold_joints(tree: UrdfTree, tip: str | None, hold: Mapping[str, float], wher
             positions[joint.name] = joint.multiplier * positions.get(joint.leader, 0.0) + joint.offset
     identified = [joint for joint in tree.joints if joint.moves and joint.name not in positions]
     if not identified:
-        said = "has no moving joint" if not positions else f"has no moving joint but {_listed(list(positions))}, held"
-        raise InputError(said, where if tip is None else f"{where}, --tip {tip}", "give a URDF of an arm")
+        raise _nothing_moves(tree, tip, positions, where)
     notes = [
         _sentence([joint.name for joint in off], f"not on the chain to {tip}"),
         _sentence([joint.name for joint in fingers], "a gripper is not identified"),
@@ -84,6 +83,18 @@ def _position(tree: UrdfTree, name: str, value: object, where: str) -> float:
     return float(given_numbers(value, (), name, "--hold"))
 
 
+def _nothing_moves(tree: UrdfTree, tip: str | None, positions: Collection[str], where: str) -> InputError:
+    but = f" but {_listed(list(positions))}, held" if positions else ""
+    if tip is None or not positions:
+        return InputError(f"has no moving joint{but}", where, "give a URDF of an arm")
+    return InputError(f"no joint moves on the chain to {tip}", where, f"--tip takes {_nearest(tip, (), _ends(tree))}")
+
+
+def _ends(tree: UrdfTree) -> list[str]:
+    """Links of the last moving joints."""
+    return [joint.child for joint in tree.joints if joint.moves and not _moving_beyond(tree, joint)]
+
+
 def _chain(tree: UrdfTree, tip: str, where: str) -> list[UrdfJoint]:
     """Joints between the base and a link, or up to a joint."""
     links = [tree.base, *(joint.child for joint in tree.joints)]
@@ -91,8 +102,7 @@ def _chain(tree: UrdfTree, tip: str, where: str) -> list[UrdfJoint]:
         return tree.path(tip)
     if tip in tree.named:
         return tree.path(tree.named[tip].child)
-    ends = [joint.child for joint in tree.joints if joint.moves and not _moving_beyond(tree, joint)]
-    remedy = f"--tip takes {_nearest(tip, [*links, *tree.named], ends)}"
+    remedy = f"--tip takes {_nearest(tip, [*links, *tree.named], _ends(tree))}"
     raise InputError(f"has no link or joint {tip!r}", where, remedy)
 
 

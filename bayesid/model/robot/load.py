@@ -16,6 +16,8 @@ from bayesid.model.robot.installed import how_to_name, installed_names, installe
 from bayesid.model.robot.urdf import robot_from_urdf
 
 BUILT_IN = ("kr5", "ur10e", "panda", "tx40")
+_NEAR = 0.8
+"""Likeness from which on a name is proposed: a letter of five; less, and `_description` makes all names alike."""
 
 
 def load_robot(source: str | Path, tip: str | None = None, hold: Mapping[str, float] | None = None) -> Robot:
@@ -70,7 +72,7 @@ def _loaded(robot: Robot, origin: Origin) -> Robot:
 
 def _unknown(name: str) -> InputError:
     known = list(dict.fromkeys([*BUILT_IN, *installed_names()]))
-    nearest = get_close_matches(name, known, n=3) or [other for other in known if name in other][:3]
+    nearest = get_close_matches(name, known, n=3, cutoff=_NEAR) or [other for other in known if name in other][:3]
     suggestion = f", did you mean {' or '.join(nearest)}?" if nearest else ""
     remedy = f"give one of {', '.join(BUILT_IN)}, a DH file (.toml), a URDF file, or {how_to_name()}"
     return InputError(f"no such robot{suggestion}", name, remedy)

@@ -38,7 +38,8 @@ def chains_of(robot: Robot, count: int) -> list[str]:
     """Options that choose a chain of so many joints, from a robot with more.
 
     A chain begins at the base or after a joint that carries several, a torso's last say, and then the joints before it
-    are held; it ends at a joint that carries none or several. Where none has so many joints, it may end anywhere.
+    are held; it ends at a joint that carries none or several. Those with the fewest held are named; where there is
+    none, a chain may end anywhere.
     """
     names = [joint.name for joint in robot.joints]
     paths: list[list[int]] = []
@@ -46,12 +47,13 @@ def chains_of(robot: Robot, count: int) -> list[str]:
         paths.append([*(paths[joint.parent] if joint.parent >= 0 else []), k])
     carried = Counter(joint.parent for joint in robot.joints)
     limbs = [
-        (path[:first], path[-1])
+        (path[:-count], path[-1])
         for path in paths
-        for first in [len(path) - count]
-        if first >= 0 and carried[path[-1]] != 1 and (first == 0 or carried[path[first - 1]] > 1)
+        if len(path) >= count and carried[path[-1]] != 1 and (len(path) == count or carried[path[-count - 1]] > 1)
     ]
-    limbs = sorted(limbs, key=lambda limb: len(limb[0])) or [([], path[-1]) for path in paths if len(path) == count]
+    fewest = min((len(before) for before, _ in limbs), default=0)
+    limbs = [limb for limb in limbs if len(limb[0]) == fewest]
+    limbs = limbs or [([], path[-1]) for path in paths if len(path) == count]
     held = [",".join(f"{names[k]}=0" for k in before) for before, _ in limbs]
     options = [
         f"--tip {names[last]}{f' --hold {joints}' if joints else ''}"
