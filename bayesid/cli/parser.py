@@ -102,7 +102,15 @@ def _whole(text: str) -> int:
 # Options of several commands
 # ---------------------------------------------------------------------------------------------------------------
 _SHARED: dict[str, dict[str, Any]] = {
-    "--robot": {"required": True, "help": "built-in name, DH file (.toml) or URDF file"},
+    "--robot": {
+        "required": True,
+        "help": "built-in name, DH file (.toml), URDF file, or a name of example-robot-data or robot_descriptions",
+    },
+    "--tip": {
+        "metavar": "LINK",
+        "help": "of a URDF: link or joint where the chain that is identified ends (default: all chains but grippers)",
+    },
+    "--hold": {"metavar": "JOINT=Q,..", "help": "of a URDF: more joints that are held, at these positions (rad, m)"},
     "--terms": {"default": TERMS, "help": "of the model (default: %(default)s)"},
     "--nominal": {
         "type": Path,
@@ -142,6 +150,8 @@ _SHARED: dict[str, dict[str, Any]] = {
     "--out": {"type": Path},
     "--quiet": {"action": "store_true", "help": "print nothing but warnings and errors"},
 }
+_ROBOT = "--robot", "--tip", "--hold"
+"""Which robot, and which of its joints."""
 _MOTION = "--degrees", "--columns", "--topic", "--joints"
 """How a motion is to be read."""
 _READING = "--gains", "--unsigned", *_MOTION
@@ -203,6 +213,7 @@ def _add_identify(commands: _Commands) -> None:
         "bayesid identify kuka_rsi.csv --robot kr5 --gains 2.1,2.0,1.1,0.6,0.6,0.3",
         "bayesid identify messung.csv --robot kr5 --columns 't=Zeit [ms],q=Achse{} [Grad],tau=Moment{}'",
         "bayesid identify my_bag --robot robot.urdf --topic /joint_states",
+        "bayesid identify left.csv --robot two_arms.urdf --tip left_flange --hold lift=0.2",
     ]
     parser = _command(commands, "identify", "signs, coefficients and feasible parameters from a log", examples)
     logs = (
@@ -210,7 +221,7 @@ def _add_identify(commands: _Commands) -> None:
         "KUKA table; several logs of one robot count as one, also by a quoted pattern: 'runs/*.csv'"
     )
     parser.add_argument("logs", type=Path, nargs="+", metavar="log", help=logs)
-    _share(parser, "--robot", "--terms")
+    _share(parser, *_ROBOT, "--terms")
     search = "certified: the best signs with a proof; beam: T-PBPR (default: %(default)s)"
     parser.add_argument("--search", choices=("certified", "beam"), default="certified", help=search)
     budget = "seconds for the proof; a beam stands by where they do not suffice (default: %(default)g)"
@@ -308,7 +319,7 @@ def _add_excite(commands: _Commands) -> None:
         "bayesid excite --robot ur10e --log log.csv",
     ]
     parser = _command(commands, "excite", purpose, examples)
-    _share(parser, "--robot", "--terms")
+    _share(parser, *_ROBOT, "--terms")
     parser.add_argument("--log", type=Path, help="judge this log's motion; design none")
     parser.add_argument("--duration", type=float, default=20.0, metavar="S", help="default: %(default)s")
     parser.add_argument("--rate", type=float, default=100.0, metavar="HZ", help="of the file (default: %(default)s)")
@@ -334,7 +345,7 @@ def _add_simulate(commands: _Commands) -> None:
     ]
     purpose = "a log of |effort| from a robot with random feasible parameters"
     parser = _command(commands, "simulate", purpose, examples)
-    _share(parser, "--robot")
+    _share(parser, *_ROBOT)
     parser.add_argument("--duration", type=float, default=20.0, metavar="S", help="default: %(default)s")
     parser.add_argument("--rate", type=float, default=100.0, metavar="HZ", help="default: %(default)s")
     _share(parser, "--noise")

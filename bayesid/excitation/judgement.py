@@ -26,7 +26,7 @@ from bayesid.log.signals import Signals, prepare
 from bayesid.model import catalogue
 from bayesid.model.coefficients import BaseCoefficients
 from bayesid.model.model import Model
-from bayesid.model.robot import Robot, load_robot
+from bayesid.model.robot import Robot, check_joints, load_robot
 from bayesid.model.terms import STANDARD, Term
 from bayesid.simulation.exciting import UNEXCITED, log_condition_of
 
@@ -137,9 +137,7 @@ def judge_log(
     check_noise(noise)
     robot = robot if isinstance(robot, Robot) else load_robot(robot)
     log = as_log(log)
-    if robot.n_joints != log.n_joints:
-        problem = f"the log has {log.n_joints} joints, robot {robot.name} has {robot.n_joints}"
-        raise InputError(problem, log.source, "give the log and the robot that belong together")
+    check_joints(robot, log.n_joints, log.source)
     signals = prepare(log, cutoff)
     actuators = robot.actuators(signals.motion)
     segments = find_segments(signals, actuators)

@@ -41,7 +41,7 @@ from bayesid.log.signals import Signals, prepare
 from bayesid.model import catalogue
 from bayesid.model.coefficients import BaseCoefficients, base_coefficients
 from bayesid.model.model import Model
-from bayesid.model.robot import Robot, load_robot
+from bayesid.model.robot import Robot, check_joints, load_robot
 from bayesid.model.terms import STANDARD, Term
 from bayesid.posterior.inference import DRAWS, Posterior, infer, widened
 from bayesid.posterior.links import usual_links
@@ -89,7 +89,7 @@ def identify(
     """Identifies a robot from a log with known, unknown or mixed signs.
 
     Args:
-        robot: a robot, a built-in name or a file.
+        robot: a robot, or a name or file that `bayesid.load_robot` takes.
         log: a log, or anything that `bayesid.read_log` reads.
         terms: names of the catalogue, or terms of your own.
         complete: what the rest of the catalogue has a say in: "auto", the model and the uncertainty;
@@ -115,11 +115,12 @@ def identify(
         >>> result = bayesid.identify("ur10e", "log.csv", search=bayesid.Certified(budget=30.0), posterior=False)
         >>> result.coefficient("Fc2").mean, result.predict("motion.csv").upper
     """
-    name, terms = robot.name if isinstance(robot, Robot) else str(robot), catalogue.check_terms(terms)
-    subject = {"robot": name, "terms": [str(one) for one in terms], "complete": check_completeness(complete)}
+    robot, terms = robot if isinstance(robot, Robot) else load_robot(robot), catalogue.check_terms(terms)
+    loaded = {"robot": robot.name} if robot.origin is None else robot.origin.options
+    subject = {**loaded, "terms": [str(one) for one in terms], "complete": check_completeness(complete)}
     run = _Run(search, posterior, preparation, beliefs, progress, subject)
     log, model, signals, segments = _prepared(run, robot, log, terms)
-    run.call = _call(run, log, terms)
+    run.call = _call(run, robot, log, terms)
     asked, segments = settle_unfiltered(model, signals, segments, search, preparation.cutting, progress)
     run.lap("search")
     averaged = average_over_models(asked, segments, search, progress)
@@ -221,11 +222,11 @@ class _Run:
 
 
 def _prepared(
-    run: _Run, robot: Robot | str | Path, log: LogSource, terms: Iterable[str | Term]
+    run: _Run, robot: Robot, log: LogSource, terms: Iterable[str | Term]
 ) -> tuple[Log, Model, Signals, Segments]:
     """Log, model, signals and segments; what cannot be used is refused before the search."""
     run.progress("prepare", 0, 1)
-    robot, log = robot if isinstance(robot, Robot) else load_robot(robot), as_log(log)
+    log = as_log(log)
     _check(robot, log)
     signals = prepare(log, run.preparation.cutoff)
     model = Model(robot, catalogue.make_terms(terms, robot, signals.motion))
@@ -236,11 +237,11 @@ def _prepared(
     return log, model, signals, segments
 
 
-def _call(run: _Run, log: Log, terms: tuple[str | Term, ...]) -> str:
-    """Python that does the run again."""
+def _call(run: _Run, robot: Robot, log: Log, terms: tuple[str | Term, ...]) -> str:
+    """Python that does the run again; `robot` stands for one that was made or changed in Python."""
     return call_of(
         "identify",
-        repr(run.subject["robot"]),
+        "robot" if robot.origin is None else robot.origin.in_python,
         call_of_log(log),
         terms=(list(terms), list(STANDARD)),
         complete=(run.subject["complete"], "auto"),
@@ -401,11 +402,7 @@ def _sign_changes(signals: Signals) -> list[tuple[int, int]]:
 # Checks
 # ---------------------------------------------------------------------------------------------------------------
 def _check(robot: Robot, log: Log) -> None:
-    if robot.n_joints != log.n_joints:
-        counts = f"the log has {log.n_joints} joints, robot {robot.name} has {robot.n_joints}"
-        remedy = "give the log and the robot that belong together"
-        fewer = " (or, with --columns, those of the robot's joints alone)" if log.n_joints > robot.n_joints else ""
-        raise InputError(counts, log.source, remedy + fewer)
+    check_joints(robot, log.n_joints, log.source)
     for j in np.flatnonzero(np.ptp(log.q, axis=0) < _LEAST_MOTION):
         raise InputError(f"joint {j + 1} does not move", log.source, "record a motion in which every joint moves")
 

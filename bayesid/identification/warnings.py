@@ -39,6 +39,7 @@ def warnings_of(
         reading: of the log, that explains it better than the one given; None without one.
     """
     return (
+        *averaged.asked.model.robot.notes,
         *_reading_warning(reading),
         *_hardly_negative(log),
         *_low_pass_warning(averaged.asked.evidence.signals.after_rectifier),
@@ -168,7 +169,7 @@ def _fit_warnings(fit: Fit) -> list[str]:
 
 
 def _edge_warning(fit: Fit, n_links: int) -> list[str]:
-    """Bodies beyond the links are what the last one carries: the change of gravity shows its mass and centre of mass."""
+    """Bodies beyond the links are what the last one carries: gravity shows its mass and centre of mass."""
     on_edge = (np.flatnonzero(fit.on_edge) + 1).tolist()
     if not on_edge:
         return []
