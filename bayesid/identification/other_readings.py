@@ -24,8 +24,9 @@ import numpy as np
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.fit.evidence import Evidence
 from bayesid.fit.least_squares import Fit
+from bayesid.model.built_in import BUILT_IN
 from bayesid.model.model import Model
-from bayesid.model.robot import BUILT_IN, Joint, Robot, load_robot
+from bayesid.model.robot import Joint, Robot, load_robot
 from bayesid.model.terms import STANDARD, make_terms
 from bayesid.motion import Motion
 

@@ -14,7 +14,6 @@ import tomllib
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +23,11 @@ import pinocchio as pin
 from bayesid.arrays import Array, frozen
 from bayesid.errors import InputError
 from bayesid.model import inertia
+from bayesid.model.built_in import BUILT_IN, built_in_table
 from bayesid.motion import Motion
 
 _AS_WRITTEN = "use the table as bayesid wrote it"
 """Remedy for a damaged model.toml."""
-BUILT_IN = ("kr5", "ur10e", "panda", "tx40")
 _TO_PINOCCHIO = [9, 6, 7, 8, 0, 1, 3, 2, 4, 5]  # pinocchio: m, mc, Ixx, Ixy, Iyy, Ixz, Iyz, Izz
 
 
@@ -208,8 +207,7 @@ def load_robot(source: str | Path) -> Robot:
         InputError: no such robot, or the file cannot be read as one.
     """
     if str(source) in BUILT_IN:
-        text = (resources.files("bayesid.model") / "robots" / f"{source}.toml").read_text()
-        return robot_from_table(tomllib.loads(text), f"built-in robot {source}")
+        return robot_from_table(built_in_table(str(source)), f"built-in robot {source}")
     path = Path(source)
     if not path.is_file():
         remedy = f"give one of {', '.join(BUILT_IN)}, a DH file (.toml) or a URDF file"
