@@ -6,16 +6,15 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from difflib import get_close_matches
-from importlib import resources
 from pathlib import Path
 
 from bayesid.errors import InputError
 from bayesid.model.robot.arm import Origin, Robot
+from bayesid.model.robot.built_in import BUILT_IN, built_in_text
 from bayesid.model.robot.dh_table import robot_from_table
 from bayesid.model.robot.installed import how_to_name, installed_names, installed_urdf
 from bayesid.model.robot.urdf import robot_from_urdf
 
-BUILT_IN = ("kr5", "ur10e", "panda", "tx40")
 _NEAR = 0.8
 """Likeness from which on a name is proposed: a letter of five; less, and `_description` makes all names alike."""
 
@@ -40,8 +39,7 @@ def load_robot(source: str | Path, tip: str | None = None, hold: Mapping[str, fl
     """
     chosen = Origin(str(source), tip=tip, hold=dict(hold or {}))
     if str(source) in BUILT_IN:
-        text = (resources.files("bayesid.model") / "robots" / f"{source}.toml").read_text()
-        return _from_table(text, f"built-in robot {source}", chosen)
+        return _from_table(built_in_text(str(source)), f"built-in robot {source}", chosen)
     path = Path(source) if Path(source).is_file() else installed_urdf(str(source))
     if path is None:
         raise _unknown(str(source))

@@ -1,7 +1,8 @@
 """Figures of results, as matplotlib Axes.
 
-Each takes an identification, its findings (`bayesid.report.findings`) or a result folder (`excitation` a design), and
-draws into the Axes given or into a new Figure, which `axes.figure.savefig(...)` saves. Nothing is computed here::
+Each takes an identification, its findings (`bayesid.report.findings`) or a result folder (`excitation` a design,
+`skeleton` a robot), and draws into the Axes given or into a new Figure, which `axes.figure.savefig(...)` saves. Nothing
+is computed here::
 
     for axes in bayesid.plot.torques(result):
         axes.set_xlim(2.0, 4.0)
@@ -14,6 +15,7 @@ from bayesid.report.plot.efforts import torques, validation
 from bayesid.report.plot.estimates import coefficients
 from bayesid.report.plot.proof import alternatives
 from bayesid.report.plot.remainder import autocorrelation, residuals
+from bayesid.report.plot.robots import skeleton
 
 __all__ = [
     "alternatives",
@@ -24,6 +26,7 @@ __all__ = [
     "pair",
     "rank",
     "residuals",
+    "skeleton",
     "torques",
     "trace",
     "validation",
