@@ -250,5 +250,7 @@ def test_no_such_file_and_no_text(tmp_path):
     for name in ("arm.urdf", "arm.toml"):
         (tmp_path / name).write_bytes(b"\xff\xfe\x00")
         assert "cannot be read" in refusal(tmp_path / name)
-    with pytest.raises(InputError, match=r"kr55: no such robot, did you mean kr5\?; give one of gp12, .*kr5, .*, a DH"):
+    with pytest.raises(InputError, match=r"kr55: no such robot, did you mean kr5\?; give a built-in name"):
         load_robot("kr55")
+    with pytest.raises(InputError, match=r"my/kr5.toml: no such file; give a DH file"):
+        load_robot("my/kr5.toml")

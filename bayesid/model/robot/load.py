@@ -69,8 +69,11 @@ def _loaded(robot: Robot, origin: Origin) -> Robot:
 
 
 def _unknown(name: str) -> InputError:
+    files = "a DH file (.toml) or a URDF file"
+    if Path(name).suffix or len(Path(name).parts) > 1:
+        return InputError("no such file", name, f"give {files}, or a built-in name (`bayesid robot list`)")
     known = list(dict.fromkeys([*BUILT_IN, *installed_names()]))
     nearest = get_close_matches(name, known, n=3, cutoff=_NEAR) or [other for other in known if name in other][:3]
     suggestion = f", did you mean {' or '.join(nearest)}?" if nearest else ""
-    remedy = f"give one of {', '.join(BUILT_IN)}, a DH file (.toml), a URDF file, or {how_to_name()}"
+    remedy = f"give a built-in name (`bayesid robot list`), {files}, or {how_to_name()}"
     return InputError(f"no such robot{suggestion}", name, remedy)
