@@ -245,8 +245,8 @@ def test_urdf_parts_that_do_not_move_the_arm_do_not_matter(joint):
 
 
 def test_no_such_file_and_no_text(tmp_path):
-    assert "no such robot" in refusal(tmp_path / "absent.urdf")
-    assert "no such robot" in refusal(tmp_path)
+    assert "no such file" in refusal(tmp_path / "absent.urdf")
+    assert "no such file" in refusal(tmp_path)
     for name in ("arm.urdf", "arm.toml"):
         (tmp_path / name).write_bytes(b"\xff\xfe\x00")
         assert "cannot be read" in refusal(tmp_path / name)
