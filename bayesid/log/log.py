@@ -27,10 +27,15 @@ from bayesid.log.formats.labels import pattern_of
 from bayesid.log.formats.memory import Variables, read_variables
 from bayesid.log.formats.stated import parse_columns
 from bayesid.log.formats.table import ABSURD, DEGREE
+from bayesid.log.speeds import check_speeds, check_velocities
 
 _FEW_TURNS = 4.0 * pi
 """rad; joints turn back before, but for one here and there that turns on and on. Two turns either way: the joints of
 docs/logs-and-robots.md's robots reach one."""
+_MANY_TURNS = 20.0 * pi
+"""rad; where most joints leave ten turns either way even in degrees, they are in neither. A round number."""
+_STRONGEST = 1e5
+"""N m; no joint of an arm is as strong: those of the largest, for payloads of 2 t, have some 5e4."""
 _ROUNDING = 0.01
 """Share of a period by which an instant of an even grid may miss the row it belongs to; far above the rounding of times
 that count from 1970 (2.4e-7 s), far below half a period."""
@@ -209,15 +214,15 @@ def read_log(
     signed = _signed(measured, unsigned, table.n_joints)
     effort = measured * factors
     _check_blocks(table, q, effort)
+    dq = table.block("dq", angle) if "dq1" in table.columns else None
+    if dq is not None:
+        check_velocities(table.t, q, dq, table.source)
+    if degrees is None:
+        check_speeds(table.t, q, table.source)
     for note in table.notes:
         warnings.warn(note, stacklevel=2)
     return Log(
-        t=table.t,
-        q=q,
-        effort=np.where(signed, effort, np.abs(effort)),
-        signed=signed,
-        dq=table.block("dq", angle) if "dq1" in table.columns else None,
-        source=table.source,
+        t=table.t, q=q, effort=np.where(signed, effort, np.abs(effort)), signed=signed, dq=dq, source=table.source
     )
 
 
@@ -344,6 +349,10 @@ def _check_blocks(table: Table, q: Array, effort: Array) -> None:
     for j in np.flatnonzero(~np.any(effort, axis=0)):
         said = f"the effort of joint {j + 1} is zero in every row"
         raise InputError(said, table.source, "check that its sensor was read")
+    for j in np.flatnonzero(np.abs(effort).max(axis=0) > _STRONGEST):
+        said = f"the effort of joint {j + 1} reaches {np.abs(effort[:, j]).max():.3g} N m"
+        remedy = "say the unit of currents or torques in the header, as in i1[mA], or correct --gains"
+        raise InputError(said, table.source, remedy)
 
 
 def angle_unit(table: Table, degrees: bool | None) -> float:
@@ -353,6 +362,9 @@ def angle_unit(table: Table, degrees: bool | None) -> float:
         far = [highest for highest in reach.max(axis=1) if highest > _FEW_TURNS] if len(reach) else []
         if len(far) > max(1, table.n_joints // 2):
             said = f"positions reach {max(far):.4g}: are they degrees?"
+            if max(far) * DEGREE > _MANY_TURNS:
+                said = f"positions reach {max(far):.4g}: neither rad nor degrees, are they counts of an encoder?"
+                raise InputError(said, table.source, "give them in rad or degrees (--no-degrees if they are rad)")
             raise InputError(said, table.source, "give --degrees, or --no-degrees if they are rad")
     return DEGREE if degrees else 1.0
 
