@@ -26,7 +26,7 @@ from bayesid.log.formats import Options, Table, is_log_folder, read_table
 from bayesid.log.formats.labels import pattern_of
 from bayesid.log.formats.memory import Variables, read_variables
 from bayesid.log.formats.stated import parse_columns
-from bayesid.log.formats.table import ABSURD, DEGREE
+from bayesid.log.formats.table import ABSURD, DEGREE, FEWEST_ROWS
 from bayesid.log.speeds import check_speeds, check_velocities
 
 _FEW_TURNS = 4.0 * pi
@@ -338,7 +338,7 @@ def _in_memory(source: Variables, options: Options) -> Table:
     for name in ("topic", "joints"):
         if getattr(options, name) is not None:
             raise InputError(f"is in memory, which has no {name}", type(source).__name__, f"leave {name} out")
-    return read_variables(source, options.columns)
+    return read_variables(source, options)
 
 
 def _check_blocks(table: Table, q: Array, effort: Array) -> None:

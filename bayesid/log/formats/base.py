@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from bayesid.log.formats.table import Table
 
@@ -28,6 +28,11 @@ class Options:
     currents: bool = False
     columns: Mapping[str, str] | None = None
     motion: bool = False
+
+    @property
+    def choice(self) -> dict[str, Any]:
+        """What `bayesid.log.formats.names.choose` is asked for."""
+        return {"columns": self.columns, "motion": self.motion, "currents": self.currents}
 
 
 class Format(ABC):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import pi
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -55,7 +56,7 @@ class SourceColumn:
     """A column of a file that a log needs.
 
     Attributes:
-        name: of the log's column: t, q1, ...
+        name: of the log's column: t, q1, ..., or part: the number of the recording that a row is of.
         place: of the file's column, from 0.
         label: what the file calls it.
         unit: how many SI units one of the file's is; None where nobody says.
@@ -67,12 +68,20 @@ class SourceColumn:
     unit: float | None = None
 
 
+class Chosen(NamedTuple):
+    """The columns of a file that make a log, and what should be known of the choice, a sentence each."""
+
+    columns: tuple[SourceColumn, ...]
+    notes: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True)
 class Table:
     """What a file holds of a log: a time, and columns for joints 1 to n without a gap.
 
     Attributes:
-        columns: of t; q1..qn; tau1..taun (N m) or i1..in (A); and dq1..dqn if velocities were measured.
+        columns: of t; q1..qn; tau1..taun (N m) or i1..in (A); dq1..dqn if velocities were measured; and part where the
+            file holds several recordings, one after the other: the number of the one that a row is of.
         source: the file, for messages.
         place: what a message calls a row, counted from 0.
         notes: what had to be assumed, a sentence each.
@@ -103,6 +112,13 @@ class Table:
         columns = (self.columns[f"{kind}{j + 1}"] for j in range(self.n_joints))
         return np.column_stack([self._si(column, unit) for column in columns])
 
+    @property
+    def starts(self) -> list[int]:
+        """The first rows of the recordings that the file holds."""
+        if "part" not in self.columns:
+            return [0]
+        return [0, *(np.flatnonzero(np.diff(self.columns["part"].values) != 0.0) + 1).tolist()]
+
     @staticmethod
     def _si(column: Column, unit: float) -> Array:
         return column.values * (unit if column.unit is None else column.unit)
@@ -123,7 +139,9 @@ def check(table: Table) -> Table:
     _check_resolution(table)
     with np.errstate(over="ignore"):
         step = np.diff(table.t)
-    for k in np.flatnonzero((step < 0.0) | (step > _LONGEST_GAP)):
+    wrong = (step < 0.0) | (step > _LONGEST_GAP)
+    wrong[np.array(table.starts[1:], dtype=int) - 1] = False
+    for k in np.flatnonzero(wrong):
         before, after = table.t[[k, k + 1]]
         said = f"time {'runs backwards' if step[k] < 0.0 else 'jumps'}, from {before:.12g} s to {after:.12g} s"
         raise InputError(said, table.place(int(k) + 1), "sort or cut the log")

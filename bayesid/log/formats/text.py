@@ -23,7 +23,7 @@ from bayesid.errors import InputError
 from bayesid.log.formats.base import Format, Options
 from bayesid.log.formats.clocks import clock_seconds, is_clock
 from bayesid.log.formats.names import choose
-from bayesid.log.formats.table import Column, SourceColumn, Table
+from bayesid.log.formats.table import Chosen, Column, SourceColumn, Table
 from bayesid.log.formats.units import is_unit, split_brackets
 
 _SEPARATORS = ",", ";", "\t", "|", " "
@@ -65,7 +65,7 @@ class CsvFile(Format):
 
     def read(self, path: Path, options: Options) -> Table:
         """The columns of a log."""
-        return read_text(path, lambda header, where: choose(header, where, options.columns, motion=options.motion))
+        return read_text(path, lambda header, where: choose(header, where, **options.choice))
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ def look(content: bytes, whole: bool = False) -> Layout:
     return Layout(encoding, separator, comma, tuple(header), row + 1, rows, tuple(values), quoted)
 
 
-def read_text(path: Path, select: Callable[[Sequence[str], str], Sequence[SourceColumn]]) -> Table:
+def read_text(path: Path, select: Callable[[Sequence[str], str], Chosen]) -> Table:
     """Reads a table of text.
 
     Args:
@@ -156,14 +156,15 @@ def read_text(path: Path, select: Callable[[Sequence[str], str], Sequence[Source
             raise InputError("does not begin with a header", str(path), "begin it with t,q1..qn,tau1..taun")
         if all(map(_is_value, layout.header)):
             raise InputError("holds numbers, not the names of the columns", where, "begin it with t,q1..qn,tau1..taun")
-        chosen = sorted(select(layout.header, where), key=lambda source: source.place)  # the first bad one is named
+        selected = select(layout.header, where)
+        chosen = sorted(selected.columns, key=lambda source: source.place)  # the first bad one is named
         clock = _clock(layout, chosen)
         values = _read_values(path, layout, [source.place for source in chosen], clock)
     except (UnicodeDecodeError, csv.Error) as error:
         raise _not_text(path, isinstance(error, UnicodeDecodeError)) from None
     units = {source.place: 1.0 if source.place == clock else source.unit for source in chosen}
     columns = {one.name: Column(one.label, values[:, one.place], units[one.place]) for one in chosen}
-    return Table(columns, str(path), lambda row: _where(path, layout, row))
+    return Table(columns, str(path), lambda row: _where(path, layout, row), selected.notes)
 
 
 def _not_text(path: Path, undecoded: bool) -> InputError:
