@@ -25,8 +25,9 @@ from bayesid.files import numbered, replace_file, write_columns
 from bayesid.log.formats import Options, Table, is_log_folder, read_table
 from bayesid.log.formats.labels import pattern_of
 from bayesid.log.formats.memory import Variables, read_variables
+from bayesid.log.formats.parts import JOINT, join_parts
 from bayesid.log.formats.stated import parse_columns
-from bayesid.log.formats.table import ABSURD, DEGREE, FEWEST_ROWS
+from bayesid.log.formats.table import ABSURD, DEGREE, FEWEST_ROWS, check
 from bayesid.log.speeds import check_speeds, check_velocities
 
 _FEW_TURNS = 4.0 * pi
@@ -162,12 +163,14 @@ class Log:
         return int(self.q.shape[1])
 
 
-LogSource: TypeAlias = Log | str | Path | Variables
+Parts: TypeAlias = Sequence["str | Path | Variables"]
+"""The files of one run, or what is in memory of it: they are joined by time."""
+LogSource: TypeAlias = Log | str | Path | Variables | Parts
 """What stands for a log wherever one is asked for."""
 
 
 def read_log(
-    source: str | Path | Variables,
+    source: str | Path | Variables | Parts,
     gains: Sequence[float] | None = None,
     unsigned: str | None = None,
     *,
@@ -182,7 +185,8 @@ def read_log(
 
     Args:
         source: the file, or a folder that is a recording; or a data frame, a structured array or a dict with columns
-            named as in a file, or with `t` (N,), `q` (N, n), `tau` or `i` (N, n), and `dq` (N, n) if measured.
+            named as in a file, or with `t` (N,), `q` (N, n), `tau` or `i` (N, n), and `dq` (N, n) if measured. Parts of
+            one run, such as positions and currents, in a list or as in "positions.csv+currents.csv" are joined by time.
         gains: n drive gains, N m/A, for a log of currents i1..in; efforts that the format leaves open (those of a ROS
             bag) are then currents.
         unsigned: "all", "none" or 1-based joints as in "1,3"; by default a joint whose effort is never negative.
@@ -208,7 +212,7 @@ def read_log(
     _check_lists(gains=gains, joints=joints)
     stated = parse_columns(str(columns)) if isinstance(columns, str | Path) else columns
     options = Options(topic=topic, joints=joints, currents=gains is not None, columns=stated)
-    table = read_table(Path(source), options) if isinstance(source, str | Path) else _in_memory(source, options)
+    table = _table_of(source, options)
     angle, factors = angle_unit(table, degrees), _factors(table, gains)
     q, measured = table.block("q", angle), table.block("tau" if "tau1" in table.columns else "i")
     signed = _signed(measured, unsigned, table.n_joints)
@@ -221,9 +225,46 @@ def read_log(
         check_speeds(table.t, q, table.source)
     for note in table.notes:
         warnings.warn(note, stacklevel=2)
-    return Log(
-        t=table.t, q=q, effort=np.where(signed, effort, np.abs(effort)), signed=signed, dq=dq, source=table.source
-    )
+    effort = np.where(signed, effort, np.abs(effort))
+    recordings = [
+        Log(table.t[rows], q[rows], effort[rows], signed, None if dq is None else dq[rows], source=name)
+        for name, rows in _recordings(table)
+    ]
+    return join_logs(recordings)
+
+
+def _table_of(source: str | Path | Variables | Parts, options: Options) -> Table:
+    """What a file, a program's variables, or the parts of a run hold."""
+    if isinstance(source, str | Path):
+        return read_table(Path(source), options)
+    if isinstance(source, list | tuple) and source and all(map(_is_part, source)):
+        part = replace(options, part=True)
+        return check(join_parts([_table_of(one, part) for one in source], options.columns))
+    return _in_memory(source, options)
+
+
+def _is_part(source: object) -> bool:
+    """Whether something is a path or has columns."""
+    named = isinstance(source, np.ndarray) and source.dtype.names is not None
+    return named or isinstance(source, str | Path | Mapping) or (hasattr(source, "columns"))
+
+
+def _recordings(table: Table) -> list[tuple[str, slice]]:
+    """The recordings that a file holds, with their names and rows; those that are too short are left out.
+
+    Raises:
+        InputError: all of several are.
+    """
+    starts = table.starts
+    if len(starts) == 1:
+        return [(table.source, slice(None))]
+    label = table.columns["part"].label
+    parts = [slice(*ends) for ends in zip(starts, [*starts[1:], len(table.t)], strict=True)]
+    long = [rows for rows in parts if rows.stop - rows.start >= FEWEST_ROWS]
+    if not long:
+        said = f"holds {len(parts)} recordings of {label}, none with {FEWEST_ROWS} rows"
+        raise InputError(said, table.source, "record longer ones")
+    return [(f"{table.source}, {label} {table.columns['part'].values[rows.start]:g}", rows) for rows in long]
 
 
 def as_log(source: LogSource) -> Log:
@@ -256,7 +297,7 @@ def find_logs(patterns: Sequence[str | Path]) -> list[Path]:
 
 def _matches(pattern: str | Path) -> list[Path]:
     """The path itself, whether it exists or not, or the logs that match it; not the files of a folder that is a log."""
-    if os.path.exists(pattern) or not set("*?[") & set(str(pattern)):
+    if os.path.exists(pattern) or JOINT in str(pattern) or not set("*?[") & set(str(pattern)):
         return [Path(pattern)]
     matches = [Path(match) for match in sorted(glob(str(pattern), recursive=True))]
     logs = [path for path in matches if is_log_folder(path) or (path.is_file() and not is_log_folder(path.parent))]

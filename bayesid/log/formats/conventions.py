@@ -95,8 +95,8 @@ CONVENTIONS = (
             "tau": "field.effort{} [Nm]",
         },
         lacking="record a topic with efforts",
-        says="joints in the order of field.name0.., often alphabetical: if that is not from base to tip, say q1.. and tau1.. "
-        "with --columns",
+        says="joints in the order of field.name0.., often alphabetical: if it is not from base to tip, say q1.. and "
+        "tau1.. with --columns",
     ),
     Convention(  # the same of franka_msgs/FrankaState
         "rostopic's table of Franka's states",

@@ -126,7 +126,7 @@ def _is_kuka(header: Sequence[str]) -> bool:
 def _chosen(header: Sequence[str], where: str, options: Options) -> Chosen:
     """The columns that make a log, by the controller's names but for a time that a user has named, or by the user's."""
     columns = options.columns or {}
-    if set(columns) - {"t"}:
+    if set(columns) - {"t"} or options.part:
         return choose(header, where, **options.choice)
     stated = {source.name: source for source in stated_columns(header, columns, where, described(header))}
     by_names = _choose(header, where, motion=options.motion)

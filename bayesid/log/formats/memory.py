@@ -31,7 +31,7 @@ Variables: TypeAlias = Mapping[str, Any] | NDArray[Any] | Frame
 """A mapping of names to arrays, a structured array, or a data frame."""
 
 
-def read_variables(source: Variables, options: Options = Options()) -> Table:
+def read_variables(source: Variables, options: Options) -> Table:
     """What a program's variables hold of a log, its numbers checked.
 
     Args:

@@ -13,6 +13,8 @@ from bayesid.log.formats.units import factor_of, split_brackets
 
 _SEVERAL = 2
 """Columns that differ by a number only, and may so be those of the joints, from this many on."""
+UNNAMED = "NAME{}"
+"""What stands for columns of which there are none."""
 _EFFORT = re.compile("tau|torque|moment|eff|force|curr|amp|strom|kraft|last|load", re.IGNORECASE)
 """What names of efforts hold in many languages."""
 _SHOWN = 20
@@ -55,7 +57,7 @@ def _guessed(kinds: Sequence[str], labels: Sequence[str], n_joints: int | None) 
     counts = Counter(map(pattern_of, labels))
     alone = "t" in kinds
     fitting = [pattern for pattern, count in counts.items() if (count < _SEVERAL) == alone]
-    kind, pattern = next(iter(_likely(kinds, fitting)), (kinds[0], "NAME" if alone else "NAME{}"))
+    kind, pattern = next(iter(_likely(kinds, fitting)), (kinds[0], "NAME" if alone else UNNAMED))
     for by_end, named in () if alone else _by_end(kinds, labels, n_joints):
         if len(named) > counts[pattern]:  # each joint has a name of its own
             return [(f"{by_end}{joint}", label) for joint, label in enumerate(named, start=1)]

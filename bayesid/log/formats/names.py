@@ -10,11 +10,21 @@ from collections.abc import Mapping, Sequence, Set
 
 from bayesid.errors import InputError
 from bayesid.log.formats.conventions import convention_of, note_of
-from bayesid.log.formats.labels import OTHER, WORDS, Reading, kind_part, pattern_of, raised, read_labels, unknown_unit
-from bayesid.log.formats.missing import described, suggestion
-from bayesid.log.formats.stated import OPTION, stated_columns
+from bayesid.log.formats.labels import (
+    OTHER,
+    WORDS,
+    Reading,
+    kind_of,
+    kind_part,
+    pattern_of,
+    raised,
+    read_labels,
+    unknown_unit,
+)
+from bayesid.log.formats.missing import UNNAMED, described, suggestion
+from bayesid.log.formats.stated import OPTION, fits, stated_columns
 from bayesid.log.formats.table import Chosen, SourceColumn
-from bayesid.log.formats.units import UNITS
+from bayesid.log.formats.units import UNITS, factor_of, split_brackets
 
 _SHOWN = 7
 """Units that a message shows."""
@@ -30,6 +40,7 @@ def choose(
     *,
     motion: bool = False,
     currents: bool = False,
+    part: bool = False,
 ) -> Chosen:
     """The columns that make a log: the time; for every joint its position, effort and, if measured, velocity.
 
@@ -39,10 +50,13 @@ def choose(
         columns: those that a user has named, see `bayesid.log.formats.stated`; the others go by their own names.
         motion: whether efforts are left out, and need not be there.
         currents: whether currents count where there are torques too.
+        part: whether they need not be a whole log: a column of a joint may then be without a number.
 
     Raises:
         InputError: a column is missing or appears twice, or which is meant stays open.
     """
+    if part:
+        columns = {key: pattern for key, pattern in (columns or {}).items() if fits(kind_part(key), pattern, header)}
     convention = None if _is_whole(header) else convention_of(header)
     if convention is not None:
         columns = convention.stated(header, columns or {}, currents=currents)
@@ -54,6 +68,8 @@ def choose(
     families = _families(readings, kinds, where, currents=currents)
     _check_start(families, where)
     found = [*stated, *(_source(one, family) for family in families for one in family.values())]
+    if part:
+        return _part(found, header, where)
     lacking = "" if convention is None else convention.lacking
     chosen = _complete({source.name: source for source in found}, header, where, motion=motion, lacking=lacking)
     if convention is not None and convention.part in header:
@@ -70,6 +86,27 @@ def _is_whole(header: Sequence[str]) -> bool:
     """Whether the names of a CSV log make a whole one: then no others are looked at."""
     kinds = {reading.kind for reading in read_labels(header) if reading.rank < OTHER}
     return {"t", "q"} <= kinds and bool(kinds & {"tau", "i"})
+
+
+def _part(found: Sequence[SourceColumn], header: Sequence[str], where: str) -> Chosen:
+    """What a header holds of a log: the time, and whatever else; columns without a number are those of one joint."""
+    if not any(source.name == "t" for source in found):
+        raise InputError(f"column t is missing{described(header)}", where, f'say which it is with {OPTION} t="NAME"')
+    known = {kind_part(source.name) for source in found}
+    alone = {kind: [label for label in header if kind_of(label) == kind] for kind in WORDS.keys() - known}
+    single = [
+        SourceColumn(kind, header.index(labels[0]), labels[0], _unit_of(kind, labels[0]))
+        for kind, labels in alone.items()
+        if len(labels) == 1
+    ]
+    chosen = [*found, *single]
+    kinds = {kind_part(source.name) for source in chosen}
+    return Chosen(tuple(one for one in chosen if not (one.name.startswith("i") and "tau" in kinds)))
+
+
+def _unit_of(kind: str, label: str) -> float | None:
+    unit = split_brackets(label).unit
+    return None if unit is None else factor_of(kind, unit)
 
 
 def _families(readings: Sequence[Reading], stated: Set[str], where: str, *, currents: bool) -> list[_Family]:
@@ -174,7 +211,7 @@ def _complete(
         _check_units(header, where, {"column t": ("t",), "column q1": ("q",)}.get(said, ("tau",)))
         remedy = lacking if said == _EFFORT and lacking else ""
         said = f"{said} is missing{described(header, found)}"
-        raise InputError(said, where, remedy or f"say which columns are meant with {suggestion(header, found)}")
+        raise InputError(said, where, remedy or _missing_remedy(header, found))
     chosen = [found["t"]]
     for kind in ["q", *([] if motion else [effort]), *(["dq"] if _highest("dq", found) else [])]:
         for j in range(1, n + 1):
@@ -193,6 +230,13 @@ def _complete(
             remedy = "give q and effort columns for the same joints"
             raise InputError(f"column {extra.label} has no q beside it", where, remedy)
     return tuple(chosen)
+
+
+def _missing_remedy(header: Sequence[str], found: Mapping[str, SourceColumn]) -> str:
+    """The option that names what is there or, where nothing there may be meant, the way to name another file."""
+    suggested = suggestion(header, found)
+    elsewhere = "; if another file of the run holds them, give both as FILE+OTHER" if UNNAMED in suggested else ""
+    return f"say which columns are meant with {suggested}{elsewhere}"
 
 
 def _check_units(header: Sequence[str], where: str, kinds: Sequence[str]) -> None:

@@ -77,7 +77,7 @@ class Chosen(NamedTuple):
 
 @dataclass(frozen=True)
 class Table:
-    """What a file holds of a log: a time, and columns for joints 1 to n without a gap.
+    """What a file holds of a log: a time, and columns for joints 1 to n without a gap; a part of a run any of these.
 
     Attributes:
         columns: of t; q1..qn; tau1..taun (N m) or i1..in (A); dq1..dqn if velocities were measured; and part where the
@@ -174,7 +174,10 @@ def _check_unit_of_time(table: Table) -> None:
 
 def _check_resolution(table: Table) -> None:
     """A clock that stands still while the joints move is too coarse to say when each row was read."""
-    q = np.column_stack([column.values for name, column in table.columns.items() if name.startswith("q")])
+    positions = [column.values for name, column in table.columns.items() if name.startswith("q")]
+    if not positions:
+        return
+    q = np.column_stack(positions)
     moved = np.any(np.diff(q, axis=0) != 0.0, axis=1)
     stands = moved & (np.diff(table.t) == 0.0)
     if np.mean(stands) > _STANDS:

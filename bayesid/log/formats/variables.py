@@ -27,6 +27,7 @@ def table_of(
     *,
     motion: bool = False,
     currents: bool = False,
+    part: bool = False,
 ) -> Table:
     """The columns of a log.
 
@@ -36,12 +37,13 @@ def table_of(
         columns: those that a user has named, see `bayesid.log.formats.stated`; `q="q{}"` are those of a matrix q.
         motion: whether efforts are left out, and need not be there.
         currents: whether currents count where there are torques too.
+        part: whether they need not be a whole log.
 
     Raises:
         InputError: one is missing, holds no numbers, or has another length than the time.
     """
     vectors = _vectors(variables, source, columns or {})
-    chosen, notes = choose(list(vectors), source, columns, motion=motion, currents=currents)
+    chosen, notes = choose(list(vectors), source, columns, motion=motion, currents=currents, part=part)
     n_rows = len(vectors[chosen[0].label])
     for one in chosen:
         if len(vectors[one.label]) != n_rows:
