@@ -375,7 +375,7 @@ def write_log(path: str | Path, log: Log) -> None:
 # ---------------------------------------------------------------------------------------------------------------
 # What a table's numbers mean
 # ---------------------------------------------------------------------------------------------------------------
-def _in_memory(source: Variables, options: Options) -> Table:
+def _in_memory(source: Variables | Parts, options: Options) -> Table:
     for name in ("topic", "joints"):
         if getattr(options, name) is not None:
             raise InputError(f"is in memory, which has no {name}", type(source).__name__, f"leave {name} out")

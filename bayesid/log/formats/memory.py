@@ -31,11 +31,11 @@ Variables: TypeAlias = Mapping[str, Any] | NDArray[Any] | Frame
 """A mapping of names to arrays, a structured array, or a data frame."""
 
 
-def read_variables(source: Variables, options: Options) -> Table:
+def read_variables(source: object, options: Options) -> Table:
     """What a program's variables hold of a log, its numbers checked.
 
     Args:
-        source: see `bayesid.log.formats.variables`.
+        source: `Variables`, see `bayesid.log.formats.variables`; of anything else it is said that it is no log.
         options: what a user says of it.
 
     Raises:

@@ -72,7 +72,7 @@ def choose(
         return _part(found, header, where)
     lacking = "" if convention is None else convention.lacking
     chosen = _complete({source.name: source for source in found}, header, where, motion=motion, lacking=lacking)
-    if convention is not None and convention.part in header:
+    if convention is not None and convention.part is not None and convention.part in header:
         chosen += (SourceColumn("part", header.index(convention.part), convention.part, 1.0),)
     foreign = convention is not None or any(one.rank == OTHER for family in families for one in family.values())
     note = note_of(header, chosen, convention) if foreign else None
