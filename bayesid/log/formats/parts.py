@@ -110,7 +110,7 @@ def _check_names(parts: Sequence[_Part], stated: Mapping[str, str], source: str,
     """Every column is in one part only, and what the user has named is there."""
     owners: dict[str, str] = {}
     for part in parts:
-        for name in part.table.columns.keys() - {"t"}:
+        for name in (name for name in part.table.columns if name != "t"):
             if name in owners:
                 said = f"{name} is in {owners[name]} and in {part.table.source}"
                 raise InputError(said, source, f"leave one of them out, or say with {OPTION} which is meant")
