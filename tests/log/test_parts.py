@@ -8,7 +8,7 @@ import pytest
 from bayesid import cli
 from bayesid.errors import InputError
 from bayesid.identification.pipeline import identify
-from bayesid.log.log import read_log
+from bayesid.log.log import Log, read_log
 from bayesid.log.motions import read_motion
 from bayesid.signs.search.certified import Certified
 from tests.conftest import real_log
@@ -178,13 +178,14 @@ def test_a_motion_in_parts(tmp_path):
 
 
 def test_a_real_log_in_two_files_gives_the_same_signs(tmp_path):
-    """Positions at 125 Hz, efforts at 250 Hz: 99.9 % of the signs are those of the whole log."""
-    whole = read_log(real_log("panda/a.csv")).rectified()
+    """Positions at 50 Hz, efforts at 100 Hz: 99.9 % of the signs are those of the whole log."""
+    every = read_log(real_log("ur10e/a_50s.csv")).rectified()
+    whole = Log(every.t[:2000], every.q[:2000], every.effort[:2000], every.signed)
     position = write(tmp_path / "q.csv", columns(whole.t[::2], q=whole.q[::2]))
     effort = write(tmp_path / "tau.csv", columns(whole.t, tau=whole.effort))
     joined, said = read(f"{position}+{effort}")
     np.testing.assert_array_equal(joined.effort, whole.effort)
-    assert "joined by time: 2,623 rows at the stamps of " in said
+    assert "joined by time: 2,000 rows at the stamps of " in said
     loud = whole.effort >= 0.05 * whole.effort.max(axis=0)
     assert np.mean((signs(whole) >= 0.5)[loud] == (signs(joined) >= 0.5)[loud]) >= 0.999
 
@@ -197,12 +198,12 @@ def test_efforts_of_a_real_log_at_a_lower_rate(tmp_path, name):
     effort = write(tmp_path / "tau.csv", columns(whole.t[1::3], tau=whole.effort[1::3]))
     joined, _ = read(f"{position}+{effort}")
     np.testing.assert_array_equal(joined.effort, whole.effort[1::3])
-    np.testing.assert_allclose(joined.q, whole.q[1::3], atol=1e-5)
+    np.testing.assert_allclose(joined.q, whole.q[1::3], atol=5e-4)
 
 
 def signs(log):
     """(N, n) P(sign = +) at a log's own rows."""
-    result = identify("panda", log, complete="off", posterior=False, search=Certified(budget=1.0))
+    result = identify("ur10e", log, complete="off", posterior=False, search=Certified(budget=0.3))
     grid = result.signals.motion.t
     nearest = np.clip(np.searchsorted(grid, log.t), 1, len(grid) - 1)
     nearest -= log.t - grid[nearest - 1] < grid[nearest] - log.t
