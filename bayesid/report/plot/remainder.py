@@ -18,7 +18,7 @@ _POINTS = 1200
 
 
 def residuals(
-    result: Source, variable: str = "t", joints: Sequence[int] | None = None, axes: Sequence[Axes] | None = None
+    result: Source, variable: str = "t", joints: Sequence[int] | None = None, axes: Sequence[Axes] | Axes | None = None
 ) -> list[Axes]:
     """Residuals in motion over a variable, with their means over equally many samples and twice the standard errors.
 
@@ -28,7 +28,7 @@ def residuals(
         result: an identification, its findings, or a result folder.
         variable: "t", "velocity" or "position", of the actuators.
         joints: from 1; all by default.
-        axes: one for each joint; new ones by default.
+        axes: one for each joint, or the one of a single joint; new ones by default.
 
     Returns:
         One Axes for each joint.
@@ -67,14 +67,14 @@ def residuals(
 
 
 def autocorrelation(
-    result: Source, joints: Sequence[int] | None = None, axes: Sequence[Axes] | None = None
+    result: Source, joints: Sequence[int] | None = None, axes: Sequence[Axes] | Axes | None = None
 ) -> list[Axes]:
     """Autocorrelation of the residuals in motion; 95 % of white noise's values lie in the grey band.
 
     Args:
         result: an identification, its findings, or a result folder.
         joints: from 1; all by default.
-        axes: one for each joint; new ones by default.
+        axes: one for each joint, or the one of a single joint; new ones by default.
 
     Returns:
         One Axes for each joint.
