@@ -36,6 +36,11 @@ def read_limits(path: str | Path) -> MotionLimits:
 
     Raises:
         InputError: the file cannot be read, or its limits cannot be used.
+
+    Example:
+        >>> limits = bayesid.read_limits("limits.toml")
+        >>> limits.velocity
+        2.0
     """
     path = Path(path)
     try:

@@ -112,8 +112,13 @@ def identify(
         SolverError: an optimisation failed.
 
     Example:
-        >>> result = bayesid.identify("ur10e", "log.csv", search=bayesid.Certified(budget=30.0), posterior=False)
-        >>> result.coefficient("Fc2").mean, result.predict("motion.csv").upper
+        >>> terms = ["rigid_body", "viscous_friction", "coulomb_friction"]
+        >>> result = bayesid.identify("robot.toml", "log.csv", terms, search=bayesid.Certified(budget=30.0))
+        >>> friction = result.coefficient("Fc2")
+        >>> f"{friction.mean:.1f} +- {friction.sd:.1f} {friction.unit}"
+        '1.5 +- 0.1 N m'
+        >>> result.predict("motion.csv").upper.shape
+        (201, 3)
     """
     name, terms = robot.name if isinstance(robot, Robot) else str(robot), catalogue.term_names(terms)
     subject = {"robot": name, "terms": list(terms), "complete": check_completeness(complete)}

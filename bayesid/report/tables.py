@@ -80,6 +80,11 @@ def inference_data(identification: Identification) -> InferenceData:
 
     Raises:
         ValueError: no posterior was sampled.
+
+    Example:
+        >>> data = bayesid.inference_data(result)  # an arviz.InferenceData
+        >>> data.posterior["beta"].dims
+        ('chain', 'draw', 'coefficient')
     """
     posterior = identification.posterior
     if posterior is None:

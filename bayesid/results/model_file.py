@@ -33,6 +33,10 @@ def load_model(folder: str | Path) -> IdentifiedModel:
 
     Raises:
         InputError: there is no readable model.toml.
+
+    Example:
+        >>> bayesid.load_model("result").model.robot.name
+        'arm'
     """
     path = Path(folder) / "model.toml"
     remedy = "give a folder that `bayesid identify` wrote"

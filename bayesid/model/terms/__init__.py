@@ -44,6 +44,10 @@ def make_terms(names: Iterable[str], robot: Robot, motion: Motion) -> tuple[Term
 
     Raises:
         InputError: a name is not in the catalogue, comes twice, or needs numbers that no motion shows.
+
+    Example:
+        >>> [term.name for term in bayesid.make_terms(["rigid_body", "coulomb_friction"], robot, motion)]
+        ['rigid_body', 'coulomb_friction']
     """
     names = term_names(names)
     for name in names:

@@ -36,6 +36,11 @@ def excitation(design: ExcitationDesign, axes: Any = None) -> list[Axes]:
 
     Raises:
         ValueError: there are not as many Axes.
+
+    Example:
+        >>> axes = bayesid.plot.excitation(design)
+        >>> len(axes), axes[0].get_ylabel()
+        (12, 'position / limit')
     """
     n = design.model.robot.n_joints
     axes = grid_of_axes(axes, 4, n, _HEIGHT, max(3.0, _WIDTH * n), sharex=True)

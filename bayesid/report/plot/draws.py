@@ -34,6 +34,11 @@ def forest(result: Source, count: int = 12, ax: Axes | None = None) -> Axes:
     Raises:
         InputError: the folder holds no result.
         ValueError: no posterior was sampled.
+
+    Example:
+        >>> ax = bayesid.plot.forest(result, count=5)
+        >>> len(ax.get_yticks())
+        5
     """
     findings = findings_of(result)
     chosen = findings.worst(count)
@@ -63,6 +68,11 @@ def pair(result: Source, count: int = 3, axes: Any = None) -> list[Axes]:
     Raises:
         InputError: the folder holds no result.
         ValueError: no posterior was sampled, there are fewer than two coefficients, or not as many Axes.
+
+    Example:
+        >>> axes = bayesid.plot.pair(result, count=3)
+        >>> len(axes)
+        3
     """
     findings = findings_of(result)
     chosen = findings.worst(count)
@@ -100,6 +110,11 @@ def trace(result: Source, count: int = 4, axes: Any = None) -> list[Axes]:
     Raises:
         InputError: the folder holds no result.
         ValueError: no posterior was sampled, or there are not as many Axes.
+
+    Example:
+        >>> axes = bayesid.plot.trace(result, count=3)
+        >>> len(axes)
+        6
     """
     findings = findings_of(result)
     chosen = findings.worst(count)
@@ -138,6 +153,11 @@ def rank(result: Source, count: int = 4, axes: Any = None) -> list[Axes]:
     Raises:
         InputError: the folder holds no result.
         ValueError: no posterior was sampled, or there are not as many Axes.
+
+    Example:
+        >>> axes = bayesid.plot.rank(result, count=4)
+        >>> len(axes)
+        4
     """
     findings = findings_of(result)
     chosen = findings.worst(count)

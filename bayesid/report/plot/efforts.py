@@ -49,6 +49,10 @@ def torques(
     Raises:
         InputError: the folder holds no result.
         ValueError: there is no such joint, or not one Axes for each.
+
+    Example:
+        >>> first, second = bayesid.plot.torques(result, joints=[1, 3])
+        >>> first.figure.savefig("torques.png")
     """
     findings = findings_of(result)
     drawn = each_joint(findings.n_joints, joints, axes, _HEIGHT, WIDE)
@@ -80,6 +84,10 @@ def validation(
 
     Raises:
         ValueError: there is no validation, no such joint, or not one Axes for each.
+
+    Example:
+        >>> (ax,) = bayesid.plot.validation(findings.with_validation(check), joints=[2])
+        >>> ax.figure.savefig("validation.svg")
     """
     findings = findings_of(result)
     if findings.prediction is None:

@@ -26,6 +26,10 @@ def coefficients(result: Source, ax: Axes | None = None) -> Axes:
 
     Raises:
         InputError: the folder holds no result.
+
+    Example:
+        >>> ax = bayesid.plot.coefficients(result)
+        >>> ax.figure.savefig("coefficients.svg")
     """
     findings = findings_of(result)
     table = findings.coefficients

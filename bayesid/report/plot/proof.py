@@ -24,6 +24,11 @@ def alternatives(result: Source, ax: Axes | None = None) -> Axes:
     Raises:
         InputError: the folder holds no result.
         ValueError: nothing has been proven: signs were known, or found by a beam alone.
+
+    Example:
+        >>> ax = bayesid.plot.alternatives(result)
+        >>> ax.get_xlabel()
+        'cost above that of the best assignment'
     """
     findings = findings_of(result)
     search = findings.summary.search

@@ -36,6 +36,11 @@ def residuals(
     Raises:
         InputError: the folder holds no result.
         ValueError: there is no such variable or joint, or not one Axes for each.
+
+    Example:
+        >>> (ax,) = bayesid.plot.residuals(result, "velocity", joints=[2])
+        >>> ax.get_ylabel()
+        'residual 2, N m'
     """
     if variable not in VARIABLES:
         raise ValueError(f"{variable!r} is none of {', '.join(VARIABLES)}")
@@ -82,6 +87,12 @@ def autocorrelation(
     Raises:
         InputError: the folder holds no result.
         ValueError: there is no such joint, or not one Axes for each.
+
+    Example:
+        >>> from matplotlib.figure import Figure
+        >>> left, right = Figure().subplots(1, 2)
+        >>> bayesid.plot.autocorrelation(result, joints=[1, 2], axes=[left, right]) == [left, right]
+        True
     """
     findings = findings_of(result)
     drawn = each_joint(findings.n_joints, joints, axes, _HEIGHT)
