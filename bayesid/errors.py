@@ -61,7 +61,15 @@ def near_names(name: str, known: Iterable[str]) -> str:
 
 
 class BayesidError(Exception):
-    """Base of every exception that bayesid raises on purpose."""
+    """Base of every exception that bayesid raises on purpose.
+
+    Example:
+        >>> try:
+        ...     bayesid.load_robot("ur99")
+        ... except bayesid.BayesidError as error:
+        ...     print(error.where, "is", error.what)
+        ur99 is no such robot
+    """
 
 
 class InputError(BayesidError, ValueError):
@@ -74,6 +82,10 @@ class InputError(BayesidError, ValueError):
         what: what is wrong, in a few words.
         where: file and row, column or key, or the option.
         remedy: what the user can do about it.
+
+    Example:
+        >>> bayesid.InputError("no such robot", "ur99", "give ur10e").remedy
+        'give ur10e'
     """
 
     def __init__(self, what: str, where: str, remedy: str) -> None:
@@ -85,7 +97,13 @@ class InputError(BayesidError, ValueError):
 
     @property
     def on_command_line(self) -> str:
-        """The line for those who gave options."""
+        """The line for those who gave options.
+
+        Example:
+            >>> error = bayesid.InputError("3 joints, but 2 gains", "log.csv", "correct --gains")
+            >>> str(error), error.on_command_line
+            ('log.csv: 3 joints, but 2 gains; correct gains', 'log.csv: 3 joints, but 2 gains; correct --gains')
+        """
         return f"{self.where}: {self.what}; {self.remedy}"
 
 
@@ -95,6 +113,10 @@ class SolverError(BayesidError, RuntimeError):
     Args:
         stage: which problem was being solved.
         status: the solver's own status, verbatim.
+
+    Example:
+        >>> print(bayesid.SolverError("least squares in the cone", "numerical error"))
+        least squares in the cone: the solver ended with status 'numerical error', which is not a solution
     """
 
     def __init__(self, stage: str, status: str) -> None:

@@ -65,6 +65,11 @@ class ExcitationJudgement:
             signs are known.
         segments: the log's own of unknown sign.
         doubtful: (n,) expected share of each joint's energy with the wrong sign, segments turned one by one.
+
+    Example:
+        >>> judgement = bayesid.judge_log(robot, log, terms)
+        >>> judgement.light, [judgement.coefficients.names[k] for k in judgement.undecided]
+        ('green', ['J2yz', 'J3yz'])
     """
 
     model: Model
@@ -91,12 +96,23 @@ class ExcitationJudgement:
 
     @property
     def undecided(self) -> tuple[int, ...]:
-        """Coefficients that the log leaves undecided."""
+        """Coefficients that the log leaves undecided.
+
+        Example:
+            >>> judgement = bayesid.judge_log(robot, log, terms)
+            >>> [judgement.coefficients.names[k] for k in judgement.undecided]
+            ['J2yz', 'J3yz']
+        """
         return undecided(self.uncertainty)
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What is to be said, in plain words: what the log leaves undecided, and which motion would decide it."""
+        """What is to be said, in plain words: what the log leaves undecided, and which motion would decide it.
+
+        Example:
+            >>> bayesid.judge_log(robot, log, terms).remarks[0].partition(";")[0]
+            'undecided at a noise of 5% (rigid body): J2yz, J3yz'
+        """
         return (*_still(self), *_turned(self), *_idle(self), *_coefficients(self), *_segments(self), *_merged(self))
 
     @property
@@ -104,6 +120,10 @@ class ExcitationJudgement:
         """Red where a joint or its signs are left open, amber where less is, green where nothing is.
 
         What no motion shows is no fault of the log's.
+
+        Example:
+            >>> bayesid.judge_log(robot, log, terms).light
+            'green'
         """
         if _still(self) or _turned(self):
             return "red"
@@ -133,6 +153,11 @@ def judge_log(
 
     Raises:
         InputError: the robot, the log or an option cannot be used.
+
+    Example:
+        >>> judgement = bayesid.judge_log("robot.toml", "log.csv", terms)
+        >>> judgement.light, round(judgement.condition)
+        ('green', 11)
     """
     check_noise(noise)
     robot = robot if isinstance(robot, Robot) else load_robot(robot)

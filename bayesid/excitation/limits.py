@@ -39,6 +39,11 @@ def read_limits(path: str | Path, robot: Robot | None = None) -> MotionLimits:
 
     Raises:
         InputError: the file cannot be read, or its limits cannot be used.
+
+    Example:
+        >>> limits = bayesid.read_limits("limits.toml")
+        >>> limits.velocity
+        2.0
     """
     path = Path(path)
     try:

@@ -43,6 +43,7 @@ from bayesid.model.coefficients import BaseCoefficients, base_coefficients
 from bayesid.model.model import Model
 from bayesid.model.robot import Robot, check_joints, load_robot
 from bayesid.model.terms import STANDARD, Term
+from bayesid.posterior.blocks import Blocks, divide
 from bayesid.posterior.inference import DRAWS, Posterior, infer, widened
 from bayesid.posterior.links import usual_links
 from bayesid.posterior.problem import PosteriorProblem
@@ -64,7 +65,7 @@ _LEAST_MOTION = 1e-3
 _SAMPLES_A_COEFFICIENT = 3
 """Samples in motion that a coefficient needs at least. A round number; not studied."""
 _POINTWISE = 150
-"""Segments of each joint whose likelihood is kept by itself, for comparisons of models; weaker ones share one. A round
+"""Blocks of each joint whose likelihood is kept by itself, for comparisons of models; weaker ones share one. A round
 number; not studied."""
 _MOST_SMOOTHED = 24
 """Draws of the posterior over which the samples' probabilities are averaged: their Monte Carlo error is at most 0.1."""
@@ -112,8 +113,13 @@ def identify(
         SolverError: an optimisation failed.
 
     Example:
-        >>> result = bayesid.identify("ur10e", "log.csv", search=bayesid.Certified(budget=30.0), posterior=False)
-        >>> result.coefficient("Fc2").mean, result.predict("motion.csv").upper
+        >>> terms = ["rigid_body", "viscous_friction", "coulomb_friction"]
+        >>> result = bayesid.identify("robot.toml", "log.csv", terms, search=bayesid.Certified(budget=30.0))
+        >>> friction = result.coefficient("Fc2")
+        >>> f"{friction.mean:.1f} +- {friction.sd:.1f} {friction.unit}"
+        '1.5 +- 0.1 N m'
+        >>> result.predict("motion.csv").upper.shape
+        (201, 3)
     """
     robot, terms = robot if isinstance(robot, Robot) else load_robot(robot), catalogue.check_terms(terms)
     loaded = {"robot": robot.name} if robot.origin is None else robot.origin.options
@@ -327,13 +333,15 @@ def _sample(run: _Run, averaged: AveragedSigns, sampling: Sampling) -> Posterior
     search = settled.signs.search
     segments = _inner(settled.signs.segments[settled.signs.segments.fitted], evidence.signals)
     orientation = segments.per_sample(search.signs, *settled.probability.shape)
-    moments = evidence.moments(2.0 * settled.probability - 1.0, segments, _POINTWISE, orientation, summed_out=False)
+    known = segments.known if averaged.by_asked else search.signs
+    pieces, segment = divide(segments, fit.noise.autocorrelation)
+    expected = 2.0 * settled.probability - 1.0
+    moments = evidence.moments(expected, pieces, _POINTWISE, orientation, summed_out=False)
+    blocks = Blocks(replace(moments, known=known[segment]), segment, pieces.start, pieces.end)
     if not averaged.by_asked or evidence.information is not None:
         search = replace(search, theta=fit.theta, branches=(), settled=None)
-    if not averaged.by_asked:
-        moments = replace(moments, known=search.signs)
     problem = PosteriorProblem(
-        moments=moments,
+        blocks=blocks,
         coefficients=evidence.coefficients,
         cone=evidence.model.cone,
         noise=fit.noise,

@@ -69,8 +69,9 @@ def make_terms(chosen: Iterable[str | Term], robot: Robot, motion: Motion) -> tu
             suit the robot.
 
     Example:
-        >>> motion = random_trajectory(6, 5.0, seed=1).motion(np.arange(500) / 100.0)
-        >>> [term.name for term in make_terms(["rigid_body", JointSpring(joints=(2,))], load_robot("kr5"), motion)]
+        >>> from bayesid.model.terms.joint_spring import JointSpring
+        >>> spring = JointSpring(joints=(2,))
+        >>> [term.name for term in bayesid.make_terms(["rigid_body", spring], robot, motion)]
         ['rigid_body', 'joint_spring']
     """
     actuators, made = robot.actuators(motion), []

@@ -90,7 +90,12 @@ class Check:
 
 
 def check_findings(findings: Findings) -> tuple[Check, ...]:
-    """All checks of an identification, in the order of the pipeline."""
+    """All checks of an identification, in the order of the pipeline.
+
+    Example:
+        >>> [check.name for check in bayesid.check_findings(findings) if check.state != "good"]
+        ['Sampling', 'Intervals', 'Validation', 'Warnings']
+    """
     summary = findings.summary
     reading = robot_file(summary)
     others = (

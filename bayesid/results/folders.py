@@ -83,6 +83,11 @@ def save_identification(
     Raises:
         InputError: the folder cannot be written, or holds other files than an earlier result.
         ValueError: the model has no rigid bodies to make a URDF of.
+
+    Example:
+        >>> folder = bayesid.save_identification(result, "saved", report=False)
+        >>> (folder / "model.toml").is_file()
+        True
     """
 
     def write(place: Path) -> None:
@@ -112,6 +117,10 @@ def make_report(
     Raises:
         InputError: the folder holds no result, a file cannot be written, or the validation is of a log that the model
             was identified from and would take the place of one that it has not seen.
+
+    Example:
+        >>> bayesid.make_report("result", check).name
+        'report.html'
     """
     findings = read_findings(folder)
     path = Path(folder) / _REPORT if out is None else Path(out)
@@ -149,6 +158,10 @@ def save_discrepancy(
     Raises:
         InputError: the folder cannot be written, or holds other files than an earlier result.
         ValueError: the model has no rigid bodies to make a URDF of.
+
+    Example:
+        >>> (bayesid.save_discrepancy(found, "found", report=False) / "discrepancy.json").is_file()
+        True
     """
 
     def write(place: Path) -> None:
@@ -191,6 +204,10 @@ def save_validation(validation: Validation, folder: str | Path) -> Path:
 
     Raises:
         InputError: the folder cannot be written, or holds other files than an earlier validation.
+
+    Example:
+        >>> (bayesid.save_validation(check, "validation") / "summary.json").is_file()
+        True
     """
     n = validation.log.n_joints
 

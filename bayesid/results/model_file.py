@@ -40,8 +40,8 @@ def load_model(folder: str | Path, effects: Iterable[type[Effect]] = ()) -> Iden
         InputError: there is no readable model.toml, or it has an effect that is not known.
 
     Example:
-        >>> model = load_model("result", effects=[FanDrag])
-        >>> model.predict("motion.csv").mean
+        >>> bayesid.load_model("result").model.robot.name
+        'arm'
     """
     path = Path(folder) / "model.toml"
     remedy = "give a folder that `bayesid identify` wrote"

@@ -55,7 +55,14 @@ class Run:
 
 @dataclass(frozen=True)
 class Separate:
-    """Runs, in the order of the logs, and how well they agree; None with fewer than two results."""
+    """Runs, in the order of the logs, and how well they agree; None with fewer than two results.
+
+    Example:
+        >>> days = ["week/monday.csv", "week/tuesday.csv"]
+        >>> both = bayesid.identify_separately("robot.toml", days, "both", workers=1, report=False, posterior=False)
+        >>> [run.log.name for run in both.runs]
+        ['monday.csv', 'tuesday.csv']
+    """
 
     runs: tuple[Run, ...]
     agreement: Agreement | None
@@ -109,6 +116,12 @@ def identify_separately(
         InputError: the robot, a folder or the scheduler cannot be used. A log that cannot is a `Run` with its error.
         LostSchedulerError: the scheduler ended before the work.
         KeyboardInterrupt: with a text that says which results there are.
+
+    Example:
+        >>> days = ["week/monday.csv", "week/tuesday.csv"]
+        >>> both = bayesid.identify_separately("robot.toml", days, "both", workers=1, report=False, posterior=False)
+        >>> len(both.runs), both.agreement is None
+        (2, False)
     """
     robot = robot if isinstance(robot, Robot) else load_robot(robot)
     place, paths = Path(out), [Path(log) for log in logs]

@@ -70,6 +70,11 @@ def simulate(
 
     Raises:
         ValueError: the noise is negative or not finite, or its colour not in [0, 1).
+
+    Example:
+        >>> log = bayesid.simulate(model, theta, motion, rng=np.random.default_rng(0), noise=0.05)
+        >>> log.effort.shape, bool((log.effort >= 0.0).all())
+        ((201, 3), True)
     """
     if not 0.0 <= noise < np.inf:
         raise ValueError(f"the noise must be a finite share of the effort, not {noise}")
@@ -144,6 +149,11 @@ def simulate_log(
 
     Raises:
         InputError: duration, rate or noise cannot be used, or an effect cannot have its level.
+
+    Example:
+        >>> log, truth = bayesid.simulate_log(robot, duration=4.0, rate=50.0, noise=0.05, effects=[], seed=1)
+        >>> len(log), bool(log.signed.any()), bool(truth.signed.all())
+        (201, False, True)
     """
     for value, (option, (least, most)) in zip((duration, rate, noise), _RANGES.items(), strict=True):
         if not least <= value <= most:

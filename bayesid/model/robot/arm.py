@@ -37,6 +37,11 @@ class Robot:
         lengths: symbol to value of the DH table's lengths (a1, d1, ...; m); empty for a URDF.
         notes: what a user should know of how it was read, a sentence each: joints that are held, a base that may move.
         origin: how `load_robot` came by it; None for a robot that was made or changed in Python.
+
+    Example:
+        >>> arm = bayesid.load_robot("ur10e")
+        >>> arm.name, arm.n_joints, arm.gravity.tolist()
+        ('ur10e', 6, [0.0, 0.0, -9.81])
     """
 
     name: str
@@ -60,7 +65,12 @@ class Robot:
 
     @property
     def n_joints(self) -> int:
-        """Number of joints n."""
+        """Number of joints n.
+
+        Example:
+            >>> robot.n_joints
+            3
+        """
         return len(self.joints)
 
     @property
@@ -68,13 +78,24 @@ class Robot:
         """(n, n) C, with actuator positions u = C q and efforts e = C^-T tau.
 
         :eq:`actuator-position` and :eq:`actuator-effort`.
+
+        Example:
+            >>> bayesid.load_robot("tx40").coupling[5].tolist()  # motor 6 turns with joints 5 and 6
+            [0.0, 0.0, 0.0, 0.0, 1.0, 1.0]
         """
         if self.transmission is None:
             return np.eye(self.n_joints)
         return self.transmission / np.abs(np.diag(self.transmission))[:, None]
 
     def actuators(self, motion: Motion) -> Motion:
-        """The motion in actuator coordinates, u = C q: rad at the link side of each motor's gear."""
+        """The motion in actuator coordinates, u = C q: rad at the link side of each motor's gear.
+
+        Example:
+            >>> arm = bayesid.load_robot("tx40")  # motor 6 turns with joints 5 and 6
+            >>> motion = bayesid.random_trajectory(6, duration=2.0, seed=0).motion(np.arange(201) / 100.0)
+            >>> bool(np.allclose(arm.actuators(motion).q[:, 5], motion.q[:, 4] + motion.q[:, 5]))
+            True
+        """
         if self.transmission is None:
             return motion
         c = self.coupling.T
@@ -85,6 +106,10 @@ class Robot:
         """(n, 2, 3) where each link starts and ends, in its own frame, m: from its joint to the next.
 
         The last link ends at its own frame, which the standard convention puts at the flange.
+
+        Example:
+            >>> robot.link_ends.shape
+            (3, 2, 3)
         """
         ends = []
         for i, joint in enumerate(self.joints):
@@ -96,13 +121,22 @@ class Robot:
 
     @property
     def stretched(self) -> float:
-        """Length of the stretched arm from its first joint on, m: the sum of its links' lengths."""
+        """Length of the stretched arm from its first joint on, m: the sum of its links' lengths.
+
+        Example:
+            >>> round(robot.stretched, 2)
+            1.05
+        """
         return float(np.linalg.norm(self.link_ends[:, 1] - self.link_ends[:, 0], axis=1).sum())
 
     def regressor(self, motion: Motion) -> Array:
         """(N, n, 10 n) Y with actuator efforts e = Y pi, pi the link parameters stacked from base to tip.
 
         Source: the joint torque regressor of the Newton-Euler equations (Atkeson, An, Hollerbach 1986), by Pinocchio.
+
+        Example:
+            >>> robot.regressor(motion).shape
+            (201, 3, 30)
         """
         model, data = self._pinocchio, self._pinocchio.createData()
         regressor = np.empty((len(motion), self.n_joints, 10 * self.n_joints))
@@ -120,6 +154,11 @@ class Robot:
         Args:
             motion: the motion of the joints.
             parameters: (10 n,) link parameters, as in `regressor`; without mass, no first moment either.
+
+        Example:
+            >>> parameters = model.links(theta).ravel()
+            >>> bool(np.allclose(robot.inverse_dynamics(motion, parameters), robot.regressor(motion) @ parameters))
+            True
         """
         model = self._pinocchio.copy()
         in_joint_frames = (self._link_to_joint @ parameters.reshape(-1, 10, 1))[:, :, 0]
@@ -138,6 +177,11 @@ class Robot:
         Args:
             motion: the motion of the joints.
             in_base: whether they are given along the axes of the base, not of the link.
+
+        Example:
+            >>> jacobian = robot.tool_jacobian(motion, in_base=True)
+            >>> jacobian.shape
+            (201, 6, 3)
         """
         model, data, last = self._pinocchio, self._pinocchio.createData(), self.n_joints
         flange = pin.SE3(self.joints[-1].link_frame)
@@ -150,7 +194,12 @@ class Robot:
         return jacobian @ np.linalg.inv(self.coupling)
 
     def same_kinematics(self, other: Robot) -> bool:
-        """Whether the two robots move and are geared alike (to 1e-6): a model of one then serves the other."""
+        """Whether the two robots move and are geared alike (to 1e-6): a model of one then serves the other.
+
+        Example:
+            >>> [robot.same_kinematics(bayesid.load_robot(other)) for other in ("robot.toml", "ur10e")]
+            [True, False]
+        """
         if self.n_joints != other.n_joints or not np.allclose(self.coupling, other.coupling, atol=1e-6):
             return False
         pairs = zip(self.joints, other.joints, strict=True)

@@ -26,6 +26,11 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
 
     Raises:
         InputError: a key is missing or its value cannot be used.
+
+    Example:
+        >>> joints = [{"a": a, "alpha": 0.0, "d": 0.1, "theta": 0.0} for a in (0.35, 0.3)]
+        >>> bayesid.robot_from_table({"name": "scara", "convention": "standard", "joints": joints}, "scara").n_joints
+        2
     """
     convention = table.get("convention")
     if convention == "chain":

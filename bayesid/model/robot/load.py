@@ -35,7 +35,8 @@ def load_robot(source: str | Path, tip: str | None = None, hold: Mapping[str, fl
         InputError: no such robot, the file cannot be read as one, or it has no such link or joint.
 
     Example:
-        >>> arm = bayesid.load_robot("two_arms.urdf", tip="left_flange", hold={"lift": 0.2})
+        >>> bayesid.load_robot("ur10e").n_joints, bayesid.load_robot("robot.toml").name
+        (6, 'arm')
     """
     chosen = Origin(str(source), tip=tip, hold=dict(hold or {}))
     if str(source) in BUILT_IN:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from bayesid.arrays import Array
 from bayesid.model.kinematics import Pose, pose
 from bayesid.model.robot import Robot, load_robot
-from bayesid.report.plot.style import BLUE, INK, MAGENTA, ORANGE, SIZE, dress, new_figure
+from bayesid.report.plot.style import BLUE, INK, MAGENTA, ORANGE, SIZE, dress, grid_of_axes
 
 _WIDTH, _HEIGHT = 10.0, 5.4
 """in, of the figure."""
@@ -37,30 +37,35 @@ _CAPTION = (
 )
 
 
-def skeleton(robot: Robot | str | Path, q: ArrayLike | None = None, figure: Figure | None = None) -> list[Axes]:
+def skeleton(robot: Robot | str | Path, q: ArrayLike | None = None, axes: Sequence[Axes] | None = None) -> list[Axes]:
     """Links, joints and their axes from the side and from above, with lengths in mm.
 
     A joint's axis is an arrow, about which it turns the right-handed way; where it points at the viewer it is a ring
-    with a dot, and with a cross where it points away. A link goes from joint to joint as its table does: straight to the
-    next axis, then along it.
+    with a dot, and with a cross where it points away. A link goes from joint to joint as its table does: straight to
+    the next axis, then along it.
 
     Args:
         robot: a robot, a built-in name or a file.
         q: (n,) joint positions, rad (m); zero by default.
-        figure: to draw into; a new one by default.
+        axes: two, of the side and the top view; new ones by default, whose `figure` can be saved.
 
     Returns:
         The side view, x and z of the base frame, and the top view, x and y.
 
     Raises:
         InputError: no such robot, or no such positions.
+        ValueError: there are not two Axes.
+
+    Example:
+        >>> side, top = bayesid.plot.skeleton("ur10e", np.deg2rad([0.0, -90.0, 90.0, 0.0, 90.0, 0.0]))
+        >>> side.get_title()
+        'ur10e, side'
     """
     here = pose(robot if isinstance(robot, Robot) else load_robot(robot), q)
-    figure = new_figure(_HEIGHT, _WIDTH) if figure is None else figure
-    axes: list[Axes] = figure.subplots(1, len(_VIEWS), squeeze=False)[0].tolist()
+    drawn: list[Axes] = grid_of_axes(axes, 1, len(_VIEWS), _HEIGHT, _WIDTH)[0].tolist()
     points = np.concatenate([np.zeros((1, 3)), *here.lines])
     size = max(float(np.ptp(points, axis=0).max()), _SHORTEST)
-    for ax, (name, right, up) in zip(axes, _VIEWS, strict=True):
+    for ax, (name, right, up) in zip(drawn, _VIEWS, strict=True):
         seen = [right, up]
         labels = Labels(ax, _frame(ax, points[:, seen], size))
         _draw_links(ax, here, seen, labels)
@@ -72,8 +77,9 @@ def skeleton(robot: Robot | str | Path, q: ArrayLike | None = None, figure: Figu
         ax.set_xlabel(f"{'xyz'[right]}, m", fontsize=SIZE - 1.0, color=INK)
         ax.set_ylabel(f"{'xyz'[up]}, m", fontsize=SIZE - 1.0, color=INK)
         dress(ax)
-    figure.supxlabel(f"q = {positions_text(here)}\n{_CAPTION}", fontsize=SIZE - 1.5, color=INK)
-    return axes
+    if axes is None:  # another's figure has captions of its own
+        drawn[0].figure.supxlabel(f"q = {positions_text(here)}\n{_CAPTION}", fontsize=SIZE - 1.5, color=INK)
+    return drawn
 
 
 def skeleton_figure(robot: Robot, q: ArrayLike | None = None) -> Figure:
