@@ -41,8 +41,8 @@ def skeleton(robot: Robot | str | Path, q: ArrayLike | None = None, figure: Figu
     """Links, joints and their axes from the side and from above, with lengths in mm.
 
     A joint's axis is an arrow, about which it turns the right-handed way; where it points at the viewer it is a ring
-    with a dot, and with a cross where it points away. A link goes from joint to joint as its table does: straight to the
-    next axis, then along it.
+    with a dot, and with a cross where it points away. A link goes from joint to joint as its table does: straight to
+    the next axis, then along it.
 
     Args:
         robot: a robot, a built-in name or a file.
