@@ -15,7 +15,7 @@ from bayesid.errors import InputError
 from bayesid.model.robot import Robot
 
 _STARTS = 8
-"""Random positions from which the reach is looked for; from four of them it is found on all built-in robots."""
+"""Random positions from which the reach is looked for: from two of them it is found on all built-in robots."""
 
 
 @dataclass(frozen=True)

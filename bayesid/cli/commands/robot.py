@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import csv
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,6 +16,7 @@ from bayesid.arrays import Array
 from bayesid.cli.terminal import show, table
 from bayesid.errors import InputError
 from bayesid.files import check_place, replace_file
+from bayesid.log.formats.text import look
 from bayesid.model.kinematics import Pose, pose, reach
 from bayesid.model.robot import Robot, load_robot
 from bayesid.model.robot.built_in import BUILT_IN, built_in_table
@@ -51,7 +53,8 @@ def _new(options: argparse.Namespace) -> None:
         if options.convention is None:
             remedy = "give standard or modified; docs/how-to/data-sheet-robot.md tells how to see which"
             raise InputError("is needed with a table", "--convention", remedy)
-        text = robot_file(*_table_of(options.table), name, options.convention)
+        table_text, where = _table_of(options.table)
+        text = robot_file(table_text, name, options.convention, where)
         parts = [f"written to {out}; look at it: bayesid robot show {out}"]
     replace_file(out, lambda aside: aside.write_text(text, encoding="utf-8"))
     if not options.quiet:
@@ -63,11 +66,10 @@ def _table_of(source: str) -> tuple[str, str]:
     if "\n" in source or "\\n" in source:
         return source.replace("\\n", "\n"), "the table"
     try:
-        if source == "-":
-            return sys.stdin.read(), "standard input"
-        return Path(source).read_text(encoding="utf-8-sig"), source
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8"
+        content = sys.stdin.buffer.read() if source == "-" else Path(source).read_bytes()
+        return content.decode(look(content, whole=True).encoding), "standard input" if source == "-" else source
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not text"
         raise InputError(f"cannot be read ({reason})", source, "give a table as a text file, - or the text") from None
 
 
@@ -118,10 +120,12 @@ def _positions(text: str, degrees: bool | None, robot: Robot) -> Array:
     try:
         values = np.array([float(word) for word in text.split(",")])
     except ValueError:
-        raise InputError(f"{text!r} is not a list of numbers", "--q", "give Q1,Q2,.. as in 0,-1.57,1.57") from None
-    if len(values) != robot.n_joints or not np.isfinite(values).all():
+        values = np.array([np.nan])
+    if not np.isfinite(values).all():
+        raise InputError(f"{text!r} is not a list of numbers", "--q", "give Q1,Q2,.. as in 0,-1.57,1.57")
+    if len(values) != robot.n_joints:
         said = f"holds {len(values)} positions, {robot.name} has {robot.n_joints} joints"
-        raise InputError(said, "--q", "give one finite number a joint")
+        raise InputError(said, "--q", "give one number a joint")
     turning = np.array([not joint.prismatic for joint in robot.joints])
     if degrees is None and np.any(np.abs(values[turning]) > _TWO_TURNS):
         said = f"{text!r} looks like degrees"
