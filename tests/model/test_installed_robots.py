@@ -169,7 +169,7 @@ REFUSED = {
 """Two rigid bodies with propellers, and a file without a link."""
 
 
-def test_all_but_three_of_example_robot_data_load(capsys):
+def test_all_but_three_of_example_robot_data_load():
     """`pytest -s` prints the table."""
     refused, files = {}, sorted(file for file in files_of("example-robot-data") if file.suffix == ".urdf")
     for file in files:

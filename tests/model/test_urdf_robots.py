@@ -274,8 +274,8 @@ def test_a_loop_apart_from_the_base_is_refused():
     ],
 )
 def test_xacro_files_are_told_from_urdfs(text):
-    with pytest.raises(InputError, match=r"is a xacro file, not a URDF; run `xacro FILE.xacro > robot.urdf`"):
-        robot_from_urdf(text, "test")
+    with pytest.raises(InputError, match=r"is a xacro file, not a URDF; run `xacro 'my arm' > robot.urdf`"):
+        robot_from_urdf(text, "my arm")
 
 
 def test_what_xacro_leaves_behind_is_a_urdf():
