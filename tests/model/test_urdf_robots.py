@@ -249,6 +249,16 @@ def test_choices_that_cannot_be(chosen, said):
     assert str(caught.value).startswith(said)
 
 
+def test_meshes_and_inertias_do_not_matter():
+    mesh = '<visual><geometry><mesh filename="package://nowhere/arm.dae"/></geometry></visual>'
+    nothing = '<inertial><mass value="0"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial>'
+    joints = joint("j1", "revolute", "base", "l1"), joint("j2", "continuous", "l1", "l2")
+    bare = "".join(joints).join(['<robot name="r"><link name="base"/><link name="l1"/><link name="l2"/>', "</robot>"])
+    odd = bare.replace('<link name="l1"/>', f'<link name="l1">{mesh}{nothing}</link>')
+    for text in (bare, odd):
+        assert robot_from_urdf(text, "test").same_kinematics(robot_from_urdf(urdf(*joints), "test"))
+
+
 def test_a_loop_apart_from_the_base_is_refused():
     loop = joint("x", "revolute", "p", "q"), joint("y", "revolute", "q", "p")
     with pytest.raises(InputError, match="test, joint x: is part of a loop"):
@@ -264,8 +274,8 @@ def test_a_loop_apart_from_the_base_is_refused():
     ],
 )
 def test_xacro_files_are_told_from_urdfs(text):
-    with pytest.raises(InputError, match=r"is a xacro file, not a URDF; run `xacro FILE.xacro > robot.urdf`"):
-        robot_from_urdf(text, "test")
+    with pytest.raises(InputError, match=r"is a xacro file, not a URDF; run `xacro 'my arm' > robot.urdf`"):
+        robot_from_urdf(text, "my arm")
 
 
 def test_what_xacro_leaves_behind_is_a_urdf():

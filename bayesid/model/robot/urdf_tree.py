@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -128,7 +129,7 @@ def read_tree(text: str, where: str) -> UrdfTree:
 
 
 def _root(text: str, where: str) -> ET.Element:
-    run = "run `xacro FILE.xacro > robot.urdf` and give robot.urdf"
+    run = f"run `xacro {shlex.quote(where)} > robot.urdf` and give robot.urdf"
     try:
         root = ET.fromstring(text)
     except ET.ParseError as error:
