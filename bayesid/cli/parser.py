@@ -421,9 +421,11 @@ def _add_robot_show(actions: _Commands) -> None:
     examples = [
         "bayesid robot show kr6r900 --q 0,-90,90,0,0,0 --degrees --out kr6r900.png",
         "bayesid robot show arm.toml --q 0.3,-1.2,0.8",
+        "bayesid robot show two_arms.urdf --tip left_flange",
     ]
     parser = _action(actions, "show", "where joints and flange are, to compare with the controller", examples)
-    parser.add_argument("robot", help="built-in name, DH file (.toml) or URDF file")
+    parser.add_argument("robot", help=_SHARED["--robot"]["help"])
+    _share(parser, "--tip", "--hold")
     parser.add_argument("--q", metavar="Q1,Q2,..", help="joint positions, rad or m (default: all zero)")
     degrees = "the positions are in degrees (m where a joint slides); --no-degrees: in rad, however large"
     _share(parser, "--degrees", help=degrees)

@@ -88,6 +88,18 @@ def test_a_log_of_fewer_joints_is_told_the_options_that_help(place, capfd):
     assert not capfd.readouterr().err.startswith("bayesid")
 
 
+def test_show_names_the_joints_in_the_logs_order(place, capfd):
+    assert run("robot", "show", "two arms.urdf", *LEFT, "--q", "0.1,0.2") == 0
+    out, err = capfd.readouterr()
+    assert [line.split()[:3] for line in out.splitlines() if line.startswith("joint")] == [
+        ["joint", "1", "left1"],
+        ["joint", "2", "left2"],
+    ]
+    assert "not on the chain to left_hand" in err
+    assert run("robot", "show", "two arms.urdf") == 0
+    assert "joint 5 right2" in capfd.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("options", "says"),
     [

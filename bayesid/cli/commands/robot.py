@@ -13,12 +13,13 @@ import numpy as np
 from rich.console import RenderableType
 
 from bayesid.arrays import Array
-from bayesid.cli.terminal import show, table
+from bayesid.cli.options import robot_of
+from bayesid.cli.terminal import show, table, warn
 from bayesid.errors import InputError
 from bayesid.files import check_place, replace_file
 from bayesid.log.formats.text import look
 from bayesid.model.kinematics import Pose, pose, reach
-from bayesid.model.robot import Robot, load_robot
+from bayesid.model.robot import Robot
 from bayesid.model.robot.built_in import BUILT_IN, built_in_table
 from bayesid.report.plot.robots import positions_text, skeleton_figure
 from bayesid.results.robot_file import robot_file, robot_template
@@ -83,7 +84,9 @@ def _show(options: argparse.Namespace) -> None:
         _check_file(out)
         if out.suffix.lower() not in _PICTURES:
             raise InputError("is no picture by its name", str(out), f"let it end in {', '.join(_PICTURES)}")
-    robot = load_robot(options.robot)
+    robot = robot_of(options)
+    for note in robot.notes:
+        warn(note)
     here = pose(robot, None if options.q is None else _positions(options.q, options.degrees, robot))
     if out is not None:
         figure = skeleton_figure(robot, here.q)
@@ -98,7 +101,7 @@ def _pose_parts(here: Pose, about: Mapping[str, Any]) -> list[RenderableType]:
     """Where flange and joints are, how far the arm reaches, and what its file says of it."""
     robot, n = here.robot, here.robot.n_joints
     points = np.vstack([here.joint_frames[:, :3, 3], here.flange[:3, 3]]).round(9) + 0.0
-    names = [*(f"joint {i}" for i in range(1, n + 1)), "flange"]
+    names = [*(f"joint {i} {joint.name}".rstrip() for i, joint in enumerate(robot.joints, start=1)), "flange"]
     rows = [
         (name, *(f"{x:.4f}" for x in at), "", *(f"{x:.1f}" for x in 1e3 * at))
         for name, at in zip(names, points, strict=True)
