@@ -135,7 +135,7 @@ def test_descriptions_without_a_urdf(packages):
 
 
 def test_a_name_that_is_near_others(packages):
-    assert refusal("ur5_robt").startswith("ur5_robt: no such robot, did you mean ur5_robot?; give one of kr5")
+    assert refusal("ur5_robt").startswith("ur5_robt: no such robot, did you mean ur5_robot?; give a built-in name")
     assert "did you mean made_description?" in refusal("made_desciption")
     assert refusal("ven").startswith("ven: no such robot, did you mean seven or ")
     assert refusal("zzzz").endswith("a URDF file, or a name of example-robot-data or robot_descriptions")
