@@ -139,8 +139,8 @@ def identify_separately(
                 done.update(found)
                 progress(len(done), len(jobs), sum(bool(result.error) for result in done.values()))
     except KeyboardInterrupt:
-        good = sum(not result.error for result in done.values())
-        kept = f"{good} of {len(jobs)} results stand in {place}" if good else "nothing was written"
+        saved = sum(not result.error for result in done.values())
+        kept = f"{saved} of {len(jobs)} results stand in {place}" if saved else "nothing was written"
         raise KeyboardInterrupt(kept) from None
     runs = tuple(done[k] for k in range(len(jobs)))
     good = [result.coefficients for result in runs if not result.error]

@@ -79,12 +79,19 @@ def test_labels_do_not_lie_on_each_other(name):
 
 
 def test_positions_are_said_and_zero_by_default():
-    figure = Figure()
-    side, _ = bayesid.plot.skeleton(bayesid.load_robot("ur5e"), figure=figure)
-    assert side.figure is figure
-    assert figure.get_supxlabel().startswith("q = 0°, 0°, 0°, 0°, 0°, 0°\n")
+    side, _ = bayesid.plot.skeleton(bayesid.load_robot("ur5e"))
+    assert side.figure.get_supxlabel().startswith("q = 0°, 0°, 0°, 0°, 0°, 0°\n")
     tip = next(line for line in side.lines if line.get_gid() == "flange").get_xydata()[0]
     np.testing.assert_allclose(tip, [-0.8172, 0.0628], rtol=0, atol=1e-12)
+
+
+def test_given_axes_are_used_and_their_figure_keeps_its_caption():
+    axes = Figure().subplots(2)
+    axes[0].figure.supxlabel("mine")
+    assert bayesid.plot.skeleton("ur5e", axes=axes) == axes.tolist()
+    assert axes[0].figure.get_supxlabel() == "mine"
+    with pytest.raises(ValueError, match="1 axes are given, 2 are needed"):
+        bayesid.plot.skeleton("ur5e", axes=axes[:1])
 
 
 def test_a_robot_without_lengths_can_be_drawn(tmp_path):
