@@ -249,5 +249,5 @@ def test_no_such_file_and_no_text(tmp_path):
     for name in ("arm.urdf", "arm.toml"):
         (tmp_path / name).write_bytes(b"\xff\xfe\x00")
         assert "cannot be read" in refusal(tmp_path / name)
-    with pytest.raises(InputError, match="kr55: no such robot; give one of gp12, .*kr5, .*, a DH file"):
+    with pytest.raises(InputError, match=r"kr55: no such robot; give one of gp12, .*kr5, .*, a DH file"):
         load_robot("kr55")

@@ -100,15 +100,21 @@ def _frame(ax: Axes, points: Array, size: float) -> float:
 
 
 def _draw_links(ax: Axes, here: Pose, seen: Sequence[int], labels: Labels) -> None:
-    """All pieces; the length of each, where it is seen whole."""
+    """All pieces; the length of each, where it is seen whole, or else in the view that shows most of it."""
     for number, line in enumerate(here.lines, start=1):
         flat = line[:, seen]
         ax.plot(*flat.T, color=BLUE, linewidth=4.0, solid_capstyle="round", alpha=0.8, gid=f"link {number}")
         for start, end in pairwise(line):
-            length, visible = np.linalg.norm(end - start), np.linalg.norm((end - start)[seen])
+            length = float(np.linalg.norm(end - start))
+            most = max(_seen(end - start, (right, up)) for _, right, up in _VIEWS)
             labels.keep_clear(start[seen], end[seen])
-            if length > _SHORTEST and visible > 0.99 * length:
+            if length > _SHORTEST and _seen(end - start, seen) > min(0.99 * length, most) - _SHORTEST:
                 labels.add(f"{1e3 * length:.4g}", (start + end)[seen] / 2.0, BLUE, SIZE - 2.0)
+
+
+def _seen(piece: Array, view: Sequence[int]) -> float:
+    """Length that a view shows."""
+    return float(np.linalg.norm(piece[list(view)]))
 
 
 def _draw_base(ax: Axes, seen: Sequence[int], size: float, labels: Labels) -> None:
