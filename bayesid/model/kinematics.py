@@ -16,6 +16,8 @@ from bayesid.model.robot import Robot
 
 _STARTS = 8
 """Random positions from which the reach is looked for: from two of them it is found on all built-in robots."""
+_PARALLEL = 0.1
+"""Sine of the angle below which axes count as parallel: those of a calibrated robot nearly are, and meet far away."""
 
 
 @dataclass(frozen=True)
@@ -58,22 +60,33 @@ class Pose:
 
     @cached_property
     def lines(self) -> tuple[Array, ...]:
-        """(3, 3) for each joint, and (2, 3) for the flange: from the frame before to the joint's axis, and along it.
+        """(4, 3) for each joint, and (3, 3) for the flange: the way there from the joint before, as tables measure it.
 
-        The first point is the parent joint's origin (the base's for the first joint), the second the nearest on the
-        joint's axis, the third the joint's own origin.
+        From the parent joint's origin (the base's for the first joint) along its axis, straight to the nearest point of
+        the joint's own axis, and along that to its origin; for the flange along the last axis, and straight to it.
         """
         origins, lines = self.joint_frames[:, :3, 3], []
         for i, joint in enumerate(self.robot.joints):
             start = np.zeros(3) if joint.parent < 0 else origins[joint.parent]
-            foot = origins[i] + self.axes[i] * (self.axes[i] @ (start - origins[i]))
-            lines.append(np.stack([start, foot, origins[i]]))
-        return (*lines, np.stack([origins[-1], self.flange[:3, 3]]))
+            along = self.axes[i if joint.parent < 0 else joint.parent]
+            lines.append(np.stack([start, *_nearest(start, along, origins[i], self.axes[i]), origins[i]]))
+        end, flange = origins[-1], self.flange[:3, 3]
+        return (*lines, np.stack([end, end + self.axes[-1] * (self.axes[-1] @ (flange - end)), flange]))
 
     @property
     def joint_points(self) -> Array:
-        """(n, 3) where each joint is met on the way from the base: the second points of `lines`."""
-        return np.stack([line[1] for line in self.lines[:-1]])
+        """(n, 3) where each joint's axis is met on the way from the base: the third points of `lines`."""
+        return np.stack([line[2] for line in self.lines[:-1]])
+
+
+def _nearest(start: Array, along: Array, end: Array, axis: Array) -> tuple[Array, Array]:
+    """The points of two lines that are nearest to each other; of parallel lines the first one's own point."""
+    normal = np.cross(along, axis)
+    size, between = float(normal @ normal), end - start
+    if size < _PARALLEL**2:
+        return start, end - axis * (axis @ between)
+    first, second = np.cross(between, axis) @ normal / size, np.cross(between, along) @ normal / size
+    return start + along * first, end + axis * second
 
 
 def pose(robot: Robot, q: ArrayLike | None = None) -> Pose:

@@ -207,6 +207,7 @@ def test_show_says_where_the_flange_is(capfd):
     lines = {line.split()[0]: line.split() for line in out.splitlines()}
     assert lines["flange"] == ["flange", "0.5250", "0.0000", "0.8900", "525.0", "0.0", "890.0"]
     assert "KUKA KR 6 R900 sixx" in out
+    assert "gravity in the base frame: 0, 0, -9.81 m/s^2" in out
     assert "to the origin of joint 5 901.5 mm" in out
     assert "note: q1 to q6 are A1 to A6 of the controller" in out
     assert "source: ros-industrial/kuka_experimental" in out

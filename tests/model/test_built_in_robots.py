@@ -162,10 +162,27 @@ def test_frames_and_axes_are_pinocchios(name):
 
 def test_the_skeleton_goes_straight_to_the_next_axis_and_then_along_it():
     here = pose(load_robot("kr6r900"), home("kr6r900"))
-    corners = 1e3 * np.array([line[1] for line in here.lines])
+    corners = 1e3 * np.array([line[2] for line in here.lines])
     expected = [(0, 0, 0), (25, 0, 400), (25, 0, 855), (25, 0, 890), (445, 0, 890), (445, 0, 890), (525, 0, 890)]
     np.testing.assert_allclose(corners, expected, rtol=0, atol=1e-9)
     np.testing.assert_allclose(here.joint_points, corners[:-1] / 1e3, rtol=0, atol=0)
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_pieces_of_the_skeleton_are_the_lengths_of_the_table(name):
+    here = pose(load_robot(name), np.linspace(0.3, 1.1, load_robot(name).n_joints))
+    pieces = np.concatenate([np.linalg.norm(np.diff(line, axis=0), axis=1) for line in here.lines])
+    rows = built_in_table(name)["joints"]
+    lengths = [abs(row[key]) for row in rows for key in ("a", "d") if row[key] != 0.0]
+    np.testing.assert_allclose(sorted(pieces[pieces > 1e-9]), sorted(lengths), rtol=0, atol=1e-12)
+    for before, after in zip(here.lines, here.lines[1:], strict=False):
+        np.testing.assert_array_equal(before[-1], after[0])
+
+
+def test_axes_that_are_nearly_parallel_are_not_drawn_to_where_they_meet():
+    rows = [{"a": a, "alpha": 2e-3, "d": 0.1, "theta": 0.0} for a in (0.4, 0.3, 0.2)]
+    here = pose(robot_from_table({"convention": "standard", "joints": rows}, "test"))
+    assert np.abs(np.concatenate(here.lines)).max() < 1.0
 
 
 def test_reach_of_a_planar_arm():

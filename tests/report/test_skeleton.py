@@ -1,5 +1,7 @@
 """The skeleton of a robot: what is drawn is where its links are, seen from the side and from above."""
 
+from dataclasses import replace
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -44,7 +46,9 @@ def test_links_are_drawn_where_they_are(name):
 def test_joints_lengths_and_ends_are_named():
     side, top = skeleton("kr6r900", POSES["kr6r900"])
     texts = [word.get_text() for word in words(side)]
-    assert {"base", "flange", "x", "z", "1", "2", "3", "4", "5, 6", "400", "25", "455", "35", "420", "80"} == set(texts)
+    assert {"g", "base", "flange", "x", "z", "1", "2", "3", "4", "5, 6", "400", "25", "455", "35", "420", "80"} == set(
+        texts
+    )
     from_above = {word.get_text() for word in words(top)}
     assert {"base", "flange", "x", "y", "1", "2, 3, 4", "5, 6", "25", "420", "80"} == from_above, "what is seen whole"
 
@@ -65,6 +69,24 @@ def test_axes_point_where_the_joints_turn():
     forwards, _ = skeleton("ur5e")
     towards = [line for line in forwards.lines if line.get_marker() == "."]
     assert len(towards) == 4, "joints 2, 3, 4 and 6 of a UR turn about -y at zero"
+
+
+@pytest.mark.parametrize(
+    ("gravity", "seen"), [([0, 0, -9.81], (1, 0)), ([0, 9.81, 0], (0, 1)), ([-9.81, 0, 0], (1, 1))]
+)
+def test_gravity_is_shown_where_it_can_be_seen(gravity, seen):
+    axes = skeleton(replace(bayesid.load_robot("kr5"), gravity=np.array(gravity, dtype=float)))
+    for ax, plane, shown in zip(axes, VIEWS, seen, strict=True):
+        assert [word.get_text() for word in words(ax)].count("g") == shown
+        corner = np.array([ax.get_xlim()[0], ax.get_ylim()[1]])
+        drawn = [
+            end - start for start, end in arrows(ax) if np.linalg.norm(start - corner) < 0.25 * np.ptp(ax.get_xlim())
+        ]
+        assert len(drawn) == shown
+        for arrow in drawn:
+            np.testing.assert_allclose(
+                arrow / np.linalg.norm(arrow), np.array(gravity)[plane] / 9.81, rtol=0, atol=1e-12
+            )
 
 
 @pytest.mark.parametrize("name", POSES)
@@ -98,7 +120,7 @@ def test_a_robot_without_lengths_can_be_drawn(tmp_path):
     path = tmp_path / "point.toml"
     path.write_text('convention = "standard"\njoints = [{ a = 0.0, alpha = 0.0, d = 0.0, theta = 0.0 }]\n')
     side, _ = skeleton(path)
-    assert {word.get_text() for word in words(side)} == {"base", "flange", "x", "z", "1"}
+    assert {word.get_text() for word in words(side)} == {"g", "base", "flange", "x", "z", "1"}
 
 
 @pytest.mark.parametrize(

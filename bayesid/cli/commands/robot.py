@@ -112,6 +112,7 @@ def _pose_parts(here: Pose, about: Mapping[str, Any]) -> list[RenderableType]:
         f"{robot.name}{': ' + about['description'] if about else ''}, {n} joints",
         f"q = {positions_text(here)}",
         table(["origin of", "x, m", "y, m", "z, m", "", "x, mm", "y, mm", "z, mm"], rows, left=["origin of"]),
+        f"gravity in the base frame: {', '.join(f'{g:g}' for g in robot.gravity)} m/s^2",
         f"reach from axis 1: to the flange {1e3 * reach(robot):.1f} mm{wrist}, stretched and without limits{held}",
         *(f"note: {note}" for note in about.get("notes", [])),
         *([f"source: {about['source']}"] if about else []),

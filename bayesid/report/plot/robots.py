@@ -42,7 +42,7 @@ def skeleton(robot: Robot | str | Path, q: ArrayLike | None = None, axes: Sequen
 
     A joint's axis is an arrow, about which it turns the right-handed way; where it points at the viewer it is a ring
     with a dot, and with a cross where it points away. A link goes from joint to joint as its table does: straight to
-    the next axis, then along it.
+    the next axis, then along it. The arrow g in the corner is gravity.
 
     Args:
         robot: a robot, a built-in name or a file.
@@ -68,6 +68,7 @@ def skeleton(robot: Robot | str | Path, q: ArrayLike | None = None, axes: Sequen
     for ax, (name, right, up) in zip(drawn, _VIEWS, strict=True):
         seen = [right, up]
         labels = Labels(ax, _frame(ax, points[:, seen], size))
+        _draw_gravity(ax, here.robot, seen, size, labels)
         _draw_links(ax, here, seen, labels)
         _draw_base(ax, seen, size, labels)
         _draw_joints(ax, here, seen, size, labels)
@@ -105,16 +106,32 @@ def _frame(ax: Axes, points: Array, size: float) -> float:
     return 2.0 * half
 
 
+def _draw_gravity(ax: Axes, robot: Robot, seen: Sequence[int], size: float, labels: Labels) -> None:
+    """An arrow in the corner, where the view shows its direction."""
+    down = robot.gravity[list(seen)] / (np.linalg.norm(robot.gravity) or 1.0)
+    if np.linalg.norm(down) >= _EDGE_ON:
+        corner = np.array([ax.get_xlim()[0], ax.get_ylim()[1]]) + _ARROW * size * np.array([1.0, -1.0])
+        start, tip = corner - 0.4 * _ARROW * size * down, corner + 0.4 * _ARROW * size * down
+        _arrow(ax, start, tip, INK, labels)
+        labels.add("g", corner, INK, SIZE - 1.0)
+
+
 def _draw_links(ax: Axes, here: Pose, seen: Sequence[int], labels: Labels) -> None:
-    """All pieces; the length of each, where it is seen whole."""
+    """All pieces; the length of each, where it is seen whole, or else in the view that shows most of it."""
     for number, line in enumerate(here.lines, start=1):
         flat = line[:, seen]
         ax.plot(*flat.T, color=BLUE, linewidth=4.0, solid_capstyle="round", alpha=0.8, gid=f"link {number}")
         for start, end in pairwise(line):
-            length, visible = np.linalg.norm(end - start), np.linalg.norm((end - start)[seen])
+            length = float(np.linalg.norm(end - start))
+            most = max(_seen(end - start, (right, up)) for _, right, up in _VIEWS)
             labels.keep_clear(start[seen], end[seen])
-            if length > _SHORTEST and visible > 0.99 * length:
-                labels.add(f"{1e3 * length:.4g}", (start + end)[seen] / 2.0, BLUE, SIZE - 2.0)
+            if length > _SHORTEST and _seen(end - start, seen) > min(0.99 * length, most) - _SHORTEST:
+                labels.add(f"{1e3 * length:.2f}".rstrip("0").rstrip("."), (start + end)[seen] / 2.0, BLUE, SIZE - 2.0)
+
+
+def _seen(piece: Array, view: Sequence[int]) -> float:
+    """Length that a view shows."""
+    return float(np.linalg.norm(piece[list(view)]))
 
 
 def _draw_base(ax: Axes, seen: Sequence[int], size: float, labels: Labels) -> None:
