@@ -16,7 +16,7 @@ from bayesid.progress import Steps, no_steps
 from bayesid.signs.search.certified import candidate
 from bayesid.signs.search.problem import Problem
 from bayesid.signs.search.protocol import SignProblem
-from bayesid.signs.search.result import SearchResult
+from bayesid.signs.search.result import Branch, SearchResult
 
 _MOST_LISTED = 32
 """Of the listed assignments, cheapest first, that are priced again. A round number; not studied."""
@@ -56,7 +56,7 @@ def rivals(problem: SignProblem, result: SearchResult, steps: Steps = no_steps) 
     for signs in (*listed, *around):
         steps(len(starts), total)
         starts.append(inner.price(signs))
-    settled = []
+    settled: list[Branch] = []
     for start in starts:
         steps(len(starts) + len(settled), total)
         settled.append(inner.price(inner.settle(known, start.theta).signs))
