@@ -268,6 +268,7 @@ def _identification(run: _Run, log: Log, signals: Signals, model: Model, average
         if averaged.by_asked:
             probability = _average_over_draws(averaged, posterior, run.progress)
         run.lap("smooth")
+    run.progress("other readings", 0, 1)
     reading = suspected_reading(asked.evidence, averaged.fit, probability)
     run.lap("other readings")
     doubt = structural_doubt(settled)
@@ -349,7 +350,7 @@ def _sample(run: _Run, averaged: AveragedSigns, sampling: Sampling) -> Posterior
         nominal=run.beliefs.of(evidence.model.parameters),
         information=evidence.information,
     )
-    posterior = infer(problem, search, sampling, run.progress.steps("posterior"))
+    posterior = infer(problem, search, sampling, run.progress)
     return posterior if evidence.nuisance is None else widened(posterior, fit.information, _lacking(fit))
 
 

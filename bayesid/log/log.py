@@ -37,6 +37,8 @@ _MANY_TURNS = 20.0 * pi
 """rad; where most joints leave ten turns either way even in degrees, they are in neither. A round number."""
 _STRONGEST = 1e5
 """N m; no joint of an arm is as strong: those of the largest, for payloads of 2 t, have some 5e4."""
+_MICROSECONDS = 6
+"""Decimals of a time in s that is told: finer than any log's stamps, coarser than the rounding of an even grid."""
 _ROUNDING = 0.01
 """Share of a period by which an instant of an even grid may miss the row it belongs to; far above the rounding of times
 that count from 1970 (2.4e-7 s), far below half a period."""
@@ -158,7 +160,7 @@ class Log:
 
         Returns:
             (M,) the recording's place in `pieces`, 0 in a log that is one, and -1 where nothing was recorded; and (M,)
-            its own time, s, as the log's clock has it where nothing was recorded.
+            its own time, s, to the microsecond, as the log's clock has it where nothing was recorded.
 
         Example:
             >>> both = bayesid.join_logs([log, other_log])
@@ -172,7 +174,7 @@ class Log:
             first, last = self.t[[piece.start_row, piece.stop_row - 1]]
             inside = (t >= first - slack) & (t <= last + slack)
             place[inside], time[inside] = k, t[inside] - (first - piece.t[0])
-        return place, time
+        return place, np.round(time, _MICROSECONDS)
 
     @property
     def period(self) -> float:

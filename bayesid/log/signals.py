@@ -28,6 +28,8 @@ _ENCODER = 1e-3
 """rad; a joint that never leaves this range shows its encoder's noise, which says nothing about the motion."""
 _SLOWEST = 5.0
 """Hz; no cut-off is chosen below it: friction's steps are faster than any motion. A round number; not studied."""
+_DIGITS = 10
+"""Of a period: a difference of two stamps is rounded, 0.010000000000001563 s are 10 ms."""
 _EVENED = 51
 """Rows over which jittering time stamps are evened out: half a second at the usual 100 Hz. Not studied."""
 _SMOOTHER = 0.25
@@ -114,7 +116,7 @@ def prepare(log: Log, cutoff: float | None = None) -> Signals:
         "repeated_rows_dropped": len(log) - len(t),
         "time_stamps": "as logged" if np.array_equal(t, log.t[keep]) else "evened out",
         "rate_hz": rate,
-        "period_ms": {"min": 1e3 * float(periods.min()), "max": 1e3 * float(periods.max())},
+        "period_ms": {"min": round(1e3 * float(periods.min()), 6), "max": round(1e3 * float(periods.max()), 6)},
         "cutoff_hz": cutoff,
         "cutoff_chosen_from": "data" if chosen else "user",
         "effort_cutoff_hz": _effort_cutoff(cutoff, rate),
@@ -187,7 +189,7 @@ def _on_even_grid(recorded: RecordedMotion, effort: Array | None = None) -> _Eve
     measured, source = recorded.dq, recorded.source
     keep = distinct_rows(recorded.t, [part for part in (recorded.q, effort, measured) if part is not None])
     t = _instants(recorded.t[keep], recorded.q[keep])
-    rate = 1.0 / float(np.median(np.diff(t)))
+    rate = 1.0 / float(f"{np.median(np.diff(t)):.{_DIGITS}g}")
     grid = t[0] + np.arange(int((t[-1] - t[0]) * rate * (1 + 1e-9)) + 1) / rate
     if len(grid) < FEWEST_ROWS:
         raise InputError(f"only {len(grid)} distinct instants", source, "record a longer log")

@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from conftest import real_log
 
 from bayesid import cli
 from bayesid.errors import InputError
@@ -11,7 +12,6 @@ from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log, read_log
 from bayesid.log.motions import read_motion
 from bayesid.signs.search.certified import Certified
-from tests.conftest import real_log
 
 N = 2
 
