@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from bayesid.model.built_in import BUILT_IN, built_in_table
+from bayesid.model.robot.built_in import BUILT_IN, built_in_table
 
 PAGE = Path(__file__).parents[2] / "docs" / "logs-and-robots.md"
 
