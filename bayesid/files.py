@@ -7,8 +7,14 @@ deleted.
 from __future__ import annotations
 
 import csv
+import ctypes
+import glob
 import json
 import os
+import re
+import shutil
+import socket
+import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence, Set
 from contextlib import contextmanager
@@ -25,17 +31,58 @@ except ImportError:  # Windows
 from bayesid.arrays import Array
 from bayesid.errors import InputError
 
+_AT_PATH, _EXCHANGE = -100, 2
+"""AT_FDCWD and RENAME_EXCHANGE of Linux (linux/fcntl.h, linux/fs.h); RENAME_SWAP of macOS is 2 too (sys/stdio.h)."""
+_OWNER = re.compile(r"-(\d+)(?:-\w+)?$")
+"""At the end of the name of what is written aside: the process that writes it."""
+_HERE = re.sub(r"\W", "_", socket.gethostname())
+"""Part of such names: a process of another machine, which shares the folder, is not ours to judge."""
+
 
 def replace_file(path: Path, write: Callable[[Path], object]) -> None:
     """Has `write` fill a file beside the target, then renames it; folders above it are made as needed."""
-    aside = path.with_name(f".{path.name}-{os.getpid()}")
+    aside = path.with_name(f"{_aside(path)}{os.getpid()}")
     with _input_error(path):
         path.parent.mkdir(parents=True, exist_ok=True)
+        tidy(path)
         try:
             write(aside)
             aside.replace(path)
         finally:
             aside.unlink(missing_ok=True)
+
+
+def _aside(path: Path) -> str:
+    return f".{path.name}-{_HERE}-"
+
+
+def tidy(path: Path) -> None:
+    """Removes what killed processes of this machine have left beside a path.
+
+    An earlier folder that one of them had put aside, to put its own there, is put back.
+    """
+    if not path.parent.is_dir() or os.name != "posix":  # elsewhere no signal asks whether a process lives
+        return
+    for left in path.parent.glob(f"{glob.escape(_aside(path))}*"):
+        owner = _OWNER.search(left.name)
+        if owner is None or _lives(int(owner[1])):
+            continue
+        if (left / "old").is_dir() and not path.exists():
+            (left / "old").rename(path)
+        if left.is_dir():
+            shutil.rmtree(left, ignore_errors=True)
+        else:
+            left.unlink(missing_ok=True)
+
+
+def _lives(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        return True
+    return True
 
 
 def save_table(path: Path, rows: Sequence[dict[str, object]]) -> None:
@@ -59,6 +106,7 @@ def check_folder(folder: str | Path, files: Set[str], marker: str) -> Path:
         InputError: something else is there, or the place cannot be written.
     """
     folder = Path(folder)
+    tidy(folder.resolve())
     remedy = "give --out a new folder"
     if folder.is_dir():
         names = {path.name for path in folder.iterdir()}
@@ -101,21 +149,45 @@ def save_folder(folder: str | Path, files: Set[str], marker: str, write: Callabl
     target = folder.resolve()
     with _input_error(folder):
         target.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(
-            prefix=f".{target.name}-", dir=target.parent, ignore_cleanup_errors=True
-        ) as work:
-            new, old = Path(work) / "new", Path(work) / "old"
+        prefix = f"{_aside(target)}{os.getpid()}-"
+        with tempfile.TemporaryDirectory(prefix=prefix, dir=target.parent, ignore_cleanup_errors=True) as work:
+            new = Path(work) / "new"
             new.mkdir()
             write(new)
-            if target.exists():
-                target.rename(old)
-            try:
-                new.rename(target)
-            except BaseException:
-                if old.exists():
-                    old.rename(target)
-                raise
+            check_folder(folder, files, marker)  # it may have taken long
+            _put(new, target, Path(work) / "old")
     return folder
+
+
+def _put(new: Path, target: Path, old: Path) -> None:
+    """The new folder takes the target's place.
+
+    Where the system exchanges names, one or the other is always there; else a kill between two renames leaves the
+    earlier one aside, from where `tidy` puts it back.
+    """
+    if target.exists() and _exchanged(new, target):
+        return
+    if target.exists():
+        target.rename(old)
+    try:
+        new.rename(target)
+    except BaseException:
+        if old.exists():
+            old.rename(target)
+        raise
+
+
+def _exchanged(one: Path, other: Path) -> bool:
+    """Whether two names were exchanged in one step, which Linux and macOS can on most file systems."""
+    try:
+        library = ctypes.CDLL(None, use_errno=True)
+        if sys.platform == "darwin":
+            failed = library.renamex_np(os.fsencode(one), os.fsencode(other), _EXCHANGE)
+        else:
+            failed = library.renameat2(_AT_PATH, os.fsencode(one), _AT_PATH, os.fsencode(other), _EXCHANGE)
+    except (AttributeError, OSError, TypeError):  # no such function, or no such library
+        return False
+    return not failed
 
 
 @contextmanager
@@ -173,7 +245,7 @@ def _input_error(path: Path) -> Iterator[None]:
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
     """Writes a dictionary as JSON, infinity as null."""
-    path.write_text(json.dumps(plain(content), indent=2) + "\n")
+    path.write_text(json.dumps(plain(content), indent=2) + "\n", encoding="utf-8")
 
 
 def write_rows(path: Path, header: Sequence[str], rows: Iterable[Iterable[object]]) -> None:
