@@ -12,7 +12,7 @@ from statistics import median
 import pytest
 
 ROOT = Path(__file__).parents[1]
-GROUND = ("errors", "arrays", "motion", "files", "progress")
+GROUND = ("errors", "arrays", "motion", "files", "process", "progress")
 ROOMS = (
     "model",
     "log",
@@ -29,8 +29,9 @@ ROOMS = (
     "cli",
 )
 """From the ground up, in the order in which data pass through them."""
-EVERYWHERE = {"numpy", "scipy", "threadpoolctl"}
+EVERYWHERE = {"numpy", "scipy"}
 HOMES = {
+    "threadpoolctl": {"process"},
     "pinocchio": {"model"},
     "rosbags": {"log"},
     "pyarrow": {"log", "study"},

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from bayesid.arrays import Array
 from bayesid.discrepancy.case import Case, divide
@@ -29,6 +28,7 @@ from bayesid.log.log import LogSource, as_log
 from bayesid.log.signals import prepare
 from bayesid.model.coefficients import base_coefficients
 from bayesid.posterior.sampler import Sampling
+from bayesid.process import one_blas_thread
 from bayesid.progress import SILENT, Progress
 from bayesid.signs.search.protocol import Search
 
@@ -116,7 +116,7 @@ class Discrepancy:
         return tuple(effect.hypothesis.key for effect in self.refused)
 
 
-@threadpool_limits.wrap(limits=1, user_api="blas")
+@one_blas_thread
 def find_discrepancy(
     earlier: IdentifiedModel | Identification,
     log: LogSource,

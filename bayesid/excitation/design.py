@@ -26,7 +26,6 @@ from pathlib import Path
 
 import numpy as np
 from scipy.optimize import minimize
-from threadpoolctl import threadpool_limits
 
 from bayesid.arrays import Array, Mask
 from bayesid.errors import InputError
@@ -51,6 +50,7 @@ from bayesid.model.model import Model
 from bayesid.model.robot import Robot, load_robot
 from bayesid.model.terms import STANDARD, Term
 from bayesid.motion import Motion
+from bayesid.process import one_blas_thread
 from bayesid.progress import SILENT, Progress
 from bayesid.simulation.exciting import condition_number, log_condition_of
 from bayesid.simulation.trajectories import (
@@ -272,7 +272,7 @@ class ExcitationDesign:
         return self.reached.noise
 
 
-@threadpool_limits.wrap(limits=1, user_api="blas")  # matrices are small: threads only wait for each other
+@one_blas_thread
 def design_excitation(
     robot: Robot | str | Path,
     terms: Iterable[str | Term] = STANDARD,

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError
@@ -28,6 +27,7 @@ from bayesid.model.coefficients import BaseCoefficients
 from bayesid.model.model import Model
 from bayesid.model.robot import Robot, check_joints, load_robot
 from bayesid.model.terms import STANDARD, Term
+from bayesid.process import one_blas_thread
 from bayesid.simulation.exciting import UNEXCITED, log_condition_of
 
 _LITTLE = 0.2
@@ -131,7 +131,7 @@ class ExcitationJudgement:
         return "amber" if many or _segments(self) or _idle(self) else "green"
 
 
-@threadpool_limits.wrap(limits=1, user_api="blas")
+@one_blas_thread
 def judge_log(
     robot: Robot | str | Path,
     log: LogSource,

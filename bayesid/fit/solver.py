@@ -16,7 +16,6 @@ g after the other by Clarabel, in a few milliseconds each. A status other than s
 
 from __future__ import annotations
 
-import warnings
 from copy import copy
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -33,6 +32,7 @@ from bayesid.errors import SolverError
 from bayesid.model.coefficients import BaseCoefficients
 from bayesid.model.inertia import PSEUDO_INERTIA_BASIS, from_pseudo_inertia
 from bayesid.model.parameters import Cone
+from bayesid.process import quiet
 
 MARGIN = 1e-6
 """Smallest eigenvalue left to a pseudo-inertia (kg m^2 to kg): far below any link's, far above rounding."""
@@ -321,8 +321,7 @@ def move_inside(cone: Cone, coefficients: BaseCoefficients, theta: Array) -> Arr
         constraints.append(moved[cone.nonnegative] >= 0)
     far = cp.sum_squares((moved - _typical(cone)) / sizes)  # keeps a mass without trace from growing for ever
     problem = cp.Problem(cp.Maximize(t - _NEARNESS * far), constraints)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # cvxpy's word for a status that is checked below
+    with quiet(UserWarning):  # cvxpy's word for a status that is checked below
         try:
             problem.solve(solver=cp.CLARABEL, tol_gap_abs=_INSIDE_TOLERANCE, tol_gap_rel=_INSIDE_TOLERANCE)
         except cp.SolverError as error:

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError
@@ -48,6 +47,7 @@ from bayesid.posterior.inference import DRAWS, Posterior, infer, widened
 from bayesid.posterior.links import usual_links
 from bayesid.posterior.problem import PosteriorProblem
 from bayesid.posterior.sampler import Sampling
+from bayesid.process import one_blas_thread
 from bayesid.progress import SILENT, Progress
 from bayesid.signs.after_rectifier import settle_unfiltered
 from bayesid.signs.averaging import AveragedSigns, average_over_models, structural_doubt
@@ -74,7 +74,7 @@ _SMOOTHED = 200_000
 number; not studied."""
 
 
-@threadpool_limits.wrap(limits=1, user_api="blas")  # matrices are small: threads only wait for each other
+@one_blas_thread
 def identify(
     robot: Robot | str | Path,
     log: LogSource,
@@ -140,7 +140,7 @@ def identify(
     return replace(result, signals=asked.evidence.signals, completion=completed.completion)
 
 
-@threadpool_limits.wrap(limits=1, user_api="blas")
+@one_blas_thread
 def identify_again(
     model: Model,
     log: Log,

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
 
 from bayesid.arrays import Array
+from bayesid.process import one_at_a_time, quiet
 
 
 @dataclass(frozen=True)
@@ -41,13 +41,13 @@ class Diagnostics:
         return self.max_rhat <= max_rhat and self.min_ess >= min_ess
 
 
+@one_at_a_time
 def diagnose(draws: Array) -> Diagnostics:
     """Diagnostics of draws (D, E, W, K): D sweeps of E ensembles of W walkers; D >= 4. A constant counts as converged.
 
     Draws that are not finite give NaN, which passes no test.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FutureWarning)  # ArviZ announces its next version on import
+    with quiet(FutureWarning):  # ArviZ announces its next version on import
         import arviz  # here, for it takes half a second that no other command should wait
 
     sweeps, ensembles, walkers, size = draws.shape

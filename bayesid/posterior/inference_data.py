@@ -25,7 +25,6 @@ instead of early with late sweeps: whether the run has converged is in the attri
 from __future__ import annotations
 
 import json
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -46,9 +45,9 @@ from bayesid.posterior.blocks import Blocks
 from bayesid.posterior.likelihood import Likelihood
 from bayesid.posterior.sampler import Draws
 from bayesid.posterior.target import Target
+from bayesid.process import one_at_a_time, quiet
 
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore", FutureWarning)  # ArviZ announces its next version on import
+with quiet(FutureWarning):  # ArviZ announces its next version on import
     from arviz import InferenceData
 
 __all__ = [
@@ -99,6 +98,7 @@ class Labels:
     time: Array
 
 
+@one_at_a_time
 def make_inference_data(
     draws: Draws,
     target: Target,

@@ -26,9 +26,8 @@ from importlib.metadata import version
 from multiprocessing import get_context, parent_process
 from typing import Any, Protocol
 
-from threadpoolctl import threadpool_limits
-
 from bayesid.errors import BayesidError, InputError
+from bayesid.process import one_blas_thread
 
 Tally = Callable[[int, int, int], None]
 """Called as tally(done, total, failed) after every batch."""
@@ -176,7 +175,7 @@ class Answer:
 
 def attempt(function: Callable[[Any], Any], task: Any) -> Answer:
     """Runs a task; whatever it raises is part of the answer."""
-    with _one_at_a_time, threadpool_limits(limits=1, user_api="blas"):
+    with _one_at_a_time, one_blas_thread:
         began = time.perf_counter()
         try:
             value, error = pickle.dumps(function(task)), ""

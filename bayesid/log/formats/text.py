@@ -10,7 +10,6 @@ import codecs
 import csv
 import io
 import re
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +24,7 @@ from bayesid.log.formats.clocks import clock_seconds, is_clock
 from bayesid.log.formats.names import choose
 from bayesid.log.formats.table import Chosen, Column, SourceColumn, Table
 from bayesid.log.formats.units import is_unit, split_brackets
+from bayesid.process import quiet
 
 _SEPARATORS = ",", ";", "\t", "|", " "
 """What may be between two columns; spaces count in any number."""
@@ -283,8 +283,7 @@ def _read_values(path: Path, layout: Layout, used: list[int], clock: int | None)
     n = len(layout.header)
     converters: dict[int | str, Callable[[str], float]] = {i: lambda _: 0.0 for i in range(n) if i not in used}
     converters |= {} if clock is None else {clock: clock_seconds}
-    with _open(path, layout) as file, warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # of a file without rows, which is refused later
+    with _open(path, layout) as file, quiet(UserWarning):  # of a file without rows, which is refused later
         try:
             values: Array = np.loadtxt(
                 layout.lines(file),

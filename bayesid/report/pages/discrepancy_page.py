@@ -15,6 +15,7 @@ from bayesid.fit.effects.explanation import LN10
 from bayesid.fit.effects.hypotheses import Hypothesis
 from bayesid.fit.effects.scores import Score
 from bayesid.model.catalogue import forms
+from bayesid.process import one_at_a_time
 from bayesid.report.discrepancy_verdicts import (
     discrepancy_checks,
     distinguishing_motions,
@@ -58,6 +59,7 @@ _CANDIDATES = 25
 _ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
 
 
+@one_at_a_time
 def discrepancy_page(discrepancy: Discrepancy) -> str:
     """The report of a comparison, in HTML: opens in a browser from anywhere, light or dark, and prints."""
     identification = discrepancy.identification

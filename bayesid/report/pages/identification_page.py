@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from bayesid.identification.identification import SURE
 from bayesid.identification.warnings import convergence
+from bayesid.process import one_at_a_time
 from bayesid.progress import SILENT, Progress
 from bayesid.report import commands, plot
 from bayesid.report.findings import Findings
@@ -94,6 +95,7 @@ _BAR = (60.0, 28.0, 2.0)
 """Zero of a coefficient's bar, its own size, and where it is cut off in such sizes: the picture is 120 wide."""
 
 
+@one_at_a_time
 def identification_page(findings: Findings, progress: Progress = SILENT) -> str:
     """The report of an identification, in HTML: opens in a browser from anywhere, light or dark, and prints.
 

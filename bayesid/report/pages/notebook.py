@@ -6,6 +6,7 @@ from markupsafe import Markup
 
 from bayesid.errors import in_python
 from bayesid.identification.identification import Identification
+from bayesid.process import one_at_a_time
 from bayesid.report.findings import find_findings
 from bayesid.report.pages.rendering import fragment
 from bayesid.report.plot.efforts import WIDE, torques
@@ -20,6 +21,7 @@ _HEIGHT = 3.0
 """in, of the figure."""
 
 
+@one_at_a_time
 def identification_view(identification: Identification) -> str:
     """HTML that stands by itself: nothing is fetched, and no script runs."""
     findings = find_findings(identification)

@@ -10,6 +10,7 @@ import matplotlib as mpl
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+from bayesid.process import ALONE
 from bayesid.report.plot.style import INK
 
 _DPI = 130
@@ -27,7 +28,7 @@ def inline_svg(figure: Figure, name: str, alt: str) -> str:
         alt: what it shows, for those who do not see it.
     """
     text = io.StringIO()
-    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "bayesid"}):
+    with ALONE, mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "bayesid"}):
         _lay_out(figure)
         figure.savefig(text, format="svg", dpi=_DPI, transparent=True)
     svg = text.getvalue()[text.getvalue().index("<svg") :]

@@ -15,6 +15,7 @@ from matplotlib.ticker import NullLocator
 
 from bayesid.arrays import Array
 from bayesid.files import replace_file
+from bayesid.process import ALONE
 
 COLOURS = ("#1b7f79", "#c0392b", "#2c5d9b", "#d08a1d", "#6a4c93", "#555555", "#a0522d")
 """Distinct for people who do not see red and green alike, and in print together with the markers."""
@@ -38,7 +39,7 @@ def save_figure(draw: Callable[[Figure], None], path: Path) -> None:
     figure = Figure(figsize=_SIZE, layout="constrained")
     FigureCanvasAgg(figure)
     draw(figure)
-    with rc_context({"svg.hashsalt": "bayesid"}):  # and without a date: the same rows, the same file
+    with ALONE, rc_context({"svg.hashsalt": "bayesid"}):  # and without a date: the same rows, the same file
         replace_file(path, lambda aside: figure.savefig(aside, format=path.suffix[1:], metadata={"Date": None}))
 
 

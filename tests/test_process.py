@@ -1,0 +1,108 @@
+"""Threads of one process: what they share stays as it was, and each computes what it would alone."""
+
+import re
+import threading
+import warnings
+from concurrent.futures import ThreadPoolExecutor
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from conftest import small_robot
+from threadpoolctl import threadpool_info
+
+import bayesid
+from bayesid.model.catalogue import make_terms
+from bayesid.model.model import Model
+from bayesid.posterior.sampler import Sampling
+from bayesid.process import one_blas_thread, quiet
+from bayesid.report.findings import find_findings
+from bayesid.report.pages.identification_page import identification_page
+from bayesid.simulation.logs import simulate
+from bayesid.simulation.parameters import random_parameters
+from bayesid.simulation.trajectories import random_trajectory
+
+TERMS = ["rigid_body", "viscous_friction"]
+ROBOT = small_robot(2, 3)
+MOTION = random_trajectory(2, 6.0, seed=4).motion(np.arange(301) / 50.0)
+MODEL = Model(ROBOT, make_terms(TERMS, ROBOT, MOTION))
+THETA = random_parameters(MODEL, np.random.default_rng(4))
+
+
+def blas_threads():
+    return [library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"]
+
+
+def shared():
+    return blas_threads(), list(warnings.filters), dict(mpl.rcParams)
+
+
+def overlap(first, second):
+    """Enters first, enters second, leaves first, leaves second; each in a thread of its own."""
+    inside, gone = threading.Event(), threading.Event()
+
+    def early():
+        with first():
+            inside.set()
+            second_in.wait(0.5)  # where it cannot come in, it waits for us
+        gone.set()
+
+    def late():
+        inside.wait()
+        with second():
+            second_in.set()
+            gone.wait()
+
+    second_in = threading.Event()
+    threads = [threading.Thread(target=target) for target in (early, late)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+
+@pytest.mark.parametrize("what", [lambda: one_blas_thread, lambda: quiet(UserWarning)])
+def test_overlapping_changes_are_taken_back(what):
+    before = shared()
+    overlap(what, what)
+    assert shared() == before
+
+
+def test_the_limit_holds_for_the_last_inside():
+    before = blas_threads()
+    with one_blas_thread:
+        with one_blas_thread:
+            pass
+        assert set(blas_threads()) == {1}
+    assert blas_threads() == before
+
+
+def figures_of(page):
+    """What does not say when it was made."""
+    return re.findall(r"<svg.*?</svg>", page, re.DOTALL)
+
+
+def compute(seed):
+    """Numbers and page of an identification."""
+    log = simulate(MODEL, THETA, MOTION, rng=np.random.default_rng(seed), noise=0.03)
+    sampling = Sampling(seed=seed, repeatable=True)
+    search = bayesid.Certified(repeatable=True)
+    result = bayesid.identify(ROBOT, log, TERMS, search=search, posterior=sampling)
+    findings = find_findings(result)
+    return result.identified.theta, result.probability, result.posterior.plus, figures_of(identification_page(findings))
+
+
+@pytest.mark.parametrize(
+    "seeds", [(1, 2, 1), pytest.param((1, 2, 1, 2, 3, 3, 2, 1, 4, 4, 1, 2, 3), marks=pytest.mark.long)]
+)
+def test_threads_give_what_one_gives(seeds):
+    before = shared()
+    alone = {seed: compute(seed) for seed in set(seeds)}
+    with ThreadPoolExecutor(8) as pool:
+        together = list(pool.map(compute, seeds))
+    for seed, found in zip(seeds, together, strict=True):
+        for one, other in zip(found[:-1], alone[seed][:-1], strict=True):
+            np.testing.assert_array_equal(one, other)
+        assert len(found[-1]) > 3
+        assert found[-1] == alone[seed][-1]
+    assert shared() == before
