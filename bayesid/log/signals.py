@@ -30,6 +30,9 @@ _SLOWEST = 5.0
 """Hz; no cut-off is chosen below it: friction's steps are faster than any motion. A round number; not studied."""
 _DIGITS = 10
 """Of a period: a difference of two stamps is rounded, 0.010000000000001563 s are 10 ms."""
+_FEWEST_ALLOWED, _EMPTIEST = 1_000_000, 20
+"""Samples that an even grid may have, whatever the log, and samples a row from there on: an emptier grid is made of time
+stamps that come in bursts, or of pauses of hours. Round numbers; a million samples fit any machine."""
 _EVENED = 51
 """Rows over which jittering time stamps are evened out: half a second at the usual 100 Hz. Not studied."""
 _SMOOTHER = 0.25
@@ -190,7 +193,12 @@ def _on_even_grid(recorded: RecordedMotion, effort: Array | None = None) -> _Eve
     keep = distinct_rows(recorded.t, [part for part in (recorded.q, effort, measured) if part is not None])
     t = _instants(recorded.t[keep], recorded.q[keep])
     rate = 1.0 / float(f"{np.median(np.diff(t)):.{_DIGITS}g}")
-    grid = t[0] + np.arange(int((t[-1] - t[0]) * rate * (1 + 1e-9)) + 1) / rate
+    size = (t[-1] - t[0]) * rate * (1 + 1e-9) + 1.0
+    if size > max(_FEWEST_ALLOWED, _EMPTIEST * len(t)):
+        apart = f"{len(t)} instants over {t[-1] - t[0]:.6g} s, {1.0 / rate:.3g} s apart as a rule"
+        remedy = "give each row its own time, or cut the log at its pauses and give its parts as several logs"
+        raise InputError(f"{apart}, lie on {size:.3g} even ones", source, remedy)
+    grid = t[0] + np.arange(int(size)) / rate
     if len(grid) < FEWEST_ROWS:
         raise InputError(f"only {len(grid)} distinct instants", source, "record a longer log")
     q = CubicSpline(t, recorded.q[keep])(grid)

@@ -181,3 +181,27 @@ def test_times_are_told_as_a_log_writes_them():
     joined = join_logs([log, log])
     _, told = joined.clock(prepare(joined).motion.t)
     assert max(len(repr(float(time)).partition(".")[2]) for time in told) <= 2
+
+
+def bursts(step):
+    """Nine hundred rows that arrive ten at a time, a tenth of a second apart."""
+    k = np.arange(900)
+    return (k // 10) * 0.1 + (k % 10) * step
+
+
+@pytest.mark.parametrize(
+    "t",
+    [bursts(1e-9), bursts(1e-12), np.concatenate([np.arange(500) * 0.01, 1e9 + np.arange(500) * 0.01])],
+    ids=["ns", "ps", "a pause of years"],
+)
+def test_no_grid_is_larger_than_what_was_recorded_needs(t):
+    q = np.sin(np.arange(len(t)) / 30.0)[:, None]
+    log = Log(t=t, q=q, effort=np.abs(q) + 1.0, signed=np.array([False]), source="odd.csv")
+    with pytest.raises(InputError, match=r"odd.csv: \d+ instants over .*, lie on .* even ones; give each"):
+        prepare(log)
+
+
+def test_a_pause_of_minutes_is_no_reason_to_refuse():
+    t = np.concatenate([np.arange(500) * 0.01, 300.0 + np.arange(500) * 0.01])
+    q = np.sin(3.0 * t)[:, None]
+    assert len(prepare(Log(t=t, q=q, effort=np.abs(q) + 1.0, signed=np.array([False]))).motion) == 30_500
