@@ -85,7 +85,8 @@ def _by_end(kinds: Sequence[str], labels: Sequence[str], n_joints: int | None) -
     ends: dict[str, list[str]] = {}
     for label in labels:
         ends.setdefault(last_word(label), []).append(label)
-    return known + [(_kind_of(kinds, end), alike) for end, alike in ends.items() if len(alike) == n_joints]
+    fitting = [(_kind_of(kinds, end), alike) for end, alike in ends.items() if len(alike) == n_joints]
+    return known + sorted(fitting, key=lambda one: _EFFORT.search(one[1][0]) is None)
 
 
 def _kind_of(kinds: Sequence[str], name: str) -> str:

@@ -42,9 +42,8 @@ _COMMENTS = "#", "%"
 _MINUS = "\u2212"
 """The sign of mathematics, which word processors put in place of a hyphen."""
 _AGAIN = "remove the row or, if another recording begins there, cut the log into two files and give both"
-_THOUSANDS = re.compile(
-    r"[-+]?\d{1,3}(?:[.,'\u00a0\u202f ]\d{3}){2,}|[-+]?\d{1,3}(?:[,'\u00a0\u202f ]\d{3})+(?:\.\d*)?"
-)
+_THOUSANDS = re.compile(r"[-+]?\d{1,3}(?:[.,'\u00a0\u202f ]\d{3})+(?:[.,]\d*)?")
+"""What is no number, but would be one without the separators of its thousands."""
 _NO_VALUE = "#", "nan", "NaN", "NULL", "null", "None", "N/A", "n/a", "-", "?"
 """How a cell without a value begins: errors of spreadsheets, and words for nothing."""
 _CONTROLS = re.compile(rb"[\0-\x08\x0e-\x1f]")
