@@ -1,4 +1,4 @@
-"""A log in the forms that spreadsheets, recorders and hands give it: read right, or one line that leads on; never wrong."""
+"""A log in the forms of spreadsheets, recorders and hands: read right, or one line that leads on; never wrong."""
 
 import gzip
 import io
@@ -218,11 +218,11 @@ REFUSED = {
     ),
     "degrees/s": (
         lambda v: lines(scaled(v, dq=180.0 / np.pi)),
-        "the velocity of joint 1 is 57.3 times the change of its position; if velocities are in degrees/s, name them dq1[",
+        "the velocity of joint 1 is 57.3 times the change of its position; if velocities are in degrees/s, name them ",
     ),
     "small angles in degrees": (
         lambda v: lines(scaled(v, q=0.1 * 180.0 / np.pi, dq=0.1)),
-        "is 0.0175 times the change of its position; if positions are in degrees, name them q1[deg] and so on, or leave",
+        "is 0.0175 times the change of its position; if positions are in degrees, name them q1[deg] and so on",
     ),
     "minutes unsaid": (
         lambda v: lines(scaled(v, t=1.0 / 60.0), cell="{:.9f}".format),
@@ -279,4 +279,4 @@ def test_a_stranger_needs_three_commands(tmp_path, values, capfd):
     assert "give --degrees too" in second
     assert_same(read_log(path, columns=columns, degrees=True), values)
     assert cli.main(["identify", str(path), "--robot", "kr5", "--columns", columns, "--degrees"]) == 2
-    assert "the log has 3 joints, robot KR5 has 6" in capfd.readouterr().err
+    assert "the log has 3 joints, robot kuka_kr5_sixx_r650 has 6" in capfd.readouterr().err
