@@ -195,12 +195,14 @@ def _encoding(content: bytes, whole: bool) -> str:
 
 
 def _are_quoted(lines: Sequence[str]) -> bool:
-    """Whether the first lines stand in quotes as a whole."""
+    """Whether the first lines stand in quotes as a whole: those inside are doubled, and there are separators."""
     first = [line.strip() for line in lines[:2]]
-    cells = [next(csv.reader([line]), []) for line in first]
     return len(first) == 2 and all(
-        line[:1] == '"' and len(row) == 1 and row[0].count(",") + row[0].count(";") >= _FEWEST - 1
-        for line, row in zip(first, cells, strict=True)
+        len(line) > 1
+        and line[0] == line[-1] == '"'
+        and '"' not in line[1:-1].replace('""', "")
+        and max(map(line.count, _SEPARATORS)) >= _FEWEST - 1
+        for line in first
     )
 
 
