@@ -155,6 +155,10 @@ FOREIGN = {
     "Excel": (lambda v: packed(v, "excel"), "is an Excel workbook; save the sheet with the log as CSV"),
     "NumPy": (lambda v: npy(v), "is an array of NumPy; give it from Python"),
     "HDF5": (lambda v: b"\x89HDF\r\n\x1a\n" + bytes(600), "is an HDF5 file, but none of MATLAB"),
+    "trace of KUKA": (
+        lambda v: b"DIAEXTENDED  {@:ENGLISH\n#BEGINGLOBALHEADER\n",
+        "a header of DIAdem, as KUKA's trace",
+    ),
     "bag of ROS 1": (lambda v: b"#ROSBAG V2.0\n" + bytes(99), "is a bag of ROS 1; convert it: rosbags-convert"),
 }
 
