@@ -216,12 +216,9 @@ def read_log(
     q, measured = table.block("q", angle), table.block("tau" if "tau1" in table.columns else "i")
     signed = _signed(measured, unsigned, table.n_joints)
     effort = measured * factors
-    _check_blocks(table, q, effort)
     dq = table.block("dq", angle) if "dq1" in table.columns else None
-    if dq is not None:
-        check_velocities(table.t, q, dq, table.source)
-    if degrees is None:
-        check_speeds(table.t, q, table.source)
+    _check_blocks(table, q, effort)
+    _check_motion(table, q, dq, degrees)
     for note in table.notes:
         warnings.warn(note, stacklevel=2)
     effort = np.where(signed, effort, np.abs(effort))
@@ -393,6 +390,14 @@ def _check_blocks(table: Table, q: Array, effort: Array) -> None:
         said = f"the effort of joint {j + 1} reaches {np.abs(effort[:, j]).max():.3g} N m"
         remedy = "say the unit of currents or torques in the header, as in i1[mA], or correct --gains"
         raise InputError(said, table.source, remedy)
+
+
+def _check_motion(table: Table, q: Array, dq: Array | None, degrees: bool | None) -> None:
+    """Positions, velocities and times belong together, unless a user vouches for the unit of positions."""
+    if dq is not None:
+        check_velocities(table.t, q, dq, table.source)
+    if degrees is None:
+        check_speeds(table.t, q, table.source)
 
 
 def angle_unit(table: Table, degrees: bool | None) -> float:
