@@ -1,13 +1,14 @@
 """Robot dynamics identification when the controller hides the sign of the motor currents.
 
-import bayesid
-result = bayesid.identify("ur10e", "log.csv")
-result.coefficient("Fc2").mean, result.predict("motion.csv").to_dataframe()
-result.validate("another_log.csv").relative_residual
-bayesid.plot.torques(result)
-bayesid.find_discrepancy(result, "another_log.csv").added
+    import bayesid
+    result = bayesid.identify("ur10e", "log.csv")
+    result.coefficient("Fc2").mean, result.predict("motion.csv").to_dataframe()
+    result.validate("another_log.csv").relative_residual
+    bayesid.plot.torques(result)
+    bayesid.find_discrepancy(result, "another_log.csv").added
 
-The names of __init__.pyi are promised, all else may change; each is loaded where it is first used.
+In the examples of docstrings `robot`, `log`, `motion`, `model`, `theta`, `result` and the like are what docs/python.md
+makes. The names of __init__.pyi are promised, all else may change; each is loaded where it is first used.
 """
 
 import lazy_loader
@@ -27,6 +28,12 @@ def __getattr__(name: str) -> object:
 
 
 def _notebook_view(identification: object) -> str:
+    """What a notebook shows of an identification: HTML with its summary, checks and a figure.
+
+    Example:
+        >>> "<svg" in result.notebook_view()
+        True
+    """
     from bayesid.report.pages.notebook import identification_view  # matplotlib takes a second to import
 
     return identification_view(identification)

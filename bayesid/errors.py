@@ -7,8 +7,11 @@ A numerical stage that ends without an answer raises `SolverError`, which carrie
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from difflib import SequenceMatcher, get_close_matches
 
+_NEAR = 0.5
+"""Likeness, by `difflib`, from which on a name is suggested: half the letters of both are shared."""
 PYTHON_NAMES: Mapping[str, str] = {
     "--beam-width": "Beam(width=...)",
     "--degrees": "degrees=True",
@@ -44,8 +47,29 @@ def in_python(text: str) -> str:
     return _OPTION.sub(argument, text)
 
 
+def near_names(name: str, known: Iterable[str]) -> str:
+    """The question which of the known names was meant by one that is not, the nearest; empty where none is near.
+
+    Example:
+        >>> near_names("Fc7", ["Fc1", "Fc2", "Fv1", "Ia3"])
+        'did you mean Fc2 or Fc1?'
+    """
+    near = get_close_matches(name, list(known), n=3, cutoff=_NEAR)
+    likeness = [SequenceMatcher(None, one, name).ratio() for one in near]
+    meant = [one for one, share in zip(near, likeness, strict=True) if share == likeness[0]]
+    return f"did you mean {' or '.join(meant)}?" if meant else ""
+
+
 class BayesidError(Exception):
-    """Base of every exception that bayesid raises on purpose."""
+    """Base of every exception that bayesid raises on purpose.
+
+    Example:
+        >>> try:
+        ...     bayesid.load_robot("ur99")
+        ... except bayesid.BayesidError as error:
+        ...     print(error.where, "is", error.what)
+        ur99 is no such robot
+    """
 
 
 class InputError(BayesidError, ValueError):
@@ -58,6 +82,10 @@ class InputError(BayesidError, ValueError):
         what: what is wrong, in a few words.
         where: file and row, column or key, or the option.
         remedy: what the user can do about it.
+
+    Example:
+        >>> bayesid.InputError("no such robot", "ur99", "give ur10e").remedy
+        'give ur10e'
     """
 
     def __init__(self, what: str, where: str, remedy: str) -> None:
@@ -69,7 +97,13 @@ class InputError(BayesidError, ValueError):
 
     @property
     def on_command_line(self) -> str:
-        """The line for those who gave options."""
+        """The line for those who gave options.
+
+        Example:
+            >>> error = bayesid.InputError("3 joints, but 2 gains", "log.csv", "correct --gains")
+            >>> str(error), error.on_command_line
+            ('log.csv: 3 joints, but 2 gains; correct gains', 'log.csv: 3 joints, but 2 gains; correct --gains')
+        """
         return f"{self.where}: {self.what}; {self.remedy}"
 
 
@@ -79,6 +113,10 @@ class SolverError(BayesidError, RuntimeError):
     Args:
         stage: which problem was being solved.
         status: the solver's own status, verbatim.
+
+    Example:
+        >>> print(bayesid.SolverError("least squares in the cone", "numerical error"))
+        least squares in the cone: the solver ended with status 'numerical error', which is not a solution
     """
 
     def __init__(self, stage: str, status: str) -> None:

@@ -23,6 +23,13 @@ class Progress:
 
     Args:
         show: is called with the stage's name, the steps done and their total.
+
+    Example:
+        >>> stages = []
+        >>> progress = bayesid.Progress(lambda stage, done, total: stages.append(stage))
+        >>> result = bayesid.identify(robot, log, terms, posterior=False, progress=progress)
+        >>> stages[:2]
+        ['prepare', 'search, round 1']
     """
 
     show: Callable[[str, int, int], None] = _silent
@@ -32,11 +39,24 @@ class Progress:
         self.show(stage, done, total)
 
     def under(self, heading: str) -> Progress:
-        """The same, stages named under a heading."""
+        """The same, stages named under a heading.
+
+        Example:
+            >>> progress = bayesid.Progress(lambda stage, done, total: print(f"{stage}: {done} of {total}"))
+            >>> progress.under("monday")("search", 1, 4)
+            monday: search: 1 of 4
+        """
         return Progress(lambda stage, done, total: self.show(f"{heading}: {stage}", done, total))
 
     def steps(self, stage: str) -> Steps:
-        """One stage's own callback."""
+        """One stage's own callback.
+
+        Example:
+            >>> progress = bayesid.Progress(lambda stage, done, total: print(f"{stage}: {done} of {total}"))
+            >>> steps = progress.steps("search")
+            >>> steps(1, 4)
+            search: 1 of 4
+        """
         return lambda done, total: self.show(stage, done, total)
 
 

@@ -50,11 +50,13 @@ _MARKUP = re.compile(r"(?P<markup>`[^`]*`|\*\w[^*]*\w\*)|(?P<sign>[|*])")
 def keep_signs(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
     """A bar in a docstring is that of an absolute value, a lone star a product or a pattern: neither is markup."""
     literal: int | None = None  # indentation of the paragraph whose `::` began a literal block
+    example = False
     for i, line in enumerate(lines):
         indent = len(line) - len(line.lstrip())
+        example = bool(line) and (example or line.lstrip().startswith(">>> "))
         if line and literal is not None and indent <= literal:
             literal = None
-        if literal is None:
+        if literal is None and not example:
             lines[i] = _MARKUP.sub(lambda found: found["markup"] or "\\" + found["sign"], line)
             literal = indent if line.endswith("::") else None
 

@@ -60,6 +60,11 @@ class Discrepancy:
         warnings: what the user should know.
         thresholds: that decided.
         seconds: of wall time.
+
+    Example:
+        >>> found = bayesid.find_discrepancy(result, other_log, posterior=False)
+        >>> found.status, [(effect.effect, effect.joints) for effect in found.added]
+        ('no_discrepancy', [])
     """
 
     status: str
@@ -102,7 +107,12 @@ class Discrepancy:
 
     @property
     def vetoed(self) -> tuple[EffectKey, ...]:
-        """Effects and joints that were refused."""
+        """Effects and joints that were refused.
+
+        Example:
+            >>> found.vetoed
+            ()
+        """
         return tuple(effect.hypothesis.key for effect in self.refused)
 
 
@@ -134,6 +144,11 @@ def find_discrepancy(
         InputError: a log is of another robot, too short, too still, one that the model was identified from, or the
             holdout is the log.
         SolverError: an optimisation failed.
+
+    Example:
+        >>> found = bayesid.find_discrepancy(result, "another_log.csv", posterior=False)
+        >>> found.status, (found.after / found.floor.rms).round(1)
+        ('no_discrepancy', array([1.1, 0.9, 0.8]))
     """
     began = time.perf_counter()
     log = as_log(log)

@@ -45,10 +45,11 @@ from bayesid.excitation.resolvability import (
     turn_segments,
 )
 from bayesid.fit.knowledge import Beliefs
-from bayesid.model import terms as catalogue
+from bayesid.model import catalogue
 from bayesid.model.coefficients import BaseCoefficients
 from bayesid.model.model import Model
 from bayesid.model.robot import Robot, load_robot
+from bayesid.model.terms import STANDARD, Term
 from bayesid.motion import Motion
 from bayesid.progress import SILENT, Progress
 from bayesid.simulation.exciting import condition_number, log_condition_of
@@ -89,6 +90,11 @@ class TrajectoryShape:
         rate: of the samples, Hz; rounded so that a whole number of them fits the duration.
         harmonics: sines and cosines a joint, at least 2.
         periods: whole number of periods in the duration.
+
+    Example:
+        >>> shape = bayesid.TrajectoryShape(duration=10.0, rate=50.0, harmonics=3, periods=2)
+        >>> shape.frequency, len(shape.instants)
+        (0.2, 501)
     """
 
     duration: float = 20.0
@@ -114,12 +120,22 @@ class TrajectoryShape:
 
     @property
     def frequency(self) -> float:
-        """The fundamental, Hz."""
+        """The fundamental, Hz.
+
+        Example:
+            >>> bayesid.TrajectoryShape(duration=10.0, periods=2).frequency
+            0.2
+        """
         return self.periods / self.duration
 
     @property
     def instants(self) -> Array:
-        """(N,) of the samples, s."""
+        """(N,) of the samples, s.
+
+        Example:
+            >>> float(bayesid.TrajectoryShape(duration=10.0, rate=50.0).instants[-1])
+            10.0
+        """
         return np.linspace(0.0, self.duration, round(self.duration * self.rate) + 1)
 
 
@@ -131,6 +147,12 @@ class Objective:
         sign_weight: lambda of (4); 0 for a robot whose efforts have their signs: the condition number alone counts.
         noise: of the efforts, relative to each joint's RMS effort, at which the result is judged.
         evaluations: of (4), about; 6000 take about ten seconds for six joints.
+
+    Example:
+        >>> objective = bayesid.Objective(sign_weight=0.0, evaluations=50)  # coefficients only, a short search
+        >>> design = bayesid.design_excitation(robot, terms, objective=objective)
+        >>> design.reached.condition < design.start.condition
+        True
     """
 
     sign_weight: float = 1.0
@@ -190,6 +212,11 @@ class ExcitationDesign:
         limits: of each joint.
         start: the best of some random motions.
         reached: what the design has made of it.
+
+    Example:
+        >>> design = bayesid.design_excitation(robot, terms, objective=bayesid.Objective(evaluations=50))
+        >>> design.reached.condition < design.start.condition
+        True
     """
 
     model: Model
@@ -213,7 +240,12 @@ class ExcitationDesign:
 
     @property
     def of_limits(self) -> Motion:
-        """Positions from -1 at the lower to 1 at the upper limit, velocities and accelerations as shares of theirs."""
+        """Positions from -1 at the lower to 1 at the upper limit, velocities and accelerations as shares of theirs.
+
+        Example:
+            >>> bool(np.abs(design.of_limits.dq).max() <= 1.0)
+            True
+        """
         lower, upper = np.asarray(self.limits.lower), np.asarray(self.limits.upper)
         motion, centred = self.motion, 2.0 * self.motion.q - lower - upper
         dq, ddq = motion.dq / np.asarray(self.limits.velocity), motion.ddq / np.asarray(self.limits.acceleration)
@@ -221,19 +253,29 @@ class ExcitationDesign:
 
     @property
     def undecided(self) -> tuple[int, ...]:
-        """Coefficients that a log of this motion leaves undecided."""
+        """Coefficients that a log of this motion leaves undecided.
+
+        Example:
+            >>> [design.coefficients.names[k] for k in design.undecided]
+            ['J2yz', 'J3yz']
+        """
         return undecided(self.reached.uncertainty)
 
     @property
     def noise(self) -> float:
-        """Relative to the RMS efforts, at which the motion is judged."""
+        """Relative to the RMS efforts, at which the motion is judged.
+
+        Example:
+            >>> design.noise
+            0.05
+        """
         return self.reached.noise
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # matrices are small: threads only wait for each other
 def design_excitation(
     robot: Robot | str | Path,
-    terms: Iterable[str] = catalogue.STANDARD,
+    terms: Iterable[str | Term] = STANDARD,
     *,
     shape: TrajectoryShape = TrajectoryShape(),
     limits: MotionLimits | None = None,
@@ -246,7 +288,7 @@ def design_excitation(
 
     Args:
         robot: a robot, a built-in name or a file.
-        terms: names from `bayesid.model.terms.CATALOGUE`: what is to be identified.
+        terms: names of the catalogue, or terms of your own: what is to be identified.
         shape: duration, rate, harmonics and periods.
         limits: of the joints; they hold at every instant. By default those that suit most small arms.
         objective: what the design aims at.
@@ -256,6 +298,12 @@ def design_excitation(
 
     Raises:
         InputError: the robot, the limits or an option cannot be used.
+
+    Example:
+        >>> shape = bayesid.TrajectoryShape(duration=5.0, harmonics=2)
+        >>> design = bayesid.design_excitation(robot, terms, shape=shape, objective=bayesid.Objective(evaluations=50))
+        >>> design.motion.q.shape
+        (501, 3)
     """
     robot = robot if isinstance(robot, Robot) else load_robot(robot)
     limits = check_limits(limits, robot)

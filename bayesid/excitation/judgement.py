@@ -23,10 +23,11 @@ from bayesid.fit.moments import moments
 from bayesid.log.log import LogSource, as_log
 from bayesid.log.segments import Segments, find_segments
 from bayesid.log.signals import Signals, prepare
-from bayesid.model import terms as catalogue
+from bayesid.model import catalogue
 from bayesid.model.coefficients import BaseCoefficients
 from bayesid.model.model import Model
-from bayesid.model.robot import Robot, load_robot
+from bayesid.model.robot import Robot, check_joints, load_robot
+from bayesid.model.terms import STANDARD, Term
 from bayesid.simulation.exciting import UNEXCITED, log_condition_of
 
 _LITTLE = 0.2
@@ -64,6 +65,11 @@ class ExcitationJudgement:
             signs are known.
         segments: the log's own of unknown sign.
         doubtful: (n,) expected share of each joint's energy with the wrong sign, segments turned one by one.
+
+    Example:
+        >>> judgement = bayesid.judge_log(robot, log, terms)
+        >>> judgement.light, [judgement.coefficients.names[k] for k in judgement.undecided]
+        ('green', ['J2yz', 'J3yz'])
     """
 
     model: Model
@@ -90,12 +96,23 @@ class ExcitationJudgement:
 
     @property
     def undecided(self) -> tuple[int, ...]:
-        """Coefficients that the log leaves undecided."""
+        """Coefficients that the log leaves undecided.
+
+        Example:
+            >>> judgement = bayesid.judge_log(robot, log, terms)
+            >>> [judgement.coefficients.names[k] for k in judgement.undecided]
+            ['J2yz', 'J3yz']
+        """
         return undecided(self.uncertainty)
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What is to be said, in plain words: what the log leaves undecided, and which motion would decide it."""
+        """What is to be said, in plain words: what the log leaves undecided, and which motion would decide it.
+
+        Example:
+            >>> bayesid.judge_log(robot, log, terms).remarks[0].partition(";")[0]
+            'undecided at a noise of 5% (rigid body): J2yz, J3yz'
+        """
         return (*_still(self), *_turned(self), *_idle(self), *_coefficients(self), *_segments(self), *_merged(self))
 
     @property
@@ -103,6 +120,10 @@ class ExcitationJudgement:
         """Red where a joint or its signs are left open, amber where less is, green where nothing is.
 
         What no motion shows is no fault of the log's.
+
+        Example:
+            >>> bayesid.judge_log(robot, log, terms).light
+            'green'
         """
         if _still(self) or _turned(self):
             return "red"
@@ -114,7 +135,7 @@ class ExcitationJudgement:
 def judge_log(
     robot: Robot | str | Path,
     log: LogSource,
-    terms: Iterable[str] = catalogue.STANDARD,
+    terms: Iterable[str | Term] = STANDARD,
     *,
     noise: float = 0.05,
     cutoff: float | None = None,
@@ -125,20 +146,23 @@ def judge_log(
     Args:
         robot: a robot, a built-in name or a file.
         log: a log, or anything that `bayesid.read_log` reads.
-        terms: names from `bayesid.model.terms.CATALOGUE`: what is to be identified.
+        terms: names of the catalogue, or terms of your own: what is to be identified.
         noise: of the efforts, relative to each joint's RMS effort.
         cutoff: of the motion's low-pass, Hz; from the data by default.
         seed: of the expected robots.
 
     Raises:
         InputError: the robot, the log or an option cannot be used.
+
+    Example:
+        >>> judgement = bayesid.judge_log("robot.toml", "log.csv", terms)
+        >>> judgement.light, round(judgement.condition)
+        ('green', 11)
     """
     check_noise(noise)
     robot = robot if isinstance(robot, Robot) else load_robot(robot)
     log = as_log(log)
-    if robot.n_joints != log.n_joints:
-        problem = f"the log has {log.n_joints} joints, robot {robot.name} has {robot.n_joints}"
-        raise InputError(problem, log.source, "give the log and the robot that belong together")
+    check_joints(robot, log.n_joints, log.source)
     signals = prepare(log, cutoff)
     actuators = robot.actuators(signals.motion)
     segments = find_segments(signals, actuators)

@@ -128,6 +128,12 @@ class Links:
 
     Raises:
         InputError: one of them is no positive number.
+
+    Example:
+        >>> beliefs = bayesid.Beliefs(links=bayesid.Links(mass=3.0, reach=0.2))  # a small arm
+        >>> result = bayesid.identify(robot, log, terms, beliefs=beliefs, posterior=False)
+        >>> result.beliefs.links
+        Links(mass=3.0, reach=0.2)
     """
 
     mass: float = 10.0
@@ -140,28 +146,53 @@ class Links:
 
     @property
     def typical_mass(self) -> float:
-        """Where the prior is centred, kg."""
+        """Where the prior is centred, kg.
+
+        Example:
+            >>> round(bayesid.Links(mass=3.0, reach=0.2).typical_mass, 2)
+            0.9
+        """
         return _TYPICAL * self.mass
 
     @property
     def largest_radius(self) -> float:
-        """Bound on the radius of gyration about the frame, m."""
+        """Bound on the radius of gyration about the frame, m.
+
+        Example:
+            >>> bayesid.Links(mass=3.0, reach=0.2).largest_radius
+            0.75
+        """
         return _WIDEST * self.reach
 
     @property
     def total_mass(self) -> tuple[float, float]:
-        """Window on the mass of all bodies, kg."""
+        """Window on the mass of all bodies, kg.
+
+        Example:
+            >>> bayesid.Links(mass=3.0, reach=0.2).total_mass
+            (0.03, 90.0)
+        """
         return _LIGHTEST * self.mass, _HEAVIEST * self.mass
 
     @property
     def centre(self) -> Array:
-        """(10,) the typical link."""
+        """(10,) the typical link.
+
+        Example:
+            >>> bayesid.Links(mass=3.0, reach=0.2).centre.shape
+            (10,)
+        """
         spread = self.typical_mass * (_SPREAD * self.reach) ** 2
         return from_pseudo_inertia(np.diag([spread, spread, spread, self.typical_mass]))
 
     @property
     def sd(self) -> Array:
-        """(10,) standard deviations."""
+        """(10,) standard deviations.
+
+        Example:
+            >>> float(bayesid.Links(mass=3.0, reach=0.2).sd[9])  # of the mass, kg
+            3.0
+        """
         return self.mass * np.repeat([self.reach**2, self.reach, 1.0], [6, 3, 1])
 
 
@@ -188,6 +219,12 @@ class Beliefs:
         nominal: single parameters, from CAD or a data sheet: name to mean and standard deviation.
         kinematics: how far the robot's geometry may be from its table; by default the usual tolerance, of which a log
             may show that it is less.
+
+    Example:
+        >>> beliefs = bayesid.Beliefs(nominal={"Fc2": (1.4, 0.1)}, links=bayesid.Links(mass=3.0, reach=0.2))
+        >>> result = bayesid.identify(robot, log, terms, beliefs=beliefs, posterior=False)
+        >>> round(result.coefficient("Fc2").nominal, 2)
+        1.4
     """
 
     links: Links | None = None
@@ -199,6 +236,11 @@ class Beliefs:
 
         Raises:
             InputError: the model has no such parameter, or a value cannot be used.
+
+        Example:
+            >>> nominal = bayesid.Beliefs(nominal={"m3": (1.2, 0.1)}).of(model.parameters)
+            >>> [(one.name, float(mean)) for one, mean in zip(model.parameters, nominal.mean) if mean > 0.0]
+            [('m3', 1.2)]
         """
         places = {parameter.name: k for k, parameter in enumerate(parameters)}
         mean, sd = np.full(len(places), np.nan), np.full(len(places), np.nan)
@@ -235,6 +277,10 @@ def read_nominal(path: str | Path) -> dict[str, tuple[float, float]]:
 
     Raises:
         InputError: the file cannot be read or holds something else.
+
+    Example:
+        >>> bayesid.read_nominal("nominal.csv")
+        {'m3': (1.2, 0.1)}
     """
     try:
         with Path(path).open(newline="") as file:

@@ -16,6 +16,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.log.segments import Segments
@@ -90,6 +92,23 @@ class Moments:
         first = np.unique(self.part, return_index=True)[1]
         np.add.at(hessian, part[first], self.hessian)
         return replace(self, part=part, hessian=hessian)
+
+    def merged(self, into: Integers) -> Moments:
+        """Moments of segments that these are parts of, each of one joint and one sign.
+
+        Args:
+            into: (S,) index, counted from 0 without gaps, of the segment that each becomes a part of. Segments whose
+                parts share a part of the Hessian share one too.
+        """
+        size = len(np.unique(into))
+        links = csr_array((np.ones(len(self)), (into, size + self.part)), shape=2 * (size + len(self.hessian),))
+        label = connected_components(links, directed=False)[1]
+        hessian = np.zeros((label.max(initial=-1) + 1, *self.hessian.shape[1:]))
+        np.add.at(hessian, label[size:], self.hessian)
+        first = np.unique(into, return_index=True)[1]
+        gradient, energy = (_summed(values, into, size) for values in (self.gradient, self.energy))
+        count = np.bincount(into, self.count, size).astype(np.int64)
+        return Moments(self.joint[first], self.known[first], hessian, gradient, energy, count, label[:size])
 
     def scaled(self, sigma: Array) -> Moments:
         """Rows weighted by 1 / sigma (n,), the noise of each joint's effort, N m."""
@@ -183,6 +202,13 @@ def join_moments(pieces: Iterable[Moments], most_individual: int) -> Moments:
             joined = joined.compact(most_individual)
             bound = 2 * len(joined.hessian)
     return joined.compact(most_individual)
+
+
+def _summed(values: Array, into: Integers, size: int) -> Array:
+    """(size, ...) sums of values (S, ...) by where each goes."""
+    total = np.zeros((size, *values.shape[1:]), values.dtype)
+    np.add.at(total, into, values)
+    return total
 
 
 def _parts(joint: Integers, known: Integers, energy: Array, most_individual: int) -> Integers:

@@ -89,6 +89,10 @@ class Identification:
         better_reading: of the log, than with this robot file, joint order and these units; None where there is none or
             the fit is no reason to look for one.
         notebook_view: HTML of a result, for notebooks; figures and checks stand above this room, so `bayesid` sets it.
+
+    Example:
+        >>> round(result.coefficient("Fc2").mean, 1), result.sample_signs.shape
+        (1.5, (301, 3))
     """
 
     notebook_view: ClassVar[Callable[[Identification], str] | None] = None
@@ -165,37 +169,75 @@ class Identification:
 
     @property
     def model(self) -> Model:
-        """Robot, terms and distortions."""
+        """Robot, terms and distortions.
+
+        Example:
+            >>> [term.name for term in result.model.terms]
+            ['rigid_body', 'viscous_friction', 'coulomb_friction']
+        """
         return self.identified.model
 
     @property
     def theta(self) -> Array:
-        """(P,) the model's parameters: the posterior's mean, or least squares' where there is no posterior."""
+        """(P,) the model's parameters: the posterior's mean, or least squares' where there is no posterior.
+
+        Example:
+            >>> result.model.cone.contains(result.theta)  # feasible
+            True
+        """
         return self.identified.theta
 
     @property
     def noise(self) -> Noise:
-        """Of the efforts, per joint."""
+        """Of the efforts, per joint.
+
+        Example:
+            >>> result.noise.sigma.round(1)  # N m
+            array([0.2, 0.9, 0.3])
+        """
         return self.identified.noise
 
     @property
     def knowledge(self) -> Knowledge:
-        """What the log has shown of the coefficients, for another log: the posterior as a normal distribution."""
+        """What the log has shown of the coefficients, for another log: the posterior as a normal distribution.
+
+        Example:
+            >>> known = result.knowledge
+            >>> known.precision.shape == result.covariance.shape
+            True
+        """
         return self.identified.knowledge
 
     @property
     def beta(self) -> Array:
-        """(r,) the base coefficients of these parameters."""
+        """(r,) the base coefficients of these parameters.
+
+        Example:
+            >>> names = result.coefficients.names
+            >>> float(result.beta[names.index("Fc2")]) == result.coefficient("Fc2").mean
+            True
+        """
         return self.coefficients.project(self.theta)
 
     @property
     def covariance(self) -> Array:
-        """(r, r) of the coefficients: the posterior's, or the information matrix's inverse where there is none."""
+        """(r, r) of the coefficients: the posterior's, or the information matrix's inverse where there is none.
+
+        Example:
+            >>> bool(np.allclose(np.diag(result.covariance), result.sd**2))
+            True
+        """
         return self.fit.covariance if self.posterior is None else self.posterior.covariance
 
     @property
     def sd(self) -> Array:
-        """(r,) standard deviations of the coefficients."""
+        """(r,) standard deviations of the coefficients.
+
+        Example:
+            >>> names, relative = result.coefficients.names, result.sd / np.abs(result.beta)
+            >>> [name for name, share in zip(names, relative) if share > 1.0]
+            ['J3yz']
+        """
         return np.sqrt(np.diag(self.covariance))
 
     @property
@@ -203,6 +245,11 @@ class Identification:
         """(P,) standard deviations of the parameters, and (P,) whether the data decide them.
 
         Without a posterior they come from the information matrix, NaN where a parameter is not decided by itself.
+
+        Example:
+            >>> sd, by_data = result.parameter_sd
+            >>> len(sd), int(by_data.sum()) < len(sd)
+            (36, True)
         """
         if self.posterior is not None:
             return self.posterior.parameter_sd, self.posterior.decided_by_data
@@ -220,6 +267,11 @@ class Identification:
 
         As of parameters, nine tenths of the precision must be the data's. Without a posterior there is no prior (NaN),
         and the data decide what has a standard deviation.
+
+        Example:
+            >>> prior_sd, by_data = result.prior_sd
+            >>> bool((result.sd[by_data] < prior_sd[by_data]).all())
+            True
         """
         if self.posterior is None:
             return np.full(len(self.coefficients), np.nan), np.isfinite(self.sd)
@@ -228,7 +280,14 @@ class Identification:
 
     @property
     def nominal_beta(self) -> Array:
-        """(r,) the coefficients of the parameters known beforehand; NaN where these do not give one."""
+        """(r,) the coefficients of the parameters known beforehand; NaN where these do not give one.
+
+        Example:
+            >>> beliefs = bayesid.Beliefs(nominal={"Fc2": (1.4, 0.1)})
+            >>> told = bayesid.identify(robot, log, terms, beliefs=beliefs, posterior=False)
+            >>> float(told.nominal_beta[told.coefficients.names.index("Fc2")])
+            1.4
+        """
         stated = {name: mean for name, (mean, _) in self.beliefs.nominal.items()}
         if not stated:
             return np.full(len(self.coefficients), np.nan)
@@ -241,7 +300,12 @@ class Identification:
 
     @property
     def settled_share(self) -> float | None:
-        """Share of the samples searched on whose sign all assignments within Delta agree; None without a proof."""
+        """Share of the samples searched on whose sign all assignments within Delta agree; None without a proof.
+
+        Example:
+            >>> result.settled_share
+            1.0
+        """
         if self.search.settled is None:
             return None
         count = self.searched.end - self.searched.start
@@ -249,38 +313,71 @@ class Identification:
 
     @property
     def sample_signs(self) -> Array:
-        """(N, n) the likelier sign of every sample, +1 or -1."""
+        """(N, n) the likelier sign of every sample, +1 or -1.
+
+        Example:
+            >>> result.sample_signs.shape, np.unique(result.sample_signs).tolist()
+            ((301, 3), [-1.0, 1.0])
+        """
         return np.where(self.probability >= 0.5, 1.0, -1.0)
 
     @property
     def interval_95(self) -> tuple[Array, Array]:
-        """(r,) ends of the 95 % intervals of the coefficients: the posterior's, or two standard deviations."""
+        """(r,) ends of the 95 % intervals of the coefficients: the posterior's, or two standard deviations.
+
+        Example:
+            >>> lower, upper = result.interval_95
+            >>> bool((lower < result.beta).all()), bool((result.beta < upper).all())
+            (True, True)
+        """
         if self.posterior is not None:
             return self.posterior.interval(0.95)
         return self.beta - NORMAL_95 * self.sd, self.beta + NORMAL_95 * self.sd
 
     @property
     def n_known(self) -> int:
-        """Number of coefficients whose sd is below a tenth of their value."""
+        """Number of coefficients whose sd is below a tenth of their value.
+
+        Example:
+            >>> result.n_known, len(result.coefficients)
+            (15, 21)
+        """
         return int((self.sd < KNOWN * np.abs(self.beta)).sum())
 
     @property
     def sure_share(self) -> float:
-        """Share of the |effort| in motion, each joint alike, whose sign is sure to 99 %."""
+        """Share of the |effort| in motion, each joint alike, whose sign is sure to 99 %.
+
+        Example:
+            >>> round(result.sure_share, 3)
+            0.998
+        """
         recorded = self.log.clock(self.signals.motion.t)[0] >= 0  # the pause between joined logs is not
         moving = self.segments.per_sample(self.segments.moving, *self.probability.shape) > 0
         return sure_share_of(self.probability, self.signals.raw_effort, moving & recorded[:, None])
 
     @property
     def recorded_segments(self) -> tuple[Segments, Integers, Array]:
-        """The segments without the pauses between logs that were joined, their signs (S,) and confidences (S,)."""
+        """The segments without the pauses between logs that were joined, their signs (S,) and confidences (S,).
+
+        Example:
+            >>> segments, signs, confidence = result.recorded_segments
+            >>> len(segments) == len(signs) == len(confidence)
+            True
+        """
         if not self.log.pooled:
             return self.segments, self.signs, self.confidence
         signals = self.signals
         return recorded_segments(self.log, signals.motion.t, self.segments, self.probability, signals.raw_effort)
 
     def coefficients_table(self) -> Records[Coefficient]:
-        """The base coefficients, one record each: to iterate over, or `.to_dataframe()`."""
+        """The base coefficients, one record each: to iterate over, or `.to_dataframe()`.
+
+        Example:
+            >>> table = result.coefficients_table()
+            >>> len(table), [one.name for one in table if one.unit == "N m"]
+            (21, ['Fc1', 'Fc2', 'Fc3'])
+        """
         known, (low, high), (prior_sd, by_data) = self.coefficients, self.interval_95, self.prior_sd
         words = zip(known.names, known.expressions, known.units, strict=True)
         before, nominal = np.where(np.isfinite(prior_sd), prior_sd, np.nan), self.nominal_beta
@@ -292,14 +389,25 @@ class Identification:
         return Records(Coefficient, tuple(rows))
 
     def parameters_table(self) -> Records[ParameterValue]:
-        """The model's parameters, one record each: to iterate over, or `.to_dataframe()`."""
+        """The model's parameters, one record each: to iterate over, or `.to_dataframe()`.
+
+        Example:
+            >>> [one.name for one in result.parameters_table() if one.decided_by == "data"][-3:]
+            ['Fc1', 'Fc2', 'Fc3']
+        """
         sd, by_data = self.parameter_sd
         figures = zip(self.model.parameters, self.theta.tolist(), sd.tolist(), by_data, strict=True)
         rows = (ParameterValue(p.name, p.unit, p.joint, mean, own, _decided_by(data)) for p, mean, own, data in figures)
         return Records(ParameterValue, tuple(rows))
 
     def segments_table(self) -> Records[SegmentSign]:
-        """The segments with their signs, one record each, joints from 1: to iterate over, or `.to_dataframe()`."""
+        """The segments with their signs, one record each, joints from 1: to iterate over, or `.to_dataframe()`.
+
+        Example:
+            >>> doubtful = result.segments_table().to_dataframe().query("confidence < 0.9")
+            >>> len(doubtful) < len(result.segments)
+            True
+        """
         segments, signs, confidence = self.recorded_segments
         place, t = self.log.clock(self.signals.motion.t)
         sources = [piece.source for piece in self.log.pieces] if self.log.pooled else [self.log.source]
@@ -315,6 +423,11 @@ class Identification:
 
         Raises:
             InputError: there is none of this name; near names are told.
+
+        Example:
+            >>> friction = result.coefficient("Fc2")
+            >>> f"{friction.mean:.1f} +- {friction.sd:.1f} {friction.unit}, by {friction.decided_by}"
+            '1.5 +- 0.1 N m, by data'
         """
         parameters = [parameter.name for parameter in self.model.parameters]
         elsewhere = f"efforts show it in sums alone; take parameter({name!r})" if name in parameters else ""
@@ -325,17 +438,33 @@ class Identification:
 
         Raises:
             InputError: there is none of this name; near names are told.
+
+        Example:
+            >>> round(result.parameter("Fv1").mean, 1), result.parameter("m3").decided_by
+            (0.6, 'prior')
         """
         return named(self.parameters_table(), name, "parameter")
 
     def predict(
         self, motion: MotionLike, *, noise: bool = True, draws: int = 0, cutoff: float | None = None, seed: int = 0
     ) -> PredictedEfforts:
-        """Efforts of a new motion with their uncertainty (see `IdentifiedModel.predict`)."""
+        """Efforts of a new motion with their uncertainty (see `IdentifiedModel.predict`).
+
+        Example:
+            >>> predicted = result.predict("motion.csv")
+            >>> predicted.mean.shape, bool((predicted.lower < predicted.upper).all())
+            ((201, 3), True)
+        """
         return self.identified.predict(motion, noise=noise, draws=draws, cutoff=cutoff, seed=seed)
 
     def validate(self, log: LogSource, cutoff: float | None = None) -> Validation:
-        """Predicts another log of the same robot (see `IdentifiedModel.validate`)."""
+        """Predicts another log of the same robot (see `IdentifiedModel.validate`).
+
+        Example:
+            >>> check = result.validate("another_log.csv")
+            >>> check.relative_residual.round(2)
+            array([0.03, 0.03, 0.03])
+        """
         return self.identified.validate(log, cutoff)
 
 

@@ -59,6 +59,11 @@ class IdentifiedModel:
             lack something; None where it lacks nothing, or draws show it.
         logs: by which the logs that it was identified from are known again
             (`bayesid.identification.provenance.hashes`); none of a model that was written by hand.
+
+    Example:
+        >>> stored = bayesid.load_model("result")
+        >>> stored.predict("motion.csv").mean.shape
+        (201, 3)
     """
 
     model: Model
@@ -84,15 +89,33 @@ class IdentifiedModel:
 
     @property
     def knowledge(self) -> Knowledge:
-        """What the log has shown of the coefficients, for another log."""
+        """What the log has shown of the coefficients, for another log.
+
+        Example:
+            >>> known = bayesid.load_model("result").knowledge
+            >>> known.precision.shape == 2 * (len(result.coefficients),)
+            True
+        """
         return Knowledge(self.model, self.theta, self.precision)
 
     def effort(self, motion: Motion) -> Array:
-        """(N, n) actuator efforts of a motion, N m."""
+        """(N, n) actuator efforts of a motion, N m.
+
+        Example:
+            >>> stored = bayesid.load_model("result")
+            >>> stored.effort(motion).shape  # N m
+            (201, 3)
+        """
         return self.model.effort(motion, self.theta)
 
     def seen(self, log: Log) -> bool:
-        """Whether it was identified from this log, which then shows nothing new of it."""
+        """Whether it was identified from this log, which then shows nothing new of it.
+
+        Example:
+            >>> stored = bayesid.load_model("result")
+            >>> stored.seen(log), stored.seen(other_log)
+            (True, False)
+        """
         return bool(self.logs & hashes(log))
 
     def predict(
@@ -120,7 +143,8 @@ class IdentifiedModel:
 
         Example:
             >>> stored = bayesid.load_model("result")
-            >>> stored.predict("motion.csv").to_dataframe()
+            >>> stored.predict("motion.csv").to_dataframe().columns.tolist()[:5]
+            ['t', 'tau1', 'tau2', 'tau3', 'sd1']
         """
         motion = motion_of(motion, self.model.robot, cutoff)
         known = self._knows_parameters
@@ -189,6 +213,11 @@ class IdentifiedModel:
 
         Raises:
             InputError: the log cannot be read, or has another number of joints.
+
+        Example:
+            >>> check = bayesid.load_model("result").validate("another_log.csv")
+            >>> check.coverage.round(2)
+            array([0.93, 0.97, 0.99])
         """
         log = as_log(log)
         check_joints(self.model.robot, log)

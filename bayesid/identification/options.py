@@ -34,6 +34,11 @@ class Preparation:
     Attributes:
         cutoff: of the motion's low-pass, Hz; from the data by default.
         cutting: thresholds by which efforts are cut into segments, and small ones left out.
+
+    Example:
+        >>> preparation = bayesid.Preparation(cutoff=8.0)
+        >>> bayesid.identify(robot, log, terms, preparation=preparation, posterior=False).signals.cutoff
+        8.0
     """
 
     cutoff: float | None = None

@@ -38,10 +38,12 @@ from bayesid.identification.warnings import warnings_of
 from bayesid.log.log import Log, LogSource, as_log
 from bayesid.log.segments import Segments, find_segments
 from bayesid.log.signals import Signals, prepare
-from bayesid.model import terms as catalogue
+from bayesid.model import catalogue
 from bayesid.model.coefficients import BaseCoefficients, base_coefficients
 from bayesid.model.model import Model
-from bayesid.model.robot import Robot, load_robot
+from bayesid.model.robot import Robot, check_joints, load_robot
+from bayesid.model.terms import STANDARD, Term
+from bayesid.posterior.blocks import Blocks, divide
 from bayesid.posterior.inference import DRAWS, Posterior, infer, widened
 from bayesid.posterior.links import usual_links
 from bayesid.posterior.problem import PosteriorProblem
@@ -63,7 +65,7 @@ _LEAST_MOTION = 1e-3
 _SAMPLES_A_COEFFICIENT = 3
 """Samples in motion that a coefficient needs at least. A round number; not studied."""
 _POINTWISE = 150
-"""Segments of each joint whose likelihood is kept by itself, for comparisons of models; weaker ones share one. A round
+"""Blocks of each joint whose likelihood is kept by itself, for comparisons of models; weaker ones share one. A round
 number; not studied."""
 _MOST_SMOOTHED = 24
 """Draws of the posterior over which the samples' probabilities are averaged: their Monte Carlo error is at most 0.1."""
@@ -76,7 +78,7 @@ number; not studied."""
 def identify(
     robot: Robot | str | Path,
     log: LogSource,
-    terms: Iterable[str] = catalogue.STANDARD,
+    terms: Iterable[str | Term] = STANDARD,
     *,
     complete: Completeness = "auto",
     search: Search = Certified(),
@@ -88,9 +90,9 @@ def identify(
     """Identifies a robot from a log with known, unknown or mixed signs.
 
     Args:
-        robot: a robot, a built-in name or a file.
+        robot: a robot, or a name or file that `bayesid.load_robot` takes.
         log: a log, or anything that `bayesid.read_log` reads.
-        terms: names from `bayesid.model.terms.CATALOGUE`.
+        terms: names of the catalogue, or terms of your own.
         complete: what the rest of the catalogue has a say in: "auto", the model and the uncertainty;
             "only-uncertainty"; or "off", nothing.
         search: how signs are searched: `Certified`, `Beam`, or an object of your own with their protocol.
@@ -111,14 +113,20 @@ def identify(
         SolverError: an optimisation failed.
 
     Example:
-        >>> result = bayesid.identify("ur10e", "log.csv", search=bayesid.Certified(budget=30.0), posterior=False)
-        >>> result.coefficient("Fc2").mean, result.predict("motion.csv").upper
+        >>> terms = ["rigid_body", "viscous_friction", "coulomb_friction"]
+        >>> result = bayesid.identify("robot.toml", "log.csv", terms, search=bayesid.Certified(budget=30.0))
+        >>> friction = result.coefficient("Fc2")
+        >>> f"{friction.mean:.1f} +- {friction.sd:.1f} {friction.unit}"
+        '1.5 +- 0.1 N m'
+        >>> result.predict("motion.csv").upper.shape
+        (201, 3)
     """
-    name, terms = robot.name if isinstance(robot, Robot) else str(robot), catalogue.term_names(terms)
-    subject = {"robot": name, "terms": list(terms), "complete": check_completeness(complete)}
+    robot, terms = robot if isinstance(robot, Robot) else load_robot(robot), catalogue.check_terms(terms)
+    loaded = {"robot": robot.name} if robot.origin is None else robot.origin.options
+    subject = {**loaded, "terms": [str(one) for one in terms], "complete": check_completeness(complete)}
     run = _Run(search, posterior, preparation, beliefs, progress, subject)
     log, model, signals, segments = _prepared(run, robot, log, terms)
-    run.call = _call(run, log)
+    run.call = _call(run, robot, log, terms)
     asked, segments = settle_unfiltered(model, signals, segments, search, preparation.cutting, progress)
     run.lap("search")
     averaged = average_over_models(asked, segments, search, progress)
@@ -220,11 +228,11 @@ class _Run:
 
 
 def _prepared(
-    run: _Run, robot: Robot | str | Path, log: LogSource, terms: Iterable[str]
+    run: _Run, robot: Robot, log: LogSource, terms: Iterable[str | Term]
 ) -> tuple[Log, Model, Signals, Segments]:
     """Log, model, signals and segments; what cannot be used is refused before the search."""
     run.progress("prepare", 0, 1)
-    robot, log = robot if isinstance(robot, Robot) else load_robot(robot), as_log(log)
+    log = as_log(log)
     _check(robot, log)
     signals = prepare(log, run.preparation.cutoff)
     model = Model(robot, catalogue.make_terms(terms, robot, signals.motion))
@@ -235,13 +243,13 @@ def _prepared(
     return log, model, signals, segments
 
 
-def _call(run: _Run, log: Log) -> str:
-    """Python that does the run again."""
+def _call(run: _Run, robot: Robot, log: Log, terms: tuple[str | Term, ...]) -> str:
+    """Python that does the run again; `robot` stands for one that was made or changed in Python."""
     return call_of(
         "identify",
-        repr(run.subject["robot"]),
+        "robot" if robot.origin is None else robot.origin.in_python,
         call_of_log(log),
-        terms=(run.subject["terms"], list(catalogue.STANDARD)),
+        terms=(list(terms), list(STANDARD)),
         complete=(run.subject["complete"], "auto"),
         search=(run.search, Certified()),
         posterior=(run.posterior, True),
@@ -326,13 +334,15 @@ def _sample(run: _Run, averaged: AveragedSigns, sampling: Sampling) -> Posterior
     search = settled.signs.search
     segments = _inner(settled.signs.segments[settled.signs.segments.fitted], evidence.signals)
     orientation = segments.per_sample(search.signs, *settled.probability.shape)
-    moments = evidence.moments(2.0 * settled.probability - 1.0, segments, _POINTWISE, orientation, summed_out=False)
+    known = segments.known if averaged.by_asked else search.signs
+    pieces, segment = divide(segments, fit.noise.autocorrelation)
+    expected = 2.0 * settled.probability - 1.0
+    moments = evidence.moments(expected, pieces, _POINTWISE, orientation, summed_out=False)
+    blocks = Blocks(replace(moments, known=known[segment]), segment, pieces.start, pieces.end)
     if not averaged.by_asked or evidence.information is not None:
         search = replace(search, theta=fit.theta, branches=(), settled=None)
-    if not averaged.by_asked:
-        moments = replace(moments, known=search.signs)
     problem = PosteriorProblem(
-        moments=moments,
+        blocks=blocks,
         coefficients=evidence.coefficients,
         cone=evidence.model.cone,
         noise=fit.noise,
@@ -401,11 +411,7 @@ def _sign_changes(signals: Signals) -> list[tuple[int, int]]:
 # Checks
 # ---------------------------------------------------------------------------------------------------------------
 def _check(robot: Robot, log: Log) -> None:
-    if robot.n_joints != log.n_joints:
-        counts = f"the log has {log.n_joints} joints, robot {robot.name} has {robot.n_joints}"
-        remedy = "give the log and the robot that belong together"
-        fewer = " (or, with --columns, those of the robot's joints alone)" if log.n_joints > robot.n_joints else ""
-        raise InputError(counts, log.source, remedy + fewer)
+    check_joints(robot, log.n_joints, log.source)
     for j in np.flatnonzero(np.ptp(log.q, axis=0) < _LEAST_MOTION):
         raise InputError(f"joint {j + 1} does not move", log.source, "record a motion in which every joint moves")
 

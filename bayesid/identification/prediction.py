@@ -57,6 +57,11 @@ class PredictedEfforts:
         basis: where the uncertainty comes from: "by the posterior", "by the information matrix", or "noise alone".
         units: (n,) of the efforts.
         draws: (K, N, n) efforts drawn from what sd and band describe; None if none were asked for.
+
+    Example:
+        >>> predicted = result.predict(motion, draws=20)
+        >>> predicted.mean.shape, predicted.draws.shape
+        ((201, 3), (20, 201, 3))
     """
 
     t: Array
@@ -70,22 +75,42 @@ class PredictedEfforts:
 
     @property
     def sd(self) -> Array:
-        """(N, n) standard deviation, N m: of a measured effort if `noise`, else of the model's."""
+        """(N, n) standard deviation, N m: of a measured effort if `noise`, else of the model's.
+
+        Example:
+            >>> bool((predicted.sd >= predicted.sd_of_mean).all())
+            True
+        """
         return np.hypot(self.sd_of_mean, self.sd_of_noise) if self.noise else self.sd_of_mean
 
     @property
     def lower(self) -> Array:
-        """(N, n) lower end of the 95 % band, N m."""
+        """(N, n) lower end of the 95 % band, N m.
+
+        Example:
+            >>> bool((predicted.lower < predicted.mean).all())
+            True
+        """
         return self.mean - NORMAL_95 * self.sd
 
     @property
     def upper(self) -> Array:
-        """(N, n) upper end of the 95 % band, N m."""
+        """(N, n) upper end of the 95 % band, N m.
+
+        Example:
+            >>> bool((predicted.mean < predicted.upper).all())
+            True
+        """
         return self.mean + NORMAL_95 * self.sd
 
     @property
     def holds(self) -> str:
-        """What the band accounts for, in words."""
+        """What the band accounts for, in words.
+
+        Example:
+            >>> predicted.holds
+            'parameters and noise, by the posterior'
+        """
         if self.basis == NOISE_ALONE:
             return NOISE_ALONE
         return f"parameters{' and noise' if self.noise else ''}, {self.basis}"
@@ -106,20 +131,35 @@ class PredictedEfforts:
         return "\n  ".join(lines)
 
     def columns(self) -> dict[str, Array]:
-        """Name to (N,) values: t, tau1..taun, sd1..sdn, lower1..lowern, upper1..uppern."""
+        """Name to (N,) values: t, tau1..taun, sd1..sdn, lower1..lowern, upper1..uppern.
+
+        Example:
+            >>> list(predicted.columns())[:5]
+            ['t', 'tau1', 'tau2', 'tau3', 'sd1']
+        """
         columns = {"t": self.t}
         for kind, block in (("tau", self.mean), ("sd", self.sd), ("lower", self.lower), ("upper", self.upper)):
             columns |= dict(zip(numbered(kind, block.shape[1]), block.T, strict=True))
         return columns
 
     def to_dataframe(self) -> DataFrame:
-        """A `pandas.DataFrame` with the columns t, tau1..taun, sd1..sdn, lower1..lowern, upper1..uppern."""
+        """A `pandas.DataFrame` with the columns t, tau1..taun, sd1..sdn, lower1..lowern, upper1..uppern.
+
+        Example:
+            >>> predicted.to_dataframe().shape
+            (201, 13)
+        """
         from bayesid.posterior.labelled import data_frame
 
         return data_frame(self.columns())
 
     def to_xarray(self) -> Dataset:
-        """An `xarray.Dataset` over time (s) and joint (from 1), and over draw where draws were asked for."""
+        """An `xarray.Dataset` over time (s) and joint (from 1), and over draw where draws were asked for.
+
+        Example:
+            >>> predicted.to_xarray().upper.sel(joint=2).dims
+            ('time',)
+        """
         from bayesid.posterior.labelled import dataset
 
         over, unit = ("time", "joint"), {"units": ", ".join(dict.fromkeys(self.units))}
@@ -138,6 +178,10 @@ class PredictedEfforts:
 
         Raises:
             InputError: the file cannot be written.
+
+        Example:
+            >>> predicted.save("torques.csv").name
+            'torques.csv'
         """
         place, (names, values) = Path(path), zip(*self.columns().items(), strict=True)
         efforts = np.column_stack(values[1:])

@@ -35,6 +35,11 @@ class Validation:
         coverage: (n,) share of the unfiltered efforts in motion, with their likelier signs, that lie in the band.
         band: what the band accounts for.
         seen: whether the model was identified from this log: then it is no validation.
+
+    Example:
+        >>> check = result.validate("another_log.csv")
+        >>> check.rms_error.round(1), check.coverage.round(2)  # N m, share inside the 95 % band
+        (array([0.2, 0.6, 0.2]), array([0.93, 0.97, 0.99]))
     """
 
     log: Log

@@ -83,6 +83,12 @@ class Log:
         dq: (N, n) measured joint velocities, rad/s, or None.
         source: where it came from, for messages.
         pieces: the recordings it was joined from, which hold its rows one after the other; empty where it is one.
+
+    Example:
+        >>> t = np.arange(200) / 100.0
+        >>> q = np.column_stack([np.sin(t), np.cos(3.0 * t)])
+        >>> bayesid.Log(t, q, effort=np.abs(5.0 * q), signed=[False, False])
+        Log log: 200 rows in 1.99 s, 2 joints (none signed), no velocities
     """
 
     t: Array
@@ -124,12 +130,23 @@ class Log:
         return f"Log {self.source}: {len(self)} rows in {seconds:.4g} s, {joints}, {velocities}"
 
     def rectified(self) -> Log:
-        """The log as a controller that hides every sign would have written it."""
+        """The log as a controller that hides every sign would have written it.
+
+        Example:
+            >>> log = bayesid.read_log("signed.csv")
+            >>> bool((log.effort < 0.0).any()), bool((log.rectified().effort < 0.0).any())
+            (True, False)
+        """
         return replace(self, effort=np.abs(self.effort), signed=np.zeros(self.n_joints, dtype=bool))
 
     @property
     def pooled(self) -> bool:
-        """Whether it was joined from several recordings."""
+        """Whether it was joined from several recordings.
+
+        Example:
+            >>> log.pooled, bayesid.join_logs([log, other_log]).pooled
+            (False, True)
+        """
         return len(self.pieces) > 1
 
     def clock(self, t: Array) -> tuple[Integers, Array]:
@@ -141,6 +158,12 @@ class Log:
         Returns:
             (M,) the recording's place in `pieces`, 0 in a log that is one, and -1 where nothing was recorded; and (M,)
             its own time, s, to the microsecond, as the log's clock has it where nothing was recorded.
+
+        Example:
+            >>> both = bayesid.join_logs([log, other_log])
+            >>> place, time = both.clock(both.t[[0, -1]])
+            >>> place.tolist(), time.tolist()
+            ([0, 1], [0.0, 6.0])
         """
         place, time = np.full(len(t), -1 if self.pooled else 0), np.array(t, dtype=float)
         slack = _ROUNDING * self.period
@@ -152,13 +175,23 @@ class Log:
 
     @property
     def period(self) -> float:
-        """Typical time between two rows, s."""
+        """Typical time between two rows, s.
+
+        Example:
+            >>> round(log.period, 3)
+            0.02
+        """
         steps = np.diff(self.t)
         return float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
 
     @property
     def n_joints(self) -> int:
-        """Number of joints n."""
+        """Number of joints n.
+
+        Example:
+            >>> log.n_joints
+            3
+        """
         return int(self.q.shape[1])
 
 
@@ -312,6 +345,11 @@ def join_logs(logs: Sequence[Log]) -> Log:
 
     Raises:
         InputError: they do not have the same joints, signed joints or measured velocities, or not the same rate.
+
+    Example:
+        >>> both = bayesid.join_logs([log, other_log])
+        >>> len(both) == len(log) + len(other_log)
+        True
     """
     first = logs[0]
     if len(logs) == 1:
@@ -362,6 +400,11 @@ def write_log(path: str | Path, log: Log) -> None:
     """Writes a log in the format that `read_log` reads, with as many digits as it takes to come back the same.
 
     Nothing in the file says which joints are signed: `read_log` looks for negative efforts, unless `unsigned` says it.
+
+    Example:
+        >>> bayesid.write_log("copy.csv", log)
+        >>> len(bayesid.read_log("copy.csv")) == len(log)
+        True
     """
     blocks = {"q": log.q, **({} if log.dq is None else {"dq": log.dq}), "tau": log.effort}
     names = ["t", *(name for kind in blocks for name in numbered(kind, log.n_joints))]

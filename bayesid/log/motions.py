@@ -64,6 +64,10 @@ def read_motion(
 
     Raises:
         InputError: the file, a row, a column or an option cannot be used.
+
+    Example:
+        >>> bayesid.read_motion("motion.csv").q.shape
+        (201, 3)
     """
     table = read_table(Path(path), Options(topic=topic, joints=joints, columns=columns, motion=True))
     for note in table.notes:

@@ -32,6 +32,12 @@ class Model:
         robot: the robot.
         terms: the terms; their parameters are stacked in this order.
         distortions: of rows first, of readings last; each acts on what those of its kind before it have made.
+
+    Example:
+        >>> model = bayesid.Model(robot, bayesid.make_terms(["rigid_body", "coulomb_friction"], robot, motion))
+        >>> theta = bayesid.random_parameters(model, np.random.default_rng(0))
+        >>> model.effort(motion, theta).shape
+        (201, 3)
     """
 
     robot: Robot
@@ -40,16 +46,32 @@ class Model:
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The P parameters of all terms."""
+        """The P parameters of all terms.
+
+        Example:
+            >>> [one.name for one in model.parameters][-3:]
+            ['Fc1', 'Fc2', 'Fc3']
+        """
         return tuple(parameter for term in self.terms for parameter in term.parameters(self.robot))
 
     @cached_property
     def cone(self) -> Cone:
-        """The product of the terms' cones."""
+        """The product of the terms' cones.
+
+        Example:
+            >>> model.cone.contains(theta), model.cone.contains(-theta)
+            (True, False)
+        """
         return reduce(lambda total, term: total + term.cone(self.robot), self.terms, Cone.free(0))
 
     def extend(self, effect: Effect) -> Model:
-        """A new model with one more effect, the last of the terms or of the distortions."""
+        """A new model with one more effect, the last of the terms or of the distortions.
+
+        Example:
+            >>> offsets = bayesid.make_terms(["torque_offset"], robot, motion)[0]
+            >>> [one.name for one in model.extend(offsets).parameters][-3:]
+            ['offset1', 'offset2', 'offset3']
+        """
         if isinstance(effect, Term):
             return replace(self, terms=(*self.terms, effect))
         if isinstance(effect, Distortion):
@@ -58,21 +80,41 @@ class Model:
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """Terms and distortions."""
+        """Terms and distortions.
+
+        Example:
+            >>> [effect.name for effect in model.effects]
+            ['rigid_body', 'viscous_friction', 'coulomb_friction']
+        """
         return (*self.terms, *self.distortions)
 
     @property
     def before_sensors(self) -> Model:
-        """The model of the efforts themselves, without what sensors make of them."""
+        """The model of the efforts themselves, without what sensors make of them.
+
+        Example:
+            >>> len(model.before_sensors.parameters) == len(model.parameters)
+            True
+        """
         return replace(self, distortions=tuple(d for d in self.distortions if not d.of_sensor))
 
     def parts(self, theta: Array) -> list[tuple[Term, Array]]:
-        """The terms, each with its own part of theta (P,)."""
+        """The terms, each with its own part of theta (P,).
+
+        Example:
+            >>> [(term.name, len(values)) for term, values in model.parts(theta)]
+            [('rigid_body', 30), ('viscous_friction', 3), ('coulomb_friction', 3)]
+        """
         sizes = [len(term.parameters(self.robot)) for term in self.terms]
         return list(zip(self.terms, np.split(theta, np.cumsum(sizes)[:-1]), strict=True))
 
     def links(self, theta: Array) -> Array:
-        """(n, 10) parameters of the links with what they carry, of the parameters theta (P,); zero where none are."""
+        """(n, 10) parameters of the links with what they carry, of the parameters theta (P,); zero where none are.
+
+        Example:
+            >>> model.links(theta)[2, 9] == theta[29]  # the mass of the last link, kg
+            np.True_
+        """
         parts = (term.link_parameters(self.robot, values) for term, values in self.parts(theta))
         return sum(parts, np.zeros((self.robot.n_joints, 10)))
 
@@ -84,6 +126,11 @@ class Model:
             theta: (P,) the parameters.
             effort: (N, n) the model's effort, N m.
             measured: (N, n) absolute values of the measured efforts, N m.
+
+        Example:
+            >>> effort = model.effort(motion, theta)
+            >>> model.scene(motion, theta, effort, np.abs(effort)).links.shape
+            (30,)
         """
 
         def effort_with(robot: Robot) -> Array:
@@ -93,14 +140,25 @@ class Model:
         return Scene(self.robot, motion, actuators, effort, measured, links, effort_with)
 
     def columns(self, motion: Motion) -> Array:
-        """(N, n, P) columns of all terms, rows distorted, N m per unit of each parameter."""
+        """(N, n, P) columns of all terms, rows distorted, N m per unit of each parameter.
+
+        Example:
+            >>> columns = model.columns(motion)
+            >>> bool(np.allclose(columns @ theta, model.effort(motion, theta)))
+            True
+        """
         rows: Callable[[Robot, Motion], Array] = self._plain_columns
         for distortion in self.distortions:
             rows = partial(distortion.columns, rows)
         return rows(self.robot, motion)
 
     def chunks(self, motion: Motion) -> Iterator[tuple[slice, Array]]:
-        """Rows and their columns, at most CHUNK samples at a time; effects with a memory see some samples around."""
+        """Rows and their columns, at most CHUNK samples at a time; effects with a memory see some samples around.
+
+        Example:
+            >>> sum(len(columns) for _, columns in model.chunks(motion)) == len(motion)
+            True
+        """
         memory = any(effect.memory for effect in self.effects)
         for start in range(0, len(motion), CHUNK):
             rows = slice(start, min(start + CHUNK, len(motion)))
@@ -109,15 +167,33 @@ class Model:
             yield rows, self.columns(motion[first:last])[start - first : rows.stop - first]
 
     def effort(self, motion: Motion, theta: Array) -> Array:
-        """(N, n) actuator efforts as they are read, N m, of the parameters theta (P,)."""
+        """(N, n) actuator efforts as they are read, N m, of the parameters theta (P,).
+
+        Example:
+            >>> effort = model.effort(motion, theta)
+            >>> effort.shape  # N m
+            (201, 3)
+        """
         return self.read(np.concatenate([columns @ theta for _, columns in self.chunks(motion)]))
 
     def read(self, effort: Array) -> Array:
-        """(N, n) what sensors read of efforts (N, n), N m."""
+        """(N, n) what sensors read of efforts (N, n), N m.
+
+        Example:
+            >>> effort = model.effort(motion, theta)
+            >>> bool((model.read(effort) == effort).all())  # no sensor distorts here
+            True
+        """
         return reduce(lambda read, distortion: distortion.measured(read), self.distortions, effort)
 
     def unread(self, magnitude: Array) -> tuple[Array, Mask]:
-        """(N, n) absolute efforts before the sensors' doing, N m, and (N, n) where the readings show them."""
+        """(N, n) absolute efforts before the sensors' doing, N m, and (N, n) where the readings show them.
+
+        Example:
+            >>> magnitude, valid = model.unread(log.effort)
+            >>> bool(valid.all())
+            True
+        """
         valid = np.ones(magnitude.shape, dtype=bool)
         for distortion in reversed(self.distortions):
             magnitude, valid_here = distortion.restored(magnitude)

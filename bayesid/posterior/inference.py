@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.special import log_expit, logsumexp
@@ -23,6 +24,7 @@ from scipy.special import log_expit, logsumexp
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.fit.moments import Moments
 from bayesid.fit.noise import Noise
+from bayesid.posterior.blocks import Blocks
 from bayesid.posterior.modes import find_modes
 from bayesid.posterior.problem import PosteriorProblem
 from bayesid.posterior.sampled_modes import SampledMode, mode_of_draws, pool, sample_modes
@@ -56,7 +58,7 @@ class Posterior:
 
     Attributes:
         target: what was sampled.
-        moments: of the segments, not scaled.
+        blocks: of the segments, by which models are compared.
         noise: the reference noise: sizes, colour, effective samples; at least a thousandth of the efforts.
         modes: heaviest first; their weights sum to 1.
         draws: of all modes together, each with its share; diagnostics are the worst of any mode.
@@ -73,7 +75,7 @@ class Posterior:
     """
 
     target: Target
-    moments: Moments
+    blocks: Blocks
     noise: Noise
     modes: tuple[SampledMode, ...]
     draws: Draws
@@ -99,6 +101,11 @@ class Posterior:
             "go on with   .theta, .parameter_sd, .interval(0.95), bayesid.inference_data(result)",
         ]
         return "\n  ".join(lines)
+
+    @cached_property
+    def moments(self) -> Moments:
+        """Of the segments, not scaled."""
+        return self.blocks.of_segments
 
     @property
     def uncertain(self) -> Draws:
@@ -307,7 +314,7 @@ def infer(
     plus = target.likelihood.plus_probability(theta, log_scale).mean(axis=0)
     return Posterior(
         target=target,
-        moments=problem.moments,
+        blocks=problem.blocks,
         noise=problem.noise,
         modes=weighed,
         draws=draws,

@@ -5,8 +5,9 @@ Groups and their dimensions, every one with named coordinates:
 - posterior (chain, draw): `beta` (coefficient), `theta` (parameter), `noise` (joint; sd of the residual, N m); the
   coordinate `mode` (chain, draw) counts from 1, the heaviest.
 - sample_stats (chain, draw): `lp` (log density, not normalised), `walker`, `sweep` (index among all sweeps of the run).
-- log_likelihood (chain, draw, segment): `effort`, see `pointwise`. Held in single precision.
-- observed_data (segment): `effort` (RMS, N m) and `effort_energy` (sum of squares), beside each segment's joint, times,
+- log_likelihood (chain, draw, block): `effort`, see `pointwise`. Held in single precision. A block is a stretch of a
+  segment (see `bayesid.posterior.blocks`): little enough of a log for `az.loo`.
+- observed_data (block): `effort` (RMS, N m) and `effort_energy` (sum of squares), beside each block's joint, times,
   samples and sign.
 - constant_data: the reference noise and its autocorrelation, the prior, and B of beta = B theta. Where an earlier log
   is known, also its `earlier_hessian` H and `earlier_gradient` g: in `lp`, minus (beta' H beta - 2 g' beta +
@@ -14,8 +15,8 @@ Groups and their dimensions, every one with named coordinates:
 - nuisance (effect), where there is any: `scale`, the likely size of each effect that the model may lack, relative to
   what is usual. They have no draws, but move those of `theta` and `beta`; `lp` and `effort` are theirs before.
 
-A chain is an ensemble. An entry of `segment` is a part of the moments' Hessian: one segment, or all the weak segments
-of a joint that share a part, whose likelihoods cannot be separated draw by draw.
+A chain is an ensemble. An entry of `block` is a part of the moments' Hessian: one block, or all the weak blocks of a
+joint that share a part, whose likelihoods cannot be separated draw by draw.
 
 `az.ess` of these draws is what it should be (see `_walker_major`), but `az.rhat` compares early with late walkers
 instead of early with late sweeps: whether the run has converged is in the attributes.
@@ -26,7 +27,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -41,6 +42,7 @@ from bayesid.fit.knowledge import Information
 from bayesid.fit.moments import Moments
 from bayesid.model.coefficients import BaseCoefficients
 from bayesid.model.parameters import Parameter
+from bayesid.posterior.blocks import Blocks
 from bayesid.posterior.likelihood import Likelihood
 from bayesid.posterior.sampler import Draws
 from bayesid.posterior.target import Target
@@ -54,6 +56,7 @@ __all__ = [
     "InferenceData",
     "Labels",
     "add_nuisance",
+    "by_blocks",
     "kept_coefficients",
     "make_inference_data",
     "pointwise",
@@ -64,44 +67,42 @@ __all__ = [
 
 MOST = 4096
 """Draws that are kept, in all; a round number: quantiles of 2.5 % then rest on a hundred draws, and the pointwise
-likelihood of a thousand segments takes 16 MB."""
+likelihood of a thousand blocks takes 16 MB."""
 _ENGINE: Final = "h5netcdf"
 """What writes netCDF here; ArviZ itself requires it, and h5py with it."""
 _LIBRARY = "bayesid"
-_BLOCK = 2**22
+_AT_ONCE = 2**22
 """Numbers that the pointwise likelihood may hold at once in one array (32 MB)."""
 _EFFORT = "N m"
 _SAMPLED = ("chain", "draw")
 _POINTWISE = (
-    "log likelihood of each segment, its unknown sign summed out, tempered by the autocorrelation; segments that share "
-    "a part of the Hessian are one entry"
+    "log likelihood of each block under the sign that all draws give it, or with its sign summed out, tempered by the "
+    "autocorrelation; blocks that share a part of the Hessian are one entry"
 )
 _REMEDY = "give the posterior that bayesid wrote, or identify again to write it anew"
 
 
 @dataclass(frozen=True)
 class Labels:
-    """What things are called, and when the segments were.
+    """What things are called, and when samples were taken.
 
     Attributes:
         coefficients: the r base coefficients; their names, units and expressions.
         parameters: (P,) with names and units.
         joints: (n,) one each, all different.
-        start: (S,) s, where each segment of the moments begins.
-        end: (S,) s, where it ends.
+        time: (N,) s, of the samples that blocks count.
     """
 
     coefficients: BaseCoefficients
     parameters: Sequence[Parameter]
     joints: Sequence[str]
-    start: Array
-    end: Array
+    time: Array
 
 
 def make_inference_data(
     draws: Draws,
     target: Target,
-    moments: Moments,
+    blocks: Blocks,
     labels: Labels,
     attributes: Mapping[str, object],
     most: int = MOST,
@@ -113,8 +114,8 @@ def make_inference_data(
     Args:
         draws: from the target.
         target: the posterior that they are of.
-        moments: of the S segments in the target's likelihood, not scaled. Each part of their Hessian takes 4 bytes a
-            draw: `moments.compact` bounds their number.
+        blocks: of the S segments in the target's likelihood. Each part of their Hessian takes 4 bytes a draw:
+            `moments.compact` bounds their number.
         labels: names, units and times.
         attributes: of the run: model, noise assumption, versions, seed, diagnostics. True and False become 1 and 0,
             what is neither text nor a number becomes JSON.
@@ -124,9 +125,9 @@ def make_inference_data(
             are theirs before.
 
     Raises:
-        ValueError: if the moments, labels and target are not of the same segments, joints, coefficients, parameters.
+        ValueError: if the blocks, labels and target are not of the same segments, joints, coefficients, parameters.
     """
-    _require_same_sizes(target, moments, labels)
+    _require_same_sizes(target, blocks, labels)
     every, kept = _kept_sweeps(draws.theta.shape, most)
     theta, log_scale, beta, density = (
         _walker_major(values[kept]) for values in (draws.theta, draws.log_scale, draws.beta, draws.log_density)
@@ -135,9 +136,11 @@ def make_inference_data(
     drawn: dict[str, object] = {"chain": np.arange(chains), "draw": np.arange(size)}
     of_mode = np.zeros((chains, size)) if mode is None else _walker_major(mode[kept].astype(float))
     drawn["mode"] = _SAMPLED, of_mode.astype(int) + 1, {"long_name": "of the posterior, from 1, the heaviest"}
-    segment = _segment_coordinates(target.likelihood, moments, labels)
-    flat = (values.reshape(chains * size, -1) for values in (theta, log_scale))
-    terms = pointwise(target.likelihood, moments, *flat).reshape(chains, size, -1)
+    flat = theta.reshape(chains * size, -1), log_scale.reshape(chains * size, -1)
+    blocks, likelihood = by_blocks(blocks, target.likelihood, *flat)
+    block = _block_coordinates(likelihood, blocks, labels)
+    terms = pointwise(likelihood, blocks.moments, *flat).reshape(chains, size, -1)
+    held = np.flatnonzero(_sums(blocks.moments, blocks.moments.count))  # segments at a log's ends may have no samples
     run = _run(draws, every)
     if shift is not None:
         theta = theta + _walker_major(shift[kept])
@@ -148,12 +151,12 @@ def make_inference_data(
         posterior=_posterior(variables, drawn, labels),
         sample_stats=_sample_stats(density, kept, draws.theta.shape[2], drawn),
         log_likelihood=xarray.Dataset(
-            {"effort": ((*_SAMPLED, "segment"), terms.astype(np.float32))},
-            coords={**drawn, **segment},
+            {"effort": ((*_SAMPLED, "block"), terms.astype(np.float32))},
+            coords={**drawn, **block},
             attrs={"long_name": _POINTWISE},
-        ),
-        observed_data=_observed(moments, segment),
-        constant_data=_constants(target, moments, labels),
+        ).isel(block=held),
+        observed_data=_observed(blocks.moments, block).isel(block=held),
+        constant_data=_constants(target, blocks.moments, labels),
     )
 
 
@@ -235,22 +238,22 @@ def _sweep_major(values: Array, walkers: int) -> Array:
 
 
 # ---------------------------------------------------------------------------------------------------------------
-# Segments
+# Blocks
 # ---------------------------------------------------------------------------------------------------------------
 def pointwise(likelihood: Likelihood, moments: Moments, theta: Array, log_scale: Array) -> Array:
     """(W, K) log likelihood of each of the K parts of the moments' Hessian, signs summed out.
 
-    Of a segment k of joint j, with N_k samples, autocorrelation time tau, w = exp(-2 u) and moments over sigma^2 tau:
+    Of a block k of joint j, with N_k samples, autocorrelation time tau, w = exp(-2 u) and moments over sigma^2 tau:
 
         -(N_k / tau) (u + log(2 pi sigma^2) / 2) - w (beta' H_k beta + c_k) / 2 + log(cosh(w g_k' beta)),
 
     the mean over both signs of the normal density to the power 1 / tau, or s_k w g_k' beta for the last term where the
-    sign is fixed. A part that several segments share has the sum of theirs. The sum over all parts is
+    sign is fixed. A part that several blocks share has the sum of theirs. The sum over all parts is
     `likelihood.log_likelihood` less log 2 for each unknown sign and sum_j (n_j / 2) log(2 pi sigma_j^2).
 
     Args:
-        likelihood: of S segments.
-        moments: of the same segments, not scaled.
+        likelihood: of S blocks.
+        moments: of the same blocks, not scaled.
         theta: (W, P) parameters.
         log_scale: (W, n) logarithms of the noise scales.
     """
@@ -263,7 +266,7 @@ def pointwise(likelihood: Likelihood, moments: Moments, theta: Array, log_scale:
     count = _sums(moments, moments.count) / autocorrelation[joint]
     normal = 0.5 * np.log(2.0 * np.pi * likelihood.sigma[joint] ** 2)
     members = csr_array((np.ones(len(moments)), (np.arange(len(moments)), moments.part)), (len(moments), size))
-    rows = max(1, _BLOCK // max(1, size * r + len(moments)))
+    rows = max(1, _AT_ONCE // max(1, size * r + len(moments)))
     terms = np.empty((len(theta), size))
     for first in range(0, len(theta), rows):
         here = slice(first, first + rows)
@@ -293,31 +296,40 @@ def _joint_of_parts(moments: Moments) -> Integers:
     return joint
 
 
-def _segment_coordinates(likelihood: Likelihood, moments: Moments, labels: Labels) -> dict[str, object]:
-    """The K entries of the dimension `segment` and what belongs to each: joint, times, samples, sign.
+def by_blocks(blocks: Blocks, likelihood: Likelihood, theta: Array, log_scale: Array) -> tuple[Blocks, Likelihood]:
+    """Blocks whose likelihoods multiply to that of the log, and it in terms of them instead of segments."""
+    blocks, fixed = blocks.apart(likelihood, theta, log_scale)
+    moments = blocks.moments
+    scaled = moments.scaled(likelihood.sigma * np.sqrt(_autocorrelation(likelihood, moments)))
+    return blocks, replace(likelihood, gradient=scaled.gradient, joint=moments.joint, fixed=fixed)
 
-    An entry of several segments begins with the first and ends with the last one; its sign is 0 unless all have the
-    same fixed one.
+
+def _block_coordinates(likelihood: Likelihood, blocks: Blocks, labels: Labels) -> dict[str, object]:
+    """The K entries of the dimension `block` and what belongs to each: joint, times, samples, sign.
+
+    An entry of several blocks begins with the first and ends with the last one; its sign is 0 unless all have the same
+    fixed one.
     """
+    moments = blocks.moments
     size = len(moments.hessian)
     start, end = np.full(size, np.inf), np.full(size, -np.inf)
-    np.minimum.at(start, moments.part, labels.start)
-    np.maximum.at(end, moments.part, labels.end)
+    np.minimum.at(start, moments.part, labels.time[blocks.start])
+    np.maximum.at(end, moments.part, labels.time[np.maximum(blocks.end - 1, blocks.start)])
     number = np.bincount(moments.part, minlength=size)
     signs = _sums(moments, likelihood.fixed)
     joint = [labels.joints[j] for j in _joint_of_parts(moments)]
     known = _sums(moments, np.abs(moments.known)) > 0
     names = [
-        f"{j} {a:.2f}-{b:.2f} s" if m == 1 else f"{j} {m} segments of {'known' if k else 'unknown'} sign"
+        f"{j} {a:.2f}-{b:.2f} s" if m == 1 else f"{j} {m} blocks of {'known' if k else 'unknown'} sign"
         for j, a, b, m, k in zip(joint, start, end, number, known, strict=True)
     ]
     described: dict[str, tuple[object, dict[str, str]]] = {
-        "segment": (_distinct(names), {}),
+        "block": (_distinct(names), {}),
         "joint": (joint, {}),
         "start": (start, {"units": "s"}),
         "end": (end, {"units": "s"}),
         "n_samples": (_sums(moments, moments.count).astype(np.int64), {}),
-        "n_segments": (number, {"long_name": "segments in this entry"}),
+        "n_blocks": (number, {"long_name": "blocks in this entry"}),
         "n_unknown": (
             _sums(moments, likelihood.fixed == 0).astype(np.int64),
             {"long_name": "of them with a sign summed out"},
@@ -327,11 +339,11 @@ def _segment_coordinates(likelihood: Likelihood, moments: Moments, labels: Label
             {"long_name": "0 if summed out"},
         ),
     }
-    return {name: ("segment", values, notes) for name, (values, notes) in described.items()}
+    return {name: ("block", values, notes) for name, (values, notes) in described.items()}
 
 
 def _distinct(names: Sequence[str]) -> list[str]:
-    """The names, those that came before with a number behind: joined logs have segments at the same times."""
+    """The names, those that came before with a number behind: joined logs have blocks at the same times."""
     seen: dict[str, int] = {}
     distinct = []
     for name in names:
@@ -362,16 +374,16 @@ def _joints(labels: Labels) -> dict[str, object]:
     return {"joint": ("joint", list(labels.joints))}
 
 
-def _observed(moments: Moments, segment: Mapping[str, object]) -> xarray.Dataset:
-    """RMS effort and energy of each entry of `segment`."""
+def _observed(moments: Moments, block: Mapping[str, object]) -> xarray.Dataset:
+    """RMS effort and energy of each entry of `block`."""
     energy = _sums(moments, moments.energy)
     rms = np.sqrt(energy / np.maximum(_sums(moments, moments.count), 1.0))
     return xarray.Dataset(
         {
-            "effort": ("segment", rms, {"long_name": "RMS effort", "units": _EFFORT}),
-            "effort_energy": ("segment", energy, {"long_name": "sum of squared efforts", "units": "N2 m2"}),
+            "effort": ("block", rms, {"long_name": "RMS effort", "units": _EFFORT}),
+            "effort_energy": ("block", energy, {"long_name": "sum of squared efforts", "units": "N2 m2"}),
         },
-        coords=segment,
+        coords=block,
     )
 
 
@@ -424,12 +436,10 @@ def add_nuisance(data: InferenceData, scales: Mapping[str, float]) -> None:
         data.add_groups({"nuisance": dataset}, warn_on_custom_groups=False)  # type: ignore[no-untyped-call]
 
 
-def _require_same_sizes(target: Target, moments: Moments, labels: Labels) -> None:
+def _require_same_sizes(target: Target, blocks: Blocks, labels: Labels) -> None:
     likelihood = target.likelihood
     pairs = {
-        "segments": (len(likelihood.joint), len(moments)),
-        "starts": (len(moments), len(labels.start)),
-        "ends": (len(moments), len(labels.end)),
+        "segments": (len(likelihood.joint), int(blocks.segment.max(initial=-1)) + 1),
         "joints": (likelihood.n_joints, len(labels.joints)),
         "coefficients": (likelihood.projection.shape[0], len(labels.coefficients)),
         "parameters": (target.n_parameters, len(labels.parameters)),
@@ -437,8 +447,10 @@ def _require_same_sizes(target: Target, moments: Moments, labels: Labels) -> Non
     for what, (ours, theirs) in pairs.items():
         if ours != theirs:
             raise ValueError(f"{what}: {ours} of one and {theirs} of the other do not belong together")
-    if not np.array_equal(likelihood.joint, moments.joint):
-        raise ValueError("the moments and the likelihood have their segments in different joints")
+    if not np.array_equal(likelihood.joint[blocks.segment], blocks.moments.joint):
+        raise ValueError("the blocks and the likelihood have their segments in different joints")
+    if blocks.end.max(initial=0) > len(labels.time):
+        raise ValueError(f"{len(labels.time)} times and a block to sample {blocks.end.max()} do not belong together")
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -13,6 +13,7 @@ from bayesid.fit.noise import Noise
 from bayesid.fit.solver import ConeLeastSquares
 from bayesid.model.coefficients import BaseCoefficients
 from bayesid.model.parameters import Cone
+from bayesid.posterior.blocks import Blocks
 from bayesid.posterior.likelihood import make_likelihood
 from bayesid.posterior.prior import make_prior
 from bayesid.posterior.target import Target
@@ -26,7 +27,7 @@ class PosteriorProblem:
     """All that decides a posterior but the signs.
 
     Attributes:
-        moments: of S segments, not scaled, efforts in expected signs relative to their segment's.
+        blocks: of S segments, efforts in expected signs relative to their segment's.
         coefficients: the r base coefficients.
         cone: of the P parameters.
         noise: of the efforts; the reference of the noise scales.
@@ -36,7 +37,7 @@ class PosteriorProblem:
             by it.
     """
 
-    moments: Moments
+    blocks: Blocks
     coefficients: BaseCoefficients
     cone: Cone
     noise: Noise
@@ -48,8 +49,15 @@ class PosteriorProblem:
         """The same problem with a thousandth of each effort added to its noise, and to what the residual shows."""
         floor = _LEAST_NOISE * self.moments.rms_effort(len(self.noise.sigma))
         noise = self.noise.scaled(np.hypot(self.noise.sigma, floor) / self.noise.sigma)
-        energy = (1.0 + _LEAST_NOISE**2) * self.moments.energy
-        return replace(self, noise=noise, moments=replace(self.moments, energy=energy))
+        energy = (1.0 + _LEAST_NOISE**2) * self.blocks.moments.energy
+        return replace(
+            self, noise=noise, blocks=replace(self.blocks, moments=replace(self.blocks.moments, energy=energy))
+        )
+
+    @cached_property
+    def moments(self) -> Moments:
+        """Of the segments, not scaled."""
+        return self.blocks.of_segments
 
     @cached_property
     def target(self) -> Target:

@@ -57,6 +57,12 @@ class Sampling:
 
     Raises:
         InputError: the budget is no number of seconds, or the mode none from 1 on.
+
+    Example:
+        >>> sampling = bayesid.Sampling(budget=5.0, seed=3)
+        >>> result = bayesid.identify(robot, log, terms, posterior=sampling)
+        >>> result.posterior.draws.theta.shape[1:]  # ensembles, walkers, parameters
+        (4, 64, 36)
     """
 
     ensembles: int = 4
@@ -80,7 +86,12 @@ class Sampling:
 
     @property
     def wanted_ess(self) -> float:
-        """Walkers that never move are as many independent draws; so every one must have made several."""
+        """Walkers that never move are as many independent draws; so every one must have made several.
+
+        Example:
+            >>> bayesid.Sampling(walkers=64).wanted_ess
+            1024.0
+        """
         return max(self.min_ess, self.per_walker * self.ensembles * self.walkers)
 
 

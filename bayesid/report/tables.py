@@ -80,19 +80,22 @@ def inference_data(identification: Identification) -> InferenceData:
 
     Raises:
         ValueError: no posterior was sampled.
+
+    Example:
+        >>> data = bayesid.inference_data(result)  # an arviz.InferenceData
+        >>> data.posterior["beta"].dims
+        ('chain', 'draw', 'coefficient')
     """
     posterior = identification.posterior
     if posterior is None:
         raise ValueError("no posterior was sampled")
     from bayesid.posterior.inference_data import Labels, add_nuisance, make_inference_data
 
-    segments, t = identification.searched, identification.signals.motion.t
     labels = Labels(
         coefficients=identification.coefficients,
         parameters=identification.model.parameters,
         joints=[f"A{j}" for j in range(1, identification.model.robot.n_joints + 1)],
-        start=t[segments.start],
-        end=t[segments.end - 1],
+        time=identification.signals.motion.t,
     )
     summary = as_json(summarise(identification))
     run = {key: summary[key] for key in ("robot", "log", "terms", "noise", "signs")}
@@ -102,7 +105,7 @@ def inference_data(identification: Identification) -> InferenceData:
     data = make_inference_data(
         posterior.draws,
         posterior.target,
-        posterior.moments,
+        posterior.blocks,
         labels,
         attributes,
         mode=posterior.mode_of_draws,

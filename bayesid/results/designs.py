@@ -25,6 +25,10 @@ def save_design(design: ExcitationDesign, folder: str | Path) -> Path:
 
     Raises:
         InputError: the folder cannot be written, or holds other files than an earlier design.
+
+    Example:
+        >>> sorted(path.name for path in bayesid.save_design(design, "design").iterdir())
+        ['design.json', 'excitation.svg', 'trajectory.csv']
     """
 
     def write(place: Path) -> None:

@@ -83,6 +83,11 @@ def save_identification(
     Raises:
         InputError: the folder cannot be written, or holds other files than an earlier result.
         ValueError: the model has no rigid bodies to make a URDF of.
+
+    Example:
+        >>> folder = bayesid.save_identification(result, "saved", report=False)
+        >>> (folder / "model.toml").is_file()
+        True
     """
 
     def write(place: Path) -> None:
@@ -110,7 +115,12 @@ def make_report(
         The file.
 
     Raises:
-        InputError: the folder holds no result, or a file cannot be written.
+        InputError: the folder holds no result, a file cannot be written, or the validation is of a log that the model
+            was identified from and would take the place of one that it has not seen.
+
+    Example:
+        >>> bayesid.make_report("result", check).name
+        'report.html'
     """
     findings = read_findings(folder)
     path = Path(folder) / _REPORT if out is None else Path(out)
@@ -118,6 +128,10 @@ def make_report(
         raise InputError("is a folder", str(path), "give --out the name of a file")
     check_place(path)
     if validation is not None:
+        kept = findings.prediction
+        if validation.seen and kept is not None and not kept.seen:
+            said = f"is a log that the model was identified from, and would take the place of {kept.source}"
+            raise InputError(said, validation.log.source, "give --validation a log that the model has not seen")
         findings = findings.with_validation(validation)
         replace_file(Path(folder) / FINDINGS, lambda aside: write_findings(findings, aside))
     replace_file(path, lambda aside: _write_report(findings, aside, progress))
@@ -144,6 +158,10 @@ def save_discrepancy(
     Raises:
         InputError: the folder cannot be written, or holds other files than an earlier result.
         ValueError: the model has no rigid bodies to make a URDF of.
+
+    Example:
+        >>> (bayesid.save_discrepancy(found, "found", report=False) / "discrepancy.json").is_file()
+        True
     """
 
     def write(place: Path) -> None:
@@ -186,6 +204,10 @@ def save_validation(validation: Validation, folder: str | Path) -> Path:
 
     Raises:
         InputError: the folder cannot be written, or holds other files than an earlier validation.
+
+    Example:
+        >>> (bayesid.save_validation(check, "validation") / "summary.json").is_file()
+        True
     """
     n = validation.log.n_joints
 

@@ -60,6 +60,11 @@ def exciting_trajectory(
 
     Raises:
         ValueError: a duration or number that is not positive, or limits for another number of joints.
+
+    Example:
+        >>> trajectory = bayesid.exciting_trajectory(model, result.coefficients, 4.0, harmonics=2, evaluations=20)
+        >>> trajectory.motion(np.arange(401) / 100.0).q.shape
+        (401, 3)
     """
     rng, n = np.random.default_rng(seed), model.robot.n_joints
     frequency = fundamental(duration, harmonics, periods)

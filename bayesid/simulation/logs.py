@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from scipy.signal import lfilter
 
 from bayesid.arrays import Array
-from bayesid.errors import InputError
+from bayesid.errors import InputError, near_names
 from bayesid.log.log import Log
 from bayesid.model.catalogue import main_forms
 from bayesid.model.coefficients import base_coefficients
@@ -70,6 +70,11 @@ def simulate(
 
     Raises:
         ValueError: the noise is negative or not finite, or its colour not in [0, 1).
+
+    Example:
+        >>> log = bayesid.simulate(model, theta, motion, rng=np.random.default_rng(0), noise=0.05)
+        >>> log.effort.shape, bool((log.effort >= 0.0).all())
+        ((201, 3), True)
     """
     if not 0.0 <= noise < np.inf:
         raise ValueError(f"the noise must be a finite share of the effort, not {noise}")
@@ -121,7 +126,10 @@ def parse_effect(text: str, robot: Robot) -> SimulatedEffect:
     except ValueError:
         raise InputError(f"{text!r} is not NAME:JOINT:LEVEL", "--effect", remedy) from None
     possible = 1 <= effect.joint <= robot.n_joints and 0.0 <= effect.level <= _LARGEST_LEVEL
-    if effect.name not in main_forms() or not possible:
+    if effect.name not in main_forms():
+        remedy = f"{near_names(effect.name, main_forms())} {remedy}".strip()
+        raise InputError(f"{text!r} names no effect of the catalogue", "--effect", remedy)
+    if not possible:
         raise InputError(f"{text!r} names no effect of this robot", "--effect", remedy)
     return effect
 
@@ -141,6 +149,11 @@ def simulate_log(
 
     Raises:
         InputError: duration, rate or noise cannot be used, or an effect cannot have its level.
+
+    Example:
+        >>> log, truth = bayesid.simulate_log(robot, duration=4.0, rate=50.0, noise=0.05, effects=[], seed=1)
+        >>> len(log), bool(log.signed.any()), bool(truth.signed.all())
+        (201, False, True)
     """
     for value, (option, (least, most)) in zip((duration, rate, noise), _RANGES.items(), strict=True):
         if not least <= value <= most:

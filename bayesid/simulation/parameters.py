@@ -34,6 +34,11 @@ def random_parameters(model: Model, rng: np.random.Generator) -> Array:
     Bodies are made to measure for the link they belong to. Every other parameter is so large that its effort is some
     share of the bodies' effort: 5 to 25 % if it cannot be negative (friction, rotor inertia), 1 to 5 % of either sign
     if it can (offsets). Without bodies in the model that share is of 1 N m.
+
+    Example:
+        >>> theta = bayesid.random_parameters(model, np.random.default_rng(0))
+        >>> model.cone.contains(theta)
+        True
     """
     theta, cone = np.zeros(len(model.parameters)), model.cone
     ends, masses = model.robot.link_ends, _random_masses(model.robot, rng)

@@ -104,6 +104,11 @@ def random_trajectory(
 
     Raises:
         ValueError: a duration or number that is not positive, or limits for another number of joints.
+
+    Example:
+        >>> trajectory = bayesid.random_trajectory(robot.n_joints, duration=4.0, seed=1)
+        >>> trajectory.motion(np.arange(401) / 100.0).q.shape
+        (401, 3)
     """
     shape = random_shape(n_joints, harmonics, np.random.default_rng(seed))
     return within_limits(shape, fundamental(duration, harmonics, periods), limits)

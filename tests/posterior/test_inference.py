@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from posterior_problems import information_of, whole_space
+from posterior_problems import information_of, one_each, whole_space
 from scipy.special import expit
 from scipy.stats import norm, truncnorm
 from test_modes import LOG_SCALE_SD, make_log, near_symmetric, unproven
@@ -31,7 +31,9 @@ AVERAGED = 1024  # draws, at least, from which probabilities are averaged
 
 
 def problem_of(log):
-    return PosteriorProblem(log.moments, log.coefficients, log.cone, log.noise, Links(), log.nominal, log.earlier)
+    return PosteriorProblem(
+        one_each(log.moments), log.coefficients, log.cone, log.noise, Links(), log.nominal, log.earlier
+    )
 
 
 def infer_from(log, search=None, options=FEW, progress=SILENT):

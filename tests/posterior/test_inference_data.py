@@ -6,7 +6,7 @@ import arviz as az
 import numpy as np
 import pytest
 import xarray
-from posterior_problems import whole_space
+from posterior_problems import one_each, whole_space
 
 from bayesid.errors import InputError
 from bayesid.fit.knowledge import Information
@@ -58,7 +58,8 @@ class Problem:
         prior = Prior(whole_space(5), np.full(5, 0.1), np.full(5, 2.0), np.full(3, 0.4), np.zeros(5))
         self.target = Target(prior, likelihood)
         parameters = [Parameter(f"p{k}", "kg", 1) for k in range(5)]
-        self.labels = Labels(coefficients, parameters, JOINTS, 0.5 * np.arange(24), 0.5 * np.arange(24) + 0.4)
+        time = [np.linspace(0.5 * k, 0.5 * k + 0.4, len(y)) for k, y in enumerate(self.rows)]
+        self.labels = Labels(coefficients, parameters, JOINTS, np.concatenate(time))
 
     def draws(self, sweeps=40, ensembles=4, walkers=8, seed=0):
         """From the normal approximation at the truth, which is the posterior to within a little."""
@@ -78,7 +79,8 @@ class Problem:
 
     def data(self, draws=None, attributes=None, **options):
         draws = self.draws() if draws is None else draws
-        return make_inference_data(draws, self.target, self.moments, self.labels, attributes or {"seed": 3}, **options)
+        attributes = attributes or {"seed": 3}
+        return make_inference_data(draws, self.target, one_each(self.moments), self.labels, attributes, **options)
 
 
 @pytest.fixture(params=[False, True], ids=["memory", "file"])
@@ -110,9 +112,9 @@ def test_groups_dimensions_and_names(data):
     assert posterior.noise.attrs["units"] == "N m"
     for name in ("lp", "walker", "sweep"):
         assert data.sample_stats[name].dims == ("chain", "draw")
-    assert data.log_likelihood.effort.dims == ("chain", "draw", "segment")
+    assert data.log_likelihood.effort.dims == ("chain", "draw", "block")
     assert data.log_likelihood.effort.dtype == np.float32
-    assert data.observed_data.effort.dims == ("segment",)
+    assert data.observed_data.effort.dims == ("block",)
     assert data.constant_data.sigma_ref.values.tolist() == SIGMA.tolist()
     assert np.allclose(data.constant_data.autocorrelation, AUTOCORRELATION)
     assert np.allclose(data.constant_data.prior_sd, 2.0)
@@ -137,11 +139,11 @@ def test_what_an_earlier_log_has_told_is_kept(tmp_path):
     assert misfit.min() > 0.0
 
 
-def test_segments_are_named_and_measured(data):
+def test_blocks_are_named_and_measured(data):
     observed = data.observed_data
-    assert np.array_equal(observed.segment, data.log_likelihood.segment)
-    assert len(set(observed.segment.values.tolist())) == 24
-    assert observed.segment.values[4] == "A2 2.00-2.40 s"
+    assert np.array_equal(observed.block, data.log_likelihood.block)
+    assert len(set(observed.block.values.tolist())) == 24
+    assert observed.block.values[4] == "A2 2.00-2.40 s"
     assert observed.joint.values[4] == "A2"
     assert observed.start.dtype == np.float64
     assert np.allclose([observed.start[4], observed.end[4]], [2.0, 2.4])
@@ -213,13 +215,14 @@ def test_attributes_of_all_kinds(tmp_path):
 
 def test_what_does_not_belong_together_is_refused():
     problem = Problem()
-    short = replace(problem.labels, start=problem.labels.start[1:])
-    with pytest.raises(ValueError, match="starts"):
-        make_inference_data(problem.draws(), problem.target, problem.moments, short, {})
+    blocks = one_each(problem.moments)
+    short = replace(problem.labels, time=problem.labels.time[1:])
+    with pytest.raises(ValueError, match="times"):
+        make_inference_data(problem.draws(), problem.target, blocks, short, {})
     one = replace(problem.labels, joints=["A1"])
     with pytest.raises(ValueError, match="joints"):
-        make_inference_data(problem.draws(), problem.target, problem.moments, one, {})
-    other = replace(problem.moments, joint=problem.moments.joint[::-1])
+        make_inference_data(problem.draws(), problem.target, blocks, one, {})
+    other = replace(blocks, moments=replace(problem.moments, joint=problem.moments.joint[::-1]))
     with pytest.raises(ValueError, match="different joints"):
         make_inference_data(problem.draws(), problem.target, other, problem.labels, {})
 
@@ -264,14 +267,14 @@ def test_pointwise_adds_up_to_the_likelihood(own):
     assert np.allclose(pointwise(likelihood, problem.moments, theta, log_scale).sum(axis=1), whole, rtol=1e-11)
     stats = made.sample_stats
     of_draw = whole.reshape(40, 4, 8)[stats.sweep.values, stats.chain.values[:, None], stats.walker.values]
-    assert np.allclose(made.log_likelihood.effort.sum("segment"), of_draw, rtol=1e-5)
+    assert np.allclose(made.log_likelihood.effort.sum("block"), of_draw, rtol=1e-5)
 
 
 def test_pointwise_in_blocks_is_the_same(monkeypatch):
     problem, rng = Problem(), np.random.default_rng(1)
     theta, log_scale = THETA + rng.standard_normal((50, 5)), rng.standard_normal((50, 3))
     whole = pointwise(problem.target.likelihood, problem.moments, theta, log_scale)
-    monkeypatch.setattr("bayesid.posterior.inference_data._BLOCK", 700)
+    monkeypatch.setattr("bayesid.posterior.inference_data._AT_ONCE", 700)
     pieces = pointwise(problem.target.likelihood, problem.moments, theta, log_scale)
     assert np.allclose(whole, pieces, rtol=1e-12)
 
@@ -283,10 +286,11 @@ def test_a_joint_without_segments_does_no_harm():
     moments = Moments(
         kept.joint[here], kept.known[here], kept.hessian[here], kept.gradient[here], kept.energy[here], kept.count[here]
     )
-    labels = replace(problem.labels, start=problem.labels.start[here], end=problem.labels.end[here])
+    labels = problem.labels
     unknown = np.zeros(16, dtype=np.int64)
     likelihood = make_likelihood(moments, labels.coefficients, SIGMA, AUTOCORRELATION, unknown)
-    made = make_inference_data(problem.draws(), replace(problem.target, likelihood=likelihood), moments, labels, {})
+    target = replace(problem.target, likelihood=likelihood)
+    made = make_inference_data(problem.draws(), target, one_each(moments), labels, {})
     assert np.isfinite(made.log_likelihood.effort).all()
     assert np.isnan(made.constant_data.autocorrelation.values).tolist() == [False, True, False]
 
@@ -294,27 +298,48 @@ def test_a_joint_without_segments_does_no_harm():
 def test_shared_parts_say_whose_they_are():
     problem = Problem(own=2, fixed=(0,))
     observed = problem.data().observed_data
-    assert observed.n_segments.sum() == 24
+    assert observed.n_blocks.sum() == 24
     assert observed.n_unknown.sum() == 24 - 3 - 1
     assert observed.n_samples.sum() == problem.moments.count.sum()
-    weak = observed.sel(segment="A1 4 segments of unknown sign")
-    members = problem.moments.part == np.flatnonzero(observed.segment == weak.segment)[0]
+    weak = observed.sel(block="A1 4 blocks of unknown sign")
+    members = problem.moments.part == np.flatnonzero(observed.block == weak.block)[0]
     assert set(problem.moments.joint[members]) == {0}
-    assert weak.n_segments == 4
+    assert weak.n_blocks == 4
     assert weak.joint == "A1"
-    assert weak.start == problem.labels.start[members].min()
-    assert weak.end == problem.labels.end[members].max()
+    assert weak.start == 0.5 * np.flatnonzero(members).min()
+    assert weak.end == 0.5 * np.flatnonzero(members).max() + 0.4
     assert weak.fixed_sign == 0
-    both = observed.sel(segment="A1 2 segments of known sign")
+    both = observed.sel(block="A1 2 blocks of known sign")
     assert both.fixed_sign == 1
     assert both.n_unknown == 0
     assert np.isclose(both.effort_energy, sum(np.sum(problem.effort[k] ** 2) for k in (3, 9)))
 
 
-def test_segments_at_the_same_times_are_told_apart():
+def test_what_has_no_samples_is_no_observation():
+    """A segment at the end of a log, of which the filter leaves nothing: ArviZ gave it a Pareto k of infinity."""
     problem = Problem()
-    problem.labels = replace(problem.labels, start=np.zeros(24), end=np.ones(24))  # of 8 logs, each from zero
-    names = problem.data().observed_data.segment.values.tolist()
+    blocks, moments = one_each(problem.moments), problem.moments
+    last = np.arange(24) < 23
+    emptied = replace(
+        moments,
+        hessian=moments.hessian * last[:, None, None],
+        gradient=moments.gradient * last[:, None],
+        energy=moments.energy * last,
+        count=moments.count * last,
+    )
+    unknown = np.zeros(24, dtype=np.int64)
+    likelihood = make_likelihood(emptied, problem.labels.coefficients, SIGMA, AUTOCORRELATION, unknown)
+    target = replace(problem.target, likelihood=likelihood)
+    made = make_inference_data(problem.draws(), target, replace(blocks, moments=emptied), problem.labels, {})
+    assert made.log_likelihood.sizes["block"] == made.observed_data.sizes["block"] == 23
+    assert (made.observed_data.n_samples > 0).all()
+
+
+def test_blocks_at_the_same_times_are_told_apart():
+    problem = Problem()
+    time = [np.linspace(0.0, 1.0, len(y)) for y in problem.rows]  # of 8 logs, each from zero
+    problem.labels = replace(problem.labels, time=np.concatenate(time))
+    names = problem.data().observed_data.block.values.tolist()
     assert len(set(names)) == 24
     assert names[:4] == ["A1 0.00-1.00 s", "A2 0.00-1.00 s", "A3 0.00-1.00 s", "A1 0.00-1.00 s (2)"]
 
@@ -382,7 +407,7 @@ def test_leave_one_out(data):
     assert np.isfinite(result.pareto_k).all()
     assert np.all(result.pareto_k < 0.7)
     assert 0.0 < result.p_loo < 10.0
-    assert result.pareto_k.sel(segment="A2 2.00-2.40 s").joint == "A2"
+    assert result.pareto_k.sel(block="A2 2.00-2.40 s").joint == "A2"
     problem, draws = Problem(), Problem().draws()
     theta, log_scale = draws.theta.swapaxes(0, 1).reshape(4, -1, 5), draws.log_scale.swapaxes(0, 1).reshape(4, -1, 3)
     exact = [pointwise(problem.target.likelihood, problem.moments, t, u) for t, u in zip(theta, log_scale, strict=True)]

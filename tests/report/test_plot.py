@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from dataclasses import replace
+from inspect import signature
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -97,7 +98,7 @@ def test_given_axes_are_used(name):
 @pytest.mark.parametrize("name", SINGLE | {"forest": plot.forest})
 def test_a_given_axes_is_used(name):
     ax = Figure().subplots()
-    assert ALL[name](FOUND, axes=ax) is ax
+    assert ALL[name](FOUND, ax=ax) is ax
     assert ax.figure.axes == [ax]
 
 
@@ -110,6 +111,25 @@ def test_given_grids_are_used():
         assert all(ax.has_data() for ax in drawn)
 
 
+@pytest.mark.parametrize("name", ALL)
+def test_what_draws_one_takes_ax_and_what_draws_several_takes_axes(name):
+    given = "ax" if isinstance(ALL[name](FOUND), Axes) else "axes"
+    assert {"ax", "axes"} & set(signature(ALL[name]).parameters) == {given}
+    assert f"{given}: " in ALL[name].__doc__
+
+
+@pytest.mark.parametrize("name", OF_JOINTS)
+def test_the_axes_of_one_joint_need_no_list(name):
+    ax = Figure().subplots()
+    assert OF_JOINTS[name](FOUND, joints=[2], axes=ax) == [ax]
+
+
+@pytest.mark.parametrize("name", ["pair", "trace", "rank"])
+def test_axes_that_are_too_few_are_told(name):
+    with pytest.raises(ValueError, match=r"1 axes are given, \d are needed"):
+        OF_DRAWS[name](FOUND, 3, [Figure().subplots()])
+
+
 @pytest.mark.parametrize("name", OF_JOINTS)
 @pytest.mark.parametrize("joints", [[0], [4], [1, -1], []])
 def test_joints_that_there_are_not(name, joints):
@@ -119,7 +139,7 @@ def test_joints_that_there_are_not(name, joints):
 
 @pytest.mark.parametrize("name", OF_JOINTS)
 def test_not_one_axes_for_each_joint(name):
-    with pytest.raises(ValueError, match="2 axes for 3 joints"):
+    with pytest.raises(ValueError, match="2 axes are given, 3 are needed"):
         OF_JOINTS[name](FOUND, axes=Figure().subplots(2).tolist())
 
 

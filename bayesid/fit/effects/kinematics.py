@@ -29,6 +29,12 @@ class KinematicTolerance:
         length: m, of each joint's place.
         angle: rad, of each joint's direction.
         stated: whether somebody has said so: a log may then show that it is more, but not that it is less.
+
+    Example:
+        >>> tolerance = bayesid.KinematicTolerance(length=2e-3, angle=np.radians(0.2))
+        >>> beliefs = bayesid.Beliefs(kinematics=tolerance)  # for bayesid.identify(..., beliefs=beliefs)
+        >>> beliefs.kinematics.stated
+        True
     """
 
     length: float = 1e-3

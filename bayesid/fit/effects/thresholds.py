@@ -44,6 +44,12 @@ class Thresholds:
             show less there than in the log that it was found in.
         max_vetoes: effects that fail there before the selection goes on without adding any.
         explained_share: of the excess in a joint that stays unexplained, that its effects must explain to be kept.
+
+    Example:
+        >>> strict = bayesid.Thresholds(log10_bayes_factor=4.0, max_effects=2)
+        >>> found = bayesid.find_discrepancy(result, other_log, posterior=False, thresholds=strict)
+        >>> found.thresholds.log10_bayes_factor
+        4.0
     """
 
     # the log

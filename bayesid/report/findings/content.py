@@ -215,6 +215,11 @@ class Findings:
         draws: (E, D, r) of the coefficients, sweep after sweep of each of E ensembles; None if none were sampled.
         prediction: of another log, or None.
         folder: that holds the result; empty where it is in none.
+
+    Example:
+        >>> findings = bayesid.find_findings(result)
+        >>> findings.samples.predicted.shape, len(findings.coefficients.name)
+        ((301, 3), 21)
     """
 
     summary: Summary
@@ -238,12 +243,22 @@ class Findings:
 
     @property
     def n_joints(self) -> int:
-        """Number of joints n."""
+        """Number of joints n.
+
+        Example:
+            >>> findings.n_joints
+            3
+        """
         return len(self.effort_unit)
 
     @property
     def segment_size(self) -> Array:
-        """(S,) largest |effort| of each segment, as a share of its joint's."""
+        """(S,) largest |effort| of each segment, as a share of its joint's.
+
+        Example:
+            >>> float(findings.segment_size.max())
+            1.0
+        """
         t, effort, table = self.samples.t, np.abs(self.samples.recorded), self.segments
         ranges = zip(table.joint, np.searchsorted(t, table.start), np.searchsorted(t, table.end, "right"), strict=True)
         largest = np.array([effort[a:b, j].max(initial=0.0) for j, a, b in ranges])
@@ -251,7 +266,12 @@ class Findings:
 
     @property
     def n_ensembles(self) -> int:
-        """E, that were sampled; 0 without draws."""
+        """E, that were sampled; 0 without draws.
+
+        Example:
+            >>> findings.n_ensembles
+            4
+        """
         return 0 if self.draws is None else len(self.draws)
 
     def trend(self, joint: int, variable: str) -> tuple[Array, Array, Array]:
@@ -260,32 +280,59 @@ class Findings:
         Args:
             joint: from 0.
             variable: "t", "velocity" or "position".
+
+        Example:
+            >>> velocity, mean, error = findings.trend(1, "velocity")
+            >>> bool((np.abs(mean) < 4.0 * error).all())  # nothing is missing over the velocity of joint 2
+            True
         """
         value, residual = self.scatter(joint, variable, len(self.samples.t))
         return binned(value, residual)
 
     def scatter(self, joint: int, variable: str, most: int) -> tuple[Array, Array]:
-        """At most so many values of a variable and of the residual, of a joint (from 0) in motion, evenly spread."""
+        """At most so many values of a variable and of the residual, of a joint (from 0) in motion, evenly spread.
+
+        Example:
+            >>> velocity, residual = findings.scatter(1, "velocity", most=100)
+            >>> len(velocity), len(residual)
+            (100, 100)
+        """
         used = np.flatnonzero(self.samples.used[:, joint])
         rows = used[evenly(len(used), most)] if len(used) else used
         value = getattr(self.samples, variable)[rows]
         return (value if value.ndim == 1 else value[:, joint]), self.samples.residual[rows, joint]
 
     def worst(self, count: int) -> Integers:
-        """Indices of at most so many coefficients: those that the log decides worst, by sd over the prior's sd."""
+        """Indices of at most so many coefficients: those that the log decides worst, by sd over the prior's sd.
+
+        Example:
+            >>> [findings.coefficients.name[k] for k in findings.worst(2)]
+            ['J2zz', 'J2xy']
+        """
         table = self.coefficients
         undecided = np.where(np.isfinite(table.prior_sd), table.sd / table.prior_sd, table.relative_sd)
         return np.argsort(-undecided, kind="stable")[:count]
 
     def standardised(self, chosen: Integers) -> Array:
-        """(E, D, K) draws of K coefficients about their mean, in units of the prior's sd; none without draws."""
+        """(E, D, K) draws of K coefficients about their mean, in units of the prior's sd; none without draws.
+
+        Example:
+            >>> float(findings.standardised(findings.worst(2)).std()) < 1.5  # sds of the prior
+            True
+        """
         assert self.draws is not None
         table = self.coefficients
         scaled: Array = (self.draws[:, :, chosen] - table.mean[chosen]) / table.prior_sd[chosen]
         return scaled
 
     def with_validation(self, validation: Validation) -> Findings:
-        """The same, with a validation."""
+        """The same, with a validation.
+
+        Example:
+            >>> validated = findings.with_validation(check)
+            >>> validated.prediction.coverage.round(2)
+            array([0.93, 0.97, 0.99])
+        """
         rows = evenly(len(validation.measured), MOST)
         motion = validation.signals.motion
         return replace(

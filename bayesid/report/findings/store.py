@@ -59,6 +59,11 @@ def read_findings(folder: str | Path) -> Findings:
 
     Raises:
         InputError: the folder is no result, or one of a version that kept less.
+
+    Example:
+        >>> findings = bayesid.read_findings("result")
+        >>> findings.summary.robot, findings.n_joints
+        ('arm', 3)
     """
     place = Path(folder)
     try:

@@ -1,11 +1,13 @@
 """Figures of results, as matplotlib Axes.
 
-Each takes an identification, its findings (`bayesid.report.findings`) or a result folder (`excitation` a design), and
-draws into the Axes given or into a new Figure, which `axes.figure.savefig(...)` saves. Nothing is computed here::
+Each takes an identification, its findings (`bayesid.report.findings`) or a result folder (`excitation` a design,
+`skeleton` a robot), and draws into the Axes given, `ax` where there is one and `axes` where there are several, or into
+a new Figure, which `ax.figure.savefig(...)` saves. The Axes drawn into come back. Nothing is computed here.
 
-    for axes in bayesid.plot.torques(result):
-        axes.set_xlim(2.0, 4.0)
-    axes.figure.savefig("torques.png")
+Example:
+    >>> for ax in bayesid.plot.torques(result):
+    ...     limits = ax.set_xlim(2.0, 4.0)
+    >>> ax.figure.savefig("torques.png")
 """
 
 from bayesid.report.plot.designs import excitation
@@ -14,6 +16,7 @@ from bayesid.report.plot.efforts import torques, validation
 from bayesid.report.plot.estimates import coefficients
 from bayesid.report.plot.proof import alternatives
 from bayesid.report.plot.remainder import autocorrelation, residuals
+from bayesid.report.plot.robots import skeleton
 
 __all__ = [
     "alternatives",
@@ -24,7 +27,13 @@ __all__ = [
     "pair",
     "rank",
     "residuals",
+    "skeleton",
     "torques",
     "trace",
     "validation",
 ]
+
+
+def __dir__() -> list[str]:
+    """What completion offers: the figures, not the modules that draw them."""
+    return __all__

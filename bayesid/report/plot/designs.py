@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from bayesid.excitation.design import ExcitationDesign
-from bayesid.report.plot.style import BLUE, INK, ORANGE, SIZE, dress, legend, new_figure
+from bayesid.report.plot.style import BLUE, INK, ORANGE, SIZE, dress, grid_of_axes, legend
 from bayesid.report.thinning import evenly
 
 _POINTS = 1000
@@ -20,21 +22,28 @@ _WIDTH = 1.7
 _ROWS = ("position", "velocity", "acceleration")
 
 
-def excitation(design: ExcitationDesign, figure: Figure | None = None) -> list[Axes]:
+def excitation(design: ExcitationDesign, axes: Any = None) -> list[Axes]:
     """Positions, velocities and accelerations as shares of their limits, and expected |effort|, a column a joint.
 
     Segments are blue; orange are those that are weak: the first to have a wrong sign when the noise grows.
 
     Args:
         design: what to show.
-        figure: to draw into; a new one by default.
+        axes: (4, n) of them; new ones by default.
 
     Returns:
-        4 n axes, row by row.
+        4 n Axes, row by row.
+
+    Raises:
+        ValueError: there are not as many Axes.
+
+    Example:
+        >>> axes = bayesid.plot.excitation(design)
+        >>> len(axes), axes[0].get_ylabel()
+        (12, 'position / limit')
     """
     n = design.model.robot.n_joints
-    figure = new_figure(_HEIGHT, max(3.0, _WIDTH * n)) if figure is None else figure
-    axes = figure.subplots(4, n, squeeze=False, sharex=True, sharey=False)
+    axes = grid_of_axes(axes, 4, n, _HEIGHT, max(3.0, _WIDTH * n), sharex=True)
     shares, shown = design.of_limits, evenly(len(design.motion), _POINTS)
     for row, name, values in zip(axes[:3], _ROWS, (shares.q, shares.dq, shares.ddq), strict=True):
         for ax, curve in zip(row, values.T, strict=True):

@@ -16,28 +16,33 @@ from bayesid.arrays import Array, Integers
 from bayesid.posterior.arviz_plots import draw_forest, draw_pair, draw_rank, draw_trace
 from bayesid.report.findings import Findings
 from bayesid.report.plot.source import Source, findings_of
-from bayesid.report.plot.style import BLUE, INK, MAGENTA, ORANGE, SIZE, dress, new_figure
+from bayesid.report.plot.style import BLUE, INK, MAGENTA, ORANGE, SIZE, dress, given_axes, grid_of_axes, one_axes
 
 _COLOURS = [BLUE, ORANGE, INK, MAGENTA]
 """Of the ensembles."""
 _SCALE = "over the prior's sd"
 
 
-def forest(result: Source, count: int = 12, axes: Axes | None = None) -> Axes:
+def forest(result: Source, count: int = 12, ax: Axes | None = None) -> Axes:
     """95 % intervals of the worst-decided coefficients, one an ensemble; ensembles that disagree have not converged.
 
     Args:
         result: an identification with a posterior, its findings, or a result folder.
         count: coefficients, at most.
-        axes: where to draw; new by default.
+        ax: where to draw; new by default.
 
     Raises:
         InputError: the folder holds no result.
         ValueError: no posterior was sampled.
+
+    Example:
+        >>> ax = bayesid.plot.forest(result, count=5)
+        >>> len(ax.get_yticks())
+        5
     """
     findings = findings_of(result)
     chosen = findings.worst(count)
-    ax = new_figure(1.0 + 0.36 * len(chosen)).subplots() if axes is None else axes
+    ax = one_axes(ax, 1.0 + 0.36 * len(chosen))
     look = {"colors": INK, "textsize": SIZE, "linewidth": 1.4, "markersize": 3}
     names = _names(findings, chosen)
     draw_forest(_values(findings, chosen), names, ax, look)
@@ -55,18 +60,26 @@ def pair(result: Source, count: int = 3, axes: Any = None) -> list[Axes]:
     Args:
         result: an identification with a posterior, its findings, or a result folder.
         count: coefficients, from 2 up.
-        axes: (count - 1, count - 1) array of Axes; new ones by default.
+        axes: (count - 1, count - 1) of them; new ones by default.
+
+    Returns:
+        The Axes on and below the diagonal, row by row.
 
     Raises:
         InputError: the folder holds no result.
-        ValueError: no posterior was sampled, or there are fewer than two coefficients.
+        ValueError: no posterior was sampled, there are fewer than two coefficients, or not as many Axes.
+
+    Example:
+        >>> axes = bayesid.plot.pair(result, count=3)
+        >>> len(axes)
+        3
     """
     findings = findings_of(result)
     chosen = findings.worst(count)
     if len(chosen) < 2:
         raise ValueError("a pair needs two coefficients")
     size = len(chosen) - 1
-    grid = new_figure(1.2 + 1.9 * size).subplots(size, size, squeeze=False) if axes is None else np.asarray(axes)
+    grid = grid_of_axes(axes, size, size, 1.2 + 1.9 * size)
     look = {"scatter_kwargs": {"color": BLUE, "alpha": 0.4, "s": 6.0}, "textsize": SIZE}
     names = _names(findings, chosen)
     draw_pair(_values(findings, chosen), names, grid if size > 1 else grid[0, 0], look)
@@ -89,15 +102,23 @@ def trace(result: Source, count: int = 4, axes: Any = None) -> list[Axes]:
     Args:
         result: an identification with a posterior, its findings, or a result folder.
         count: coefficients, at most.
-        axes: (count, 2) array of Axes; new ones by default.
+        axes: (count, 2) of them; new ones by default.
+
+    Returns:
+        Two Axes for each coefficient.
 
     Raises:
         InputError: the folder holds no result.
-        ValueError: no posterior was sampled.
+        ValueError: no posterior was sampled, or there are not as many Axes.
+
+    Example:
+        >>> axes = bayesid.plot.trace(result, count=3)
+        >>> len(axes)
+        6
     """
     findings = findings_of(result)
     chosen = findings.worst(count)
-    grid = new_figure(0.6 + 1.15 * len(chosen)).subplots(len(chosen), 2, squeeze=False) if axes is None else axes
+    grid = grid_of_axes(axes, len(chosen), 2, 0.6 + 1.15 * len(chosen))
     look = {
         "chain_prop": {"color": _COLOURS[: findings.n_ensembles]},
         "trace_kwargs": {"alpha": 0.5, "linewidth": 0.4},
@@ -124,17 +145,27 @@ def rank(result: Source, count: int = 4, axes: Any = None) -> list[Axes]:
     Args:
         result: an identification with a posterior, its findings, or a result folder.
         count: coefficients, at most.
-        axes: one Axes a coefficient; new ones by default.
+        axes: one for each coefficient; new ones by default.
+
+    Returns:
+        One Axes for each coefficient.
 
     Raises:
         InputError: the folder holds no result.
-        ValueError: no posterior was sampled.
+        ValueError: no posterior was sampled, or there are not as many Axes.
+
+    Example:
+        >>> axes = bayesid.plot.rank(result, count=4)
+        >>> len(axes)
+        4
     """
     findings = findings_of(result)
     chosen = findings.worst(count)
-    rows = -(-len(chosen) // 2)
-    made = new_figure(0.5 + 1.7 * rows).subplots(rows, min(2, len(chosen)), squeeze=False).ravel()
-    places = made if axes is None else np.asarray(axes).ravel()
+    if axes is None:
+        rows = -(-len(chosen) // 2)
+        places = grid_of_axes(None, rows, min(2, len(chosen)), 0.5 + 1.7 * rows).ravel()
+    else:
+        places = given_axes(axes, len(chosen))
     look = {
         "colors": _COLOURS[: findings.n_ensembles],
         "bar_kwargs": {"edgecolor": "none"},

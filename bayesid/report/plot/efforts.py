@@ -30,7 +30,7 @@ _NARROW = 0.13
 
 
 def torques(
-    result: Source, joints: Sequence[int] | None = None, axes: Sequence[Axes] | None = None, key: bool = True
+    result: Source, joints: Sequence[int] | None = None, axes: Sequence[Axes] | Axes | None = None, key: bool = True
 ) -> list[Axes]:
     """Efforts over time: recorded, with signs, and by the model; bands tell the sign of each segment.
 
@@ -40,7 +40,7 @@ def torques(
     Args:
         result: an identification, its findings, or a result folder.
         joints: from 1; all by default.
-        axes: one for each joint; new ones by default, whose `figure` can be saved.
+        axes: one for each joint, or the one of a single joint; new ones by default, whose `figure` can be saved.
         key: whether to say what colours and lines mean.
 
     Returns:
@@ -49,6 +49,10 @@ def torques(
     Raises:
         InputError: the folder holds no result.
         ValueError: there is no such joint, or not one Axes for each.
+
+    Example:
+        >>> first, second = bayesid.plot.torques(result, joints=[1, 3])
+        >>> first.figure.savefig("torques.png")
     """
     findings = findings_of(result)
     drawn = each_joint(findings.n_joints, joints, axes, _HEIGHT, WIDE)
@@ -65,14 +69,14 @@ def torques(
 
 
 def validation(
-    result: Source, joints: Sequence[int] | None = None, axes: Sequence[Axes] | None = None, key: bool = True
+    result: Source, joints: Sequence[int] | None = None, axes: Sequence[Axes] | Axes | None = None, key: bool = True
 ) -> list[Axes]:
     """Efforts of a log that the model has not seen: measured, predicted, and the band that holds 95 % of them.
 
     Args:
         result: findings with a validation (`Findings.with_validation`).
         joints: from 1; all by default.
-        axes: one for each joint; new ones by default.
+        axes: one for each joint, or the one of a single joint; new ones by default.
         key: whether to say what colours and lines mean.
 
     Returns:
@@ -80,6 +84,10 @@ def validation(
 
     Raises:
         ValueError: there is no validation, no such joint, or not one Axes for each.
+
+    Example:
+        >>> (ax,) = bayesid.plot.validation(findings.with_validation(check), joints=[2])
+        >>> ax.figure.savefig("validation.svg")
     """
     findings = findings_of(result)
     if findings.prediction is None:

@@ -14,7 +14,7 @@ _CLIP = 2.5
 """Sizes beyond which an interval is cut off: what is known so badly needs no more room."""
 
 
-def coefficients(result: Source, axes: Axes | None = None) -> Axes:
+def coefficients(result: Source, ax: Axes | None = None) -> Axes:
     """Mean, 95 % interval and nominal value of every coefficient, over its size.
 
     Orange ones are decided by the prior, not by the data. The size of a coefficient is that of its mean, or of half its
@@ -22,15 +22,19 @@ def coefficients(result: Source, axes: Axes | None = None) -> Axes:
 
     Args:
         result: an identification, its findings, or a result folder.
-        axes: where to draw; new by default.
+        ax: where to draw; new by default.
 
     Raises:
         InputError: the folder holds no result.
+
+    Example:
+        >>> ax = bayesid.plot.coefficients(result)
+        >>> ax.figure.savefig("coefficients.svg")
     """
     findings = findings_of(result)
     table = findings.coefficients
     place, bar = np.arange(len(table.mean)), table.bar
-    ax = one_axes(axes, 1.0 + _ROW * len(place))
+    ax = one_axes(ax, 1.0 + _ROW * len(place))
     for chosen, colour, name in ((table.by_data, BLUE, "decided by data"), (~table.by_data, ORANGE, "by the prior")):
         if chosen.any():
             ax.barh(place[chosen], bar.mean[chosen], height=0.6, color=colour, alpha=0.35, label=name)

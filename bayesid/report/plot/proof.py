@@ -12,18 +12,23 @@ _SHOWN = 12
 """Assignments, at most: as many as a figure on a telephone has room for."""
 
 
-def alternatives(result: Source, axes: Axes | None = None) -> Axes:
+def alternatives(result: Source, ax: Axes | None = None) -> Axes:
     """How much more than the best assignment the others cost: those that remain, and all that the proof rules out.
 
     A cost that is larger by x makes an assignment exp(-x / 2) times as probable, but for the volume of its cone.
 
     Args:
         result: an identification, its findings, or a result folder.
-        axes: where to draw; new by default.
+        ax: where to draw; new by default.
 
     Raises:
         InputError: the folder holds no result.
         ValueError: nothing has been proven: signs were known, or found by a beam alone.
+
+    Example:
+        >>> ax = bayesid.plot.alternatives(result)
+        >>> ax.get_xlabel()
+        'cost above that of the best assignment'
     """
     findings = findings_of(result)
     search = findings.summary.search
@@ -31,7 +36,7 @@ def alternatives(result: Source, axes: Axes | None = None) -> Axes:
         raise ValueError("nothing has been proven about the signs")
     above = (findings.alternatives.cost - search.cost)[:_SHOWN]
     count = max(1, len(above))
-    ax = one_axes(axes, 1.1 + 0.22 * count)
+    ax = one_axes(ax, 1.1 + 0.22 * count)
     if len(above) > 1:
         ax.scatter(above[1:], np.arange(1, count), s=30.0, color=ORANGE, label="alternative", zorder=3)
     ax.scatter([0.0], [0], s=44.0, color=BLUE, label="best found", zorder=3)

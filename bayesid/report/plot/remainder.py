@@ -18,7 +18,7 @@ _POINTS = 1200
 
 
 def residuals(
-    result: Source, variable: str = "t", joints: Sequence[int] | None = None, axes: Sequence[Axes] | None = None
+    result: Source, variable: str = "t", joints: Sequence[int] | None = None, axes: Sequence[Axes] | Axes | None = None
 ) -> list[Axes]:
     """Residuals in motion over a variable, with their means over equally many samples and twice the standard errors.
 
@@ -28,7 +28,7 @@ def residuals(
         result: an identification, its findings, or a result folder.
         variable: "t", "velocity" or "position", of the actuators.
         joints: from 1; all by default.
-        axes: one for each joint; new ones by default.
+        axes: one for each joint, or the one of a single joint; new ones by default.
 
     Returns:
         One Axes for each joint.
@@ -36,6 +36,11 @@ def residuals(
     Raises:
         InputError: the folder holds no result.
         ValueError: there is no such variable or joint, or not one Axes for each.
+
+    Example:
+        >>> (ax,) = bayesid.plot.residuals(result, "velocity", joints=[2])
+        >>> ax.get_ylabel()
+        'residual 2, N m'
     """
     if variable not in VARIABLES:
         raise ValueError(f"{variable!r} is none of {', '.join(VARIABLES)}")
@@ -67,14 +72,14 @@ def residuals(
 
 
 def autocorrelation(
-    result: Source, joints: Sequence[int] | None = None, axes: Sequence[Axes] | None = None
+    result: Source, joints: Sequence[int] | None = None, axes: Sequence[Axes] | Axes | None = None
 ) -> list[Axes]:
     """Autocorrelation of the residuals in motion; 95 % of white noise's values lie in the grey band.
 
     Args:
         result: an identification, its findings, or a result folder.
         joints: from 1; all by default.
-        axes: one for each joint; new ones by default.
+        axes: one for each joint, or the one of a single joint; new ones by default.
 
     Returns:
         One Axes for each joint.
@@ -82,6 +87,12 @@ def autocorrelation(
     Raises:
         InputError: the folder holds no result.
         ValueError: there is no such joint, or not one Axes for each.
+
+    Example:
+        >>> from matplotlib.figure import Figure
+        >>> left, right = Figure().subplots(1, 2)
+        >>> bayesid.plot.autocorrelation(result, joints=[1, 2], axes=[left, right]) == [left, right]
+        True
     """
     findings = findings_of(result)
     drawn = each_joint(findings.n_joints, joints, axes, _HEIGHT)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Literal
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -50,7 +51,7 @@ def legend(ax: Axes) -> None:
 
 
 def each_joint(
-    n_joints: int, joints: Sequence[int] | None, axes: Sequence[Axes] | None, height: float, width: float = WIDTH
+    n_joints: int, joints: Sequence[int] | None, axes: Sequence[Axes] | Axes | None, height: float, width: float = WIDTH
 ) -> list[tuple[int, Axes]]:
     """Joints (from 1) and an Axes for each, one below the other in a new figure unless they are given.
 
@@ -63,13 +64,35 @@ def each_joint(
     chosen = list(range(1, n_joints + 1)) if joints is None else list(joints)
     if not chosen or not all(1 <= joint <= n_joints for joint in chosen):
         raise InputError(f"there is no joint {chosen}", "joints", f"choose from 1 to {n_joints}")
-    if axes is None:
-        axes = new_figure(height * len(chosen), width).subplots(len(chosen), squeeze=False)[:, 0].tolist()
-    if len(axes) != len(chosen):
-        raise ValueError(f"{len(axes)} axes for {len(chosen)} joints")
-    return list(zip(chosen, axes, strict=True))
+    drawn = grid_of_axes(axes, len(chosen), 1, height * len(chosen), width)[:, 0].tolist()
+    return list(zip(chosen, drawn, strict=True))
 
 
-def one_axes(axes: Axes | None, height: float, width: float = WIDTH) -> Axes:
+def one_axes(ax: Axes | None, height: float, width: float = WIDTH) -> Axes:
     """The Axes given, or one in a new figure."""
-    return new_figure(height, width).subplots() if axes is None else axes
+    return new_figure(height, width).subplots() if ax is None else ax
+
+
+def grid_of_axes(
+    axes: Any, rows: int, columns: int, height: float, width: float = WIDTH, *, sharex: bool = False
+) -> Any:
+    """(rows, columns) Axes: those given, row by row, or new ones in a figure of that height and width, in.
+
+    Raises:
+        ValueError: there are not as many.
+    """
+    if axes is None:
+        return new_figure(height, width).subplots(rows, columns, squeeze=False, sharex=sharex)
+    return given_axes(axes, rows * columns).reshape(rows, columns)
+
+
+def given_axes(axes: Any, count: int) -> Any:
+    """(count,) the Axes in an array, a list or by itself.
+
+    Raises:
+        ValueError: there are not as many.
+    """
+    given = np.asarray(axes, dtype=object).ravel()
+    if len(given) != count:
+        raise ValueError(f"{len(given)} axes are given, {count} are needed")
+    return given

@@ -53,6 +53,10 @@ def mjcf(model: Model, theta: Array) -> str:
 
     Raises:
         ValueError: theta has another shape, the model no rigid bodies, or a link no positive mass.
+
+    Example:
+        >>> bayesid.mjcf(result.model, result.theta).splitlines()[1]
+        '<mujoco model="arm">'
     """
     theta = frozen(theta, (len(model.parameters),), "theta")
     parts = model.parts(theta)

@@ -42,6 +42,10 @@ def urdf(model: Model, theta: Array) -> str:
 
     Raises:
         ValueError: theta has another shape, the model no rigid bodies, or a link no positive mass.
+
+    Example:
+        >>> bayesid.urdf(result.model, result.theta).splitlines()[1]
+        '<robot name="arm">'
     """
     theta = frozen(theta, (len(model.parameters),), "theta")
     parts = model.parts(theta)

@@ -43,6 +43,11 @@ class Beam(Search):
         width: w of T-PBPR, nodes that survive each step.
         initial_segments: s0 of T-PBPR, segments that are enumerated at the start.
         node_cost: what prices a node, made from (cone, coefficients, hessian, energy); None for the cone.
+
+    Example:
+        >>> result = bayesid.identify(robot, log, terms, search=bayesid.Beam(width=3), posterior=False)
+        >>> result.search.certified
+        False
     """
 
     width: int = 5
@@ -58,7 +63,12 @@ class Beam(Search):
 
     @property
     def any_model(self) -> bool:
-        """Not where a price of the user's is given: it may know the model asked for only."""
+        """Not where a price of the user's is given: it may know the model asked for only.
+
+        Example:
+            >>> bayesid.Beam().any_model
+            True
+        """
         return self.node_cost is None
 
     def find(self, problem: SignProblem, steps: Steps = no_steps) -> SearchResult:
@@ -66,6 +76,11 @@ class Beam(Search):
 
         Raises:
             SolverError: a node could not be priced.
+
+        Example:
+            >>> result = bayesid.Beam(width=3).find(problem)
+            >>> len(result.signs), result.certified
+            (56, False)
         """
         result = self._search(problem, self.width, steps)
         if problem.earlier is not None or not problem.is_poor(result):

@@ -55,6 +55,12 @@ class Certified(Search):
         fallback: another search, which tries too where the budget ends before the proof does.
         repeatable: whether the budget counts work in nominal seconds (`bayesid.signs.search.problem`) instead of the
             clock's.
+
+    Example:
+        >>> search = bayesid.Certified(budget=30.0, repeatable=True)
+        >>> result = bayesid.identify(robot, log, terms, search=search, posterior=False)
+        >>> result.search.certified
+        True
     """
 
     budget: float = 10.0
@@ -76,6 +82,11 @@ class Certified(Search):
 
         Raises:
             SolverError: a cone problem could not be solved.
+
+        Example:
+            >>> result = bayesid.Certified().find(problem)
+            >>> len(result.signs), result.certified
+            (56, False)
         """
         result = self._search(problem, 0.0, steps)
         if problem.earlier is not None or not problem.is_poor(result):
@@ -88,6 +99,12 @@ class Certified(Search):
 
         Raises:
             SolverError: an optimisation failed.
+
+        Example:
+            >>> from dataclasses import replace
+            >>> search = bayesid.Certified(budget=5.0)
+            >>> search.conclude(replace(problem, earlier=search.find(problem))).certified
+            True
         """
         result = self._search(problem, self.budget, progress.steps("proof"))
         if result.certified or self.budget == 0.0:

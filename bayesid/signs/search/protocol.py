@@ -66,11 +66,24 @@ class Search(Protocol):
     """A method of finding signs; best a frozen dataclass, whose `repr` then says in a result how it was searched.
 
     A search of your own derives from this class and defines `find`.
+
+    Example:
+        >>> class Guess(bayesid.Search):
+        ...     def find(self, problem, steps=None):
+        ...         return bayesid.Beam(width=1, initial_segments=1).find(problem)
+        >>> result = bayesid.identify(robot, log, terms, search=Guess(), posterior=False)
+        >>> result.search.certified
+        False
     """
 
     @property
     def any_model(self) -> bool:
-        """Whether it can search under another model than the one asked for, as a second opinion or completed."""
+        """Whether it can search under another model than the one asked for, as a second opinion or completed.
+
+        Example:
+            >>> bayesid.Certified().any_model
+            True
+        """
         return True
 
     @abstractmethod
@@ -83,6 +96,11 @@ class Search(Protocol):
 
         Raises:
             SolverError: an optimisation failed.
+
+        Example:
+            >>> result = bayesid.Beam().find(problem)
+            >>> len(result.signs), result.certified
+            (56, False)
         """
 
     def conclude(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
@@ -98,6 +116,13 @@ class Search(Protocol):
 
         Raises:
             SolverError: an optimisation failed.
+
+        Example:
+            >>> from dataclasses import replace
+            >>> search = bayesid.Beam()
+            >>> last = search.find(problem)
+            >>> bool((search.conclude(replace(problem, earlier=last)).signs == last.signs).all())
+            True
         """
         assert problem.earlier is not None
         return problem.earlier.without_work()

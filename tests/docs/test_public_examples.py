@@ -1,0 +1,161 @@
+"""Every public docstring has an example, and the example runs.
+
+Examples use the names that docs/python.md makes: a small robot, a simulated log of it, the model and its parameters, a
+result and what is made of it. All are made once; each docstring gets a copy of the names, and the files of a user.
+"""
+
+from __future__ import annotations
+
+import doctest
+import inspect
+import re
+from collections.abc import Iterator
+from contextlib import chdir
+from functools import cached_property
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from test_docs import FEW, assert_alike, write_files, write_logs
+
+import bayesid
+from bayesid.fit.moments import moments
+from bayesid.log.segments import find_segments
+from bayesid.signs.search.protocol import SignProblem
+
+TERMS = ["rigid_body", "viscous_friction", "coulomb_friction"]
+
+
+def make_namespace(folder: Path) -> dict[str, object]:
+    """The names of docs/python.md, and the files beside them in the folder, which is the working directory."""
+    write_files(folder)
+    write_logs(folder, "python.md")
+    (folder / "limits.toml").write_text(
+        "lower = [-2, -1, -2]\nupper = [2, 1, 2]\nvelocity = 2.0\nacceleration = 10.0\n"
+    )
+    (folder / "nominal.csv").write_text("name,mean,sd\nm3,1.2,0.1\n")
+    robot, log, other_log = bayesid.load_robot("robot.toml"), *map(bayesid.read_log, ("log.csv", "another_log.csv"))
+    motion = bayesid.random_trajectory(robot.n_joints, duration=4.0, seed=1).motion(np.arange(201) / 50.0)
+    header = ",".join(["t", *(f"q{j}" for j in (1, 2, 3))])
+    np.savetxt("motion.csv", np.column_stack([motion.t, motion.q]), delimiter=",", header=header, comments="")
+    model = bayesid.Model(robot, bayesid.make_terms(TERMS, robot, motion))
+    result = bayesid.identify(robot, log, TERMS, posterior=FEW)
+    bayesid.save_identification(result, "result", report=False)
+    shape, objective = bayesid.TrajectoryShape(duration=4.0, rate=50.0, harmonics=2), bayesid.Objective(evaluations=20)
+    return {
+        "bayesid": bayesid,
+        "np": np,
+        "robot": robot,
+        "log": log,
+        "other_log": other_log,
+        "motion": motion,
+        "terms": TERMS,
+        "model": model,
+        "theta": bayesid.random_parameters(model, np.random.default_rng(0)),
+        "result": result,
+        "check": result.validate(other_log),
+        "predicted": result.predict(motion),
+        "findings": bayesid.find_findings(result),
+        "found": bayesid.find_discrepancy(result, other_log, posterior=False),
+        "design": bayesid.design_excitation(robot, TERMS, shape=shape, objective=objective),
+        "problem": sign_problem(result),
+    }
+
+
+def sign_problem(result: bayesid.Identification) -> SignProblem:
+    """What a search is given: segments of the log, efforts in units of their noise."""
+    signals, model = result.signals, result.model
+    segments = find_segments(signals, model.robot.actuators(signals.motion))
+    segments = segments[segments.fitted]
+    coefficients = result.coefficients
+    of_log = moments(model, coefficients, signals.motion, signals.raw_effort, segments)
+    return SignProblem(of_log.scaled(result.noise.sigma), model.cone, coefficients)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What is public
+# ---------------------------------------------------------------------------------------------------------------
+def public() -> Iterator[tuple[str, str]]:
+    """Names and docstrings of all that `bayesid` and `bayesid.plot` promise, methods and properties among them."""
+    owners = (("bayesid", bayesid), ("bayesid.plot", bayesid.plot))
+    named = ((f"{place}.{name}", getattr(owner, name)) for place, owner in owners for name in owner.__all__)
+    for name, value in named:
+        yield name, inspect.getdoc(value) or ""
+        if inspect.isclass(value):
+            yield from methods(name, value)
+
+
+def methods(name: str, kind: type) -> Iterator[tuple[str, str]]:
+    """Those of a class that are its own or inherited from this package; what a field holds has no docstring."""
+    for member in dir(kind):
+        value = inspect.getattr_static(kind, member)
+        if isinstance(value, staticmethod | classmethod):
+            value = value.__func__
+        told = inspect.isfunction(value) or isinstance(value, property | cached_property)
+        if told and not member.startswith("_") and member not in getattr(kind, "__dataclass_fields__", {}):
+            yield f"{name}.{member}", inspect.getdoc(value) or ""
+
+
+DOCUMENTED = dict(public())
+SLOW = ("identify_separately", "Separate", "make_report")
+"""Processes and a page of figures: seconds each."""
+
+
+def test_every_public_docstring_has_an_example():
+    assert len(DOCUMENTED) > 150
+    without = [name for name, text in DOCUMENTED.items() if not re.search(r"^Example:\n    >>> ", text, re.M)]
+    assert without == []
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Examples
+# ---------------------------------------------------------------------------------------------------------------
+class Alike(doctest.OutputChecker):
+    """Numbers to about the digits shown, as on the pages."""
+
+    def check_output(self, want: str, got: str, optionflags: int) -> bool:
+        """As doctest does; where that fails, the same words and numbers near each other."""
+        if super().check_output(want, got, optionflags):
+            return True
+        try:
+            assert_alike(got, want)
+        except AssertionError:
+            return False
+        return bool(want.strip())
+
+
+@pytest.fixture(scope="module")
+def namespace(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("user")
+    with chdir(folder), mpl.rc_context({"svg.hashsalt": "bayesid"}):
+        yield make_namespace(folder)
+
+
+def failures(names: list[str], namespace: dict[str, object]) -> str:
+    """What does not run, or prints something else."""
+    runner, told = doctest.DocTestRunner(Alike(), verbose=False, optionflags=doctest.NORMALIZE_WHITESPACE), []
+    for name in names:
+        test = doctest.DocTestParser().get_doctest(DOCUMENTED[name], dict(namespace), name, None, 0)
+        runner.run(test, out=told.append)
+    return "".join(told)
+
+
+def of_slow(name: str) -> bool:
+    return name.split(".")[1] in SLOW
+
+
+def test_examples_run(namespace):
+    assert failures([name for name in DOCUMENTED if not of_slow(name)], namespace) == ""
+
+
+@pytest.mark.long
+def test_slow_examples_run(namespace):
+    assert failures([name for name in DOCUMENTED if of_slow(name)], namespace) == ""
+
+
+def test_the_checker_sees_what_is_wrong():
+    alike = Alike()
+    assert alike.check_output("1.5 N m\n", "1.46 N m\n", 0)
+    assert not alike.check_output("1.5 N m\n", "2.6 N m\n", 0)
+    assert not alike.check_output("", "told\n", 0)
