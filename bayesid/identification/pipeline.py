@@ -42,7 +42,7 @@ from bayesid.model import terms as catalogue
 from bayesid.model.coefficients import BaseCoefficients, base_coefficients
 from bayesid.model.model import Model
 from bayesid.model.robot import Robot, load_robot
-from bayesid.posterior.blocks import Blocks, divide
+from bayesid.posterior.blocks import SegmentBlocks, divide
 from bayesid.posterior.inference import DRAWS, Posterior, infer, widened
 from bayesid.posterior.links import usual_links
 from bayesid.posterior.problem import PosteriorProblem
@@ -335,7 +335,7 @@ def _sample(run: _Run, averaged: AveragedSigns, sampling: Sampling) -> Posterior
     pieces, segment = divide(segments, fit.noise.autocorrelation)
     expected = 2.0 * settled.probability - 1.0
     moments = evidence.moments(expected, pieces, _POINTWISE, orientation, summed_out=False)
-    blocks = Blocks(replace(moments, known=known[segment]), segment, pieces.start, pieces.end)
+    blocks = SegmentBlocks(replace(moments, known=known[segment]), segment, pieces.start, pieces.end)
     if not averaged.by_asked or evidence.information is not None:
         search = replace(search, theta=fit.theta, branches=(), settled=None)
     problem = PosteriorProblem(
