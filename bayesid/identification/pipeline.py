@@ -114,11 +114,8 @@ def identify(
     Example:
         >>> terms = ["rigid_body", "viscous_friction", "coulomb_friction"]
         >>> result = bayesid.identify("robot.toml", "log.csv", terms, search=bayesid.Certified(budget=30.0))
-        >>> friction = result.coefficient("Fc2")
-        >>> f"{friction.mean:.1f} +- {friction.sd:.1f} {friction.unit}"
-        '1.5 +- 0.1 N m'
-        >>> result.predict("motion.csv").upper.shape
-        (201, 3)
+        >>> f"{result.coefficient('Fc2').mean:.1f} N m", result.predict("motion.csv").upper.shape
+        ('1.5 N m', (201, 3))
     """
     name, terms = robot.name if isinstance(robot, Robot) else str(robot), catalogue.term_names(terms)
     subject = {"robot": name, "terms": list(terms), "complete": check_completeness(complete)}
