@@ -62,7 +62,6 @@ class Discrepancy:
         seconds: of wall time.
 
     Example:
-        >>> found = bayesid.find_discrepancy(result, other_log, posterior=False)
         >>> found.status, [(effect.effect, effect.joints) for effect in found.added]
         ('no_discrepancy', [])
     """
