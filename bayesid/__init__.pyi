@@ -29,11 +29,11 @@ from .log.log import read_log as read_log
 from .log.log import write_log as write_log
 from .log.motions import read_motion as read_motion
 from .log.segments import Cutting as Cutting
+from .model.catalogue import make_terms as make_terms
 from .model.model import Model as Model
 from .model.robot import Robot as Robot
 from .model.robot import load_robot as load_robot
 from .model.robot import robot_from_table as robot_from_table
-from .model.terms import make_terms as make_terms
 from .posterior.sampler import Sampling as Sampling
 from .progress import Progress as Progress
 from .report import plot as plot

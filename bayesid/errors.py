@@ -7,8 +7,11 @@ A numerical stage that ends without an answer raises `SolverError`, which carrie
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from difflib import SequenceMatcher, get_close_matches
 
+_NEAR = 0.5
+"""Likeness, by `difflib`, from which on a name is suggested: half the letters of both are shared."""
 PYTHON_NAMES: Mapping[str, str] = {
     "--beam-width": "Beam(width=...)",
     "--degrees": "degrees=True",
@@ -44,6 +47,19 @@ def in_python(text: str) -> str:
     return _OPTION.sub(argument, text)
 
 
+def near_names(name: str, known: Iterable[str]) -> str:
+    """The question which of the known names was meant by one that is not, the nearest; empty where none is near.
+
+    Example:
+        >>> near_names("Fc7", ["Fc1", "Fc2", "Fv1", "Ia3"])
+        'did you mean Fc2 or Fc1?'
+    """
+    near = get_close_matches(name, list(known), n=3, cutoff=_NEAR)
+    likeness = [SequenceMatcher(None, one, name).ratio() for one in near]
+    meant = [one for one, share in zip(near, likeness, strict=True) if share == likeness[0]]
+    return f"did you mean {' or '.join(meant)}?" if meant else ""
+
+
 class BayesidError(Exception):
     """Base of every exception that bayesid raises on purpose.
 
@@ -51,8 +67,8 @@ class BayesidError(Exception):
         >>> try:
         ...     bayesid.load_robot("ur99")
         ... except bayesid.BayesidError as error:
-        ...     print(error)
-        ur99: no such robot; give one of kr5, ur10e, panda, tx40, a DH file (.toml) or a URDF file
+        ...     print(error.where, "is", error.what)
+        ur99 is no such robot
     """
 
 

@@ -13,9 +13,14 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence, Set
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError
@@ -111,6 +116,50 @@ def save_folder(folder: str | Path, files: Set[str], marker: str, write: Callabl
                     old.rename(target)
                 raise
     return folder
+
+
+@contextmanager
+def reserved(path: Path) -> Iterator[None]:
+    """Keeps a place for one process of this system, for as long as the block runs or the process lives.
+
+    Where the system has no file locks, as Windows, nothing is kept.
+
+    Raises:
+        InputError: another process is at work there, or the place cannot be written.
+    """
+    check_place(path)
+    if fcntl is None:
+        yield
+        return
+    target = path.resolve()
+    above = next(parent for parent in target.parents if parent.exists())
+    lock = above / f".{'-'.join(target.relative_to(above).parts)}-lock"
+    with _locked(lock, path) as file:
+        file.truncate(0)
+        file.write(str(os.getpid()))
+        file.flush()
+        try:
+            yield
+        finally:
+            lock.unlink(missing_ok=True)
+
+
+def _locked(lock: Path, path: Path) -> TextIO:
+    """The lock's file, held; the system lets go of it when its process ends, however it ends."""
+    while True:
+        with _input_error(path):
+            file = lock.open("a+", encoding="utf-8")
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if lock.exists() and os.path.samestat(lock.stat(), os.fstat(file.fileno())):
+                return file  # else it is that of a run that has just ended
+            file.close()
+        except BlockingIOError:
+            file.seek(0)
+            owner = file.read() or "unknown"
+            file.close()
+            remedy = "wait for its end, or give --out another place"
+            raise InputError(f"another run is writing there (process {owner})", str(path), remedy) from None
 
 
 @contextmanager

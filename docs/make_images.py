@@ -10,6 +10,8 @@ import re
 import tempfile
 from pathlib import Path
 
+import numpy as np
+
 import bayesid
 from bayesid.report import findings, plot
 
@@ -29,7 +31,7 @@ def record_logs() -> None:
 
 
 def main() -> None:
-    """Writes signs.png, coefficients.png and validation.png to docs/images."""
+    """Writes signs.png, coefficients.png, validation.png and skeleton.png to docs/images."""
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
         record_logs()
@@ -42,6 +44,7 @@ def main() -> None:
         "signs": plot.torques(found, joints=[2, 6]),
         "coefficients": [plot.coefficients(found)],
         "validation": plot.validation(found, joints=[5]),
+        "skeleton": plot.skeleton("ur5e", np.radians([30.0, -60.0, 45.0, -20.0, 70.0, 10.0])),
     }
     for name, axes in pictures.items():
         axes[0].figure.savefig(DOCS / "images" / f"{name}.png", dpi=DPI, facecolor=WHITE)

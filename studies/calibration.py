@@ -27,11 +27,11 @@ from bayesid.arrays import Array, Mask
 from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log
-from bayesid.model import terms as catalogue
+from bayesid.model.catalogue import make_terms
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
 from bayesid.model.robot import load_robot
-from bayesid.model.terms import RigidBody, make_terms
+from bayesid.model.terms import STANDARD, RigidBody
 from bayesid.posterior.sampler import Sampling
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.exciting import exciting_trajectory
@@ -190,7 +190,7 @@ def _log(scenario: Scenario, seed: int) -> tuple[Model, Array, Log]:
     bodies = Model(robot, (RigidBody(),))
     trajectory = exciting_trajectory(bodies, base_coefficients(bodies), scenario.duration, seed=seed)
     motion = trajectory.motion(np.arange(int(scenario.duration * _RATE) + 1) / _RATE)
-    model = Model(robot, make_terms(catalogue.STANDARD, robot, motion))
+    model = Model(robot, make_terms(STANDARD, robot, motion))
     theta = random_parameters(model, rng)
     log = simulate(model, theta, motion, rng=rng, noise=scenario.noise, colour=scenario.colour, signed=True)
     if scenario.misfit:

@@ -18,10 +18,11 @@ from bayesid.arrays import Array
 from bayesid.fit.effects.kinematics import KinematicTolerance
 from bayesid.fit.knowledge import Beliefs
 from bayesid.log.log import Log
+from bayesid.model.catalogue import make_terms
 from bayesid.model.coefficients import BaseCoefficients, base_coefficients
 from bayesid.model.model import Model
 from bayesid.model.robot import Robot, robot_from_table
-from bayesid.model.terms import STANDARD, make_terms
+from bayesid.model.terms import STANDARD
 from bayesid.motion import Motion
 from bayesid.studies.discrepancy import generator
 from bayesid.studies.readings import READINGS

@@ -39,11 +39,12 @@ from bayesid.arrays import Array, Integers, Mask
 from bayesid.fit.knowledge import Links
 from bayesid.fit.moments import moments
 from bayesid.log.segments import Segments
+from bayesid.model.catalogue import make_terms
 from bayesid.model.coefficients import BaseCoefficients, base_coefficients
 from bayesid.model.inertia import pseudo_inertia
 from bayesid.model.model import Model
 from bayesid.model.robot import robot_from_table
-from bayesid.model.terms import STANDARD, make_terms
+from bayesid.model.terms import STANDARD
 from bayesid.motion import Motion
 from bayesid.posterior.likelihood import make_likelihood
 from bayesid.posterior.prior import Prior, make_prior

@@ -18,11 +18,11 @@ from bayesid.identification.pipeline import identify
 from bayesid.identification.prediction import NORMAL_95
 from bayesid.log.log import Log
 from bayesid.log.segments import Cutting
-from bayesid.model import terms as catalogue
+from bayesid.model.catalogue import make_terms
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
 from bayesid.model.robot import Robot, load_robot
-from bayesid.model.terms import RigidBody, make_terms
+from bayesid.model.terms import STANDARD, RigidBody
 from bayesid.motion import Motion
 from bayesid.posterior.sampler import Sampling
 from bayesid.signs.search.beam import Beam
@@ -127,7 +127,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
     result = identify(
         truth.model.robot,
         truth.log,
-        catalogue.STANDARD,
+        STANDARD,
         complete="off",
         search=_search(scenario),
         posterior=Sampling(seed=seed, repeatable=True) if scenario.posterior else False,
@@ -141,7 +141,7 @@ def make_truth(scenario: Scenario, seed: int) -> Truth:
     """A log of random parameters and motion."""
     rng, robot = np.random.default_rng(seed), make_robot(scenario.robot)
     motion = _trajectory(scenario, robot, seed).motion(np.arange(round(scenario.duration * RATE) + 1) / RATE)
-    model = Model(robot, make_terms(catalogue.STANDARD, robot, motion))
+    model = Model(robot, make_terms(STANDARD, robot, motion))
     theta = random_parameters(model, rng)
     log = simulate(model, theta, motion, rng=rng, noise=scenario.noise)
     log = replace(log, q=log.q + scenario.encoder * rng.standard_normal(log.q.shape))

@@ -20,12 +20,12 @@ from scipy.optimize import nnls
 from bayesid.fit.moments import Moments, moments
 from bayesid.fit.solver import ConeLeastSquares
 from bayesid.log.segments import Segments
+from bayesid.model.catalogue import make_terms
 from bayesid.model.coefficients import BaseCoefficients, base_coefficients
 from bayesid.model.inertia import from_pseudo_inertia
 from bayesid.model.model import Model
 from bayesid.model.parameters import Cone
 from bayesid.model.robot import robot_from_table
-from bayesid.model.terms import make_terms
 from bayesid.simulation.parameters import random_parameters
 
 EXACT = 1e-8  # share of the energy below which two costs count as equal in a search

@@ -7,8 +7,9 @@ from conftest import small_robot
 
 from bayesid.log.segments import find_segments
 from bayesid.log.signals import prepare
+from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
-from bayesid.model.terms import STANDARD, make_terms
+from bayesid.model.terms import STANDARD
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.settling import settle_signs
 from bayesid.simulation.logs import simulate

@@ -23,8 +23,8 @@ SOURCES = {"bayesid": ROOT / "bayesid", "bayesid.studies": ROOT / "studies"}
 """Packages and the folders they are made from."""
 PROVIDES = {"pin": "pinocchio", "tomli-w": "tomli_w", "lazy-loader": "lazy_loader"}
 """What a distribution is imported as, where the names differ."""
-BY_NAME = {"h5netcdf"}
-"""Never imported: xarray does, when it is asked for the engine of this name."""
+BY_NAME = {"h5netcdf", "example-robot-data", "robot_descriptions"}
+"""Never imported: xarray does, when it is asked for the engine of this name; the files of two are read."""
 TOOLS = {"test", "docs", "browser"}
 """Extras of those who work on bayesid, not of those who use it."""
 

@@ -11,7 +11,6 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-from bayesid.cli.parser import parse
 from bayesid.errors import BayesidError, InputError
 
 __all__ = ["main"]
@@ -19,8 +18,10 @@ __all__ = ["main"]
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command and returns its exit code."""
-    options = parse(sys.argv[1:] if arguments is None else arguments)
     try:
+        from bayesid.cli.parser import parse  # nor here: Ctrl-C while modules load is an interruption like any other
+
+        options = parse(sys.argv[1:] if arguments is None else arguments)
         import_module(f"bayesid.cli.commands.{options.command}").run(options)
         sys.stdout.flush()
     except BrokenPipeError:  # whoever reads the output has seen enough
@@ -31,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (OSError, BayesidError) as error:
         return _complain(str(error), 1)
     except KeyboardInterrupt as stop:
-        return _complain(f"interrupted; {stop or 'nothing was written'}", 130)
+        return _complain(f"interrupted; {str(stop) or 'nothing was written'}", 130)
     return 0
 
 

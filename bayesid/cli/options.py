@@ -19,6 +19,7 @@ from bayesid.fit.knowledge import Beliefs, Links, read_nominal
 from bayesid.log.formats.stated import parse_columns
 from bayesid.log.log import Log, read_log
 from bayesid.log.motions import RecordedMotion, read_motion
+from bayesid.model.robot import Robot, load_robot
 from bayesid.model.terms import RigidBody
 from bayesid.posterior.sampler import Sampling
 
@@ -28,6 +29,19 @@ Recording = TypeVar("Recording", Log, RecordedMotion)
 def command_line() -> str:
     """What was typed."""
     return shlex.join(["bayesid", *sys.argv[1:]])
+
+
+def robot_of(options: argparse.Namespace) -> Robot:
+    """The robot, with the joints that are to be identified."""
+    return load_robot(options.robot, options.tip, None if options.hold is None else _positions(options.hold))
+
+
+def _positions(text: str) -> dict[str, float]:
+    words = [word.partition("=") for word in text.split(",")]
+    try:
+        return {name.strip(): float(position) for name, _, position in words}
+    except ValueError:
+        raise InputError(f"{text!r} are no positions", "--hold", "give JOINT=POSITION,.. in rad or m") from None
 
 
 def reading_options(options: argparse.Namespace) -> dict[str, Any]:

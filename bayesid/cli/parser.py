@@ -8,17 +8,19 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Sequence
-from difflib import get_close_matches
 from importlib.metadata import version
 from itertools import takewhile
 from pathlib import Path
 from typing import Any, NoReturn, TypeAlias
 
+from bayesid.errors import near_names
 from bayesid.study.names import STUDIES
 
 SHELLS = ("bash", "zsh", "tcsh")
 TERMS = "rigid_body,viscous_friction,coulomb_friction,torque_offset,rotor_inertia"
 """`bayesid.model.terms.STANDARD`, spelled out: to import the catalogue for a help text takes a second."""
+_NUMBERS = re.compile(r"-[\d.][-+\d.e]*(?:,[-+\d.e]+)+")
+"""Several numbers, the first below zero."""
 _EXAMPLES = """examples:
   bayesid demo
   bayesid identify log.csv --robot ur10e --out result
@@ -28,6 +30,7 @@ _EXAMPLES = """examples:
   bayesid predict result motion.csv --out torques.csv
   bayesid discrepancy result another_log.csv --holdout a_third_log.csv --out extended
   bayesid simulate --robot panda --duration 20 --noise 0.05 --out log.csv
+  bayesid robot show kr6r900 --q 0,-90,90,0,0,0 --degrees --out skeleton.png
   bayesid study noise --trials 64 --workers 2
 
 `bayesid COMMAND --help` says more, with examples.
@@ -39,13 +42,27 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
 
     Long options are looked up first: argparse would name those that are missing, not the misspelled one.
     """
-    main = make_parser()
-    parser = main.commands.get(arguments[0], main) if arguments else main
+    main = parser = make_parser()
+    for word in arguments:
+        if word not in parser.commands:
+            break
+        parser = parser.commands[word]
     for word in takewhile(lambda word: word != "--", arguments):
         name = word.partition("=")[0]
         if name.startswith("--") and not any(known.startswith(name) for known in parser.options):
             parser.error(f"there is no option {name}{_suggestion(name, parser.options)}")
-    return main.parse_args(arguments)
+    return main.parse_args(_joined(arguments))
+
+
+def _joined(arguments: Sequence[str]) -> list[str]:
+    """Options in one word with lists of numbers that begin with a minus sign: argparse takes these for options."""
+    words: list[str] = []
+    for word in arguments:
+        if words and _NUMBERS.fullmatch(word) and re.fullmatch(r"--[a-z][a-z-]*", words[-1]):
+            words[-1] += f"={word}"
+        else:
+            words.append(word)
+    return words
 
 
 class Parser(argparse.ArgumentParser):
@@ -82,8 +99,8 @@ class Parser(argparse.ArgumentParser):
 
 
 def _suggestion(word: str, known: Sequence[str]) -> str:
-    nearest = get_close_matches(word, known, n=1)
-    return f", did you mean {nearest[0]}?" if nearest else ""
+    near = near_names(word, known)
+    return f", {near}" if near else ""
 
 
 def _seed(text: str) -> int:
@@ -102,7 +119,16 @@ def _whole(text: str) -> int:
 # Options of several commands
 # ---------------------------------------------------------------------------------------------------------------
 _SHARED: dict[str, dict[str, Any]] = {
-    "--robot": {"required": True, "help": "built-in name, DH file (.toml) or URDF file"},
+    "--robot": {
+        "required": True,
+        "help": "built-in name (see `bayesid robot list`), DH file (.toml), URDF file, or a name of example-robot-data "
+        "or robot_descriptions",
+    },
+    "--tip": {
+        "metavar": "LINK",
+        "help": "of a URDF: link or joint where the chain that is identified ends (default: all chains but grippers)",
+    },
+    "--hold": {"metavar": "JOINT=Q,..", "help": "of a URDF: more joints that are held, at these positions (rad, m)"},
     "--terms": {"default": TERMS, "help": "of the model (default: %(default)s)"},
     "--nominal": {
         "type": Path,
@@ -142,6 +168,8 @@ _SHARED: dict[str, dict[str, Any]] = {
     "--out": {"type": Path},
     "--quiet": {"action": "store_true", "help": "print nothing but warnings and errors"},
 }
+_ROBOT = "--robot", "--tip", "--hold"
+"""Which robot, and which of its joints."""
 _MOTION = "--degrees", "--columns", "--topic", "--joints"
 """How a motion is to be read."""
 _READING = "--gains", "--unsigned", *_MOTION
@@ -174,6 +202,7 @@ def make_parser() -> Parser:
         _add_report,
         _add_excite,
         _add_simulate,
+        _add_robot,
         _add_demo,
         _add_study,
         _add_completion,
@@ -194,6 +223,13 @@ def _command(commands: _Commands, name: str, purpose: str, examples: Sequence[st
     return parser
 
 
+def _action(actions: _Commands, name: str, purpose: str, examples: Sequence[str]) -> Parser:
+    """One of several things that a command does; its name as `action`."""
+    parser = _command(actions, name, purpose, examples)
+    parser.set_defaults(command="robot", action=name)
+    return parser
+
+
 def _add_identify(commands: _Commands) -> None:
     examples = [
         "bayesid identify log.csv --robot ur10e --out result",
@@ -203,6 +239,7 @@ def _add_identify(commands: _Commands) -> None:
         "bayesid identify kuka_rsi.csv --robot kr5 --gains 2.1,2.0,1.1,0.6,0.6,0.3",
         "bayesid identify messung.csv --robot kr5 --columns 't=Zeit [ms],q=Achse{} [Grad],tau=Moment{}'",
         "bayesid identify my_bag --robot robot.urdf --topic /joint_states",
+        "bayesid identify left.csv --robot two_arms.urdf --tip left_flange --hold lift=0.2",
     ]
     parser = _command(commands, "identify", "signs, coefficients and feasible parameters from a log", examples)
     logs = (
@@ -210,7 +247,7 @@ def _add_identify(commands: _Commands) -> None:
         "KUKA table; several logs of one robot count as one, also by a quoted pattern: 'runs/*.csv'"
     )
     parser.add_argument("logs", type=Path, nargs="+", metavar="log", help=logs)
-    _share(parser, "--robot", "--terms")
+    _share(parser, *_ROBOT, "--terms")
     search = "certified: the best signs with a proof; beam: T-PBPR (default: %(default)s)"
     parser.add_argument("--search", choices=("certified", "beam"), default="certified", help=search)
     budget = "seconds for the proof; a beam stands by where they do not suffice (default: %(default)g)"
@@ -308,7 +345,7 @@ def _add_excite(commands: _Commands) -> None:
         "bayesid excite --robot ur10e --log log.csv",
     ]
     parser = _command(commands, "excite", purpose, examples)
-    _share(parser, "--robot", "--terms")
+    _share(parser, *_ROBOT, "--terms")
     parser.add_argument("--log", type=Path, help="judge this log's motion; design none")
     parser.add_argument("--duration", type=float, default=20.0, metavar="S", help="default: %(default)s")
     parser.add_argument("--rate", type=float, default=100.0, metavar="HZ", help="of the file (default: %(default)s)")
@@ -334,7 +371,7 @@ def _add_simulate(commands: _Commands) -> None:
     ]
     purpose = "a log of |effort| from a robot with random feasible parameters"
     parser = _command(commands, "simulate", purpose, examples)
-    _share(parser, "--robot")
+    _share(parser, *_ROBOT)
     parser.add_argument("--duration", type=float, default=20.0, metavar="S", help="default: %(default)s")
     parser.add_argument("--rate", type=float, default=100.0, metavar="HZ", help="default: %(default)s")
     _share(parser, "--noise")
@@ -343,6 +380,62 @@ def _add_simulate(commands: _Commands) -> None:
     _share(parser, "--seed", help="of parameters, trajectory and noise (default: 0)")
     _share(parser, "--out", required=True, metavar="LOG.csv", help="log to write")
     _share(parser, "--quiet")
+
+
+def _add_robot(commands: _Commands) -> None:
+    examples = [
+        "bayesid robot list",
+        "bayesid robot new --out arm.toml",
+        "bayesid robot new table.csv --convention modified --out arm.toml",
+        "bayesid robot show arm.toml --q 0,-90,90,0,0,0 --degrees --out arm.png",
+    ]
+    purpose = "robot files: make one from a data sheet, look at one, list the built-in ones"
+    parser = _command(commands, "robot", purpose, examples)
+    actions = parser.add_subparsers(required=True, metavar="ACTION", parser_class=Parser)
+    for add in (_add_robot_new, _add_robot_show, _add_robot_list):
+        add(actions)
+    parser.commands = dict(actions.choices)
+
+
+def _add_robot_new(actions: _Commands) -> None:
+    examples = [
+        "bayesid robot new --out arm.toml",
+        "bayesid robot new table.csv --convention modified --name 'KR 6' --out arm.toml",
+        "bayesid robot new 'a[mm] alpha[deg] d[mm] theta[deg]\\n25 -90 400 0' --convention standard --out arm.toml",
+    ]
+    parser = _action(actions, "new", "a robot file from the table of a data sheet, or one to fill in", examples)
+    table = (
+        "Denavit-Hartenberg table with the columns a, alpha, d, theta, units in their names (a[mm], alpha [deg]), and "
+        "a row a joint: a file, - for the standard input, or the text itself (default: a file to fill in)"
+    )
+    parser.add_argument("table", nargs="?", help=table)
+    convention = "of the table; needed with one (docs/how-to/data-sheet-robot.md tells how to see which)"
+    parser.add_argument("--convention", choices=("standard", "modified"), help=convention)
+    parser.add_argument("--name", help="of the robot (default: the file's)")
+    parser.add_argument("--force", action="store_true", help="replace an earlier file")
+    _share(parser, "--out", required=True, metavar="FILE.toml", help="file to write")
+    _share(parser, "--quiet")
+
+
+def _add_robot_show(actions: _Commands) -> None:
+    examples = [
+        "bayesid robot show kr6r900 --q 0,-90,90,0,0,0 --degrees --out kr6r900.png",
+        "bayesid robot show arm.toml --q 0.3,-1.2,0.8",
+        "bayesid robot show two_arms.urdf --tip left_flange",
+    ]
+    parser = _action(actions, "show", "where joints and flange are, to compare with the controller", examples)
+    parser.add_argument("robot", help=_SHARED["--robot"]["help"])
+    _share(parser, "--tip", "--hold")
+    parser.add_argument("--q", metavar="Q1,Q2,..", help="joint positions, rad or m (default: all zero)")
+    degrees = "the positions are in degrees (m where a joint slides); --no-degrees: in rad, however large"
+    _share(parser, "--degrees", help=degrees)
+    _share(parser, "--out", metavar="FILE", help="picture of the skeleton to write: .png, .svg or .pdf (default: none)")
+    _share(parser, "--quiet")
+
+
+def _add_robot_list(actions: _Commands) -> None:
+    examples = ["bayesid robot list", "bayesid robot list | grep -i denso"]
+    _action(actions, "list", "the built-in robots and where their tables are published", examples)
 
 
 def _add_demo(commands: _Commands) -> None:

@@ -42,6 +42,14 @@ class _Pace(ProgressColumn):
         return Text(f"{done / seconds:.3g}/s, {left} left")
 
 
+class _Steps(MofNCompleteColumn):
+    """Steps done of all; nothing for a stage without steps, whose bar runs to and fro."""
+
+    def render(self, task: Task) -> Text:
+        """The column's text."""
+        return Text("") if task.total is None else super().render(task)
+
+
 class _Bar:
     """One bar at a time; none where nobody watches, or wants to."""
 
@@ -57,13 +65,14 @@ class _Bar:
         if self._bars is not None:
             self._bars.stop()
 
-    def _draw(self, stage: str, done: int, total: int, note: str = "") -> None:
+    def _draw(self, stage: str, done: int, total: int | None, note: str = "") -> None:
         """A new stage takes the place of the one before; what was done before it began counts for no rate."""
         if self._bars is None:
             return
         for task in self._bars.tasks:
             if task.description == stage:
-                self._bars.update(task.id, completed=done, total=total, note=note)
+                task.total = total  # `update` cannot say that there is none
+                self._bars.update(task.id, completed=done, note=note)
                 return
             self._bars.remove_task(task.id)
         self._bars.add_task(stage, completed=done, total=total, note=note, begun=done)
@@ -73,13 +82,11 @@ class StageBars(_Bar):
     """A bar for each stage of a computation; `show` is what a `bayesid.progress.Progress` calls."""
 
     def __init__(self, quiet: bool) -> None:
-        super().__init__(
-            quiet, TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
-        )
+        super().__init__(quiet, TextColumn("{task.description}"), BarColumn(), _Steps(), TimeElapsedColumn())
 
     def show(self, stage: str, done: int, total: int) -> None:
         """How far a stage has come; a stage without steps is one step that is not done yet."""
-        self._draw(stage, done, total)
+        self._draw(stage, done, None if total == 1 and done == 0 else total)
 
 
 class CountBar(_Bar):

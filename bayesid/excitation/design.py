@@ -45,10 +45,11 @@ from bayesid.excitation.resolvability import (
     turn_segments,
 )
 from bayesid.fit.knowledge import Beliefs
-from bayesid.model import terms as catalogue
+from bayesid.model import catalogue
 from bayesid.model.coefficients import BaseCoefficients
 from bayesid.model.model import Model
 from bayesid.model.robot import Robot, load_robot
+from bayesid.model.terms import STANDARD, Term
 from bayesid.motion import Motion
 from bayesid.progress import SILENT, Progress
 from bayesid.simulation.exciting import condition_number, log_condition_of
@@ -274,7 +275,7 @@ class ExcitationDesign:
 @threadpool_limits.wrap(limits=1, user_api="blas")  # matrices are small: threads only wait for each other
 def design_excitation(
     robot: Robot | str | Path,
-    terms: Iterable[str] = catalogue.STANDARD,
+    terms: Iterable[str | Term] = STANDARD,
     *,
     shape: TrajectoryShape = TrajectoryShape(),
     limits: MotionLimits | None = None,
@@ -287,7 +288,7 @@ def design_excitation(
 
     Args:
         robot: a robot, a built-in name or a file.
-        terms: names from `bayesid.model.terms.CATALOGUE`: what is to be identified.
+        terms: names of the catalogue, or terms of your own: what is to be identified.
         shape: duration, rate, harmonics and periods.
         limits: of the joints; they hold at every instant. By default those that suit most small arms.
         objective: what the design aims at.

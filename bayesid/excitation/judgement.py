@@ -23,10 +23,11 @@ from bayesid.fit.moments import moments
 from bayesid.log.log import LogSource, as_log
 from bayesid.log.segments import Segments, find_segments
 from bayesid.log.signals import Signals, prepare
-from bayesid.model import terms as catalogue
+from bayesid.model import catalogue
 from bayesid.model.coefficients import BaseCoefficients
 from bayesid.model.model import Model
-from bayesid.model.robot import Robot, load_robot
+from bayesid.model.robot import Robot, check_joints, load_robot
+from bayesid.model.terms import STANDARD, Term
 from bayesid.simulation.exciting import UNEXCITED, log_condition_of
 
 _LITTLE = 0.2
@@ -134,7 +135,7 @@ class ExcitationJudgement:
 def judge_log(
     robot: Robot | str | Path,
     log: LogSource,
-    terms: Iterable[str] = catalogue.STANDARD,
+    terms: Iterable[str | Term] = STANDARD,
     *,
     noise: float = 0.05,
     cutoff: float | None = None,
@@ -145,7 +146,7 @@ def judge_log(
     Args:
         robot: a robot, a built-in name or a file.
         log: a log, or anything that `bayesid.read_log` reads.
-        terms: names from `bayesid.model.terms.CATALOGUE`: what is to be identified.
+        terms: names of the catalogue, or terms of your own: what is to be identified.
         noise: of the efforts, relative to each joint's RMS effort.
         cutoff: of the motion's low-pass, Hz; from the data by default.
         seed: of the expected robots.
@@ -161,9 +162,7 @@ def judge_log(
     check_noise(noise)
     robot = robot if isinstance(robot, Robot) else load_robot(robot)
     log = as_log(log)
-    if robot.n_joints != log.n_joints:
-        problem = f"the log has {log.n_joints} joints, robot {robot.name} has {robot.n_joints}"
-        raise InputError(problem, log.source, "give the log and the robot that belong together")
+    check_joints(robot, log.n_joints, log.source)
     signals = prepare(log, cutoff)
     actuators = robot.actuators(signals.motion)
     segments = find_segments(signals, actuators)

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import tomllib
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -28,11 +29,13 @@ _ENDLESS = 4.0 * np.pi
 """rad; a joint with a wider range has none that a motion could use."""
 
 
-def read_limits(path: str | Path) -> MotionLimits:
+def read_limits(path: str | Path, robot: Robot | None = None) -> MotionLimits:
     """Limits from a TOML file with the keys lower, upper, velocity and acceleration, or from a URDF file.
 
     Args:
         path: ends in .urdf or .xml for a URDF.
+        robot: whose joints are looked up in a URDF by their names; without it, or if they have none, the URDF must be
+            one chain.
 
     Raises:
         InputError: the file cannot be read, or its limits cannot be used.
@@ -46,7 +49,7 @@ def read_limits(path: str | Path) -> MotionLimits:
     try:
         text = path.read_text(encoding="utf-8-sig")
         if path.suffix in (".urdf", ".xml"):
-            return _urdf_limits(ET.fromstring(text), str(path))
+            return _urdf_limits(ET.fromstring(text), robot, str(path))
         table = tomllib.loads(text)
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, ET.ParseError) as error:
         raise InputError(f"cannot be read ({error})", str(path), _REMEDY) from None
@@ -100,12 +103,22 @@ def _numbers(value: object, where: str) -> float | tuple[float, ...]:
 # ---------------------------------------------------------------------------------------------------------------
 # URDF
 # ---------------------------------------------------------------------------------------------------------------
-def _urdf_limits(root: ET.Element, where: str) -> MotionLimits:
-    rows = [_joint_limits(joint, f"{where}, joint {joint.get('name')}") for joint in _chain(root, where)]
+def _urdf_limits(root: ET.Element, robot: Robot | None, where: str) -> MotionLimits:
+    names = [] if robot is None else [joint.name for joint in robot.joints]
+    joints = _named(root, names, where) if any(names) else _chain(root, where)
+    rows = [_joint_limits(joint, f"{where}, joint {joint.get('name')}") for joint in joints]
     if not rows:
         raise InputError("has no moving joint", where, "give a URDF of an arm")
     lower, upper, velocity = (tuple(column) for column in zip(*rows, strict=True))
     return _made({"lower": lower, "upper": upper, "velocity": velocity}, where)
+
+
+def _named(root: ET.Element, names: Sequence[str], where: str) -> list[ET.Element]:
+    known = {joint.get("name"): joint for joint in root.findall("joint")}
+    for name in names:
+        if name not in known:
+            raise InputError(f"has no joint {name!r}", where, "give the robot's own URDF, or a TOML file")
+    return [known[name] for name in names]
 
 
 def _chain(root: ET.Element, where: str) -> list[ET.Element]:

@@ -24,9 +24,10 @@ import numpy as np
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.fit.evidence import Evidence
 from bayesid.fit.least_squares import Fit
+from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
 from bayesid.model.robot import BUILT_IN, Joint, Robot, load_robot
-from bayesid.model.terms import STANDARD, make_terms
+from bayesid.model.terms import STANDARD
 from bayesid.motion import Motion
 
 SUSPICIOUS = 0.1

@@ -38,10 +38,11 @@ from bayesid.identification.warnings import warnings_of
 from bayesid.log.log import Log, LogSource, as_log
 from bayesid.log.segments import Segments, find_segments
 from bayesid.log.signals import Signals, prepare
-from bayesid.model import terms as catalogue
+from bayesid.model import catalogue
 from bayesid.model.coefficients import BaseCoefficients, base_coefficients
 from bayesid.model.model import Model
-from bayesid.model.robot import Robot, load_robot
+from bayesid.model.robot import Robot, check_joints, load_robot
+from bayesid.model.terms import STANDARD, Term
 from bayesid.posterior.blocks import SegmentBlocks, divide
 from bayesid.posterior.inference import DRAWS, Posterior, infer, widened
 from bayesid.posterior.links import usual_links
@@ -77,7 +78,7 @@ number; not studied."""
 def identify(
     robot: Robot | str | Path,
     log: LogSource,
-    terms: Iterable[str] = catalogue.STANDARD,
+    terms: Iterable[str | Term] = STANDARD,
     *,
     complete: Completeness = "auto",
     search: Search = Certified(),
@@ -89,9 +90,9 @@ def identify(
     """Identifies a robot from a log with known, unknown or mixed signs.
 
     Args:
-        robot: a robot, a built-in name or a file.
+        robot: a robot, or a name or file that `bayesid.load_robot` takes.
         log: a log, or anything that `bayesid.read_log` reads.
-        terms: names from `bayesid.model.terms.CATALOGUE`.
+        terms: names of the catalogue, or terms of your own.
         complete: what the rest of the catalogue has a say in: "auto", the model and the uncertainty;
             "only-uncertainty"; or "off", nothing.
         search: how signs are searched: `Certified`, `Beam`, or an object of your own with their protocol.
@@ -117,11 +118,12 @@ def identify(
         >>> f"{result.coefficient('Fc2').mean:.1f} N m", result.predict("motion.csv").upper.shape
         ('1.5 N m', (201, 3))
     """
-    name, terms = robot.name if isinstance(robot, Robot) else str(robot), catalogue.term_names(terms)
-    subject = {"robot": name, "terms": list(terms), "complete": check_completeness(complete)}
+    robot, terms = robot if isinstance(robot, Robot) else load_robot(robot), catalogue.check_terms(terms)
+    loaded = {"robot": robot.name} if robot.origin is None else robot.origin.options
+    subject = {**loaded, "terms": [str(one) for one in terms], "complete": check_completeness(complete)}
     run = _Run(search, posterior, preparation, beliefs, progress, subject)
     log, model, signals, segments = _prepared(run, robot, log, terms)
-    run.call = _call(run, log)
+    run.call = _call(run, robot, log, terms)
     asked, segments = settle_unfiltered(model, signals, segments, search, preparation.cutting, progress)
     run.lap("search")
     averaged = average_over_models(asked, segments, search, progress)
@@ -223,11 +225,11 @@ class _Run:
 
 
 def _prepared(
-    run: _Run, robot: Robot | str | Path, log: LogSource, terms: Iterable[str]
+    run: _Run, robot: Robot, log: LogSource, terms: Iterable[str | Term]
 ) -> tuple[Log, Model, Signals, Segments]:
     """Log, model, signals and segments; what cannot be used is refused before the search."""
     run.progress("prepare", 0, 1)
-    robot, log = robot if isinstance(robot, Robot) else load_robot(robot), as_log(log)
+    log = as_log(log)
     _check(robot, log)
     signals = prepare(log, run.preparation.cutoff)
     model = Model(robot, catalogue.make_terms(terms, robot, signals.motion))
@@ -238,13 +240,13 @@ def _prepared(
     return log, model, signals, segments
 
 
-def _call(run: _Run, log: Log) -> str:
-    """Python that does the run again."""
+def _call(run: _Run, robot: Robot, log: Log, terms: tuple[str | Term, ...]) -> str:
+    """Python that does the run again; `robot` stands for one that was made or changed in Python."""
     return call_of(
         "identify",
-        repr(run.subject["robot"]),
+        "robot" if robot.origin is None else robot.origin.in_python,
         call_of_log(log),
-        terms=(run.subject["terms"], list(catalogue.STANDARD)),
+        terms=(list(terms), list(STANDARD)),
         complete=(run.subject["complete"], "auto"),
         search=(run.search, Certified()),
         posterior=(run.posterior, True),
@@ -263,6 +265,7 @@ def _identification(run: _Run, log: Log, signals: Signals, model: Model, average
         if averaged.by_asked:
             probability = _average_over_draws(averaged, posterior, run.progress)
         run.lap("smooth")
+    run.progress("other readings", 0, 1)
     reading = suspected_reading(asked.evidence, averaged.fit, probability)
     run.lap("other readings")
     doubt = structural_doubt(settled)
@@ -344,7 +347,7 @@ def _sample(run: _Run, averaged: AveragedSigns, sampling: Sampling) -> Posterior
         nominal=run.beliefs.of(evidence.model.parameters),
         information=evidence.information,
     )
-    posterior = infer(problem, search, sampling, run.progress.steps("posterior"))
+    posterior = infer(problem, search, sampling, run.progress)
     return posterior if evidence.nuisance is None else widened(posterior, fit.information, _lacking(fit))
 
 
@@ -405,11 +408,7 @@ def _sign_changes(signals: Signals) -> list[tuple[int, int]]:
 # Checks
 # ---------------------------------------------------------------------------------------------------------------
 def _check(robot: Robot, log: Log) -> None:
-    if robot.n_joints != log.n_joints:
-        counts = f"the log has {log.n_joints} joints, robot {robot.name} has {robot.n_joints}"
-        remedy = "give the log and the robot that belong together"
-        fewer = " (or, with --columns, those of the robot's joints alone)" if log.n_joints > robot.n_joints else ""
-        raise InputError(counts, log.source, remedy + fewer)
+    check_joints(robot, log.n_joints, log.source)
     for j in np.flatnonzero(np.ptp(log.q, axis=0) < _LEAST_MOTION):
         raise InputError(f"joint {j + 1} does not move", log.source, "record a motion in which every joint moves")
 

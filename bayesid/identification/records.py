@@ -4,17 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
-from difflib import get_close_matches
 from typing import TYPE_CHECKING, Generic, Protocol, TypeVar, overload
 
-from bayesid.errors import InputError
+from bayesid.errors import InputError, near_names
 
 if TYPE_CHECKING:
     from bayesid.posterior.labelled import DataFrame  # pandas takes half a second to import
-
-_NEAR = 0.4
-"""Likeness, by `difflib`, from which on a name is suggested: of names of three letters one that shares two of them. A
-round number; not studied."""
 
 
 @dataclass(frozen=True)
@@ -155,6 +150,5 @@ def named(entries: Sequence[Entry], name: str, what: str, elsewhere: str = "") -
     names = [entry.name for entry in entries]
     if name in names:
         return entries[names.index(name)]
-    near = get_close_matches(str(name), names, n=3, cutoff=_NEAR)
-    remedy = elsewhere or (f"did you mean {' or '.join(near)}?" if near else f"choose from {', '.join(names)}")
+    remedy = elsewhere or near_names(str(name), names) or f"choose from {', '.join(names)}"
     raise InputError(f"there is no {what} {name!r}", f"{what}(name)", remedy)

@@ -39,6 +39,7 @@ def warnings_of(
         reading: of the log, that explains it better than the one given; None without one.
     """
     return (
+        *averaged.asked.model.robot.notes,
         *_reading_warning(reading),
         *_hardly_negative(log),
         *_low_pass_warning(averaged.asked.evidence.signals.after_rectifier),
@@ -168,15 +169,15 @@ def _fit_warnings(fit: Fit) -> list[str]:
 
 
 def _edge_warning(fit: Fit, n_links: int) -> list[str]:
-    """Bodies beyond the links are what the last one carries."""
+    """Bodies beyond the links are what the last one carries: gravity shows its mass and centre of mass."""
     on_edge = (np.flatnonzero(fit.on_edge) + 1).tolist()
     if not on_edge:
         return []
     links, carried = [k for k in on_edge if k <= n_links], on_edge[-1] > n_links
-    parts = [f"link {', '.join(map(str, links))}"] if links else []
-    parts += ["what the last link carries"] if carried else []
+    parts = [f"masses, centres of mass and inertias of link {', '.join(map(str, links))}"] if links else []
+    parts += ["inertias of what the last link carries"] if carried else []
     return [
-        f"single masses, centres of mass and inertias of {' and of '.join(parts)} cannot be trusted one by one: the "
+        f"single {', and '.join(parts)} cannot be trusted one by one: the "
         "fit pressed them to the edge of what is physically possible (coefficients and predicted efforts are not "
         "touched); state what is known of them by --nominal"
     ]

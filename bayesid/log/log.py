@@ -25,12 +25,20 @@ from bayesid.files import numbered, replace_file, write_columns
 from bayesid.log.formats import Options, Table, is_log_folder, read_table
 from bayesid.log.formats.labels import pattern_of
 from bayesid.log.formats.memory import Variables, read_variables
+from bayesid.log.formats.parts import JOINT, join_parts
 from bayesid.log.formats.stated import parse_columns
-from bayesid.log.formats.table import ABSURD, DEGREE
+from bayesid.log.formats.table import ABSURD, DEGREE, FEWEST_ROWS, check
+from bayesid.log.speeds import check_speeds, check_velocities
 
 _FEW_TURNS = 4.0 * pi
 """rad; joints turn back before, but for one here and there that turns on and on. Two turns either way: the joints of
 docs/logs-and-robots.md's robots reach one."""
+_MANY_TURNS = 20.0 * pi
+"""rad; where most joints leave ten turns either way even in degrees, they are in neither. A round number."""
+_STRONGEST = 1e5
+"""N m; no joint of an arm is as strong: those of the largest, for payloads of 2 t, have some 5e4."""
+_MICROSECONDS = 6
+"""Decimals of a time in s that is told: finer than any log's stamps, coarser than the rounding of an even grid."""
 _ROUNDING = 0.01
 """Share of a period by which an instant of an even grid may miss the row it belongs to; far above the rounding of times
 that count from 1970 (2.4e-7 s), far below half a period."""
@@ -152,7 +160,7 @@ class Log:
 
         Returns:
             (M,) the recording's place in `pieces`, 0 in a log that is one, and -1 where nothing was recorded; and (M,)
-            its own time, s, as the log's clock has it where nothing was recorded.
+            its own time, s, to the microsecond, as the log's clock has it where nothing was recorded.
 
         Example:
             >>> both = bayesid.join_logs([log, other_log])
@@ -166,7 +174,7 @@ class Log:
             first, last = self.t[[piece.start_row, piece.stop_row - 1]]
             inside = (t >= first - slack) & (t <= last + slack)
             place[inside], time[inside] = k, t[inside] - (first - piece.t[0])
-        return place, time
+        return place, np.round(time, _MICROSECONDS)
 
     @property
     def period(self) -> float:
@@ -190,12 +198,14 @@ class Log:
         return int(self.q.shape[1])
 
 
-LogSource: TypeAlias = Log | str | Path | Variables
+Parts: TypeAlias = Sequence["str | Path | Variables"]
+"""The files of one run, or what is in memory of it: they are joined by time."""
+LogSource: TypeAlias = Log | str | Path | Variables | Parts
 """What stands for a log wherever one is asked for."""
 
 
 def read_log(
-    source: str | Path | Variables,
+    source: str | Path | Variables | Parts,
     gains: Sequence[float] | None = None,
     unsigned: str | None = None,
     *,
@@ -210,7 +220,8 @@ def read_log(
 
     Args:
         source: the file, or a folder that is a recording; or a data frame, a structured array or a dict with columns
-            named as in a file, or with `t` (N,), `q` (N, n), `tau` or `i` (N, n), and `dq` (N, n) if measured.
+            named as in a file, or with `t` (N,), `q` (N, n), `tau` or `i` (N, n), and `dq` (N, n) if measured. Parts of
+            one run, such as positions and currents, in a list or as in "positions.csv+currents.csv" are joined by time.
         gains: n drive gains, N m/A, for a log of currents i1..in; efforts that the format leaves open (those of a ROS
             bag) are then currents.
         unsigned: "all", "none" or 1-based joints as in "1,3"; by default a joint whose effort is never negative.
@@ -236,22 +247,59 @@ def read_log(
     _check_lists(gains=gains, joints=joints)
     stated = parse_columns(str(columns)) if isinstance(columns, str | Path) else columns
     options = Options(topic=topic, joints=joints, currents=gains is not None, columns=stated)
-    table = read_table(Path(source), options) if isinstance(source, str | Path) else _in_memory(source, options)
+    table = _table_of(source, options)
     angle, factors = angle_unit(table, degrees), _factors(table, gains)
     q, measured = table.block("q", angle), table.block("tau" if "tau1" in table.columns else "i")
     signed = _signed(measured, unsigned, table.n_joints)
     effort = measured * factors
     _check_blocks(table, q, effort)
+    dq = table.block("dq", angle) if "dq1" in table.columns else None
+    if dq is not None:
+        check_velocities(table.t, q, dq, table.source)
+    if degrees is None:
+        check_speeds(table.t, q, table.source)
     for note in table.notes:
         warnings.warn(note, stacklevel=2)
-    return Log(
-        t=table.t,
-        q=q,
-        effort=np.where(signed, effort, np.abs(effort)),
-        signed=signed,
-        dq=table.block("dq", angle) if "dq1" in table.columns else None,
-        source=table.source,
-    )
+    effort = np.where(signed, effort, np.abs(effort))
+    recordings = [
+        Log(table.t[rows], q[rows], effort[rows], signed, None if dq is None else dq[rows], source=name)
+        for name, rows in _recordings(table)
+    ]
+    return join_logs(recordings)
+
+
+def _table_of(source: str | Path | Variables | Parts, options: Options) -> Table:
+    """What a file, a program's variables, or the parts of a run hold."""
+    if isinstance(source, str | Path):
+        return read_table(Path(source), options)
+    if isinstance(source, list | tuple) and source and all(map(_is_part, source)):
+        part = replace(options, part=True)
+        return check(join_parts([_table_of(one, part) for one in source], options.columns))
+    return _in_memory(source, options)
+
+
+def _is_part(source: object) -> bool:
+    """Whether something is a path or has columns."""
+    named = isinstance(source, np.ndarray) and source.dtype.names is not None
+    return named or isinstance(source, str | Path | Mapping) or (hasattr(source, "columns"))
+
+
+def _recordings(table: Table) -> list[tuple[str, slice]]:
+    """The recordings that a file holds, with their names and rows; those that are too short are left out.
+
+    Raises:
+        InputError: all of several are.
+    """
+    starts = table.starts
+    if len(starts) == 1:
+        return [(table.source, slice(None))]
+    label = table.columns["part"].label
+    parts = [slice(*ends) for ends in zip(starts, [*starts[1:], len(table.t)], strict=True)]
+    long = [rows for rows in parts if rows.stop - rows.start >= FEWEST_ROWS]
+    if not long:
+        said = f"holds {len(parts)} recordings of {label}, none with {FEWEST_ROWS} rows"
+        raise InputError(said, table.source, "record longer ones")
+    return [(f"{table.source}, {label} {table.columns['part'].values[rows.start]:g}", rows) for rows in long]
 
 
 def as_log(source: LogSource) -> Log:
@@ -284,7 +332,7 @@ def find_logs(patterns: Sequence[str | Path]) -> list[Path]:
 
 def _matches(pattern: str | Path) -> list[Path]:
     """The path itself, whether it exists or not, or the logs that match it; not the files of a folder that is a log."""
-    if os.path.exists(pattern) or not set("*?[") & set(str(pattern)):
+    if os.path.exists(pattern) or JOINT in str(pattern) or not set("*?[") & set(str(pattern)):
         return [Path(pattern)]
     matches = [Path(match) for match in sorted(glob(str(pattern), recursive=True))]
     logs = [path for path in matches if is_log_folder(path) or (path.is_file() and not is_log_folder(path.parent))]
@@ -372,11 +420,11 @@ def write_log(path: str | Path, log: Log) -> None:
 # ---------------------------------------------------------------------------------------------------------------
 # What a table's numbers mean
 # ---------------------------------------------------------------------------------------------------------------
-def _in_memory(source: Variables, options: Options) -> Table:
+def _in_memory(source: Variables | Parts, options: Options) -> Table:
     for name in ("topic", "joints"):
         if getattr(options, name) is not None:
             raise InputError(f"is in memory, which has no {name}", type(source).__name__, f"leave {name} out")
-    return read_variables(source, options.columns)
+    return read_variables(source, options)
 
 
 def _check_blocks(table: Table, q: Array, effort: Array) -> None:
@@ -387,6 +435,10 @@ def _check_blocks(table: Table, q: Array, effort: Array) -> None:
     for j in np.flatnonzero(~np.any(effort, axis=0)):
         said = f"the effort of joint {j + 1} is zero in every row"
         raise InputError(said, table.source, "check that its sensor was read")
+    for j in np.flatnonzero(np.abs(effort).max(axis=0) > _STRONGEST):
+        said = f"the effort of joint {j + 1} reaches {np.abs(effort[:, j]).max():.3g} N m"
+        remedy = "say the unit of currents or torques in the header, as in i1[mA], or correct --gains"
+        raise InputError(said, table.source, remedy)
 
 
 def angle_unit(table: Table, degrees: bool | None) -> float:
@@ -396,6 +448,9 @@ def angle_unit(table: Table, degrees: bool | None) -> float:
         far = [highest for highest in reach.max(axis=1) if highest > _FEW_TURNS] if len(reach) else []
         if len(far) > max(1, table.n_joints // 2):
             said = f"positions reach {max(far):.4g}: are they degrees?"
+            if max(far) * DEGREE > _MANY_TURNS:
+                said = f"positions reach {max(far):.4g}: neither rad nor degrees, are they counts of an encoder?"
+                raise InputError(said, table.source, "give them in rad or degrees (--no-degrees if they are rad)")
             raise InputError(said, table.source, "give --degrees, or --no-degrees if they are rad")
     return DEGREE if degrees else 1.0
 

@@ -81,7 +81,7 @@ def motion_of_variables(source: Variables) -> RecordedMotion:
     Raises:
         InputError: a column is missing, or a value cannot be used.
     """
-    table = read_variables(source, motion=True)
+    table = read_variables(source, Options(motion=True))
     return _recorded(table, angle_unit(table, None))
 
 

@@ -7,7 +7,6 @@ does need quiet accelerations. So the motion passes a zero-phase low-pass at the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +19,7 @@ from bayesid.log.formats.table import FEWEST_ROWS
 from bayesid.log.log import Log
 from bayesid.log.low_pass import AfterRectifier
 from bayesid.log.motions import RecordedMotion
+from bayesid.log.repeats import HELD, distinct_rows
 from bayesid.motion import Motion
 
 _ORDER = 4
@@ -28,13 +28,12 @@ _ENCODER = 1e-3
 """rad; a joint that never leaves this range shows its encoder's noise, which says nothing about the motion."""
 _SLOWEST = 5.0
 """Hz; no cut-off is chosen below it: friction's steps are faster than any motion. A round number; not studied."""
+_DIGITS = 10
+"""Of a period: a difference of two stamps is rounded, 0.010000000000001563 s are 10 ms."""
 _EVENED = 51
 """Rows over which jittering time stamps are evened out: half a second at the usual 100 Hz. Not studied."""
 _SMOOTHER = 0.25
 """Evened stamps are used where they divide the positions' roughness by four or more. A round number; not studied."""
-_HELD = 10
-"""A repeated row is kept after this many typical periods without a new one: the robot stood still. A round number; not
-studied."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +116,7 @@ def prepare(log: Log, cutoff: float | None = None) -> Signals:
         "repeated_rows_dropped": len(log) - len(t),
         "time_stamps": "as logged" if np.array_equal(t, log.t[keep]) else "evened out",
         "rate_hz": rate,
-        "period_ms": {"min": 1e3 * float(periods.min()), "max": 1e3 * float(periods.max())},
+        "period_ms": {"min": round(1e3 * float(periods.min()), 6), "max": round(1e3 * float(periods.max()), 6)},
         "cutoff_hz": cutoff,
         "cutoff_chosen_from": "data" if chosen else "user",
         "effort_cutoff_hz": _effort_cutoff(cutoff, rate),
@@ -188,9 +187,9 @@ class _EvenMotion:
 def _on_even_grid(recorded: RecordedMotion, effort: Array | None = None) -> _EvenMotion:
     """A motion without repeated rows, resampled; (M, n) efforts beside it tell rows apart too."""
     measured, source = recorded.dq, recorded.source
-    keep = _distinct_rows(recorded.t, [part for part in (recorded.q, effort, measured) if part is not None])
+    keep = distinct_rows(recorded.t, [part for part in (recorded.q, effort, measured) if part is not None])
     t = _instants(recorded.t[keep], recorded.q[keep])
-    rate = 1.0 / float(np.median(np.diff(t)))
+    rate = 1.0 / float(f"{np.median(np.diff(t)):.{_DIGITS}g}")
     grid = t[0] + np.arange(int((t[-1] - t[0]) * rate * (1 + 1e-9)) + 1) / rate
     if len(grid) < FEWEST_ROWS:
         raise InputError(f"only {len(grid)} distinct instants", source, "record a longer log")
@@ -270,19 +269,6 @@ def choose_cutoff(q: Array, dq: Array | None, rate: float) -> float:
     return float(np.clip(10.0 * bandwidth, min(_SLOWEST, 0.4 * rate), 0.4 * rate))
 
 
-def _distinct_rows(t: Array, readings: Sequence[Array]) -> Integers:
-    """Rows that bring something new: a later time and a changed reading (controllers repeat the last one)."""
-    same = np.all(np.diff(np.hstack(readings), axis=0) == 0.0, axis=1)
-    fresh = np.concatenate([[True], ~same])
-    typical = float(np.median(np.diff(t[fresh]))) if fresh.sum() > 2 else 0.0
-    keep: list[int] = []
-    for i in range(len(t)):
-        later = not keep or t[i] > t[keep[-1]]
-        if later and (fresh[i] or t[i] - t[keep[-1]] > _HELD * typical):
-            keep.append(i)
-    return np.array(keep)
-
-
 def _instants(t: Array, q: Array) -> Array:
     """(N,) when the positions were read: the stamps, or evened ones where positions are much smoother in those.
 
@@ -290,7 +276,7 @@ def _instants(t: Array, q: Array) -> Array:
     neighbours, once with either instants; jitter of the stamps alone makes the prediction worse.
     """
     window = min(_EVENED, (len(t) - 1) // 2 * 2 + 1)
-    if np.diff(t).max() > _HELD * np.median(np.diff(t)):
+    if np.diff(t).max() > HELD * np.median(np.diff(t)):
         return t
     even = t[0] + signal.savgol_filter(t - t[0], window, 1)
     if np.diff(even).min() <= 0.0 or _roughness(even, q) > _SMOOTHER * _roughness(t, q):
@@ -309,7 +295,7 @@ def _measured(grid: Array, t: Array, margin: float) -> Mask:
     """(N,) whether an instant is farther than `margin`, s, from every pause of the log."""
     periods = np.diff(t)
     measured = np.ones(len(grid), dtype=bool)
-    for k in np.flatnonzero(periods > 2 * _HELD * np.median(periods)):
+    for k in np.flatnonzero(periods > 2 * HELD * np.median(periods)):
         measured &= (grid < t[k] - margin) | (grid > t[k + 1] + margin)
     return measured
 

@@ -30,7 +30,7 @@ from bayesid.posterior.problem import PosteriorProblem
 from bayesid.posterior.sampled_modes import SampledMode, mode_of_draws, pool, sample_modes
 from bayesid.posterior.sampler import Draws, Sampling
 from bayesid.posterior.target import Target
-from bayesid.progress import Steps, no_steps
+from bayesid.progress import SILENT, Progress
 from bayesid.signs.search.result import SearchResult
 
 DRAWS = 256
@@ -287,14 +287,16 @@ def _principal(information: Array, lacking: Array) -> Array:
     return root @ (turn * np.sqrt(np.maximum(sizes, 0.0)))[:, sizes > _LEAST_WIDER * max(sizes[-1], 0.0)]
 
 
-def infer(problem: PosteriorProblem, search: SearchResult, sampling: Sampling, steps: Steps = no_steps) -> Posterior:
+def infer(
+    problem: PosteriorProblem, search: SearchResult, sampling: Sampling, progress: Progress = SILENT
+) -> Posterior:
     """Samples the posterior of a log.
 
     Args:
         problem: the log, and what is known beforehand.
         search: the result of the search for the segments' signs.
         sampling: budget, seed and the like; the budget is for all modes together.
-        steps: called as steps(sweeps done, sweeps expected).
+        progress: called as progress(stage, sweeps done, sweeps expected).
 
     Raises:
         SolverError: a cone problem could not be solved, or the mass of one of several modes not be computed.
@@ -302,8 +304,10 @@ def infer(problem: PosteriorProblem, search: SearchResult, sampling: Sampling, s
     began = time.perf_counter()
     problem = problem.with_least_noise()
     target = problem.target
+    progress("modes", 0, 1)
     modes = find_modes(target, problem.scaled_moments, problem.solver, search)
-    weighed = sample_modes(target, modes, sampling, began, steps)
+    weighed = sample_modes(target, modes, sampling, began, progress)
+    progress("signs of segments", 0, 1)
     draws = pool(weighed)
     theta, log_scale = target.split(draws.spread(_AVERAGED))
     mass = _branch_mass(target, theta, log_scale, search)

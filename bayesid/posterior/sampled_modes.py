@@ -15,7 +15,7 @@ from bayesid.posterior.marginal_likelihood import Integration, MarginalLikelihoo
 from bayesid.posterior.modes import Mode
 from bayesid.posterior.sampler import Draws, Sampling, sample
 from bayesid.posterior.target import Target
-from bayesid.progress import Steps
+from bayesid.progress import Progress
 
 _SWEEPS_OF_A_MASS = 40.0
 """Sweeps that take as long as a mode's mass, until one has been measured: 30 to 70 for arms of six and seven joints."""
@@ -41,7 +41,7 @@ class SampledMode:
 
 
 def sample_modes(
-    target: Target, modes: Sequence[Mode], sampling: Sampling, began: float, steps: Steps
+    target: Target, modes: Sequence[Mode], sampling: Sampling, began: float, progress: Progress
 ) -> tuple[SampledMode, ...]:
     """The modes with draws and, where there are several, with their weights, heaviest first.
 
@@ -52,7 +52,7 @@ def sample_modes(
         modes: where walkers start.
         sampling: for all modes together.
         began: when the budget began, on the clock of `time.perf_counter`.
-        steps: called as steps(sweeps done, sweeps expected).
+        progress: called as progress(stage, sweeps done, sweeps expected).
 
     Raises:
         SolverError: the mass of a mode could not be computed.
@@ -68,8 +68,11 @@ def sample_modes(
     for k, mode in enumerate(modes):
         remaining = sampling.budget - (time.perf_counter() - began)
         share = replace(sampling, budget=max(0.0, remaining / (len(modes) - k)))
-        draws.append(sample(target, mode.theta, share, steps, leave))
+        of_all = f" of mode {k + 1} of {len(modes)}" if len(modes) > 1 else ""
+        progress(f"warm-up{of_all}", 0, 1)
+        draws.append(sample(target, mode.theta, share, progress.steps(f"posterior{of_all}"), leave))
         if len(modes) > 1:
+            progress(f"weight{of_all}", 0, 1)
             masses.append(_mass(target, draws[-1], sampling.seed))
     if not masses:
         return (SampledMode(modes[0], draws[0], None, 1.0),)

@@ -155,7 +155,7 @@ def sample(
         target: the posterior of a branch.
         theta: (P,) the branch's optimum; it decides where the walkers start.
         sampling: with how many walkers, how long, how well.
-        steps: called as steps(sweeps done, sweeps expected), after every sweep.
+        steps: called as steps(sweeps done, sweeps expected), after every sweep; to look at them counts as one more.
         leave: seconds of the budget to leave for what comes after, given those of a sweep.
     """
     clock = _Clock(sampling, leave)
@@ -167,7 +167,7 @@ def sample(
         for latest in sampler.sample(state, iterations=next_check - sweeps, skip_initial_state_check=True):
             state = latest
             sweeps += 1
-            steps(sweeps, next_check)
+            steps(sweeps, next_check + 1)
             clock.swept()
             if sweeps >= _FEWEST and clock.late(sweeps):
                 break

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from bayesid.report.findings import Findings, Summary
@@ -24,8 +24,13 @@ def validate(findings: Findings) -> str:
 
 def excite(summary: Summary) -> str:
     """What designs a motion."""
-    robot = summary.provenance.options.get("robot")
-    return f"`bayesid excite --robot {shlex.quote(str(robot)) if robot else 'ROBOT'}`"
+    options = summary.provenance.options
+    words, hold = ["--robot", str(options.get("robot", "ROBOT"))], options.get("hold")
+    if "tip" in options:
+        words += ["--tip", str(options["tip"])]
+    if isinstance(hold, Mapping):
+        words += ["--hold", ",".join(f"{name}={position}" for name, position in hold.items())]
+    return f"`bayesid excite {shlex.join(words)}`"
 
 
 def again(summary: Summary, added: str = "", without: Sequence[str] = ()) -> str:

@@ -12,7 +12,7 @@ from bayesid.discrepancy.compare import MODELS_RESIDUAL, REFIT, Excess
 from bayesid.discrepancy.selection import GROWN, HELD_BACK, ON_LOG
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.fit.effects.added_effect import AddedEffect, Quantity
-from bayesid.model.catalogue import FORMS, noun, owner
+from bayesid.model.catalogue import forms, noun, owner
 from bayesid.model.effects import ReadableUnit
 from bayesid.report.verdicts import Check
 from bayesid.report.words import joints_in_words, label, listed, quantity, rounded, unit_of, upper
@@ -39,8 +39,16 @@ def lead(discrepancy: Discrepancy) -> str:
     left = [_left(discrepancy, joint, ratio) for joint, ratio in discrepancy.unexplained]
     if not discrepancy.added:
         return f"{_nothing_found(discrepancy)}{f' {upper(listed(left))}.' if left else ''}"
-    parts = [_explains(discrepancy), *left]
+    parts = [_explains(discrepancy), *(left or [_at_the_floor(discrepancy)])]
     return f"Found: {'; '.join(_in_brief(discrepancy))}. {upper('; '.join(filter(None, parts)))}."
+
+
+def _at_the_floor(discrepancy: Discrepancy) -> str:
+    """What remains is at most 1.15 times the noise floor (0.561 N m in joint 5)."""
+    ratio = discrepancy.after / discrepancy.floor.rms
+    joint = int(np.argmax(ratio)) + 1
+    remains = f"{rounded(float(discrepancy.after[joint - 1]), 3)} {unit_of(discrepancy, joint)}"
+    return f"what remains is at most {ratio.max():.2f} times the noise floor ({remains} in joint {joint})"
 
 
 def _in_brief(discrepancy: Discrepancy) -> Iterator[str]:
@@ -147,7 +155,7 @@ def _below_zero(added: AddedEffect) -> list[str]:
 
 def distinguishing_motions(added: AddedEffect) -> str:
     """The motions that would tell an effect from its equivalents."""
-    kinds = [added.hypothesis.source.shown_by, *(FORMS[name].shown_by for name in added.equivalent)]
+    kinds = [added.hypothesis.source.shown_by, *(forms()[name].shown_by for name in added.equivalent)]
     return ", or ".join(dict.fromkeys(kinds))
 
 

@@ -30,7 +30,7 @@ from bayesid.identification.warnings import (
     other_reading,
     pressed_windows,
 )
-from bayesid.model.catalogue import FORMS, noun
+from bayesid.model.catalogue import noun, phrase_of
 from bayesid.model.effects import ReadableUnit
 from bayesid.report import commands
 from bayesid.report.findings import AMBIGUOUS, Findings, Summary
@@ -423,8 +423,8 @@ def _size(effect: EffectSummary) -> str:
     if len(effect.parameters) != 1:
         return ""
     ((name, number),) = effect.parameters.items()
-    symbol = next((s for s in FORMS[effect.form].phrase.units if name.startswith(s)), name)
-    people = FORMS[effect.form].phrase.units.get(symbol, ReadableUnit(number["unit"]))
+    units = phrase_of(effect.form).units
+    people = next((units[s] for s in units if name.startswith(s)), ReadableUnit(number["unit"]))
     value, sd = number["value"], math.nan if number["sd"] is None else number["sd"]
     return f" ({quantity(people.factor * (value - people.neutral), people.factor * sd, people.unit)})"
 

@@ -12,7 +12,7 @@ from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.fit.effects.added_effect import AddedEffect, Quantity
 from bayesid.fit.effects.explanation import LN10
 from bayesid.fit.effects.scores import Score
-from bayesid.model.catalogue import FORMS
+from bayesid.model.catalogue import forms
 
 
 def discrepancy_summary(discrepancy: Discrepancy) -> dict[str, Any]:
@@ -64,7 +64,7 @@ def _added(effect: AddedEffect) -> dict[str, Any]:
         "joints": list(effect.joints),
         "change_of_what_was_there": bool(effect.hypothesis.changes),
         "equivalent": list(effect.equivalent),
-        "told_apart_by": {name: FORMS[name].shown_by for name in (effect.effect, *effect.equivalent)}
+        "told_apart_by": {name: forms()[name].shown_by for name in (effect.effect, *effect.equivalent)}
         if effect.equivalent
         else {},
         "log10_bayes_factor": effect.log10_bayes_factor,

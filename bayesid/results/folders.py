@@ -115,7 +115,8 @@ def make_report(
         The file.
 
     Raises:
-        InputError: the folder holds no result, or a file cannot be written.
+        InputError: the folder holds no result, a file cannot be written, or the validation is of a log that the model
+            was identified from and would take the place of one that it has not seen.
 
     Example:
         >>> bayesid.make_report("result", check).name
@@ -127,6 +128,10 @@ def make_report(
         raise InputError("is a folder", str(path), "give --out the name of a file")
     check_place(path)
     if validation is not None:
+        kept = findings.prediction
+        if validation.seen and kept is not None and not kept.seen:
+            said = f"is a log that the model was identified from, and would take the place of {kept.source}"
+            raise InputError(said, validation.log.source, "give --validation a log that the model has not seen")
         findings = findings.with_validation(validation)
         replace_file(Path(folder) / FINDINGS, lambda aside: write_findings(findings, aside))
     replace_file(path, lambda aside: _write_report(findings, aside, progress))

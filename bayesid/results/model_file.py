@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import reduce
 from pathlib import Path
@@ -16,23 +16,28 @@ from bayesid.errors import InputError
 from bayesid.fit.knowledge import scale_of
 from bayesid.fit.noise import Noise
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
-from bayesid.model.catalogue import make_effect
+from bayesid.model.catalogue import forms, of_shape
 from bayesid.model.coefficients import base_coefficients
-from bayesid.model.distortions import CATALOGUE as DISTORTIONS
+from bayesid.model.distortions import Distortion
+from bayesid.model.effects import Effect
 from bayesid.model.model import Model
 from bayesid.model.robot import robot_from_table, robot_table
-from bayesid.model.terms import CATALOGUE as TERMS
+from bayesid.model.terms import Term
 from bayesid.motion import Motion
 
 _ROUNDING = 1e-6
 """Of an entry of a precision, relative to its row's and column's diagonal entries."""
 
 
-def load_model(folder: str | Path) -> IdentifiedModel:
+def load_model(folder: str | Path, effects: Iterable[type[Effect]] = ()) -> IdentifiedModel:
     """The model of a result folder.
 
+    Args:
+        folder: what `bayesid identify` or `save_identification` wrote.
+        effects: classes of one's own that the model has and no installed package registers.
+
     Raises:
-        InputError: there is no readable model.toml.
+        InputError: there is no readable model.toml, or it has an effect that is not known.
 
     Example:
         >>> bayesid.load_model("result").model.robot.name
@@ -47,7 +52,7 @@ def load_model(folder: str | Path) -> IdentifiedModel:
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise InputError(f"cannot be read ({error})", str(path), remedy) from None
     try:
-        stored = _stored_model(table, str(path))
+        stored = _stored_model(table, str(path), {**forms(), **{kind.name: kind for kind in effects}})
         return replace(stored, draws=_stored_draws(stored.model, path.with_name("posterior.nc")))
     except InputError:
         raise
@@ -57,11 +62,11 @@ def load_model(folder: str | Path) -> IdentifiedModel:
         raise InputError(f"does not hold what bayesid writes ({error})", str(path), remedy) from None
 
 
-def _stored_model(table: dict[str, Any], where: str) -> IdentifiedModel:
+def _stored_model(table: dict[str, Any], where: str, known: Mapping[str, type[Effect]]) -> IdentifiedModel:
     robot = robot_from_table(table["robot"], f"{where}, robot")
-    named = _named(table["terms"], "term", TERMS, where)
-    named += _named(table.get("distortions", []), "distortion", DISTORTIONS, where)
-    model = reduce(Model.extend, (make_effect(name, shape) for name, shape in named), Model(robot, ()))
+    named = [*_named(table["terms"], Term, known, where)]
+    named += _named(table.get("distortions", []), Distortion, known, where)
+    model = reduce(Model.extend, (of_shape(kind, shape) for kind, shape in named), Model(robot, ()))
     _check_shapes(model)
     names = [parameter.name for parameter in model.parameters]
     if len(set(names)) < len(names):
@@ -106,17 +111,19 @@ def _stored_draws(model: Model, path: Path) -> ParameterDraws | None:
 
 
 def _named(
-    rows: Sequence[Mapping[str, Any]], kind: str, known: Container[str], where: str
-) -> list[tuple[str, Mapping[str, Any]]]:
-    """Names and shapes of terms or distortions."""
+    rows: Sequence[Mapping[str, Any]], base: type[Effect], known: Mapping[str, type[Effect]], where: str
+) -> list[tuple[type[Effect], Mapping[str, Any]]]:
+    """Classes and shapes of terms or distortions."""
     for row in rows:
-        if row["name"] not in known:
-            raise InputError(f"unknown {kind} {row['name']!r}", where, "read it with the version that wrote it")
-    named = [(row["name"], row.get("shape", {})) for row in rows]
-    for name, shape in named:
-        if any(type(j) is not int for j in shape.get("joints", [])):
-            raise ValueError(f"the joints of {name} are not whole numbers")
-    return named
+        if not issubclass(known.get(row["name"], object), base):
+            remedy = (
+                "install the package that registers it, read it by bayesid.load_model(folder, effects=[its class]), or "
+                "with the version of bayesid that wrote it"
+            )
+            raise InputError(f"unknown {base.__name__.lower()} {row['name']!r}", where, remedy)
+        if any(type(j) is not int for j in row.get("shape", {}).get("joints", [])):
+            raise ValueError(f"the joints of {row['name']} are not whole numbers")
+    return [(known[row["name"]], row.get("shape", {})) for row in rows]
 
 
 def _check_shapes(model: Model) -> None:

@@ -115,6 +115,7 @@ def identify_separately(
     Raises:
         InputError: the robot, a folder or the scheduler cannot be used. A log that cannot is a `Run` with its error.
         LostSchedulerError: the scheduler ended before the work.
+        KeyboardInterrupt: with a text that says which results there are.
 
     Example:
         >>> days = ["week/monday.csv", "week/tuesday.csv"]
@@ -131,10 +132,16 @@ def identify_separately(
         for log, folder in zip(paths, folders, strict=True)
     ]
     done: dict[int, Run] = {}
-    with closing(run(_identify, jobs, workers, scheduler)) as batches:
-        for batch in batches:
-            done.update({result.index: _run(paths[result.index], folders[result.index], result) for result in batch})
-            progress(len(done), len(jobs), sum(bool(result.error) for result in done.values()))
+    try:
+        with closing(run(_identify, jobs, workers, scheduler)) as batches:
+            for batch in batches:
+                found = {result.index: _run(paths[result.index], folders[result.index], result) for result in batch}
+                done.update(found)
+                progress(len(done), len(jobs), sum(bool(result.error) for result in done.values()))
+    except KeyboardInterrupt:
+        saved = sum(not result.error for result in done.values())
+        kept = f"{saved} of {len(jobs)} results stand in {place}" if saved else "nothing was written"
+        raise KeyboardInterrupt(kept) from None
     runs = tuple(done[k] for k in range(len(jobs)))
     good = [result.coefficients for result in runs if not result.error]
     separate = Separate(runs, agreement(good) if len(good) > 1 else None)

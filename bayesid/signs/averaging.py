@@ -17,8 +17,9 @@ from bayesid.arrays import Array
 from bayesid.fit.least_squares import Fit, fit_signed
 from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals
-from bayesid.model import terms as catalogue
+from bayesid.model import catalogue
 from bayesid.model.model import Model
+from bayesid.model.terms import STANDARD
 from bayesid.progress import SILENT, Progress
 from bayesid.signs.search.protocol import Search
 from bayesid.signs.settling import Settled, settle_signs
@@ -116,7 +117,7 @@ def richer_model(settled: Settled) -> Model | None:
 def with_standard_terms(model: Model, signals: Signals) -> Model | None:
     """The model with the standard effects that it lacks; None if it lacks none."""
     names = {term.name for term in model.terms}
-    missing = [name for name in catalogue.STANDARD if name not in names]
+    missing = [name for name in STANDARD if name not in names]
     if not missing:
         return None
     for term in catalogue.make_terms(missing, model.robot, signals.motion):

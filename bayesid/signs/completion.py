@@ -152,7 +152,6 @@ def complete(
         if not rounds.go_on(searching, enter=may_enter, progress=progress):
             break
     rounds.check(searching, progress)
-    progress("completing the model", 1, 1)
     completed, wanted, signs = rounds.completed, rounds.wanted, rounds.signs
     if not _worth_it(signs, plain):
         signs = first

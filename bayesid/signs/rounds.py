@@ -114,7 +114,7 @@ class SignSearch:
         motion, effort = self.signals.motion, self.signals.effort
         raw = moments(self.model, self.coefficients, motion, effort, fitted, _MOST_INDIVIDUAL)
         problem = self._problem(raw.scaled(weights), [result])
-        found = rivals(problem, result)
+        found = rivals(problem, result, self.progress.steps("proof by the noise of the fit"))
         if found.changed and not repeat:
             doubted = replace(result, certified=False, withheld="noise", settled=result.settled & found.settled)
             return replace(searched, search=doubted)

@@ -84,8 +84,11 @@ def settle_signs(
     """
     plain = base_coefficients(model)
     sign_search = SignSearch(model, plain, signals, search, progress)
-    settled = _fitted_to(plain, model, signals, sign_search.run(segments))
+    searched = sign_search.run(segments)
+    progress("fit", 0, 1)
+    settled = _fitted_to(plain, model, signals, searched)
     searched = sign_search.reweighted(settled.signs, _weights(settled.fit))
+    progress("fit", 0, 1)
     if searched.proofs > settled.signs.proofs:
         settled = _fitted_to(plain, model, signals, searched)
         searched = sign_search.reweighted(searched, _weights(settled.fit), repeat=False)

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from scipy.signal import lfilter
 
 from bayesid.arrays import Array
-from bayesid.errors import InputError
+from bayesid.errors import InputError, near_names
 from bayesid.log.log import Log
 from bayesid.model.catalogue import main_forms
 from bayesid.model.coefficients import base_coefficients
@@ -126,7 +126,10 @@ def parse_effect(text: str, robot: Robot) -> SimulatedEffect:
     except ValueError:
         raise InputError(f"{text!r} is not NAME:JOINT:LEVEL", "--effect", remedy) from None
     possible = 1 <= effect.joint <= robot.n_joints and 0.0 <= effect.level <= _LARGEST_LEVEL
-    if effect.name not in main_forms() or not possible:
+    if effect.name not in main_forms():
+        remedy = f"{near_names(effect.name, main_forms())} {remedy}".strip()
+        raise InputError(f"{text!r} names no effect of the catalogue", "--effect", remedy)
+    if not possible:
         raise InputError(f"{text!r} names no effect of this robot", "--effect", remedy)
     return effect
 

@@ -128,7 +128,7 @@ def nominal_parameters() -> Array:
     """(60,) physical link parameters of the KR5 with the nominal values of Table II, ordered as in `paper_model()`.
 
     The table does not hold all parameters; what it leaves open was chosen once, in round numbers, so that every
-    pseudo-inertia stays well inside the cone (robots/kr5_nominal.toml says how).
+    pseudo-inertia stays well inside the cone (kr5_nominal.toml says how).
     """
-    text = (resources.files("bayesid.model") / "robots" / "kr5_nominal.toml").read_text()
+    text = (resources.files("bayesid.simulation") / "kr5_nominal.toml").read_text()
     return frozen(tomllib.loads(text)["links"], (_N_LINKS, len(NAMES)), "links").flatten()

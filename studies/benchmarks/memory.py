@@ -23,10 +23,11 @@ from bayesid.arrays import Array
 from bayesid.fit.moments import Moments, join_moments, moments
 from bayesid.fit.solver import ConeLeastSquares
 from bayesid.log.segments import Segments
+from bayesid.model.catalogue import make_terms
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
 from bayesid.model.robot import load_robot
-from bayesid.model.terms import STANDARD, make_terms
+from bayesid.model.terms import STANDARD
 from bayesid.motion import Motion
 from bayesid.signs.search.certified import certified
 from bayesid.simulation.parameters import random_parameters

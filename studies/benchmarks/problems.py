@@ -18,10 +18,11 @@ from bayesid.fit.solver import ConeLeastSquares
 from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log, read_log
+from bayesid.model.catalogue import make_terms
 from bayesid.model.coefficients import BaseCoefficients
 from bayesid.model.model import Model
 from bayesid.model.robot import load_robot, robot_from_table
-from bayesid.model.terms import STANDARD, RigidBody, make_terms
+from bayesid.model.terms import STANDARD, RigidBody
 from bayesid.motion import Motion
 from bayesid.progress import SILENT, Progress, Steps, no_steps
 from bayesid.signs.search.certified import Certified, certified

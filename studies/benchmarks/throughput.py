@@ -12,14 +12,18 @@ import numpy as np
 
 from bayesid.fit.moments import moments
 from bayesid.log.segments import Segments
+from bayesid.model.catalogue import make_terms
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
-from bayesid.model.robot import BUILT_IN, load_robot
-from bayesid.model.terms import STANDARD, make_terms
+from bayesid.model.robot import load_robot
+from bayesid.model.terms import STANDARD
 from bayesid.simulation.trajectories import random_trajectory
 
 _SEGMENT = 100
 """Samples a segment."""
+
+
+ROBOTS = ("kr5", "ur10e", "panda", "tx40")
 
 
 def study(robot_name: str, samples: int) -> dict[str, float]:
@@ -41,11 +45,11 @@ def study(robot_name: str, samples: int) -> dict[str, float]:
 
 
 def main() -> None:
-    """Prints a line for each built-in robot."""
+    """Prints a line for each of some robots: both conventions, six and seven joints, coupled motors."""
     parser = argparse.ArgumentParser(description="Throughput of regressor and moments.")
     parser.add_argument("--samples", type=int, default=50_000)
     options = parser.parse_args()
-    for name in BUILT_IN:
+    for name in ROBOTS:
         row = study(name, options.samples)
         print(f"{name:<6} {row['coefficients']:.0f} coefficients  {row['samples_per_second']:>9,.0f} samples/s")
 

@@ -333,7 +333,7 @@ def test_options_reach_the_identification(place, monkeypatch):
     options += "--nominal", "cad.csv"
     (place / "cad.csv").write_text("name,mean,sd\nm2,1.5,0.25\n")
     assert run(*identify(), "--terms", "rigid_body,torque_offset", *options) == 130
-    assert (seen["robot"], seen["terms"]) == ("arm.toml", ["rigid_body", "torque_offset"])
+    assert (seen["robot"].origin.source, seen["terms"]) == ("arm.toml", ["rigid_body", "torque_offset"])
     assert seen["search"] == bayesid.Beam(width=7, initial_segments=4)
     assert seen["preparation"] == bayesid.Preparation(cutoff=11.5)
     assert seen["posterior"] == bayesid.Sampling(budget=3.5, seed=8)
@@ -553,7 +553,7 @@ BAD_ROBOTS = {
     "another xml": ("x.urdf", "<html/>", ["x.urdf", "<html>"]),
     "no links": ("x.urdf", '<robot name="x"/>', ["x.urdf", "0 links"]),
     "a loop": ("x.urdf", urdf_text().replace('child link="part7"', 'child link="part2"'), ["x.urdf", "two joints"]),
-    "a planar joint": ("x.urdf", urdf_text().replace("continuous", "planar"), ["x.urdf", "j1", "'planar'"]),
+    "a planar joint": ("x.urdf", urdf_text().replace("continuous", "planar"), ["odd has 2", "joint j1 is planar"]),
     "a zero axis": ("x.urdf", urdf_text().replace("0.0 3.0 4.0", "0 0 0"), ["x.urdf", "j1", "axis"]),
 }
 

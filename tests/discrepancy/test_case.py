@@ -8,9 +8,9 @@ from conftest import small_robot, smooth_motion
 from bayesid.discrepancy.case import Case
 from bayesid.fit.effects.kinematics import KinematicTolerance
 from bayesid.fit.knowledge import Knowledge
+from bayesid.model.catalogue import make_terms
 from bayesid.model.inertia import NAMES
 from bayesid.model.model import Model
-from bayesid.model.terms import make_terms
 from bayesid.simulation.parameters import random_parameters
 
 N = 3

@@ -8,8 +8,8 @@ from bayesid.fit.effects.error_model import fit_error
 from bayesid.fit.noise import Noise
 from bayesid.log.log import Log
 from bayesid.log.signals import Signals, prepare
+from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
-from bayesid.model.terms import make_terms
 from bayesid.motion import Motion
 
 RATE = 100.0

@@ -15,9 +15,9 @@ from bayesid.cli import main
 from bayesid.discrepancy.case import BLOCKS, HELD_BACK_BLOCKS
 from bayesid.fit.effects.explanation import LN10
 from bayesid.log.log import Log, read_log, write_log
+from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
 from bayesid.model.robot import robot_table
-from bayesid.model.terms import make_terms
 from bayesid.results.discrepancy_json import discrepancy_summary
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters

@@ -27,8 +27,8 @@ import pytest
 import bayesid
 from bayesid.cli import demo, main
 from bayesid.log.log import Log, write_log
+from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
-from bayesid.model.terms import make_terms
 from bayesid.report.findings import as_json, summarise
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters

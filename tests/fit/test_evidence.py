@@ -10,8 +10,8 @@ from bayesid.fit.evidence import Evidence
 from bayesid.fit.noise import residual_noise
 from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals
+from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
-from bayesid.model.terms import make_terms
 
 RATE = 100.0
 

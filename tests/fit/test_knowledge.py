@@ -4,10 +4,9 @@ from conftest import random_motion, small_robot
 from oracles import assert_close
 
 from bayesid.fit.knowledge import Information, Knowledge, of_base
-from bayesid.model.catalogue import make_effect
+from bayesid.model.catalogue import make_effect, make_terms
 from bayesid.model.coefficients import base_coefficients, embedding
 from bayesid.model.model import Model
-from bayesid.model.terms import make_terms
 
 SIZES = np.array([0.3, 2.0, 0.8])
 """Noise of the three joints, N m."""

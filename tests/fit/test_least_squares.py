@@ -8,10 +8,9 @@ from bayesid.fit.knowledge import Information, Knowledge
 from bayesid.fit.least_squares import fit_signed
 from bayesid.fit.noise import Noise, residual_noise
 from bayesid.log.signals import Signals
-from bayesid.model.catalogue import make_effect
+from bayesid.model.catalogue import make_effect, make_terms
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
-from bayesid.model.terms import make_terms
 from bayesid.simulation.parameters import random_parameters
 
 RATE = 100.0

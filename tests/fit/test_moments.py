@@ -8,9 +8,10 @@ from sign_problems import synthetic
 from bayesid.fit.moments import Moments, join_moments, moments
 from bayesid.log.segments import Segments
 from bayesid.model import model as model_module
+from bayesid.model.catalogue import make_terms
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
-from bayesid.model.terms import STANDARD, make_terms
+from bayesid.model.terms import STANDARD
 from bayesid.motion import Motion
 from bayesid.signs.search.certified import certified
 

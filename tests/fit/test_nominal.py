@@ -5,8 +5,8 @@ from conftest import small_robot
 from bayesid.errors import InputError
 from bayesid.fit.knowledge import Beliefs, read_nominal
 from bayesid.identification.pipeline import identify
+from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
-from bayesid.model.terms import make_terms
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory

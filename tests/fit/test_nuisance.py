@@ -13,9 +13,9 @@ from bayesid.fit.least_squares import fit_signed
 from bayesid.fit.nuisance import make_nuisance
 from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals
+from bayesid.model.catalogue import make_terms
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
-from bayesid.model.terms import make_terms
 from bayesid.simulation.parameters import random_parameters
 
 COUNT, JOINTS, FREE, SUMMED = 90, 2, 4, 3

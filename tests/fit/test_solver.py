@@ -9,10 +9,11 @@ from sign_problems import synthetic
 
 from bayesid.errors import SolverError
 from bayesid.fit.solver import MARGIN, REACH, ConeLeastSquares, solve_precisely
+from bayesid.model.catalogue import make_terms
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.inertia import from_pseudo_inertia
 from bayesid.model.model import Model
-from bayesid.model.terms import STANDARD, RigidBody, make_terms
+from bayesid.model.terms import STANDARD, RigidBody
 from bayesid.simulation.parameters import random_parameters
 
 

@@ -19,11 +19,11 @@ from bayesid.identification.pipeline import identify_again
 from bayesid.log.log import Log, read_log
 from bayesid.log.segments import Cutting, Segments, find_segments
 from bayesid.log.signals import signed_effort
-from bayesid.model.catalogue import make_effect
+from bayesid.model.catalogue import make_effect, make_terms
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
 from bayesid.model.robot import Robot, load_robot, robot_from_table
-from bayesid.model.terms import STANDARD, make_terms
+from bayesid.model.terms import STANDARD
 from bayesid.motion import STANDSTILL, Motion
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import Progress

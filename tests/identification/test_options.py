@@ -14,8 +14,8 @@ from bayesid.fit.knowledge import Beliefs, Links
 from bayesid.identification.options import Preparation, call_of, call_of_log, plain_options
 from bayesid.log.log import read_log, write_log
 from bayesid.log.segments import Cutting
+from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
-from bayesid.model.terms import make_terms
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, no_steps
 from bayesid.signs.search.beam import Beam

@@ -14,9 +14,10 @@ from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log, read_log
 from bayesid.log.segments import find_segments
 from bayesid.log.signals import prepare
+from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
 from bayesid.model.robot import load_robot, robot_from_table
-from bayesid.model.terms import STANDARD, make_terms
+from bayesid.model.terms import STANDARD
 from bayesid.report.findings import find_findings
 from bayesid.report.verdicts import check_findings, verdict
 from bayesid.results.folders import save_identification

@@ -12,10 +12,9 @@ from bayesid.fit.noise import Noise
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import join_logs, write_log
-from bayesid.model.catalogue import make_effect
+from bayesid.model.catalogue import make_effect, make_terms
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
-from bayesid.model.terms import make_terms
 from bayesid.posterior.labelled import DataFrame
 from bayesid.results.folders import save_identification
 from bayesid.results.model_file import load_model

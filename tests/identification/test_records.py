@@ -10,8 +10,8 @@ from bayesid.errors import InputError
 from bayesid.fit.knowledge import Beliefs
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import join_logs
+from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
-from bayesid.model.terms import make_terms
 from bayesid.posterior.sampler import Sampling
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
@@ -104,7 +104,7 @@ def test_a_coefficient_is_found_by_its_name(fit):
         ("coefficient", "m1", r"there is no coefficient 'm1'; efforts show it in sums alone; take parameter\('m1'\)"),
         ("coefficient", "qqq", r"there is no coefficient 'qqq'; choose from J"),
         ("parameter", "mass2", r"there is no parameter 'mass2'; did you mean m"),
-        ("parameter", 2, "there is no parameter 2; did you mean m2 or"),
+        ("parameter", 2, "there is no parameter 2; did you mean m2"),
     ],
 )
 def test_an_unknown_name_is_told_near_ones(fit, of, name, says):

@@ -11,9 +11,9 @@ from bayesid.cli import main
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log, write_log
 from bayesid.log.signals import signed_effort
+from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
 from bayesid.model.robot import load_robot
-from bayesid.model.terms import make_terms
 from bayesid.motion import Motion
 from bayesid.posterior.sampler import Sampling
 from bayesid.report.findings import find_findings

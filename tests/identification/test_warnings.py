@@ -97,7 +97,7 @@ def test_nothing_wrong_is_nothing_said(log):
         ),
         (
             {"fit": fit_with(on_edge=(True, False, True))},
-            "of link 1 and of what the last link carries cannot be trusted",
+            "inertias of link 1, and inertias of what the last link carries cannot be trusted",
         ),
         ({"fit": fit_with(tolerance=2e-8)}, "a relative gap of 2e-08 only"),
         ({"settled": SimpleNamespace(signs=signs_with(certified=False))}, "others may cost up to 30 less than 120"),

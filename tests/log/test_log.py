@@ -163,8 +163,8 @@ def test_column_without_information(table, save, name, value, said):
     [
         (b"", "does not begin with a header"),
         (b"\n\n", "does not begin with a header"),
-        (b"\x89PNG\r\n\x1a\n\xff\xfe", "is not text"),
-        (b"t,q1,tau1\n" + b"\xe9\xff", "is not text"),
+        (b"\x89PNG\r\n\x1a\n\xff\xfe", "is a document or a picture"),
+        (b"t,q1,tau1\n" + b"\xe9\xff", "is text in an encoding that is not known"),
         (b"a" * 200_000, "is not text"),
         (b"t;q1;tau1\n0;1;2\n", "holds 1 rows, too few"),
     ],

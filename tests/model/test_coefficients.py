@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from oracles import assert_close, random_motion, random_table
 
-from bayesid.model.catalogue import make_effect
+from bayesid.model.catalogue import make_effect, make_terms
 from bayesid.model.coefficients import base_coefficients, embedding
 from bayesid.model.model import Model
 from bayesid.model.robot import BUILT_IN, load_robot, robot_from_table
-from bayesid.model.terms import STANDARD, RigidBody, make_terms
+from bayesid.model.terms import STANDARD, RigidBody
 
 # Gaz and De Luca, Table II, its wrapped lines put right (DESIGN.md, section 5)
 TABLE_II = """

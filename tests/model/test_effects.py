@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from conftest import small_robot, smooth_motion
 
-from bayesid.model.catalogue import FORMS, make_effect
+from bayesid.model.catalogue import forms, make_effect, make_terms
 from bayesid.model.effects import Effect
 from bayesid.model.model import Model
-from bayesid.model.terms import STANDARD, make_terms
+from bayesid.model.terms import STANDARD
 from bayesid.simulation.parameters import random_parameters
 
 JOINTS = 3
-SOUGHT = [name for name, kind in FORMS.items() if kind.can_be_missing]
+SOUGHT = [name for name, kind in forms().items() if kind.can_be_missing]
 
 
 def scene_of(motion, robot=None):
@@ -32,9 +32,9 @@ def scene():
 @pytest.mark.parametrize("name", SOUGHT)
 def test_changes_by_joint_are_those_of_all_joints(name, scene):
     """In the joints named there, and zero in all others."""
-    forms = list(FORMS[name].variants(scene))
-    assert forms
-    for form in (forms[0], forms[len(forms) // 2], forms[-1]):
+    found = list(forms()[name].variants(scene))
+    assert found
+    for form in (found[0], found[len(found) // 2], found[-1]):
         shift, columns = form.change(scene)
         shifts, rows = form.change_by_joint(scene)
         for j in range(JOINTS):
@@ -47,13 +47,13 @@ def test_changes_by_joint_are_those_of_all_joints(name, scene):
 
 def test_an_effect_of_one_joint_is_asked_for_there_alone(scene):
     for name in ("viscous_friction", "stribeck_friction", "hysteresis"):
-        form = next(form for form in FORMS[name].variants(scene) if form.joints == (2,))
+        form = next(form for form in forms()[name].variants(scene) if form.joints == (2,))
         assert list(form.change_by_joint(scene)[1]) == [1]
 
 
 def test_only_gains_and_payloads_need_an_earlier_log():
     """Both make the same efforts as other parameters of the robot itself."""
-    needing = {kind.name for kind in FORMS.values() if kind.needs_earlier}
+    needing = {kind.name for kind in forms().values() if kind.needs_earlier}
     assert {name.split(".")[0] for name in needing} == {"gain_error", "payload"}
 
 
@@ -62,7 +62,7 @@ def test_a_payload_makes_no_effort_that_the_last_link_could_not(name, scene):
     """Its columns are in the span of the model's; those of a wrench at the tool are not."""
     model = Model(scene.robot, make_terms(STANDARD, scene.robot, scene.motion))
     span = model.columns(scene.motion).reshape(-1, len(model.parameters))
-    form = next(iter(FORMS[name].variants(scene)))
+    form = next(iter(forms()[name].variants(scene)))
     columns = form.change(scene)[1].reshape(len(span), -1)
     left = np.abs(columns - span @ np.linalg.lstsq(span, columns, rcond=None)[0]).max()
     assert form.needs_earlier == (left < 1e-8 * np.abs(columns).max())
@@ -102,6 +102,6 @@ def test_presliding_of_several_joints_is_resolved_if_it_is_in_all(scene):
 
 def test_other_effects_are_always_resolved(scene):
     sparse = replace(scene, motion=replace(scene.motion, t=100.0 * scene.motion.t))
-    plain = [kind for kind in FORMS.values() if kind.resolved is Effect.resolved]
+    plain = [kind for kind in forms().values() if kind.resolved is Effect.resolved]
     assert "hysteresis" not in {kind.name for kind in plain}
     assert all(next(iter(kind.variants(scene))).resolved(sparse) for kind in plain if kind.can_be_missing)

@@ -1,16 +1,25 @@
-"""A new effect is one file: the two of docs/extending.md, in a copy of the package that nothing else was changed in."""
+"""A new effect is one class: the two of docs/extending.md, registered by a package of their own, or given as such."""
 
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import bayesid
+from bayesid.model.catalogue import make_terms
+from bayesid.model.model import Model
+from bayesid.model.parameters import Cone
+from bayesid.model.robot import robot_from_table
+from bayesid.simulation.parameters import random_parameters
+from bayesid.simulation.trajectories import random_trajectory
+
 ROOT = Path(__file__).resolve().parents[2]
+NAMES = ("fan_drag", "crossover")
 SCRIPT = r"""
 import json
 from types import SimpleNamespace
@@ -25,7 +34,7 @@ from bayesid.model.catalogue import effect_names, make_effect, noun
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
 from bayesid.model.robot import load_robot
-from bayesid.model.terms import make_terms
+from bayesid.model.catalogue import make_terms
 from bayesid.report.discrepancy_verdicts import discrepancy_checks
 from bayesid.results.export import mjcf, urdf
 from bayesid.results.model_file import load_model, model_table
@@ -85,21 +94,44 @@ print(json.dumps(said))
 """
 
 
+def install(folder, module, source, entries):
+    """A package of one module, as an installer leaves it, with entry points of the group that registers effects."""
+    (folder / f"{module}.py").write_text(source, encoding="utf-8")
+    about = folder / f"{module}-1.0.dist-info"
+    about.mkdir()
+    about.joinpath("METADATA").write_text(f"Metadata-Version: 2.1\nName: {module}\nVersion: 1.0\n")
+    lines = [f"{name} = {module}:{value}" for name, value in entries.items()]
+    about.joinpath("entry_points.txt").write_text("\n".join(["[bayesid.effects]", *lines, ""]))
+
+
 @pytest.fixture(scope="module")
-def said(tmp_path_factory):
-    """What a copy of the package with two more files has to say."""
-    folder = tmp_path_factory.mktemp("copy")
-    shutil.copytree(ROOT / "bayesid", folder / "bayesid", ignore=shutil.ignore_patterns("__pycache__"))
+def sources():
+    """The two classes as they stand on the page."""
     text = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```python\n(.*?)^```$", text, re.M | re.S)
-    for place in ("terms/fan_drag", "distortions/crossover"):
-        name = place.split("/")[1]
-        (source,) = [block for block in blocks if f'"{name}"\n' in block and "class " in block]
-        file = folder / "bayesid" / "model" / f"{place}.py"
-        file.write_text(f'"""As on the page."""\n\nfrom __future__ import annotations\n\n{source}', encoding="utf-8")
-    environment = {**os.environ, "PYTHONPATH": str(folder)}
-    command = [sys.executable, "-c", SCRIPT]
-    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
+    found = [[block for block in blocks if f'"{name}"\n' in block and "class " in block] for name in NAMES]
+    assert [len(one) for one in found] == [1, 1]
+    return [one for (one,) in found]
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory, sources):
+    """A folder on the path with a package that registers both."""
+    folder = tmp_path_factory.mktemp("installed")
+    install(folder, "robot_fan", "\n\n".join(sources), {"fan_drag": "FanDrag", "crossover": "Crossover"})
+    return folder
+
+
+def run(folder, *arguments):
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), str(ROOT)])}
+    command = [sys.executable, *map(str, arguments)]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
+
+
+@pytest.fixture(scope="module")
+def said(package):
+    """What the catalogue with two more effects has to say."""
+    done = run(package, "-c", SCRIPT)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
@@ -129,3 +161,148 @@ def test_new_effects_stand_at_the_head_of_exports(said):
 def test_models_with_new_effects_come_back(said):
     assert said["read back"]
     assert said["values"]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# On the command line
+# ---------------------------------------------------------------------------------------------------------------
+IDENTIFY = ("-m", "bayesid.cli", "identify", "log.csv", "--robot", "arm.toml", "--no-posterior", "--complete", "off")
+ARM = """convention = "standard"
+name = "arm"
+joints = [
+  {a = 0.0, alpha = 1.5707963267948966, d = 0.4, theta = 0.0},
+  {a = 0.35, alpha = 0.0, d = 0.0, theta = 0.0},
+]
+"""
+
+
+def test_a_registered_term_is_named_on_the_command_line_and_read_back(package):
+    (package / "arm.toml").write_text(ARM)
+    simulate = "simulate --robot arm.toml --duration 6 --noise 0.02 --effect fan_drag:2:0.4 --seed 3 --out log.csv"
+    assert run(package, "-m", "bayesid.cli", *simulate.split()).returncode == 0
+    terms = "rigid_body,viscous_friction,coulomb_friction,torque_offset,fan_drag"
+    done = run(package, *IDENTIFY, "--terms", terms, "--out", "result")
+    assert done.returncode == 0, done.stderr
+    again = run(package, "-m", "bayesid.cli", "validate", "result", "log.csv", "--out", "validated")
+    assert again.returncode == 0, again.stderr
+
+    elsewhere = run(
+        ROOT, "-m", "bayesid.cli", "validate", package / "result", package / "log.csv", "--out", package / "v"
+    )
+    assert elsewhere.returncode == 2
+    (line,) = elsewhere.stderr.splitlines()
+    assert "unknown term 'fan_drag'" in line
+    assert "install the package that registers it" in line
+    close = run(package, *IDENTIFY, "--terms", "rigid_body,fan_drug", "--out", "no")
+    assert close.returncode == 2
+    assert "did you mean fan_drag?" in close.stderr
+
+
+@pytest.mark.parametrize(
+    ("source", "entry", "expected"),
+    [
+        ("raise OSError('no licence')", "Any", "cannot be loaded (OSError: no licence)"),
+        ("Any = 3", "Any", "wrong:Any is no effect's class with a name"),
+        ("from bayesid.model.terms import Term\nclass Any(Term):\n    pass", "Any", "is no effect's class with a name"),
+        (
+            "from bayesid.model.terms import Term\nclass Any(Term):\n    name = 'payload'",
+            "Any",
+            "wrong registers an effect of this name too",
+        ),
+    ],
+)
+def test_a_package_that_registers_nonsense_is_named(tmp_path, source, entry, expected):
+    install(tmp_path, "wrong", source, {"any": entry})
+    done = run(
+        tmp_path, "-m", "bayesid.cli", "simulate", "--robot", "kr5", "--effect", "payload:6:0.1", "--out", "x.csv"
+    )
+    assert done.returncode == 2, done.stderr
+    (line,) = done.stderr.splitlines()
+    assert expected in line
+    assert "wrong" in line
+    assert not (tmp_path / "x.csv").exists()
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Given as they are
+# ---------------------------------------------------------------------------------------------------------------
+JOINTS = [{"a": 0.0, "alpha": np.pi / 2, "d": 0.4, "theta": 0.0}, {"a": 0.35, "alpha": 0.0, "d": 0.0, "theta": 0.0}]
+
+
+@pytest.fixture(scope="module")
+def kinds(sources):
+    """The two classes, registered by nobody."""
+    space = {"__name__": "a_script"}
+    for source in sources:
+        exec(source, space)
+    return space["FanDrag"], space["Crossover"]
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return robot_from_table({"name": "arm", "convention": "standard", "joints": JOINTS}, "arm")
+
+
+@pytest.fixture(scope="module")
+def log(arm, kinds):
+    """A fan of 4 N m s^2/rad^2 in joint 2."""
+    motion = random_trajectory(2, 8.0, seed=4).motion(np.arange(801) / 100.0)
+    model = Model(arm, make_terms(["rigid_body", "viscous_friction", kinds[0](joints=(2,))], arm, motion))
+    rng = np.random.default_rng(4)
+    theta = np.append(random_parameters(model, rng)[:-1], 4.0)
+    return bayesid.simulate(model, theta, motion, rng=rng, noise=0.02)
+
+
+@pytest.fixture(scope="module")
+def result(arm, log, kinds):
+    terms = ["rigid_body", "viscous_friction", kinds[0](joints=(2,))]
+    return bayesid.identify(arm, log, terms=terms, complete="off", posterior=False)
+
+
+def test_a_term_of_ones_own_is_identified(result, kinds):
+    number = result.coefficient("c2")
+    assert abs(number.mean - 4.0) < 4.0 * number.sd
+    assert 0.0 < number.sd < 0.2  # 2 % of noise, 800 samples, a drag of tens of N m
+    assert result.identified.model.terms[-1] == kinds[0](joints=(2,))
+    assert "FanDrag(joints=(2,))" in result.provenance.call
+    json.dumps(dict(result.provenance.options))
+
+
+def test_its_model_is_read_back_with_its_class_and_refused_without(tmp_path, result, kinds):
+    bayesid.save_identification(result, tmp_path / "result", report=False)
+    again = bayesid.load_model(tmp_path / "result", effects=kinds)
+    assert again.model.terms == result.identified.model.terms
+    np.testing.assert_array_equal(again.theta, result.identified.theta)
+    with pytest.raises(bayesid.InputError, match=r"unknown term 'fan_drag'; .*effects=\[its class\]"):
+        bayesid.load_model(tmp_path / "result")
+
+
+def columns_of(shape, value=1.0):
+    return lambda self, robot, motion: np.full((len(motion), *shape), value)
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"unit_efforts": lambda self, actuators: actuators.dq[:, 0]}, "does not suit the robot"),
+        ({"unit_efforts": lambda self, actuators: np.full(actuators.dq.shape, np.nan)}, "columns are not finite"),
+        ({"columns": columns_of((2, 3))}, r"columns are \(8, 2, 3\), expected \(8, 2, 2\)"),
+        ({"cone": lambda self, robot: Cone.free(5)}, "cone is of 5 parameters, it has 2"),
+        ({"symbols": ("m",)}, "two terms have a parameter m1"),
+    ],
+)
+def test_a_term_that_does_not_suit_is_refused_by_name(arm, log, kinds, change, expected):
+    broken = type("Broken", (kinds[0],), change)()
+    with pytest.raises(bayesid.InputError, match=expected):
+        bayesid.identify(arm, log, terms=["rigid_body", broken])
+
+
+def test_what_is_no_term_is_refused(arm, log, kinds):
+    for wrong, expected in (
+        (kinds[0], r"give a term: FanDrag\(\)"),
+        (3, "neither the name of a term nor a term"),
+        (kinds[1](joints=(2,), width=(0.1,)), "neither the name of a term nor a term"),
+        (kinds[0](joints=(3,)), "are not joints of the robot"),
+    ):
+        with pytest.raises(bayesid.InputError, match=expected):
+            bayesid.identify(arm, log, terms=["rigid_body", wrong])

@@ -210,10 +210,11 @@ BAD_URDF = {
     '<robot name="r"><link name="b"/></robot>': "has no moving joint",
     '<robot name="r"/>': "has 0 links without a parent joint",
     arm(kind="fixed"): "has no moving joint",
-    arm(kind="floating"): "joint elbow: is of type 'floating'",
-    arm(kind="planar"): "joint elbow: is of type 'planar'",
+    arm(kind="floating"): "has no moving joint",
+    arm(kind="planar"): "has no moving joint",
     arm(kind="ball"): "joint elbow: is of type 'ball'",
-    arm('<mimic joint="x"/>'): "joint elbow: is a mimic joint",
+    arm('<mimic joint="x"/>'): "has no moving joint but joint elbow, held",
+    arm('<mimic joint="x" offset="far"/>'): "joint elbow: key 'mimic offset' cannot be used",
     arm('<axis xyz="0 0 0"/>'): "joint elbow: key 'axis xyz' cannot be used",
     arm('<axis xyz="0 1"/>'): "joint elbow: key 'axis xyz' cannot be used",
     arm('<origin xyz="0 0 up"/>'): "joint elbow: key 'origin xyz' cannot be used",
@@ -244,10 +245,12 @@ def test_urdf_parts_that_do_not_move_the_arm_do_not_matter(joint):
 
 
 def test_no_such_file_and_no_text(tmp_path):
-    assert "no such robot" in refusal(tmp_path / "absent.urdf")
-    assert "no such robot" in refusal(tmp_path)
+    assert "no such file" in refusal(tmp_path / "absent.urdf")
+    assert "no such file" in refusal(tmp_path)
     for name in ("arm.urdf", "arm.toml"):
         (tmp_path / name).write_bytes(b"\xff\xfe\x00")
         assert "cannot be read" in refusal(tmp_path / name)
-    with pytest.raises(InputError, match="kr55: no such robot; give one of kr5"):
+    with pytest.raises(InputError, match=r"kr55: no such robot, did you mean kr5\?; give a built-in name"):
         load_robot("kr55")
+    with pytest.raises(InputError, match=r"my/kr5.toml: no such file; give a DH file"):
+        load_robot("my/kr5.toml")

@@ -24,12 +24,12 @@ from scipy.linalg import expm
 
 import bayesid.model.terms
 from bayesid.errors import InputError
-from bayesid.model.catalogue import make_effect
+from bayesid.model.catalogue import make_effect, make_terms
 from bayesid.model.effects import Scene
 from bayesid.model.model import Model
 from bayesid.model.parameters import Cone
 from bayesid.model.robot import robot_from_table
-from bayesid.model.terms import CATALOGUE, STANDARD, ActuatorTerm, Term, make_terms
+from bayesid.model.terms import CATALOGUE, STANDARD, ActuatorTerm, Term
 from bayesid.motion import STANDSTILL, Motion
 
 TABLES = {

@@ -11,10 +11,11 @@ from bayesid.fit.knowledge import Beliefs, Links
 from bayesid.fit.moments import moments
 from bayesid.identification.pipeline import identify
 from bayesid.log.segments import Segments
+from bayesid.model.catalogue import make_terms
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
 from bayesid.model.robot import robot_from_table
-from bayesid.model.terms import STANDARD, RigidBody, make_terms
+from bayesid.model.terms import STANDARD, RigidBody
 from bayesid.posterior.links import usual_links
 from bayesid.posterior.sampler import Sampling
 from bayesid.signs.search.certified import Certified

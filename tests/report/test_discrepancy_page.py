@@ -20,7 +20,7 @@ from bayesid.fit.effects.scores import Score
 from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.log.signals import Signals
 from bayesid.model import distortions, terms
-from bayesid.model.catalogue import FORMS
+from bayesid.model.catalogue import forms
 from bayesid.model.distortions.base_tilt import BaseTilt
 from bayesid.model.distortions.delay import Delay
 from bayesid.model.distortions.gain_error import GainError
@@ -339,6 +339,18 @@ BODY = {
 }
 
 
+def test_where_all_is_explained_the_lead_says_what_remains():
+    """Joint 3 is the worst by its floor, joint 1 by N m."""
+    floor = make().floor
+    after = np.array([1.02, 1.01, 1.17]) * floor.rms
+    payload = replace(found(Payload(), {"mp3": (2.8, 0.04, "kg")}), readable=BODY)
+    result = make(added=(payload,), where=(Excess(1, 3.0, "load", (0.0, 1.0)),), unexplained=(), after=after)
+    assert lead(result).endswith(
+        "It explains what showed in joint 1; what remains is at most 1.17 times the noise floor "
+        f"({after[2]:.3g} N m in joint 3)."
+    )
+
+
 def test_what_was_found_and_what_is_left_leads():
     """Joint 2 keeps 1.5 of 1.9 N m of excess: not most of it is explained; joint 3 had 0.9 and keeps 0.35."""
     payload = replace(found(Payload(), {"mp3": (2.8, 0.04, "kg")}), readable=BODY)
@@ -438,12 +450,12 @@ def numbers_of(kind):
     return {"mp"} if kind is Payload else {f"{kind.symbol}{axis}" for axis, _ in kind.parts}
 
 
-@pytest.mark.parametrize("name", sorted(name for name, kind in FORMS.items() if kind.phrase.sentence))
+@pytest.mark.parametrize("name", sorted(name for name, kind in forms().items() if kind.phrase.sentence))
 def test_sentences_hold_the_numbers_of_their_form(name):
-    kind = FORMS[name]
+    kind = forms()[name]
     braces = {field for _, field, _, _ in string.Formatter().parse(kind.phrase.sentence) if field}
     assert braces - {"who", "whose"} == numbers_of(kind)
-    assert FORMS[name.split(".")[0]].phrase.noun
+    assert forms()[name.split(".")[0]].phrase.noun
 
 
 # --- Figures ---------------------------------------------------------------------------------------------------------

@@ -285,6 +285,9 @@ def test_remedies_are_commands_with_the_result_and_its_robot():
     assert told(found, "Validation").remedy == "run `bayesid report 'my results/un' --validation ANOTHER_LOG.csv`"
     silent_one = with_summary(found, "fit", condition_number=None)
     assert "`bayesid excite --robot ur10e`" in told(silent_one, "Excitation").remedy
+    arm = {"robot": "two arms.urdf", "tip": "left_hand", "hold": {"lift": 0.25, "waist": -1.0}}
+    one_arm = told(with_summary(silent_one, "provenance", options=arm), "Excitation").remedy
+    assert "`bayesid excite --robot 'two arms.urdf' --tip left_hand --hold lift=0.25,waist=-1.0`" in one_arm
     unsampled = with_summary(found, posterior=None)
     assert told(unsampled, "Sampling").remedy == (
         "leave out --no-posterior: `bayesid identify 'a log.csv' --robot ur10e --out x`"

@@ -9,11 +9,11 @@ import pytest
 from oracles import assert_close, dh_chain, parameters_of, random_clouds, random_motion, random_table, turn, urdf_text
 from oracles import joint_torques as torques_of_points
 
-from bayesid.model.catalogue import make_effect
+from bayesid.model.catalogue import make_effect, make_terms
 from bayesid.model.distortions import CATALOGUE as DISTORTIONS
 from bayesid.model.model import Model
 from bayesid.model.robot import BUILT_IN, Joint, Robot, load_robot, robot_from_table, robot_from_urdf
-from bayesid.model.terms import CATALOGUE, STANDARD, ActuatorTerm, RigidBody, ViscousFriction, make_terms
+from bayesid.model.terms import CATALOGUE, STANDARD, ActuatorTerm, RigidBody, ViscousFriction
 from bayesid.motion import Motion
 from bayesid.results.export import urdf
 from bayesid.results.export.urdf_text import roll_pitch_yaw

@@ -20,18 +20,18 @@ from bayesid.fit.noise import Noise
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.pipeline import identify, identify_again
 from bayesid.log.log import join_logs, read_log
-from bayesid.model.catalogue import make_effect
+from bayesid.model.catalogue import make_effect, make_terms
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.distortions import CATALOGUE as DISTORTIONS
 from bayesid.model.model import Model
 from bayesid.model.robot import load_robot, robot_from_urdf
-from bayesid.model.terms import CATALOGUE, STANDARD, ActuatorTerm, RigidBody, make_terms
+from bayesid.model.terms import CATALOGUE, STANDARD, ActuatorTerm, RigidBody
 from bayesid.motion import Motion
 from bayesid.posterior.sampler import Sampling
-from bayesid.report.findings import as_json, summarise
+from bayesid.report.findings import as_json, read_findings, summarise
 from bayesid.report.tables import coefficient_rows, inference_data, parameter_rows
 from bayesid.results import folders as results
-from bayesid.results.folders import check_result_folder, save_identification, save_validation
+from bayesid.results.folders import check_result_folder, make_report, save_identification, save_validation
 from bayesid.results.model_file import load_model, model_table
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
@@ -962,6 +962,19 @@ def test_a_validation_does_not_replace_the_model_it_is_of(result, validation, tm
     with pytest.raises(InputError, match="holds other files"):
         save_validation(validation, place)
     assert contents(place) == before
+
+
+def test_a_log_that_was_seen_takes_no_validations_place(result, validation, tmp_path):
+    """It may stand there, marked, until there is a validation."""
+    place = save(result, tmp_path / "r")
+    make_report(place, result.validate(result.log))
+    assert read_findings(place).prediction.seen
+    make_report(place, validation)
+    before = contents(place)
+    with pytest.raises(InputError, match="is a log that the model was identified from, and would take the place of"):
+        make_report(place, result.validate(result.log))
+    assert contents(place) == before
+    assert not read_findings(place).prediction.seen
 
 
 def test_the_folder_one_is_in_is_not_pulled_away(result, tmp_path, monkeypatch):

@@ -7,9 +7,9 @@ import pytest
 import bayesid
 from bayesid.cli import main
 from bayesid.log.log import read_log, write_log
+from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
 from bayesid.model.robot import robot_from_table
-from bayesid.model.terms import make_terms
 from bayesid.results.several_logs import identify_separately
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters

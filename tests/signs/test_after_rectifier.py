@@ -13,8 +13,9 @@ from bayesid.fit.noise import Noise
 from bayesid.log.low_pass import AfterRectifier, LowPass
 from bayesid.log.segments import USUAL, find_segments
 from bayesid.log.signals import prepare
+from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
-from bayesid.model.terms import STANDARD, make_terms
+from bayesid.model.terms import STANDARD
 from bayesid.signs.after_rectifier import noise_taken, settle_unfiltered, significance
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.settling import settle_signs

@@ -8,8 +8,9 @@ from conftest import small_robot
 from simulated_arms import BUDGET, arm_with_friction, rms, settle, settled_by_standard_terms
 
 from bayesid.identification import pipeline
+from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
-from bayesid.model.terms import STANDARD, make_terms
+from bayesid.model.terms import STANDARD
 from bayesid.posterior.sampler import Sampling
 from bayesid.signs.averaging import richer_model, structural_doubt, weight_against
 from bayesid.signs.search.certified import Certified

@@ -9,9 +9,9 @@ from sign_problems import synthetic
 from bayesid.fit.moments import moments
 from bayesid.fit.solver import ConeLeastSquares, Solution
 from bayesid.log.segments import Segments
+from bayesid.model.catalogue import make_terms
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
-from bayesid.model.terms import make_terms
 from bayesid.signs.search.beam import Beam, beam, keep_incumbent, turn_joints
 from bayesid.signs.search.protocol import SignProblem
 from bayesid.signs.search.result import UnconstrainedBound

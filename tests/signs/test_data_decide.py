@@ -13,10 +13,10 @@ import pytest
 from bayesid.fit.moments import moments
 from bayesid.fit.solver import LEAST_PULL, ConeLeastSquares
 from bayesid.log.segments import Segments
+from bayesid.model.catalogue import make_terms
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
 from bayesid.model.robot import robot_from_table
-from bayesid.model.terms import make_terms
 from bayesid.motion import Motion
 from bayesid.signs.search.certified import certified
 

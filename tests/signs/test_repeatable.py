@@ -5,9 +5,9 @@ import pytest
 from sign_problems import synthetic
 
 import bayesid
+from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
 from bayesid.model.robot import robot_from_table
-from bayesid.model.terms import make_terms
 from bayesid.posterior.sampler import Sampling
 from bayesid.signs.search.certified import Certified, certified
 from bayesid.signs.search.problem import OutOfTimeError, Problem

@@ -126,6 +126,6 @@ def test_the_nine_coefficients_that_the_table_leaves_out_are_zero(coefficients):
 
 
 def test_nominal_parameters_are_a_fresh_array_from_a_file_in_the_package():
-    assert (resources.files("bayesid.model") / "robots" / "kr5_nominal.toml").is_file()
+    assert (resources.files("bayesid.simulation") / "kr5_nominal.toml").is_file()
     nominal_parameters()[:] = 0.0
     assert nominal_parameters()[9] == 13.0

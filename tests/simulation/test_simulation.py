@@ -6,12 +6,12 @@ from scipy import stats
 
 from bayesid.errors import InputError
 from bayesid.log.log import read_log, write_log
-from bayesid.model.catalogue import main_forms
+from bayesid.model.catalogue import main_forms, make_terms
 from bayesid.model.distortions import delay
 from bayesid.model.distortions.gain_error import GainError
 from bayesid.model.model import Model
 from bayesid.model.robot import Joint, Robot, load_robot
-from bayesid.model.terms import STANDARD, RigidBody, TorqueOffset, ViscousFriction, make_terms
+from bayesid.model.terms import STANDARD, RigidBody, TorqueOffset, ViscousFriction
 from bayesid.motion import Motion
 from bayesid.simulation import logs as simulation
 from bayesid.simulation.logs import SimulatedEffect, parse_effect, simulate, simulate_log

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from bayesid.identification.pipeline import identify
+from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
-from bayesid.model.terms import STANDARD, make_terms
+from bayesid.model.terms import STANDARD
 from bayesid.signs.search.beam import beam
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters

@@ -8,9 +8,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from bayesid.log.signals import prepare
+from bayesid.model.catalogue import make_terms
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
-from bayesid.model.terms import STANDARD, make_terms
+from bayesid.model.terms import STANDARD
 from bayesid.studies import blind, complete
 from bayesid.studies.complete_report import coverage, found, mean_ratio, torque_ratio
 from bayesid.studies.hidden import SHARES, make_case

@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 
 import shtab
 
-from bayesid.cli.parser import make_parser
+from bayesid.cli.parser import Parser, make_parser
 
 
 def run(options: argparse.Namespace) -> None:
     """Prints it as it is."""
     main = make_parser()
-    for parser in (main, *main.commands.values()):
+    for parser in _parsers(main):
         for action in parser.paths:
             vars(action)["complete"] = shtab.FILE
     print(shtab.complete(main, shell=options.shell))
+
+
+def _parsers(parser: Parser) -> Iterator[Parser]:
+    """A parser and those of its commands."""
+    yield parser
+    for command in parser.commands.values():
+        yield from _parsers(command)

@@ -7,13 +7,14 @@ import argparse
 from bayesid.cli.demo import run_demo
 from bayesid.cli.progress import StageBars
 from bayesid.cli.terminal import show
+from bayesid.files import reserved
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import Progress
 
 
 def run(options: argparse.Namespace) -> None:
     """A result folder, and what there is to say of it."""
-    with StageBars(options.quiet) as bars:
+    with reserved(options.out), StageBars(options.quiet) as bars:
         sampling = Sampling(budget=options.posterior_budget, seed=options.seed)
         parts = run_demo(options.out, options.seed, sampling, Progress(bars.show))
     if not options.quiet:

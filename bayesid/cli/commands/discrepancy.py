@@ -12,6 +12,7 @@ from bayesid.cli.tables import discrepancy_parts
 from bayesid.cli.terminal import show, warn
 from bayesid.discrepancy.workflow import find_discrepancy
 from bayesid.errors import InputError
+from bayesid.files import reserved
 from bayesid.identification.options import Preparation
 from bayesid.progress import Progress
 from bayesid.results.folders import check_result_folder, save_discrepancy
@@ -28,7 +29,7 @@ def run(options: argparse.Namespace) -> None:
             raise InputError(said, str(folder), "give --out a new folder")
     identified, reading = load_model(options.result), reading_options(options)
     logs = [options.log] if options.holdout is None else [options.log, options.holdout]
-    with StageBars(options.quiet) as bars:
+    with reserved(folder), StageBars(options.quiet) as bars:
         bars.show("read", 0, 1)
         log, *holdout = [read(path, reading) for path in logs]
         result = find_discrepancy(

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from bayesid.cli.options import beliefs, read, reading_options, term_names
+from bayesid.cli.options import beliefs, read, reading_options, robot_of, term_names
 from bayesid.cli.progress import StageBars
-from bayesid.cli.terminal import show
-from bayesid.excitation.design import Objective, TrajectoryShape, design_excitation
+from bayesid.cli.terminal import show, warn
+from bayesid.excitation.design import ExcitationDesign, Objective, TrajectoryShape, design_excitation
 from bayesid.excitation.judgement import judge_log
 from bayesid.excitation.limits import read_limits
-from bayesid.files import check_folder
+from bayesid.files import check_folder, reserved
+from bayesid.model.robot import Robot
 from bayesid.progress import Progress
 from bayesid.report.excitation_text import design_text, judgement_text
 from bayesid.results.designs import DESIGN_FILES, DESIGN_MARKER, save_design
@@ -19,35 +19,41 @@ from bayesid.results.designs import DESIGN_FILES, DESIGN_MARKER, save_design
 
 def run(options: argparse.Namespace) -> None:
     """A design's folder, or a judgement."""
+    robot = robot_of(options)
+    for note in robot.notes:
+        warn(note)
     with StageBars(options.quiet) as bars:
-        text = _design(options, bars) if options.log is None else _judge(options, bars)
+        text = _design(robot, options, bars) if options.log is None else _judge(robot, options, bars)
     if not options.quiet:
         show(text)
 
 
-def _judge(options: argparse.Namespace, bars: StageBars) -> str:
+def _judge(robot: Robot, options: argparse.Namespace, bars: StageBars) -> str:
     log = read(options.log, reading_options(options))
     bars.show("judge", 0, 1)
     terms = term_names(options)
-    return judgement_text(
-        judge_log(options.robot, log, terms, noise=options.noise, cutoff=options.cutoff, seed=options.seed)
-    )
+    return judgement_text(judge_log(robot, log, terms, noise=options.noise, cutoff=options.cutoff, seed=options.seed))
 
 
-def _design(options: argparse.Namespace, bars: StageBars) -> str:
+def _design(robot: Robot, options: argparse.Namespace, bars: StageBars) -> str:
     folder = check_folder(options.out, DESIGN_FILES, DESIGN_MARKER)
-    source = options.limits or (options.robot if Path(options.robot).suffix in (".urdf", ".xml") else None)
-    design = design_excitation(
-        options.robot,
+    with reserved(folder):
+        design = _designed(robot, options, bars)
+        save_design(design, folder)
+    return f"{design_text(design)}\nwritten to {folder}/"
+
+
+def _designed(robot: Robot, options: argparse.Namespace, bars: StageBars) -> ExcitationDesign:
+    source = options.limits or (None if robot.origin is None else robot.origin.urdf)
+    return design_excitation(
+        robot,
         term_names(options),
         shape=TrajectoryShape(
             duration=options.duration, rate=options.rate, harmonics=options.harmonics, periods=options.periods
         ),
-        limits=None if source is None else read_limits(source),
+        limits=None if source is None else read_limits(source, robot),
         objective=Objective(noise=options.noise),
         beliefs=beliefs(options),
         seed=options.seed,
         progress=Progress(bars.show),
     )
-    save_design(design, folder)
-    return f"{design_text(design)}\nwritten to {folder}/"

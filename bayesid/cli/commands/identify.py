@@ -8,11 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from bayesid.cli.options import beliefs, command_line, read, reading_options, sampling, term_names
+from bayesid.cli.options import beliefs, command_line, read, reading_options, robot_of, sampling, term_names
 from bayesid.cli.progress import CountBar, StageBars
 from bayesid.cli.tables import identification_parts, separate_parts
 from bayesid.cli.terminal import complain, show, warn
 from bayesid.errors import BayesidError, InputError
+from bayesid.files import reserved
 from bayesid.identification.options import Preparation
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import find_logs, join_logs
@@ -36,11 +37,11 @@ def run(options: argparse.Namespace) -> None:
     folder = check_result_folder(options.out or Path(f"bayesid-{logs[0].stem}"))
     if any(folder.resolve() in (path.resolve(), path.resolve().parent) for path in logs):  # a bag is a folder
         raise InputError("holds the log, which the result would replace", str(folder), "give --out a new folder")
-    reading = reading_options(options)
-    with StageBars(options.quiet) as bars:
+    robot, reading = robot_of(options), reading_options(options)
+    with reserved(folder), StageBars(options.quiet) as bars:
         bars.show("read", 0, 1)
         log = join_logs([read(path, reading) for path in logs])
-        result = identify(options.robot, log, **settings, progress=Progress(bars.show))
+        result = identify(robot, log, **settings, progress=Progress(bars.show))
         result = replace(result, provenance=replace(result.provenance, command=command_line()))
         bars.show("write", 0, 1)
         save_identification(result, folder, report=not options.no_report, progress=Progress(bars.show))
@@ -70,11 +71,11 @@ def _search(options: argparse.Namespace) -> Search:
 
 
 def _identify_each(options: argparse.Namespace, logs: Sequence[Path], settings: Mapping[str, Any]) -> None:
-    folder = options.out or Path(f"bayesid-each-{logs[0].stem}")
-    with CountBar("logs", options.quiet) as bar:
+    folder, robot = options.out or Path(f"bayesid-each-{logs[0].stem}"), robot_of(options)
+    with reserved(folder), CountBar("logs", options.quiet) as bar:
         settings = {**settings, "reading": reading_options(options), "report": not options.no_report}
         settings |= {"workers": options.workers, "scheduler": options.scheduler, "progress": bar.show}
-        separate = identify_separately(options.robot, logs, folder, **settings)
+        separate = identify_separately(robot, logs, folder, **settings)
     failed = [result for result in separate.runs if result.error]
     for result in separate.runs:
         for warning in result.warnings:

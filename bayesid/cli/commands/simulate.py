@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 
-from bayesid.cli.terminal import show
+from bayesid.cli.options import robot_of
+from bayesid.cli.terminal import show, warn
 from bayesid.errors import InputError
 from bayesid.files import check_place
 from bayesid.log.log import write_log
-from bayesid.model.robot import load_robot
 from bayesid.simulation.logs import parse_effect, simulate_log
 
 
@@ -17,7 +17,9 @@ def run(options: argparse.Namespace) -> None:
     if options.out.is_dir():
         raise InputError("is a folder", str(options.out), "give --out the name of a file")
     check_place(options.out)
-    robot = load_robot(options.robot)
+    robot = robot_of(options)
+    for note in robot.notes:
+        warn(note)
     effects = [parse_effect(text, robot) for text in options.effect]
     unsigned, signed = simulate_log(robot, options.duration, options.rate, options.noise, effects, options.seed)
     truth = options.out.with_name(f"{options.out.stem}_signed.csv")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from bayesid.cli.progress import CountBar
 from bayesid.cli.terminal import show, warn
+from bayesid.files import reserved
 from bayesid.studies import load
 from bayesid.study.results import check_results, save_results
 from bayesid.study.study import run_study
@@ -16,7 +17,7 @@ def run(options: argparse.Namespace) -> None:
     """A folder with the trials' rows, a report and a figure."""
     study, folder = load(options.name), options.out or Path(f"bayesid-study-{options.name}")
     check_results(folder)
-    with CountBar("trials", options.quiet) as bar:
+    with reserved(folder), CountBar("trials", options.quiet) as bar:
         finished = run_study(
             study,
             options.trials,
@@ -27,7 +28,7 @@ def run(options: argparse.Namespace) -> None:
             resume=options.resume,
             progress=bar.show,
         )
-    text = save_results(finished, folder)
+        text = save_results(finished, folder)
     for row in finished.failed:
         warn(f"trial {row['trial']} failed: {row['error']}")
     if not options.quiet:

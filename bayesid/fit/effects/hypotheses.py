@@ -78,7 +78,7 @@ def hypotheses(model: Model, scene: Scene, used: Mask, *, refinements: bool = Fa
         refinements: whether finer forms of standard terms are among them.
     """
     make = maker(model, scene, used)
-    for kind in catalogue.FORMS.values():
+    for kind in catalogue.forms().values():
         if kind.refines and not refinements:
             continue
         groups: dict[tuple[object, ...], list[Hypothesis]] = {}

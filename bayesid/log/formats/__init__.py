@@ -7,13 +7,15 @@ what the numbers mean for an identification is `bayesid.log.log`'s business.
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
+from glob import glob
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
 
 from bayesid.errors import InputError
 from bayesid.log.formats.base import Format, Options
+from bayesid.log.formats.parts import JOINT, join_parts
 from bayesid.log.formats.table import Column, Table, check
 
 __all__ = ["Column", "Format", "Options", "Table", "is_log_folder", "known_formats", "read_table"]
@@ -32,9 +34,14 @@ def known_formats() -> list[Format]:
 def read_table(path: Path, options: Options) -> Table:
     """What a file, or a folder that is a recording, holds of a log, its numbers checked.
 
+    Files of one run are joined: `path` is then their names with a `+` between them, each perhaps a pattern.
+
     Raises:
         InputError: there is no such file, or it cannot be used.
     """
+    if parts := _parts_of(path):
+        part = replace(options, part=True)
+        return check(join_parts([read_table(one, part) for one in parts], options.columns, motion=options.motion))
     try:
         head = b"" if path.is_dir() else _head(path)
         reader = next(known for known in known_formats() if known.recognises(path, head))
@@ -44,6 +51,14 @@ def read_table(path: Path, options: Options) -> Table:
         raise InputError("no such file", str(path), "give the path of a log") from None
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror or error})", str(path), "check the file") from None
+
+
+def _parts_of(path: Path) -> list[Path]:
+    """The files of one run that a name with a `+` stands for; none where it is the name of a file, or has none."""
+    if JOINT not in str(path) or path.exists():
+        return []
+    names = [name.strip() for name in str(path).split(JOINT) if name.strip()]
+    return [Path(one) for name in names for one in (sorted(glob(name)) or [name])]
 
 
 def is_log_folder(path: Path) -> bool:
@@ -57,6 +72,7 @@ def _check_options(path: Path, reader: Format, options: Options) -> None:
             *reader.options,
             "currents",
             "motion",
+            "part",
         }:
             raise InputError(f"is {reader.name}, which has no {field.name}", str(path), f"leave --{field.name} out")
 

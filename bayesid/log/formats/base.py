@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from bayesid.log.formats.table import Table
 
@@ -21,6 +21,7 @@ class Options:
         currents: whether efforts without a unit are currents, A.
         columns: what the log's columns are called, see `bayesid.log.formats.stated`.
         motion: whether the motion is all that is wanted: efforts are left out.
+        part: whether the source is one of several of a run, so that it need not hold a whole log.
     """
 
     topic: str | None = None
@@ -28,6 +29,12 @@ class Options:
     currents: bool = False
     columns: Mapping[str, str] | None = None
     motion: bool = False
+    part: bool = False
+
+    @property
+    def choice(self) -> dict[str, Any]:
+        """What `bayesid.log.formats.names.choose` is asked for."""
+        return {"columns": self.columns, "motion": self.motion, "currents": self.currents, "part": self.part}
 
 
 class Format(ABC):

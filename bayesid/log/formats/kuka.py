@@ -27,7 +27,7 @@ from bayesid.log.formats.labels import has_positions
 from bayesid.log.formats.missing import described
 from bayesid.log.formats.names import choose
 from bayesid.log.formats.stated import stated_columns
-from bayesid.log.formats.table import DEGREE, SourceColumn, Table
+from bayesid.log.formats.table import DEGREE, Chosen, SourceColumn, Table
 from bayesid.log.formats.text import look, read_text
 from bayesid.log.formats.units import UNITS, factor_of
 
@@ -123,13 +123,14 @@ def _is_kuka(header: Sequence[str]) -> bool:
     return bool(kinds & {"aipos", "aspos", "a", "ipoc"}) and not has_positions(header)
 
 
-def _chosen(header: Sequence[str], where: str, options: Options) -> tuple[SourceColumn, ...]:
+def _chosen(header: Sequence[str], where: str, options: Options) -> Chosen:
     """The columns that make a log, by the controller's names but for a time that a user has named, or by the user's."""
     columns = options.columns or {}
-    if set(columns) - {"t"}:
-        return choose(header, where, columns, motion=options.motion)
+    if set(columns) - {"t"} or options.part:
+        return choose(header, where, **options.choice)
     stated = {source.name: source for source in stated_columns(header, columns, where, described(header))}
-    return tuple(stated.get(source.name, source) for source in _choose(header, where, motion=options.motion))
+    by_names = _choose(header, where, motion=options.motion)
+    return Chosen(tuple(stated.get(source.name, source) for source in by_names))
 
 
 def _choose(header: Sequence[str], where: str, *, motion: bool = False) -> tuple[SourceColumn, ...]:

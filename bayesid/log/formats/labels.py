@@ -15,20 +15,41 @@ _POSITIONS = "q", "actual q", "joint", "axis", "position", "pos", "angle", "join
 _VELOCITIES = "dq", "qd", "actual qd", "velocity", "vel", "speed", "joint velocity", "joint vel", "joint speed"
 _TORQUES = "tau", "tau j", "torque", "effort", "moment", "joint torque", "joint effort", "actual torque", "drehmoment"
 _CURRENTS = "i", "current", "actual current", "joint current", "motor current", "strom", "motorstrom"
-WORDS = {
-    "t": ("t", "time", "timestamp", "stamp", "zeit", "zeitstempel"),
-    "q": (*_POSITIONS, "actual position", "achse", "achswinkel", "gelenk", "gelenkwinkel", "winkel"),
-    "dq": (*_VELOCITIES, "actual velocity", "geschwindigkeit"),
-    "tau": _TORQUES,
-    "i": _CURRENTS,
+_SIMULATED = {
+    "t": ("sim time",),
+    "q": ("joint positions", "dof pos", "dof position", "qpos"),
+    "dq": ("joint velocities", "dof vel", "dof velocity", "qvel"),
+    "tau": ("applied torque", "joint torques", "joint efforts", "measured joint efforts", "dof torque", "dof force"),
 }
-"""What columns of a kind are called in logs of UR (RTDE's `actual_q_0`), Franka (libfranka's `tau_J`), ROS, MATLAB, and
-in German, beside a joint's number; of currents and torques only what is measured. Spaces stand for any separator."""
+"""What simulators write: Isaac Lab (`joint_pos`, `applied_torque`, which is behind its actuator model's limits), Isaac
+Sim, Isaac Gym, MuJoCo."""
+_GERMAN = {
+    "t": ("zeit", "zeitstempel"),
+    "q": ("achse", "achswinkel", "gelenk", "gelenkwinkel", "winkel", "istposition", "ist position"),
+    "dq": ("geschwindigkeit", "istgeschwindigkeit"),
+    "tau": ("drehmoment", "istmoment"),
+    "i": ("strom", "motorstrom", "iststrom"),
+}
+"""Those of KUKA's trace are among them (`Istposition`, `Istmoment`, `Iststrom`)."""
+_USUAL = {
+    "t": ("t", "time", "timestamp", "stamp"),
+    "q": (*_POSITIONS, "actual position"),
+    "dq": (*_VELOCITIES, "actual velocity"),
+    "tau": (*_TORQUES, "actual current as torque"),
+    "i": (*_CURRENTS, "torque ref"),
+}
+"""`torque ref` is ABB's TestSignal: the motor's torque, which a gear ratio for gain turns into the joint's."""
+WORDS = {kind: (*words, *_SIMULATED.get(kind, ()), *_GERMAN[kind]) for kind, words in _USUAL.items()}
+"""What columns of a kind are called in logs of UR (RTDE's `actual_q_0`), Franka (libfranka's `tau_J`), ROS, MATLAB,
+simulators, and in German, beside a joint's number; of currents and torques only what is measured. Spaces stand for any
+separator. What whole recorders write, units and all, is in `bayesid.log.formats.conventions`."""
 _KIND_OF = {word.replace(" ", ""): kind for kind, words in WORDS.items() for word in words}
 _OWN = re.compile(r"t|(?:q|dq|tau|i)[1-9]\d*")
 _JOINT_ZERO = re.compile(r"(?:q|dq|tau|i)0")
 OTHER = 3
 """Rank of what is not called as in a CSV log."""
+_AXIS_LETTER = re.compile(r"(?<=[\W_])[AJaj](?=\d+\W*$)")
+"""A letter before a joint's number that says no more, as in `Torque_A1` or `pos.j1`."""
 _LAST_NUMBER = re.compile(r"\d+(?=\D*$)")
 
 
@@ -84,7 +105,21 @@ def kind_of(label: str) -> str | None:
 
 def kind_at_end(label: str) -> str | None:
     """What a column holds by its last word, before which the joint's own name may stand: `elbow/position`."""
-    return _KIND_OF.get(_plain(re.split(r"[/._ ]", split_brackets(label).name)[-1]))
+    return _KIND_OF.get(_plain(last_word(label)))
+
+
+def last_word(label: str) -> str:
+    """The last word of a label, without its unit."""
+    return re.split(r"[/._ ]", split_brackets(label).name)[-1]
+
+
+def unknown_unit(label: str) -> tuple[str, str] | None:
+    """The kind of a column and its unit, where only the unit is not known; None of all others."""
+    name, unit = split_brackets(label)
+    reading = None if unit is None else _with_unit(0, label, name, None)
+    return (
+        None if unit is None or reading is None or factor_of(reading.kind, unit) is not None else (reading.kind, unit)
+    )
 
 
 def pattern_of(label: str) -> str:
@@ -109,7 +144,7 @@ def _reading(place: int, label: str) -> Reading | None:
     name, unit = split_brackets(label)
     if unit is not None:
         return _with_unit(place, label, name, unit, any_current=True)
-    paths = [label[match.end() :] for match in re.finditer("/", label)]  # of topics: the shortest end that says it
+    paths = [label[match.end() :] for match in re.finditer("[/.]", label)]  # of topics: the shortest end that says it
     ends = [match.start() for match in re.finditer("_", label)]
     tailed = (_with_unit(place, label, label[:end], label[end + 1 :]) for end in ends)
     whole = (_with_unit(place, label, name, None) for name in (label, *reversed(paths)))
@@ -118,7 +153,7 @@ def _reading(place: int, label: str) -> Reading | None:
 
 def _with_unit(place: int, label: str, name: str, unit: str | None, any_current: bool = False) -> Reading | None:
     numbers = re.findall(r"\d+", name)
-    word = _plain(re.sub(r"\d+", "", name))
+    word = _plain(re.sub(r"\d+", "", _AXIS_LETTER.sub("", name)))
     kind = _KIND_OF.get(word)
     if kind is None or len(numbers) != (kind != "t") or name == "T":  # which is a temperature
         return None

@@ -49,7 +49,7 @@ def _read(path: Path, options: Options) -> Table:
     for kind in WORDS if not options.columns else ():
         if len(same := [name for name in found if kind_of(name) == kind]) > 1:
             raise InputError(f"variables {' and '.join(same)} may be the same", str(path), "save one of them only")
-    return table_of(found, str(path), options.columns, motion=options.motion)
+    return table_of(found, str(path), **options.choice)
 
 
 def _load(path: Path) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesid.errors import InputError
+from bayesid.log.formats.base import Options
 from bayesid.log.formats.labels import time_among
 from bayesid.log.formats.table import Table, check
 from bayesid.log.formats.variables import table_of
@@ -30,18 +31,17 @@ Variables: TypeAlias = Mapping[str, Any] | NDArray[Any] | Frame
 """A mapping of names to arrays, a structured array, or a data frame."""
 
 
-def read_variables(source: Variables, columns: Mapping[str, str] | None = None, *, motion: bool = False) -> Table:
+def read_variables(source: object, options: Options) -> Table:
     """What a program's variables hold of a log, its numbers checked.
 
     Args:
-        source: see `bayesid.log.formats.variables`.
-        columns: those that a user has named, see `bayesid.log.formats.stated`.
-        motion: whether efforts are left out, and need not be there.
+        source: `Variables`, see `bayesid.log.formats.variables`; of anything else it is said that it is no log.
+        options: what a user says of it.
 
     Raises:
         InputError: it is nothing of the kind, or cannot be used.
     """
-    return check(table_of(_by_name(source), type(source).__name__, columns, motion=motion))
+    return check(table_of(_by_name(source), type(source).__name__, **options.choice))
 
 
 def _by_name(source: Any) -> dict[str, Any]:

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from bayesid.log.formats.labels import kind_at_end, kind_part, pattern_of
+from bayesid.log.formats.labels import kind_at_end, kind_part, last_word, pattern_of
 from bayesid.log.formats.stated import OPTION
 from bayesid.log.formats.table import SourceColumn
 from bayesid.log.formats.units import factor_of, split_brackets
 
 _SEVERAL = 2
 """Columns that differ by a number only, and may so be those of the joints, from this many on."""
+UNNAMED = "NAME{}"
+"""What stands for columns of which there are none."""
+_EFFORT = re.compile("tau|torque|moment|eff|force|curr|amp|strom|kraft|last|load", re.IGNORECASE)
+"""What names of efforts hold in many languages."""
 _SHOWN = 20
 """Names of a header that a message shows, those that differ by their numbers as one."""
 
@@ -29,9 +34,11 @@ def suggestion(header: Sequence[str], found: Mapping[str, SourceColumn]) -> str:
     left = [label for label in header if label and label not in {source.label for source in found.values()}]
     effort = next((kind for kind in ("tau", "i") if f"{kind}1" in found), None)
     parts: list[tuple[str, str]] = []
+    n_joints = None
     for kinds in (("t",), ("q",), ("tau", "i") if effort is None else (effort,)):
         known = [source for source in found.values() if kind_part(source.name) in kinds]
-        part = _as_found(known, header) if known else _guessed(kinds, left)
+        part = _as_found(known, header) if known else _guessed(kinds, left, n_joints)
+        n_joints = len(part) if kinds == ("q",) and len(part) > 1 else n_joints
         left = [label for label in left if not {label, pattern_of(label)} & {pattern for _, pattern in part}]
         parts += part
     return f"{OPTION} " + ",".join(f'{key}="{pattern}"' for key, pattern in parts)
@@ -45,21 +52,32 @@ def _as_found(known: Sequence[SourceColumn], header: Sequence[str]) -> list[tupl
     return [(source.name, source.label) for source in known]
 
 
-def _guessed(kinds: Sequence[str], labels: Sequence[str]) -> list[tuple[str, str]]:
+def _guessed(kinds: Sequence[str], labels: Sequence[str], n_joints: int | None) -> list[tuple[str, str]]:
     """What may be of one of some kinds: a single column for the time, else columns of several joints."""
     counts = Counter(map(pattern_of, labels))
     alone = "t" in kinds
     fitting = [pattern for pattern, count in counts.items() if (count < _SEVERAL) == alone]
-    kind, pattern = next(iter(_likely(kinds, fitting)), (kinds[0], "NAME" if alone else "NAME{}"))
-    for by_end in () if alone else kinds:
-        named = [label for label in labels if kind_at_end(label) == by_end]
+    kind, pattern = next(iter(_likely(kinds, fitting)), (kinds[0], "NAME" if alone else UNNAMED))
+    for by_end, named in () if alone else _by_end(kinds, labels, n_joints):
         if len(named) > counts[pattern]:  # each joint has a name of its own
             return [(f"{by_end}{joint}", label) for joint, label in enumerate(named, start=1)]
     return [(kind, pattern)]
 
 
+def _by_end(kinds: Sequence[str], labels: Sequence[str], n_joints: int | None) -> list[tuple[str, list[str]]]:
+    """Labels that end in the same word: in one of some kinds, or in any, if there are as many as joints."""
+    known = [(kind, [label for label in labels if kind_at_end(label) == kind]) for kind in kinds]
+    ends: dict[str, list[str]] = {}
+    for label in labels:
+        ends.setdefault(last_word(label), []).append(label)
+    return known + [(kinds[0], alike) for alike in ends.values() if len(alike) == n_joints]
+
+
 def _likely(kinds: Sequence[str], patterns: Sequence[str]) -> list[tuple[str, str]]:
-    """Which pattern may be of which kind: those with a unit of it first, then those without any."""
+    """Which pattern may be of which kind: those with a unit of it first, then those without any, efforts by a word."""
     units = {pattern: split_brackets(pattern).unit for pattern in patterns}
     stated = [(kind, one) for kind in kinds for one, unit in units.items() if unit and factor_of(kind, unit)]
-    return stated + [(kinds[0], one) for one, unit in units.items() if unit is None]
+    open_ones = [one for one, unit in units.items() if unit is None]
+    if "tau" in kinds or "i" in kinds:
+        open_ones.sort(key=lambda one: _EFFORT.search(one) is None)
+    return stated + [(kinds[0], one) for one in open_ones]

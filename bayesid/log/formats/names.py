@@ -9,18 +9,39 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence, Set
 
 from bayesid.errors import InputError
-from bayesid.log.formats.labels import OTHER, WORDS, Reading, kind_part, pattern_of, raised, read_labels
-from bayesid.log.formats.missing import described, suggestion
-from bayesid.log.formats.stated import OPTION, stated_columns
-from bayesid.log.formats.table import SourceColumn
+from bayesid.log.formats.conventions import convention_of, note_of
+from bayesid.log.formats.labels import (
+    OTHER,
+    WORDS,
+    Reading,
+    kind_of,
+    kind_part,
+    pattern_of,
+    raised,
+    read_labels,
+    unknown_unit,
+)
+from bayesid.log.formats.missing import UNNAMED, described, suggestion
+from bayesid.log.formats.stated import OPTION, fits, stated_columns
+from bayesid.log.formats.table import Chosen, SourceColumn
+from bayesid.log.formats.units import UNITS, factor_of, split_brackets
 
+_SHOWN = 7
+"""Units that a message shows."""
+_EFFORT = "column tau1 (or i1 with gains)"
 _Family = Mapping[int, Reading]
 """Columns of one kind that are called alike, by the numbers in their labels."""
 
 
 def choose(
-    header: Sequence[str], where: str, columns: Mapping[str, str] | None = None, *, motion: bool = False
-) -> tuple[SourceColumn, ...]:
+    header: Sequence[str],
+    where: str,
+    columns: Mapping[str, str] | None = None,
+    *,
+    motion: bool = False,
+    currents: bool = False,
+    part: bool = False,
+) -> Chosen:
     """The columns that make a log: the time; for every joint its position, effort and, if measured, velocity.
 
     Args:
@@ -28,30 +49,74 @@ def choose(
         where: the header's place, for messages.
         columns: those that a user has named, see `bayesid.log.formats.stated`; the others go by their own names.
         motion: whether efforts are left out, and need not be there.
+        currents: whether currents count where there are torques too.
+        part: whether they need not be a whole log: a column of a joint may then be without a number.
 
     Raises:
         InputError: a column is missing or appears twice, or which is meant stays open.
     """
+    if part:
+        columns = {key: pattern for key, pattern in (columns or {}).items() if fits(kind_part(key), pattern, header)}
+    convention = None if _is_whole(header) else convention_of(header)
+    if convention is not None:
+        columns = convention.stated(header, columns or {}, currents=currents)
+        columns = {key: pattern for key, pattern in columns.items() if not motion or kind_part(key) not in ("tau", "i")}
     stated = stated_columns(header, columns, where, described(header)) if columns else []
     kinds, taken = {kind_part(source.name) for source in stated}, {source.place for source in stated}
     kinds |= {"tau", "i"} if motion or kinds & {"tau", "i"} else set()
     readings = [reading for reading in read_labels(header) if reading.place not in taken and reading.kind not in kinds]
-    families = _families(readings, kinds, where)
+    families = _families(readings, kinds, where, currents=currents)
     _check_start(families, where)
-    chosen = [*stated, *(_source(one, family) for family in families for one in family.values())]
-    return _complete({source.name: source for source in chosen}, header, where, motion=motion)
+    found = [*stated, *(_source(one, family) for family in families for one in family.values())]
+    if part:
+        return _part(found, header, where)
+    lacking = "" if convention is None else convention.lacking
+    chosen = _complete({source.name: source for source in found}, header, where, motion=motion, lacking=lacking)
+    if convention is not None and convention.part is not None and convention.part in header:
+        chosen += (SourceColumn("part", header.index(convention.part), convention.part, 1.0),)
+    foreign = convention is not None or any(one.rank == OTHER for family in families for one in family.values())
+    note = note_of(header, chosen, convention) if foreign else None
+    return Chosen(chosen, () if note is None else (f"{where}: {note}",))
 
 
 # ---------------------------------------------------------------------------------------------------------------
 # Which columns
 # ---------------------------------------------------------------------------------------------------------------
-def _families(readings: Sequence[Reading], stated: Set[str], where: str) -> list[_Family]:
+def _is_whole(header: Sequence[str]) -> bool:
+    """Whether the names of a CSV log make a whole one: then no others are looked at."""
+    kinds = {reading.kind for reading in read_labels(header) if reading.rank < OTHER}
+    return {"t", "q"} <= kinds and bool(kinds & {"tau", "i"})
+
+
+def _part(found: Sequence[SourceColumn], header: Sequence[str], where: str) -> Chosen:
+    """What a header holds of a log: the time, and whatever else; columns without a number are those of one joint."""
+    if not any(source.name == "t" for source in found):
+        raise InputError(f"column t is missing{described(header)}", where, f'say which it is with {OPTION} t="NAME"')
+    known = {kind_part(source.name) for source in found}
+    alone = {kind: [label for label in header if kind_of(label) == kind] for kind in WORDS.keys() - known}
+    single = [
+        SourceColumn(kind, header.index(labels[0]), labels[0], _unit_of(kind, labels[0]))
+        for kind, labels in alone.items()
+        if len(labels) == 1
+    ]
+    chosen = [*found, *single]
+    kinds = {kind_part(source.name) for source in chosen}
+    return Chosen(tuple(one for one in chosen if not (one.name.startswith("i") and "tau" in kinds)))
+
+
+def _unit_of(kind: str, label: str) -> float | None:
+    unit = split_brackets(label).unit
+    return None if unit is None else factor_of(kind, unit)
+
+
+def _families(readings: Sequence[Reading], stated: Set[str], where: str, *, currents: bool) -> list[_Family]:
     """Of each kind that a log needs, and that nobody has stated, the columns to be used.
 
     Those with a log's own names come first; where these and the stated ones make a whole log, no others are looked at.
     """
     own = {kind: _own_family(readings, kind, where) for kind in WORDS}
-    effort = next((kind for kind in ("tau", "i") if own[kind]), None)
+    first, second = ("i", "tau") if currents else ("tau", "i")
+    effort = next((kind for kind in (first, second) if own[kind]), None)
     known = {*stated, *(kind for kind in WORDS if own[kind])}
     if {"t", "q"} <= known and known & {"tau", "i"}:
         return [own[kind] for kind in ("t", "q", effort, "dq") if kind is not None and own[kind]]
@@ -60,7 +125,7 @@ def _families(readings: Sequence[Reading], stated: Set[str], where: str) -> list
     if effort is not None:
         found.append(own[effort])
     elif "tau" not in stated:
-        found.append(_other_family(readings, "tau", where) or _other_family(readings, "i", where))
+        found.append(_other_family(readings, first, where) or _other_family(readings, second, where))
     return [family for family in found if family]
 
 
@@ -136,15 +201,17 @@ def _source(one: Reading, family: _Family) -> SourceColumn:
 # What is missing
 # ---------------------------------------------------------------------------------------------------------------
 def _complete(
-    found: Mapping[str, SourceColumn], header: Sequence[str], where: str, *, motion: bool
+    found: Mapping[str, SourceColumn], header: Sequence[str], where: str, *, motion: bool, lacking: str
 ) -> tuple[SourceColumn, ...]:
     """The columns of a log, or of its motion alone, in order, if none is missing."""
     n, effort = _highest("q", found), "tau" if _highest("tau", found) else "i"
     absent = {"column t": "t" not in found, "column q1": n == 0}
-    absent["column tau1 (or i1 with gains)"] = not motion and not _highest(effort, found)
+    absent[_EFFORT] = not motion and not _highest(effort, found)
     for said in (said for said, is_absent in absent.items() if is_absent):
+        _check_units(header, where, {"column t": ("t",), "column q1": ("q",)}.get(said, ("tau",)))
+        remedy = lacking if said == _EFFORT and lacking else ""
         said = f"{said} is missing{described(header, found)}"
-        raise InputError(said, where, f"say which columns are meant with {suggestion(header, found)}")
+        raise InputError(said, where, remedy or _missing_remedy(header, found))
     chosen = [found["t"]]
     for kind in ["q", *([] if motion else [effort]), *(["dq"] if _highest("dq", found) else [])]:
         for j in range(1, n + 1):
@@ -163,6 +230,25 @@ def _complete(
             remedy = "give q and effort columns for the same joints"
             raise InputError(f"column {extra.label} has no q beside it", where, remedy)
     return tuple(chosen)
+
+
+def _missing_remedy(header: Sequence[str], found: Mapping[str, SourceColumn]) -> str:
+    """The option that names what is there or, where nothing there may be meant, the way to name another file."""
+    suggested = suggestion(header, found)
+    elsewhere = "; if another file of the run holds them, give both as FILE+OTHER" if UNNAMED in suggested else ""
+    return f"say which columns are meant with {suggested}{elsewhere}"
+
+
+def _check_units(header: Sequence[str], where: str, kinds: Sequence[str]) -> None:
+    """Columns that are missing may be there in a unit that is not known."""
+    for label in header:
+        found = unknown_unit(label)
+        if found is not None and found[0] in kinds:
+            kind, unit = found
+            remedy = f"give it in {', '.join(list(UNITS[kind])[:_SHOWN])}"
+            if kind == "tau":
+                remedy += f', or give gains that turn it into N m: --gains with {OPTION} i="{pattern_of(label)}"'
+            raise InputError(f"column {label} is in {unit}, which is no known unit of {kind}", where, remedy)
 
 
 def _highest(kind: str, names: Mapping[str, SourceColumn]) -> int:

@@ -1,9 +1,9 @@
-"""Parquet files, with the same names of columns as a CSV log."""
+"""Parquet files, with the same names of columns as a CSV log; a column of lists holds all joints, as LeRobot's do."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from bayesid.log.formats.table import Column, Table, rows_of, seconds
 
 if TYPE_CHECKING:
     import pyarrow
+    from pyarrow import parquet
 
 _TICKS = {"s": 1, "ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}
 """Ticks in a second, by the unit of a time."""
@@ -32,21 +33,29 @@ class ParquetFile(Format):
         return _read(path, options)
 
 
+class _Place(NamedTuple):
+    """A column of numbers: the file's column, and its place in that column's lists, if there are lists."""
+
+    column: str
+    place: int | None = None
+
+
 def _read(path: Path, options: Options) -> Table:
     import pyarrow
     from pyarrow import parquet
 
     try:
         file = parquet.ParquetFile(path)
-        chosen = choose(file.schema_arrow.names, str(path), options.columns, motion=options.motion)
-        columns = file.read([source.label for source in chosen])
+        places = _places(file, str(path))
+        chosen, notes = choose(list(places), str(path), **options.choice)
+        columns = file.read(list(dict.fromkeys(places[source.label].column for source in chosen)))
     except (pyarrow.ArrowException, pyarrow.ArrowInvalid, OSError) as error:
         if isinstance(error, FileNotFoundError):
             raise
         raise InputError(f"is damaged ({_first_line(error)})", str(path), "write it again") from None
     read = {}
     for source in chosen:
-        column = columns.column(source.label)
+        column = _column(columns, places[source.label])
         where = f"{path}, column {source.label}"
         if column.null_count:
             row = int(np.flatnonzero(column.is_null().to_numpy())[0])
@@ -54,7 +63,41 @@ def _read(path: Path, options: Options) -> Table:
             raise InputError(said, rows_of(str(path))(row), "remove the row or give the value")
         values, in_seconds = _numbers(column, source.name == "t", where)
         read[source.name] = Column(source.label, values, 1.0 if in_seconds else source.unit)
-    return Table(read, str(path), rows_of(str(path)))
+    return Table(read, str(path), rows_of(str(path)), notes)
+
+
+def _places(file: parquet.ParquetFile, where: str) -> dict[str, _Place]:
+    """Where the file holds its columns; of lists of numbers each place is one, counted from 1: state1, state2, ..."""
+    from pyarrow import types
+
+    places: dict[str, _Place] = {}
+    for field in file.schema_arrow:
+        is_list = types.is_list(field.type) or types.is_large_list(field.type) or types.is_fixed_size_list(field.type)
+        if is_list and types.is_floating(field.type.value_type):
+            width = _width(file.read([field.name]).column(field.name), f"{where}, column {field.name}")
+            places |= {f"{field.name}{k + 1}": _Place(field.name, k) for k in range(width)}
+        else:
+            places[field.name] = _Place(field.name)
+    return places
+
+
+def _width(column: pyarrow.ChunkedArray, where: str) -> int:
+    """How many values each list of a column has."""
+    from pyarrow import compute
+
+    widths = np.unique(compute.list_value_length(column).to_numpy())
+    if len(widths) > 1:
+        said = f"holds lists of {widths.min():g} to {widths.max():g} values"
+        raise InputError(said, where, "write the same number in every row")
+    return int(widths[0]) if len(widths) and np.isfinite(widths[0]) else 0
+
+
+def _column(columns: pyarrow.Table, where: _Place) -> pyarrow.ChunkedArray:
+    """A column of numbers."""
+    from pyarrow import compute
+
+    column = columns.column(where.column)
+    return column if where.place is None else compute.list_element(column, where.place)
 
 
 def _numbers(column: pyarrow.ChunkedArray, is_time: bool, where: str) -> tuple[Array, bool]:

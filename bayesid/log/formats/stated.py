@@ -109,6 +109,11 @@ def stated_columns(header: Sequence[str], columns: Mapping[str, str], where: str
     return list(chosen.values())
 
 
+def fits(kind: str, pattern: str, header: Sequence[str]) -> bool:
+    """Whether a header has a column of a pattern."""
+    return any(_match(kind, pattern, label, place) is not None for place, label in enumerate(header))
+
+
 def _kind(key: str) -> str:
     match = _KEY.fullmatch(key)
     return key if match is None else match["kind"]

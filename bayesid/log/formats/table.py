@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import pi
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +25,11 @@ _SLOWEST = 0.5
 """s; a log whose typical step is this long or longer is taken to count something else than seconds. Controllers log
 their joints every 1 to 12 ms by their manuals (UR RTDE 2 or 8, KUKA RSI 4 or 12, ABB EGM 4, Franka FCI 1), a slow bus
 every 0.1 s: a count of ms grows by 0.5 and more a row, and at 2 Hz no acceleration of a joint could be told."""
+_UNSORTED = 0.01
+"""Share of steps backwards above which a time is out of order, whatever its unit. A round number; not studied."""
+_STANDS = 0.75
+"""Share of rows that move at the time of the row before, above which a clock of whole seconds is too coarse: repeated
+rows repeat their positions too. A round number; not studied."""
 _PARTS = {"milliseconds": ("ms", 1e-3), "microseconds": ("us", 1e-6), "nanoseconds": ("ns", 1e-9)}
 FEWEST_ROWS = 50
 """Rows of a log, and distinct instants in it, at least: half a second at the usual 100 Hz, too short to filter. A round
@@ -50,7 +56,7 @@ class SourceColumn:
     """A column of a file that a log needs.
 
     Attributes:
-        name: of the log's column: t, q1, ...
+        name: of the log's column: t, q1, ..., or part: the number of the recording that a row is of.
         place: of the file's column, from 0.
         label: what the file calls it.
         unit: how many SI units one of the file's is; None where nobody says.
@@ -62,12 +68,20 @@ class SourceColumn:
     unit: float | None = None
 
 
+class Chosen(NamedTuple):
+    """The columns of a file that make a log, and what should be known of the choice, a sentence each."""
+
+    columns: tuple[SourceColumn, ...]
+    notes: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True)
 class Table:
-    """What a file holds of a log: a time, and columns for joints 1 to n without a gap.
+    """What a file holds of a log: a time, and columns for joints 1 to n without a gap; a part of a run any of these.
 
     Attributes:
-        columns: of t; q1..qn; tau1..taun (N m) or i1..in (A); and dq1..dqn if velocities were measured.
+        columns: of t; q1..qn; tau1..taun (N m) or i1..in (A); dq1..dqn if velocities were measured; and part where the
+            file holds several recordings, one after the other: the number of the one that a row is of.
         source: the file, for messages.
         place: what a message calls a row, counted from 0.
         notes: what had to be assumed, a sentence each.
@@ -98,6 +112,13 @@ class Table:
         columns = (self.columns[f"{kind}{j + 1}"] for j in range(self.n_joints))
         return np.column_stack([self._si(column, unit) for column in columns])
 
+    @property
+    def starts(self) -> list[int]:
+        """The first rows of the recordings that the file holds."""
+        if "part" not in self.columns:
+            return [0]
+        return [0, *(np.flatnonzero(np.diff(self.columns["part"].values) != 0.0) + 1).tolist()]
+
     @staticmethod
     def _si(column: Column, unit: float) -> Array:
         return column.values * (unit if column.unit is None else column.unit)
@@ -115,9 +136,12 @@ def check(table: Table) -> Table:
         raise InputError(said, table.source, f"record at least {FEWEST_ROWS} rows, better thousands")
     _check_numbers(table)
     _check_unit_of_time(table)
+    _check_resolution(table)
     with np.errstate(over="ignore"):
         step = np.diff(table.t)
-    for k in np.flatnonzero((step < 0.0) | (step > _LONGEST_GAP)):
+    wrong = (step < 0.0) | (step > _LONGEST_GAP)
+    wrong[np.array(table.starts[1:], dtype=int) - 1] = False
+    for k in np.flatnonzero(wrong):
         before, after = table.t[[k, k + 1]]
         said = f"time {'runs backwards' if step[k] < 0.0 else 'jumps'}, from {before:.12g} s to {after:.12g} s"
         raise InputError(said, table.place(int(k) + 1), "sort or cut the log")
@@ -133,6 +157,8 @@ def _check_unit_of_time(table: Table) -> None:
         steps = np.diff(t.values)
     if t.unit is not None or not np.any(steps > 0.0) or np.median(steps[steps > 0.0]) < _SLOWEST:
         return
+    if np.mean(steps < 0.0) > _UNSORTED:
+        return
     step = float(np.median(steps[steps > 0.0]))
     likely = next(((word, unit) for word, (unit, factor) in _PARTS.items() if step * factor < _SLOWEST), None)
     said = f"column {t.label} spans {t.values[-1] - t.values[0]:.6g} s with steps of {step:.6g} s"
@@ -141,7 +167,25 @@ def _check_unit_of_time(table: Table) -> None:
     word, unit = likely
     stated = f"{t.label}[{unit}]"
     remedy = f'name the column {stated}, or give --columns t="{stated}" ({t.label}[s] if it is in seconds)'
-    raise InputError(f"{said}: {word}?", table.source, remedy)
+    if np.all(steps == 1.0):
+        word, remedy = f"{word} or rows?", f'{remedy}; t="{t.label}[8ms]" if it counts rows of 8 ms'
+    raise InputError(f"{said}: {word.removesuffix('?')}?", table.source, remedy)
+
+
+def _check_resolution(table: Table) -> None:
+    """A clock that stands still while the joints move is too coarse to say when each row was read."""
+    positions = [column.values for name, column in table.columns.items() if name.startswith("q")]
+    if not positions:
+        return
+    q = np.column_stack(positions)
+    moved = np.any(np.diff(q, axis=0) != 0.0, axis=1)
+    stands = moved & (np.diff(table.t) == 0.0)
+    if np.mean(stands) > _STANDS:
+        t = table.t
+        step = float(np.median(np.diff(t)[np.diff(t) > 0.0])) if np.ptp(t) > 0.0 else 0.0
+        if step >= _SLOWEST:
+            said = f"column {table.columns['t'].label} only advances every {step:.6g} s, while positions change between"
+            raise InputError(said, table.source, "record the time with fractions of seconds, or give a count of rows")
 
 
 def _check_numbers(table: Table) -> None:

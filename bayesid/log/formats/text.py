@@ -13,7 +13,6 @@ import re
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TextIO
 
@@ -22,8 +21,9 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.errors import InputError
 from bayesid.log.formats.base import Format, Options
+from bayesid.log.formats.clocks import clock_seconds, is_clock
 from bayesid.log.formats.names import choose
-from bayesid.log.formats.table import Column, SourceColumn, Table
+from bayesid.log.formats.table import Chosen, Column, SourceColumn, Table
 from bayesid.log.formats.units import is_unit, split_brackets
 
 _SEPARATORS = ",", ";", "\t", "|", " "
@@ -37,6 +37,18 @@ _HEADER = 1 << 20
 _QUOTED = re.compile(r'"[^"]*"')
 _WESTERN = re.compile(rb"[\t-\r\x20-\x7e\x80\x82-\x8c\x8e\x91-\x9c\x9e-\xfe]*")
 """Bytes of a text in cp1252, the encoding of Western Windows: no control characters, none that it does not have."""
+_COMMENTS = "#", "%"
+"""What a line of remarks among the values begins with."""
+_MINUS = "\u2212"
+"""The sign of mathematics, which word processors put in place of a hyphen."""
+_AGAIN = "remove the row or, if another recording begins there, cut the log into two files and give both"
+_THOUSANDS = re.compile(
+    r"[-+]?\d{1,3}(?:[.,'\u00a0\u202f ]\d{3}){2,}|[-+]?\d{1,3}(?:[,'\u00a0\u202f ]\d{3})+(?:\.\d*)?"
+)
+_NO_VALUE = "#", "nan", "NaN", "NULL", "null", "None", "N/A", "n/a", "-", "?"
+"""How a cell without a value begins: errors of spreadsheets, and words for nothing."""
+_CONTROLS = re.compile(rb"[\0-\x08\x0e-\x1f]")
+"""Bytes that stand in no text."""
 _BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 
 
@@ -53,7 +65,7 @@ class CsvFile(Format):
 
     def read(self, path: Path, options: Options) -> Table:
         """The columns of a log."""
-        return read_text(path, lambda header, where: choose(header, where, options.columns, motion=options.motion))
+        return read_text(path, lambda header, where: choose(header, where, **options.choice))
 
 
 @dataclass(frozen=True)
@@ -68,6 +80,7 @@ class Layout:
         header_row: the header's line, from 1.
         rows: lines above the values: the header and those around it.
         first: the cells of the first row of values.
+        quoted_lines: whether every line stands in quotes, as a spreadsheet writes a table that it took for one column.
     """
 
     encoding: str
@@ -77,14 +90,21 @@ class Layout:
     header_row: int = 1
     rows: int = 1
     first: tuple[str, ...] = ()
+    quoted_lines: bool = False
 
     def lines(self, file: TextIO) -> Iterator[str]:
-        """The file's lines, their numbers with decimal points."""
+        """The file's lines, their numbers with decimal points; those of comments are blank."""
+        return map(self._line, file)
+
+    def _line(self, line: str) -> str:
+        line = "\n" if line.startswith(_COMMENTS) else line.replace(_MINUS, "-")
+        if self.quoted_lines:
+            line = _unquoted(line)
         if not self.decimal_comma:
-            return iter(file)
+            return line
         if self.separator == ",":  # those in quotes are the decimal ones
-            return (_QUOTED.sub(lambda quoted: quoted[0].replace(",", "."), line) for line in file)
-        return (line.replace(",", ".") for line in file)
+            return _QUOTED.sub(lambda quoted: quoted[0].replace(",", "."), line)
+        return line.replace(",", ".")
 
 
 def look(content: bytes, whole: bool = False) -> Layout:
@@ -103,6 +123,8 @@ def look(content: bytes, whole: bool = False) -> Layout:
     lines = io.StringIO(text, newline="").readlines()
     if lines and "\0" in lines[0]:
         raise csv.Error("no text")
+    quoted = _are_quoted(lines)
+    lines = [_unquoted(line) for line in lines] if quoted else lines
     row = next((k for k in range(min(len(lines), _ABOVE)) if _is_header(*_two(lines, k))), 0)
     line, beneath = _two(lines, row)
     separator = _separator(line, beneath)
@@ -113,10 +135,10 @@ def look(content: bytes, whole: bool = False) -> Layout:
     if len(values) == len(header) + 1 and not values[-1]:  # every row ends with a separator, but the header
         header = [*header, ""]
     comma = separator != "," or any('"' in line for line in lines[row + 1 :])
-    return Layout(encoding, separator, comma, tuple(header), row + 1, rows, tuple(values))
+    return Layout(encoding, separator, comma, tuple(header), row + 1, rows, tuple(values), quoted)
 
 
-def read_text(path: Path, select: Callable[[Sequence[str], str], Sequence[SourceColumn]]) -> Table:
+def read_text(path: Path, select: Callable[[Sequence[str], str], Chosen]) -> Table:
     """Reads a table of text.
 
     Args:
@@ -134,14 +156,23 @@ def read_text(path: Path, select: Callable[[Sequence[str], str], Sequence[Source
             raise InputError("does not begin with a header", str(path), "begin it with t,q1..qn,tau1..taun")
         if all(map(_is_value, layout.header)):
             raise InputError("holds numbers, not the names of the columns", where, "begin it with t,q1..qn,tau1..taun")
-        chosen = sorted(select(layout.header, where), key=lambda source: source.place)  # the first bad one is named
+        selected = select(layout.header, where)
+        chosen = sorted(selected.columns, key=lambda source: source.place)  # the first bad one is named
         clock = _clock(layout, chosen)
         values = _read_values(path, layout, [source.place for source in chosen], clock)
-    except (UnicodeDecodeError, csv.Error):
-        raise InputError("is not text", str(path), "give a CSV log (save a spreadsheet as CSV)") from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise _not_text(path, isinstance(error, UnicodeDecodeError)) from None
     units = {source.place: 1.0 if source.place == clock else source.unit for source in chosen}
     columns = {one.name: Column(one.label, values[:, one.place], units[one.place]) for one in chosen}
-    return Table(columns, str(path), lambda row: _where(path, layout, row))
+    return Table(columns, str(path), lambda row: _where(path, layout, row), selected.notes)
+
+
+def _not_text(path: Path, undecoded: bool) -> InputError:
+    """Of bytes that are no text, or one whose letters are not known."""
+    if undecoded and not _CONTROLS.search(path.read_bytes()):
+        remedy = "save it as UTF-8, as in: iconv -f SHIFT_JIS -t UTF-8 FILE > NEW"
+        return InputError("is text in an encoding that is not known", str(path), remedy)
+    return InputError("is not text", str(path), "give a CSV log (save a spreadsheet as CSV)")
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -162,6 +193,21 @@ def _encoding(content: bytes, whole: bool) -> str:
             raise
         return "cp1252"
     return "utf-8"
+
+
+def _are_quoted(lines: Sequence[str]) -> bool:
+    """Whether the first lines stand in quotes as a whole."""
+    first = [line.strip() for line in lines[:2]]
+    cells = [next(csv.reader([line]), []) for line in first]
+    return len(first) == 2 and all(
+        line[:1] == '"' and len(row) == 1 and row[0].count(",") + row[0].count(";") >= _FEWEST - 1
+        for line, row in zip(first, cells, strict=True)
+    )
+
+
+def _unquoted(line: str) -> str:
+    """A line without the quotes around it."""
+    return line.strip().removeprefix('"').removesuffix('"').replace('""', '"') + "\n"
 
 
 def _two(lines: Sequence[str], row: int) -> tuple[str, str]:
@@ -229,34 +275,14 @@ def _open(path: Path, layout: Layout) -> TextIO:
 def _clock(layout: Layout, chosen: Sequence[SourceColumn]) -> int | None:
     """The place of a time that is written as a date or a time of day; None where it is a number."""
     places = [one.place for one in chosen if one.name == "t" and one.place < len(layout.first)]
-    return next((place for place in places if _is_clock(layout.first[place])), None)
-
-
-def _seconds(cell: str) -> float:
-    """A date and time by ISO 8601 in s since 1970, UTC where no zone is given, or a time of day in s since midnight.
-
-    Raises:
-        ValueError: it is neither.
-    """
-    cell = cell.strip().strip('"')
-    day = "" if "-" in cell else "1970-01-01T"
-    moment = datetime.fromisoformat(day + cell)
-    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
-
-
-def _is_clock(cell: str) -> bool:
-    try:
-        _seconds(cell)
-    except ValueError:
-        return False
-    return ":" in cell
+    return next((place for place in places if is_clock(layout.first[place])), None)
 
 
 def _read_values(path: Path, layout: Layout, used: list[int], clock: int | None) -> Array:
     """(N, columns) numbers of the used columns, s in that of the clock; the other columns come as 0."""
     n = len(layout.header)
     converters: dict[int | str, Callable[[str], float]] = {i: lambda _: 0.0 for i in range(n) if i not in used}
-    converters |= {} if clock is None else {clock: _seconds}
+    converters |= {} if clock is None else {clock: clock_seconds}
     with _open(path, layout) as file, warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of a file without rows, which is refused later
         try:
@@ -285,7 +311,7 @@ def _read_values(path: Path, layout: Layout, used: list[int], clock: int | None)
 def _where(path: Path, layout: Layout, row: int) -> str:
     """The file's line of a row of values: the header is row 1, and blank lines count."""
     with _open(path, layout) as file:
-        lines = [number for number, line in enumerate(file, start=1) if number > layout.rows and line.strip()]
+        lines = [k for k, line in enumerate(layout.lines(file), start=1) if k > layout.rows and line.strip()]
     return f"{path}, row {lines[row]}"
 
 
@@ -296,14 +322,25 @@ def _first_bad_row(path: Path, layout: Layout, used: list[int], clock: int | Non
             if number <= layout.rows or not line.strip():
                 continue
             cells, where = _split(line, layout.separator), f"{path}, row {number}"
+            if tuple(cells) == layout.header:
+                return InputError("holds the header again", where, _AGAIN)
             if len(cells) != len(layout.header):
                 said = f"holds {len(cells)} values, the header names {len(layout.header)}"
                 return InputError(said, where, _remedy(number, layout, len(cells)))
             for i in used:
-                if not (_is_clock if i == clock else _is_number)(cells[i]):
+                if not (is_clock if i == clock else _is_number)(cells[i]):
                     said = f"column {layout.header[i]} holds {cells[i]!r}, not a {'time' if i == clock else 'number'}"
-                    return InputError(said, where, "correct the value")
+                    return InputError(said, where, _correction(cells[i]))
     return InputError("cannot be read as a table of numbers", str(path), "give a comma-separated file")
+
+
+def _correction(cell: str) -> str:
+    """What to do about a cell that is no number."""
+    if _THOUSANDS.fullmatch(cell):
+        return "write numbers without separators of thousands"
+    if not cell or cell.startswith(_NO_VALUE):
+        return "remove the row (the log may have gaps), or give the value"
+    return "correct the value"
 
 
 def _remedy(number: int, layout: Layout, cells: int) -> str:

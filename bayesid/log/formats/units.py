@@ -3,27 +3,42 @@
 from __future__ import annotations
 
 import re
+from math import pi
 from typing import NamedTuple
 
 from bayesid.log.formats.table import DEGREE
 
 _ANGLES = {"rad": 1.0, "deg": DEGREE, "°": DEGREE, "Grad": DEGREE, "degree": DEGREE, "degrees": DEGREE, "mrad": 1e-3}
+_ANGLES |= dict.fromkeys(("rev", "turn", "turns", "U", "Umdr"), 2.0 * pi)
 _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 _TORQUES = {"Nm": 1.0, "N m": 1.0, "N*m": 1.0, "N·m": 1.0, "N.m": 1.0}
 UNITS: dict[str, dict[str, float]] = {
-    "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "sec": 1.0, "msec": 1e-3, "usec": 1e-6, "µs": 1e-6, "μs": 1e-6},
+    "t": {
+        "s": 1.0,
+        "ms": 1e-3,
+        "us": 1e-6,
+        "ns": 1e-9,
+        "sec": 1.0,
+        "msec": 1e-3,
+        "usec": 1e-6,
+        "µs": 1e-6,
+        "μs": 1e-6,
+        "min": 60.0,
+    },
     "q": _ANGLES | _LENGTHS,
     "dq": {f"{angle}{per}": factor for per in ("/s", "_s", "", "/sec") for angle, factor in _ANGLES.items()}
     | {"rpm": 6.0 * DEGREE, "1/min": 6.0 * DEGREE, "U/min": 6.0 * DEGREE}
     | {f"{length}/s": factor for length, factor in _LENGTHS.items()},
-    "tau": _TORQUES | {f"m{unit}": 1e-3 for unit in _TORQUES} | {"kNm": 1e3, "N": 1.0},
+    "tau": _TORQUES
+    | {f"m{unit}": 1e-3 for unit in _TORQUES}
+    | {"kNm": 1e3, "Ncm": 1e-2, "Nmm": 1e-3, "N mm": 1e-3, "N": 1.0},
     "i": {"A": 1.0, "mA": 1e-3},
 }
 """SI units in one of the units that a column of a kind may be in; capitals do not matter."""
 _FACTORS = {kind: {unit.casefold(): factor for unit, factor in units.items()} for kind, units in UNITS.items()}
 _BRACKETED = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^][]+)\]|\((?P<round>[^()]+)\))")
-
 _NUMBER = re.compile(r"\d+|\{[^}]*\}")
+_COUNT = re.compile(r"(?P<count>\d+(?:\.\d+)?)\s*(?P<unit>\D+)")
 
 
 class Label(NamedTuple):
@@ -34,13 +49,15 @@ class Label(NamedTuple):
 
 
 def factor_of(kind: str, unit: str) -> float | None:
-    """SI units in one of a unit; None where it is not one of such a column.
+    """SI units in one of a unit; None where it is not one of such a column. A time may be in "8 ms", which counts rows.
 
     Args:
         kind: of the column: "t", "q", "dq", "tau" or "i".
         unit: as a header has it.
     """
-    return _FACTORS[kind].get(unit.strip().casefold())
+    count = _COUNT.fullmatch(unit.strip()) if kind == "t" else None
+    factor = _FACTORS[kind].get((unit if count is None else count["unit"]).strip().casefold())
+    return factor if factor is None or count is None else float(count["count"]) * factor
 
 
 def is_unit(text: str) -> bool:

@@ -21,7 +21,13 @@ _Vector = NDArray[Any]
 
 
 def table_of(
-    variables: Mapping[str, Any], source: str, columns: Mapping[str, str] | None = None, *, motion: bool = False
+    variables: Mapping[str, Any],
+    source: str,
+    columns: Mapping[str, str] | None = None,
+    *,
+    motion: bool = False,
+    currents: bool = False,
+    part: bool = False,
 ) -> Table:
     """The columns of a log.
 
@@ -30,18 +36,21 @@ def table_of(
         source: where they are from, for messages.
         columns: those that a user has named, see `bayesid.log.formats.stated`; `q="q{}"` are those of a matrix q.
         motion: whether efforts are left out, and need not be there.
+        currents: whether currents count where there are torques too.
+        part: whether they need not be a whole log.
 
     Raises:
         InputError: one is missing, holds no numbers, or has another length than the time.
     """
     vectors = _vectors(variables, source, columns or {})
-    chosen = choose(list(vectors), source, columns, motion=motion)
+    chosen, notes = choose(list(vectors), source, columns, motion=motion, currents=currents, part=part)
     n_rows = len(vectors[chosen[0].label])
     for one in chosen:
         if len(vectors[one.label]) != n_rows:
             said = f"{one.label} has {len(vectors[one.label])} values, {chosen[0].label} has {n_rows}"
             raise InputError(said, source, "give all of them one value an instant")
-    return Table({one.name: _column(one, vectors[one.label], source) for one in chosen}, source, rows_of(source))
+    read = {one.name: _column(one, vectors[one.label], source) for one in chosen}
+    return Table(read, source, rows_of(source), notes)
 
 
 def _vectors(variables: Mapping[str, Any], where: str, columns: Mapping[str, str]) -> dict[str, _Vector]:

@@ -14,7 +14,7 @@ from bayesid.fit.effects.added_effect import AddedEffect
 from bayesid.fit.effects.explanation import LN10
 from bayesid.fit.effects.hypotheses import Hypothesis
 from bayesid.fit.effects.scores import Score
-from bayesid.model.catalogue import FORMS
+from bayesid.model.catalogue import forms
 from bayesid.report.discrepancy_verdicts import (
     discrepancy_checks,
     distinguishing_motions,
@@ -83,7 +83,8 @@ def discrepancy_page(discrepancy: Discrepancy) -> str:
         **_candidates(discrepancy),
         left_out=[label(effect, joints) for effect, joints in discrepancy.vetoed],
         not_testable=[
-            (label(effect), _joints(joints), FORMS[effect].shown_by) for effect, joints in testable_groups(discrepancy)
+            (label(effect), _joints(joints), forms()[effect].shown_by)
+            for effect, joints in testable_groups(discrepancy)
         ],
     )
 

@@ -1,8 +1,8 @@
 """Figures of results, as matplotlib Axes.
 
-Each takes an identification, its findings (`bayesid.report.findings`) or a result folder (`excitation` a design), and
-draws into the Axes given, `ax` where there is one and `axes` where there are several, or into a new Figure, which
-`ax.figure.savefig(...)` saves. The Axes drawn into come back. Nothing is computed here.
+Each takes an identification, its findings (`bayesid.report.findings`) or a result folder (`excitation` a design,
+`skeleton` a robot), and draws into the Axes given, `ax` where there is one and `axes` where there are several, or into
+a new Figure, which `ax.figure.savefig(...)` saves. The Axes drawn into come back. Nothing is computed here.
 
 Example:
     >>> for ax in bayesid.plot.torques(result):
@@ -16,6 +16,7 @@ from bayesid.report.plot.efforts import torques, validation
 from bayesid.report.plot.estimates import coefficients
 from bayesid.report.plot.proof import alternatives
 from bayesid.report.plot.remainder import autocorrelation, residuals
+from bayesid.report.plot.robots import skeleton
 
 __all__ = [
     "alternatives",
@@ -26,6 +27,7 @@ __all__ = [
     "pair",
     "rank",
     "residuals",
+    "skeleton",
     "torques",
     "trace",
     "validation",

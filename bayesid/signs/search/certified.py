@@ -140,7 +140,7 @@ def certified(
         budget: seconds; the candidates are looked for however few they are.
         missed: the mass, relative to the best assignment's, that the branches may leave out.
         start: (P,) parameters of an earlier search; what they predict is a candidate too.
-        steps: called as steps(stages done, stages).
+        steps: called as steps(percent of the budget that is spent, 100); where the search ends, as steps(100, 100).
         repeatable: whether the budget counts work in nominal seconds instead (`Problem`).
         limits: how much work to do at each step.
 
@@ -148,20 +148,20 @@ def certified(
         SolverError: a cone problem could not be solved.
     """
     began = time.perf_counter()
-    problem = Problem(moments, solver, budget, repeatable, limits)
+    steps(0, 100)
+    problem = Problem(moments, solver, budget, repeatable, limits, steps)
     best, lower_bound, proof = candidate(problem), 0.0, None
     if start is not None:
         earlier = problem.price(problem.settle(moments.known, start).signs)
         best = min(best, earlier, key=lambda branch: branch.cost)
-    steps(1, 2)
     try:
         least = least_costs(problem)
         lower_bound = float(least.sum()) - problem.slack
         proof = _prove_enough(problem, best, least, float(np.log(missed)))
     except (OutOfTimeError, TooManyError):
         pass
-    steps(2, 2)
     result = _result(problem, best, lower_bound, proof, missed)
+    steps(100, 100)
     seconds = time.perf_counter() - began
     return replace(result, nodes=problem.nodes, solves=problem.solves, tolerance=problem.tolerance, seconds=seconds)
 

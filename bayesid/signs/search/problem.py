@@ -15,6 +15,7 @@ import numpy as np
 from bayesid.arrays import Array, Integers
 from bayesid.fit.moments import Moments
 from bayesid.fit.solver import ConeLeastSquares, PreparedLeastSquares, Solution
+from bayesid.progress import Steps, no_steps
 from bayesid.signs.search.flips import Flips
 from bayesid.signs.search.limits import Limits
 from bayesid.signs.search.patterns import Patterns, make_blocks
@@ -69,6 +70,7 @@ class Problem:
         budget: seconds from now on.
         repeatable: whether these are nominal seconds (`spent`), so that the budget ends at the same point of every run.
         limits: how much work to do.
+        steps: called as steps(percent of the budget that is spent, 100), while there is any left.
 
     Attributes:
         energy: c of all segments.
@@ -88,6 +90,7 @@ class Problem:
         budget: float,
         repeatable: bool = False,
         limits: Limits = Limits(),
+        steps: Steps = no_steps,
     ) -> None:
         self._began, self._budget, self._repeatable = time.perf_counter(), budget, repeatable
         self.pull, centre = solver.pull()
@@ -101,6 +104,7 @@ class Problem:
         self.solves = self.combined = 0
         self.tolerance = 0.0
         self._steps = self._choices = self._solved = self._pairs = 0
+        self._tell, self._told = steps, 0
 
     @property
     def nodes(self) -> int:
@@ -127,6 +131,14 @@ class Problem:
         """Takes down a step of the work, in which so many sign choices were priced."""
         self._steps += 1
         self._choices += choices
+        self._report()
+
+    def _report(self) -> None:
+        """Says how much of the budget is spent, where that has become more by a percent."""
+        percent = int(100.0 * self.spent / self._budget) if 0.0 < self._budget < np.inf else 0
+        if self._told < percent < 100:
+            self._told = percent
+            self._tell(percent, 100)
 
     def check(self, choices: int) -> None:
         """Takes down a step, and raises OutOfTimeError when the budget has ended."""
@@ -223,5 +235,6 @@ class Problem:
     def _counted(self, solution: Solution) -> Solution:
         self.solves += 1
         self._solved += len(solution.theta) ** 2
+        self._report()
         self.tolerance = max(self.tolerance, solution.tolerance)
         return solution

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesid.arrays import Mask
+from bayesid.progress import Steps, no_steps
 from bayesid.signs.search.certified import candidate
 from bayesid.signs.search.problem import Problem
 from bayesid.signs.search.protocol import SignProblem
-from bayesid.signs.search.result import SearchResult
+from bayesid.signs.search.result import Branch, SearchResult
 
 _MOST_LISTED = 32
 """Of the listed assignments, cheapest first, that are priced again. A round number; not studied."""
@@ -34,12 +35,13 @@ class Rivals:
     settled: Mask
 
 
-def rivals(problem: SignProblem, result: SearchResult) -> Rivals:
+def rivals(problem: SignProblem, result: SearchResult, steps: Steps = no_steps) -> Rivals:
     """Prices what comes near the best assignment of a search.
 
     Args:
         problem: of the search, with its moments scaled by other weights.
         result: of the search, with a list.
+        steps: called as steps(assignments priced, all).
 
     Raises:
         SolverError: a cone problem could not be solved.
@@ -47,12 +49,17 @@ def rivals(problem: SignProblem, result: SearchResult) -> Rivals:
     inner = Problem(problem.moments, problem.solver(), np.inf)
     known, joint = problem.moments.known, problem.moments.joint
     best = inner.price(result.signs)
-    others = [inner.price(branch.signs) for branch in result.branches[1 : 1 + _MOST_LISTED]]
-    starts = [best, candidate(inner), *others]
-    for j in np.unique(joint[known == 0]):
-        turned = np.where((joint == j) & (known == 0), -best.signs, best.signs)
-        starts.append(inner.price(turned))
-    settled = [inner.price(inner.settle(known, start.theta).signs) for start in starts]
+    listed = [branch.signs for branch in result.branches[1 : 1 + _MOST_LISTED]]
+    around = [np.where((joint == j) & (known == 0), -best.signs, best.signs) for j in np.unique(joint[known == 0])]
+    total = 2 * (2 + len(listed) + len(around))
+    starts = [best, candidate(inner)]
+    for signs in (*listed, *around):
+        steps(len(starts), total)
+        starts.append(inner.price(signs))
+    settled: list[Branch] = []
+    for start in starts:
+        steps(len(starts) + len(settled), total)
+        settled.append(inner.price(inner.settle(known, start.theta).signs))
     everything = [*starts[1:], *settled]
     limit = min(branch.cost for branch in [best, *everything]) + result.within
     near = [branch.signs == best.signs for branch in everything if branch.cost <= limit]

@@ -5,10 +5,9 @@ import pytest
 
 from bayesid.fit.effects.confounded import TooNarrow, geometry_far_off, too_narrow
 from bayesid.identification.pipeline import identify
-from bayesid.model.catalogue import make_effect
+from bayesid.model.catalogue import make_effect, make_terms
 from bayesid.model.model import Model
 from bayesid.model.robot import robot_from_table
-from bayesid.model.terms import make_terms
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.trajectories import random_trajectory

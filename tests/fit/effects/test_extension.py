@@ -7,12 +7,12 @@ from bayesid.fit.effects.explanation import Explanation
 from bayesid.fit.effects.extension import extend, moved
 from bayesid.fit.effects.hypotheses import hypotheses
 from bayesid.fit.knowledge import Knowledge
-from bayesid.model.catalogue import make_effect
+from bayesid.model.catalogue import make_effect, make_terms
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.distortions import Distortion
 from bayesid.model.effects import Scene
 from bayesid.model.model import Model
-from bayesid.model.terms import STANDARD, make_terms
+from bayesid.model.terms import STANDARD
 from bayesid.simulation.parameters import random_parameters
 
 JOINTS = 3

@@ -8,10 +8,10 @@ from oracles import assert_close
 
 from bayesid.fit.effects.hypotheses import hypotheses
 from bayesid.model import distortions, terms
-from bayesid.model.catalogue import effect_names, main_forms, make_effect
+from bayesid.model.catalogue import effect_names, main_forms, make_effect, make_terms
 from bayesid.model.effects import Scene
 from bayesid.model.model import Model
-from bayesid.model.terms import STANDARD, make_terms
+from bayesid.model.terms import STANDARD
 from bayesid.simulation.parameters import random_parameters
 
 NAMES = """

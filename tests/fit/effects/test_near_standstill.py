@@ -5,8 +5,9 @@ from completion_problems import BASE, MOTION, ROBOT, SIZE, TOP
 
 from bayesid.fit.effects.explanation import NO_COLUMNS
 from bayesid.fit.effects.near_standstill import near_standstill
+from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
-from bayesid.model.terms import STANDARD, make_terms
+from bayesid.model.terms import STANDARD
 
 USED = np.ones(MOTION.dq.shape, dtype=bool)
 

@@ -1,0 +1,154 @@
+"""`bayesid robot`: robot files made from data sheets, looked at, and listed."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import RenderableType
+
+from bayesid.arrays import Array
+from bayesid.cli.options import robot_of
+from bayesid.cli.terminal import show, table, warn
+from bayesid.errors import InputError
+from bayesid.files import check_place, replace_file
+from bayesid.log.formats.text import look
+from bayesid.model.kinematics import Pose, pose, reach
+from bayesid.model.robot import Robot
+from bayesid.model.robot.built_in import BUILT_IN, built_in_table
+from bayesid.report.plot.robots import positions_text, skeleton_figure
+from bayesid.results.robot_file import robot_file, robot_template
+
+_PICTURES = ".png", ".svg", ".pdf"
+_DPI = 150
+_TWO_TURNS = 4.0 * np.pi
+"""rad; positions beyond are degrees, as in logs."""
+
+
+def run(options: argparse.Namespace) -> None:
+    """What is asked for."""
+    {"new": _new, "show": _show, "list": _list}[options.action](options)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# new
+# ---------------------------------------------------------------------------------------------------------------
+def _new(options: argparse.Namespace) -> None:
+    """One file."""
+    out: Path = options.out
+    _check_file(out)
+    if out.suffix != ".toml":
+        raise InputError("does not end in .toml", str(out), "robot files are known by it: give --out FILE.toml")
+    if out.exists() and not options.force:
+        raise InputError("is there already", str(out), "give --out another place, or --force to replace it")
+    name = options.name or out.stem
+    if options.table is None:
+        text = robot_template(name, str(out), options.convention or "standard")
+        parts = [f"written to {out}; fill it in, then look at it: bayesid robot show {out}"]
+    else:
+        if options.convention is None:
+            remedy = "give standard or modified; docs/how-to/data-sheet-robot.md tells how to see which"
+            raise InputError("is needed with a table", "--convention", remedy)
+        table_text, where = _table_of(options.table)
+        text = robot_file(table_text, name, options.convention, where)
+        parts = [f"written to {out}; look at it: bayesid robot show {out}"]
+    replace_file(out, lambda aside: aside.write_text(text, encoding="utf-8"))
+    if not options.quiet:
+        show(*parts)
+
+
+def _table_of(source: str) -> tuple[str, str]:
+    """A table's text, and what to call it in messages."""
+    if "\n" in source or "\\n" in source:
+        return source.replace("\\n", "\n"), "the table"
+    try:
+        content = sys.stdin.buffer.read() if source == "-" else Path(source).read_bytes()
+        return content.decode(look(content, whole=True).encoding), "standard input" if source == "-" else source
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not text"
+        raise InputError(f"cannot be read ({reason})", source, "give a table as a text file, - or the text") from None
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# show
+# ---------------------------------------------------------------------------------------------------------------
+def _show(options: argparse.Namespace) -> None:
+    """Text, and a picture where one is asked for."""
+    out: Path | None = options.out
+    if out is not None:
+        _check_file(out)
+        if out.suffix.lower() not in _PICTURES:
+            raise InputError("is no picture by its name", str(out), f"let it end in {', '.join(_PICTURES)}")
+    robot = robot_of(options)
+    for note in robot.notes:
+        warn(note)
+    here = pose(robot, None if options.q is None else _positions(options.q, options.degrees, robot))
+    if out is not None:
+        figure = skeleton_figure(robot, here.q)
+        kind = out.suffix[1:].lower()
+        replace_file(out, lambda aside: figure.savefig(aside, format=kind, dpi=_DPI, facecolor="white"))
+    if not options.quiet:
+        about = built_in_table(options.robot) if options.robot in BUILT_IN else {}
+        show(*_pose_parts(here, about), *([] if out is None else [f"written to {out}"]))
+
+
+def _pose_parts(here: Pose, about: Mapping[str, Any]) -> list[RenderableType]:
+    """Where flange and joints are, how far the arm reaches, and what its file says of it."""
+    robot, n = here.robot, here.robot.n_joints
+    points = np.vstack([here.joint_frames[:, :3, 3], here.flange[:3, 3]]).round(9) + 0.0
+    names = [*(f"joint {i} {joint.name}".rstrip() for i, joint in enumerate(robot.joints, start=1)), "flange"]
+    rows = [
+        (name, *(f"{x:.4f}" for x in at), "", *(f"{x:.1f}" for x in 1e3 * at))
+        for name, at in zip(names, points, strict=True)
+    ]
+    wrist = f", to the origin of joint {n - 1} {1e3 * reach(robot, n - 1):.1f} mm" if n > 2 else ""
+    held = ", sliding joints at 0" if any(joint.prismatic for joint in robot.joints) else ""
+    return [
+        f"{robot.name}{': ' + about['description'] if about else ''}, {n} joints",
+        f"q = {positions_text(here)}",
+        table(["origin of", "x, m", "y, m", "z, m", "", "x, mm", "y, mm", "z, mm"], rows, left=["origin of"]),
+        f"gravity in the base frame: {', '.join(f'{g:g}' for g in robot.gravity)} m/s^2",
+        f"reach from axis 1: to the flange {1e3 * reach(robot):.1f} mm{wrist}, stretched and without limits{held}",
+        *(f"note: {note}" for note in about.get("notes", [])),
+        *([f"source: {about['source']}"] if about else []),
+    ]
+
+
+def _positions(text: str, degrees: bool | None, robot: Robot) -> Array:
+    """(n,) rad, m for a prismatic joint."""
+    try:
+        values = np.array([float(word) for word in text.split(",")])
+    except ValueError:
+        values = np.array([np.nan])
+    if not np.isfinite(values).all():
+        raise InputError(f"{text!r} is not a list of numbers", "--q", "give Q1,Q2,.. as in 0,-1.57,1.57")
+    if len(values) != robot.n_joints:
+        said = f"holds {len(values)} positions, {robot.name} has {robot.n_joints} joints"
+        raise InputError(said, "--q", "give one number a joint")
+    turning = np.array([not joint.prismatic for joint in robot.joints])
+    if degrees is None and np.any(np.abs(values[turning]) > _TWO_TURNS):
+        said = f"{text!r} looks like degrees"
+        raise InputError(said, "--q", "say so with --degrees, or with --no-degrees that they are in rad")
+    return np.where(turning & bool(degrees), np.radians(values), values)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# list
+# ---------------------------------------------------------------------------------------------------------------
+def _list(_options: argparse.Namespace) -> None:
+    """A row a robot."""
+    tables = {name: built_in_table(name) for name in BUILT_IN}
+    rows = [(name, str(len(one["joints"])), one["description"], one["source"]) for name, one in tables.items()]
+    show(table(["name", "joints", "robot", "source"], rows, left=["name", "robot", "source"]))
+
+
+def _check_file(out: Path) -> None:
+    """A place where a file may stand."""
+    if out.is_dir():
+        raise InputError("is a folder", str(out), "give --out the name of a file")
+    check_place(out)

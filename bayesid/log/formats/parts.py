@@ -1,0 +1,198 @@
+"""One run that was recorded in several files: joined by time, at the stamps of its efforts.
+
+|effort| has cusps where its sign changes, so it is never interpolated; positions are smooth, and are brought to its
+stamps by a cubic spline. Files are of one run and on one clock by the word of the user, who puts a `+` between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import CubicSpline, PchipInterpolator
+
+from bayesid.arrays import Array, Integers, Mask
+from bayesid.errors import InputError
+from bayesid.log.formats.labels import kind_part
+from bayesid.log.formats.stated import OPTION
+from bayesid.log.formats.table import Column, Table
+from bayesid.log.repeats import HELD, distinct_rows
+
+JOINT = "+"
+"""Between the files of one run."""
+_EFFORTS = "tau", "i"
+_COMMON = 0.5
+"""Share of the shortest part that all parts have in common, at least: less is another run, or another clock. A round
+number; not studied."""
+_SAME = 0.01
+"""Share of a period by which two stamps of one instant may differ: rounding."""
+_TOGETHER = "give the parts of one run, all with times on the same clock"
+
+
+@dataclass(frozen=True)
+class _Part:
+    """What one file holds of the run.
+
+    Attributes:
+        table: its columns, those of its joints numbered.
+        t: (N,) its time, s.
+    """
+
+    table: Table
+    t: Array
+
+    def block(self, kinds: Sequence[str]) -> dict[str, Array]:
+        """Its columns of some kinds."""
+        return {name: column.values for name, column in self.table.columns.items() if kind_part(name) in kinds}
+
+    @property
+    def period(self) -> float:
+        """Its typical step, s."""
+        steps = np.diff(self.t)
+        return float(np.median(steps[steps > 0.0]))
+
+
+def join_parts(tables: Sequence[Table], columns: Mapping[str, str] | None, *, motion: bool = False) -> Table:
+    """The files of one run as one table.
+
+    Args:
+        tables: what each holds: a time, and any columns of a log.
+        columns: those that a user has named: each is in one of the files.
+        motion: whether efforts need not be there.
+
+    Raises:
+        InputError: a column is missing or twice there, or the files have too little time in common.
+    """
+    parts = [_Part(table, table.t) for table in _numbered(tables)]
+    source = JOINT.join(table.source for table in tables)
+    _check_names(parts, columns or {}, source, motion=motion)
+    base = next((part for part in parts if part.block(_EFFORTS)), None)
+    base = base or next(part for part in parts if part.block("q"))
+    kept = _common(parts, base)
+    instants = base.t[kept]
+    joined = {"t": Column(base.table.columns["t"].label, instants, 1.0)}
+    said = []
+    for part in parts:
+        values, how = _brought(part, base, instants, kept)
+        said += [how] if how else []
+        named = {name: column for name, column in part.table.columns.items() if name in values}
+        joined |= {name: replace(column, values=values[name]) for name, column in named.items()}
+    stamps = f"the stamps of {base.table.source} ({1.0 / base.period:.4g} Hz)"
+    rows = f"{source}: joined by time: {len(instants):,} rows at {stamps}"
+    left = len(base.t) - len(kept)
+    outside = [f"{left:,} rows that others do not cover are left out"] if left else []
+    note = "; ".join([rows, *dict.fromkeys(said), *outside])
+    notes = (*(note for table in tables for note in table.notes), note)
+    return Table(_in_order(joined, source, motion=motion), source, lambda row: base.table.place(int(kept[row])), notes)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Which columns
+# ---------------------------------------------------------------------------------------------------------------
+def _numbered(tables: Sequence[Table]) -> list[Table]:
+    """The tables; columns of a joint without a number count as that of the file's place among those with such ones."""
+    counts: dict[str, int] = {}
+    numbered = []
+    for table in tables:
+        columns = {}
+        for name, column in table.columns.items():
+            if name in ("q", "dq", *_EFFORTS):
+                counts[name] = counts.get(name, 0) + 1
+                columns[f"{name}{counts[name]}"] = column
+            else:
+                columns[name] = column
+        numbered.append(replace(table, columns=columns))
+    return numbered
+
+
+def _check_names(parts: Sequence[_Part], stated: Mapping[str, str], source: str, *, motion: bool) -> None:
+    """Every column is in one part only, and what the user has named is there."""
+    owners: dict[str, str] = {}
+    for part in parts:
+        for name in (name for name in part.table.columns if name != "t"):
+            if name in owners:
+                said = f"{name} is in {owners[name]} and in {part.table.source}"
+                raise InputError(said, source, f"leave one of them out, or say with {OPTION} which is meant")
+            owners[name] = part.table.source
+    there = {*owners, *map(kind_part, owners), "t"}
+    for key, pattern in stated.items():
+        if key not in there:
+            raise InputError(
+                f"no column is called {pattern} in any part", source, f"give {OPTION} a name that is there"
+            )
+    for kinds, what in ((("q",), "positions q1.."), (() if motion else _EFFORTS, "efforts tau1.. or i1..")):
+        if kinds and not there & set(kinds):
+            raise InputError(f"no part holds {what}", source, f"add the file that does, or name them with {OPTION}")
+
+
+def _in_order(joined: Mapping[str, Column], source: str, *, motion: bool) -> dict[str, Column]:
+    """The columns of a whole log: positions of joints 1 to n, and efforts, and velocities if there are any, of each."""
+    n = sum(kind_part(name) == "q" for name in joined)
+    kinds = {kind_part(name) for name in joined} - {"t", "q"}
+    effort = [] if motion else [next(kind for kind in _EFFORTS if kind in kinds)]
+    wanted = ["q", *effort, *(["dq"] if "dq" in kinds else [])]
+    for kind in wanted:
+        for j in range(1, n + 1):
+            if f"{kind}{j}" not in joined:
+                raise InputError(f"{kind}{j} is in no part", source, f"add its file: there are positions of {n} joints")
+    names = ["t", *(f"{kind}{j}" for kind in wanted for j in range(1, n + 1))]
+    return {name: joined[name] for name in names}
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Which instants
+# ---------------------------------------------------------------------------------------------------------------
+def _common(parts: Sequence[_Part], base: _Part) -> Integers:
+    """Rows of the base at which all parts know something.
+
+    Raises:
+        InputError: they have too little time in common.
+    """
+    start, stop = max(part.t[0] for part in parts), min(part.t[-1] for part in parts)
+    shortest = min(part.t[-1] - part.t[0] for part in parts)
+    if stop - start < _COMMON * shortest:
+        spans = ", ".join(f"{part.table.source} {part.t[0]:.9g} to {part.t[-1]:.9g} s" for part in parts)
+        common = f"{stop - start:.4g} s" if stop > start else "nothing"
+        raise InputError(f"they have {common} in common: {spans}", JOINT.join(p.table.source for p in parts), _TOGETHER)
+    covered = np.ones(len(base.t), dtype=bool)
+    for part in parts:
+        covered &= _covered(part, base.t)
+    kept: Integers = np.flatnonzero(covered)
+    return kept
+
+
+def _covered(part: _Part, t: Array) -> Mask:
+    """(N,) whether a part has readings around an instant: not before it begins, behind its end or in a pause."""
+    slack = _SAME * part.period
+    after = np.clip(np.searchsorted(part.t, t - slack), 1, len(part.t) - 1)
+    inside: Mask = (t >= part.t[0] - slack) & (t <= part.t[-1] + slack)
+    return inside & (part.t[after] - part.t[after - 1] <= HELD * part.period)
+
+
+def _brought(part: _Part, base: _Part, instants: Array, kept: Integers) -> tuple[dict[str, Array], str]:
+    """A part's columns at the instants, and how they came there; nothing is said where the stamps are the same."""
+    everything = part.block(("q", "dq", *_EFFORTS))
+    if len(part.t) == len(base.t) and np.abs(part.t - base.t).max() <= _SAME * base.period:
+        return {name: values[kept] for name, values in everything.items()}, ""
+    values, said = {}, []
+    motion, efforts = part.block(("q", "dq")), part.block(_EFFORTS)
+    if motion:
+        rows = distinct_rows(part.t, [np.column_stack(list(motion.values()))])
+        for name, column in motion.items():
+            curve = CubicSpline if kind_part(name) == "q" else PchipInterpolator
+            values[name] = curve(part.t[rows], column[rows])(instants)
+        said.append(f"positions of {part.table.source} ({1.0 / part.period:.4g} Hz) by a spline")
+    if efforts:
+        nearest = _nearest(part.t, instants)
+        values |= {name: column[nearest] for name, column in efforts.items()}
+        off = float(np.abs(part.t[nearest] - instants).max())
+        said.append(f"efforts of {part.table.source} at its nearest stamps, {1e3 * off:.3g} ms off at most")
+    return values, ", ".join(said)
+
+
+def _nearest(t: Array, instants: Array) -> Integers:
+    """(M,) the rows whose stamps are the nearest."""
+    after = np.clip(np.searchsorted(t, instants), 1, len(t) - 1)
+    nearest: Integers = after - (instants - t[after - 1] < t[after] - instants)
+    return nearest

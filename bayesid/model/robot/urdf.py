@@ -1,0 +1,50 @@
+"""Robots from URDF files: the kinematics alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from bayesid.arrays import Array
+from bayesid.model.robot.arm import Joint, Robot
+from bayesid.model.robot.held_joints import hold_joints
+from bayesid.model.robot.urdf_tree import UrdfJoint, read_tree
+
+
+def robot_from_urdf(text: str, where: str, tip: str | None = None, hold: Mapping[str, float] | None = None) -> Robot:
+    """A robot from URDF text; `continuous` joints count as revolute, and fixed links belong to their parents.
+
+    Args:
+        text: the URDF; inertias, limits and meshes do not matter.
+        where: what to name in an error.
+        tip: link or joint at the end of the chain that is identified; by default all chains are, but not grippers.
+        hold: positions at which more joints are held, rad or m, by name.
+
+    Raises:
+        InputError: the text is not a URDF, a name is not in it, or no joint is left to identify.
+    """
+    tree = read_tree(text, where)
+    held = hold_joints(tree, tip, hold or {}, where)
+    joints: list[Joint] = []
+    places: dict[str, tuple[int, Array]] = {tree.base: (-1, np.eye(4))}  # of links: joint, and frame in the joint's
+    for one in tree.joints:
+        parent, frame = places[one.parent]
+        frame = frame @ one.origin
+        if one.moves and one.name not in held.positions:
+            joints.append(Joint(frame, one.axis, one.kind == "prismatic", parent, name=one.name))
+            places[one.child] = len(joints) - 1, np.eye(4)
+        else:
+            places[one.child] = parent, frame @ _displacement(one, held.positions.get(one.name, 0.0))
+    return Robot(tree.name, tuple(joints), gravity=np.array([0.0, 0.0, -9.81]), notes=held.notes)
+
+
+def _displacement(joint: UrdfJoint, position: float) -> Array:
+    """(4, 4) by which a joint at a position moves its child."""
+    frame = np.eye(4)
+    if joint.kind == "prismatic":
+        frame[:3, 3] = joint.axis * position
+    elif joint.moves:
+        frame[:3, :3] = Rotation.from_rotvec(joint.axis * position).as_matrix()
+    return frame

@@ -1,0 +1,227 @@
+"""Robot files from the tables of data sheets, and an empty one to fill in."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import tomli_w
+
+from bayesid.errors import InputError
+from bayesid.log.formats.text import Layout, look
+from bayesid.log.formats.units import factor_of, split_brackets
+from bayesid.model.robot import robot_from_table
+
+_ALPHA, _THETA, _MINUS = "\N{GREEK SMALL LETTER ALPHA}", "\N{GREEK SMALL LETTER THETA}", "\N{MINUS SIGN}"
+_NAMES = {"a": "a", "r": "a", "alpha": "alpha", _ALPHA: "alpha", "d": "d", "theta": "theta", _THETA: "theta"}
+_NAMES |= {"offset": "theta", "thetaoffset": "theta", f"{_THETA}offset": "theta", "type": "type"}
+"""What tables call the columns, in small letters, without spaces, underscores and subscripts."""
+_NAME = re.compile(rf"(?P<name>{'|'.join(_NAMES)})(?:i-1|i|j)?")
+_BRACKETED_SUBSCRIPT = re.compile(r"[({\[]\s*[ij]\s*(?:-\s*1)?\s*[)}\]]")
+_LENGTHS = "a", "d"
+_LONGEST = 20.0
+"""m; no robot has so long a link, but many have one of 20 mm."""
+_WIDEST = 2.0 * math.pi
+"""rad; a twist or an offset is no more than a turn."""
+_JOINT = re.compile(rf"(?:q|{_THETA}|theta|d)_?\d*\*?", re.IGNORECASE)
+"""The joint's own position, which tables write in the column of its offset."""
+_PI = re.compile(r"(?P<sign>[+-]?)(?P<times>\d*\.?\d*)\*?(?:pi|π)(?:/(?P<over>\d+\.?\d*))?", re.IGNORECASE)
+_TYPES = {"r": "revolute", "revolute": "revolute", "p": "prismatic", "prismatic": "prismatic"}
+
+_TEMPLATE = """\
+# A robot by its Denavit-Hartenberg table: put a number for every nan; a and d in m, alpha and theta in rad
+# (90 degrees are 1.5707963267948966). Then look at it: bayesid robot show {path}
+{name}
+
+# "standard" (distal): Rz(q + theta) Tz(d) Tx(a) Rx(alpha), row i leads from joint i to joint i + 1 or the flange
+# "modified" (proximal, Craig): Rx(alpha) Tx(a) Rz(q + theta) Tz(d), row i leads from joint i - 1 to joint i
+convention = "{convention}"
+
+# acceleration of gravity in the base frame, m/s^2: [0.0, 0.0, 9.81] for a robot that hangs from the ceiling
+gravity = [0.0, 0.0, -9.81]
+
+# coupled motors, as in many wrists: motor speeds = transmission @ joint speeds
+# transmission = [[100,0,0,0,0,0],[0,100,0,0,0,0],[0,0,100,0,0,0],[0,0,0,80,0,0],[0,0,0,0,80,0],[0,0,0,0,50,50]]
+
+# one row a joint, from base to tip; theta is added to the position that the controller reports; a joint that slides
+# has type = "prismatic"
+joints = [
+{rows}
+]
+"""
+_ROBOT = """\
+# Denavit-Hartenberg table; a, d in m; alpha, theta in rad
+{name}
+convention = "{convention}"
+gravity = [0.0, 0.0, -9.81]  # m/s^2, base frame
+joints = [
+{rows}
+]
+"""
+_EMPTY_ROWS = 6
+
+
+def robot_template(name: str, path: str, convention: str = "standard") -> str:
+    """A robot file to fill in, with what each of its lines means; refused by `load_robot` until it is.
+
+    Args:
+        name: of the robot.
+        path: of the file, which its first line names.
+        convention: "standard" or "modified".
+    """
+    rows = [_row({"a": math.nan, "alpha": math.nan, "d": math.nan, "theta": 0.0})] * _EMPTY_ROWS
+    return _TEMPLATE.format(name=_name_line(name), path=path, convention=convention, rows="\n".join(rows))
+
+
+def robot_file(table: str, name: str, convention: str, where: str) -> str:
+    r"""A robot file from a table of text as data sheets have them.
+
+    A header names the columns a, alpha, d, theta (r, α, θ, offset; with or without subscripts), with units in brackets:
+    mm, cm, m, deg, rad. Without a unit they are in m and rad. A column `type` may say `revolute` or `prismatic`, all
+    others are left out. Cells may hold pi/2, 90° and q2 - 90.
+
+    Args:
+        table: the text: CSV, or columns between semicolons, tabs or spaces; a row a joint.
+        name: of the robot.
+        convention: "standard" or "modified".
+        where: what to name in an error.
+
+    Raises:
+        InputError: the text is no such table.
+
+    >>> text = robot_file("a[mm],alpha[deg],d[mm],theta[deg]\n25,-90,400,0", "arm", "standard", "here")
+    >>> print(text.splitlines()[-2])
+      { a = 0.025, alpha = -1.5707963267948966, d = 0.4, theta = 0.0 },
+    """
+    lines = [line for line in re.sub(r" +(?=[\[(])", "", table).splitlines() if line.strip()]
+    try:
+        layout = look("\n".join(lines).encode(), whole=True)
+    except csv.Error:
+        raise InputError("is not text", where, "give a table as text, CSV for example") from None
+    columns = _columns(layout.header, where)
+    rows = [
+        _joint(cells, columns, f"{where}, joint {i}")
+        for i, cells in enumerate(_cells("\n".join(lines), layout, where), start=1)
+    ]
+    if not rows:
+        raise InputError("holds no joint", where, "give a row a joint beneath the header")
+    _check_sizes(rows, columns, where)
+    text = _ROBOT.format(name=_name_line(name), convention=convention, rows="\n".join(map(_row, rows)))
+    robot_from_table(tomllib.loads(text), where)
+    return text
+
+
+@dataclass(frozen=True)
+class _Column:
+    """A column of the table: its place, and rad or m in one of its units, None where it states none."""
+
+    place: int
+    label: str
+    factor: float | None
+
+
+def _columns(header: Sequence[str], where: str) -> dict[str, _Column]:
+    found: dict[str, _Column] = {}
+    for place, label in enumerate(header):
+        plain, unit = split_brackets(_BRACKETED_SUBSCRIPT.sub("", label))
+        match = _NAME.fullmatch(re.sub(r"[\s_]", "", plain.casefold()))
+        if match is None:
+            continue
+        name = _NAMES[match["name"]]
+        if name in found:
+            said = f"has two columns for {name}: {found[name].label} and {label}"
+            raise InputError(said, where, "leave one of them out")
+        found[name] = _Column(place, label, None if unit is None else _factor(unit, name, label, where))
+    missing = [name for name in ("a", "alpha", "d", "theta") if name not in found]
+    if missing:
+        said = f"column {missing[0]} is missing ({', '.join(header) or 'no header'})"
+        raise InputError(
+            said, where, "give the columns a, alpha, d, theta with their units: a[mm],alpha[deg],d[mm],theta[deg]"
+        )
+    return found
+
+
+def _factor(unit: str, name: str, label: str, where: str) -> float:
+    factor = factor_of("q", unit)
+    metres = unit.strip().casefold() in ("m", "cm", "mm")
+    if factor is None or metres != (name in _LENGTHS):
+        units = "mm, cm or m" if name in _LENGTHS else "deg or rad"
+        raise InputError(f"column {label} is in {unit!r}", where, f"give it in {units}")
+    return factor
+
+
+def _cells(text: str, layout: Layout, where: str) -> Iterator[list[str]]:
+    """The cells of each row of values."""
+    below = list(layout.lines(io.StringIO(text)))[layout.rows :]
+    for number, line in enumerate(below, start=1):
+        spaced = layout.separator == " "
+        reader = csv.reader([line.strip() if spaced else line], delimiter=layout.separator, skipinitialspace=spaced)
+        cells = [cell.strip() for cell in next(reader)]
+        if len(cells) != len(layout.header):
+            said = f"holds {len(cells)} values, the header names {len(layout.header)}"
+            remedy = "give every column a value, with commas or semicolons between them"
+            raise InputError(said, f"{where}, joint {number}", remedy)
+        yield cells
+
+
+def _joint(cells: Sequence[str], columns: Mapping[str, _Column], where: str) -> dict[str, Any]:
+    """A row as a robot file has it."""
+    row: dict[str, Any] = {}
+    for name, column in columns.items():
+        cell = cells[column.place]
+        if name == "type":
+            if cell.casefold() not in _TYPES:
+                raise InputError(f"unknown joint type {cell!r}", where, 'give "revolute" or "prismatic"')
+            row[name] = _TYPES[cell.casefold()]
+        else:
+            row[name] = _value(cell, column, name, where)
+    return row
+
+
+def _value(cell: str, column: _Column, name: str, where: str) -> float:
+    """A cell in m or rad; pi and a degree sign say that its angle is in rad or degrees, whatever the column's unit."""
+    text = cell.replace(" ", "").replace(_MINUS, "-")
+    if name in ("d", "theta"):  # one of them is the joint's own position, and an offset may be added to it
+        text = _JOINT.sub("", text, count=1).removesuffix("+") or "0"
+    if name not in _LENGTHS and (found := _PI.fullmatch(text)):
+        size = float(found["times"] or 1.0) * math.pi / float(found["over"] or 1.0)
+        return -size if found["sign"] == "-" else size
+    try:
+        if name not in _LENGTHS and text.endswith("°"):
+            return math.radians(float(text[:-1]))
+        value = float(text) * (1.0 if column.factor is None else column.factor)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(f"column {column.label} holds {cell!r}, not a number", where, "correct the value")
+    return value
+
+
+def _check_sizes(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, _Column], where: str) -> None:
+    """Refuses numbers without a unit that are too large to be in m or rad."""
+    for name, column in columns.items():
+        if name == "type" or column.factor is not None:
+            continue
+        largest, unit = (_LONGEST, "mm") if name in _LENGTHS else (_WIDEST + 1e-6, "deg")
+        for i, row in enumerate(rows, start=1):
+            if abs(row[name]) >= largest:
+                said = f"column {column.label} holds {row[name]:g}, too much for {'m' if unit == 'mm' else 'rad'}"
+                raise InputError(said, f"{where}, joint {i}", f"name the column with its unit: {name}[{unit}]")
+
+
+def _row(row: Mapping[str, Any]) -> str:
+    numbers = {
+        name: float(f"{row[name]:.12g}") if name in _LENGTHS else row[name] for name in ("a", "alpha", "d", "theta")
+    }
+    kind = ['type = "prismatic"'] if row.get("type") == "prismatic" else []
+    return f"  {{ {', '.join([*kind, *(f'{name} = {value + 0.0!r}' for name, value in numbers.items())])} }},"
+
+
+def _name_line(name: str) -> str:
+    return tomli_w.dumps({"name": name}).strip()

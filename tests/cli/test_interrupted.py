@@ -1,0 +1,145 @@
+"""Ctrl-C and neighbours: what a run that does not come to its end, or is not alone, leaves and says."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from bayesid.cli import main
+from bayesid.errors import InputError
+from bayesid.files import reserved
+from bayesid.results import several_logs
+from bayesid.results.several_logs import identify_separately
+
+ARM = """convention = "standard"
+name = "arm"
+joints = [
+  {a = 0.0, alpha = 1.5707963267948966, d = 0.4, theta = 0.0},
+  {a = 0.35, alpha = 0.0, d = 0.0, theta = 0.0},
+]
+"""
+OPTIONS = ("--robot", "arm.toml", "--no-posterior", "--no-report", "--quiet")
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """Robot and two logs."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "arm.toml").write_text(ARM)
+    for seed, name in enumerate(("a.csv", "b.csv")):
+        assert main(f"simulate --robot arm.toml --duration 6 --seed {seed} --out {name} --quiet".split()) == 0
+    return tmp_path
+
+
+def left_in(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.mark.parametrize(
+    "at", ["bayesid.cli.parser", "bayesid.cli.commands.identify", "bayesid.signs.search.certified"]
+)
+def test_interrupted_while_modules_load(place, at):
+    """No traceback, whatever was just being imported."""
+    code = f"""
+import sys
+class Stop:
+    def find_spec(self, name, path=None, target=None):
+        if name == {at!r}:
+            raise KeyboardInterrupt
+sys.meta_path.insert(0, Stop())
+from bayesid.cli import main
+sys.exit(main({["identify", "a.csv", *OPTIONS]!r}))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (130, "bayesid: interrupted; nothing was written\n")
+
+
+def test_interrupted_while_it_computes(place):
+    """By the signal itself, in a process of its own."""
+    simulate = "simulate --robot ur10e --duration 60 --out long.csv --quiet"
+    assert main(simulate.split()) == 0
+    before = left_in(place)
+    command = [sys.executable, "-m", "bayesid.cli", "identify", "long.csv", "--robot", "ur10e", "--quiet"]
+    running = subprocess.Popen(
+        command, stderr=subprocess.PIPE, text=True, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
+    )
+    for _ in range(600):  # until it has its place; the run then takes many seconds
+        if left_in(place) != before or running.poll() is not None:
+            break
+        time.sleep(0.05)
+    time.sleep(0.5)
+    running.send_signal(signal.SIGINT)
+    _, err = running.communicate(timeout=20)
+    assert (running.returncode, err) == (130, "bayesid: interrupted; nothing was written\n")
+    assert left_in(place) == before
+
+
+def test_interrupted_between_logs(place, monkeypatch):
+    """What is there is told."""
+    saved = several_logs.save_identification
+
+    def save(result, folder, **options):
+        if folder.name == "b":
+            raise KeyboardInterrupt
+        return saved(result, folder, **options)
+
+    monkeypatch.setattr(several_logs, "save_identification", save)
+    with pytest.raises(KeyboardInterrupt, match="1 of 2 results stand in each"):
+        identify_separately("arm.toml", ["a.csv", "b.csv"], "each", workers=0, report=False, posterior=False)
+    assert left_in(place / "each") == ["a"]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "identify a.csv --robot arm.toml --out result",
+        "identify a.csv b.csv --each --robot arm.toml --out result",
+        "excite --robot arm.toml --out result",
+        "study noise --trials 1 --out result",
+        "demo --out result",
+    ],
+)
+def test_a_place_where_another_run_writes_is_refused(place, capfd, command):
+    """At once, and the neighbour's folder is not touched."""
+    before = left_in(place)
+    with reserved(place / "result"):
+        held = left_in(place)
+        assert main([*command.split(), "--quiet"]) == 2
+        says = f"result: another run is writing there (process {os.getpid()}); wait for its end, or give --out another"
+        assert says in capfd.readouterr().err
+        assert left_in(place) == held
+    assert left_in(place) == before
+
+
+def test_a_place_is_free_after_a_kill(place):
+    """The lock is the process's, not the file's."""
+    before = left_in(place)
+    code = """
+import pathlib, time
+from bayesid.files import reserved
+from bayesid.results import several_logs
+from bayesid.results.several_logs import identify_separately
+with reserved(pathlib.Path("new/result")):
+    print(1, flush=True)
+    time.sleep(60)
+"""
+    other = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert other.stdout.readline() == "1\n"
+    with pytest.raises(InputError, match=f"process {other.pid}"), reserved(place / "new" / "result"):
+        pass
+    with reserved(place / "new" / "elsewhere"):
+        pass
+    other.kill()
+    other.communicate()
+    with reserved(place / "new" / "result"):
+        pass
+    assert left_in(place) == before
+
+
+def test_what_goes_wrong_inside_is_not_the_places_fault(place):
+    with pytest.raises(FileNotFoundError), reserved(place / "result"):
+        (place / "nowhere.csv").read_text()
+    assert "result" not in "".join(left_in(place))

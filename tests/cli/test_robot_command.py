@@ -1,0 +1,307 @@
+"""`bayesid robot`: files made from data sheets, robots shown and listed."""
+
+import re
+import shlex
+import tomllib
+import xml.etree.ElementTree as ET
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+from bayesid import cli
+from bayesid.cli.parser import parse
+from bayesid.errors import InputError
+from bayesid.model.kinematics import pose
+from bayesid.model.robot import load_robot
+from bayesid.model.robot.built_in import BUILT_IN, built_in_table
+from bayesid.results.robot_file import robot_file, robot_template
+
+KR5 = """Achse;a [mm];alpha [deg];d [mm];theta [deg]
+1;75;-90;335;0
+2;270;0;0;q2 - 90
+3;90;90;0;0
+4;0;-90;-295,5;0
+5;0;90;0;0
+6;0;180;-80;0
+"""
+"""A table as a German spreadsheet writes it; half a millimetre is added to see the decimal comma."""
+ROWS = [
+    {"a": 0.075, "alpha": -np.pi / 2, "d": 0.335, "theta": 0.0},
+    {"a": 0.27, "alpha": 0.0, "d": 0.0, "theta": -np.pi / 2},
+    {"a": 0.09, "alpha": np.pi / 2, "d": 0.0, "theta": 0.0},
+    {"a": 0.0, "alpha": -np.pi / 2, "d": -0.2955, "theta": 0.0},
+    {"a": 0.0, "alpha": np.pi / 2, "d": 0.0, "theta": 0.0},
+    {"a": 0.0, "alpha": np.pi, "d": -0.08, "theta": 0.0},
+]
+
+
+def run(*arguments):
+    try:
+        return cli.main([str(argument) for argument in arguments])
+    except SystemExit as end:
+        return end.code
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "table.csv").write_text(KR5)
+    return tmp_path
+
+
+@pytest.fixture
+def refused(place, capfd):
+    """Code 2, one line with the given words, nothing printed or written."""
+
+    def check(*arguments, says):
+        before = {path: path.read_bytes() for path in place.iterdir() if path.is_file()}
+        assert run(*arguments) == 2
+        out, err = capfd.readouterr()
+        assert out == ""
+        assert err.count("\n") == 1
+        assert err.startswith("bayesid")
+        for word in says:
+            assert word in err
+        assert {path: path.read_bytes() for path in place.iterdir() if path.is_file()} == before
+
+    return check
+
+
+def rows_of(path):
+    return tomllib.loads(path.read_text(encoding="utf-8"))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# new
+# ---------------------------------------------------------------------------------------------------------------
+def test_a_table_becomes_a_robot_file(place, capfd):
+    assert run("robot", "new", "table.csv", "--convention", "standard", "--name", 'my "KR"', "--out", "kr.toml") == 0
+    assert capfd.readouterr() == ("written to kr.toml; look at it: bayesid robot show kr.toml\n", "")
+    table = rows_of(place / "kr.toml")
+    assert table["joints"] == ROWS
+    assert (table["name"], table["convention"], table["gravity"]) == ('my "KR"', "standard", [0.0, 0.0, -9.81])
+    assert load_robot(place / "kr.toml").n_joints == 6
+
+
+def test_the_table_may_be_text_or_come_from_elsewhere(place, monkeypatch, capfd):
+    text = "a[mm]  alpha[deg]  d[mm]  theta[deg]\n25 -90 400 0\n455 0 0 -90"
+    assert run("robot", "new", text, "--convention", "modified", "--out", "one.toml", "--quiet") == 0
+    assert run("robot", "new", text.replace("\n", r"\n"), "--convention", "modified", "--out", "two.toml") == 0
+    (place / "stdin.txt").write_text(text)
+    with (place / "stdin.txt").open() as stdin:
+        monkeypatch.setattr("sys.stdin", stdin)
+        assert run("robot", "new", "-", "--convention", "modified", "--out", "three.toml", "--quiet") == 0
+    assert capfd.readouterr().out.startswith("written to two.toml")
+    one, two, three = (rows_of(place / f"{name}.toml") for name in ("one", "two", "three"))
+    assert one["joints"] == two["joints"] == three["joints"]
+    assert one["joints"][1] == {"a": 0.455, "alpha": 0.0, "d": 0.0, "theta": -np.pi / 2}
+    assert one["name"] == "one"
+
+
+@pytest.mark.parametrize(
+    ("text", "row"),
+    [
+        ("a,alpha,d,theta\n0.5,pi/2,-0.25,0", (0.5, np.pi / 2, -0.25, 0.0)),
+        ("a_{i-1} (mm)\tα_{i-1}\td_i (mm)\tθ_i\n75\t-π/2\t10\tθ2-π/2", (0.075, -np.pi / 2, 0.01, -np.pi / 2)),  # noqa: RUF001
+        ("r [cm] | alpha [deg] | d [m] | offset [rad]\n7.5 | 30 | 0.4 | -1.25", (0.075, np.pi / 6, 0.4, -1.25)),
+        (
+            "i,theta(i),d(i)[mm],a(i-1)[mm],alpha(i-1)[deg]\n1,q1+90°,d1,200,-2*pi/3",
+            (0.2, -2 * np.pi / 3, 0.0, np.pi / 2),
+        ),
+        ('a[mm],alpha[deg],d[mm],theta[deg]\n"12,5",45,0,0', (0.0125, np.pi / 4, 0.0, 0.0)),
+        ("A;Alpha;D;Theta\nmm;deg;mm;deg\n287;-90;-3;0", (0.287, -np.pi / 2, -0.003, 0.0)),
+    ],
+)
+def test_tables_in_many_ways_of_writing(text, row, tmp_path):
+    path = tmp_path / "arm.toml"
+    path.write_text(robot_file(text, "arm", "standard", "here"), encoding="utf-8")
+    (joint,) = rows_of(path)["joints"]
+    np.testing.assert_allclose([joint[key] for key in ("a", "alpha", "d", "theta")], row, rtol=1e-14)
+    assert "000000" not in path.read_text()
+
+
+def test_a_joint_that_slides():
+    text = robot_file(
+        "type,a[mm],alpha[deg],d[mm],theta[deg]\nP,0,90,d1+200,0\nR,100,-90,0,0", "gantry", "modified", "x"
+    )
+    assert text.count('type = "prismatic"') == 1
+    assert "d = 0.2" in text
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (
+            "a,alpha,d,theta\n25,0,0.4,0",
+            "joint 1: column a holds 25, too much for m; name the column with its unit: a[mm]",
+        ),
+        ("a,alpha,d,theta\n0,0,0,0\n0,-90,0.4,0", "joint 2: column alpha holds -90, too much for rad"),
+        ("a,alpha,d\n0,0,0", "column theta is missing (a, alpha, d)"),
+        ("a[deg],alpha,d,theta\n0,0,0,0", "column a[deg] is in 'deg'; give it in mm, cm or m"),
+        ("a,alpha[mm],d,theta\n0,0,0,0", "column alpha[mm] is in 'mm'; give it in deg or rad"),
+        ("a,alpha,d,theta\n0,0,0,0\n0,x,0,0", "joint 2: column alpha holds 'x', not a number"),
+        ("a,alpha,d,theta\n0,0,0,0\n0,0,0", "joint 2: holds 3 values, the header names 4"),
+        ("a,alpha,d,theta\n0,0,0,0\n0,0,0,0,0", "joint 2: holds 5 values, the header names 4"),
+        ("a,alpha,d,theta,r\n0,0,0,0,0", "has two columns for a: a and r"),
+        ("a,alpha,d,theta,type\n0,0,0,0,round", "joint 1: unknown joint type 'round'"),
+        ("a,alpha,d,theta\n0,0,nan,0", "joint 1: column d holds 'nan', not a number"),
+        ("0,0,0,0\n0,0,0,0", "column a is missing (0, 0, 0, 0)"),
+        ("a,alpha,d,theta\n", "holds no joint"),
+        ("", "column a is missing (no header)"),
+    ],
+)
+def test_tables_that_are_none(text, says):
+    with pytest.raises(
+        InputError, match=re.escape(f"here: {says}" if not says.startswith("joint") else f"here, {says}")
+    ):
+        robot_file(text, "arm", "standard", "here")
+
+
+def test_the_template_says_what_to_fill_in_and_is_no_robot_before(place, refused, capfd):
+    assert run("robot", "new", "--out", "arm.toml") == 0
+    assert "fill it in, then look at it: bayesid robot show arm.toml" in capfd.readouterr().out
+    refused("robot", "show", "arm.toml", says=["arm.toml, joint 1: key 'a' cannot be used"])
+    text = (place / "arm.toml").read_text()
+    filled = re.sub(r"\{ a = nan, alpha = nan, d = nan", "{ a = 0.3, alpha = 0.5, d = 0.1", text)
+    filled = filled.replace("# transmission", "transmission")
+    (place / "arm.toml").write_text(filled)
+    robot = load_robot(place / "arm.toml")
+    assert (robot.n_joints, robot.name) == (6, "arm")
+    assert robot.transmission is not None, "what is commented out would be read"
+    assert all(len(line) <= 120 for line in robot_template("arm", "arm.toml").splitlines())
+
+
+def test_an_earlier_file_is_replaced_by_force_alone(place, refused):
+    (place / "arm.toml").write_text("mine")
+    refused("robot", "new", "--out", "arm.toml", says=["arm.toml: is there already", "--force"])
+    assert run("robot", "new", "--out", "arm.toml", "--force", "--quiet") == 0
+    assert "nan" in (place / "arm.toml").read_text()
+
+
+def test_new_files_that_cannot_be(place, refused):
+    (place / "folder.toml").mkdir()
+    (place / "picture.csv").write_bytes(b"\x89PNG\r\n\x1a\n\0\0\0\x81")
+    new = "robot", "new"
+    refused(*new, "table.csv", "--out", "a.toml", says=["--convention: is needed with a table", "standard or modified"])
+    refused(
+        *new, "no.csv", "--convention", "standard", "--out", "a.toml", says=["no.csv: cannot be read (No such file"]
+    )
+    refused(*new, "picture.csv", "--convention", "standard", "--out", "a.toml", says=["picture.csv"])
+    refused(*new, ".", "--convention", "standard", "--out", "a.toml", says=["cannot be read (Is a directory)"])
+    refused(*new, "--out", "a.csv", says=["a.csv: does not end in .toml"])
+    refused(*new, "--out", "folder.toml", says=["folder.toml: is a folder"])
+    refused(*new, "--out", "table.csv/a.toml", says=["table.csv/a.toml: cannot be written"])
+    refused(*new, says=["--out"])
+    refused(*new, "--convention", "craig", "--out", "a.toml", says=["craig"])
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# show
+# ---------------------------------------------------------------------------------------------------------------
+def test_show_says_where_the_flange_is(capfd):
+    """KR 6 R900 in the side view of its data sheet: 525 mm forwards, 890 mm up; reach 901.5 mm."""
+    assert run("robot", "show", "kr6r900", "--q", "0,-90,90,0,0,0", "--degrees") == 0
+    out, err = capfd.readouterr()
+    assert err == ""
+    lines = {line.split()[0]: line.split() for line in out.splitlines()}
+    assert lines["flange"] == ["flange", "0.5250", "0.0000", "0.8900", "525.0", "0.0", "890.0"]
+    assert "KUKA KR 6 R900 sixx" in out
+    assert "gravity in the base frame: 0, 0, -9.81 m/s^2" in out
+    assert "to the origin of joint 5 901.5 mm" in out
+    assert "note: q1 to q6 are A1 to A6 of the controller" in out
+    assert "source: ros-industrial/kuka_experimental" in out
+
+
+@pytest.mark.parametrize("degrees", [True, False])
+def test_positions_may_begin_with_a_minus(capfd, degrees):
+    q = np.array([-30.0, -60.0, 45.0, -20.0, 70.0, 10.0])
+    words = ",".join(map(str, q if degrees else np.radians(q)))
+    assert run("robot", "show", "ur5e", "--q", words, *(["--degrees"] if degrees else [])) == 0
+    (line,) = [line.split() for line in capfd.readouterr().out.splitlines() if line.startswith("flange")]
+    expected = 1e3 * pose(load_robot("ur5e"), np.radians(q)).flange[:3, 3]
+    np.testing.assert_allclose(np.array(line[4:], dtype=float), expected, rtol=0, atol=0.051)
+
+
+def test_a_sliding_joint_stays_in_m(place, capfd):
+    text = "type,a[mm],alpha[deg],d[mm],theta[deg]\nP,0,90,200,0\nR,100,-90,0,0"
+    assert run("robot", "new", text, "--convention", "modified", "--out", "g.toml", "--quiet") == 0
+    assert run("robot", "show", "g.toml", "--q", "0.05,90", "--degrees") == 0
+    out = capfd.readouterr().out
+    assert "q = 0.05 m, 90°" in out
+    (line,) = [line.split() for line in out.splitlines() if line.startswith("joint 1")]
+    assert line[5:] == ["0.0", "-250.0", "0.0"]
+    assert "sliding joints at 0" in out
+
+
+def test_pictures(place, capfd):
+    assert run("robot", "show", "tx90", "--q", "0.3,0.2,1,0,0.5,0", "--out", "to/arm.png") == 0
+    assert capfd.readouterr().out.endswith("written to to/arm.png\n")
+    image = matplotlib.image.imread(place / "to" / "arm.png")
+    assert image.shape[0] > 500
+    assert len(np.unique(image.reshape(-1, image.shape[2]), axis=0)) > 20
+    assert run("robot", "show", "table.toml", "--out", "arm.svg") == 2
+    capfd.readouterr()
+    assert run("robot", "show", "tx90", "--quiet", "--out", "arm.svg") == 0
+    assert capfd.readouterr() == ("", "")
+    assert ET.parse(place / "arm.svg").getroot().tag.endswith("svg")
+    assert {path.name for path in place.iterdir()} == {"table.csv", "to", "arm.svg"}
+
+
+def test_what_cannot_be_shown(place, refused):
+    show = "robot", "show"
+    refused(*show, "kr6r90", says=["kr6r90: no such robot", "kr6r900"])
+    refused(*show, "kr5", "--q", "1,2", says=["--q: holds 2 positions, kuka_kr5_sixx_r650 has 6 joints"])
+    refused(*show, "kr5", "--q", "0,-90,90,0,0,0", says=["looks like degrees", "--degrees"])
+    refused(*show, "kr5", "--q", "0,0,0,0,0,x", says=["is not a list of numbers"])
+    refused(*show, "kr5", "--q", "0,0,0,0,0,nan", says=["is not a list of numbers"])
+    refused(*show, "kr5", "--out", "arm.gif", says=["arm.gif: is no picture by its name", ".png"])
+    refused(*show, "kr5", "--out", ".", says=["is a folder"])
+    refused(*show, says=["robot"])
+    assert run(*show, "kr5", "--q", "0,-90,90,0,0,0", "--no-degrees", "--quiet") == 0
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# list, help
+# ---------------------------------------------------------------------------------------------------------------
+def test_list_has_all_built_in_robots(capfd):
+    assert run("robot", "list") == 0
+    out, err = capfd.readouterr()
+    assert err == ""
+    lines = out.splitlines()[1:]
+    assert [line.split()[0] for line in lines] == list(BUILT_IN)
+    for name, line in zip(BUILT_IN, lines, strict=True):
+        table = built_in_table(name)
+        assert line.split()[1] == str(len(table["joints"]))
+        assert table["description"] in line
+        assert table["source"] in line
+
+
+@pytest.mark.parametrize("action", [(), ("new",), ("show",), ("list",)])
+def test_examples_of_the_help_can_be_typed(action, capfd):
+    assert run("robot", *action, "--help") == 0
+    out, err = capfd.readouterr()
+    assert err == ""
+    assert all(len(line) <= 120 for line in out.splitlines())
+    examples = [line.strip() for line in out.partition("examples:")[2].splitlines() if line.startswith("  bayesid ")]
+    assert examples
+    for example in examples:
+        words = shlex.split(example.partition(" | ")[0])[1:]
+        options = parse(words)
+        assert (options.command, options.action) == ("robot", words[1])
+        assert not action or (words[1],) == action
+
+
+def test_mistyped_actions_and_options(refused):
+    refused("robot", says=["ACTION"])
+    refused("robot", "shw", says=["did you mean show?"])
+    refused("robot", "show", "kr5", "--qq", "0", says=["there is no option --qq"])
+    refused("robot", "new", "--forse", "--out", "a.toml", says=["did you mean --force?"])
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "tcsh"])
+def test_completion_names_the_actions(shell, capfd):
+    assert run("completion", shell) == 0
+    out = capfd.readouterr().out
+    assert "robot" in out
+    assert "--convention" in out

@@ -1,0 +1,201 @@
+"""Built-in robots against their makers' data sheets and published models, and forward kinematics against pinocchio."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from oracles import built_in_table, random_motion, urdf_text
+
+from bayesid.errors import InputError
+from bayesid.model.kinematics import pose, reach
+from bayesid.model.robot import load_robot, robot_from_table, robot_from_urdf
+from bayesid.model.robot.built_in import BUILT_IN
+
+ASYMMETRIC = np.radians([30.0, -50.0, 70.0, -25.0, 40.0, 100.0])
+HOMES = {"kr": (0.0, -90.0, 90.0, 0.0, 0.0, 0.0)}
+"""Degrees, where a data sheet's side view is not the controller's zero."""
+KNOWN = {
+    "kr3r540": ((355, 0, 625), (423.57, -221.02, 413.33), 541),
+    "kr5r650": ((450, 0, 695), (528.92, -280.28, 460.75), 653),
+    "kr5r850": ((560, 0, 790), (671.32, -362.49, 495.91), 854),
+    "kr6r700": ((470, 0, 750), (551.34, -293.22, 484.6), 706.7),
+    "kr6r900": ((525, 0, 890), (674.03, -364.06, 573.04), 901.5),
+    "kr10r1100": ((620, 0, 995), (809.79, -442.44, 620.98), 1101),
+    "kr10r1420": ((890, 0, 1080), (1059.44, -586.57, 645.59), 1420),
+    "kr6r700_2": ((480, 0, 760), (565.38, -298.19, 482.43), 726),
+    "kr6r900_2": ((535, 0, 880), (676.94, -362.6, 555.55), 901),
+    "kr10r1100_2": ((630, 0, 985), (812.7, -440.98, 603.49), 1101),
+    "vs050": ((-10, 0, 920), (-39.88, -44.98, 785.18), 505),
+    "vs060": ((-10, 0, 1020), (-63.04, -58.36, 862.82), 605),
+    "vs068": ((10, 0, 1155), (-48.2, -52.92, 981.53), 710),
+    "vs087": ((10, 0, 1350), (-91.2, -77.75, 1133.6), 905),
+    "vs6556": ((-15, 0, 980), (-33.09, -44.2, 858.19), 653),
+    "vs6577": ((-15, 0, 1185), (-63.53, -61.77, 1022.62), 854),
+    "vm6083": ((80, 0, 1395), (26.21, -13.1, 1221.69), 1021),
+    "vm60b1": ((80, 0, 1675), (-20.4, -40.01, 1444.72), 1298),
+    "lrmate200ic": ((475, 0, 705), (-379.51, -244.2, 792.23), 704),
+    "lrmate200ic5l": ((565, 0, 805), (-484.82, -305.01, 934.46), 892),
+    "lrmate200id": ((465, 0, 695), (-397.56, -254.62, 844.51), 717),
+    "lrmate200id4s": ((360, 0, 610), (-357.36, -228.28, 764.32), 550),
+    "lrmate200id7l": ((550, 0, 805), (-507.34, -318.01, 988.83), 911),
+    "gp4": ((362, 0, 605), (-354.87, -227.47, 767.57), 550),
+    "gp7": ((560, 0, 815), (-531.73, -332.09, 1006.86), 927),
+    "gp8": ((460, 0, 715), (-422.09, -268.79, 855.98), 727),
+    "gp12": ((895, 0, 1264), (-763.51, -472.18, 1336.14), 1440),
+    "gp25": ((1045, 0, 1465), (-931.82, -569.35, 1619.22), 1730),
+    "tx60": ((0, 20, 1045), (-51.99, -28.88, 889.15), 670),
+    "tx60l": ((0, 20, 1295), (-83.5, -47.07, 1091.42), 920),
+    "tx90": ((50, 50, 1428), (-54.08, -4.86, 1202.61), 1000),
+    "tx90l": ((50, 50, 1628), (-66.82, -12.21, 1368.28), 1200),
+    "tx90xl": ((50, 50, 1878), (-136.71, -52.56, 1558.67), 1450),
+    "rx160": ((150, 0, 2110), (-140.24, -115.47, 1724.87), 1710),
+    "rx160l": ((150, 0, 2410), (-51.38, -64.17, 2006.78), 2010),
+    "ur3e": ((-456.75, -223.15, 66.5), (-265.79, -386.25, 185.64), None),
+    "ur5e": ((-817.2, -232.9, 62.8), (-513.72, -538.62, 260.19), None),
+    "ur10e": ((-1184.25, -290.7, 60.85), (-748.16, -736.14, 341.71), None),
+    "ur16e": ((-838.4, -290.7, 60.85), (-501.24, -593.58, 311.18), None),
+    "ur20": ((-1590.7, -355.3, 77.0), (-1010.86, -952.2, 497.35), None),
+    "ur30": ((-1140.7, -355.3, 77.0), (-702.5, -774.17, 401.95), None),
+}
+"""The flange (x, y, z), mm from the mounting face, and the reach, mm:
+
+- in the side view of the data sheet, summed by hand from its lengths; for Universal Robots at zero, from their table;
+- at `ASYMMETRIC`, by multiplying the joint origins and axes of a published URDF (ros-industrial, kroshu, DENSORobot,
+  UniversalRobots), or, where there is none (kr5r650, kr5r850, DENSO's but the VS-060), translations by the data sheet's
+  lengths and rotations about the axes of its drawing, equal to tables of another source (see each robot's file);
+- the data sheet's maximum reach: of the flange for Staubli, of the wrist's centre, joint 5, for all others.
+"""
+EARLIER = {"kr5", "panda", "tx40"}
+"""Tables with zeros of their own; tested by their logs and, kr5, by the paper's coefficients."""
+
+
+def home(name):
+    return np.radians(next((q for start, q in HOMES.items() if name.startswith(start)), (0.0,) * 6))
+
+
+def test_every_built_in_robot_is_known():
+    assert set(KNOWN) | EARLIER == set(BUILT_IN)
+    assert list(BUILT_IN) == sorted(BUILT_IN)
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_flange_in_the_side_view_of_the_data_sheet(name):
+    flange = pose(load_robot(name), home(name)).flange[:3, 3]
+    np.testing.assert_allclose(1e3 * flange, KNOWN[name][0], rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_flange_at_an_asymmetric_pose(name):
+    flange = pose(load_robot(name), ASYMMETRIC).flange[:3, 3]
+    np.testing.assert_allclose(1e3 * flange, KNOWN[name][1], rtol=0, atol=0.0051)
+
+
+@pytest.mark.parametrize("name", [name for name, (*_, known) in KNOWN.items() if known is not None])
+def test_reach_is_that_of_the_data_sheet(name):
+    joint = None if name.startswith(("tx", "rx")) else 5
+    assert 1e3 * reach(load_robot(name), joint) == pytest.approx(KNOWN[name][2], abs=1.5)
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_every_file_says_what_it_is_and_where_it_comes_from(name):
+    table = built_in_table(name)
+    for key in ("name", "description", "source"):
+        assert isinstance(table[key], str)
+        assert table[key]
+    assert all(isinstance(note, str) for note in table["notes"])
+    assert table["gravity"] == [0.0, 0.0, -9.81]
+    assert ("transmission" in table) == (name == "tx40"), "only published gear ratios"
+    assert any("frame" in note for note in table["notes"]), "it says where the last frame sits"
+
+
+def test_robots_of_one_make_have_their_own_names():
+    names = [built_in_table(name)["name"] for name in BUILT_IN]
+    assert len(set(names)) == len(names)
+    robots = {name: load_robot(name) for name in BUILT_IN}
+    twins = [(a, b) for a in robots for b in robots if a < b and robots[a].same_kinematics(robots[b])]
+    assert twins == []
+
+
+def test_the_paper_counts_from_other_zeros_than_the_controller():
+    """As the notes of kr5 say; its base is 132 mm below axis 2, the robot's 335 mm."""
+    a = np.array([0.3, -0.9, 1.2, 0.4, -0.6, 0.0])
+    own = a * [-1, 1, 1, 1, 1, 1] + np.array([0.0, np.pi / 2, -np.pi / 2, 0.0, 0.0, 0.0])
+    paper, controller = pose(load_robot("kr5"), own), pose(load_robot("kr5r650"), a)
+    np.testing.assert_allclose(paper.flange[:3, 3], controller.flange[:3, 3] - [0, 0, 0.203], rtol=0, atol=1e-12)
+
+
+def test_the_tx40_counts_from_other_zeros_than_the_controller():
+    """As its notes say: at the controller's zero the arm is upright, and its joint 6 is 770 mm above the base."""
+    upright = pose(load_robot("tx40"), [0.0, -np.pi / 2, np.pi / 2, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(upright.flange[:3, 3], [0.0, 0.035, 0.77], rtol=0, atol=1e-12)
+
+
+def test_the_panda_ends_in_joint_7():
+    """Stretched upwards at zero: 333 + 316 + 384 mm, and 88 mm forwards."""
+    np.testing.assert_allclose(pose(load_robot("panda")).flange[:3, 3], [0.088, 0.0, 1.033], rtol=0, atol=1e-12)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Forward kinematics
+# ---------------------------------------------------------------------------------------------------------------
+GANTRY = [{"a": 0.1 * k, "alpha": 0.3 + k, "d": 0.2, "theta": -0.4, "type": "prismatic"} for k in range(1, 3)]
+GANTRY += [{"a": 0.3, "alpha": -0.7, "d": 0.1, "theta": 0.2}]
+OTHERS = {
+    "gantry": robot_from_table({"convention": "standard", "joints": GANTRY}, "test"),
+    "urdf": robot_from_urdf(urdf_text(), "test"),
+}
+
+
+@pytest.mark.parametrize("name", ["kr5", "panda", "tx90", "ur20", *OTHERS])
+def test_frames_and_axes_are_pinocchios(name):
+    robot = OTHERS[name] if name in OTHERS else load_robot(name)
+    q = random_motion(robot.n_joints, 1).q[0]
+    data = robot._pinocchio.createData()
+    pin.computeJointJacobians(robot._pinocchio, data, q)
+    here = pose(robot, q)
+    frames = [data.oMi[i].homogeneous for i in range(1, robot.n_joints + 1)]
+    np.testing.assert_allclose(here.joint_frames, frames, rtol=0, atol=1e-13)
+    axes = [data.J[:3, i] if joint.prismatic else data.J[3:, i] for i, joint in enumerate(robot.joints)]
+    np.testing.assert_allclose(here.axes, axes, rtol=0, atol=1e-13)
+
+
+def test_the_skeleton_goes_straight_to_the_next_axis_and_then_along_it():
+    here = pose(load_robot("kr6r900"), home("kr6r900"))
+    corners = 1e3 * np.array([line[2] for line in here.lines])
+    expected = [(0, 0, 0), (25, 0, 400), (25, 0, 855), (25, 0, 890), (445, 0, 890), (445, 0, 890), (525, 0, 890)]
+    np.testing.assert_allclose(corners, expected, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(here.joint_points, corners[:-1] / 1e3, rtol=0, atol=0)
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_pieces_of_the_skeleton_are_the_lengths_of_the_table(name):
+    here = pose(load_robot(name), np.linspace(0.3, 1.1, load_robot(name).n_joints))
+    pieces = np.concatenate([np.linalg.norm(np.diff(line, axis=0), axis=1) for line in here.lines])
+    rows = built_in_table(name)["joints"]
+    lengths = [abs(row[key]) for row in rows for key in ("a", "d") if row[key] != 0.0]
+    np.testing.assert_allclose(sorted(pieces[pieces > 1e-9]), sorted(lengths), rtol=0, atol=1e-12)
+    for before, after in zip(here.lines, here.lines[1:], strict=False):
+        np.testing.assert_array_equal(before[-1], after[0])
+
+
+def test_axes_that_are_nearly_parallel_are_not_drawn_to_where_they_meet():
+    rows = [{"a": a, "alpha": 2e-3, "d": 0.1, "theta": 0.0} for a in (0.4, 0.3, 0.2)]
+    here = pose(robot_from_table({"convention": "standard", "joints": rows}, "test"))
+    assert np.abs(np.concatenate(here.lines)).max() < 1.0
+
+
+def test_reach_of_a_planar_arm():
+    """Two links in a horizontal plane reach as far as they are long, and 0.7 m with the second joint stuck."""
+    rows = [{"a": a, "alpha": 0.0, "d": 0.3, "theta": 0.4} for a in (0.7, 0.45)]
+    arm = robot_from_table({"convention": "standard", "joints": rows}, "test")
+    assert reach(arm) == pytest.approx(1.15, abs=1e-9)
+    assert reach(arm, joint=2) == pytest.approx(0.7, abs=1e-12)
+    slider = replace(arm, joints=(arm.joints[0], replace(arm.joints[1], prismatic=True)))
+    np.testing.assert_allclose(reach(slider), np.linalg.norm(pose(slider).flange[:2, 3]), rtol=1e-12)
+
+
+@pytest.mark.parametrize("q", [[0.0] * 5, [0.0] * 5 + [np.nan], "here", [[0.0] * 6]])
+def test_positions_that_are_none(q):
+    with pytest.raises(InputError, match=r"q: are no positions of the joints of .*; give 6 finite numbers"):
+        pose(load_robot("kr6r900"), q)

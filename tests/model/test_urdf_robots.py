@@ -1,0 +1,372 @@
+"""URDFs as strangers have them: grippers, several arms, floating bases; the full model by Pinocchio is the oracle."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from oracles import assert_close, random_motion
+
+import bayesid
+from bayesid.errors import InputError
+from bayesid.model.robot import check_joints, load_robot, robot_from_table, robot_from_urdf, robot_table
+from bayesid.model.robot.log_joints import chains_of
+from bayesid.motion import Motion
+
+
+def joint(name, kind, parent, child, axis="0 0 1", extra="", seed=0):
+    """A joint at a random place."""
+    rng = np.random.default_rng([seed, *map(ord, name)])
+    xyz, rpy = (" ".join(map(str, rng.uniform(-size, size, 3).round(3))) for size in (0.4, 1.5))
+    ends = f'<parent link="{parent}"/><child link="{child}"/><origin xyz="{xyz}" rpy="{rpy}"/>'
+    limit = '<limit lower="-2" upper="2" effort="9" velocity="3"/>' if kind in ("revolute", "prismatic") else ""
+    return f'<joint name="{name}" type="{kind}">{ends}<axis xyz="{axis}"/>{limit}{extra}</joint>'
+
+
+def urdf(*joints, links=None, name="stranger"):
+    """Joints, and a link of random inertia for each end of theirs."""
+    text = "".join(joints)
+    ends = links or list(dict.fromkeys(part.split('"')[0] for part in text.split('link="')[1:]))
+    rng = np.random.default_rng(len(ends))
+    bodies = []
+    for link in ends:
+        mass, at, size = rng.uniform(0.5, 4.0), rng.uniform(-0.2, 0.2, 3), rng.uniform(0.02, 0.03, 3)
+        inertia = " ".join(f'{key}="{value}"' for key, value in zip(("ixx", "iyy", "izz"), size, strict=True))
+        origin = f'<origin xyz="{" ".join(map(str, at))}"/>'
+        inertial = (
+            f'<inertial>{origin}<mass value="{mass}"/><inertia {inertia} ixy="0.001" ixz="0" iyz="0.002"/></inertial>'
+        )
+        bodies.append(f'<link name="{link}">{inertial}</link>')
+    return f'<robot name="{name}">{"".join(bodies)}{text}</robot>'
+
+
+MIMIC = '<mimic joint="finger1" multiplier="-0.5" offset="0.3"/>'
+HAND = urdf(
+    joint("j1", "revolute", "base", "l1", "0 0 1"),
+    joint("j2", "continuous", "l1", "l2", "1 2 0"),
+    joint("j3", "prismatic", "l2", "l3", "0 1 1"),
+    joint("mount", "fixed", "l3", "hand"),
+    joint("finger1", "prismatic", "hand", "f1", "0 1 0"),
+    joint("finger2", "prismatic", "hand", "f2", "0 -1 0", MIMIC),
+)
+TORSO = urdf(
+    joint("weld", "fixed", "floor", "trunk"),
+    joint("lift", "prismatic", "trunk", "chest", "0 0 1"),
+    joint("bend", "revolute", "chest", "breast", "0 1 0"),
+    joint("left1", "revolute", "breast", "la", "1 0 0"),
+    joint("left2", "revolute", "la", "lb", "0 1 1"),
+    joint("left3", "revolute", "lb", "lc", "0 0 1"),
+    joint("right1", "revolute", "breast", "ra", "1 0 0"),
+    joint("right2", "revolute", "ra", "rb", "0 1 0"),
+    joint("tail", "revolute", "trunk", "tip_of_tail", "0 1 0"),
+)
+LEGS = urdf(
+    joint("a0", "revolute", "trunk", "a1_"),
+    joint("a1", "revolute", "a1_", "a2_"),
+    joint("b0", "revolute", "trunk", "b1_"),
+    joint("b1", "revolute", "b1_", "b2_"),
+)
+
+
+def full_model_torques(text, robot, motion, positions):
+    """(N, n) torques of a robot's joints in Pinocchio's full model, the others at rest; and (10 n,) what they carry."""
+    model = pin.buildModelFromXML(text)
+    data, torques = model.createData(), []
+    names = [one.name for one in robot.joints]
+    for q, dq, ddq in zip(motion.q, motion.dq, motion.ddq, strict=True):
+        state, speed, acceleration = pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
+        for name, x in {**positions, **dict(zip(names, q, strict=True))}.items():
+            one = model.joints[model.getJointId(name)]
+            state[one.idx_q : one.idx_q + one.nq] = [np.cos(x), np.sin(x)] if one.nq == 2 else x
+        indices = [model.joints[model.getJointId(name)].idx_v for name in names]
+        speed[indices], acceleration[indices] = dq, ddq
+        torques.append(pin.rnea(model, data, state, speed, acceleration)[indices])
+    return np.array(torques), lumped(model, names, positions)
+
+
+def lumped(model, names, positions):
+    state = pin.neutral(model)
+    for name, x in positions.items():
+        state[model.joints[model.getJointId(name)].idx_q] = x
+    locked = [k for k in range(1, model.njoints) if model.names[k] not in names]
+    reduced = pin.buildReducedModel(model, locked, state)
+    order = [4, 5, 7, 6, 8, 9, 1, 2, 3, 0]  # of pinocchio's m, mc, Ixx, Ixy, Iyy, Ixz, Iyz, Izz
+    links = [reduced.inertias[reduced.getJointId(name)].toDynamicParameters()[order] for name in names]
+    return np.concatenate(links)
+
+
+CASES = {
+    "a gripper": (HAND, {}, {"finger1": 0.0, "finger2": 0.3}, ["j1", "j2", "j3"]),
+    "a gripper that is stretched out": (HAND, {"hold": {"finger1": 0.4}}, {"finger1": 0.4, "finger2": 0.1}, None),
+    "a tip before the end": (HAND, {"tip": "l2"}, {"j3": 0.0, "finger1": 0.0, "finger2": 0.3}, ["j1", "j2"]),
+    "a finger as the tip": (HAND, {"tip": "f1"}, {"finger2": 0.3}, ["j1", "j2", "j3", "finger1"]),
+    "all of a tree": (TORSO, {}, {}, ["lift", "bend", "left1", "left2", "left3", "right1", "right2", "tail"]),
+    "one arm": (TORSO, {"tip": "lc"}, dict.fromkeys(("right1", "right2", "tail"), 0.0), None),
+    "one arm by a joint": (
+        TORSO,
+        {"tip": "right1"},
+        dict.fromkeys(("left1", "left2", "left3", "right2", "tail"), 0.0),
+        None,
+    ),
+    "one arm on a torso that stands": (
+        TORSO,
+        {"tip": "lc", "hold": {"lift": 0.35, "bend": -0.7}},
+        {"lift": 0.35, "bend": -0.7, "right1": 0.0, "right2": 0.0, "tail": 0.0},
+        ["left1", "left2", "left3"],
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_what_is_held_is_at_rest_in_the_full_model(case):
+    text, chosen, positions, names = CASES[case]
+    robot = robot_from_urdf(text, "test", **chosen)
+    if names:
+        assert [one.name for one in robot.joints] == names
+    motion = random_motion(robot.n_joints, seed=3)
+    torques, parameters = full_model_torques(text, robot, motion, positions)
+    assert_close(robot.inverse_dynamics(motion, parameters), torques, 1e-12)
+    assert_close(robot.regressor(motion) @ parameters, torques, 1e-12)
+
+
+@pytest.mark.parametrize("text", [HAND, TORSO, LEGS])
+def test_joints_stand_in_pinocchios_order(text):
+    names = [name for name in pin.buildModelFromXML(text).names if name != "universe" and "finger" not in name]
+    assert [one.name for one in robot_from_urdf(text, "test").joints] == names
+
+
+def test_the_position_of_what_is_held_matters():
+    """Else the case above would prove nothing."""
+    low, high = (robot_from_urdf(TORSO, "test", "lc", {"bend": angle}) for angle in (0.1, -0.7))
+    assert not low.same_kinematics(high)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What is told
+# ---------------------------------------------------------------------------------------------------------------
+def notes(text, **chosen):
+    return robot_from_urdf(text, "test", **chosen).notes
+
+
+def test_an_arm_alone_has_nothing_to_tell():
+    assert notes(urdf(joint("j1", "revolute", "base", "l1"), joint("j2", "prismatic", "l1", "l2"))) == ()
+
+
+def test_grippers_are_held_and_told():
+    held = ("joints finger1, finger2 are held: a gripper is not identified",)
+    assert notes(HAND) == held
+    assert notes(HAND.replace(MIMIC, "")) != held, "random places: the fingers do not oppose each other"
+    fingers = [
+        f'<joint name="{name}" type="KIND"><parent link="l1"/><child link="{name}_"/><axis xyz="0 {way} 0"/></joint>'
+        for name, way in (("left", "1"), ("right", "-1"))
+    ]
+    for kind in ("prismatic", "revolute"):
+        text = urdf(joint("j1", "revolute", "base", "l1"), *(finger.replace("KIND", kind) for finger in fingers))
+        assert notes(text) == ("joints left, right are held: a gripper is not identified",)
+        same_way = text.replace("0 -1 0", "0 1 0")
+        assert notes(same_way) == (), "two tools side by side"
+    on_the_base = text.replace('parent link="l1"', 'parent link="base"')
+    assert robot_from_urdf(on_the_base, "test").n_joints == 3
+
+
+def test_a_leader_that_is_the_arms_own_is_identified():
+    """One finger alone, or a parallel linkage: its followers are held, and that this is not true is told."""
+    follows = '<mimic joint="j1"/>'
+    last = urdf(joint("j1", "revolute", "base", "l1"), joint("j2", "revolute", "l1", "l2", extra=follows))
+    said = "joint j2 is held: in the model it does not follow joint j1"
+    assert notes(last) == (said,)
+    bar = urdf(
+        joint("j1", "revolute", "base", "l1"),
+        joint("j2", "revolute", "base", "bar", extra=follows),
+        joint("j3", "revolute", "l1", "l3"),
+    )
+    assert notes(bar) == (said,)
+    assert [one.name for one in robot_from_urdf(bar, "test").joints] == ["j1", "j3"]
+
+
+def test_a_follower_on_the_chain_is_refused_but_not_beyond_the_tip():
+    text = urdf(
+        joint("j1", "revolute", "base", "l1"),
+        joint("j2", "revolute", "l1", "l2", extra='<mimic joint="j1" multiplier="-1"/>'),
+        joint("j3", "revolute", "l2", "l3"),
+    )
+    with pytest.raises(
+        InputError, match=r"test, joint j2: follows joint j1 \(<mimic>\) and carries joint j3; .*by tip"
+    ):
+        robot_from_urdf(text, "test")
+    assert notes(text, tip="l1") == ("joints j2, j3 are held: not on the chain to l1",)
+
+
+def test_followers_of_what_stands_still_are_held():
+    text = urdf(
+        joint("j1", "revolute", "base", "l1"), joint("j2", "revolute", "l1", "l2", extra='<mimic joint="gone"/>')
+    )
+    assert notes(text) == ("joint j2 is held: mimic joints are not identified",)
+
+
+def test_a_tip_and_what_is_asked_for_are_told():
+    off = "joints left1, left2, left3, tail are held: not on the chain to right2"
+    base = "2 chains of joints begin at floor: it is taken as fixed to the ground"
+    asked = "joint lift (at 0.25) is held: as asked"
+    assert notes(TORSO, tip="right2", hold={"lift": 0.25}) == (off, asked, base)
+
+
+def test_many_joints_are_counted():
+    text = urdf(
+        joint("j1", "revolute", "base", "l1"), *(joint(f"k{k:02}", "revolute", "l1", f"m{k}") for k in range(12))
+    )
+    (told,) = notes(text, tip="l1")
+    assert told == "joints k00, k01, k02, k03, k04, k05, k06, k07 and 4 more are held: not on the chain to l1"
+
+
+def test_a_base_that_may_move_is_told():
+    said = "2 chains of joints begin at trunk: it is taken as fixed to the ground"
+    assert notes(LEGS) == (said,)
+    assert notes(LEGS, tip="a1")[-1] == said
+    assert notes(LEGS.replace('"trunk"', '"world"')) == (), "that base is the ground"
+    for kind in ("floating", "planar"):
+        free = LEGS.replace("</robot>", f'<link name="world"/>{joint("root", kind, "world", "trunk")}</robot>')
+        assert notes(free) == (f"joint root is {kind}: trunk is taken as fixed to the ground",)
+        assert robot_from_urdf(free, "test").n_joints == 4
+    carried = LEGS.replace("</robot>", f'<link name="cup"/>{joint("lid", "floating", "a2_", "cup")}</robot>')
+    assert notes(carried)[0] == "joint lid is floating: cup is taken as fixed to a2_"
+
+
+@pytest.mark.parametrize(
+    ("chosen", "said"),
+    [
+        ({"tip": "left_3"}, "test: has no link or joint 'left_3'; tip takes left3"),
+        ({"tip": "xyz"}, "test: has no link or joint 'xyz'; tip takes lc, rb, tip_of_tail"),
+        ({"hold": {"lift2": 0.0}}, "test: has no moving joint 'lift2'; hold takes lift"),
+        ({"hold": {"weld": 0.0}}, "test: has no moving joint 'weld'; hold takes"),
+        ({"hold": {"lift": np.nan}}, "hold: key 'lift' cannot be used"),
+        ({"tip": "trunk"}, "test: no joint moves on the chain to trunk; tip takes lc, rb, tip_of_tail"),
+    ],
+)
+def test_choices_that_cannot_be(chosen, said):
+    with pytest.raises(InputError) as caught:
+        robot_from_urdf(TORSO, "test", **chosen)
+    assert str(caught.value).startswith(said)
+
+
+def test_meshes_and_inertias_do_not_matter():
+    mesh = '<visual><geometry><mesh filename="package://nowhere/arm.dae"/></geometry></visual>'
+    nothing = '<inertial><mass value="0"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial>'
+    joints = joint("j1", "revolute", "base", "l1"), joint("j2", "continuous", "l1", "l2")
+    bare = "".join(joints).join(['<robot name="r"><link name="base"/><link name="l1"/><link name="l2"/>', "</robot>"])
+    odd = bare.replace('<link name="l1"/>', f'<link name="l1">{mesh}{nothing}</link>')
+    for text in (bare, odd):
+        assert robot_from_urdf(text, "test").same_kinematics(robot_from_urdf(urdf(*joints), "test"))
+
+
+def test_a_loop_apart_from_the_base_is_refused():
+    loop = joint("x", "revolute", "p", "q"), joint("y", "revolute", "q", "p")
+    with pytest.raises(InputError, match="test, joint x: is part of a loop"):
+        robot_from_urdf(urdf(joint("j1", "revolute", "base", "l1"), *loop), "test")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm/><link name="b"/></robot>',
+        '<robot name="r" xmlns:xacro="http://ros.org/wiki/xacro"><link name="b"><xacro:inertia m="1"/></link></robot>',
+        '<robot name="r"><xacro:arm prefix="left"/></robot>',
+    ],
+)
+def test_xacro_files_are_told_from_urdfs(text):
+    with pytest.raises(InputError, match=r"is a xacro file, not a URDF; run `xacro 'my arm' > robot.urdf`"):
+        robot_from_urdf(text, "my arm")
+
+
+def test_what_xacro_leaves_behind_is_a_urdf():
+    declared = HAND.replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ')
+    assert robot_from_urdf(declared, "test").same_kinematics(robot_from_urdf(HAND, "test"))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What is kept of the choice
+# ---------------------------------------------------------------------------------------------------------------
+def test_a_robot_keeps_its_choice_until_it_is_changed(tmp_path):
+    path = tmp_path / "torso.urdf"
+    path.write_text(TORSO)
+    robot = load_robot(path, tip="lc", hold={"lift": 0.2})
+    again = eval(robot.origin.in_python, {"bayesid": bayesid})
+    assert again.same_kinematics(robot)
+    assert (again.origin, again.notes) == (robot.origin, robot.notes)
+    assert robot.origin.options == {"robot": str(path), "tip": "lc", "hold": {"lift": 0.2}}
+    changed = replace(robot, gravity=np.array([9.81, 0.0, 0.0]))
+    assert (changed.origin, changed.notes) == (None, robot.notes), "no file says gravity points there"
+    assert load_robot("kr5").origin.in_python == "'kr5'"
+
+
+def test_the_table_of_a_robot_keeps_names_and_notes():
+    robot = robot_from_urdf(TORSO, "test", "lc")
+    back = robot_from_table(robot_table(robot), "test")
+    assert back.notes == robot.notes
+    assert [one.name for one in back.joints] == ["lift", "bend", "left1", "left2", "left3"]
+    assert "notes" not in robot_table(load_robot("kr5"))
+
+
+def test_a_table_is_one_chain():
+    for chosen in ({"tip": "l3"}, {"hold": {"j": 0.0}}):
+        with pytest.raises(InputError, match=f"built-in robot kr5: .* leave {next(iter(chosen))} out"):
+            load_robot("kr5", **chosen)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Logs of other numbers of joints
+# ---------------------------------------------------------------------------------------------------------------
+def test_limbs_are_proposed_for_a_log_of_fewer_joints():
+    robot = robot_from_urdf(TORSO, "test")
+    assert chains_of(robot, 5) == ["--tip left3"]
+    assert chains_of(robot, 3) == ["--tip left3 --hold lift=0,bend=0"]
+    assert chains_of(robot, 2) == ["--tip bend"], "nothing has to be held for that one"
+    assert chains_of(robot, 1) == ["--tip tail"]
+    assert chains_of(robot_from_urdf(HAND, "test"), 2) == ["--tip j2"], "a single chain may end anywhere"
+    assert chains_of(load_robot("kr5"), 3) == [], "a table's joints have no names"
+
+
+def test_every_proposal_has_as_many_joints():
+    robot = robot_from_urdf(TORSO, "test")
+    for count in range(1, 6):
+        for option in chains_of(robot, count):
+            tip, _, hold = option.removeprefix("--tip ").partition(" --hold ")
+            held = dict.fromkeys([word.partition("=")[0] for word in hold.split(",") if word], 0.0)
+            assert robot_from_urdf(TORSO, "test", tip, held).n_joints == count
+
+
+def test_other_numbers_of_joints_are_refused_with_the_way_out():
+    robot = robot_from_urdf(TORSO, "test")
+    with pytest.raises(InputError, match="or choose its chain of 3 joints by tip left3 hold lift=0,bend=0") as caught:
+        check_joints(robot, 3, "log.csv")
+    assert caught.value.on_command_line.endswith("by --tip left3 --hold lift=0,bend=0")
+    hand = robot_from_urdf(HAND, "test")
+    with pytest.raises(InputError, match=r"5 joints, robot stranger has 3 \(joints finger1, finger2 are held"):
+        check_joints(hand, 5, "log.csv")
+    check_joints(hand, 3, "log.csv")
+
+
+def test_identifications_say_what_is_held(tmp_path):
+    path = tmp_path / "hand.urdf"
+    path.write_text(HAND)
+    robot = load_robot(path, tip="l2")
+    log = bayesid.simulate_log(robot, 8.0, 50.0, 0.05, (), seed=2)[1]
+    result = bayesid.identify(robot, log, complete="off", posterior=False)
+    assert result.warnings[0] == robot.notes[0]
+    options, call = result.provenance.options, result.provenance.call
+    assert (options["robot"], options["tip"]) == (str(path), "l2")
+    again = eval(call, {"bayesid": bayesid, "log": log})
+    np.testing.assert_array_equal(again.identified.theta, result.identified.theta)
+    turned = replace(robot, gravity=np.array([0.0, 9.81, 0.0]))
+    assert bayesid.identify(turned, log, complete="off", posterior=False).provenance.call.startswith(
+        "bayesid.identify(robot, log, "
+    )
+
+
+def test_motion_is_that_of_the_chain():
+    """The names of the joints come from base to tip, whatever the file's order is."""
+    shuffled = TORSO.replace(joint("lift", "prismatic", "trunk", "chest", "0 0 1"), "")
+    shuffled = shuffled.replace("</robot>", joint("lift", "prismatic", "trunk", "chest", "0 0 1") + "</robot>")
+    one, other = (robot_from_urdf(text, "test", "rb") for text in (TORSO, shuffled))
+    rest = Motion([0.0], np.full((1, 4), 0.3), np.zeros((1, 4)), np.zeros((1, 4)))
+    np.testing.assert_array_equal(one.regressor(rest), other.regressor(rest))

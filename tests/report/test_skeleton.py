@@ -1,0 +1,131 @@
+"""The skeleton of a robot: what is drawn is where its links are, seen from the side and from above."""
+
+from dataclasses import replace
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.text import Annotation
+
+import bayesid
+from bayesid.errors import InputError
+from bayesid.model.kinematics import pose
+from bayesid.report.plot.robots import skeleton
+
+POSES = {
+    "kr6r900": np.radians([0.0, -90.0, 90.0, 0.0, 0.0, 0.0]),
+    "ur10e": np.radians([0.0, -60.0, 50.0, -30.0, 70.0, 0.0]),
+    "tx90": np.radians([30.0, 20.0, 60.0, 0.0, 40.0, 0.0]),
+    "panda": np.radians([0.0, -30.0, 0.0, -90.0, 0.0, 60.0, 0.0]),
+}
+VIEWS = [0, 2], [0, 1]
+
+
+def words(ax):
+    """Labels, by their text."""
+    return [artist for artist in ax.texts if isinstance(artist, Annotation) and artist.get_text()]
+
+
+@pytest.mark.parametrize("name", POSES)
+def test_links_are_drawn_where_they_are(name):
+    before = plt.get_fignums()
+    axes = skeleton(name, POSES[name])
+    assert plt.get_fignums() == before
+    here = pose(bayesid.load_robot(name), POSES[name])
+    for ax, seen in zip(axes, VIEWS, strict=True):
+        links = {line.get_gid(): line.get_xydata() for line in ax.lines if line.get_gid()}
+        for i, line in enumerate(here.lines, start=1):
+            np.testing.assert_allclose(links[f"link {i}"], line[:, seen], rtol=0, atol=1e-15)
+        np.testing.assert_allclose(links["flange"][0], here.flange[:3, 3][seen], rtol=0, atol=1e-15)
+        assert ax.get_aspect() == 1.0
+    assert np.ptp(axes[0].get_xlim()) == pytest.approx(np.ptp(axes[1].get_ylim())), "one scale"
+
+
+def test_joints_lengths_and_ends_are_named():
+    side, top = skeleton("kr6r900", POSES["kr6r900"])
+    texts = [word.get_text() for word in words(side)]
+    assert {"g", "base", "flange", "x", "z", "1", "2", "3", "4", "5, 6", "400", "25", "455", "35", "420", "80"} == set(
+        texts
+    )
+    from_above = {word.get_text() for word in words(top)}
+    assert {"base", "flange", "x", "y", "1", "2, 3, 4", "5, 6", "25", "420", "80"} == from_above, "what is seen whole"
+
+
+def arrows(ax):
+    """(K, 2, 2) start and end of each."""
+    return np.array([(one.xyann, one.xy) for one in ax.texts if isinstance(one, Annotation) and one.arrow_patch])
+
+
+def test_axes_point_where_the_joints_turn():
+    """A1 of a KUKA turns about -z, so its arrow points down; A2, A3, A5 about y, away from who looks from the side."""
+    side, _ = skeleton("kr6r900", POSES["kr6r900"])
+    from_base = [end - start for start, end in arrows(side) if np.allclose(start, 0.0)]
+    directions = {tuple(np.sign(arrow.round(12)).tolist()) for arrow in from_base}
+    assert directions == {(1.0, 0.0), (0.0, 1.0), (0.0, -1.0)}, "x and z of the base, and A1"
+    away = [tuple(line.get_xydata()[0].round(3).tolist()) for line in side.lines if line.get_marker() == "x"]
+    assert sorted(away) == [(0.025, 0.4), (0.025, 0.855), (0.445, 0.89)]
+    forwards, _ = skeleton("ur5e")
+    towards = [line for line in forwards.lines if line.get_marker() == "."]
+    assert len(towards) == 4, "joints 2, 3, 4 and 6 of a UR turn about -y at zero"
+
+
+@pytest.mark.parametrize(
+    ("gravity", "seen"), [([0, 0, -9.81], (1, 0)), ([0, 9.81, 0], (0, 1)), ([-9.81, 0, 0], (1, 1))]
+)
+def test_gravity_is_shown_where_it_can_be_seen(gravity, seen):
+    axes = skeleton(replace(bayesid.load_robot("kr5"), gravity=np.array(gravity, dtype=float)))
+    for ax, plane, shown in zip(axes, VIEWS, seen, strict=True):
+        assert [word.get_text() for word in words(ax)].count("g") == shown
+        corner = np.array([ax.get_xlim()[0], ax.get_ylim()[1]])
+        drawn = [
+            end - start for start, end in arrows(ax) if np.linalg.norm(start - corner) < 0.25 * np.ptp(ax.get_xlim())
+        ]
+        assert len(drawn) == shown
+        for arrow in drawn:
+            np.testing.assert_allclose(
+                arrow / np.linalg.norm(arrow), np.array(gravity)[plane] / 9.81, rtol=0, atol=1e-12
+            )
+
+
+@pytest.mark.parametrize("name", POSES)
+def test_labels_do_not_lie_on_each_other(name):
+    figure = skeleton(name, POSES[name])[0].figure
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    for ax in figure.axes:
+        boxes = [word.get_window_extent(canvas.get_renderer()).padded(-1.5) for word in words(ax)]
+        overlaps = [(a, b) for i, a in enumerate(boxes) for b in boxes[:i] if a.overlaps(b)]
+        assert not overlaps
+
+
+def test_positions_are_said_and_zero_by_default():
+    side, _ = bayesid.plot.skeleton(bayesid.load_robot("ur5e"))
+    assert side.figure.get_supxlabel().startswith("q = 0°, 0°, 0°, 0°, 0°, 0°\n")
+    tip = next(line for line in side.lines if line.get_gid() == "flange").get_xydata()[0]
+    np.testing.assert_allclose(tip, [-0.8172, 0.0628], rtol=0, atol=1e-12)
+
+
+def test_given_axes_are_used_and_their_figure_keeps_its_caption():
+    axes = Figure().subplots(2)
+    axes[0].figure.supxlabel("mine")
+    assert bayesid.plot.skeleton("ur5e", axes=axes) == axes.tolist()
+    assert axes[0].figure.get_supxlabel() == "mine"
+    with pytest.raises(ValueError, match="1 axes are given, 2 are needed"):
+        bayesid.plot.skeleton("ur5e", axes=axes[:1])
+
+
+def test_a_robot_without_lengths_can_be_drawn(tmp_path):
+    path = tmp_path / "point.toml"
+    path.write_text('convention = "standard"\njoints = [{ a = 0.0, alpha = 0.0, d = 0.0, theta = 0.0 }]\n')
+    side, _ = skeleton(path)
+    assert {word.get_text() for word in words(side)} == {"g", "base", "flange", "x", "z", "1"}
+
+
+@pytest.mark.parametrize(
+    ("robot", "q", "says"), [("kr55", None, "no such robot"), ("kr5", [0.0], "q: are no positions")]
+)
+def test_what_cannot_be_drawn(robot, q, says):
+    with pytest.raises(InputError, match=says):
+        skeleton(robot, q)
