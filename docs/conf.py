@@ -1,4 +1,7 @@
-"""The documentation's site: `python -m sphinx -W --keep-going -b html docs site`. It needs no network."""
+"""The documentation's site: `python -m sphinx -W --keep-going -b html docs site`. It needs no network.
+
+The notebooks are run by the build, which takes a minute.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ import bayesid
 project = "bayesid"
 author = "the authors of bayesid"
 version = release = version_of("bayesid")
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 nitpicky = True
 nitpick_ignore_regex = [("py:.*", ".*")]  # types of other libraries: nothing is looked up on the network
 
@@ -30,6 +33,16 @@ html_theme = "furo"
 html_title = f"bayesid {version}"
 html_show_copyright = False
 html_copy_source = False
+
+# ---------------------------------------------------------------------------------------------------------------
+# Notebooks: they stand in the repository without outputs, the build runs them
+# ---------------------------------------------------------------------------------------------------------------
+nb_execution_mode = "force"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 600  # s, of a cell: ten times what the slowest takes, on a busy machine
+nb_merge_streams = True
+html_static_path = ["_static"]
+html_css_files = ["notebooks.css"]
 
 # ---------------------------------------------------------------------------------------------------------------
 # Docstrings

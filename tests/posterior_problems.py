@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayesid.fit.knowledge import Information
-from bayesid.posterior.blocks import Blocks
+from bayesid.posterior.blocks import SegmentBlocks
 from bayesid.posterior.likelihood import Likelihood
 from bayesid.posterior.prior import Prior
 from bayesid.posterior.region import Region
@@ -44,7 +44,7 @@ def likelihood(columns, effort, joint, segment, fixed, n):
 def one_each(moments):
     """A block for each segment, one behind the other."""
     end = np.cumsum(moments.count)
-    return Blocks(moments, np.arange(len(moments)), end - moments.count, end)
+    return SegmentBlocks(moments, np.arange(len(moments)), end - moments.count, end)
 
 
 def whole_space(size):

@@ -244,7 +244,8 @@ def _add_identify(commands: _Commands) -> None:
     parser = _command(commands, "identify", "signs, coefficients and feasible parameters from a log", examples)
     logs = (
         "t,q1..qn[,dq1..dqn],tau1..taun (or i1..in with --gains) as CSV, Parquet or MATLAB file, a ROS bag or a "
-        "KUKA table; several logs of one robot count as one, also by a quoted pattern: 'runs/*.csv'"
+        "KUKA table; several logs of one robot count as one, also by a quoted pattern: 'runs/*.csv'; "
+        "files of one run with a + between them are joined by time: positions.csv+currents.csv"
     )
     parser.add_argument("logs", type=Path, nargs="+", metavar="log", help=logs)
     _share(parser, *_ROBOT, "--terms")

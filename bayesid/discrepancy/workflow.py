@@ -24,7 +24,7 @@ from bayesid.identification.identification import Identification
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.options import Preparation, call_of, call_of_log
 from bayesid.identification.pipeline import QUICK, identify_again
-from bayesid.log.log import LogSource, as_log
+from bayesid.log.log import Log, LogSource, as_log
 from bayesid.log.signals import prepare
 from bayesid.model.coefficients import base_coefficients
 from bayesid.posterior.sampler import Sampling
@@ -62,7 +62,6 @@ class Discrepancy:
         seconds: of wall time.
 
     Example:
-        >>> found = bayesid.find_discrepancy(result, other_log, posterior=False)
         >>> found.status, [(effect.effect, effect.joints) for effect in found.added]
         ('no_discrepancy', [])
     """
@@ -175,13 +174,18 @@ def find_discrepancy(
         preparation=preparation,
         progress=progress,
     )
+    again = _with_origin(again, known, log, later)
+    return replace(_discrepancy(case, selection, again), seconds=time.perf_counter() - began)
+
+
+def _with_origin(again: Identification, known: IdentifiedModel, log: Log, later: Log | None) -> Identification:
+    """The same, with all logs that the model knows and the call that makes it again."""
     scored = [] if later is None else [f"holdout={call_of_log(later)}"]
-    again = replace(
+    return replace(
         again,
         identified=replace(again.identified, logs=again.identified.logs | known.logs),
         provenance=replace(again.provenance, call=call_of("find_discrepancy", "earlier", call_of_log(log), *scored)),
     )
-    return replace(_discrepancy(case, selection, again), seconds=time.perf_counter() - began)
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -130,10 +130,9 @@ class Links:
         InputError: one of them is no positive number.
 
     Example:
-        >>> beliefs = bayesid.Beliefs(links=bayesid.Links(mass=3.0, reach=0.2))  # a small arm
-        >>> result = bayesid.identify(robot, log, terms, beliefs=beliefs, posterior=False)
-        >>> result.beliefs.links
-        Links(mass=3.0, reach=0.2)
+        >>> small = bayesid.Links(mass=3.0, reach=0.2)  # bayesid.identify(..., beliefs=bayesid.Beliefs(links=small))
+        >>> small.total_mass  # kg, of all bodies
+        (0.03, 90.0)
     """
 
     mass: float = 10.0

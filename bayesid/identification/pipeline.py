@@ -42,7 +42,7 @@ from bayesid.model.coefficients import BaseCoefficients, base_coefficients
 from bayesid.model.model import Model
 from bayesid.model.robot import Robot, check_joints, load_robot
 from bayesid.model.terms import STANDARD, Term
-from bayesid.posterior.blocks import Blocks, divide
+from bayesid.posterior.blocks import SegmentBlocks, divide
 from bayesid.posterior.inference import DRAWS, Posterior, infer, widened
 from bayesid.posterior.links import usual_links
 from bayesid.posterior.problem import PosteriorProblem
@@ -115,11 +115,8 @@ def identify(
     Example:
         >>> terms = ["rigid_body", "viscous_friction", "coulomb_friction"]
         >>> result = bayesid.identify("robot.toml", "log.csv", terms, search=bayesid.Certified(budget=30.0))
-        >>> friction = result.coefficient("Fc2")
-        >>> f"{friction.mean:.1f} +- {friction.sd:.1f} {friction.unit}"
-        '1.5 +- 0.1 N m'
-        >>> result.predict("motion.csv").upper.shape
-        (201, 3)
+        >>> f"{result.coefficient('Fc2').mean:.1f} N m", result.predict("motion.csv").upper.shape
+        ('1.5 N m', (201, 3))
     """
     robot, terms = robot if isinstance(robot, Robot) else load_robot(robot), catalogue.check_terms(terms)
     loaded = {"robot": robot.name} if robot.origin is None else robot.origin.options
@@ -338,7 +335,7 @@ def _sample(run: _Run, averaged: AveragedSigns, sampling: Sampling) -> Posterior
     pieces, segment = divide(segments, fit.noise.autocorrelation)
     expected = 2.0 * settled.probability - 1.0
     moments = evidence.moments(expected, pieces, _POINTWISE, orientation, summed_out=False)
-    blocks = Blocks(replace(moments, known=known[segment]), segment, pieces.start, pieces.end)
+    blocks = SegmentBlocks(replace(moments, known=known[segment]), segment, pieces.start, pieces.end)
     if not averaged.by_asked or evidence.information is not None:
         search = replace(search, theta=fit.theta, branches=(), settled=None)
     problem = PosteriorProblem(

@@ -27,12 +27,9 @@ from bayesid.log.formats.labels import pattern_of
 from bayesid.log.formats.memory import Variables, read_variables
 from bayesid.log.formats.parts import JOINT, join_parts
 from bayesid.log.formats.stated import parse_columns
-from bayesid.log.formats.table import ABSURD, DEGREE, FEWEST_ROWS, check
+from bayesid.log.formats.table import ABSURD, DEGREE, FEWEST_ROWS, check, far_positions
 from bayesid.log.speeds import check_speeds, check_velocities
 
-_FEW_TURNS = 4.0 * pi
-"""rad; joints turn back before, but for one here and there that turns on and on. Two turns either way: the joints of
-docs/logs-and-robots.md's robots reach one."""
 _MANY_TURNS = 20.0 * pi
 """rad; where most joints leave ten turns either way even in degrees, they are in neither. A round number."""
 _STRONGEST = 1e5
@@ -252,12 +249,9 @@ def read_log(
     q, measured = table.block("q", angle), table.block("tau" if "tau1" in table.columns else "i")
     signed = _signed(measured, unsigned, table.n_joints)
     effort = measured * factors
-    _check_blocks(table, q, effort)
     dq = table.block("dq", angle) if "dq1" in table.columns else None
-    if dq is not None:
-        check_velocities(table.t, q, dq, table.source)
-    if degrees is None:
-        check_speeds(table.t, q, table.source)
+    _check_blocks(table, q, effort)
+    _check_motion(table, q, dq, degrees)
     for note in table.notes:
         warnings.warn(note, stacklevel=2)
     effort = np.where(signed, effort, np.abs(effort))
@@ -274,7 +268,7 @@ def _table_of(source: str | Path | Variables | Parts, options: Options) -> Table
         return read_table(Path(source), options)
     if isinstance(source, list | tuple) and source and all(map(_is_part, source)):
         part = replace(options, part=True)
-        return check(join_parts([_table_of(one, part) for one in source], options.columns))
+        return check(join_parts([_table_of(one, part) for one in source], options.columns), options.columns)
     return _in_memory(source, options)
 
 
@@ -441,17 +435,22 @@ def _check_blocks(table: Table, q: Array, effort: Array) -> None:
         raise InputError(said, table.source, remedy)
 
 
+def _check_motion(table: Table, q: Array, dq: Array | None, degrees: bool | None) -> None:
+    """Positions, velocities and times belong together, unless a user vouches for the unit of positions."""
+    if dq is not None:
+        check_velocities(table.t, q, dq, table.source)
+    if degrees is None:
+        check_speeds(table.t, q, table.source)
+
+
 def angle_unit(table: Table, degrees: bool | None) -> float:
     """The unit, rad, of the positions of which the file does not say it."""
-    if degrees is None:
-        reach = np.abs([c.values for name, c in table.columns.items() if name.startswith("q") and c.unit is None])
-        far = [highest for highest in reach.max(axis=1) if highest > _FEW_TURNS] if len(reach) else []
-        if len(far) > max(1, table.n_joints // 2):
-            said = f"positions reach {max(far):.4g}: are they degrees?"
-            if max(far) * DEGREE > _MANY_TURNS:
-                said = f"positions reach {max(far):.4g}: neither rad nor degrees, are they counts of an encoder?"
-                raise InputError(said, table.source, "give them in rad or degrees (--no-degrees if they are rad)")
-            raise InputError(said, table.source, "give --degrees, or --no-degrees if they are rad")
+    if degrees is None and (far := far_positions(table)):
+        said = f"positions reach {max(far):.4g}: are they degrees?"
+        if max(far) * DEGREE > _MANY_TURNS:
+            said = f"positions reach {max(far):.4g}: neither rad nor degrees, are they counts of an encoder?"
+            raise InputError(said, table.source, "give them in rad or degrees (--no-degrees if they are rad)")
+        raise InputError(said, table.source, "give --degrees, or --no-degrees if they are rad")
     return DEGREE if degrees else 1.0
 
 

@@ -32,7 +32,7 @@ _ROWS = 256
 
 
 @dataclass(frozen=True)
-class Blocks:
+class SegmentBlocks:
     """B stretches of S segments of a log.
 
     Attributes:
@@ -55,16 +55,16 @@ class Blocks:
         """Moments of the segments."""
         return self.whole(np.ones(int(self.segment.max(initial=-1)) + 1, dtype=bool)).moments
 
-    def whole(self, chosen: Mask) -> Blocks:
+    def whole(self, chosen: Mask) -> SegmentBlocks:
         """The blocks of the chosen segments (S,) joined to one each."""
         first = np.unique(self.segment, return_index=True)[1]  # every segment has one
         joined = np.where(chosen[self.segment], first[self.segment], np.arange(len(self)))
         kept, into = np.unique(joined, return_inverse=True)
         end = self.end[kept]
         np.maximum.at(end, into, self.end)
-        return Blocks(self.moments.merged(into), self.segment[kept], self.start[kept], end)
+        return SegmentBlocks(self.moments.merged(into), self.segment[kept], self.start[kept], end)
 
-    def apart(self, likelihood: Likelihood, theta: Array, log_scale: Array) -> tuple[Blocks, Integers]:
+    def apart(self, likelihood: Likelihood, theta: Array, log_scale: Array) -> tuple[SegmentBlocks, Integers]:
         """Blocks whose likelihoods multiply to that of the log, and their signs (B,): 0 where it is summed out.
 
         Args:

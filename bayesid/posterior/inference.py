@@ -24,7 +24,7 @@ from scipy.special import log_expit, logsumexp
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.fit.moments import Moments
 from bayesid.fit.noise import Noise
-from bayesid.posterior.blocks import Blocks
+from bayesid.posterior.blocks import SegmentBlocks
 from bayesid.posterior.modes import find_modes
 from bayesid.posterior.problem import PosteriorProblem
 from bayesid.posterior.sampled_modes import SampledMode, mode_of_draws, pool, sample_modes
@@ -75,7 +75,7 @@ class Posterior:
     """
 
     target: Target
-    blocks: Blocks
+    blocks: SegmentBlocks
     noise: Noise
     modes: tuple[SampledMode, ...]
     draws: Draws

@@ -41,7 +41,7 @@ from bayesid.fit.knowledge import Information
 from bayesid.fit.moments import Moments
 from bayesid.model.coefficients import BaseCoefficients
 from bayesid.model.parameters import Parameter
-from bayesid.posterior.blocks import Blocks
+from bayesid.posterior.blocks import SegmentBlocks
 from bayesid.posterior.likelihood import Likelihood
 from bayesid.posterior.sampler import Draws
 from bayesid.posterior.target import Target
@@ -102,7 +102,7 @@ class Labels:
 def make_inference_data(
     draws: Draws,
     target: Target,
-    blocks: Blocks,
+    blocks: SegmentBlocks,
     labels: Labels,
     attributes: Mapping[str, object],
     most: int = MOST,
@@ -296,7 +296,9 @@ def _joint_of_parts(moments: Moments) -> Integers:
     return joint
 
 
-def by_blocks(blocks: Blocks, likelihood: Likelihood, theta: Array, log_scale: Array) -> tuple[Blocks, Likelihood]:
+def by_blocks(
+    blocks: SegmentBlocks, likelihood: Likelihood, theta: Array, log_scale: Array
+) -> tuple[SegmentBlocks, Likelihood]:
     """Blocks whose likelihoods multiply to that of the log, and it in terms of them instead of segments."""
     blocks, fixed = blocks.apart(likelihood, theta, log_scale)
     moments = blocks.moments
@@ -304,7 +306,7 @@ def by_blocks(blocks: Blocks, likelihood: Likelihood, theta: Array, log_scale: A
     return blocks, replace(likelihood, gradient=scaled.gradient, joint=moments.joint, fixed=fixed)
 
 
-def _block_coordinates(likelihood: Likelihood, blocks: Blocks, labels: Labels) -> dict[str, object]:
+def _block_coordinates(likelihood: Likelihood, blocks: SegmentBlocks, labels: Labels) -> dict[str, object]:
     """The K entries of the dimension `block` and what belongs to each: joint, times, samples, sign.
 
     An entry of several blocks begins with the first and ends with the last one; its sign is 0 unless all have the same
@@ -436,7 +438,7 @@ def add_nuisance(data: InferenceData, scales: Mapping[str, float]) -> None:
         data.add_groups({"nuisance": dataset}, warn_on_custom_groups=False)  # type: ignore[no-untyped-call]
 
 
-def _require_same_sizes(target: Target, blocks: Blocks, labels: Labels) -> None:
+def _require_same_sizes(target: Target, blocks: SegmentBlocks, labels: Labels) -> None:
     likelihood = target.likelihood
     pairs = {
         "segments": (len(likelihood.joint), int(blocks.segment.max(initial=-1)) + 1),

@@ -13,7 +13,7 @@ from bayesid.fit.noise import Noise
 from bayesid.fit.solver import ConeLeastSquares
 from bayesid.model.coefficients import BaseCoefficients
 from bayesid.model.parameters import Cone
-from bayesid.posterior.blocks import Blocks
+from bayesid.posterior.blocks import SegmentBlocks
 from bayesid.posterior.likelihood import make_likelihood
 from bayesid.posterior.prior import make_prior
 from bayesid.posterior.target import Target
@@ -37,7 +37,7 @@ class PosteriorProblem:
             by it.
     """
 
-    blocks: Blocks
+    blocks: SegmentBlocks
     coefficients: BaseCoefficients
     cone: Cone
     noise: Noise

@@ -59,10 +59,9 @@ class Sampling:
         InputError: the budget is no number of seconds, or the mode none from 1 on.
 
     Example:
-        >>> sampling = bayesid.Sampling(budget=5.0, seed=3)
-        >>> result = bayesid.identify(robot, log, terms, posterior=sampling)
-        >>> result.posterior.draws.theta.shape[1:]  # ensembles, walkers, parameters
-        (4, 64, 36)
+        >>> sampling = bayesid.Sampling(budget=300.0, seed=3)  # bayesid.identify(..., posterior=sampling)
+        >>> sampling.ensembles * sampling.walkers
+        256
     """
 
     ensembles: int = 4

@@ -42,7 +42,7 @@ def discrepancy_summary(discrepancy: Discrepancy) -> dict[str, Any]:
             {
                 "effect": effect.effect,
                 "joints": list(effect.joints),
-                "log10_bayes_factor": effect.gain / LN10,
+                "log10_bayes_factor": effect.log10_bayes_factor,
                 "equivalent": list(effect.equivalent),
             }
             for effect in discrepancy.refused
@@ -67,7 +67,7 @@ def _added(effect: AddedEffect) -> dict[str, Any]:
         "told_apart_by": {name: forms()[name].shown_by for name in (effect.effect, *effect.equivalent)}
         if effect.equivalent
         else {},
-        "log10_bayes_factor": effect.gain / LN10,
+        "log10_bayes_factor": effect.log10_bayes_factor,
         "probability": effect.probability,
         "probability_nothing_missing": effect.nothing_missing,
         "probability_something_else": effect.something_else,

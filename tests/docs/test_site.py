@@ -118,10 +118,13 @@ def covers(one: str, name: str) -> bool:
 # ---------------------------------------------------------------------------------------------------------------
 @pytest.mark.long
 def test_site_is_built_without_warnings(tmp_path):
-    for needed in ("sphinx", "myst_parser", "furo"):
+    for needed in ("sphinx", "myst_nb", "furo"):
         pytest.importorskip(needed, reason="pip install 'bayesid[docs]'")
     command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", "html", "-d", tmp_path / "trees"]
     built = subprocess.run([*command, DOCS, tmp_path / "site"], cwd=ROOT, capture_output=True, text=True, check=False)
     assert built.returncode == 0, built.stderr
+    notebook = text_of(tmp_path / "site" / "notebooks" / "identify.html")
+    assert "Identification of arm from" in notebook  # run, and shown with its outputs
+    assert notebook.count(".svg") >= 2
     page = text_of(tmp_path / "site" / "reference" / "posterior.html")
     assert 'href="../posterior.html#equation-marginal-likelihood">equation 3.1</a>' in page  # a docstring's citation

@@ -26,12 +26,13 @@ def signs_with(certified=True, lower_bound=90.0, unsplit=0, withheld=""):
     return SimpleNamespace(search=search, unsplit=unsplit, rounds=4)
 
 
-def model_of(*names):
+def model_of(*names, notes=()):
     """Terms of all joints, or of some, as in "gravity_spring 7"."""
     effects = [
         SimpleNamespace(name=name, joints=tuple(map(int, joints))) for name, *joints in (text.split() for text in names)
     ]
-    return SimpleNamespace(model=SimpleNamespace(terms=effects, effects=effects), evidence=read_through(None))
+    model = SimpleNamespace(terms=effects, effects=effects, robot=SimpleNamespace(notes=notes))
+    return SimpleNamespace(model=model, evidence=read_through(None))
 
 
 def read_through(low_pass):
@@ -146,9 +147,16 @@ def test_each_fault_is_one_sentence(log, changes, sentence):
 
 
 def test_a_low_pass_after_the_rectifier_is_named(log):
-    asked = SimpleNamespace(evidence=read_through(LowPass(2, 7.934, zero_phase=False)))
+    asked = SimpleNamespace(model=model_of().model, evidence=read_through(LowPass(2, 7.934, zero_phase=False)))
     (warning,) = warnings(log, asked=asked)
     assert "was low-passed after it was rectified, at about 7.93 Hz (Butterworth, order 2, with its delay)" in warning
+
+
+def test_what_a_robot_was_read_with_comes_first(log):
+    notes = ("joints finger1, finger2 are held: a gripper is not identified",)
+    found = warnings(log, asked=model_of("rigid_body", notes=notes), doubt=(0.0, 0.3))
+    assert found[0] == notes[0]
+    assert len(found) == 2
 
 
 def test_a_search_that_proves_nothing_has_no_gap(log):

@@ -232,3 +232,12 @@ def test_lists_of_other_recorders(tmp_path, recorded):
     columns["joint_pos"] = pa.array([[1.0], *recorded["q"][1:].tolist()])
     parquet.write_table(pa.table(columns), tmp_path / "b.parquet")
     assert "column joint_pos: holds lists of 1 to 3 values" in refusal(tmp_path / "b.parquet")
+
+
+def test_a_recorders_names_do_not_vouch_for_units(tmp_path, recorded):
+    """Somebody may have put degrees or milliseconds there: what shows in any log shows in these too."""
+    gains, columns = [1.0] * N, rtde(recorded | {"q": 600.0 * recorded["q"]}, ("actual_current", 1.0))
+    columns = {name: values for name, values in columns.items() if "qd" not in name}
+    assert "are they degrees?" in refusal(write(tmp_path / "a.csv", columns), gains=gains)
+    columns = rtde(recorded, ("actual_current", 1.0)) | {"timestamp": 1e3 * recorded["t"]}
+    assert "milliseconds?" in refusal(write(tmp_path / "b.csv", columns), gains=gains)

@@ -9,7 +9,7 @@ import bayesid
 from bayesid.fit.moments import Moments
 from bayesid.log.segments import Segments
 from bayesid.model.coefficients import BaseCoefficients
-from bayesid.posterior.blocks import Blocks, agreed_signs, divide
+from bayesid.posterior.blocks import SegmentBlocks, agreed_signs, divide
 from bayesid.posterior.inference_data import by_blocks, pointwise
 from bayesid.posterior.likelihood import make_likelihood
 from bayesid.simulation.logs import simulate_log
@@ -41,7 +41,7 @@ class Log:
         self.effort = turned * (self.columns @ BETA + SIGMA * rng.standard_normal((400, 2)))
         pieces, segment = divide(self.segments, np.full(2, LENGTH))
         moments = self.moments(pieces, self.segments.known[segment])
-        self.blocks = Blocks(moments, segment, pieces.start, pieces.end)
+        self.blocks = SegmentBlocks(moments, segment, pieces.start, pieces.end)
         self.whole = self.moments(self.segments, self.segments.known)
         coefficients = BaseCoefficients(("a", "b", "c"), ("a", "b", "c"), ("", "", ""), np.arange(3), np.eye(3))
         unknown = np.zeros(5, dtype=int)
@@ -97,7 +97,7 @@ def test_blocks_joined_are_the_segments():
 
 def test_parts_that_blocks_share_stay_together():
     log = Log()
-    blocks = Blocks(log.blocks.moments.compact(2), log.blocks.segment, log.blocks.start, log.blocks.end)
+    blocks = SegmentBlocks(log.blocks.moments.compact(2), log.blocks.segment, log.blocks.start, log.blocks.end)
     joined = blocks.of_segments
     assert np.allclose(joined.gradient, log.whole.gradient, rtol=1e-12)
     for part in range(len(joined.hessian)):

@@ -45,6 +45,16 @@ class AddedEffect:
     parameters: dict[str, Quantity] = field(default_factory=dict)
     readable: dict[str, Quantity] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        where = f"joint {', '.join(map(str, self.joints))}" if self.joints else "the whole robot"
+        evidence = f"log10 of the Bayes factor {self.log10_bayes_factor:.3g}, probability {self.probability:.3g}"
+        return f"AddedEffect {self.effect}, {where}: {evidence}; go on with .parameters, .readable, .rivals"
+
+    @property
+    def log10_bayes_factor(self) -> float:
+        """For it, given all others that were added."""
+        return float(self.gain / LN10)
+
     @property
     def effect(self) -> str:
         """Name in the catalogue."""

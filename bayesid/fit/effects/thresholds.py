@@ -46,10 +46,9 @@ class Thresholds:
         explained_share: of the excess in a joint that stays unexplained, that its effects must explain to be kept.
 
     Example:
-        >>> strict = bayesid.Thresholds(log10_bayes_factor=4.0, max_effects=2)
-        >>> found = bayesid.find_discrepancy(result, other_log, posterior=False, thresholds=strict)
-        >>> found.thresholds.log10_bayes_factor
-        4.0
+        >>> strict = bayesid.Thresholds(log10_bayes_factor=4.0)  # bayesid.find_discrepancy(..., thresholds=strict)
+        >>> strict.log10_bayes_factor, strict.max_effects
+        (4.0, 40)
     """
 
     # the log

@@ -41,12 +41,13 @@ def read_table(path: Path, options: Options) -> Table:
     """
     if parts := _parts_of(path):
         part = replace(options, part=True)
-        return check(join_parts([read_table(one, part) for one in parts], options.columns, motion=options.motion))
+        tables = [read_table(one, part) for one in parts]
+        return check(join_parts(tables, options.columns, motion=options.motion), options.columns)
     try:
         head = b"" if path.is_dir() else _head(path)
         reader = next(known for known in known_formats() if known.recognises(path, head))
         _check_options(path, reader, options)
-        return check(reader.read(path, options))
+        return check(reader.read(path, options), options.columns)
     except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
         raise InputError("no such file", str(path), "give the path of a log") from None
     except OSError as error:

@@ -32,7 +32,8 @@ class Convention:
     Attributes:
         name: of the recorder, for messages.
         marks: labels by which its headers are known: they hold all of them.
-        columns: patterns with units as a user gives them; those of tau and i exclude each other.
+        columns: patterns as a user gives them, with units other than s, rad and rad/s, so that these are looked at as
+            in any log: somebody may have put degrees there; those of tau and i exclude each other.
         part: the label of the number of the recording that a row is of, where files hold several.
         lacking: what to do where there are no efforts.
         says: what the recorder leaves open, for the note.
@@ -65,21 +66,16 @@ CONVENTIONS = (
     Convention(  # src/log.cpp of libfranka writes Duration::toMSec
         "libfranka's log",
         marks=("success_rate", "state.q[0]"),
-        columns={
-            "t": "time [ms]",
-            "q": "state.q[{}] [rad]",
-            "dq": "state.dq[{}] [rad/s]",
-            "tau": "state.tau_J[{}] [Nm]",
-        },
+        columns={"t": "time [ms]", "q": "state.q[{}]", "dq": "state.dq[{}]", "tau": "state.tau_J[{}] [Nm]"},
         lacking="log state.tau_J, the measured torques, too",
     ),
     Convention(  # Real-Time Data Exchange guide of Universal Robots; joints from 0, s, rad, A, N m
         "UR's RTDE",
         marks=("timestamp", "actual_q_0"),
         columns={
-            "t": "timestamp [s]",
-            "q": "actual_q_{} [rad]",
-            "dq": "actual_qd_{} [rad/s]",
+            "t": "timestamp",
+            "q": "actual_q_{}",
+            "dq": "actual_qd_{}",
             "tau": "actual_current_as_torque_{} [Nm]",
             "i": "actual_current_{} [A]",
         },
@@ -90,8 +86,8 @@ CONVENTIONS = (
         marks=("field.header.stamp", "field.position0"),
         columns={
             "t": "field.header.stamp [ns]",
-            "q": "field.position{} [rad]",
-            "dq": "field.velocity{} [rad/s]",
+            "q": "field.position{}",
+            "dq": "field.velocity{}",
             "tau": "field.effort{} [Nm]",
         },
         lacking="record a topic with efforts",
@@ -101,12 +97,7 @@ CONVENTIONS = (
     Convention(  # the same of franka_msgs/FrankaState
         "rostopic's table of Franka's states",
         marks=("field.header.stamp", "field.tau_J0"),
-        columns={
-            "t": "field.header.stamp [ns]",
-            "q": "field.q{} [rad]",
-            "dq": "field.dq{} [rad/s]",
-            "tau": "field.tau_J{} [Nm]",
-        },
+        columns={"t": "field.header.stamp [ns]", "q": "field.q{}", "dq": "field.dq{}", "tau": "field.tau_J{} [Nm]"},
     ),
     Convention(  # system variables of KRL: degrees, N m, percent of the amplifiers' maximum
         "KUKA's system variables",
@@ -122,7 +113,7 @@ CONVENTIONS = (
         "LeRobot",
         marks=("episode_index", "frame_index", "observation.state1"),
         columns={
-            "t": "timestamp [s]",
+            "t": "timestamp",
             "q": "observation.state{}",
             "dq": "observation.velocity{}",
             "tau": "observation.effort{}",

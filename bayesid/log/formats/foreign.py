@@ -47,6 +47,11 @@ _KINDS = (
         "an HDF5 file, but none of MATLAB",
         "give its arrays from Python: bayesid.read_log({'t': .., 'q': .., 'tau': ..})",
     ),
+    _kind(
+        rb"DIAEXTENDED",
+        "a header of DIAdem, as KUKA's trace writes it beside its .r64",
+        "export the trace as a table of text (WorkVisual); a file a joint is given as 'trace_*.csv+'",
+    ),
     _kind(rb"TDSm|MDF {5}|UnFinMF", "a measurement file (TDMS or MDF)", "export its channels as CSV"),
     _kind(rb"%PDF|\x89PNG|\xff\xd8\xff", "a document or a picture", "give the log that it shows"),
 )

@@ -142,9 +142,10 @@ def kind_part(name: str) -> str:
 def _reading(place: int, label: str) -> Reading | None:
     """What a label says, its unit in brackets, or behind a "_"; None if it is none of a log's, or its unit unknown."""
     name, unit = split_brackets(label)
+    paths = [name[match.end() :] for match in re.finditer("[/.]", name)]  # of topics: the shortest end that says it
     if unit is not None:
-        return _with_unit(place, label, name, unit, any_current=True)
-    paths = [label[match.end() :] for match in re.finditer("[/.]", label)]  # of topics: the shortest end that says it
+        stated = (_with_unit(place, label, one, unit, any_current=True) for one in (name, *reversed(paths)))
+        return next((reading for reading in stated if reading is not None), None)
     ends = [match.start() for match in re.finditer("_", label)]
     tailed = (_with_unit(place, label, label[:end], label[end + 1 :]) for end in ends)
     whole = (_with_unit(place, label, name, None) for name in (label, *reversed(paths)))

@@ -41,7 +41,7 @@ def read_variables(source: object, options: Options) -> Table:
     Raises:
         InputError: it is nothing of the kind, or cannot be used.
     """
-    return check(table_of(_by_name(source), type(source).__name__, **options.choice))
+    return check(table_of(_by_name(source), type(source).__name__, **options.choice), options.columns)
 
 
 def _by_name(source: Any) -> dict[str, Any]:

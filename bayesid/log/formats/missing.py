@@ -17,6 +17,8 @@ UNNAMED = "NAME{}"
 """What stands for columns of which there are none."""
 _EFFORT = re.compile("tau|torque|moment|eff|force|curr|amp|strom|kraft|last|load", re.IGNORECASE)
 """What names of efforts hold in many languages."""
+_CURRENT = re.compile("curr|strom|amp", re.IGNORECASE)
+"""What names of currents hold."""
 _SHOWN = 20
 """Names of a header that a message shows, those that differ by their numbers as one."""
 
@@ -29,19 +31,32 @@ def described(header: Sequence[str], found: Mapping[str, SourceColumn] | None = 
     return f" among {', '.join(shown[:_SHOWN])}{' and others' if len(shown) > _SHOWN else ''}"
 
 
-def suggestion(header: Sequence[str], found: Mapping[str, SourceColumn]) -> str:
-    """The option that names the columns of a log: those found and, for those missing, what might be meant."""
+def option(columns: Mapping[str, str]) -> str:
+    """The option that names columns."""
+    return f"{OPTION} " + ",".join(f'{key}="{pattern}"' for key, pattern in columns.items())
+
+
+def suggestion(header: Sequence[str], found: Mapping[str, SourceColumn], given: Mapping[str, str] | None = None) -> str:
+    """The option that names the columns of a log: those found and, for those missing, what might be meant.
+
+    Args:
+        header: the labels that are there.
+        found: columns that are known.
+        given: what a user has named: it stays.
+    """
+    given = given or {}
     left = [label for label in header if label and label not in {source.label for source in found.values()}]
     effort = next((kind for kind in ("tau", "i") if f"{kind}1" in found), None)
     parts: list[tuple[str, str]] = []
     n_joints = None
     for kinds in (("t",), ("q",), ("tau", "i") if effort is None else (effort,)):
         known = [source for source in found.values() if kind_part(source.name) in kinds]
-        part = _as_found(known, header) if known else _guessed(kinds, left, n_joints)
+        said = [(key, pattern) for key, pattern in given.items() if kind_part(key) in kinds]
+        part = said if said and known else _as_found(known, header) if known else _guessed(kinds, left, n_joints)
         n_joints = len(part) if kinds == ("q",) and len(part) > 1 else n_joints
         left = [label for label in left if not {label, pattern_of(label)} & {pattern for _, pattern in part}]
         parts += part
-    return f"{OPTION} " + ",".join(f'{key}="{pattern}"' for key, pattern in parts)
+    return option(dict(parts))
 
 
 def _as_found(known: Sequence[SourceColumn], header: Sequence[str]) -> list[tuple[str, str]]:
@@ -70,7 +85,13 @@ def _by_end(kinds: Sequence[str], labels: Sequence[str], n_joints: int | None) -
     ends: dict[str, list[str]] = {}
     for label in labels:
         ends.setdefault(last_word(label), []).append(label)
-    return known + [(kinds[0], alike) for alike in ends.values() if len(alike) == n_joints]
+    fitting = [(_kind_of(kinds, end), alike) for end, alike in ends.items() if len(alike) == n_joints]
+    return known + sorted(fitting, key=lambda one: _EFFORT.search(one[1][0]) is None)
+
+
+def _kind_of(kinds: Sequence[str], name: str) -> str:
+    """Which of some kinds a name says: currents by their own words, else the first."""
+    return "i" if "i" in kinds and _CURRENT.search(name) else kinds[0]
 
 
 def _likely(kinds: Sequence[str], patterns: Sequence[str]) -> list[tuple[str, str]]:
@@ -80,4 +101,4 @@ def _likely(kinds: Sequence[str], patterns: Sequence[str]) -> list[tuple[str, st
     open_ones = [one for one, unit in units.items() if unit is None]
     if "tau" in kinds or "i" in kinds:
         open_ones.sort(key=lambda one: _EFFORT.search(one) is None)
-    return stated + [(kinds[0], one) for one in open_ones]
+    return stated + [(_kind_of(kinds, one), one) for one in open_ones]

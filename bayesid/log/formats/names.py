@@ -7,6 +7,7 @@ make no whole log, the usual other ones count too (`WORDS`), and joints may be n
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set
+from typing import NamedTuple
 
 from bayesid.errors import InputError
 from bayesid.log.formats.conventions import convention_of, note_of
@@ -31,6 +32,14 @@ _SHOWN = 7
 _EFFORT = "column tau1 (or i1 with gains)"
 _Family = Mapping[int, Reading]
 """Columns of one kind that are called alike, by the numbers in their labels."""
+
+
+class _Asked(NamedTuple):
+    """What a user wants of a log: the columns named, whether the motion alone, and what a recorder says of efforts."""
+
+    columns: Mapping[str, str]
+    motion: bool
+    lacking: str
 
 
 def choose(
@@ -71,7 +80,8 @@ def choose(
     if part:
         return _part(found, header, where)
     lacking = "" if convention is None else convention.lacking
-    chosen = _complete({source.name: source for source in found}, header, where, motion=motion, lacking=lacking)
+    asked = _Asked(columns or {}, motion, lacking)
+    chosen = _complete({source.name: source for source in found}, header, where, asked)
     if convention is not None and convention.part is not None and convention.part in header:
         chosen += (SourceColumn("part", header.index(convention.part), convention.part, 1.0),)
     foreign = convention is not None or any(one.rank == OTHER for family in families for one in family.values())
@@ -201,19 +211,19 @@ def _source(one: Reading, family: _Family) -> SourceColumn:
 # What is missing
 # ---------------------------------------------------------------------------------------------------------------
 def _complete(
-    found: Mapping[str, SourceColumn], header: Sequence[str], where: str, *, motion: bool, lacking: str
+    found: Mapping[str, SourceColumn], header: Sequence[str], where: str, asked: _Asked
 ) -> tuple[SourceColumn, ...]:
     """The columns of a log, or of its motion alone, in order, if none is missing."""
     n, effort = _highest("q", found), "tau" if _highest("tau", found) else "i"
     absent = {"column t": "t" not in found, "column q1": n == 0}
-    absent[_EFFORT] = not motion and not _highest(effort, found)
+    absent[_EFFORT] = not asked.motion and not _highest(effort, found)
     for said in (said for said, is_absent in absent.items() if is_absent):
         _check_units(header, where, {"column t": ("t",), "column q1": ("q",)}.get(said, ("tau",)))
-        remedy = lacking if said == _EFFORT and lacking else ""
+        remedy = asked.lacking if said == _EFFORT else ""
         said = f"{said} is missing{described(header, found)}"
-        raise InputError(said, where, remedy or _missing_remedy(header, found))
+        raise InputError(said, where, remedy or _missing_remedy(header, found, asked.columns))
     chosen = [found["t"]]
-    for kind in ["q", *([] if motion else [effort]), *(["dq"] if _highest("dq", found) else [])]:
+    for kind in ["q", *([] if asked.motion else [effort]), *(["dq"] if _highest("dq", found) else [])]:
         for j in range(1, n + 1):
             if f"{kind}{j}" not in found:
                 there = f"{_label(found, 'q', 1)}..{_label(found, 'q', n)}"
@@ -232,9 +242,9 @@ def _complete(
     return tuple(chosen)
 
 
-def _missing_remedy(header: Sequence[str], found: Mapping[str, SourceColumn]) -> str:
+def _missing_remedy(header: Sequence[str], found: Mapping[str, SourceColumn], given: Mapping[str, str]) -> str:
     """The option that names what is there or, where nothing there may be meant, the way to name another file."""
-    suggested = suggestion(header, found)
+    suggested = suggestion(header, found, given)
     elsewhere = "; if another file of the run holds them, give both as FILE+OTHER" if UNNAMED in suggested else ""
     return f"say which columns are meant with {suggested}{elsewhere}"
 

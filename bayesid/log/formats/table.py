@@ -30,6 +30,9 @@ _UNSORTED = 0.01
 _STANDS = 0.75
 """Share of rows that move at the time of the row before, above which a clock of whole seconds is too coarse: repeated
 rows repeat their positions too. A round number; not studied."""
+_FEW_TURNS = 4.0 * pi
+"""rad; joints turn back before, but for one here and there that turns on and on. Two turns either way: the joints of
+docs/logs-and-robots.md's robots reach one."""
 _PARTS = {"milliseconds": ("ms", 1e-3), "microseconds": ("us", 1e-6), "nanoseconds": ("ns", 1e-9)}
 FEWEST_ROWS = 50
 """Rows of a log, and distinct instants in it, at least: half a second at the usual 100 Hz, too short to filter. A round
@@ -124,8 +127,12 @@ class Table:
         return column.values * (unit if column.unit is None else column.unit)
 
 
-def check(table: Table) -> Table:
+def check(table: Table, given: Mapping[str, str] | None = None) -> Table:
     """The table itself, if its rows are enough, its numbers of this world and its time in order.
+
+    Args:
+        table: of a log, or of a part of one.
+        given: columns that a user has named, which messages repeat.
 
     Raises:
         InputError: they are not.
@@ -135,7 +142,7 @@ def check(table: Table) -> Table:
         said = f"holds {len(t.values)} rows, too few to identify anything"
         raise InputError(said, table.source, f"record at least {FEWEST_ROWS} rows, better thousands")
     _check_numbers(table)
-    _check_unit_of_time(table)
+    _check_unit_of_time(table, given or {})
     _check_resolution(table)
     with np.errstate(over="ignore"):
         step = np.diff(table.t)
@@ -150,7 +157,18 @@ def check(table: Table) -> Table:
     return table
 
 
-def _check_unit_of_time(table: Table) -> None:
+def far_positions(table: Table) -> list[float]:
+    """How far joints go, rad, that leave two turns; none unless these are more than half, and two at least.
+
+    Only positions whose unit the file does not say are looked at.
+    """
+    positions = [column for name, column in table.columns.items() if name.startswith("q")]
+    reach = [float(np.abs(column.values).max()) for column in positions if column.unit is None]
+    far = [highest for highest in reach if highest > _FEW_TURNS]
+    return far if len(far) > max(1, len(positions) // 2) else []
+
+
+def _check_unit_of_time(table: Table, given: Mapping[str, str]) -> None:
     """A time whose unit is not stated is in s: its typical step shows whether it can be."""
     t = table.columns["t"]
     with np.errstate(over="ignore"):
@@ -166,7 +184,10 @@ def _check_unit_of_time(table: Table) -> None:
         raise InputError(f"{said}: no joint log is so slow", table.source, f"give {t.label} in s")
     word, unit = likely
     stated = f"{t.label}[{unit}]"
-    remedy = f'name the column {stated}, or give --columns t="{stated}" ({t.label}[s] if it is in seconds)'
+    columns = ",".join(f'{key}="{pattern}"' for key, pattern in {**given, "t": stated}.items())
+    remedy = f"name the column {stated}, or give --columns {columns} ({t.label}[s] if it is in seconds)"
+    if far := far_positions(table):
+        remedy += f"; positions reach {max(far):.4g}: give --degrees too, if they are degrees"
     if np.all(steps == 1.0):
         word, remedy = f"{word} or rows?", f'{remedy}; t="{t.label}[8ms]" if it counts rows of 8 ms'
     raise InputError(f"{said}: {word.removesuffix('?')}?", table.source, remedy)

@@ -42,9 +42,8 @@ _COMMENTS = "#", "%"
 _MINUS = "\u2212"
 """The sign of mathematics, which word processors put in place of a hyphen."""
 _AGAIN = "remove the row or, if another recording begins there, cut the log into two files and give both"
-_THOUSANDS = re.compile(
-    r"[-+]?\d{1,3}(?:[.,'\u00a0\u202f ]\d{3}){2,}|[-+]?\d{1,3}(?:[,'\u00a0\u202f ]\d{3})+(?:\.\d*)?"
-)
+_THOUSANDS = re.compile(r"[-+]?\d{1,3}(?:[.,'\u00a0\u202f ]\d{3})+(?:[.,]\d*)?")
+"""What is no number, but would be one without the separators of its thousands."""
 _NO_VALUE = "#", "nan", "NaN", "NULL", "null", "None", "N/A", "n/a", "-", "?"
 """How a cell without a value begins: errors of spreadsheets, and words for nothing."""
 _CONTROLS = re.compile(rb"[\0-\x08\x0e-\x1f]")
@@ -196,12 +195,14 @@ def _encoding(content: bytes, whole: bool) -> str:
 
 
 def _are_quoted(lines: Sequence[str]) -> bool:
-    """Whether the first lines stand in quotes as a whole."""
+    """Whether the first lines stand in quotes as a whole: those inside are doubled, and there are separators."""
     first = [line.strip() for line in lines[:2]]
-    cells = [next(csv.reader([line]), []) for line in first]
     return len(first) == 2 and all(
-        line[:1] == '"' and len(row) == 1 and row[0].count(",") + row[0].count(";") >= _FEWEST - 1
-        for line, row in zip(first, cells, strict=True)
+        len(line) > 1
+        and line[0] == line[-1] == '"'
+        and '"' not in line[1:-1].replace('""', "")
+        and max(map(line.count, _SEPARATORS)) >= _FEWEST - 1
+        for line in first
     )
 
 

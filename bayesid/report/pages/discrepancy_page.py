@@ -127,7 +127,7 @@ def _added(effect: AddedEffect) -> dict[str, Any]:
         "name": _name(effect.hypothesis),
         "joints": _joints(effect.joints),
         "parameters": _parameters(effect),
-        "gain": effect.gain / LN10,
+        "gain": effect.log10_bayes_factor,
         "probability": effect.probability,
         "nothing_missing": effect.nothing_missing,
         "something_else": effect.something_else,

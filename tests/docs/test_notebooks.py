@@ -1,0 +1,90 @@
+"""The notebooks of docs/ run, and show what their text says."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parents[2]
+FOLDER = ROOT / "docs" / "notebooks"
+NAMES = ("identify", "torque-limit", "discrepancy")
+MAGIC = re.compile(r"^%.*$", re.M)
+"""Lines for a notebook's kernel, which is not needed here."""
+
+
+def cells(name: str, kind: str) -> list[str]:
+    """Sources of a notebook's cells of one kind."""
+    notebook = json.loads((FOLDER / f"{name}.ipynb").read_text(encoding="utf-8"))
+    return ["".join(cell["source"]) for cell in notebook["cells"] if cell["cell_type"] == kind]
+
+
+def run(name: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, object]:
+    """The names that a notebook leaves behind."""
+    monkeypatch.setattr("matplotlib.pyplot.show", lambda: None)
+    namespace: dict[str, object] = {"__name__": "__main__"}
+    with mpl.rc_context({"backend": "agg"}):
+        for k, source in enumerate(cells(name, "code"), 1):
+            exec(compile(MAGIC.sub("", source), f"{name}.ipynb, code cell {k}", "exec", dont_inherit=True), namespace)
+        import matplotlib.pyplot as plt
+
+        plt.close("all")
+    return namespace
+
+
+def test_the_index_leads_to_all_of_them():
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    assert {path.stem for path in FOLDER.glob("*.ipynb")} == set(NAMES)
+    for name in NAMES:
+        assert f"(notebooks/{name}.ipynb)" in index
+        assert f"\nnotebooks/{name}\n" in index
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_outputs_are_left_to_the_site(name):
+    """It runs them: what stands in the repository is text, and no output is older than the code."""
+    notebook = json.loads((FOLDER / f"{name}.ipynb").read_text(encoding="utf-8"))
+    for cell in notebook["cells"]:
+        assert cell.get("outputs", []) == []
+        assert cell.get("execution_count") is None
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_links_of_a_notebook_lead_somewhere(name):
+    targets = re.findall(r"\]\(([^)#]+)[^)]*\)", "\n".join(cells(name, "markdown")))
+    assert targets
+    for target in targets:
+        assert (FOLDER / target).exists(), target
+
+
+@pytest.mark.long
+def test_identify_finds_signs_and_coefficients(monkeypatch):
+    left = run("identify", monkeypatch)
+    assert np.mean(left["right"]) > 0.995
+    assert left["within"] > 0.8
+    assert np.all(left["check"].coverage > 0.85)
+
+
+@pytest.mark.long
+def test_a_risk_allows_less_than_the_mean_model(monkeypatch):
+    left = run("torque-limit", monkeypatch)
+    assert 1.0 < left["by_risk"] < left["by_mean"] < 1.8
+    assert np.all(np.diff(left["risk"]) >= 0.0)
+    assert left["risk"][left["allowed"]][-1] > 0.05
+
+
+@pytest.mark.long
+def test_what_has_changed_is_found(monkeypatch):
+    left = run("discrepancy", monkeypatch)
+    payload, friction = left["found"].added
+    assert (payload.effect, friction.effect, friction.joints) == ("payload", "coulomb_friction", (2,))
+    mass, sd, unit = payload.readable["mass"]
+    assert unit == "kg"
+    assert abs(mass - 1.5) < 4.0 * sd
+    change, sd, _ = friction.parameters["change of Fc2"]
+    grown = left["worn"] - left["theta"]
+    assert abs(change - grown.max()) < 4.0 * sd
