@@ -47,6 +47,18 @@ def in_python(text: str) -> str:
     return _OPTION.sub(argument, text)
 
 
+def printable(text: str) -> str:
+    r"""Text in which what no screen shows is escaped: control characters, and bytes of file names that are no UTF-8.
+
+    What comes from outside and is shown or written as a name passes here once.
+
+    Example:
+        >>> printable("left\x1b[31m arm")
+        'left\\x1b[31m arm'
+    """
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
 def near_names(name: str, known: Iterable[str]) -> str:
     """The question which of the known names was meant by one that is not, the nearest; empty where none is near.
 

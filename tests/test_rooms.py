@@ -133,6 +133,21 @@ def test_third_party_packages_stay_in_their_rooms(path):
 
 
 # ---------------------------------------------------------------------------------------------------------------
+# Files
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("path", FILES, ids=module_of)
+def test_text_is_utf_8_whatever_the_locale(path):
+    """Whatever opens, reads or writes text says in which encoding."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if not isinstance(node, ast.Call):
+            continue
+        owner, _, name = ast.unparse(node.func).rpartition(".")
+        binary = any(isinstance(one, ast.Constant) and "b" in str(one.value) for one in node.args[:2])
+        if owner != "os" and ((owner and name in ("write_text", "read_text")) or (name == "open" and not binary)):
+            assert "encoding" in {keyword.arg for keyword in node.keywords}, f"{path}:{node.lineno}"
+
+
+# ---------------------------------------------------------------------------------------------------------------
 # Functions
 # ---------------------------------------------------------------------------------------------------------------
 def functions() -> Iterator[tuple[str, ast.FunctionDef]]:

@@ -6,6 +6,7 @@ that computes is imported before the arguments are understood.
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from collections.abc import Sequence
@@ -18,6 +19,9 @@ __all__ = ["main"]
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command and returns its exit code."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # an ASCII terminal gets the rest escaped
+            stream.reconfigure(errors="backslashreplace")
     try:
         from bayesid.cli.parser import parse  # nor here: Ctrl-C while modules load is an interruption like any other
 

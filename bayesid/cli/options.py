@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from bayesid.cli.terminal import warn
-from bayesid.errors import InputError
+from bayesid.errors import InputError, printable
 from bayesid.fit.effects.kinematics import KinematicTolerance
 from bayesid.fit.knowledge import Beliefs, Links, read_nominal
 from bayesid.log.formats.stated import parse_columns
@@ -28,7 +28,7 @@ Recording = TypeVar("Recording", Log, RecordedMotion)
 
 def command_line() -> str:
     """What was typed."""
-    return shlex.join(["bayesid", *sys.argv[1:]])
+    return printable(shlex.join(["bayesid", *sys.argv[1:]]))
 
 
 def robot_of(options: argparse.Namespace) -> Robot:

@@ -11,6 +11,8 @@ from rich.console import Console, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from bayesid.errors import printable
+
 _UNWRAPPED = 10_000
 """Columns of what is no terminal: a file's or a pipe's lines are as long as they are."""
 
@@ -67,4 +69,4 @@ def complain(message: str, name: str = "bayesid") -> None:
 
 
 def _print_message(head: str, message: str, style: str) -> None:
-    console(stderr=True).print(Text.assemble((f"{head}:", style), " ", message), soft_wrap=True)
+    console(stderr=True).print(Text.assemble((f"{head}:", style), " ", printable(message)), soft_wrap=True)

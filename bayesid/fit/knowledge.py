@@ -282,7 +282,7 @@ def read_nominal(path: str | Path) -> dict[str, tuple[float, float]]:
         {'m3': (1.2, 0.1)}
     """
     try:
-        with Path(path).open(newline="") as file:
+        with Path(path).open(newline="", encoding="utf-8-sig") as file:
             rows = list(csv.DictReader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"cannot be read ({error})", str(path), _REMEDY) from None

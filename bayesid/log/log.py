@@ -20,7 +20,7 @@ from typing import TypeAlias
 import numpy as np
 
 from bayesid.arrays import Array, Integers, Mask, frozen
-from bayesid.errors import InputError
+from bayesid.errors import InputError, printable
 from bayesid.files import numbered, replace_file, write_columns
 from bayesid.log.formats import Options, Table, is_log_folder, read_table
 from bayesid.log.formats.labels import pattern_of
@@ -68,6 +68,7 @@ class Piece:
     def __post_init__(self) -> None:
         if not self.start_row < self.stop_row:
             raise ValueError("a piece holds no rows")
+        object.__setattr__(self, "source", printable(self.source))
         object.__setattr__(self, "t", frozen(self.t, (self.stop_row - self.start_row,), "a piece's t"))
 
 
@@ -101,6 +102,7 @@ class Log:
 
     def __post_init__(self) -> None:
         q = frozen(self.q, (None, None), "q")
+        object.__setattr__(self, "source", printable(self.source))
         object.__setattr__(self, "q", q)
         object.__setattr__(self, "t", frozen(self.t, (q.shape[0],), "t"))
         object.__setattr__(self, "effort", frozen(self.effort, q.shape, "effort"))

@@ -31,8 +31,8 @@ _SLOWEST = 5.0
 _DIGITS = 10
 """Of a period: a difference of two stamps is rounded, 0.010000000000001563 s are 10 ms."""
 _FEWEST_ALLOWED, _EMPTIEST = 1_000_000, 20
-"""Samples that an even grid may have, whatever the log, and samples a row from there on: an emptier grid is made of time
-stamps that come in bursts, or of pauses of hours. Round numbers; a million samples fit any machine."""
+"""Samples that an even grid may have, whatever the log, and samples a row from there on: an emptier one comes of stamps
+in bursts, or of pauses of hours. Round numbers; a million samples fit any machine."""
 _EVENED = 51
 """Rows over which jittering time stamps are evened out: half a second at the usual 100 Hz. Not studied."""
 _SMOOTHER = 0.25

@@ -35,7 +35,9 @@ def save_design(design: ExcitationDesign, folder: str | Path) -> Path:
         from bayesid.report.plot.designs import excitation_figure  # matplotlib takes a second to import
 
         _write_trajectory(place / "trajectory.csv", design)
-        (place / "design.json").write_text(json.dumps(design_summary(design), indent=2, allow_nan=False) + "\n")
+        (place / "design.json").write_text(
+            json.dumps(design_summary(design), indent=2, allow_nan=False) + "\n", encoding="utf-8"
+        )
         excitation_figure(design).savefig(place / "excitation.svg", transparent=False, facecolor="white")
 
     return save_folder(folder, DESIGN_FILES, DESIGN_MARKER, write)

@@ -188,7 +188,7 @@ def _write_identification(
     _write_signed_log(place / "signed_log.csv", identification.log, identification.signals, identification.probability)
     write_table(place / "coefficients.csv", coefficient_rows(identification))
     write_table(place / "parameters.csv", parameter_rows(identification))
-    (place / "model.toml").write_text(tomli_w.dumps(model_table(identification.identified)))
+    (place / "model.toml").write_text(tomli_w.dumps(model_table(identification.identified)), encoding="utf-8")
     (place / "robot.urdf").write_text(urdf(identification.model, identification.theta), encoding="utf-8")
     (place / "robot.xml").write_text(mjcf(identification.model, identification.theta), encoding="utf-8")
     if identification.posterior is not None:

@@ -46,7 +46,7 @@ def load_model(folder: str | Path, effects: Iterable[type[Effect]] = ()) -> Iden
     path = Path(folder) / "model.toml"
     remedy = "give a folder that `bayesid identify` wrote"
     try:
-        table = tomllib.loads(path.read_text())
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (FileNotFoundError, NotADirectoryError):
         raise InputError("holds no model.toml", str(folder), remedy) from None
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:

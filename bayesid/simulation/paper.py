@@ -130,5 +130,5 @@ def nominal_parameters() -> Array:
     The table does not hold all parameters; what it leaves open was chosen once, in round numbers, so that every
     pseudo-inertia stays well inside the cone (kr5_nominal.toml says how).
     """
-    text = (resources.files("bayesid.simulation") / "kr5_nominal.toml").read_text()
+    text = (resources.files("bayesid.simulation") / "kr5_nominal.toml").read_text(encoding="utf-8")
     return frozen(tomllib.loads(text)["links"], (_N_LINKS, len(NAMES)), "links").flatten()

@@ -32,7 +32,7 @@ def save_results(finished: Finished, folder: Path) -> str:
     from bayesid.report.plot.trials import save_figure  # matplotlib takes a second to import
 
     text = finished.report
-    replace_file(folder / "report.txt", lambda aside: aside.write_text(f"{text}\n"))
+    replace_file(folder / "report.txt", lambda aside: aside.write_text(f"{text}\n", encoding="utf-8"))
     if finished.good:
         save_figure(lambda figure: finished.study.draw(finished.good, figure), folder / "figure.svg")
     return text

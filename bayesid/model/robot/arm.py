@@ -19,6 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from bayesid.arrays import Array, frozen
+from bayesid.errors import printable
 from bayesid.model import inertia
 from bayesid.motion import Motion
 
@@ -56,6 +57,7 @@ class Robot:
 
     def __post_init__(self) -> None:
         n = len(self.joints)
+        object.__setattr__(self, "name", printable(self.name))
         object.__setattr__(self, "gravity", frozen(self.gravity, (3,), "gravity"))
         if self.transmission is not None:
             object.__setattr__(self, "transmission", frozen(self.transmission, (n, n), "transmission"))
@@ -254,6 +256,9 @@ class Joint:
     parent: int = -1
     link_frame: Array = field(default_factory=lambda: np.eye(4))
     name: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "name", printable(self.name))
 
     def matches(self, other: Joint) -> bool:
         """Same place, axis and kind to 1e-6."""

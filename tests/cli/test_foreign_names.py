@@ -1,0 +1,73 @@
+"""Names that no screen shows, or that the locale cannot: what was computed is kept, and told escaped."""
+
+import json
+import os
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+
+import pytest
+
+from bayesid.cli import main
+from bayesid.results.model_file import load_model
+
+ARM = """convention = "standard"
+name = "{name}"
+joints = [
+  {{a = 0.0, alpha = 1.5707963267948966, d = 0.4, theta = 0.0}},
+  {{a = 0.35, alpha = 0.0, d = 0.0, theta = 0.0}},
+]
+"""
+QUICK = ("--robot", "arm.toml", "--no-posterior", "--complete", "off")
+ASCII = {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"}
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "arm.toml").write_text(ARM.format(name="é中"), encoding="utf-8")
+    assert main(["simulate", "--robot", "arm.toml", "--duration", "6", "--out", "log.csv", "--quiet"]) == 0
+    return tmp_path
+
+
+def run(*arguments, **environment):
+    command = [sys.executable, "-m", "bayesid.cli", *arguments]
+    return subprocess.run(command, env={**os.environ, **environment}, capture_output=True, timeout=120)
+
+
+@pytest.mark.parametrize(
+    ("log", "shown", "locale"),
+    [
+        (b"log.csv", "log.csv", ASCII),
+        (b"l\xff.csv", r"l\udcff.csv", {}),
+        (b"l\xff.csv", r"l\udcff.csv", ASCII),
+        (b"l\x1b[31m\n.csv", r"l\x1b[31m\n.csv", {}),
+    ],
+)
+def test_a_result_is_kept_whatever_the_names(place, log, shown, locale):
+    os.rename(b"log.csv", log)
+    done = run("identify", os.fsdecode(log), *QUICK, "--out", "result", **locale)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert b"\x1b" not in done.stdout
+    assert load_model(place / "result").model.robot.name == "é中"
+    summary = json.loads((place / "result" / "summary.json").read_text(encoding="utf-8"))
+    assert summary["log"] == shown
+    assert (place / "result" / "report.html").stat().st_size > 50_000
+    again = run("validate", "result", os.fsdecode(log), **locale)
+    assert again.returncode == 0
+
+
+def test_names_with_control_characters_make_good_exports(place):
+    (place / "arm.toml").write_text(ARM.format(name=r"a\u0001b<&\u001b[31m"), encoding="utf-8")
+    assert main(["identify", "log.csv", *QUICK, "--no-report", "--quiet", "--out", "result"]) == 0
+    for file in ("robot.urdf", "robot.xml"):
+        root = ET.parse(place / "result" / file).getroot()
+        assert r"a\x01b<&\x1b[31m" in set(root.attrib.values())
+
+
+def test_what_a_file_says_reaches_the_terminal_escaped(place, capfd):
+    (place / "odd.csv").write_text("t,q1,q2,tau1,tau2,\x1b]0;mine\x07\n0,1,2,3,x\x1b[2J,4\n", encoding="utf-8")
+    assert main(["identify", "odd.csv", *QUICK]) == 2
+    err = capfd.readouterr().err
+    assert "\x1b" not in err
+    assert err.count("\n") == 1
