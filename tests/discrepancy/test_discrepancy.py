@@ -80,6 +80,7 @@ def test_nothing_hidden_nothing_named(tmp_path):
     np.testing.assert_allclose(result.after / truth.noise, 1.0, atol=0.15)  # a quarter of 2400 samples, or less
 
 
+@pytest.mark.long
 def test_outside_of_the_catalogue_is_unexplained(tmp_path):
     healthy, truth = blind_case(tmp_path / "case", 30, "outside", 6.0)
     result = bayesid.find_discrepancy(
@@ -146,6 +147,7 @@ def test_a_wrong_table_and_lasting_noise_pass_for_no_effect(tmp_path, trouble, s
     assert not result.refused
 
 
+@pytest.mark.long
 def test_two_effects_in_one_joint_are_both_found(tmp_path):
     folder = tmp_path / "case"
     for seed in range(40, 60):
@@ -208,6 +210,7 @@ def test_what_the_model_has_already_is_a_change(healthy):
     assert names == [parameter.name for parameter in healthy.model.parameters]
 
 
+@pytest.mark.long
 def test_held_back_stretches_choose_nothing(healthy):
     """Nonsense in them leaves the first scores as they were, but for their edges; what is chosen fails on them.
 
@@ -227,6 +230,7 @@ def test_held_back_stretches_choose_nothing(healthy):
     assert plain.holdout == "stretches 3 and 6 of 8 of log2"
 
 
+@pytest.mark.long
 def test_an_effect_that_unseen_data_do_not_bear_out_is_left_out(healthy):
     """The spring is in the log, but not in the holdout."""
     result = bayesid.find_discrepancy(healthy, arm_log(2, spring), arm_log(3), posterior=False)

@@ -177,6 +177,7 @@ def test_a_motion_in_parts(tmp_path):
         np.testing.assert_array_equal(read_motion("+".join(map(str, paths))).q, motion(t))
 
 
+@pytest.mark.long
 def test_a_real_log_in_two_files_gives_the_same_signs(tmp_path):
     """Positions at 50 Hz, efforts at 100 Hz: 99.9 % of the signs are those of the whole log."""
     every = read_log(real_log("ur10e/a_50s.csv")).rectified()
