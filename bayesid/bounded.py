@@ -33,12 +33,13 @@ _BETWEEN_NAMES = re.compile(r"[=,\n]")
 """In TOML; the time of its parser grows with the square of the dots of a name."""
 
 
-def read_source(path: str | Path, remedy: str, most: int = MOST_BYTES) -> str:
+def read_source(path: str | Path, remedy: str, where: str = "", most: int = MOST_BYTES) -> str:
     """The text of a file in UTF-8, with or without a mark of it.
 
     Args:
         path: the file; a pipe will do.
         remedy: what to do if it is no such text.
+        where: what messages call it; its path by default.
         most: bytes that it may have.
 
     Raises:
@@ -48,16 +49,17 @@ def read_source(path: str | Path, remedy: str, most: int = MOST_BYTES) -> str:
         >>> read_source("robot.toml", "give a text file").splitlines()[0]
         'name = "arm"'
     """
+    where = where or printable(str(path))
     try:
         with Path(path).open("rb") as file:
             content = file.read(most + 1)
         if len(content) > most:
-            raise InputError(f"is longer than {most >> 20} MiB", str(path), remedy)
+            raise InputError(f"is longer than {most >> 20} MiB", where, remedy)
         return content.decode("utf-8-sig")
     except InputError:
         raise
     except (OSError, ValueError) as error:  # no name of a file, for one
-        raise InputError(f"cannot be read ({_said(error)})", printable(str(path)), remedy) from None
+        raise InputError(f"cannot be read ({_said(error)})", where, remedy) from None
 
 
 def toml_of(text: str, where: str, remedy: str) -> dict[str, Any]:

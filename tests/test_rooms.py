@@ -12,7 +12,7 @@ from statistics import median
 import pytest
 
 ROOT = Path(__file__).parents[1]
-GROUND = ("errors", "arrays", "motion", "files", "process", "progress")
+GROUND = ("errors", "bounded", "arrays", "motion", "files", "process", "progress")
 ROOMS = (
     "model",
     "log",

@@ -20,7 +20,7 @@ from typing import TypeAlias
 import numpy as np
 
 from bayesid.arrays import Array, Integers, Mask, frozen
-from bayesid.bounded import check_name, whole_number
+from bayesid.bounded import whole_number
 from bayesid.errors import InputError, printable
 from bayesid.files import numbered, replace_file, write_columns
 from bayesid.log.formats import Options, Table, is_log_folder, read_table
@@ -329,8 +329,6 @@ def find_logs(patterns: Sequence[str | Path]) -> list[Path]:
 
 def _matches(pattern: str | Path) -> list[Path]:
     """The path itself, whether it exists or not, or the logs that match it; not the files of a folder that is a log."""
-    if JOINT not in str(pattern):
-        check_name(pattern)
     if os.path.exists(pattern) or JOINT in str(pattern) or not set("*?[") & set(str(pattern)):
         return [Path(pattern)]
     matches = [Path(match) for match in sorted(glob(str(pattern), recursive=True))]

@@ -70,7 +70,7 @@ def check_columns(columns: Mapping[str, str]) -> dict[str, str]:
 
 def _read(path: Path) -> dict[str, str]:
     remedy = f"give {EXAMPLE}, or a TOML file with such lines"
-    return check_columns(toml_of(read_source(path, remedy), f"{OPTION} {path}", remedy))
+    return check_columns(toml_of(read_source(path, remedy, f"{OPTION} {path}"), f"{OPTION} {path}", remedy))
 
 
 def stated_columns(header: Sequence[str], columns: Mapping[str, str], where: str, found: str) -> list[SourceColumn]:
