@@ -8,7 +8,6 @@ from bayesid.arrays import Array, frozen
 from bayesid.bounded import LARGEST
 from bayesid.errors import InputError
 
-
 LONGEST = 1e3
 """m; no link is so long. A table in mm is mostly not so far off that this would tell."""
 MOST_JOINTS = 128
@@ -31,7 +30,9 @@ def given_numbers(value: object, shape: tuple[int, ...], key: str, where: str, m
     try:
         numbers = frozen(value, shape, key)
         if np.abs(numbers).max(initial=0.0) > most:
-            raise InputError(f"key '{key}' holds {np.abs(numbers).max():g}", where, f"give {most:g} at most, in SI units")
+            raise InputError(
+                f"key '{key}' holds {np.abs(numbers).max():g}", where, f"give {most:g} at most, in SI units"
+            )
         return numbers
     except InputError:
         raise

@@ -72,7 +72,7 @@ def check_sizes(findings: Findings) -> None:
         ("alternatives.joint", findings.alternatives.joint, n),
         ("alternatives.branch", findings.alternatives.branch, sizes["B"]),
     ):
-        if values.size and not (0 <= values.min() and values.max() < most):
+        if values.size and not (values.min() >= 0 and values.max() < most):
             raise ValueError(f"{name} counts beyond {most}")
     if not sizes["N"] or not n or findings.samples.every < 1:
         raise ValueError("samples holds none")
@@ -97,7 +97,9 @@ def _check_summary(findings: Findings, sizes: dict[str, int]) -> None:
     """What has a number a joint has as many as there are, and joints are those of the robot."""
     summary = findings.summary
     noise, posterior, after = summary.noise, summary.posterior, summary.low_pass_after_rectifier
-    each: dict[str, Sequence[Any]] = {f"noise.{name}": value for name, value in vars(noise).items() if name != "assumed"}
+    each: dict[str, Sequence[Any]] = {
+        f"noise.{name}": value for name, value in vars(noise).items() if name != "assumed"
+    }
     each |= {"search.noise_weights": summary.search.noise_weights, "signs.doubt": summary.signs.doubt}
     each["fit.relative_residual"] = summary.fit.relative_residual
     each |= {} if posterior is None else {"posterior.noise_scale": posterior.noise_scale}
