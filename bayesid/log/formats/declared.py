@@ -20,6 +20,8 @@ _HEADER, _TAG = 128, 8
 """Bytes of a MAT-file's header, and of the tag before each of its elements (MAT-File Format, MathWorks)."""
 _MATRIX, _COMPRESSED = 14, 15
 """Types of elements."""
+_SIZES_4 = {0: 8, 1: 4, 2: 4, 3: 2, 4: 2, 5: 1}
+"""Bytes of a number of version 4, by the second digit of its matrix's type."""
 _WHOLE = 1, 2, 3
 """Classes of matrices whose entries are elements: cells, structs and objects."""
 
@@ -93,11 +95,17 @@ def _check_matrix(content: bytes, element: _Element, order: str, depth: int, obj
 
 
 def _check_version_4(content: bytes) -> None:
-    """A matrix of version 4 begins with five whole numbers, its rows and columns among them."""
-    for order in "<>" if len(content) >= 20 else "":
-        kind, rows, columns, *_ = struct.unpack_from(f"{order}5i", content)
-        if 0 <= kind < 5000 and (rows < 0 or columns < 0 or rows * columns > len(content)):
-            raise ValueError("holds fewer numbers than it says")
+    """Each matrix of version 4 begins with five whole numbers: its type, rows, columns, parts and letters of its name."""
+    start = 0
+    while start + 20 <= len(content):
+        little = 0 <= struct.unpack_from("<i", content, start)[0] < 5000
+        kind, rows, columns, parts, letters = struct.unpack_from(f"{'<' if little else '>'}5i", content, start)
+        size = _SIZES_4.get(kind // 10 % 10)
+        if size is None or min(rows, columns, parts, letters) < 0:
+            raise ValueError("is no matrix of version 4")
+        start += 20 + letters + size * rows * columns * (2 if parts else 1)
+    if start > len(content):
+        raise ValueError("holds fewer numbers than it says")
 
 
 def check_hdf5(file: h5py.File, names: Sequence[str]) -> None:
