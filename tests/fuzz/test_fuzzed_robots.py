@@ -41,7 +41,7 @@ SHORT = b"".join(line for line in URDF.splitlines(keepends=True))
 LIMITS = b"lower = [-2.0, -1.0, 0.0]\nupper = [2.0, 1.5, 0.5]\nvelocity = 2.5\nacceleration = [8, 8, 2]\n"
 NOMINAL = b'name,mean,sd,decided\nm1,2.5,0.3,data\n"Fv2",1.5,,prior\nFc3,0.7,1e-2,data\n'
 COLUMNS = b't = "Zeit [ms]"\nq = "Achse{} [Grad]"\ni = "Strom{1-6} [A]"\ndq2 = "v2"\n'
-SHEET = b"joint,a[mm],alpha[deg],d[mm],theta\n1,25,-90,400,0\n2,455,0,0,q2 + pi/2\n3,35,-90,0,180\n"
+SHEET = b"joint,a[mm],alpha[deg],d[mm],theta[deg]\n1,25,-90,400,0\n2,455,0,0,q2 + pi/2\n3,35,-90,0,180\n"
 
 
 def fuzz_file(path, samples, read, examples):
