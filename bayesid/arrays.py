@@ -23,8 +23,12 @@ def frozen(values: object, shape: tuple[int | None, ...], name: str) -> Array:
 
     Raises:
         ValueError: the shape differs or a value is not finite.
+        TypeError: a value is no number.
     """
-    array = np.array(values, dtype=np.float64)
+    try:
+        array = np.array(values, dtype=np.float64)
+    except OverflowError:  # a whole number beyond the largest float
+        raise ValueError(f"{name} holds values that are not finite") from None
     fits = array.ndim == len(shape) and all(want in (None, have) for want, have in zip(shape, array.shape, strict=True))
     if not fits:
         raise ValueError(f"{name} has shape {array.shape}, expected {shape}")

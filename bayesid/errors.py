@@ -105,7 +105,7 @@ class InputError(BayesidError, ValueError):
         super().__init__(what, where, remedy)
 
     def __str__(self) -> str:
-        return f"{in_python(self.where)}: {self.what}; {in_python(self.remedy)}"
+        return printable(f"{in_python(self.where)}: {self.what}; {in_python(self.remedy)}")
 
     @property
     def on_command_line(self) -> str:
@@ -116,7 +116,7 @@ class InputError(BayesidError, ValueError):
             >>> str(error), error.on_command_line
             ('log.csv: 3 joints, but 2 gains; correct gains', 'log.csv: 3 joints, but 2 gains; correct --gains')
         """
-        return f"{self.where}: {self.what}; {self.remedy}"
+        return printable(f"{self.where}: {self.what}; {self.remedy}")
 
 
 class SolverError(BayesidError, RuntimeError):

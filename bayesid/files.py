@@ -29,6 +29,7 @@ except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
 from bayesid.arrays import Array
+from bayesid.bounded import check_name
 from bayesid.errors import InputError
 
 _AT_PATH, _EXCHANGE = -100, 2
@@ -105,7 +106,7 @@ def check_folder(folder: str | Path, files: Set[str], marker: str) -> Path:
     Raises:
         InputError: something else is there, or the place cannot be written.
     """
-    folder = Path(folder)
+    folder = check_name(folder)
     tidy(folder.resolve())
     remedy = "give --out a new folder"
     if folder.is_dir():
@@ -127,7 +128,7 @@ def check_place(path: Path) -> None:
     Raises:
         InputError: it cannot.
     """
-    above = next(parent for parent in path.absolute().parents if parent.exists())
+    above = next(parent for parent in check_name(path).absolute().parents if parent.exists())
     if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
         said = f"cannot be written ({above} is {'write-protected' if above.is_dir() else 'not a folder'})"
         raise InputError(said, str(path), "give --out another place")

@@ -13,6 +13,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any, NoReturn, TypeAlias
 
+from bayesid.bounded import check_name, whole_number
 from bayesid.errors import near_names
 from bayesid.study.names import STUDIES
 
@@ -51,7 +52,11 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
         name = word.partition("=")[0]
         if name.startswith("--") and not any(known.startswith(name) for known in parser.options):
             parser.error(f"there is no option {name}{_suggestion(name, parser.options)}")
-    return main.parse_args(_joined(arguments))
+    options = main.parse_args(_joined(arguments))
+    for value in vars(options).values():
+        if isinstance(value, Path) and "+" not in value.name:  # between the files of one run
+            check_name(value)
+    return options
 
 
 def _joined(arguments: Sequence[str]) -> list[str]:
@@ -104,15 +109,17 @@ def _suggestion(word: str, known: Sequence[str]) -> str:
 
 
 def _seed(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 up")
-    return int(text)
+    number = whole_number(text)
+    if number is None:
+        raise argparse.ArgumentTypeError(f"{text!r:.60} is not a whole number from 0 up")
+    return number
 
 
 def _whole(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 up")
-    return int(text)
+    number = whole_number(text)
+    if number is None or number < 1:
+        raise argparse.ArgumentTypeError(f"{text!r:.60} is not a whole number from 1 up")
+    return number
 
 
 # ---------------------------------------------------------------------------------------------------------------

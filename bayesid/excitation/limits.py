@@ -10,17 +10,18 @@ A key that is missing has the default of `MotionLimits`. A URDF knows no acceler
 
 from __future__ import annotations
 
-import tomllib
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from bayesid.bounded import LARGEST, read_source, toml_of, xml_of
 from bayesid.errors import InputError
 from bayesid.model.robot import Robot
+from bayesid.model.robot.urdf_tree import check_links
 from bayesid.simulation.trajectories import INDUSTRIAL_ARM, MotionLimits
 
 _KEYS = tuple(field.name for field in fields(MotionLimits))
@@ -46,13 +47,15 @@ def read_limits(path: str | Path, robot: Robot | None = None) -> MotionLimits:
         2.0
     """
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-        if path.suffix in (".urdf", ".xml"):
-            return _urdf_limits(ET.fromstring(text), robot, str(path))
-        table = tomllib.loads(text)
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, ET.ParseError) as error:
-        raise InputError(f"cannot be read ({error})", str(path), _REMEDY) from None
+    text = read_source(path, _REMEDY)
+    if path.suffix in (".urdf", ".xml"):
+        try:
+            root = xml_of(text, str(path))
+        except ET.ParseError as error:
+            raise InputError(f"cannot be read ({error})", str(path), _REMEDY) from None
+        check_links(root, str(path))
+        return _urdf_limits(root, robot, str(path))
+    table = toml_of(text, str(path), _REMEDY)
     unknown = sorted(set(table) - set(_KEYS))
     if unknown:
         raise InputError(f"unknown key {unknown[0]!r}", str(path), _REMEDY)
@@ -93,9 +96,9 @@ def _made(table: dict[str, Any], where: str) -> MotionLimits:
 
 def _numbers(value: object, where: str) -> float | tuple[float, ...]:
     listed: list[Any] = value if isinstance(value, list) else [value]
-    usable = listed and all(type(number) in (int, float) and np.isfinite(number) for number in listed)
+    usable = listed and all(type(number) in (int, float) and abs(number) <= LARGEST for number in listed)
     if not usable:
-        raise InputError(f"{value!r} cannot be used", where, _REMEDY)
+        raise InputError(f"{value!r:.60} cannot be used", where, _REMEDY)
     numbers = tuple(float(number) for number in listed)
     return numbers if isinstance(value, list) else numbers[0]
 
@@ -129,16 +132,26 @@ def _chain(root: ET.Element, where: str) -> list[ET.Element]:
         if parent is None or child is None:
             raise InputError("lacks a parent or a child", f"{where}, joint {joint.get('name')}", "correct the file")
         after.setdefault(parent.get("link", ""), []).append((joint, child.get("link", "")))
-    children = {child for joints in after.values() for _, child in joints}
+    children = [child for joints in after.values() for _, child in joints]
+    for child in children:
+        if children.count(child) > 1:
+            raise InputError("is the child of two joints", f"{where}, link {child}", "give a URDF without loops")
+    return [joint for base in after if base not in children for joint in _beyond(base, after, where)]
 
-    def beyond(link: str) -> list[ET.Element]:
-        ways = [[joint] * (joint.get("type") != "fixed") + beyond(child) for joint, child in after.get(link, [])]
-        ways = [way for way in ways if way]
-        if len(ways) > 1:
-            raise InputError("is of a robot that branches", where, "give the limits in a TOML file")
-        return ways[0] if ways else []
 
-    return [joint for base in after if base not in children for joint in beyond(base)]
+def _beyond(base: str, after: Mapping[str, Sequence[tuple[ET.Element, str]]], where: str) -> list[ET.Element]:
+    """The moving joints from a link to the tip: each beyond the one before."""
+    chain: list[ET.Element] = []
+    waiting = [(base, 0)]
+    while waiting:
+        link, depth = waiting.pop()
+        for joint, child in after.get(link, []):
+            moves = joint.get("type") != "fixed"
+            if moves and depth < len(chain):
+                raise InputError("is of a robot that branches", where, "give the limits in a TOML file")
+            chain += [joint] * moves
+            waiting.append((child, depth + moves))
+    return chain
 
 
 def _joint_limits(joint: ET.Element, where: str) -> tuple[float, float, float]:
@@ -155,4 +168,4 @@ def _joint_limits(joint: ET.Element, where: str) -> tuple[float, float, float]:
         raise InputError("slides, and has no limits", where, "give the limits in a TOML file")
     usual = np.asarray([INDUSTRIAL_ARM.lower, INDUSTRIAL_ARM.upper, INDUSTRIAL_ARM.velocity])
     lower, upper = (float(usual[0]), float(usual[1])) if endless else (lower, upper)
-    return lower, upper, velocity if 0.0 < velocity < np.inf else float(usual[2])
+    return lower, upper, velocity if 0.0 < velocity < LARGEST else float(usual[2])

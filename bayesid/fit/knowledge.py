@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from bayesid.arrays import Array
+from bayesid.bounded import LARGEST, read_source
 from bayesid.errors import InputError
 from bayesid.fit.effects.kinematics import KinematicTolerance
 from bayesid.model.coefficients import BaseCoefficients, base_coefficients, embedding
@@ -247,7 +249,7 @@ class Beliefs:
             if name not in places:
                 raise InputError(f"the model has no parameter {name!r}", "--nominal", _REMEDY)
             value, spread = _pair(name, stated)
-            if not (np.isfinite(value) and np.isfinite(spread) and spread > 0.0):
+            if not (abs(value) <= LARGEST and 1.0 / LARGEST**2 <= spread <= LARGEST**2):
                 raise InputError(f"{name} = {value:g} +- {spread:g} cannot be used", "--nominal", _REMEDY)
             mean[places[name]], sd[places[name]] = value, spread
         return Nominal(mean, sd)
@@ -281,10 +283,10 @@ def read_nominal(path: str | Path) -> dict[str, tuple[float, float]]:
         >>> bayesid.read_nominal("nominal.csv")
         {'m3': (1.2, 0.1)}
     """
+    text = read_source(path, _REMEDY)
     try:
-        with Path(path).open(newline="", encoding="utf-8-sig") as file:
-            rows = list(csv.DictReader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        rows = list(csv.DictReader(io.StringIO(text, newline="")))
+    except csv.Error as error:
         raise InputError(f"cannot be read ({error})", str(path), _REMEDY) from None
     if not rows or not {"name", "mean", "sd"} <= set(rows[0]):
         raise InputError("has no columns name, mean, sd", str(path), _REMEDY)

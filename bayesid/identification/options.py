@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
-from pathlib import Path
 from typing import Any, Literal, get_args
 
 from bayesid.errors import InputError
@@ -61,7 +61,7 @@ def plain_options(options: Mapping[str, object]) -> dict[str, object]:
 def call_of_log(log: Log) -> str:
     """Python that reads a log again; `log` where it never was a file."""
     sources = [piece.source for piece in log.pieces] or [log.source]
-    if not all(Path(source).exists() for source in sources):
+    if not all(os.path.isfile(source) or os.path.isdir(source) for source in sources):  # a pipe is read once only
         return "log"
     unsigned = ",".join(str(j) for j, signed in enumerate(log.signed, start=1) if not signed) or "none"
     read = [f"bayesid.read_log({source!r}, unsigned={unsigned!r})" for source in sources]

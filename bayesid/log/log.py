@@ -20,6 +20,7 @@ from typing import TypeAlias
 import numpy as np
 
 from bayesid.arrays import Array, Integers, Mask, frozen
+from bayesid.bounded import whole_number
 from bayesid.errors import InputError, printable
 from bayesid.files import numbered, replace_file, write_columns
 from bayesid.log.formats import Options, Table, is_log_folder, read_table
@@ -491,8 +492,9 @@ def _signed(measured: Array, unsigned: str | None, n: int) -> Mask:
         return np.full(n, unsigned == "none")
     signed = np.full(n, True)
     for word in unsigned.split(","):
-        if not word.strip().isdecimal() or not 1 <= int(word) <= n:
+        joint = whole_number(word.strip())
+        if joint is None or not 1 <= joint <= n:
             remedy = f"give all, none or joints from 1 to {n}"
-            raise InputError(f"{word.strip()!r} is not a joint", "--unsigned", remedy)
-        signed[int(word) - 1] = False
+            raise InputError(f"{word.strip()!r:.60} is not a joint", "--unsigned", remedy)
+        signed[joint - 1] = False
     return signed

@@ -25,6 +25,7 @@ instead of early with late sweeps: whether the run has converged is in the attri
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -36,6 +37,7 @@ import xarray
 from scipy.sparse import csr_array
 
 from bayesid.arrays import Array, Integers
+from bayesid.bounded import fits_memory
 from bayesid.errors import InputError
 from bayesid.fit.knowledge import Information
 from bayesid.fit.moments import Moments
@@ -499,10 +501,11 @@ def read_coefficients(path: Path | str) -> Array:
     """
     beta, names = _read(path, ("beta",), ("coefficient",))
     with h5py.File(path) as file:
-        walkers = int(np.ravel(file.attrs["walkers"])[0])  # netCDF knows no scalar attributes
-    if beta.shape[2:] != (len(names),) or beta.shape[1] % walkers:
+        walkers = np.ravel(file.attrs.get("walkers", 0))[:1].tolist()  # netCDF knows no scalar attributes
+    counted = len(walkers) == 1 and isinstance(walkers[0], int) and walkers[0] > 0
+    if not counted or beta.shape[2:] != (len(names),) or beta.shape[1] % walkers[0]:
         raise InputError("the posterior of another program", str(path), _REMEDY)
-    return _sweep_major(beta, walkers)
+    return _sweep_major(beta, walkers[0])
 
 
 def _read(path: Path | str, variables: Sequence[str], names: Sequence[str]) -> list[Any]:
@@ -514,7 +517,9 @@ def _read(path: Path | str, variables: Sequence[str], names: Sequence[str]) -> l
         with h5py.File(path) as file:  # h5netcdf would print a traceback of its own for a file it cannot open
             library = file.attrs.get("inference_library")
             group = file["posterior"]
-            values = [group[name][()] for name in variables]
+            if not fits_memory(sum(math.prod(group[name].shape) for name in (*variables, *names))):
+                raise ValueError("more than is written")
+            values = [np.asarray(group[name][()], dtype=float) for name in variables]
             words = [group[name].asstr()[()].tolist() for name in names]
     except Exception as error:  # HDF5 raises anything at all at a damaged file
         raise InputError("not the netCDF file of a posterior, or damaged", where, _REMEDY) from error

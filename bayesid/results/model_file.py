@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import tomllib
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import reduce
@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from bayesid.arrays import Array, frozen
-from bayesid.errors import InputError
+from bayesid.bounded import read_source, toml_of
+from bayesid.errors import InputError, printable
 from bayesid.fit.knowledge import scale_of
 from bayesid.fit.noise import Noise
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
@@ -45,12 +46,9 @@ def load_model(folder: str | Path, effects: Iterable[type[Effect]] = ()) -> Iden
     """
     path = Path(folder) / "model.toml"
     remedy = "give a folder that `bayesid identify` wrote"
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (FileNotFoundError, NotADirectoryError):
-        raise InputError("holds no model.toml", str(folder), remedy) from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"cannot be read ({error})", str(path), remedy) from None
+    if not os.path.exists(path):
+        raise InputError("holds no model.toml", printable(str(folder)), remedy)
+    table = toml_of(read_source(path, remedy), str(path), remedy)
     try:
         stored = _stored_model(table, str(path), {**forms(), **{kind.name: kind for kind in effects}})
         return replace(stored, draws=_stored_draws(stored.model, path.with_name("posterior.nc")))

@@ -189,14 +189,15 @@ def _value(cell: str, column: _Column, name: str, where: str) -> float:
     text = cell.replace(" ", "").replace(_MINUS, "-")
     if name in ("d", "theta"):  # one of them is the joint's own position, and an offset may be added to it
         text = _JOINT.sub("", text, count=1).removesuffix("+") or "0"
-    if name not in _LENGTHS and (found := _PI.fullmatch(text)):
-        size = float(found["times"] or 1.0) * math.pi / float(found["over"] or 1.0)
-        return -size if found["sign"] == "-" else size
     try:
-        if name not in _LENGTHS and text.endswith("°"):
-            return math.radians(float(text[:-1]))
-        value = float(text) * (1.0 if column.factor is None else column.factor)
-    except ValueError:
+        if name not in _LENGTHS and (found := _PI.fullmatch(text)):
+            size = float(found["times"] or 1.0) * math.pi / float(found["over"] or 1.0)
+            value = -size if found["sign"] == "-" else size
+        elif name not in _LENGTHS and text.endswith("°"):
+            value = math.radians(float(text[:-1]))
+        else:
+            value = float(text) * (1.0 if column.factor is None else column.factor)
+    except (ValueError, ZeroDivisionError):
         value = math.nan
     if not math.isfinite(value):
         raise InputError(f"column {column.label} holds {cell!r}, not a number", where, "correct the value")

@@ -263,7 +263,7 @@ def test_columns_that_cannot_be_understood(given, said):
 
 
 def test_a_file_of_columns_that_is_none(tmp_path):
-    for content, said in {"t = ": "is no TOML file (", "t = 5": "t has no name of a column"}.items():
+    for content, said in {"t = ": "is not valid TOML (", "t = 5": "t has no name of a column"}.items():
         with pytest.raises(InputError) as caught:
             parse_columns(str(save(tmp_path / "columns.toml", content)))
         assert said in caught.value.on_command_line

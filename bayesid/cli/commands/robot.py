@@ -6,6 +6,7 @@ import argparse
 import csv
 import sys
 from collections.abc import Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import numpy as np
 from rich.console import RenderableType
 
 from bayesid.arrays import Array
+from bayesid.bounded import MOST_BYTES
 from bayesid.cli.options import robot_of
 from bayesid.cli.terminal import show, table, warn
 from bayesid.errors import InputError
@@ -67,9 +69,10 @@ def _table_of(source: str) -> tuple[str, str]:
     if "\n" in source or "\\n" in source:
         return source.replace("\\n", "\n"), "the table"
     try:
-        content = sys.stdin.buffer.read() if source == "-" else Path(source).read_bytes()
+        with nullcontext(sys.stdin.buffer) if source == "-" else Path(source).open("rb") as file:
+            content = file.read(MOST_BYTES)
         return content.decode(look(content, whole=True).encoding), "standard input" if source == "-" else source
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except (OSError, ValueError, csv.Error) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not text"
         raise InputError(f"cannot be read ({reason})", source, "give a table as a text file, - or the text") from None
 

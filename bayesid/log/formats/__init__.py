@@ -7,15 +7,18 @@ what the numbers mean for an identification is `bayesid.log.log`'s business.
 
 from __future__ import annotations
 
+import os
 from dataclasses import fields, replace
 from glob import glob
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
 
+from bayesid.bounded import check_name
 from bayesid.errors import InputError
 from bayesid.log.formats.base import Format, Options
 from bayesid.log.formats.parts import JOINT, join_parts
+from bayesid.log.formats.streams import is_stream, read_stream
 from bayesid.log.formats.table import Column, Table, check
 
 __all__ = ["Column", "Format", "Options", "Table", "is_log_folder", "known_formats", "read_table"]
@@ -44,19 +47,26 @@ def read_table(path: Path, options: Options) -> Table:
         tables = [read_table(one, part) for one in parts]
         return check(join_parts(tables, options.columns, motion=options.motion), options.columns)
     try:
-        head = b"" if path.is_dir() else _head(path)
-        reader = next(known for known in known_formats() if known.recognises(path, head))
-        _check_options(path, reader, options)
-        return check(reader.read(path, options), options.columns)
+        if is_stream(check_name(path)):
+            return read_stream(path, lambda copy: _read_file(copy, options))
+        return _read_file(path, options)
     except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
         raise InputError("no such file", str(path), "give the path of a log") from None
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror or error})", str(path), "check the file") from None
 
 
+def _read_file(path: Path, options: Options) -> Table:
+    """What a file or a folder holds, that can be read more than once."""
+    head = b"" if path.is_dir() else _head(path)
+    reader = next(known for known in known_formats() if known.recognises(path, head))
+    _check_options(path, reader, options)
+    return check(reader.read(path, options), options.columns)
+
+
 def _parts_of(path: Path) -> list[Path]:
     """The files of one run that a name with a `+` stands for; none where it is the name of a file, or has none."""
-    if JOINT not in str(path) or path.exists():
+    if JOINT not in str(path) or os.path.exists(path):
         return []
     names = [name.strip() for name in str(path).split(JOINT) if name.strip()]
     return [Path(one) for name in names for one in (sorted(glob(name)) or [name])]

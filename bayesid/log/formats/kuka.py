@@ -29,7 +29,7 @@ from bayesid.log.formats.names import choose
 from bayesid.log.formats.stated import stated_columns
 from bayesid.log.formats.table import DEGREE, Chosen, SourceColumn, Table
 from bayesid.log.formats.text import look, read_text
-from bayesid.log.formats.units import UNITS, factor_of
+from bayesid.log.formats.units import LONGEST_LABEL, UNITS, factor_of
 
 _TIME = re.compile(r"(?P<prefix>.*[._ ])?ipoc|(?P<plain>t|time|zeit)", re.IGNORECASE)
 _TORQUES = "Torque", "GearTorque", "AxisTorque"
@@ -192,6 +192,8 @@ def _find(header: Sequence[str], where: str) -> _Columns:
 
 def _parse(label: str) -> tuple[_Kind, int] | None:
     """What a column holds, and of which axis, 0 for time; None if it is none of a controller's."""
+    if len(label) > LONGEST_LABEL:
+        return None
     bracketed = _UNIT.fullmatch(label)
     name = label if bracketed is None else bracketed["name"]
     if match := _TIME.fullmatch(name):

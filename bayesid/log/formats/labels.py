@@ -9,7 +9,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from bayesid.log.formats.units import factor_of, split_brackets
+from bayesid.bounded import MOST_DIGITS, whole_number
+from bayesid.log.formats.units import LONGEST_LABEL, factor_of, split_brackets
 
 _POSITIONS = "q", "actual q", "joint", "axis", "position", "pos", "angle", "joint position", "joint pos", "joint angle"
 _VELOCITIES = "dq", "qd", "actual qd", "velocity", "vel", "speed", "joint velocity", "joint vel", "joint speed"
@@ -44,13 +45,15 @@ WORDS = {kind: (*words, *_SIMULATED.get(kind, ()), *_GERMAN[kind]) for kind, wor
 simulators, and in German, beside a joint's number; of currents and torques only what is measured. Spaces stand for any
 separator. What whole recorders write, units and all, is in `bayesid.log.formats.conventions`."""
 _KIND_OF = {word.replace(" ", ""): kind for kind, words in WORDS.items() for word in words}
-_OWN = re.compile(r"t|(?:q|dq|tau|i)[1-9]\d*")
+_OWN = re.compile(r"t|(?:q|dq|tau|i)[1-9][0-9]*")
 _JOINT_ZERO = re.compile(r"(?:q|dq|tau|i)0")
+MOST_JOINTS = 1000
+"""Number of a joint, at most: what has more digits counts something else."""
 OTHER = 3
 """Rank of what is not called as in a CSV log."""
-_AXIS_LETTER = re.compile(r"(?<=[\W_])[AJaj](?=\d+\W*$)")
+_AXIS_LETTER = re.compile(r"(?<=[\W_])[AJaj](?=[0-9]+\W*$)")
 """A letter before a joint's number that says no more, as in `Torque_A1` or `pos.j1`."""
-_LAST_NUMBER = re.compile(r"\d+(?=\D*$)")
+_LAST_NUMBER = re.compile(rf"[0-9]{{1,{MOST_DIGITS}}}(?=[^0-9]*$)")
 
 
 @dataclass(frozen=True)
@@ -78,7 +81,8 @@ class Reading:
 
 def read_labels(header: Sequence[str]) -> list[Reading]:
     """What the labels say that are of a log."""
-    return [reading for place, label in enumerate(header) if (reading := _reading(place, label)) is not None]
+    readings = (_reading(place, label) for place, label in enumerate(header) if len(label) <= LONGEST_LABEL)
+    return [reading for reading in readings if reading is not None]
 
 
 def has_positions(header: Sequence[str]) -> bool:
@@ -153,10 +157,13 @@ def _reading(place: int, label: str) -> Reading | None:
 
 
 def _with_unit(place: int, label: str, name: str, unit: str | None, any_current: bool = False) -> Reading | None:
-    numbers = re.findall(r"\d+", name)
-    word = _plain(re.sub(r"\d+", "", _AXIS_LETTER.sub("", name)))
+    numbers = [whole_number(digits) for digits in re.findall("[0-9]+", name)]
+    word = _plain(re.sub("[0-9]+", "", _AXIS_LETTER.sub("", name)))
     kind = _KIND_OF.get(word)
     if kind is None or len(numbers) != (kind != "t") or name == "T":  # which is a temperature
+        return None
+    number = numbers[0] if numbers else -1
+    if number is None or number > MOST_JOINTS:
         return None
     factor = None if unit is None else factor_of(kind, unit)
     if unit is not None and factor is None:
@@ -165,7 +172,7 @@ def _with_unit(place: int, label: str, name: str, unit: str | None, any_current:
         factor = 1.0  # gains turn any unit of currents into N m
     rank = (1 if unit is not None else 0) if _OWN.fullmatch(name) else 2 if _JOINT_ZERO.fullmatch(name) else OTHER
     rank = rank if label.startswith(name) else OTHER  # the end of a topic is no name of a CSV log
-    return Reading(place, label, kind, word, int(numbers[0]) if numbers else -1, rank, factor)
+    return Reading(place, label, kind, word, number, rank, factor)
 
 
 def _plain(name: str) -> str:

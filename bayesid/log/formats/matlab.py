@@ -15,6 +15,7 @@ import numpy as np
 
 from bayesid.errors import InputError
 from bayesid.log.formats.base import Format, Options
+from bayesid.log.formats.declared import check_hdf5, check_matlab
 from bayesid.log.formats.labels import WORDS, has_any_positions, kind_of, time_among
 from bayesid.log.formats.table import Table
 from bayesid.log.formats.variables import table_of
@@ -56,6 +57,7 @@ def _load(path: Path) -> dict[str, Any]:
     """Variables by name, structs as dictionaries."""
     from scipy.io import loadmat
 
+    check_matlab(path)
     variables: dict[str, Any] = loadmat(path, simplify_cells=True)
     return variables
 
@@ -64,11 +66,16 @@ def _load_hdf5(path: Path) -> dict[str, Any]:
     """The same of version 7.3, whose arrays are transposed, structs groups, and objects under "#refs#"."""
     import h5py
 
-    def plain(item: Any) -> Any:
-        return {name: plain(item[name]) for name in item} if isinstance(item, h5py.Group) else np.squeeze(item[()]).T
-
     with h5py.File(path) as file:
-        return {name: plain(file[name]) for name in file if not name.startswith("#")}
+        names = [name for name in file if not name.startswith("#")]
+        check_hdf5(file, names)
+
+        def plain(item: Any) -> Any:
+            if isinstance(item, h5py.Group):
+                return {name: plain(item[name]) for name in item}
+            return np.squeeze(item[()]).T
+
+        return {name: plain(file[name]) for name in names}
 
 
 def _log_of(variables: Mapping[str, Any], where: str, named: bool) -> Mapping[str, Any]:

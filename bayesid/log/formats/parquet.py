@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from bayesid.arrays import Array
+from bayesid.bounded import MOST_UNPACKED, fits_memory
 from bayesid.errors import InputError
 from bayesid.log.formats.base import Format, Options
 from bayesid.log.formats.names import choose
@@ -48,7 +50,9 @@ def _read(path: Path, options: Options) -> Table:
         file = parquet.ParquetFile(path)
         places = _places(file, str(path))
         chosen, notes = choose(list(places), str(path), **options.choice)
-        columns = file.read(list(dict.fromkeys(places[source.label].column for source in chosen)))
+        names = list(dict.fromkeys(places[source.label].column for source in chosen))
+        _check_size(file, names, str(path))
+        columns = file.read(names)
     except (pyarrow.ArrowException, pyarrow.ArrowInvalid, OSError) as error:
         if isinstance(error, FileNotFoundError):
             raise
@@ -74,11 +78,26 @@ def _places(file: parquet.ParquetFile, where: str) -> dict[str, _Place]:
     for field in file.schema_arrow:
         is_list = types.is_list(field.type) or types.is_large_list(field.type) or types.is_fixed_size_list(field.type)
         if is_list and types.is_floating(field.type.value_type):
+            _check_size(file, [field.name], where)
             width = _width(file.read([field.name]).column(field.name), f"{where}, column {field.name}")
             places |= {f"{field.name}{k + 1}": _Place(field.name, k) for k in range(width)}
         else:
             places[field.name] = _Place(field.name)
     return places
+
+
+def _check_size(file: parquet.ParquetFile, names: Sequence[str], where: str) -> None:
+    """Refuses columns that unpack to too much, by their number of values."""
+    metadata, size = file.metadata, 0
+    for k in range(metadata.num_row_groups):
+        group = metadata.row_group(k)
+        chunks = (group.column(j) for j in range(group.num_columns))
+        used = [chunk for chunk in chunks if chunk.path_in_schema.partition(".")[0] in names]
+        size += sum(max(8 * chunk.num_values, chunk.total_uncompressed_size) for chunk in used)
+        size += 8 * max(group.num_rows, 0) * len(used)
+    if not fits_memory(size, 1) or metadata.num_rows < 0:
+        said = f"its columns unpack to more than {MOST_UNPACKED >> 30} GiB"
+        raise InputError(said, where, "cut it into shorter logs and give all of them")
 
 
 def _width(column: pyarrow.ChunkedArray, where: str) -> int:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from bayesid.arrays import Array
+from bayesid.bounded import MOST_DIGITS
 from bayesid.errors import InputError
 from bayesid.log.formats.base import Format, Options
 from bayesid.log.formats.table import Column, Table, seconds
@@ -172,11 +173,11 @@ def _names(messages: Sequence[_Message], joints: Sequence[str] | None, where: st
 
 def _numbered(names: Sequence[str]) -> bool:
     """Whether names differ by numbers only: these then give the order."""
-    return len({re.sub(r"\d+", "#", name) for name in names}) == 1
+    return len({re.sub("[0-9]+", "#", name) for name in names}) == 1
 
 
 def _numbers(name: str) -> list[int]:
-    return [int(digits) for digits in re.findall(r"\d+", name)]
+    return [int(digits) for digits in re.findall(rf"[0-9]{{1,{MOST_DIGITS}}}", name)]
 
 
 def _block(messages: Sequence[_Message], field: str, names: Sequence[str]) -> list[Array | None]:

@@ -7,20 +7,20 @@ in brackets is looked for in the header, and counts by itself where the header h
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from bayesid.bounded import read_source, toml_of
 from bayesid.errors import InputError
 from bayesid.log.formats.table import SourceColumn
 from bayesid.log.formats.units import UNITS, factor_of, split_brackets
 
 OPTION = "--columns"
 EXAMPLE = 't="Zeit [ms]",q="Achse{} [Grad]",i="Strom{} [A]"'
-_KEY = re.compile(r"(?P<kind>t|q|dq|tau|i)(?P<joint>(?<!t)[1-9]\d*)?")
-_PLACEHOLDER = re.compile(r"\{(?:(?P<first>\d+)-(?P<last>\d+))?\}")
-_NEXT = re.compile(r",\s*(?=(?:t|(?:q|dq|tau|i)\d*)\s*=)")
+_KEY = re.compile(r"(?P<kind>t|q|dq|tau|i)(?P<joint>(?<!t)[1-9][0-9]{0,2})?")
+_PLACEHOLDER = re.compile(r"\{(?:(?P<first>[0-9]{1,3})-(?P<last>[0-9]{1,3}))?\}")
+_NEXT = re.compile(r",\s*(?=(?:t|(?:q|dq|tau|i)[0-9]*)\s*=)")
 
 
 class _Match(NamedTuple):
@@ -70,12 +70,7 @@ def check_columns(columns: Mapping[str, str]) -> dict[str, str]:
 
 def _read(path: Path) -> dict[str, str]:
     remedy = f"give {EXAMPLE}, or a TOML file with such lines"
-    try:
-        return check_columns(tomllib.loads(path.read_text(encoding="utf-8")))
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror})", f"{OPTION} {path}", remedy) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"is no TOML file ({error})", f"{OPTION} {path}", remedy) from None
+    return check_columns(toml_of(read_source(path, remedy, f"{OPTION} {path}"), f"{OPTION} {path}", remedy))
 
 
 def stated_columns(header: Sequence[str], columns: Mapping[str, str], where: str, found: str) -> list[SourceColumn]:
@@ -145,7 +140,7 @@ def _agree(kind: str, wanted: str | None, seen: str | None) -> bool:
 def _expression(pattern: str) -> re.Pattern[str]:
     """A pattern as a regular expression: the number is a group, spaces do not matter."""
     before, *rest = _PLACEHOLDER.split(pattern, maxsplit=1)
-    return re.compile(rf"{_fixed(before)}\s*(?P<number>\d+)\s*{_fixed(rest[-1])}" if rest else _fixed(before))
+    return re.compile(rf"{_fixed(before)}\s*(?P<number>[0-9]{{1,3}})\s*{_fixed(rest[-1])}" if rest else _fixed(before))
 
 
 def _fixed(text: str) -> str:

@@ -32,6 +32,8 @@ _ABOVE = 100
 """Lines in which the header is looked for: recorders write their settings above it, spreadsheets the separator."""
 _FEWEST = 3
 """Columns of a log, at least: time, position and effort of one joint."""
+_MOST_COLUMNS = 10_000
+"""Of a table; recorders write hundreds."""
 _HEADER = 1 << 20
 """Bytes in which the header and the first values are: more than any has."""
 _QUOTED = re.compile(r'"[^"]*"')
@@ -151,6 +153,8 @@ def read_text(path: Path, select: Callable[[Sequence[str], str], Chosen]) -> Tab
     try:
         layout = look(path.read_bytes(), whole=True)
         where = f"{path}, row {layout.header_row}"
+        if len(layout.header) > _MOST_COLUMNS:
+            raise InputError(f"names {len(layout.header)} columns", where, f"give a log of {_MOST_COLUMNS} at most")
         if not any(layout.header):
             raise InputError("does not begin with a header", str(path), "begin it with t,q1..qn,tau1..taun")
         if all(map(_is_value, layout.header)):

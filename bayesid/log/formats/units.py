@@ -6,6 +6,7 @@ import re
 from math import pi
 from typing import NamedTuple
 
+from bayesid.bounded import MOST_DIGITS
 from bayesid.log.formats.table import DEGREE
 
 _ANGLES = {"rad": 1.0, "deg": DEGREE, "°": DEGREE, "Grad": DEGREE, "degree": DEGREE, "degrees": DEGREE, "mrad": 1e-3}
@@ -37,8 +38,12 @@ UNITS: dict[str, dict[str, float]] = {
 """SI units in one of the units that a column of a kind may be in; capitals do not matter."""
 _FACTORS = {kind: {unit.casefold(): factor for unit, factor in units.items()} for kind, units in UNITS.items()}
 _BRACKETED = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^][]+)\]|\((?P<round>[^()]+)\))")
-_NUMBER = re.compile(r"\d+|\{[^}]*\}")
-_COUNT = re.compile(r"(?P<count>\d+(?:\.\d+)?)\s*(?P<unit>\D+)")
+_NUMBER = re.compile(r"[0-9]+|\{[^}]*\}")
+_COUNT = re.compile(rf"(?P<count>[0-9]{{1,{MOST_DIGITS}}}(?:\.[0-9]+)?)\s*(?P<unit>[^0-9]+)")
+
+
+LONGEST_LABEL = 500
+"""Letters of a label that is looked into: no column of a log is called so."""
 
 
 class Label(NamedTuple):
@@ -70,7 +75,7 @@ def split_brackets(label: str) -> Label:
 
     In a pattern of a user `{}` stands for the number.
     """
-    match = _BRACKETED.fullmatch(label)
+    match = None if len(label) > LONGEST_LABEL else _BRACKETED.fullmatch(label)
     unit = None if match is None else match["square"] or match["round"]
     if match is None or unit is None or not match["name"] or _NUMBER.fullmatch(unit.strip()):
         return Label(label, None)

@@ -8,12 +8,17 @@ from typing import Any
 import numpy as np
 
 from bayesid.arrays import Array
+from bayesid.bounded import LARGEST
 from bayesid.errors import InputError
 from bayesid.model.robot.arm import Joint, Robot
-from bayesid.model.robot.numbers import given_numbers
+from bayesid.model.robot.numbers import LONGEST, check_count, given_numbers
 
 _AS_WRITTEN = "use the table as bayesid wrote it"
 """Remedy for a damaged model.toml."""
+
+
+_ROUNDING = 1e-6
+"""Of the entries of a rotation; a dozen of them multiplied are rounded to much less."""
 
 
 def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
@@ -41,6 +46,7 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
     rows = table.get("joints")
     if not isinstance(rows, list) or not rows:
         raise InputError("key 'joints' is missing", where, "give one [[joints]] table a joint with a, alpha, d, theta")
+    check_count(len(rows), where)
     dh = [_dh_row(row, f"{where}, joint {i}") for i, row in enumerate(rows, start=1)]
     joints = _standard_joints(dh) if convention == "standard" else _modified_joints(dh)
     lengths = {f"{symbol}{i}": row[symbol] for i, row in enumerate(dh, start=1) for symbol in ("a", "d")}
@@ -83,14 +89,21 @@ def _robot_from_chain(table: Mapping[str, Any], where: str) -> Robot:
     rows, lengths = table.get("joints"), table.get("lengths", {})
     if not isinstance(rows, list) or not rows or not isinstance(lengths, Mapping):
         raise InputError("key 'joints' or 'lengths' cannot be used", where, _AS_WRITTEN)
+    check_count(len(rows), where)
     return Robot(
         name=str(table.get("name", "robot")),
         joints=tuple(_chain_joint(row, i, f"{where}, joint {i + 1}") for i, row in enumerate(rows)),
         gravity=given_numbers(table.get("gravity", [0.0, 0.0, -9.81]), (3,), "gravity", where),
         transmission=_transmission(table.get("transmission"), len(rows), where),
         lengths={str(key): float(given_numbers(value, (), str(key), where)) for key, value in lengths.items()},
-        notes=tuple(map(str, table.get("notes", ()))),
+        notes=tuple(map(str, _listed(table.get("notes", []), f"{where}, notes"))),
     )
+
+
+def _listed(value: object, where: str) -> list[Any]:
+    if not isinstance(value, list):
+        raise InputError("is no list", where, _AS_WRITTEN)
+    return value
 
 
 def _chain_joint(row: object, index: int, where: str) -> Joint:
@@ -99,13 +112,23 @@ def _chain_joint(row: object, index: int, where: str) -> Joint:
     for key in ("placement", "axis", "type", "parent", "link_frame"):
         if key not in row:
             raise InputError(f"key '{key}' is missing", where, _AS_WRITTEN)
-    placement, link_frame = (given_numbers(row[key], (4, 4), key, where) for key in ("placement", "link_frame"))
+    placement, link_frame = (_frame(row[key], key, where) for key in ("placement", "link_frame"))
     axis = given_numbers(row["axis"], (3,), "axis", where)
     if not np.isclose(np.linalg.norm(axis), 1.0):
         raise InputError("key 'axis' is no unit vector", where, _AS_WRITTEN)
     if not isinstance(row["parent"], int) or not -1 <= row["parent"] < index:
         raise InputError("key 'parent' names no earlier joint", where, _AS_WRITTEN)
     return Joint(placement, axis, row["type"] == "prismatic", row["parent"], link_frame, str(row.get("name", "")))
+
+
+def _frame(value: object, key: str, where: str) -> Array:
+    """(4, 4) a place of a rigid body."""
+    frame = given_numbers(value, (4, 4), key, where)
+    turn = frame[:3, :3]
+    rigid = np.allclose(turn @ turn.T, np.eye(3), atol=_ROUNDING) and np.linalg.det(turn) > 0.0
+    if not rigid or frame[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+        raise InputError(f"key '{key}' is no place of a rigid body", where, _AS_WRITTEN)
+    return frame
 
 
 def _dh_row(row: object, where: str) -> dict[str, Any]:
@@ -118,7 +141,7 @@ def _dh_row(row: object, where: str) -> dict[str, Any]:
     for key in ("a", "alpha", "d", "theta"):
         if key not in row:
             raise InputError(f"key '{key}' is missing", where, "give a and d in m, alpha and theta in rad")
-        values[key] = float(given_numbers(row[key], (), key, where))
+        values[key] = float(given_numbers(row[key], (), key, where, LONGEST if key in ("a", "d") else LARGEST))
     return values
 
 
@@ -126,7 +149,7 @@ def _transmission(value: object, n: int, where: str) -> Array | None:
     if value is None:
         return None
     matrix = given_numbers(value, (n, n), "transmission", where)
-    if np.any(np.diag(matrix) == 0.0) or np.linalg.matrix_rank(matrix) < n:
+    if np.any(np.abs(np.diag(matrix)) < 1.0 / LARGEST) or np.linalg.matrix_rank(matrix) < n:
         remedy = "motor speeds = transmission @ joint speeds needs an invertible matrix with a non-zero diagonal"
         raise InputError("key 'transmission' cannot be used", where, remedy)
     return matrix

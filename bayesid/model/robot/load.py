@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import tomllib
+import os
 from collections.abc import Mapping
 from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
 
+from bayesid.bounded import read_source, toml_of
 from bayesid.errors import InputError
 from bayesid.model.robot.arm import Origin, Robot
 from bayesid.model.robot.built_in import BUILT_IN, built_in_text
@@ -41,13 +42,10 @@ def load_robot(source: str | Path, tip: str | None = None, hold: Mapping[str, fl
     chosen = Origin(str(source), tip=tip, hold=dict(hold or {}))
     if str(source) in BUILT_IN:
         return _from_table(built_in_text(str(source)), f"built-in robot {source}", chosen)
-    path = Path(source) if Path(source).is_file() else installed_urdf(str(source))
+    path = Path(source) if os.path.isfile(source) else installed_urdf(str(source))
     if path is None:
         raise _unknown(str(source))
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot be read ({error})", str(path), "give a text file in TOML or URDF") from None
+    text = read_source(path, "give a text file in TOML or URDF")
     if path.suffix == ".toml":
         return _from_table(text, str(path), chosen)
     return _loaded(robot_from_urdf(text, str(path), tip, hold), replace(chosen, urdf=path))
@@ -57,10 +55,7 @@ def _from_table(text: str, where: str, chosen: Origin) -> Robot:
     for option, value in (("--tip", chosen.tip), ("--hold", chosen.hold)):
         if value:
             raise InputError("is a table of one chain, whose joints are all identified", where, f"leave {option} out")
-    try:
-        return _loaded(robot_from_table(tomllib.loads(text), where), chosen)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"is not valid TOML ({error})", where, "correct the file") from None
+    return _loaded(robot_from_table(toml_of(text, where, "correct the file"), where), chosen)
 
 
 def _loaded(robot: Robot, origin: Origin) -> Robot:

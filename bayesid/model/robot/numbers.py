@@ -2,18 +2,51 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from bayesid.arrays import Array, frozen
+from bayesid.bounded import LARGEST
 from bayesid.errors import InputError
 
+LONGEST = 1e3
+"""m; no link is so long. A table in mm is mostly not so far off that this would tell."""
+MOST_JOINTS = 128
+"""Moving joints of a robot; the most of example-robot-data has 48. What computes recurses over them."""
 
-def given_numbers(value: object, shape: tuple[int, ...], key: str, where: str) -> Array:
-    """What a key of a robot file holds, as finite numbers in a shape.
+
+def given_numbers(value: object, shape: tuple[int, ...], key: str, where: str, most: float = LARGEST) -> Array:
+    """What a key of a robot file holds, as numbers of this world in a shape.
+
+    Args:
+        value: of the key.
+        shape: of the numbers.
+        key: for messages.
+        where: for messages.
+        most: that each may be, either way.
 
     Raises:
         InputError: it holds something else.
     """
     try:
-        return frozen(value, shape, key)
+        numbers = frozen(value, shape, key)
+        if np.abs(numbers).max(initial=0.0) > most:
+            raise InputError(
+                f"key '{key}' holds {np.abs(numbers).max():g}", where, f"give {most:g} at most, in SI units"
+            )
+        return numbers
+    except InputError:
+        raise
     except (TypeError, ValueError):
         wanted = "a finite number" if not shape else f"finite numbers in the shape {' x '.join(map(str, shape))}"
         raise InputError(f"key '{key}' cannot be used", where, f"give {wanted}") from None
+
+
+def check_count(n_joints: int, where: str) -> None:
+    """Refuses what has more moving joints than any robot.
+
+    Raises:
+        InputError: it has.
+    """
+    if n_joints > MOST_JOINTS:
+        remedy = f"give a robot of {MOST_JOINTS} joints at most, or the chain to identify (--tip)"
+        raise InputError(f"has {n_joints} moving joints", where, remedy)

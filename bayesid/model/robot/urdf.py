@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from bayesid.arrays import Array
 from bayesid.model.robot.arm import Joint, Robot
 from bayesid.model.robot.held_joints import hold_joints
+from bayesid.model.robot.numbers import check_count
 from bayesid.model.robot.urdf_tree import UrdfJoint, read_tree
 
 
@@ -27,6 +28,7 @@ def robot_from_urdf(text: str, where: str, tip: str | None = None, hold: Mapping
     """
     tree = read_tree(text, where)
     held = hold_joints(tree, tip, hold or {}, where)
+    check_count(sum(one.moves and one.name not in held.positions for one in tree.joints), where)
     joints: list[Joint] = []
     places: dict[str, tuple[int, Array]] = {tree.base: (-1, np.eye(4))}  # of links: joint, and frame in the joint's
     for one in tree.joints:

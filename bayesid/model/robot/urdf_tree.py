@@ -13,13 +13,18 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bayesid.arrays import Array
+from bayesid.bounded import LARGEST, xml_of
 from bayesid.errors import InputError
-from bayesid.model.robot.numbers import given_numbers
+from bayesid.model.robot.numbers import LONGEST, given_numbers
 
 MOVING = ("revolute", "continuous", "prismatic")
 FREE = ("floating", "planar")
 """Joints of several degrees of freedom, without a motor."""
 _KINDS = (*MOVING, *FREE, "fixed")
+MOST_LINKS = 512
+"""Of a file; the most of example-robot-data has 120."""
+_SHORTEST_AXIS = 1e-6
+"""Of an axis that is written without its unit length."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +111,7 @@ def read_tree(text: str, where: str) -> UrdfTree:
         InputError: the text is not a URDF, or its links and joints are no tree.
     """
     root = _root(text, where)
+    check_links(root, where)
     links = [element.get("name", "") for element in root.findall("link")]
     joints = [_joint(element, links, where) for element in root.findall("joint")]
     children, names = [joint.child for joint in joints], [joint.name for joint in joints]
@@ -128,10 +134,21 @@ def read_tree(text: str, where: str) -> UrdfTree:
     return tree
 
 
+def check_links(root: ET.Element, where: str) -> None:
+    """Refuses a file of more links or joints than any robot has.
+
+    Raises:
+        InputError: it has.
+    """
+    for kind in ("link", "joint"):
+        if (count := len(root.findall(kind))) > MOST_LINKS:
+            raise InputError(f"has {count} {kind}s", where, f"give a URDF of {MOST_LINKS} at most")
+
+
 def _root(text: str, where: str) -> ET.Element:
     run = f"run `xacro {shlex.quote(where)} > robot.urdf` and give robot.urdf"
     try:
-        root = ET.fromstring(text)
+        root = xml_of(text, where)
     except ET.ParseError as error:
         if "<xacro:" in text:
             raise InputError("is a xacro file, not a URDF", where, run) from None
@@ -166,11 +183,12 @@ def _joint(element: ET.Element, links: list[str], where: str) -> UrdfJoint:
     if kind not in _KINDS:
         raise InputError(f"is of type {kind!r}", here, f"give one of {', '.join(_KINDS)}")
     parent, child = (_link(element, end, links, here) for end in ("parent", "child"))
-    position, angles = (_vector(element, "origin", key, "0 0 0", here) for key in ("xyz", "rpy"))
+    position = _vector(element, "origin", "xyz", "0 0 0", here, LONGEST)
+    angles = _vector(element, "origin", "rpy", "0 0 0", here)
     origin = np.eye(4)
     origin[:3, :3], origin[:3, 3] = Rotation.from_euler("xyz", angles).as_matrix(), position
     axis = _vector(element, "axis", "xyz", "1 0 0", here)
-    if kind in MOVING and not axis.any():
+    if kind in MOVING and np.linalg.norm(axis) < _SHORTEST_AXIS:
         raise InputError("key 'axis xyz' cannot be used", here, "give a direction that is not zero")
     mimic = element.find("mimic")
     numbers = {"multiplier": 1.0, "offset": 0.0}
@@ -187,10 +205,10 @@ def _link(element: ET.Element, end: str, links: list[str], where: str) -> str:
     return found.get("link", "")
 
 
-def _vector(element: ET.Element, tag: str, key: str, usual: str, where: str) -> Array:
+def _vector(element: ET.Element, tag: str, key: str, usual: str, where: str, most: float = LARGEST) -> Array:
     found = element.find(tag)
     text = usual if found is None else found.get(key, usual)
-    return given_numbers(text.split(), (3,), f"{tag} {key}", where)
+    return given_numbers(text.split(), (3,), f"{tag} {key}", where, most)
 
 
 def _number(text: object, key: str, where: str) -> float:

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import json
-import zlib
+import math
+import os
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
+from zipfile import ZipFile
 
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.errors import InputError
+from bayesid.bounded import fits_memory, json_of, read_source
+from bayesid.errors import InputError, printable
 from bayesid.report.findings.content import (
     Alternatives,
     CoefficientTable,
@@ -23,6 +24,7 @@ from bayesid.report.findings.content import (
     Samples,
     SegmentTable,
 )
+from bayesid.report.findings.sizes import check_sizes
 from bayesid.report.findings.summary import Summary, from_json
 
 FILE = "findings.npz"
@@ -67,23 +69,59 @@ def read_findings(folder: str | Path) -> Findings:
     """
     place = Path(folder)
     try:
-        summary = from_json(Summary, json.loads((place / "summary.json").read_text(encoding="utf-8")))
-        with np.load(place / FILE, allow_pickle=False) as kept:
-            arrays = {name: kept[name] for name in kept.files}
+        for name in ("summary.json", FILE):
+            if not os.path.exists(place / name):
+                raise InputError(f"holds no {name}", printable(str(folder)), _REMEDY)
+        content = json_of(read_source(place / "summary.json", _REMEDY), str(place / "summary.json"), _REMEDY)
+        summary = from_json(Summary, _mapping(content))
+        arrays = _arrays(place / FILE)
         kept_parts = _NEEDED | {name.partition(".")[0] for name in arrays}
         parts: dict[str, Any] = {name: _part(_PARTS[name], name, arrays) for name in _PARTS if name in kept_parts}
         parts |= {name: tuple(arrays[name].tolist()) for name in _WORDS}
-        return Findings(summary=summary, **parts, draws=_read_draws(place / "posterior.nc"), folder=str(folder))
-    except (FileNotFoundError, NotADirectoryError) as error:
-        missing = Path(error.filename).name
-        raise InputError(f"holds no {missing}", str(folder), _REMEDY) from None
+        findings = Findings(summary=summary, **parts, draws=_read_draws(place / "posterior.nc"), folder=str(folder))
+        check_sizes(findings)
+        return findings
     except KeyError as error:
         said = f"holds no {error}: another version wrote it, or it is damaged"
         raise InputError(said, str(folder), _REMEDY) from None
-    except InputError:  # of posterior.nc
+    except InputError:  # of one of its files
         raise
-    except (OSError, EOFError, ValueError, TypeError, AttributeError, BadZipFile, zlib.error) as error:
+    except (ValueError, TypeError) as error:
         raise InputError(f"cannot be read ({error})", str(folder), _REMEDY) from None
+
+
+def _mapping(content: Any) -> Mapping[str, Any]:
+    if not isinstance(content, Mapping):
+        raise TypeError("summary.json holds no object")
+    return content
+
+
+def _arrays(path: Path) -> dict[str, Any]:
+    """The arrays of the file, none of which says that it is larger than what is there.
+
+    Raises:
+        ValueError: it is damaged, or unpacks to too much.
+    """
+    try:
+        with ZipFile(path) as archive:
+            for member in archive.infolist():
+                with archive.open(member) as file:
+                    version = np.lib.format.read_magic(file)
+                    header = np.lib.format.read_array_header_1_0 if version == (1, 0) else _later_header
+                    shape, _, kind = header(file)
+                if kind.hasobject or math.prod(shape) * kind.itemsize > member.file_size:
+                    raise ValueError(f"{member.filename} holds less than it says")
+            if not fits_memory(sum(member.file_size for member in archive.infolist()), 1):
+                raise ValueError("it unpacks to too much")
+        with np.load(path, allow_pickle=False) as kept:
+            return {name: kept[name] for name in kept.files}
+    except Exception as error:  # a damaged archive raises whatever its parser stumbles over
+        said = " ".join(str(error).split()) or type(error).__name__
+        raise ValueError(f"{path.name}: {said:.80}") from None
+
+
+def _later_header(file: Any) -> Any:
+    return np.lib.format.read_array_header_2_0(file)
 
 
 def _part(kind: type, name: str, arrays: Mapping[str, Any]) -> Any:

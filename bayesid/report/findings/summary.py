@@ -21,6 +21,9 @@ from bayesid.posterior.inference import Posterior
 _MOST_DIFFERENT = 3
 """Coefficients of another mode that are named; a round number."""
 
+_MOST = 2**63
+"""Of whole numbers: more than 64 bits hold."""
+
 Kind = TypeVar("Kind")
 Number = float | None
 """None where it is not finite: JSON has no infinity."""
@@ -605,7 +608,25 @@ def _typed(kind: Any, value: Any) -> Any:
     if isinstance(kind, UnionType):  # with None
         return None if value is None else _typed(get_args(kind)[0], value)
     if is_dataclass(kind):
-        return from_json(cast(type[Any], kind), value)
+        return from_json(cast(type[Any], kind), _checked(value, Mapping))
     if get_origin(kind) is tuple:
-        return tuple(_typed(get_args(kind)[0], item) for item in value)
+        return tuple(_typed(get_args(kind)[0], item) for item in _checked(value, list | tuple))
+    if get_origin(kind) is Mapping:
+        return {str(key): _typed(get_args(kind)[1], item) for key, item in _checked(value, Mapping).items()}
+    if kind in (int, float):
+        return _number(kind, value)
+    return _checked(value, kind) if kind in (bool, str) else value
+
+
+def _checked(value: Any, kind: Any) -> Any:
+    if not isinstance(value, kind):
+        raise TypeError(f"{value!r:.40} is of another kind")
+    return value
+
+
+def _number(kind: type, value: Any) -> Any:
+    """A number that is neither endless nor too large for 64 bits."""
+    allowed = int if kind is int else int | float
+    if isinstance(value, bool) or not abs(_checked(value, allowed)) < (_MOST if isinstance(value, int) else np.inf):
+        raise TypeError(f"{value!r:.40} is no number that bayesid writes")
     return value

@@ -1,0 +1,208 @@
+"""Text from outside, read within bounds: its size, depth and digits are checked before anything else looks at it.
+
+What passes here raises `InputError` and nothing else, whatever the bytes are.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import tomllib
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from bayesid.errors import InputError, printable
+
+MOST_BYTES = 1 << 23
+"""Of a text that is read as a whole: 8 MiB, of which the parser of TOML takes 20 s. The longest that bayesid writes, model.toml of a robot of 20 joints, has 2;
+the longest URDF of example-robot-data 0.3."""
+MOST_UNPACKED = 1 << 30
+"""Bytes that a compressed or binary file may unpack to, 1 GiB: a million rows of 20 joints with velocities have 0.5."""
+DEEPEST = 32
+"""Tables in tables, lists in lists or elements in elements; ours and those of URDFs have 6 at most."""
+MOST_DIGITS = 18
+"""Of a whole number in a name or an option: what counts joints, rows or seeds has fewer, and 64 bits hold it."""
+LARGEST = 1e6
+"""Size of a number that a robot's file may hold, in SI units: no robot is so large, fast, strong or geared."""
+_SHOWN = 200
+"""Letters of a parser's complaint that are passed on: it may repeat the file."""
+_BETWEEN_NAMES = re.compile(r"[=,\n]")
+"""In TOML; the time of its parser grows with the square of the dots of a name."""
+
+
+def read_source(path: str | Path, remedy: str, where: str = "", most: int = MOST_BYTES) -> str:
+    """The text of a file in UTF-8, with or without a mark of it.
+
+    Args:
+        path: the file; a pipe will do.
+        remedy: what to do if it is no such text.
+        where: what messages call it; its path by default.
+        most: bytes that it may have.
+
+    Raises:
+        InputError: it cannot be read, is longer, or no text.
+
+    Example:
+        >>> read_source("robot.toml", "give a text file").splitlines()[0]
+        'name = "arm"'
+    """
+    where = where or printable(str(path))
+    try:
+        with Path(path).open("rb") as file:
+            content = file.read(most + 1)
+        if len(content) > most:
+            raise InputError(f"is longer than {most >> 20} MiB", where, remedy)
+        return content.decode("utf-8-sig")
+    except InputError:
+        raise
+    except (OSError, ValueError) as error:  # no name of a file, for one
+        raise InputError(f"cannot be read ({_said(error)})", where, remedy) from None
+
+
+def toml_of(text: str, where: str, remedy: str) -> dict[str, Any]:
+    """What a text in TOML holds.
+
+    Raises:
+        InputError: it is none, too deep, or has a number with too many digits.
+
+    Example:
+        >>> toml_of("velocity = 2.5", "limits.toml", "correct the file")
+        {'velocity': 2.5}
+    """
+    deep = InputError(f"has tables or lists in more than {DEEPEST} others", where, remedy)
+    if max(part.count(".") for part in _BETWEEN_NAMES.split(text)) > 2 * DEEPEST:
+        raise deep
+    try:
+        table = tomllib.loads(text)
+    except RecursionError:
+        raise deep from None
+    except ValueError as error:
+        raise InputError(f"is not valid TOML ({_said(error)})", where, remedy) from None
+    if not _is_flat(table):
+        raise deep
+    return table
+
+
+def json_of(text: str, where: str, remedy: str) -> Any:
+    """What a text in JSON holds.
+
+    Raises:
+        InputError: as `toml_of`.
+
+    Example:
+        >>> json_of('{"n_samples": 301}', "summary.json", "identify again")
+        {'n_samples': 301}
+    """
+    deep = InputError(f"has objects or lists in more than {DEEPEST} others", where, remedy)
+    try:
+        content = json.loads(text)
+    except RecursionError:
+        raise deep from None
+    except ValueError as error:
+        raise InputError(f"is not valid JSON ({_said(error)})", where, remedy) from None
+    if not _is_flat(content):
+        raise deep
+    return content
+
+
+def xml_of(text: str, where: str) -> ET.Element:
+    """The root of a text in XML.
+
+    Raises:
+        InputError: it is too deep.
+        xml.etree.ElementTree.ParseError: it is none.
+
+    Example:
+        >>> xml_of("<robot name='arm'/>", "arm.urdf").get("name")
+        'arm'
+    """
+    try:
+        return ET.fromstring(text, ET.XMLParser(target=_Shallow(where)))
+    except (ValueError, LookupError) as error:  # of the encoding that it names
+        if isinstance(error, InputError):
+            raise
+        raise ET.ParseError(_said(error)) from None
+
+
+class _Shallow(ET.TreeBuilder):
+    """Builds a tree, unless it is too deep."""
+
+    def __init__(self, where: str) -> None:
+        super().__init__()
+        self._where, self._depth = where, 0
+
+    def start(self, tag: str, attrs: dict[str, str], /) -> ET.Element:
+        self._depth += 1
+        if self._depth > DEEPEST:
+            raise InputError(f"has elements in more than {DEEPEST} others", self._where, "give a URDF")
+        return super().start(tag, attrs)
+
+    def end(self, tag: str, /) -> ET.Element:
+        self._depth -= 1
+        return super().end(tag)
+
+
+def _is_flat(content: Any) -> bool:
+    """Whether tables and lists are in no more than `DEEPEST` others."""
+    level = [content]
+    for _ in range(DEEPEST + 1):
+        level = [inner for outer in level for inner in _inner(outer)]
+        if not level:
+            return True
+    return False
+
+
+def _inner(content: Any) -> Iterator[Any]:
+    values = content.values() if isinstance(content, Mapping) else content if isinstance(content, list) else ()
+    return (value for value in values if isinstance(value, Mapping | list))
+
+
+def _said(error: Exception) -> str:
+    """A parser's complaint in one line."""
+    text = error.strerror if isinstance(error, OSError) and error.strerror else str(error) or type(error).__name__
+    return printable(" ".join(text.split()))[:_SHOWN]
+
+
+def whole_number(text: str) -> int | None:
+    """The whole number of a word of digits 0 to 9; None of all else, and of more digits than `MOST_DIGITS`.
+
+    Example:
+        >>> whole_number("12"), whole_number("9" * 5000), whole_number("-1")
+        (12, None, None)
+    """
+    digits = text.isascii() and text.isdecimal() and len(text) <= MOST_DIGITS
+    return int(text) if digits else None
+
+
+def check_name(path: str | Path) -> Path:
+    """The path itself, if a system can have such a file: it may be there or not.
+
+    Raises:
+        InputError: its name is too long, holds a NUL, or leads through links in a circle.
+
+    Example:
+        >>> check_name("robot.toml").name
+        'robot.toml'
+    """
+    try:
+        os.stat(path)
+    except (FileNotFoundError, NotADirectoryError, PermissionError):
+        pass
+    except (OSError, ValueError) as error:
+        shown = printable(str(path))
+        shown = shown if len(shown) <= _SHOWN else f"{shown[:_SHOWN]}.."
+        raise InputError(f"cannot be the name of a file ({_said(error)})", shown, "give another path") from None
+    return Path(path)
+
+
+def fits_memory(n_values: int, n_bytes: int = 8) -> bool:
+    """Whether so many values of so many bytes are no more than `MOST_UNPACKED`.
+
+    Example:
+        >>> fits_memory(1_000_000), fits_memory(10**12)
+        (True, False)
+    """
+    return n_values * n_bytes <= MOST_UNPACKED

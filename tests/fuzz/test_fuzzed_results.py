@@ -1,0 +1,228 @@
+"""Result folders, tampered with: what reads them, reports on them or goes on from them says in one line what is wrong."""
+
+import io
+import json
+import zipfile
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+import tomli_w
+import tomllib
+from conftest import small_robot
+from hypothesis import strategies as st
+from made_findings import make_findings
+from mutations import BUDGETS, check_reader, fuzz, mutated_bytes, mutated_tree
+
+from bayesid.errors import InputError
+from bayesid.fit.noise import Noise
+from bayesid.identification.identified_model import IdentifiedModel
+from bayesid.model.catalogue import make_effect, make_terms
+from bayesid.model.coefficients import base_coefficients
+from bayesid.model.model import Model
+from bayesid.model.terms import STANDARD
+from bayesid.report.findings import as_json, read_findings
+from bayesid.report.findings.store import write_findings
+from bayesid.report.pages.identification_page import identification_page
+from bayesid.results.folders import make_report
+from bayesid.results.model_file import load_model, model_table
+
+N = 2
+HOSTILE_ARRAYS = (
+    *(np.zeros(0), np.zeros(3), np.zeros((2, 2)), np.zeros((300, 2)), np.full((300, 2), np.nan), np.full(300, np.inf)),
+    *(np.array("a"), np.array(["a", "b"]), np.array(1), np.array(-7), np.array(1e308), np.full((300, 2), 1e300)),
+    *(np.ones((300, 2), dtype=bool), np.full(12, 99), np.full(12, -1), np.full(8, np.nan), np.array(["x" * 3000] * 8)),
+    *(np.arange(300)[::-1] * 1.0, np.zeros((2, 20)), np.full((300, 2), 2.5), np.zeros(300), np.full(8, 1e29)),
+)
+
+
+def stored_model():
+    """Of a robot of two joints with a term that has numbers of its own, and a sensor that distorts."""
+    robot = small_robot(N)
+    model = Model(robot, make_terms(STANDARD, robot, None)).extend(make_effect("delay", robot, None))
+    rng = np.random.default_rng(3)
+    r = len(base_coefficients(model))
+    root = rng.standard_normal((r, r))
+    noise = Noise(*(np.full(N, value) for value in (0.1, 0.2, 0.05, 3.0)))
+    return IdentifiedModel(model, rng.standard_normal(len(model.parameters)), noise, root @ root.T)
+
+
+def posterior_bytes(model, coefficients=8):
+    """As `bayesid.posterior.inference_data` writes it, as far as its readers look."""
+    file = io.BytesIO()
+    names = [parameter.name for parameter in model.parameters]
+    with h5py.File(file, "w") as content:
+        content.attrs["inference_library"], content.attrs["walkers"] = "bayesid", np.array([4])
+        group = content.create_group("posterior")
+        rng = np.random.default_rng(1)
+        for name, width in (("theta", len(names)), ("noise", N), ("beta", coefficients)):
+            group[name] = rng.standard_normal((2, 8, width))
+        text = h5py.string_dtype()
+        group.create_dataset("parameter", data=names, dtype=text)
+        group.create_dataset("joint", data=["joint 1", "joint 2"], dtype=text)
+        group.create_dataset("coefficient", data=[f"c{k}" for k in range(coefficients)], dtype=text)
+    return file.getvalue()
+
+
+@pytest.fixture(scope="module")
+def sample(tmp_path_factory):
+    """File to its bytes, of a folder that everything reads."""
+    folder = tmp_path_factory.mktemp("sample")
+    findings = make_findings(N, validated=True)
+    write_findings(findings, folder / "findings.npz")
+    (folder / "summary.json").write_text(json.dumps(as_json(findings.summary)), encoding="utf-8")
+    stored = stored_model()
+    (folder / "model.toml").write_text(tomli_w.dumps(model_table(stored)), encoding="utf-8")
+    (folder / "posterior.nc").write_bytes(posterior_bytes(stored.model))
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.fixture
+def folder(sample, tmp_path):
+    for name, content in sample.items():
+        (tmp_path / name).write_bytes(content)
+    return tmp_path
+
+
+READERS = {
+    "summary.json": read_findings,
+    "findings.npz": read_findings,
+    "posterior.nc": lambda folder: (read_findings(folder), load_model(folder)),
+    "model.toml": load_model,
+}
+
+
+@BUDGETS
+@pytest.mark.parametrize("name", READERS)
+def test_bytes(folder, sample, name, examples):
+    read = READERS[name]
+    assert check_reader(lambda: read(folder))
+
+    def check(content):
+        (folder / name).write_bytes(content)
+        check_reader(lambda: read(folder))
+
+    fuzz(mutated_bytes(sample[name]), check, examples)
+
+
+@BUDGETS
+def test_tables_of_the_model(folder, sample, examples):
+    def check(table):
+        try:
+            (folder / "model.toml").write_bytes(tomli_w.dumps(table).encode())
+        except (TypeError, UnicodeEncodeError, ValueError):  # what TOML cannot hold
+            return
+        check_reader(lambda: load_model(folder))
+
+    fuzz(mutated_tree(tomllib.loads(sample["model.toml"].decode())), check, examples)
+
+
+def reported(folder, every):
+    """Reads a folder, and makes a report of every so many that are read."""
+    read = [0]
+
+    def report():
+        findings = read_findings(folder)
+        read[0] += 1
+        if read[0] % every == 0:
+            identification_page(findings)
+
+    return report
+
+
+@BUDGETS
+def test_objects_of_the_summary(folder, sample, examples):
+    report = reported(folder, every=10)
+
+    def check(table):
+        (folder / "summary.json").write_text(json.dumps(table), encoding="utf-8")
+        check_reader(report)
+
+    fuzz(mutated_tree(json.loads(sample["summary.json"])), check, examples)
+
+
+@st.composite
+def changed_arrays(draw, content):
+    """The archive with one or two of its arrays lost, cut, turned, renamed or replaced."""
+    with np.load(io.BytesIO(content)) as kept:
+        arrays = {name: kept[name] for name in kept.files}
+    for _ in range(draw(st.integers(1, 2))):
+        name = draw(st.sampled_from(sorted(arrays)))
+        how = draw(st.integers(0, 6))
+        if how == 0:
+            del arrays[name]
+        elif how == 1:
+            arrays[name] = arrays[name][..., : draw(st.integers(0, 5))] if arrays[name].ndim else arrays[name]
+        elif how == 2:
+            arrays[name] = arrays[name].T.copy()
+        elif how == 3:
+            arrays[name] = arrays[draw(st.sampled_from(sorted(arrays)))]
+        else:
+            arrays[name] = draw(st.sampled_from(HOSTILE_ARRAYS))
+    file = io.BytesIO()
+    np.savez(file, **arrays)
+    return file.getvalue()
+
+
+@BUDGETS
+def test_arrays(folder, sample, examples):
+    report = reported(folder, every=10)
+
+    def check(content):
+        (folder / "findings.npz").write_bytes(content)
+        check_reader(report)
+
+    fuzz(changed_arrays(sample["findings.npz"]), check, examples)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What was found
+# ---------------------------------------------------------------------------------------------------------------
+def changed(folder, change):
+    """summary.json with something changed."""
+    path = folder / "summary.json"
+    content = json.loads(path.read_text(encoding="utf-8"))
+    change(content)
+    path.write_text(json.dumps(content), encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda content: content.update(warnings=3), "3 is of another kind"),
+        (lambda content: content["noise"].update(sd=[0.1]), "noise.sd has shape"),
+        (lambda content: content["search"].update(seconds="long"), "'long' is of another kind"),
+        (lambda content: content.update(signed_joints=[7]), "joints beyond 2"),
+        (lambda content: content.update(n_samples=10**30), "no number that bayesid writes"),
+    ],
+)
+def test_a_summary_of_something_else(folder, change, said):
+    changed(folder, change)
+    with pytest.raises(InputError, match=said):
+        make_report(folder)
+    assert not (folder / "report.html").exists()
+
+
+def test_an_archive_that_claims_more_than_it_holds(folder):
+    """2 TB of zeros in a header, and a member that says it unpacks to 2 GB and does."""
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": (1 << 38,)})
+    path = folder / "findings.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("samples.t.npy", header.getvalue() + bytes(80))
+    with pytest.raises(InputError, match="holds less than it says"):
+        read_findings(folder)
+
+
+def test_deep_and_long_json(folder):
+    for content, said in (("[" * 100_000, "in more than 32 others"), (f"[{'9' * 5001}]", "is not valid JSON")):
+        (folder / "summary.json").write_text(content, encoding="utf-8")
+        with pytest.raises(InputError, match=said):
+            read_findings(folder)
+
+
+def test_findings_of_another_robot(folder):
+    write_findings(make_findings(N + 1), folder / "findings.npz")
+    with pytest.raises(InputError, match=r"summary.json, noise.\w+ has shape \(2,\)"):
+        read_findings(folder)

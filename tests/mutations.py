@@ -1,0 +1,178 @@
+"""Mutated inputs for the readers: whatever comes, a reader reads it or says in one line why not."""
+
+from __future__ import annotations
+
+import copy
+import re
+import resource
+import signal
+import warnings
+from collections.abc import Callable
+from contextlib import contextmanager
+
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+
+from bayesid.errors import InputError
+
+BUDGETS = pytest.mark.parametrize(
+    "examples", [pytest.param(60, id="short"), pytest.param(10_000, id="long", marks=pytest.mark.long)]
+)
+LONGEST = 30
+"""s of CPU that one input may take."""
+MOST_MEMORY = 2 << 20
+"""KiB that reading may add to the process."""
+HOSTILE_NUMBERS = (
+    *("1e308", "-1e308", "1e-320", "nan", "inf", "-inf", "1e999", "0", "-1", "1e18", "9" * 5001, "1" + "0" * 400),
+    *("0x10", "1_0", "\u0661", "1,5", "", "-", "--1", "1e", "true", "4294967296", "2147483648"),
+)
+HOSTILE_WORDS = (
+    *(b"\0", b"\xff", b"\xff\xfe", b"\xef\xbb\xbf", b"\x1b[31m", b"\r", b"\n\n", b"\x85", b"\x1a", b"#", b"%", b'"', b"'"),
+    *(b"[" * 3000, b"{" * 3000, b"(" * 300, b"a." * 3000, b"9" * 5001, "\u0661".encode(), b"q" + b"9" * 5000, b"=", b","),
+    *(b";", b"\t", b" " * 3000, b"[deg]", b"]", b"}", b"&lt;", b"<a>", b"</link>", b"-->", b"nan", b"1e308", b"_" * 3000),
+)
+HOSTILE_VALUES = (
+    *(None, True, -1, 0, 2**31, 2**70, 10**400, 1e308, -1e308, 1e-320, float("nan"), float("inf"), "", "a\x01b", "x" * 3000),
+    *([], {}, [[]], [1, "a"], [1e308] * 3, {"a": {"b": []}}, "1e308", "\u0661", [None], [[1.0] * 4] * 4, -5, 3.5),
+)
+_NUMBER = re.compile(rb"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
+
+
+class Hang(BaseException):
+    """No reader's `except Exception` takes it for damage."""
+
+
+@contextmanager
+def limited_time():
+    """Ends what takes longer than `LONGEST` s of CPU."""
+
+    def stop(_signal, _frame):
+        raise Hang
+
+    before = signal.signal(signal.SIGPROF, stop)
+    signal.setitimer(signal.ITIMER_PROF, LONGEST)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
+
+
+def check_reader(read: Callable[[], object]) -> bool:
+    """Whether it reads; if not, it has said why in one line of letters, without warnings of others or much memory."""
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with warnings.catch_warnings(record=True) as caught, limited_time():
+        warnings.simplefilter("always")
+        try:
+            read()
+            good = True
+        except InputError as error:
+            good = False
+            assert error.what
+            assert error.remedy
+            assert "\n" not in error.on_command_line
+    assert not [str(one.message) for one in caught if one.category is not UserWarning]
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - memory < MOST_MEMORY
+    return good
+
+
+def fuzz(inputs: st.SearchStrategy, check: Callable[[object], object], examples: int) -> None:
+    """Has a check look at so many inputs, the same ones every time."""
+
+    @settings(
+        max_examples=examples,
+        derandomize=True,
+        database=None,
+        deadline=None,
+        phases=[Phase.generate],
+        suppress_health_check=list(HealthCheck),
+        report_multiple_bugs=False,
+    )
+    @given(inputs)
+    def one(content):
+        check(content)
+
+    one()
+
+
+@st.composite
+def mutated_bytes(draw, sample: bytes) -> bytes:
+    """A sample with one to four changes: bytes, words, numbers, cuts and repetitions."""
+    content = sample
+    for _ in range(draw(st.integers(1, 4))):
+        content = draw(st.sampled_from(_CHANGES))(draw, content)
+    return content
+
+
+def _place(draw, content: bytes) -> int:
+    """Anywhere, but in the first part, where headers are, as often as in all the rest."""
+    return draw(st.one_of(st.integers(0, min(len(content), 300)), st.integers(0, len(content))))
+
+
+def _flip(draw, content: bytes) -> bytes:
+    at = _place(draw, content)
+    return content[:at] + draw(st.binary(min_size=1, max_size=8)) + content[at + draw(st.integers(0, 8)) :]
+
+
+def _insert(draw, content: bytes) -> bytes:
+    at = _place(draw, content)
+    return content[:at] + draw(st.sampled_from(HOSTILE_WORDS)) + content[at:]
+
+
+def _renumber(draw, content: bytes) -> bytes:
+    found = list(_NUMBER.finditer(content))
+    if not found:
+        return content
+    one = found[min(draw(st.one_of(st.integers(0, 40), st.integers(0, len(found) - 1))), len(found) - 1)]
+    return content[: one.start()] + draw(st.sampled_from(HOSTILE_NUMBERS)).encode() + content[one.end() :]
+
+
+def _cut(draw, content: bytes) -> bytes:
+    at = _place(draw, content)
+    return content[:at] + content[at + draw(st.integers(1, 400)) :]
+
+
+def _truncate(draw, content: bytes) -> bytes:
+    return content[: _place(draw, content)]
+
+
+def _repeat(draw, content: bytes) -> bytes:
+    at, length = _place(draw, content), draw(st.integers(1, 200))
+    return content[:at] + content[at : at + length] * draw(st.integers(2, 60)) + content[at:]
+
+
+_CHANGES = (_flip, _insert, _renumber, _renumber, _cut, _truncate, _repeat)
+
+
+@st.composite
+def mutated_tree(draw, sample: object) -> object:
+    """Tables and lists with one to three entries changed, lost, renamed or doubled."""
+    tree = copy.deepcopy(sample)
+    for _ in range(draw(st.integers(1, 3))):
+        holders = list(_holders(tree))
+        holder = holders[draw(st.integers(0, len(holders) - 1))]
+        keys = list(holder) if isinstance(holder, dict) else list(range(len(holder)))
+        key = draw(st.sampled_from(keys))
+        how = draw(st.integers(0, 5))
+        if how == 0:
+            del holder[key]
+        elif how == 1 and isinstance(holder, list):
+            holder.append(copy.deepcopy(holder[key]))
+        elif how == 1:
+            holder[draw(st.sampled_from(["name", "joints", "x" * 500, "", "shape", str(key) + "1"]))] = holder[key]
+        else:
+            holder[key] = copy.deepcopy(draw(st.sampled_from(HOSTILE_VALUES)))
+        if not tree:
+            return tree
+    return tree
+
+
+def _holders(tree: object):
+    """All tables and lists that hold something."""
+    waiting = [tree]
+    while waiting:
+        one = waiting.pop()
+        if isinstance(one, dict | list) and one:
+            yield one
+            waiting += one.values() if isinstance(one, dict) else one
