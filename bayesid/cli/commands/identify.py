@@ -66,7 +66,7 @@ def _settings(options: argparse.Namespace) -> dict[str, Any]:
 def _search(options: argparse.Namespace) -> Search:
     beam = Beam(width=options.beam_width, initial_segments=options.initial_segments)
     if options.search == "beam":
-        return beam
+        return beam.limited(options.search_budget, options.repeatable)
     return Certified(budget=options.search_budget, fallback=beam, repeatable=options.repeatable)
 
 
