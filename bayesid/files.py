@@ -108,6 +108,8 @@ def check_folder(folder: str | Path, files: Set[str], marker: str) -> Path:
     """
     folder = check_name(folder)
     tidy(folder.resolve())
+    for name in files:
+        tidy(folder.resolve() / name)
     remedy = "give --out a new folder"
     if folder.is_dir():
         names = {path.name for path in folder.iterdir()}

@@ -1,15 +1,18 @@
 """The command line: every command is a thin layer over the Python interface.
 
-Exit codes: 0 done, 2 bad input (one line on stderr), 1 a fault of ours, 130 interrupted, 141 nobody reads on. Nothing
-that computes is imported before the arguments are understood.
+Exit codes: 0 done, 2 bad input (one line on stderr), 1 a fault of ours, 130 interrupted, 143 terminated, 141
+nobody reads on. Nothing that computes is imported before the arguments are understood.
 """
 
 from __future__ import annotations
 
 import io
 import os
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 
 from bayesid.errors import BayesidError, InputError
@@ -19,6 +22,32 @@ __all__ = ["main"]
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command and returns its exit code."""
+    with _terminated_as_interrupted() as terminated:
+        return _run(arguments, terminated)
+
+
+@contextmanager
+def _terminated_as_interrupted() -> Iterator[list[int]]:
+    """SIGTERM ends a command as Ctrl-C does; the list says whether it came. One that comes while it ends is not heard."""
+    came: list[int] = []
+
+    def interrupt(number: int, _: object) -> None:
+        if not came:
+            came.append(number)
+            raise KeyboardInterrupt
+
+    alone = threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+    if alone:
+        signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield came
+    finally:
+        if alone:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _run(arguments: Sequence[str] | None, terminated: Sequence[int]) -> int:
+    """The command, and what it raises as a line and a code; `terminated` is filled by SIGTERM."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # an ASCII terminal gets the rest escaped
             stream.reconfigure(errors="backslashreplace")
@@ -36,7 +65,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (OSError, BayesidError) as error:
         return _complain(str(error), 1)
     except KeyboardInterrupt as stop:
-        return _complain(f"interrupted; {str(stop) or 'nothing was written'}", 130)
+        said, code = ("terminated", 143) if terminated else ("interrupted", 130)
+        return _complain(f"{said}; {str(stop) or 'nothing was written'}", code)
     return 0
 
 

@@ -8,12 +8,12 @@ import re
 import shlex
 import sys
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 from bayesid.cli.terminal import warn
-from bayesid.errors import InputError, printable
+from bayesid.errors import BayesidError, InputError, printable
 from bayesid.fit.effects.kinematics import KinematicTolerance
 from bayesid.fit.knowledge import Beliefs, Links, read_nominal
 from bayesid.log.formats.stated import parse_columns
@@ -73,6 +73,16 @@ def _read_with_notes(reader: Callable[..., Recording], path: Path, reading: Mapp
     for warning in caught:
         warn(str(warning.message))
     return recording
+
+
+def end_with(incomplete: Iterable[str]) -> None:
+    """A result without some of its files is shown like any other; then the command ends as one that has failed.
+
+    Raises:
+        BayesidError: there is such a line.
+    """
+    for said in incomplete:
+        raise BayesidError(said)
 
 
 def term_names(options: argparse.Namespace) -> list[str]:

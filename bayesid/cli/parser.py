@@ -258,7 +258,7 @@ def _add_identify(commands: _Commands) -> None:
     _share(parser, *_ROBOT, "--terms")
     search = "certified: the best signs with a proof; beam: T-PBPR (default: %(default)s)"
     parser.add_argument("--search", choices=("certified", "beam"), default="certified", help=search)
-    budget = "seconds for the proof; a beam stands by where they do not suffice (default: %(default)g)"
+    budget = "seconds for all searches, to which a fifth may come: a beam that stands by (default: %(default)g)"
     _share(parser, "--search-budget", default=10.0, help=budget)
     width, first = (
         "of the beam: nodes kept each step (default: 5)",

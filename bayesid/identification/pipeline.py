@@ -53,6 +53,7 @@ from bayesid.signs.after_rectifier import settle_unfiltered
 from bayesid.signs.averaging import AveragedSigns, average_over_models, structural_doubt
 from bayesid.signs.completion import Completing
 from bayesid.signs.completion import complete as complete_model
+from bayesid.signs.search.budget import OneBudget
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
 from bayesid.signs.settling import Earlier, restored
@@ -123,7 +124,7 @@ def identify(
     subject = {**loaded, "terms": [str(one) for one in terms], "complete": check_completeness(complete)}
     run = _Run(search, posterior, preparation, beliefs, progress, subject)
     log, model, signals, segments = _prepared(run, robot, log, terms)
-    run.call = _call(run, robot, log, terms)
+    run.call, search = _call(run, robot, log, terms), OneBudget(search)
     asked, segments = settle_unfiltered(model, signals, segments, search, preparation.cutting, progress)
     run.lap("search")
     averaged = average_over_models(asked, segments, search, progress)
@@ -174,7 +175,7 @@ def identify_again(
     segments = find_segments(signals, model.robot.actuators(signals.motion), preparation.cutting)
     run.lap("prepare")
     earlier = Earlier(knowledge, theta)
-    asked, _ = settle_unfiltered(rows, signals, segments, search, preparation.cutting, progress, earlier)
+    asked, _ = settle_unfiltered(rows, signals, segments, OneBudget(search), preparation.cutting, progress, earlier)
     run.lap("search")
     signals = asked.evidence.signals
     shown = as_read if signals.after_rectifier is None else signals

@@ -33,6 +33,12 @@ _DIGITS = 10
 _FEWEST_ALLOWED, _EMPTIEST = 1_000_000, 20
 """Samples that an even grid may have, whatever the log, and samples a row from there on: an emptier one comes of stamps
 in bursts, or of pauses of hours. Round numbers; a million samples fit any machine."""
+_LONG = 100_000
+"""Samples from which on a long log is thinned, motion and efforts being filtered before: it leaves little doubt about
+parameters, and what is done sample by sample takes milliseconds each. A round number; not studied."""
+_LEAST_OVER_CUTOFF = 6.0
+"""Rate that a thinned log keeps at least, over the motion's cut-off: three times that of the efforts' low-pass. Not
+studied."""
 _EVENED = 51
 """Rows over which jittering time stamps are evened out: half a second at the usual 100 Hz. Not studied."""
 _SMOOTHER = 0.25
@@ -126,16 +132,24 @@ def prepare(log: Log, cutoff: float | None = None) -> Signals:
         "filter": f"zero-phase Butterworth, order {_ORDER} each way",
         "velocity": "measured" if dq is not None else "differentiated",
     }
+    motion, kept = _smooth_motion(grid, q, dq, rate, cutoff), _thinned(len(grid), rate, cutoff)
+    if kept.step > 1:
+        processing |= {"rate_hz": rate / kept.step, "thinned": f"one sample in {kept.step} of {rate:.6g} Hz"}
     return Signals(
-        motion=_smooth_motion(grid, q, dq, rate, cutoff),
-        effort=lowpass(effort, _effort_cutoff(cutoff, rate), rate),
-        raw_effort=effort,
+        motion=motion[kept],
+        effort=lowpass(effort, _effort_cutoff(cutoff, rate), rate)[kept].copy(),
+        raw_effort=effort[kept].copy(),
         signed=log.signed,
-        rate=rate,
+        rate=rate / kept.step,
         cutoff=cutoff,
         processing=processing,
-        measured=np.repeat(_measured(grid, t, 0.5 / cutoff)[:, None], log.n_joints, axis=1),
+        measured=np.repeat(_measured(grid[kept], t, 0.5 / cutoff)[:, None], log.n_joints, axis=1),
     )
+
+
+def _thinned(size: int, rate: float, cutoff: float) -> slice:
+    """One sample in so many that a long log has no more than `_LONG`, as far as its cut-off allows."""
+    return slice(None, None, max(1, min(-(-size // _LONG), int(rate / (_LEAST_OVER_CUTOFF * cutoff)))))
 
 
 def filtered_motion(recorded: RecordedMotion, cutoff: float | None = None) -> Motion:

@@ -2,12 +2,18 @@
 
 Every folder is written aside and renamed into place, so there is never half of one. An earlier one is replaced only if
 it holds nothing but files that the same command writes: other people's files, and models, are never deleted.
+
+What was computed comes first, pages are added once it stands. An export or a page that fails is left out and named, in
+summary.json (`not_written`) and by an `IncompleteWarning`; the rest stands.
 """
 
 from __future__ import annotations
 
-from collections.abc import Set
-from dataclasses import replace
+import json
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Set
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +21,7 @@ import tomli_w
 
 from bayesid.arrays import Array
 from bayesid.discrepancy.workflow import Discrepancy
-from bayesid.errors import InputError
+from bayesid.errors import InputError, printable
 from bayesid.files import (
     check_folder,
     check_place,
@@ -59,6 +65,39 @@ IDENTIFICATION_FILES = frozenset(
     }
 )
 """What a result folder may hold; log.csv is the demo's."""
+class IncompleteWarning(UserWarning):
+    """A result stands without some of its files."""
+
+
+@contextmanager
+def collect_incomplete() -> Iterator[list[str]]:
+    """What the folders that are saved inside go without: a line each, in place of their warnings.
+
+    Other threads' warnings come to nothing meanwhile: for processes that do one thing.
+    """
+    said: list[str] = []
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", IncompleteWarning)
+        yield said
+    said += [str(one.message) for one in caught if issubclass(one.category, IncompleteWarning)]
+
+
+@dataclass(frozen=True)
+class _NotWritten:
+    """Exports and pages that a result goes without, by file, each with what went wrong."""
+
+    why: dict[str, str] = field(default_factory=dict)
+
+    @contextmanager
+    def without(self, path: Path) -> Iterator[None]:
+        """Whatever goes wrong in the block, a full disk or a fault of ours, costs this file alone."""
+        try:
+            yield
+        except Exception as error:
+            path.unlink(missing_ok=True)
+            self.why[path.name] = printable(f"{type(error).__name__}: {error}".removesuffix(": "))
+
+
 VALIDATION_FILES = frozenset({"summary.json", "signed_log.csv", "prediction.csv"})
 
 
@@ -82,7 +121,10 @@ def save_identification(
 
     Raises:
         InputError: the folder cannot be written, or holds other files than an earlier result.
-        ValueError: the model has no rigid bodies to make a URDF of.
+        KeyboardInterrupt: with a text that says so where the result stands already.
+
+    Warns:
+        IncompleteWarning: an export or the report could not be written; the rest stands.
 
     Example:
         >>> folder = bayesid.save_identification(result, "saved", report=False)
@@ -90,14 +132,34 @@ def save_identification(
         True
     """
 
+    missing, findings = _NotWritten(), _findings(identification, folder, validation)
+
     def write(place: Path) -> None:
-        findings = _write_identification(place, folder, identification, validation)
         if with_log:
             write_log(place / "log.csv", identification.log)
-        if report:
-            _write_report(findings, place / _REPORT, progress)
+        _write_identification(place, findings, identification, missing)
 
-    return save_folder(folder, IDENTIFICATION_FILES, MARKER, write)
+    save_folder(folder, IDENTIFICATION_FILES, MARKER, write)
+    pages = {_REPORT: lambda path: _write_report(findings, path, progress)} if report else {}
+    return _with_pages(Path(folder), pages, missing)
+
+
+def _with_pages(folder: Path, pages: Mapping[str, Callable[[Path], None]], missing: _NotWritten) -> Path:
+    """Adds pages to a result that stands, and says what it goes without."""
+    before = dict(missing.why)
+    for name, write in pages.items():
+        try:
+            with missing.without(folder / name):
+                replace_file(folder / name, write)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(f"the result stands in {folder}/, without {name}") from None
+    if missing.why != before:
+        summary = json.loads((folder / MARKER).read_text(encoding="utf-8")) | {"not_written": missing.why}
+        replace_file(folder / MARKER, lambda path: write_json(path, summary))
+    if missing.why:
+        said = "; ".join(f"{name} could not be written ({why})" for name, why in missing.why.items())
+        warnings.warn(f"{folder}: {said}; all else stands", IncompleteWarning, stacklevel=3)
+    return folder
 
 
 def make_report(
@@ -157,46 +219,59 @@ def save_discrepancy(
 
     Raises:
         InputError: the folder cannot be written, or holds other files than an earlier result.
-        ValueError: the model has no rigid bodies to make a URDF of.
+        KeyboardInterrupt: with a text that says so where the result stands already.
+
+    Warns:
+        IncompleteWarning: an export or a page could not be written; the rest stands.
 
     Example:
         >>> (bayesid.save_discrepancy(found, "found", report=False) / "discrepancy.json").is_file()
         True
     """
 
+    missing, findings = _NotWritten(), _findings(discrepancy.identification, folder)
+
     def write(place: Path) -> None:
+        write_json(place / "discrepancy.json", discrepancy_summary(discrepancy))
+        _write_identification(place, findings, discrepancy.identification, missing)
+
+    def write_page(path: Path) -> None:
         from bayesid.report.pages.discrepancy_page import discrepancy_page  # matplotlib takes a second to import
 
-        findings = _write_identification(place, folder, discrepancy.identification)
-        if report:
-            _write_report(findings, place / _REPORT, progress)
-        write_json(place / "discrepancy.json", discrepancy_summary(discrepancy))
-        (place / "discrepancy.html").write_text(discrepancy_page(discrepancy), encoding="utf-8")
+        path.write_text(discrepancy_page(discrepancy), encoding="utf-8")
 
-    return save_folder(folder, IDENTIFICATION_FILES, MARKER, write)
+    save_folder(folder, IDENTIFICATION_FILES, MARKER, write)
+    reports = {_REPORT: lambda path: _write_report(findings, path, progress)} if report else {}
+    return _with_pages(Path(folder), {"discrepancy.html": write_page, **reports}, missing)
+
+
+def _findings(identification: Identification, folder: str | Path, validation: Validation | None = None) -> Findings:
+    """What there is to show of a result, by the folder that it is to have."""
+    findings = replace(find_findings(identification), folder=str(folder))
+    return findings if validation is None else findings.with_validation(validation)
 
 
 def _write_identification(
-    place: Path, folder: str | Path, identification: Identification, validation: Validation | None = None
-) -> Findings:
-    """Into a place beside the folder, which it becomes."""
-    findings = replace(find_findings(identification), folder=str(folder))
-    findings = findings if validation is None else findings.with_validation(validation)
-    verdicts = verdict(check_findings(findings))
-    write_json(place / "summary.json", as_json(findings.summary) | {"verdict": verdicts.plain})
+    place: Path, findings: Findings, identification: Identification, missing: _NotWritten
+) -> None:
+    """Into a place beside the folder, which it becomes; the summary last, which says what is missing."""
     write_table(place / "segments.csv", segment_rows(identification))
     _write_signed_log(place / "signed_log.csv", identification.log, identification.signals, identification.probability)
     write_table(place / "coefficients.csv", coefficient_rows(identification))
     write_table(place / "parameters.csv", parameter_rows(identification))
     (place / "model.toml").write_text(tomli_w.dumps(model_table(identification.identified)), encoding="utf-8")
-    (place / "robot.urdf").write_text(urdf(identification.model, identification.theta), encoding="utf-8")
-    (place / "robot.xml").write_text(mjcf(identification.model, identification.theta), encoding="utf-8")
+    write_findings(findings, place / FINDINGS)
+    for name, export in {"robot.urdf": urdf, "robot.xml": mjcf}.items():
+        with missing.without(place / name):
+            (place / name).write_text(export(identification.model, identification.theta), encoding="utf-8")
     if identification.posterior is not None:
         from bayesid.posterior.inference_data import write
 
-        write(inference_data(identification), place / "posterior.nc")
-    write_findings(findings, place / FINDINGS)
-    return findings
+        with missing.without(place / "posterior.nc"):
+            write(inference_data(identification), place / "posterior.nc")
+    verdicts = verdict(check_findings(findings)).plain
+    summary = as_json(findings.summary) | {"verdict": verdicts, "not_written": missing.why}
+    write_json(place / MARKER, summary)
 
 
 def save_validation(validation: Validation, folder: str | Path) -> Path:

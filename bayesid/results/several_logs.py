@@ -22,7 +22,7 @@ from bayesid.model.robot import Robot, load_robot
 from bayesid.report.tables import coefficient_rows
 from bayesid.results.agreement import Agreement, agreement
 from bayesid.results.agreement import rows as agreement_rows
-from bayesid.results.folders import check_result_folder, save_identification
+from bayesid.results.folders import check_result_folder, collect_incomplete, save_identification
 from bayesid.study.runner import Outcome, Tally, no_tally, run
 
 RUNS, AGREEMENT = "runs.csv", "agreement.csv"
@@ -153,12 +153,12 @@ def _identify(job: _Job) -> Run:
     """In the worker: reads, identifies, saves."""
     try:
         result = identify(job.robot, read_log(job.log, **job.reading), **job.options)
-        save_identification(result, job.folder, report=job.report)
+        with collect_incomplete() as incomplete:
+            save_identification(result, job.folder, report=job.report)
     except InputError as error:
         return Run(job.log, job.folder, error.on_command_line, bad_input=True)
-    return Run(
-        job.log, job.folder, figures=_figures(result), coefficients=coefficient_rows(result), warnings=result.warnings
-    )
+    said = [*result.warnings, *incomplete]
+    return Run(job.log, job.folder, figures=_figures(result), coefficients=coefficient_rows(result), warnings=said)
 
 
 def _figures(result: Identification) -> dict[str, Any]:

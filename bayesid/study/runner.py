@@ -23,7 +23,9 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from importlib.metadata import version
-from multiprocessing import get_context, parent_process
+from multiprocessing import parent_process
+from multiprocessing.context import SpawnContext, SpawnProcess
+from multiprocessing.process import BaseProcess
 from typing import Any, Protocol
 
 from bayesid.errors import BayesidError, InputError
@@ -242,11 +244,25 @@ class Processes:
             lane.close()
 
 
+class _Spawn(SpawnContext):
+    """Starts fresh interpreters, and keeps hold of them."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.born: list[BaseProcess] = []
+
+    def Process(self, *given: Any, **named: Any) -> BaseProcess:  # type: ignore[override]  # noqa: N802
+        """A process, not yet started."""
+        process = SpawnProcess(*given, **named)
+        self.born.append(process)
+        return process
+
+
 class _Lane:
     """One worker process, or its successor."""
 
+    _context: _Spawn
     _executor: ProcessPoolExecutor
-    _pid: Future[int]
     _task: Future[Answer] | None
 
     def __init__(self) -> None:
@@ -266,17 +282,19 @@ class _Lane:
         return self._task
 
     def close(self) -> None:
-        """Ends the process; at once, whatever it does, if it is at work."""
+        """Ends the process; at once, whatever it does or while it is still being born, if it has a task."""
         if not self.free:
-            with suppress(BrokenProcessPool, CancelledError, ProcessLookupError, TimeoutError):
-                os.kill(self._pid.result(timeout=_PATIENCE), signal.SIGKILL)
+            for worker in self._context.born:
+                worker.kill()
         self._executor.shutdown(cancel_futures=True)
 
     def _hire(self) -> None:
-        self._executor = ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=_settle_in)
+        self._context = _Spawn()
+        self._executor = ProcessPoolExecutor(1, mp_context=self._context, initializer=_settle_in)
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # a worker is born so: see _settle_in
         try:
-            self._pid, self._task = self._executor.submit(os.getpid), None
+            self._task = None
+            self._executor.submit(os.getpid)
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 

@@ -1012,7 +1012,7 @@ def test_whatever_goes_wrong_nothing_is_left_behind(result, tmp_path, monkeypatc
     def fail(*_):
         raise fault
 
-    monkeypatch.setattr(results, "urdf", fail)
+    monkeypatch.setattr(results, "coefficient_rows", fail)
     with pytest.raises(fault):
         save(result, tmp_path / "r")
     assert list(tmp_path.iterdir()) == []

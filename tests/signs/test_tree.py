@@ -210,7 +210,7 @@ def test_wherever_the_time_ends_the_open_nodes_lower_the_limit(monkeypatch):
         for deadline in range(0, 60, 3):
             ticks = itertools.count()
             clock = types.SimpleNamespace(perf_counter=lambda ticks=ticks: float(next(ticks)))
-            monkeypatch.setattr("bayesid.signs.search.problem.time", clock)
+            monkeypatch.setattr("bayesid.signs.search.budget.time", clock)
             proven = Proven(problem, np.flatnonzero(problem.moments.known == 0)[:3], 50.0, deadline=deadline)
             proven.assert_sound()
             if proven.proof.limit < proven.limit:

@@ -6,7 +6,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from bayesid.cli.options import command_line, read, reading_options, sampling
+from bayesid.cli.options import command_line, end_with, read, reading_options, sampling
 from bayesid.cli.progress import StageBars
 from bayesid.cli.tables import discrepancy_parts
 from bayesid.cli.terminal import show, warn
@@ -15,7 +15,7 @@ from bayesid.errors import InputError
 from bayesid.files import reserved
 from bayesid.identification.options import Preparation
 from bayesid.progress import Progress
-from bayesid.results.folders import check_result_folder, save_discrepancy
+from bayesid.results.folders import check_result_folder, collect_incomplete, save_discrepancy
 from bayesid.results.model_file import load_model
 from bayesid.signs.search.certified import Certified
 
@@ -45,8 +45,10 @@ def run(options: argparse.Namespace) -> None:
         run_by = replace(again.provenance, command=command_line())
         result = replace(result, identification=replace(again, provenance=run_by))
         bars.show("write", 0, 1)
-        save_discrepancy(result, folder, progress=Progress(bars.show))
+        with collect_incomplete() as incomplete:
+            save_discrepancy(result, folder, progress=Progress(bars.show))
     for warning in result.warnings:
         warn(warning)
     if not options.quiet:
         show(*discrepancy_parts(result), f"written to {folder}/")
+    end_with(incomplete)

@@ -8,7 +8,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from bayesid.cli.options import beliefs, command_line, read, reading_options, robot_of, sampling, term_names
+from bayesid.cli.options import (
+    beliefs,
+    command_line,
+    end_with,
+    read,
+    reading_options,
+    robot_of,
+    sampling,
+    term_names,
+)
 from bayesid.cli.progress import CountBar, StageBars
 from bayesid.cli.tables import identification_parts, separate_parts
 from bayesid.cli.terminal import complain, show, warn
@@ -18,7 +27,7 @@ from bayesid.identification.options import Preparation
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import find_logs, join_logs
 from bayesid.progress import Progress
-from bayesid.results.folders import check_result_folder, save_identification
+from bayesid.results.folders import check_result_folder, collect_incomplete, save_identification
 from bayesid.results.several_logs import identify_separately
 from bayesid.signs.search.beam import Beam
 from bayesid.signs.search.certified import Certified
@@ -44,11 +53,13 @@ def run(options: argparse.Namespace) -> None:
         result = identify(robot, log, **settings, progress=Progress(bars.show))
         result = replace(result, provenance=replace(result.provenance, command=command_line()))
         bars.show("write", 0, 1)
-        save_identification(result, folder, report=not options.no_report, progress=Progress(bars.show))
+        with collect_incomplete() as incomplete:
+            save_identification(result, folder, report=not options.no_report, progress=Progress(bars.show))
     for warning in result.warnings:
         warn(warning)
     if not options.quiet:
         show(*identification_parts(result), f"written to {folder}/")
+    end_with(incomplete)
 
 
 def _settings(options: argparse.Namespace) -> dict[str, Any]:
@@ -66,7 +77,7 @@ def _settings(options: argparse.Namespace) -> dict[str, Any]:
 def _search(options: argparse.Namespace) -> Search:
     beam = Beam(width=options.beam_width, initial_segments=options.initial_segments)
     if options.search == "beam":
-        return beam
+        return beam.limited(options.search_budget, options.repeatable)
     return Certified(budget=options.search_budget, fallback=beam, repeatable=options.repeatable)
 
 

@@ -71,7 +71,8 @@ class SearchSummary:
         noise_weights: (n,) sd by which the rows of each joint were scaled, N m, as if only effective samples counted.
         proofs: how often the last word was said: again where the final noise weights change the signs.
         withheld: why a proof is no certificate: "pull" or "noise"; empty otherwise.
-        beam_nodes: grown, pruned by the bound or by the cone, survived a step, and leaves; None without a beam.
+        beam_nodes: grown, pruned by the bound or by the cone, survived a step, leaves, and segments undecided when time
+            was up; None without a beam.
         certified: whether no assignment costs less.
         lower_bound: that no assignment's cost falls below.
         gap: cost less lower bound.

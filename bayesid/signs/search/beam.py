@@ -21,6 +21,7 @@ from bayesid.errors import InputError
 from bayesid.fit.moments import Moments
 from bayesid.fit.solver import ConeLeastSquares
 from bayesid.progress import Steps, no_steps
+from bayesid.signs.search.budget import Budget
 from bayesid.signs.search.protocol import NodeCost, NodeCostFactory, Search, SignProblem
 from bayesid.signs.search.result import Branch, Pruning, SearchResult, UnconstrainedBound
 
@@ -43,6 +44,10 @@ class Beam(Search):
         width: w of T-PBPR, nodes that survive each step.
         initial_segments: s0 of T-PBPR, segments that are enumerated at the start.
         node_cost: what prices a node, made from (cone, coefficients, hessian, energy); None for the cone.
+        budget: seconds for all beams of an identification; those that follow once they are spent share a fifth. Where a
+            beam's time is up each leaf predicts the signs of the segments that no step has decided.
+        repeatable: whether the budget counts work in nominal seconds (`bayesid.signs.search.budget`) instead of the
+            clock's.
 
     Example:
         >>> result = bayesid.identify(robot, log, terms, search=bayesid.Beam(width=3), posterior=False)
@@ -53,8 +58,12 @@ class Beam(Search):
     width: int = 5
     initial_segments: int = 5
     node_cost: NodeCostFactory | None = None
+    budget: float = 10.0
+    repeatable: bool = False
 
     def __post_init__(self) -> None:
+        if not self.budget >= 0.0:
+            raise InputError(f"a budget of {self.budget:g} s", "--search-budget", "give 0 or more seconds")
         if self.width < 1:
             raise InputError(f"a beam of width {self.width}", "--beam-width", "give at least 1")
         if not 1 <= self.initial_segments <= _MOST_INITIAL:
@@ -71,6 +80,15 @@ class Beam(Search):
         """
         return self.node_cost is None
 
+    def limited(self, budget: float, repeatable: bool | None = None) -> Beam:
+        """The same search with another budget.
+
+        Example:
+            >>> bayesid.Beam().limited(2.5).budget
+            2.5
+        """
+        return replace(self, budget=budget, repeatable=self.repeatable if repeatable is None else repeatable)
+
     def find(self, problem: SignProblem, steps: Steps = no_steps) -> SearchResult:
         """A beam; in the first round a wider one too, where the fit is poor.
 
@@ -82,20 +100,21 @@ class Beam(Search):
             >>> len(result.signs), result.certified
             (56, False)
         """
-        result = self._search(problem, self.width, steps)
-        if problem.earlier is not None or not problem.is_poor(result):
-            return result
-        wider = self._search(problem, _WIDER * self.width, steps)
+        budget = Budget(self.budget, self.repeatable, len(problem.hessian))
+        result = self._search(problem, self.width, budget, steps)
+        if problem.earlier is not None or budget.over or not problem.is_poor(result):
+            return replace(result, spent=budget.spent)
+        wider = self._search(problem, _WIDER * self.width, budget, steps)
         best = min(result, wider, key=lambda candidate: candidate.cost)
-        return best.with_work_of([wider if best is result else result])
+        return replace(best.with_work_of([wider if best is result else result]), spent=budget.spent)
 
-    def _search(self, problem: SignProblem, width: int, steps: Steps) -> SearchResult:
+    def _search(self, problem: SignProblem, width: int, budget: Budget, steps: Steps) -> SearchResult:
         """A beam with its joints turned where that helps; the signs of an earlier search are not lost."""
         moments, pricing = problem.moments, self._pricing(problem)
-        result = beam(moments, pricing, width, self.initial_segments, steps)
+        result = beam(moments, pricing, width, self.initial_segments, steps, budget)
         if problem.earlier is not None:
             result = keep_incumbent(moments, pricing, result, problem.coefficients.project(problem.earlier.theta))
-        listed = _listed(moments, turn_joints(moments, pricing, result), result.branches)
+        listed = _listed(moments, turn_joints(moments, pricing, result, budget), result.branches)
         pull = pricing.regularisation(listed.theta) if isinstance(pricing, ConeLeastSquares) else None
         return replace(listed, pull=pull)
 
@@ -123,7 +142,12 @@ class _Level:
 
 
 def beam(
-    moments: Moments, node_cost: NodeCost, width: int | None = 5, initial: int = 5, steps: Steps = no_steps
+    moments: Moments,
+    node_cost: NodeCost,
+    width: int | None = 5,
+    initial: int = 5,
+    steps: Steps = no_steps,
+    budget: Budget | None = None,
 ) -> SearchResult:
     """Searches the signs of all unknown segments, those with the most energy first.
 
@@ -133,13 +157,15 @@ def beam(
         width: w, nodes that survive each step; None for all (exhaustive).
         initial: s0, segments that are enumerated at the start.
         steps: called as steps(decided, total) after each step.
+        budget: after which no further step begins; the first one is always made. None for as long as it takes.
 
     Raises:
         SolverError: a node could not be priced.
     """
     began = time.perf_counter()
     known, order = np.flatnonzero(moments.known), _search_order(moments)
-    pricing = _Pricing(node_cost)
+    budget = Budget(np.inf, False, 0) if budget is None else budget
+    pricing = _Pricing(node_cost, budget)
     hessian = moments.hessian_of(known)
     energy = float(moments.energy[known].sum())
     level = _Level(
@@ -157,14 +183,14 @@ def beam(
         depth += len(group)
         level = pricing.select(candidates, hessian, energy, width)
         steps(depth, len(order))
-        if depth >= len(order):
+        if depth >= len(order) or budget.over:
             break
     leaves = [
-        Branch(_decided(moments, order, signs), theta, float(cost), -np.inf)
+        Branch(_decided(moments, order[:depth], signs), theta, float(cost), -np.inf)
         for signs, theta, cost in zip(level.signs, level.theta, level.cost, strict=True)
     ]
-    if len(order) + len(known) < len(moments):
-        leaves = _with_weak_segments(moments, node_cost, leaves, hessian, level.gradient)
+    if depth + len(known) < len(moments):
+        leaves = _with_undecided_segments(moments, node_cost, leaves, hessian, level.gradient)
         pricing.solves += len(leaves)
     result = SearchResult(
         signs=leaves[0].signs,
@@ -176,22 +202,22 @@ def beam(
         solves=pricing.solves,
         tolerance=pricing.tolerance,
         seconds=time.perf_counter() - began,
-        pruning=replace(pricing.pruning, leaves=len(leaves)),
+        pruning=replace(pricing.pruning, leaves=len(leaves), undecided=max(len(order) - depth, 0)),
     )
     return _listed(moments, result, leaves)
 
 
 def _decided(moments: Moments, order: Integers, chosen: Integers) -> Integers:
-    """(S,) signs known beforehand and those chosen, in search order; 0 for segments that share a Hessian."""
+    """(S,) signs known beforehand and those chosen, in search order; 0 for segments that are not decided."""
     signs = moments.known.copy()
     signs[order] = chosen
     return signs
 
 
-def _with_weak_segments(
+def _with_undecided_segments(
     moments: Moments, node_cost: NodeCost, leaves: list[Branch], hessian: Array, gradients: Array
 ) -> list[Branch]:
-    """Segments that share a Hessian take the signs that the other ones' coefficients predict; cheapest leaf first."""
+    """Segments that no step has decided take the signs that the others' coefficients predict; cheapest leaf first."""
     prepared, energy, whole = node_cost.prepared(moments.hessian.sum(axis=0)), float(moments.energy.sum()), []
     for leaf, gradient in zip(leaves, gradients, strict=True):
         predicted = np.where(moments.gradient @ np.linalg.lstsq(hessian, gradient, rcond=None)[0] >= 0.0, 1, -1)
@@ -237,8 +263,8 @@ def _expand(level: _Level, gradients: Array) -> tuple[Integers, Array]:
 class _Pricing:
     """Selects the cheapest nodes of a depth, solving as few cone problems as it can; counts what it did."""
 
-    def __init__(self, node_cost: NodeCost) -> None:
-        self._node_cost = node_cost
+    def __init__(self, node_cost: NodeCost, budget: Budget) -> None:
+        self._node_cost, self._budget = node_cost, budget
         self.pruning = Pruning()
         self.solves = 0
         self.tolerance = 0.0
@@ -255,11 +281,13 @@ class _Pricing:
         prepared = self._node_cost.prepared(hessian)
         survivors: list[tuple[float, int, Array]] = []
         before = self.solves
+        self._budget.count(steps=1, choices=len(signs))
         for i in np.argsort(bound, kind="stable"):
             if len(survivors) >= width and bound[i] >= survivors[width - 1][0]:
                 break
             solution = prepared.solve(gradient[i])
             self.solves += 1
+            self._budget.count(parameters=len(solution.theta))
             self.tolerance = max(self.tolerance, solution.tolerance)
             survivors.append((energy + solution.cost, int(i), solution.theta))
             survivors.sort(key=lambda node: node[:2])
@@ -283,21 +311,28 @@ def keep_incumbent(moments: Moments, node_cost: NodeCost, result: SearchResult, 
     return replace(result, signs=signs, theta=solution.theta, cost=cost) if cost < result.cost else result
 
 
-def turn_joints(moments: Moments, node_cost: NodeCost, result: SearchResult) -> SearchResult:
+def turn_joints(
+    moments: Moments, node_cost: NodeCost, result: SearchResult, budget: Budget | None = None
+) -> SearchResult:
     """The result with all signs of a joint turned round wherever that lowers the cost.
 
     With friction in the model each joint is nearly symmetric by itself: a beam that loses the right half of that
-    symmetry at its root cannot come back to it one segment at a time.
+    symmetry at its root cannot come back to it one segment at a time. Every joint is tried once at least, whatever is
+    left of the budget.
     """
     prepared = node_cost.prepared(moments.hessian.sum(axis=0))
     energy = float(moments.energy.sum())
     joints = np.unique(moments.joint[moments.known == 0])
-    better = True
+    better, tried = True, 0
     while better:
         better = False
         for joint in joints:
+            if budget is not None and budget.over and tried >= len(joints):
+                return result
             signs = np.where((moments.joint == joint) & (moments.known == 0), -result.signs, result.signs)
-            solution = prepared.solve(signs @ moments.gradient)
+            solution, tried = prepared.solve(signs @ moments.gradient), tried + 1
+            if budget is not None:
+                budget.count(parameters=len(solution.theta))
             better = energy + solution.cost < result.cost
             result = replace(result, solves=result.solves + 1, tolerance=max(result.tolerance, solution.tolerance))
             if better:

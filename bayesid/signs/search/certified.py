@@ -27,6 +27,7 @@ from bayesid.fit.moments import Moments
 from bayesid.fit.solver import ConeLeastSquares
 from bayesid.progress import SILENT, Progress, Steps, no_steps
 from bayesid.signs.search.beam import Beam
+from bayesid.signs.search.budget import AFTERWARDS
 from bayesid.signs.search.combinations import TooManyError, combinations, combine, least_costs, shortest_first
 from bayesid.signs.search.limits import Limits
 from bayesid.signs.search.patterns import LOG2, Keep
@@ -50,10 +51,11 @@ class Certified(Search):
     """The certified search as a method.
 
     Attributes:
-        budget: seconds for the proof.
+        budget: seconds for the proof. All proofs of an identification share them, and the fallback with them: what is
+            left of them and a fifth (`bayesid.signs.search.budget`).
         missed_mass: posterior mass that its list of assignments may leave out, relative to the best assignment's.
         fallback: another search, which tries too where the budget ends before the proof does.
-        repeatable: whether the budget counts work in nominal seconds (`bayesid.signs.search.problem`) instead of the
+        repeatable: whether the budget counts work in nominal seconds (`bayesid.signs.search.budget`) instead of the
             clock's.
 
     Example:
@@ -76,6 +78,15 @@ class Certified(Search):
             raise InputError(f"a budget of {self.budget:g} s", "--search-budget", "give 0 or more seconds")
         if not 0.0 < self.missed_mass < 1.0:
             raise InputError(f"a missed mass of {self.missed_mass:g}", "missed_mass", "give a number between 0 and 1")
+
+    def limited(self, budget: float, repeatable: bool | None = None) -> Certified:
+        """The same search with another budget.
+
+        Example:
+            >>> bayesid.Certified().limited(2.5).budget
+            2.5
+        """
+        return replace(self, budget=budget, repeatable=self.repeatable if repeatable is None else repeatable)
 
     def find(self, problem: SignProblem, steps: Steps = no_steps) -> SearchResult:
         """Candidates without a proof; in the first round a share of the budget too, where the fit is poor.
@@ -109,11 +120,13 @@ class Certified(Search):
         result = self._search(problem, self.budget, progress.steps("proof"))
         if result.certified or self.budget == 0.0:
             return result
-        other = self.fallback.find(replace(problem, earlier=result), progress.steps("search, beam"))
+        left = max((1.0 + AFTERWARDS) * self.budget - result.spent, 0.0)
+        fallback = self.fallback.limited(left, self.repeatable)
+        other = fallback.find(replace(problem, earlier=result), progress.steps("search, beam"))
         best = replace(other, lower_bound=result.lower_bound) if other.cost < result.cost else result
-        nodes, solves = result.nodes + other.nodes, result.solves + other.solves
+        work = {name: getattr(result, name) + getattr(other, name) for name in ("nodes", "solves", "spent")}
         method = f"{result.method}, then {other.method}"
-        return replace(best, method=method, width=other.width, nodes=nodes, solves=solves, pruning=other.pruning)
+        return replace(best, method=method, width=other.width, pruning=other.pruning, **work)
 
     def _search(self, problem: SignProblem, budget: float, steps: Steps) -> SearchResult:
         start = None if problem.earlier is None else problem.earlier.theta
@@ -163,7 +176,14 @@ def certified(
     result = _result(problem, best, lower_bound, proof, missed)
     steps(100, 100)
     seconds = time.perf_counter() - began
-    return replace(result, nodes=problem.nodes, solves=problem.solves, tolerance=problem.tolerance, seconds=seconds)
+    return replace(
+        result,
+        nodes=problem.nodes,
+        solves=problem.solves,
+        tolerance=problem.tolerance,
+        seconds=seconds,
+        spent=problem.spent if budget > 0.0 else 0.0,
+    )
 
 
 def _result(problem: Problem, best: Branch, lower_bound: float, proof: Proof | None, missed: float) -> SearchResult:

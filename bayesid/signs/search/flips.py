@@ -190,7 +190,10 @@ class Flips:
         """(free,) lower bounds of what the flips of all others add, without looking at pairs of settled ones."""
         everything = np.arange(len(self.free))
         negative = np.flatnonzero(self._slope < 0.0)
-        few = np.minimum(self._slope[negative] - 2.0 * self._white @ self._white[negative].T, 0.0).sum(axis=1)
+        few, white = np.empty(len(everything)), 2.0 * self._white[negative].T
+        for start in range(0, len(everything), self._limits.rows_at_once):
+            chunk = slice(start, start + self._limits.rows_at_once)
+            few[chunk] = np.minimum(self._slope[negative] - self._white[chunk] @ white, 0.0).sum(axis=1)
         few[negative] -= np.minimum(self._slope[negative] - 2.0 * self._diagonal[negative], 0.0)
         return few - 2.0 * self._interference(everything, everything)
 

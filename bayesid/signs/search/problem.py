@@ -1,14 +1,6 @@
-"""The sign problem of one set of moments: what every stage of the certified search shares.
-
-A budget in seconds of the clock ends wherever the machine has got to by then. Where a search must give the same result
-in every run it counts its work instead, in *nominal seconds*: numbers of steps, sign choices, cone problems and pairs
-of segments, each times about what it takes on one core.
-"""
+"""The sign problem of one set of moments: what every stage of the certified search shares."""
 
 from __future__ import annotations
-
-import time
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,6 +8,7 @@ from bayesid.arrays import Array, Integers
 from bayesid.fit.moments import Moments
 from bayesid.fit.solver import ConeLeastSquares, PreparedLeastSquares, Solution
 from bayesid.progress import Steps, no_steps
+from bayesid.signs.search.budget import Budget
 from bayesid.signs.search.flips import Flips
 from bayesid.signs.search.limits import Limits
 from bayesid.signs.search.patterns import Patterns, make_blocks
@@ -30,26 +23,6 @@ above double precision; not studied."""
 
 _LIGHTER = 1e-2
 """Share of the pull with which costs by the data alone are had: less, and rounding spoils their bounds."""
-
-
-@dataclass(frozen=True)
-class NominalSeconds:
-    """What work counts as, in nominal seconds.
-
-    Round numbers from timed searches of the UR10e's, Panda's and TX40's logs and of simulated ones, on one core; other
-    machines differ, which changes how long a budget takes and never what it gives.
-
-    Attributes:
-        step: of a loop.
-        choice: pricing a sign choice, by the number r of coefficients.
-        solve: a cone problem, by the square of the number P of parameters.
-        pair: of segments that may turn.
-    """
-
-    step: float = 4.5e-4
-    choice: float = 5e-9
-    solve: float = 1e-6
-    pair: float = 3e-8
 
 
 class OutOfTimeError(Exception):
@@ -68,7 +41,7 @@ class Problem:
         moments: scaled moments of S segments.
         solver: for the cone and for H and energy of all segments.
         budget: seconds from now on.
-        repeatable: whether these are nominal seconds (`spent`), so that the budget ends at the same point of every run.
+        repeatable: whether these are nominal seconds (`bayesid.signs.search.budget`), so that the budget ends at the same point of every run.
         limits: how much work to do.
         steps: called as steps(percent of the budget that is spent, 100), while there is any left.
 
@@ -92,8 +65,8 @@ class Problem:
         limits: Limits = Limits(),
         steps: Steps = no_steps,
     ) -> None:
-        self._began, self._budget, self._repeatable = time.perf_counter(), budget, repeatable
         self.pull, centre = solver.pull()
+        self._budget = Budget(budget, repeatable, len(self.pull))
         self.moments, self.limits, self._solver = moments, limits, solver
         self._hessian, self.energy = moments.hessian.sum(axis=0), float(moments.energy.sum())
         self._unconstrained = UnconstrainedBound(self._hessian + self.pull, 0.0)
@@ -103,7 +76,6 @@ class Problem:
         self.blocks = make_blocks(moments, (0.5 - UNDECIDED_PULL) * self.pull)
         self.solves = self.combined = 0
         self.tolerance = 0.0
-        self._steps = self._choices = self._solved = self._pairs = 0
         self._tell, self._told = steps, 0
 
     @property
@@ -113,29 +85,23 @@ class Problem:
 
     @property
     def spent(self) -> float:
-        """Seconds since the start: by the clock or, where a run is to be repeatable, by the work done."""
-        return self._nominal if self._repeatable else time.perf_counter() - self._began
-
-    @property
-    def _nominal(self) -> float:
-        price, choices = NominalSeconds(), len(self.pull) * self._choices
-        counted = price.step * self._steps + price.choice * choices
-        return counted + price.solve * self._solved + price.pair * self._pairs
+        """Seconds since the start (`Budget.spent`)."""
+        return self._budget.spent
 
     @property
     def out_of_time(self) -> bool:
         """Whether the budget has ended."""
-        return self.spent > self._budget
+        return self._budget.over
 
     def count(self, choices: int) -> None:
         """Takes down a step of the work, in which so many sign choices were priced."""
-        self._steps += 1
-        self._choices += choices
+        self._budget.count(steps=1, choices=choices)
         self._report()
 
     def _report(self) -> None:
         """Says how much of the budget is spent, where that has become more by a percent."""
-        percent = int(100.0 * self.spent / self._budget) if 0.0 < self._budget < np.inf else 0
+        whole = self._budget.seconds
+        percent = int(100.0 * self.spent / whole) if 0.0 < whole < np.inf else 0
         if self._told < percent < 100:
             self._told = percent
             self._tell(percent, 100)
@@ -214,7 +180,7 @@ class Problem:
 
     def flips(self, branch: Branch, free: Integers) -> Flips:
         """What turning some of the free segments of a branch costs."""
-        self._pairs += len(free) ** 2
+        self._budget.count(pairs=len(free) ** 2)
         return self._flips(branch, free)
 
     def single_flips(self, branch: Branch, free: Integers) -> Array:
@@ -234,7 +200,7 @@ class Problem:
 
     def _counted(self, solution: Solution) -> Solution:
         self.solves += 1
-        self._solved += len(solution.theta) ** 2
+        self._budget.count(parameters=len(solution.theta))
         self._report()
         self.tolerance = max(self.tolerance, solution.tolerance)
         return solution

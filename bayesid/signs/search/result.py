@@ -55,6 +55,7 @@ class Pruning:
         by_cone: pruned by their cost in the cone.
         survived: a step, the last one too.
         leaves: that survived the last step.
+        undecided: segments that no step has decided when time was up, in the last round: each leaf predicts their signs.
     """
 
     grown: int = 0
@@ -62,6 +63,7 @@ class Pruning:
     by_cone: int = 0
     survived: int = 0
     leaves: int = 0
+    undecided: int = 0
 
     def __add__(self, other: Pruning) -> Pruning:
         return Pruning(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
@@ -96,6 +98,7 @@ class SearchResult:
             the best assignment depends on the noise weights; empty otherwise.
         pull: what rho adds to the cost; None if the nodes' price is the user's.
         pruning: what became of a beam's nodes; None without one.
+        spent: seconds of the budget, nominal ones where the search is repeatable; 0 where it had none to spend.
     """
 
     signs: Integers
@@ -117,6 +120,7 @@ class SearchResult:
     withheld: str = ""
     pull: float | None = None
     pruning: Pruning | None = None
+    spent: float = 0.0
 
     def with_work_of(self, others: Iterable[SearchResult]) -> SearchResult:
         """The result with nodes, solves and pruning of other searches counted too."""
@@ -126,12 +130,19 @@ class SearchResult:
             self,
             nodes=sum(result.nodes for result in every),
             solves=sum(result.solves for result in every),
-            pruning=None if self.pruning is None else replace(sum(counted, Pruning()), leaves=self.pruning.leaves),
+            spent=sum(result.spent for result in every),
+            pruning=None if self.pruning is None else replace(sum(counted, Pruning()), **self._at_the_end(self.pruning)),
         )
 
     def without_work(self) -> SearchResult:
         """The result as one that took none."""
-        return replace(self, nodes=0, solves=0, pruning=self.pruning and Pruning(leaves=self.pruning.leaves))
+        pruning = None if self.pruning is None else Pruning(**self._at_the_end(self.pruning))
+        return replace(self, nodes=0, solves=0, spent=0.0, pruning=pruning)
+
+    @staticmethod
+    def _at_the_end(pruning: Pruning) -> dict[str, int]:
+        """What a beam's last step has left, which is no work."""
+        return {"leaves": pruning.leaves, "undecided": pruning.undecided}
 
 
 class UnconstrainedBound:

@@ -10,7 +10,7 @@ from bayesid.arrays import Array, Integers, Mask
 from bayesid.signs.search.combinations import Combinations
 from bayesid.signs.search.flips import Flips
 from bayesid.signs.search.patterns import log_sum
-from bayesid.signs.search.problem import Problem
+from bayesid.signs.search.problem import OutOfTimeError, Problem
 from bayesid.signs.search.result import Branch
 
 
@@ -106,7 +106,10 @@ def prove(problem: Problem, combinations: Combinations, limit: float, theta: Arr
     leaves: list[_Leaf] = []
     while open_nodes and not problem.out_of_time:
         open_nodes.sort(key=lambda node: -node.bound)
-        leaf, open_nodes = _take_best(problem, open_nodes, weak, limit)
+        try:
+            leaf, open_nodes = _take_best(problem, open_nodes, weak, limit)
+        except OutOfTimeError:
+            break  # it stays open, as the others do
         cut = [node.bound for node in open_nodes if node.bound > limit]
         open_nodes = [node for node in open_nodes if node.bound <= limit]
         if leaf.bound <= limit:
@@ -141,6 +144,11 @@ def _take_best(problem: Problem, open_nodes: list[_Node], weak: Integers, limit:
 
 
 def _grow(problem: Problem, node: _Node, limit: float) -> _Leaf:
+    """A node until nothing in it can be turned for the better.
+
+    Raises:
+        OutOfTimeError: the budget has ended before.
+    """
     decided = node.decided.copy()
     branch = problem.complete(decided, node.theta)
     bound = branch.lower_bound + problem.flips(branch, np.flatnonzero(decided == 0)).best[0]
@@ -152,6 +160,8 @@ def _grow(problem: Problem, node: _Node, limit: float) -> _Leaf:
         flips = problem.flips(branch, np.flatnonzero(decided == 0))
         if flips.best[0] >= -problem.exact:
             break
+        if problem.out_of_time:
+            raise OutOfTimeError
         branch, better = _improved(problem, branch, flips)
         if better:
             continue

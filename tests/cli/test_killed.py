@@ -1,0 +1,165 @@
+"""SIGKILL at random moments of whole commands: a whole result stands every time, and nothing else after the next run.
+
+Each trial is a fork of this process, which has everything imported: a command then takes a second, not five.
+"""
+
+import os
+import signal
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+from toy_study import toy_study
+
+import bayesid
+from bayesid.cli import main
+from bayesid.report.findings import read_findings
+from bayesid.study.record import read_rows
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+
+ARM = """convention = "standard"
+name = "arm"
+joints = [
+  {a = 0.0, alpha = 1.5707963267948966, d = 0.4, theta = 0.0},
+  {a = 0.35, alpha = 0.0, d = 0.0, theta = 0.0},
+]
+"""
+TERMS = "--terms rigid_body,viscous_friction"
+IDENTIFY = f"--robot arm.toml {TERMS} --complete off --no-posterior --no-report --quiet"
+MOMENTS = [10, pytest.param(100, marks=pytest.mark.long)]
+PATIENCE = 120.0
+"""s, after which a command that nobody kills hangs."""
+TABLES = ("model.toml", "segments.csv", "coefficients.csv", "parameters.csv", "signed_log.csv")
+
+
+@pytest.fixture(scope="module")
+def shop(tmp_path_factory):
+    """A robot, logs, and what commands make of them that nobody kills."""
+    place = tmp_path_factory.mktemp("shop")
+    (place / "arm.toml").write_text(ARM)
+    before = os.getcwd()
+    os.chdir(place)
+    try:
+        for seed, name in enumerate("abc"):
+            assert main(f"simulate --robot arm.toml --duration 4 --seed {seed} --out {name}.csv --quiet".split()) == 0
+        for name in "ab":
+            assert main(f"identify {name}.csv {IDENTIFY} --out of-{name}".split()) == 0
+        for name in "bc":
+            run = f"discrepancy of-a {name}.csv --no-posterior --out gap-{name} --quiet"
+            assert main(run.split()) == 0
+        assert main("report of-a --quiet".split()) == 0
+    finally:
+        os.chdir(before)
+    return place
+
+
+@pytest.fixture
+def place(shop, monkeypatch):
+    monkeypatch.chdir(shop)
+    return shop
+
+
+def started(arguments):
+    """A fork of this process that runs a command, in silence."""
+    child = os.fork()
+    if child:
+        return child
+    code = 99
+    with suppress(BaseException):
+        silence = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(silence, 1)
+        os.dup2(silence, 2)
+        code = main(arguments.split())
+    os._exit(code)
+
+
+def ended(child, deadline):
+    while time.monotonic() < deadline:
+        if os.waitpid(child, os.WNOHANG)[0]:
+            return True
+        time.sleep(0.002)
+    return False
+
+
+def seconds(arguments):
+    """What a command takes that nobody kills."""
+    began = time.monotonic()
+    assert ended(started(arguments), began + PATIENCE)
+    return time.monotonic() - began
+
+
+def kill_at_random(commands, moments, check):
+    """Starts one command after the other, and kills each somewhere between its start and a little after its end."""
+    rng = np.random.default_rng(moments)
+    usual = max(seconds(command) for command in commands)
+    killed = 0
+    for k in range(moments):
+        child = started(commands[k % len(commands)])
+        if not ended(child, time.monotonic() + rng.uniform(0.0, 1.05 * usual)):
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+            killed += 1
+        check()
+    for command in commands:
+        seconds(command)
+        check()
+    assert killed >= 0.5 * moments
+    assert [path.name for path in hidden()] == []
+
+
+def hidden():
+    """What is left aside, here and in folders."""
+    folders = [path for path in Path.cwd().iterdir() if path.is_dir()]
+    return [path for folder in (Path.cwd(), *folders) for path in folder.iterdir() if path.name.startswith(".")]
+
+
+def is_one_of(folder, wholes):
+    """All tables of a folder are those of one and the same whole result, and it loads."""
+    tables = [(folder / name).read_bytes() for name in TABLES]
+    assert any(tables == [(whole / name).read_bytes() for name in TABLES] for whole in wholes)
+    assert {path.name for path in folder.iterdir() if not path.name.startswith(".")} >= {"summary.json", "robot.urdf"}
+    assert bayesid.load_model(folder).model.robot.name == "arm"
+    read_findings(folder)
+
+
+@pytest.mark.parametrize("moments", MOMENTS)
+def test_identify(place, moments):
+    commands = [f"identify {name}.csv {IDENTIFY} --out result" for name in "ab"]
+    assert seconds(commands[1]) > 0.0
+    kill_at_random(commands, moments, lambda: is_one_of(place / "result", [place / "of-a", place / "of-b"]))
+
+
+@pytest.mark.parametrize("moments", MOMENTS)
+def test_discrepancy(place, moments):
+    commands = [f"discrepancy of-a {name}.csv --no-posterior --out gap --quiet" for name in "bc"]
+    assert seconds(commands[1]) > 0.0
+    kill_at_random(commands, moments, lambda: is_one_of(place / "gap", [place / "gap-b", place / "gap-c"]))
+
+
+@pytest.mark.parametrize("moments", MOMENTS)
+def test_report(place, moments):
+    def check():
+        assert (place / "of-a" / "report.html").read_text().rstrip().endswith("</html>")
+        assert {path.name for path in (place / "of-a").iterdir()} >= {"summary.json", "model.toml"}
+
+    kill_at_random(["report of-a --quiet"], moments, check)
+
+
+@pytest.mark.parametrize("moments", MOMENTS)
+def test_study(place, moments, monkeypatch):
+    """Rows are added, run after run: none is lost once it stands, and none changes."""
+    monkeypatch.setattr("bayesid.cli.commands.study.load", lambda name: toy_study())
+    stood = []
+
+    def check():
+        rows = [{**row, "timings": None} for row in read_rows(place / "rows")]
+        assert rows[: len(stood)] == stood
+        stood[:] = rows
+        if (place / "rows" / "report.txt").exists():
+            assert (place / "rows" / "report.txt").read_text().endswith("\n")
+
+    commands = [f"study noise --trials {n} --workers 0 --resume --out rows --quiet" for n in (40, 80)]
+    kill_at_random(commands, moments, check)
