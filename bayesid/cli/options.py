@@ -33,7 +33,10 @@ def command_line() -> str:
 
 def robot_of(options: argparse.Namespace) -> Robot:
     """The robot, with the joints that are to be identified."""
-    return load_robot(options.robot, options.tip, None if options.hold is None else _positions(options.hold))
+    robot = load_robot(options.robot, options.tip, None if options.hold is None else _positions(options.hold))
+    if robot.origin is not None and robot.origin.urdf is not None and not Path(options.robot).is_file():
+        warn(f"{options.robot} is not built in: it is {robot.origin.urdf}, of an installed package")
+    return robot
 
 
 def _positions(text: str) -> dict[str, float]:

@@ -46,6 +46,8 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     main = parser = make_parser()
     for word in arguments:
         if word not in parser.commands:
+            if parser.commands and not word.startswith("-"):
+                return main.parse_args(arguments)  # there is no such command, whatever its options
             break
         parser = parser.commands[word]
     for word in takewhile(lambda word: word != "--", arguments):

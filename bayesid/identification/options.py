@@ -64,7 +64,8 @@ def call_of_log(log: Log) -> str:
     if not all(os.path.isfile(source) or os.path.isdir(source) for source in sources):  # a pipe is read once only
         return "log"
     unsigned = ",".join(str(j) for j, signed in enumerate(log.signed, start=1) if not signed) or "none"
-    read = [f"bayesid.read_log({source!r}, unsigned={unsigned!r})" for source in sources]
+    options = "".join(f", {name}={value!r}" for name, value in {"unsigned": unsigned, **log.read_with}.items())
+    read = [f"bayesid.read_log({source!r}{options})" for source in sources]
     return read[0] if len(read) == 1 else f"bayesid.join_logs([{', '.join(read)}])"
 
 

@@ -67,6 +67,7 @@ class Validation:
             "joint    RMS error   relative residual   in 95 % band",
             *joints,
             f"the band holds {self.band}",
+            *(["no validation: the model was identified from this log"] if self.seen else []),
         ]
         return "\n  ".join(lines)
 

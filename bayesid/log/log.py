@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from glob import glob
 from itertools import chain
 from math import pi
@@ -85,6 +85,7 @@ class Log:
         dq: (N, n) measured joint velocities, rad/s, or None.
         source: where it came from, for messages.
         pieces: the recordings it was joined from, which hold its rows one after the other; empty where it is one.
+        read_with: options of `read_log` that it was read with, where they were not the usual ones.
 
     Example:
         >>> t = np.arange(200) / 100.0
@@ -100,6 +101,7 @@ class Log:
     dq: Array | None = None
     source: str = "log"
     pieces: tuple[Piece, ...] = ()
+    read_with: Mapping[str, object] = field(default_factory=dict, compare=False)
 
     def __post_init__(self) -> None:
         q = frozen(self.q, (None, None), "q")
@@ -262,7 +264,10 @@ def read_log(
         Log(table.t[rows], q[rows], effort[rows], signed, None if dq is None else dq[rows], source=name)
         for name, rows in _recordings(table)
     ]
-    return join_logs(recordings)
+    asked = {"gains": gains, "degrees": degrees, "topic": topic, "joints": joints, "columns": stated}
+    given = {name: list(value) if isinstance(value, tuple) else value for name, value in asked.items()}
+    used = {name: value for name, value in given.items() if value is not None}
+    return replace(join_logs(recordings), read_with=used)
 
 
 def _table_of(source: str | Path | Variables | Parts, options: Options) -> Table:
@@ -373,6 +378,7 @@ def join_logs(logs: Sequence[Log]) -> Log:
         dq=measured,
         source=" + ".join(log.source for log in logs),
         pieces=tuple(pieces),
+        read_with=first.read_with,
     )
 
 

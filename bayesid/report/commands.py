@@ -8,18 +8,22 @@ from pathlib import Path
 
 from bayesid.report.findings import Findings, Summary
 
+_READING = {"--degrees": 0, "--no-degrees": 0} | dict.fromkeys(
+    ("--columns", "--gains", "--joints", "--topic", "--unsigned"), 1
+)
+"""Options that say how a log is read, with the number of words that follow."""
 ANOTHER_LOG = "ANOTHER_LOG.csv"
 """Stands for a log that only the user knows."""
 
 
 def find_discrepancy(findings: Findings, log: str = "") -> str:
     """What names what the model lacks to explain another log."""
-    return f"`bayesid discrepancy {_folder(findings)} {_log(log)}`"
+    return f"`bayesid discrepancy {_folder(findings)} {_log(log)}{_as_read(findings.summary)}`"
 
 
 def validate(findings: Findings) -> str:
     """What tries the model on another log, in the report."""
-    return f"`bayesid report {_folder(findings)} --validation {ANOTHER_LOG}`"
+    return f"`bayesid report {_folder(findings)} --validation {ANOTHER_LOG}{_as_read(findings.summary)}`"
 
 
 def excite(summary: Summary) -> str:
@@ -41,14 +45,31 @@ def again(summary: Summary, added: str = "", without: Sequence[str] = ()) -> str
         added: option with its value.
         without: the option and, if it has one, its value.
     """
-    if not summary.provenance.command:
+    words = _words(summary)
+    if not words:
         return ""
-    words = shlex.split(summary.provenance.command)
     for k in range(len(words) - len(without) + 1) if without else ():
         if words[k : k + len(without)] == list(without):
             words = words[:k] + words[k + len(without) :]
             break
     return f": `{shlex.join(words)}{f' {added}' if added else ''}`"
+
+
+def _as_read(summary: Summary) -> str:
+    """The options by which the log was read, for another one of the same recorder."""
+    words, kept = _words(summary), []
+    for k, word in enumerate(words):
+        if (option := word.partition("=")[0]) in _READING:
+            kept += [word] if "=" in word else words[k : k + 1 + _READING[option]]
+    return "".join(f" {word}" for word in map(shlex.quote, kept))
+
+
+def _words(summary: Summary) -> list[str]:
+    """Of the command that was run; none if there was none, or the folder holds no command."""
+    try:
+        return shlex.split(summary.provenance.command or "")
+    except ValueError:
+        return []
 
 
 def _folder(findings: Findings) -> str:

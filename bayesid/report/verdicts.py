@@ -66,6 +66,9 @@ round number, not studied."""
 _LARGER = 4.0
 """Times a budget in seconds that did not suffice: enough to be worth another run; a round number."""
 
+_ANOTHER_ROBOT = 10.0
+"""Times as far off as believed from which on a geometry is another robot's: a centimetre where a millimetre was stated.
+A round number; not studied."""
 _FIRST = "mend what the first check says"
 _WANTED = "wanted are at most 1.01, and at least 400 and four a walker"
 _TELL_APART = "record a motion that loads or accelerates these joints"
@@ -170,9 +173,19 @@ def robot_file(summary: Summary) -> Check:
     """Whether the log is of another robot than the file's, or read wrongly."""
     name, reading = "Robot file", summary.better_reading
     if reading is None:
-        return Check(name, "good", "nothing speaks for another robot, joint order or unit")
+        return _geometry(summary) or Check(name, "good", "nothing speaks for another robot, joint order or unit")
     message = other_reading(reading.change, reading.leaves, reading.given)
     return Check(name, "bad", message, f"check the robot file{_REMEDY_OF_READING[reading.kind]}")
+
+
+def _geometry(summary: Summary) -> Check | None:
+    """Whether the log is explained by a geometry that is far off the file's, however well it then fits."""
+    found = () if summary.complete is None else summary.complete.too_narrow
+    times = max((one.times or 0.0 for one in found), default=0.0)
+    if times < _ANOTHER_ROBOT:
+        return None
+    said = f"the residual looks like a geometry {times:.0f} times as far off the file's as believed"
+    return Check("Robot file", "bad", said, "check that it is the robot of the log, and its lengths")
 
 
 _REMEDY_OF_READING = {

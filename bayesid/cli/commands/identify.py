@@ -46,7 +46,7 @@ def run(options: argparse.Namespace) -> None:
     folder = check_result_folder(options.out or Path(f"bayesid-{logs[0].stem}"))
     if any(folder.resolve() in (path.resolve(), path.resolve().parent) for path in logs):  # a bag is a folder
         raise InputError("holds the log, which the result would replace", str(folder), "give --out a new folder")
-    robot, reading = robot_of(options), reading_options(options)
+    robot, reading, replaced = robot_of(options), reading_options(options), folder.is_dir() and any(folder.iterdir())
     with reserved(folder), StageBars(options.quiet) as bars:
         bars.show("read", 0, 1)
         log = join_logs([read(path, reading) for path in logs])
@@ -58,7 +58,7 @@ def run(options: argparse.Namespace) -> None:
     for warning in result.warnings:
         warn(warning)
     if not options.quiet:
-        show(*identification_parts(result), f"written to {folder}/")
+        show(*identification_parts(result), f"written to {folder}/{', in place of an earlier result' * replaced}")
     end_with(incomplete)
 
 

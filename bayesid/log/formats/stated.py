@@ -1,7 +1,8 @@
 """Which columns make a log by the word of a user: `t="Zeit [ms]"`, `q="Achse{} [Grad]"`, or of one joint, `q2=elbow`.
 
 `{}` stands for the numbers of the joints, from 0 or from 1 as the file has them, `{2-7}` for those from 2 to 7. A unit
-in brackets is looked for in the header, and counts by itself where the header has none.
+in brackets is looked for in the header, and counts by itself where the header has none. Without brackets a unit of two
+letters or more at the name's end counts, as in `lage1_deg`.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ OPTION = "--columns"
 EXAMPLE = 't="Zeit [ms]",q="Achse{} [Grad]",i="Strom{} [A]"'
 _KEY = re.compile(r"(?P<kind>t|q|dq|tau|i)(?P<joint>(?<!t)[1-9][0-9]{0,2})?")
 _PLACEHOLDER = re.compile(r"\{(?:(?P<first>[0-9]{1,3})-(?P<last>[0-9]{1,3}))?\}")
+_SEPARATOR = re.compile(r"[\s_.-]+")
 _NEXT = re.compile(r",\s*(?=(?:t|(?:q|dq|tau|i)[0-9]*)\s*=)")
 
 
@@ -127,7 +129,14 @@ def _match(kind: str, pattern: str, label: str, place: int) -> _Match | None:
         if not int(span["first"]) <= number <= int(span["last"]):
             return None
         number -= int(span["first"]) - 1
-    return _Match(place, number, seen.unit or wanted.unit)
+    return _Match(place, number, seen.unit or wanted.unit or _unit_at_end(kind, label))
+
+
+def _unit_at_end(kind: str, label: str) -> str | None:
+    """The unit behind the last separator of a label, deg of `lage1_deg`; a single letter may mean anything."""
+    words = _SEPARATOR.split(label.strip())
+    ends = ["_".join(words[-count:]) for count in (2, 1) if len(words) > count]
+    return next((end for end in ends if len(end) > 1 and factor_of(kind, end) is not None), None)
 
 
 def _agree(kind: str, wanted: str | None, seen: str | None) -> bool:

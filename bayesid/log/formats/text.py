@@ -98,7 +98,8 @@ class Layout:
         return map(self._line, file)
 
     def _line(self, line: str) -> str:
-        line = "\n" if line.startswith(_COMMENTS) else line.replace(_MINUS, "-")
+        empty = line.startswith(_COMMENTS) or not line.strip(f'{self.separator}" \t\r\n')  # as spreadsheets end
+        line = "\n" if empty else line.replace(_MINUS, "-")
         if self.quoted_lines:
             line = _unquoted(line)
         if not self.decimal_comma:

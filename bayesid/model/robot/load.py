@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from difflib import get_close_matches
@@ -69,7 +70,8 @@ def _unknown(name: str) -> InputError:
     if Path(name).suffix or len(Path(name).parts) > 1:
         return InputError("no such file", name, f"give {files}, or a built-in name (`bayesid robot list`)")
     known = list(dict.fromkeys([*BUILT_IN, *installed_names()]))
-    nearest = get_close_matches(name, known, n=3, cutoff=_NEAR) or [other for other in known if name in other][:3]
+    plain = re.sub(r"[\s-]+", "", name.lower())
+    nearest = get_close_matches(plain, known, n=3, cutoff=_NEAR) or [other for other in known if plain in other][:3]
     suggestion = f", did you mean {' or '.join(nearest)}?" if nearest else ""
     remedy = f"give a built-in name (`bayesid robot list`), {files}, or {how_to_name()}"
     return InputError(f"no such robot{suggestion}", name, remedy)

@@ -37,7 +37,7 @@ class Payload(WholeRobotTerm):
         "a payload",
         size="mp",
         detail="Its centre of mass lies at ({centre of mass x}, {centre of mass y}, {centre of mass z}) in the last "
-        "link's frame.",
+        "link's frame. Both are in the scale of the efforts: where gains are 10 % off, so is the mass.",
         brief="a payload of {mass} kg at ({centre of mass x}, {centre of mass y}, {centre of mass z}) m in the last "
         "link's frame",
     )

@@ -1,0 +1,105 @@
+"""What a stranger does next: units in the names that they give, empty rows, the next command, the wrong robot."""
+
+import numpy as np
+import pytest
+
+import bayesid
+from bayesid.cli import main
+from bayesid.errors import InputError
+from bayesid.log.log import read_log
+
+T = np.arange(300) / 100.0
+Q = np.column_stack([np.sin(T), 0.5 * np.cos(3.0 * T)])
+EFFORT = np.abs(np.column_stack([40.0 * np.cos(T), 7.0 + 9.0 * np.sin(2.0 * T)]))
+
+
+def table(path, header, *columns, tail=""):
+    rows = [",".join(f"{value:.9g}" for value in row) for row in np.column_stack(columns)]
+    path.write_text("\n".join([header, *rows, tail]))
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("ends", "scale", "columns"),
+    [
+        (("_ms", "_deg", "_kNm"), (1e3, 180 / np.pi, 1e-3), {"t": "zeit_ms", "q": "lage{}_deg", "tau": "last{}_kNm"}),
+        (("_s", "_mrad", "_Nmm"), (1.0, 1e3, 1e3), {"t": "zeit_s", "q": "lage{}_mrad", "tau": "last{}_Nmm"}),
+        (("", "_m", "_U"), (1.0, 1.0, 1.0), {"t": "zeit", "q": "lage{}_m", "tau": "last{}_U"}),
+    ],
+)
+def test_units_at_the_end_of_named_columns_count(tmp_path, ends, scale, columns):
+    header = f"zeit{ends[0]},lage1{ends[1]},lage2{ends[1]},last1{ends[2]},last2{ends[2]}"
+    path = table(tmp_path / "log.csv", header, T * scale[0], Q * scale[1], EFFORT * scale[2])
+    log = read_log(path, columns=columns)
+    np.testing.assert_allclose(log.t, T, atol=1e-6)
+    np.testing.assert_allclose(log.q, Q, atol=1e-6)
+    np.testing.assert_allclose(log.effort, EFFORT, rtol=1e-7)
+
+
+def test_currents_in_milliamperes(tmp_path):
+    path = table(tmp_path / "log.csv", "zeit,lage1,lage2,amp1_mA,amp2_mA", T, Q, EFFORT * 1e3)
+    log = read_log(path, gains=[2.0, 0.5], columns={"t": "zeit", "q": "lage{}", "i": "amp{}_mA"})
+    np.testing.assert_allclose(log.effort, EFFORT * [2.0, 0.5], rtol=1e-7)
+
+
+def test_empty_rows_at_the_end_of_a_spreadsheet(tmp_path):
+    path = table(tmp_path / "log.csv", "t,q1,q2,tau1,tau2", T, Q, EFFORT, tail=",,,,\n,,,,\n")
+    assert len(read_log(path)) == len(T)
+    half = table(tmp_path / "half.csv", "t,q1,q2,tau1,tau2", T, Q, EFFORT, tail="3.0,,,,\n")
+    with pytest.raises(InputError, match="row 302"):
+        read_log(half)
+
+
+ARM = """convention = "standard"
+name = "arm"
+joints = [
+  {a = 0.0, alpha = 1.5707963267948966, d = 0.4, theta = 0.0},
+  {a = 0.35, alpha = 0.0, d = 0.0, theta = 0.0},
+]
+"""
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "arm.toml").write_text(ARM)
+    assert main(["simulate", "--robot", "arm.toml", "--duration", "6", "--out", "plain.csv", "--quiet"]) == 0
+    values = np.loadtxt("plain.csv", delimiter=",", skiprows=1)
+    header = "zeit,lage1,lage2,amp1_mA,amp2_mA"
+    table(tmp_path / "log.csv", header, values[:, 0], np.rad2deg(values[:, 1:3]), values[:, 3:] * 1e3)
+    return tmp_path
+
+
+def test_the_next_commands_read_as_the_first_did(place, capsys):
+    columns = 't=zeit,q="lage{} [deg]",i=amp{}_mA'
+    options = ["--columns", columns, "--gains", "1,1", "--no-posterior", "--complete", "off", "--no-report"]
+    command = ["bayesid", "identify", "log.csv", "--robot", "arm.toml", *options, "--out", "result"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sys.argv", command)
+        assert main(command[1:]) == 0
+    findings = bayesid.read_findings("result")
+    (check,) = [check for check in bayesid.check_findings(findings) if check.name == "Validation"]
+    assert f"--validation ANOTHER_LOG.csv --columns '{columns}' --gains 1,1`" in check.remedy
+    again = eval(findings.summary.provenance.call, {"bayesid": bayesid})
+    assert again.log.effort.max() == pytest.approx(read_log("plain.csv").effort.max(), rel=1e-6)
+    capsys.readouterr()
+    assert main(command[1:]) == 0
+    assert "written to result/, in place of an earlier result" in capsys.readouterr().out
+
+
+def test_a_validation_on_the_training_log_says_so(place):
+    log = read_log("plain.csv")
+    result = bayesid.identify("arm.toml", log, complete="off", posterior=False)
+    assert "no validation: the model was identified from this log" in repr(result.validate(log))
+
+
+def test_an_unknown_command_is_named_before_its_options(capfd):
+    with pytest.raises(SystemExit):
+        main(["identfy", "log.csv", "--robot", "ur10e"])
+    assert "did you mean identify?" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["UR5E", "ur 5e", "UR-5e"])
+def test_capitals_and_gaps_are_no_reason_not_to_know_a_robot(name):
+    with pytest.raises(InputError, match=r"did you mean .*ur5e"):
+        bayesid.load_robot(name)
