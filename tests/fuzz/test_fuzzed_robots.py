@@ -64,7 +64,10 @@ READERS = {
     "limits.urdf": ([URDF], read_limits),
     "nominal.csv": ([NOMINAL], lambda path: [Beliefs(nominal=read_nominal(path))]),
     "columns.toml": ([COLUMNS], lambda path: parse_columns(str(path))),
-    "sheet.csv": ([SHEET], lambda path: robot_file(path.read_bytes().decode("latin-1"), "arm", "standard", "sheet.csv")),
+    "sheet.csv": (
+        [SHEET],
+        lambda path: robot_file(path.read_bytes().decode("latin-1"), "arm", "standard", "sheet.csv"),
+    ),
 }
 
 
@@ -105,7 +108,9 @@ def changed_attributes(draw):
     for _ in range(draw(st.integers(1, 3))):
         values = list(re.finditer(r'"([^"]*)"', text))
         one = draw(st.sampled_from(values))
-        other = draw(st.sampled_from([value[1] for value in values] + list(HOSTILE_NUMBERS) + ["1e308 0 0", "0 0 1e-200"]))
+        other = draw(
+            st.sampled_from([value[1] for value in values] + list(HOSTILE_NUMBERS) + ["1e308 0 0", "0 0 1e-200"])
+        )
         text = text[: one.start(1)] + other + text[one.end(1) :]
     return text
 
