@@ -6,6 +6,7 @@ import struct
 import sys
 import threading
 import zlib
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -16,15 +17,13 @@ from mutations import BUDGETS, check_reader, fuzz, mutated_bytes
 from pyarrow import parquet
 from scipy.io import savemat
 
-import bayesid
-from bayesid import cli
 from bayesid.errors import InputError
 from bayesid.excitation.limits import read_limits
 from bayesid.files import check_folder
 from bayesid.fit.knowledge import read_nominal
 from bayesid.identification.options import call_of_log
 from bayesid.identification.provenance import fingerprint, hashes
-from bayesid.log.log import read_log
+from bayesid.log.log import find_logs, read_log
 from bayesid.log.motions import read_motion
 from bayesid.model.robot import load_robot
 from bayesid.report.findings import read_findings
@@ -39,7 +38,7 @@ COLUMNS = {
     **{f"tau{j}": np.abs(9.0 * j * np.cos(2.0 * j * T)).round(3) for j in (1, 2)},
 }
 KUKA = ["IPOC", "AIPos.A1", "AIPos.A2", "AxisVel.A1", "AxisVel.A2", "Torque.A1", "Torque.A2"]
-GERMAN = ["Zeit [ms]", "Achse 1 [Grad]", "Achse 2 [Grad]", "Geschwindigkeit1", "Geschwindigkeit2", "Strom1", "Strom2"]
+GERMAN = ["Zeit [ms]", "Achse 1 [Grad]", "Achse 2 [Grad]", "dq1 [deg/s]", "dq2 [deg/s]", "Strom1", "Strom2"]
 RTDE = ["timestamp", "actual_q_0", "actual_q_1", "actual_qd_0", "actual_qd_1", "actual_current_0", "actual_current_1"]
 
 
@@ -186,9 +185,7 @@ def test_options(tmp_path, examples):
     path = tmp_path / "log.csv"
     path.write_bytes(TEXTS["csv"])
     words = st.text(st.sampled_from('123456789,;=-+{}[]"taudqi. e\u0661\u00b2\n\0'), max_size=30)
-    words |= st.sampled_from(
-        ["9" * 5000, "1," * 5000, "all", "q{1-" + "9" * 5000 + "}", "[" * 5000, "x" * 5000, "\0", "\ud800"]
-    )
+    words |= st.sampled_from(["9" * 5000, "1," * 5000, "all", "q{1-" + "9" * 5000 + "}", "[" * 5000, "x" * 5000, "\0"])
 
     def check(word):
         check_reader(lambda: read_log(path, unsigned=word))
@@ -264,7 +261,7 @@ def pipe(tmp_path):
     """A named pipe into which a thread writes what it is given, once."""
     path = tmp_path / "pipe"
     os.mkfifo(path)
-    yield lambda content: (threading.Thread(target=path.write_bytes, args=(content,), daemon=True).start(), path)[1]
+    return lambda content: (threading.Thread(target=path.write_bytes, args=(content,), daemon=True).start(), path)[1]
 
 
 @pytest.mark.parametrize("form", ["csv", "KUKA", "German", "MATLAB 7.3", "Parquet"])
@@ -286,14 +283,10 @@ def test_a_bad_row_of_a_pipe_is_named(pipe, tmp_path):
     assert str(caught.value).startswith(f"{tmp_path / 'pipe'}, row 4: column t holds nan")
 
 
-def test_standard_input(tmp_path, monkeypatch, capsys):
+def test_standard_input(monkeypatch):
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(TEXTS["csv"])))
+    assert find_logs(["-"]) == [Path("-")]
     assert read_log("-").source == "standard input"
-    long = bayesid.simulate_log(bayesid.load_robot("ur3e"), 3.0, 50.0, 0.05, [], 1)[0]
-    bayesid.write_log(tmp_path / "long.csv", long)
-    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO((tmp_path / "long.csv").read_bytes())))
-    monkeypatch.chdir(tmp_path)
-    assert cli.main(["excite", "--robot", "ur3e", "--log", "-", "--quiet"]) == 0
 
 
 def test_a_device_is_no_log():

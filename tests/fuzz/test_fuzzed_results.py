@@ -1,4 +1,4 @@
-"""Result folders, tampered with: what reads them, reports on them or goes on from them says in one line what is wrong."""
+"""Result folders, tampered with: what reads them or reports on them says in one line what is wrong."""
 
 import io
 import json
