@@ -120,16 +120,17 @@ def check_reader(read: Callable[[], object]) -> bool:
         warnings.simplefilter("always")
         try:
             read()
-            good = True
+            refusal = None
         except InputError as error:
-            good = False
-            assert error.what
-            assert error.remedy
-            assert "\n" not in error.on_command_line
+            refusal = error
+    if refusal is not None:
+        assert refusal.what
+        assert refusal.remedy
+        assert "\n" not in refusal.on_command_line
     foreign = [f"{one.filename}:{one.lineno}: {one.message}" for one in caught if not _is_note(one)]
     assert not foreign, foreign
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - memory < MOST_MEMORY
-    return good
+    return refusal is None
 
 
 def _is_note(warning: warnings.WarningMessage) -> bool:
