@@ -17,8 +17,8 @@ from typing import Any
 from bayesid.errors import InputError, printable
 
 MOST_BYTES = 1 << 23
-"""Of a text that is read as a whole: 8 MiB, of which the parser of TOML takes 20 s. The longest that bayesid writes, model.toml of a robot of 20 joints, has 2;
-the longest URDF of example-robot-data 0.3."""
+"""Of a text that is read as a whole: 8 MiB, for which the parser of TOML takes 20 s. The longest that bayesid writes,
+model.toml of a robot of 20 joints, has 2; the longest URDF of example-robot-data 0.3."""
 MOST_UNPACKED = 1 << 30
 """Bytes that a compressed or binary file may unpack to, 1 GiB: a million rows of 20 joints with velocities have 0.5."""
 DEEPEST = 32

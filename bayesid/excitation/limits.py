@@ -133,9 +133,9 @@ def _chain(root: ET.Element, where: str) -> list[ET.Element]:
             raise InputError("lacks a parent or a child", f"{where}, joint {joint.get('name')}", "correct the file")
         after.setdefault(parent.get("link", ""), []).append((joint, child.get("link", "")))
     children = [child for joints in after.values() for _, child in joints]
-    for child in children:
-        if children.count(child) > 1:
-            raise InputError("is the child of two joints", f"{where}, link {child}", "give a URDF without loops")
+    for link in children:
+        if children.count(link) > 1:
+            raise InputError("is the child of two joints", f"{where}, link {link}", "give a URDF without loops")
     return [joint for base in after if base not in children for joint in _beyond(base, after, where)]
 
 

@@ -2,7 +2,11 @@
 
 import io
 import os
+import struct
+import sys
 import threading
+import zlib
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -13,10 +17,17 @@ from mutations import BUDGETS, check_reader, fuzz, mutated_bytes
 from pyarrow import parquet
 from scipy.io import savemat
 
-from bayesid import cli
 from bayesid.errors import InputError
-from bayesid.log.log import read_log
+from bayesid.excitation.limits import read_limits
+from bayesid.files import check_folder
+from bayesid.fit.knowledge import read_nominal
+from bayesid.identification.options import call_of_log
+from bayesid.identification.provenance import fingerprint, hashes
+from bayesid.log.log import find_logs, read_log
 from bayesid.log.motions import read_motion
+from bayesid.model.robot import load_robot
+from bayesid.report.findings import read_findings
+from bayesid.results.model_file import load_model
 
 ROWS = 60
 T = np.arange(ROWS) / 50.0
@@ -27,7 +38,7 @@ COLUMNS = {
     **{f"tau{j}": np.abs(9.0 * j * np.cos(2.0 * j * T)).round(3) for j in (1, 2)},
 }
 KUKA = ["IPOC", "AIPos.A1", "AIPos.A2", "AxisVel.A1", "AxisVel.A2", "Torque.A1", "Torque.A2"]
-GERMAN = ["Zeit [ms]", "Achse 1 [Grad]", "Achse 2 [Grad]", "Geschwindigkeit1", "Geschwindigkeit2", "Strom1", "Strom2"]
+GERMAN = ["Zeit [ms]", "Achse 1 [Grad]", "Achse 2 [Grad]", "dq1 [deg/s]", "dq2 [deg/s]", "Strom1", "Strom2"]
 RTDE = ["timestamp", "actual_q_0", "actual_q_1", "actual_qd_0", "actual_qd_1", "actual_current_0", "actual_current_1"]
 
 
@@ -174,7 +185,7 @@ def test_options(tmp_path, examples):
     path = tmp_path / "log.csv"
     path.write_bytes(TEXTS["csv"])
     words = st.text(st.sampled_from('123456789,;=-+{}[]"taudqi. e\u0661\u00b2\n\0'), max_size=30)
-    words |= st.sampled_from(["9" * 5000, "1," * 5000, "all", "q{1-" + "9" * 5000 + "}", "[" * 5000, "x" * 5000, "\0", "\ud800"])
+    words |= st.sampled_from(["9" * 5000, "1," * 5000, "all", "q{1-" + "9" * 5000 + "}", "[" * 5000, "x" * 5000, "\0"])
 
     def check(word):
         check_reader(lambda: read_log(path, unsigned=word))
@@ -184,3 +195,97 @@ def test_options(tmp_path, examples):
         check_reader(lambda: read_log(path, topic=word or "x"))
 
     fuzz(words, check, examples)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What was found
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("name", ["q\u0661", "q" + "9" * 5000, "q" + "a" * 100_000, "tau1[" + " " * 50_000])
+def test_headers_beyond_all_recorders(tmp_path, name):
+    path = tmp_path / "log.csv"
+    path.write_bytes(TEXTS["csv"].replace(b"q1", name.encode(), 1))
+    with pytest.raises(InputError, match="q1"):
+        read_log(path)
+
+
+@pytest.mark.parametrize("unsigned", ["9" * 5000, "\u0661", "1,,2", "0"])
+def test_joints_beyond_all_robots(tmp_path, unsigned):
+    path = tmp_path / "log.csv"
+    path.write_bytes(TEXTS["csv"])
+    with pytest.raises(InputError, match="is not a joint") as caught:
+        read_log(path, unsigned=unsigned)
+    assert len(str(caught.value)) < 200
+
+
+@pytest.mark.parametrize("path", ["a\0b.csv", "x" * 5000, "/".join(["d" * 200] * 50)])
+def test_names_that_no_system_has(path):
+    for read in (read_log, read_limits, read_nominal, load_model, read_findings, lambda one: load_robot(one, tip="x")):
+        with pytest.raises(InputError):
+            read(path)
+    with pytest.raises(InputError, match="cannot be the name of a file"):
+        check_folder(path, set(), "summary.json")
+
+
+def test_a_parquet_file_that_unpacks_to_too_much(tmp_path, monkeypatch):
+    """Equal rows take next to nothing in the file."""
+    monkeypatch.setattr("bayesid.bounded.MOST_UNPACKED", 1 << 20)
+    path = tmp_path / "log.parquet"
+    parquet.write_table(pa.table({name: np.ones(60_000) for name in ("t", "q1", "tau1")}), path)
+    assert path.stat().st_size < 20_000
+    with pytest.raises(InputError, match="its columns unpack to more than"):
+        read_log(path)
+
+
+def test_matlab_files_that_claim_more_than_they_hold(tmp_path):
+    path = tmp_path / "log.mat"
+    packed = zlib.compress(bytes(8) + bytes(1 << 20))
+    wide = struct.pack("<2I4I2I2i", 14, 48, 6, 8, 1, 0, 5, 8, 30_000, 30_000) + bytes(16)  # cells in 16 bytes
+    header = BINARIES["MATLAB 5"][1][:128]
+    for content in (
+        header + struct.pack("<2I", 15, len(packed)) + packed,
+        header + wide,
+        struct.pack("<5i", 0, 1 << 20, 1 << 10, 0, 2) + b"t\0",
+    ):
+        path.write_bytes(content)
+        assert not check_reader(lambda: read_log(path))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Streams
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.fixture
+def pipe(tmp_path):
+    """A named pipe into which a thread writes what it is given, once."""
+    path = tmp_path / "pipe"
+    os.mkfifo(path)
+    return lambda content: (threading.Thread(target=path.write_bytes, args=(content,), daemon=True).start(), path)[1]
+
+
+@pytest.mark.parametrize("form", ["csv", "KUKA", "German", "MATLAB 7.3", "Parquet"])
+def test_a_pipe_is_read_once(tmp_path, pipe, form):
+    ending, content = BINARIES.get(form, (".csv", TEXTS.get(form)))
+    path = tmp_path / f"log{ending}"
+    path.write_bytes(content)
+    gains = [2.0, 3.0] if form == "German" else None
+    log, of_file = read_log(pipe(content), gains=gains), read_log(path, gains=gains)
+    assert log.source == str(tmp_path / "pipe")
+    np.testing.assert_array_equal(log.effort, of_file.effort)
+    assert hashes(log) == {fingerprint(of_file)}, "the same samples; of the file itself nothing is left"
+    assert call_of_log(log) == "log"
+
+
+def test_a_bad_row_of_a_pipe_is_named(pipe, tmp_path):
+    with pytest.raises(InputError) as caught:
+        read_log(pipe(TEXTS["csv"].replace(b"\n0.04,", b"\nnan,")))
+    assert str(caught.value).startswith(f"{tmp_path / 'pipe'}, row 4: column t holds nan")
+
+
+def test_standard_input(monkeypatch):
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(TEXTS["csv"])))
+    assert find_logs(["-"]) == [Path("-")]
+    assert read_log("-").source == "standard input"
+
+
+def test_a_device_is_no_log():
+    with pytest.raises(InputError, match="is a device, no file"):
+        read_log("/dev/zero")

@@ -1,16 +1,15 @@
-"""Result folders, tampered with: what reads them, reports on them or goes on from them says in one line what is wrong."""
+"""Result folders, tampered with: what reads them or reports on them says in one line what is wrong."""
 
 import io
 import json
+import tomllib
 import zipfile
-from dataclasses import replace
 
 import h5py
 import numpy as np
 import pytest
 import tomli_w
-import tomllib
-from conftest import small_robot
+from conftest import small_robot, smooth_motion
 from hypothesis import strategies as st
 from made_findings import make_findings
 from mutations import BUDGETS, check_reader, fuzz, mutated_bytes, mutated_tree
@@ -39,8 +38,8 @@ HOSTILE_ARRAYS = (
 
 def stored_model():
     """Of a robot of two joints with a term that has numbers of its own, and a sensor that distorts."""
-    robot = small_robot(N)
-    model = Model(robot, make_terms(STANDARD, robot, None)).extend(make_effect("delay", robot, None))
+    robot, motion = small_robot(N), smooth_motion(N, 4.0, 50.0)
+    model = Model(robot, make_terms(STANDARD, robot, motion)).extend(make_effect("delay", {"lag": (0.004,)}))
     rng = np.random.default_rng(3)
     r = len(base_coefficients(model))
     root = rng.standard_normal((r, r))

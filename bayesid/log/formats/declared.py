@@ -95,7 +95,7 @@ def _check_matrix(content: bytes, element: _Element, order: str, depth: int, obj
 
 
 def _check_version_4(content: bytes) -> None:
-    """Each matrix of version 4 begins with five whole numbers: its type, rows, columns, parts and letters of its name."""
+    """Each matrix of version 4 begins with five numbers: its type, rows, columns, parts and letters of its name."""
     start = 0
     while start + 20 <= len(content):
         little = 0 <= struct.unpack_from("<i", content, start)[0] < 5000

@@ -93,8 +93,7 @@ def _check_size(file: parquet.ParquetFile, names: Sequence[str], where: str) -> 
         group = metadata.row_group(k)
         chunks = (group.column(j) for j in range(group.num_columns))
         used = [chunk for chunk in chunks if chunk.path_in_schema.partition(".")[0] in names]
-        size += sum(max(8 * chunk.num_values, chunk.total_uncompressed_size) for chunk in used)
-        size += 8 * max(group.num_rows, 0) * len(used)
+        size += sum(max(8 * chunk.num_values, 8 * group.num_rows, chunk.total_uncompressed_size) for chunk in used)
     if not fits_memory(size, 1) or metadata.num_rows < 0:
         said = f"its columns unpack to more than {MOST_UNPACKED >> 30} GiB"
         raise InputError(said, where, "cut it into shorter logs and give all of them")

@@ -93,7 +93,15 @@ class UrdfTree:
 
     def beyond(self, joint: UrdfJoint) -> Iterator[UrdfJoint]:
         """Joints that hang from one."""
-        return (other for other in self.joints if other is not joint and joint in self.path(other.child))
+        return (other for other in self.joints if other is not joint and joint.name in self._carriers[other.child])
+
+    @cached_property
+    def _carriers(self) -> dict[str, frozenset[str]]:
+        """Link to the names of the joints between it and the base."""
+        found: dict[str, frozenset[str]] = {self.base: frozenset()}
+        for joint in self.joints:
+            found[joint.child] = found[joint.parent] | {joint.name}
+        return found
 
     def body(self, link: str) -> tuple[str, Array]:
         """The link nearest to the base of those that are fixed to one, and (4, 4) the link's frame in that one's."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import os
 from collections.abc import Mapping
@@ -104,15 +105,15 @@ def _arrays(path: Path) -> dict[str, Any]:
     """
     try:
         with ZipFile(path) as archive:
-            for member in archive.infolist():
-                with archive.open(member) as file:
-                    version = np.lib.format.read_magic(file)
-                    header = np.lib.format.read_array_header_1_0 if version == (1, 0) else _later_header
-                    shape, _, kind = header(file)
-                if kind.hasobject or math.prod(shape) * kind.itemsize > member.file_size:
-                    raise ValueError(f"{member.filename} holds less than it says")
             if not fits_memory(sum(member.file_size for member in archive.infolist()), 1):
                 raise ValueError("it unpacks to too much")
+            for member in archive.infolist():
+                file = io.BytesIO(archive.read(member))
+                version = np.lib.format.read_magic(file)
+                header = np.lib.format.read_array_header_1_0 if version == (1, 0) else _later_header
+                shape, _, kind = header(file)
+                if kind.hasobject or math.prod(shape) * kind.itemsize > member.file_size:
+                    raise ValueError(f"{member.filename} holds less than it says")
         with np.load(path, allow_pickle=False) as kept:
             return {name: kept[name] for name in kept.files}
     except Exception as error:  # a damaged archive raises whatever its parser stumbles over
