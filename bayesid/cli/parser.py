@@ -260,6 +260,8 @@ def _add_identify(commands: _Commands) -> None:
     parser.add_argument("--beam-width", type=int, default=5, metavar="W", help=width)
     parser.add_argument("--initial-segments", type=int, default=5, metavar="S0", help=first)
     _share(parser, "--cutoff", *_READING)
+    memory = "that the run may need, or else it does not begin (default: 0.8 of the machine's)"
+    parser.add_argument("--max-memory", type=float, metavar="GB", help=memory)
     complete = (
         "what the log wants of the catalogue beyond the terms: auto adds effects that evidence and held-back blocks "
         "bear out, the rest widens the uncertainty; only-uncertainty adds none; off asks nothing (default: %(default)s)"

@@ -50,7 +50,7 @@ def shop(tmp_path_factory):
         for name in "bc":
             run = f"discrepancy of-a {name}.csv --no-posterior --out gap-{name} --quiet"
             assert main(run.split()) == 0
-        assert main("report of-a --quiet".split()) == 0
+        assert main(["report", "of-a", "--quiet"]) == 0
     finally:
         os.chdir(before)
     return place

@@ -131,7 +131,9 @@ class SearchResult:
             nodes=sum(result.nodes for result in every),
             solves=sum(result.solves for result in every),
             spent=sum(result.spent for result in every),
-            pruning=None if self.pruning is None else replace(sum(counted, Pruning()), **self._at_the_end(self.pruning)),
+            pruning=None
+            if self.pruning is None
+            else replace(sum(counted, Pruning()), **self._at_the_end(self.pruning)),
         )
 
     def without_work(self) -> SearchResult:
