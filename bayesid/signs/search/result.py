@@ -55,7 +55,7 @@ class Pruning:
         by_cone: pruned by their cost in the cone.
         survived: a step, the last one too.
         leaves: that survived the last step.
-        undecided: segments that no step has decided when time was up, in the last round: each leaf predicts their signs.
+        undecided: segments that no step had decided when time was up: each leaf predicts their signs.
     """
 
     grown: int = 0
