@@ -19,6 +19,7 @@ PYTHON_NAMES: Mapping[str, str] = {
     "--harmonics": "TrajectoryShape(harmonics=...)",
     "--initial-segments": "Beam(initial_segments=...)",
     "--links": "Beliefs(links=...)",
+    "--max-memory": "Preparation(max_memory=...)",
     "--mode": "Sampling(mode=...)",
     "--no-degrees": "degrees=False",
     "--no-posterior": "posterior=False",

@@ -178,7 +178,7 @@ def _trajectory(scenario: Scenario, robot: Robot, seed: int) -> FourierTrajector
 
 
 def _search(scenario: Scenario) -> Search:
-    beam = Beam(width=scenario.beam_width, initial_segments=scenario.initial_segments)
+    beam = Beam(width=scenario.beam_width, initial_segments=scenario.initial_segments, budget=np.inf)
     return beam if scenario.search == "beam" else Certified(budget=_BUDGET, fallback=beam, repeatable=True)
 
 

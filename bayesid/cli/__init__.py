@@ -28,7 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 @contextmanager
 def _terminated_as_interrupted() -> Iterator[list[int]]:
-    """SIGTERM ends a command as Ctrl-C does; the list says whether it came. One that comes while it ends is not heard."""
+    """SIGTERM ends a command as Ctrl-C does; the list says whether it came. A second one is not heard."""
     came: list[int] = []
 
     def interrupt(number: int, _: object) -> None:

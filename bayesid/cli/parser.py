@@ -158,6 +158,11 @@ _SHARED: dict[str, dict[str, Any]] = {
     },
     "--topic": {"metavar": "/NAME", "help": "of a ROS bag with joint states of several topics"},
     "--joints": {"metavar": "A,B,..", "help": "names of a ROS bag's joints, from base to tip"},
+    "--max-memory": {
+        "type": float,
+        "metavar": "GB",
+        "help": "that the run may need, or else it does not begin (default: 0.8 of the machine's)",
+    },
     "--search-budget": {"type": float, "metavar": "S"},
     "--no-posterior": {"action": "store_true"},
     "--posterior-budget": {
@@ -268,7 +273,7 @@ def _add_identify(commands: _Commands) -> None:
     )
     parser.add_argument("--beam-width", type=int, default=5, metavar="W", help=width)
     parser.add_argument("--initial-segments", type=int, default=5, metavar="S0", help=first)
-    _share(parser, "--cutoff", *_READING)
+    _share(parser, "--cutoff", "--max-memory", *_READING)
     complete = (
         "what the log wants of the catalogue beyond the terms: auto adds effects that evidence and held-back blocks "
         "bear out, the rest widens the uncertainty; only-uncertainty adds none; off asks nothing (default: %(default)s)"

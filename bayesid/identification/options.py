@@ -34,6 +34,10 @@ class Preparation:
     Attributes:
         cutoff: of the motion's low-pass, Hz; from the data by default.
         cutting: thresholds by which efforts are cut into segments, and small ones left out.
+        max_memory: GB that the run may need; 0.8 of the machine's memory by default.
+
+    Raises:
+        InputError: a limit that is none.
 
     Example:
         >>> preparation = bayesid.Preparation(cutoff=8.0)
@@ -43,6 +47,11 @@ class Preparation:
 
     cutoff: float | None = None
     cutting: Cutting = USUAL
+    max_memory: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.max_memory is not None and not self.max_memory > 0.0:
+            raise InputError(f"a memory of {self.max_memory:g} GB", "--max-memory", "give more than 0")
 
 
 def plain_options(options: Mapping[str, object]) -> dict[str, object]:

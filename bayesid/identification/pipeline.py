@@ -22,6 +22,7 @@ from bayesid.fit.least_squares import Fit, fit_signed
 from bayesid.fit.moments import Moments
 from bayesid.identification.identification import Identification
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
+from bayesid.identification.memory import check_memory
 from bayesid.identification.options import (
     Completeness,
     Preparation,
@@ -170,6 +171,7 @@ def identify_again(
     """
     names = [*(term.name for term in model.terms), *(distortion.name for distortion in model.distortions)]
     run = _Run(search, posterior, preparation, Beliefs(), progress, {"model": names})
+    check_memory(log, preparation.max_memory)
     as_read = prepare(log, preparation.cutoff)
     signals, rows = restored(model, as_read), model.before_sensors
     segments = find_segments(signals, model.robot.actuators(signals.motion), preparation.cutting)
@@ -232,6 +234,7 @@ def _prepared(
     run.progress("prepare", 0, 1)
     log = as_log(log)
     _check(robot, log)
+    check_memory(log, run.preparation.max_memory)
     signals = prepare(log, run.preparation.cutoff)
     model = Model(robot, catalogue.make_terms(terms, robot, signals.motion))
     segments = find_segments(signals, robot.actuators(signals.motion), run.preparation.cutting)

@@ -289,7 +289,9 @@ def proof(summary: Summary) -> Check:
         survived = f"{kept} assignment{'s' * (kept != 1)} survived the beam"
         message = f"nothing is proven: {survived} and can be weighed; what it has dropped is unknown"
         if undecided := (search.beam_nodes or {}).get("undecided", 0):
-            message += f"; time was up before it came to {undecided} segment{'s' * (undecided != 1)}, which it predicted"
+            message += (
+                f"; time was up before it came to {undecided} segment{'s' * (undecided != 1)}, which it predicted"
+            )
         return Check(
             name, "look", message, f"leave out --search beam{commands.again(summary, without=('--search', 'beam'))}"
         )

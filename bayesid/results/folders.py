@@ -65,6 +65,8 @@ IDENTIFICATION_FILES = frozenset(
     }
 )
 """What a result folder may hold; log.csv is the demo's."""
+
+
 class IncompleteWarning(UserWarning):
     """A result stands without some of its files."""
 
@@ -131,7 +133,6 @@ def save_identification(
         >>> (folder / "model.toml").is_file()
         True
     """
-
     missing, findings = _NotWritten(), _findings(identification, folder, validation)
 
     def write(place: Path) -> None:
@@ -228,7 +229,6 @@ def save_discrepancy(
         >>> (bayesid.save_discrepancy(found, "found", report=False) / "discrepancy.json").is_file()
         True
     """
-
     missing, findings = _NotWritten(), _findings(discrepancy.identification, folder)
 
     def write(place: Path) -> None:

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -74,6 +75,33 @@ def test_interrupted_while_it_computes(place):
     running.send_signal(signal.SIGINT)
     _, err = running.communicate(timeout=20)
     assert (running.returncode, err) == (130, "bayesid: interrupted; nothing was written\n")
+    assert left_in(place) == before
+
+
+@pytest.mark.skipif(not os.path.isdir("/proc/self/task"), reason="asks Linux for a process's children")
+@pytest.mark.parametrize(("number", "said", "code"), [("SIGINT", "interrupted", 130), ("SIGTERM", "terminated", 143)])
+def test_workers_are_gone_with_the_command(place, number, said, code):
+    """One signal to the command alone, while its workers are at work or being born."""
+    before = left_in(place)
+    command = [sys.executable, "-m", "bayesid.cli", "identify", "a.csv", "b.csv", "--each", "--robot", "arm.toml"]
+    running = subprocess.Popen(
+        [*command, "--workers", "2", "--out", "each", "--quiet"],
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: [signal.signal(one, signal.SIG_DFL) for one in (signal.SIGINT, signal.SIGTERM)],
+    )
+    workers = []
+    while len(workers) < 2 and running.poll() is None:
+        time.sleep(0.05)
+        children = Path(f"/proc/{running.pid}/task/{running.pid}/children").read_text().split()
+        workers = [child for child in children if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]
+    running.send_signal(getattr(signal, number))
+    sent = time.monotonic()
+    while any(Path(f"/proc/{worker}").exists() for worker in workers) and time.monotonic() < sent + 20.0:
+        time.sleep(0.01)
+    assert time.monotonic() < sent + 2.0
+    _, err = running.communicate(timeout=20)
+    assert (running.returncode, err) == (code, f"bayesid: {said}; nothing was written\n")
     assert left_in(place) == before
 
 

@@ -205,3 +205,22 @@ def test_a_pause_of_minutes_is_no_reason_to_refuse():
     t = np.concatenate([np.arange(500) * 0.01, 300.0 + np.arange(500) * 0.01])
     q = np.sin(3.0 * t)[:, None]
     assert len(prepare(Log(t=t, q=q, effort=np.abs(q) + 1.0, signed=np.array([False]))).motion) == 30_500
+
+
+def test_a_long_log_is_thinned_once_it_is_filtered(monkeypatch):
+    """Motion and light low-pass are those of all samples; only then are some left out."""
+    t = np.arange(20_000) / 500.0
+    q = np.stack([np.sin(2.0 * t), 0.5 * np.cos(3.1 * t)], axis=1)
+    log = Log(t, q, np.abs(np.stack([np.cos(2.0 * t), np.sin(3.1 * t)], axis=1)), np.zeros(2, dtype=bool))
+    whole = prepare(log, cutoff=10.0)
+    monkeypatch.setattr("bayesid.log.signals._LONG", 3_000)
+    thin = prepare(log, cutoff=10.0)
+    assert (thin.rate, len(thin.motion)) == (500.0 / 7, 2858)
+    assert thin.processing["thinned"] == "one sample in 7 of 500 Hz"
+    assert "thinned" not in whole.processing
+    for name in ("q", "dq", "ddq"):
+        np.testing.assert_array_equal(getattr(thin.motion, name), getattr(whole.motion, name)[::7])
+    np.testing.assert_array_equal(thin.effort, whole.effort[::7])
+    np.testing.assert_array_equal(thin.raw_effort, whole.raw_effort[::7])
+    assert thin.measured.shape == thin.effort.shape
+    assert prepare(log, cutoff=40.0).rate == 250.0, "six samples a period of the cut-off stay"

@@ -8,16 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from bayesid.cli.options import (
-    beliefs,
-    command_line,
-    end_with,
-    read,
-    reading_options,
-    robot_of,
-    sampling,
-    term_names,
-)
+from bayesid.cli.options import beliefs, command_line, end_with, read, reading_options, robot_of, sampling, term_names
 from bayesid.cli.progress import CountBar, StageBars
 from bayesid.cli.tables import identification_parts, separate_parts
 from bayesid.cli.terminal import complain, show, warn
@@ -69,7 +60,7 @@ def _settings(options: argparse.Namespace) -> dict[str, Any]:
         "complete": options.complete,
         "search": _search(options),
         "posterior": sampling(options),
-        "preparation": Preparation(cutoff=options.cutoff),
+        "preparation": Preparation(cutoff=options.cutoff, max_memory=options.max_memory),
         "beliefs": beliefs(options),
     }
 

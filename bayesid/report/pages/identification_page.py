@@ -335,7 +335,9 @@ def _search_text(search: SearchSummary) -> str:
             f"by their cost in the cone, and {nodes['leaves']} survived the last step."
         )
         if undecided := nodes.get("undecided", 0):
-            text += f" Its time was up before it came to {undecided} segments: it predicted their signs from the others."
+            text += (
+                f" Its time was up before it came to {undecided} segments: it predicted their signs from the others."
+            )
     if search.lower_bound is None:
         return f"{text} Nothing is proven about the others: what the beam has dropped is unknown."
     text += (

@@ -11,7 +11,7 @@ import time
 from dataclasses import dataclass
 
 from bayesid.progress import SILENT, Progress, Steps, no_steps
-from bayesid.signs.search.protocol import Search, SignProblem
+from bayesid.signs.search.protocol import Budgeted, Search, SignProblem
 from bayesid.signs.search.result import SearchResult
 
 AFTERWARDS = 0.2
@@ -101,6 +101,8 @@ class OneBudget(Search):
 
     @property
     def _left(self) -> Search:
+        if not isinstance(self._search, Budgeted):
+            return self._search
         whole = self._search.budget
         left = whole - self._spent
         return self._search.limited(left if left > 0.0 else max(left + AFTERWARDS * whole, 0.0))

@@ -32,7 +32,7 @@ from bayesid.signs.search.combinations import TooManyError, combinations, combin
 from bayesid.signs.search.limits import Limits
 from bayesid.signs.search.patterns import LOG2, Keep
 from bayesid.signs.search.problem import OutOfTimeError, Problem
-from bayesid.signs.search.protocol import Search, SignProblem
+from bayesid.signs.search.protocol import Budgeted, Search, SignProblem
 from bayesid.signs.search.result import Branch, SearchResult
 from bayesid.signs.search.tree import Proof, prove, settled
 
@@ -121,7 +121,9 @@ class Certified(Search):
         if result.certified or self.budget == 0.0:
             return result
         left = max((1.0 + AFTERWARDS) * self.budget - result.spent, 0.0)
-        fallback = self.fallback.limited(left, self.repeatable)
+        fallback = self.fallback
+        if isinstance(fallback, Budgeted):
+            fallback = fallback.limited(left, self.repeatable)
         other = fallback.find(replace(problem, earlier=result), progress.steps("search, beam"))
         best = replace(other, lower_bound=result.lower_bound) if other.cost < result.cost else result
         work = {name: getattr(result, name) + getattr(other, name) for name in ("nodes", "solves", "spent")}

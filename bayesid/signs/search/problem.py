@@ -41,7 +41,7 @@ class Problem:
         moments: scaled moments of S segments.
         solver: for the cone and for H and energy of all segments.
         budget: seconds from now on.
-        repeatable: whether these are nominal seconds (`bayesid.signs.search.budget`), so that the budget ends at the same point of every run.
+        repeatable: whether these are nominal seconds (`bayesid.signs.search.budget`).
         limits: how much work to do.
         steps: called as steps(percent of the budget that is spent, 100), while there is any left.
 

@@ -10,7 +10,7 @@ from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -86,29 +86,6 @@ class Search(Protocol):
         """
         return True
 
-    @property
-    def budget(self) -> float:
-        """Seconds that all runs of an identification share; inf for a search that takes as long as it takes.
-
-        Example:
-            >>> bayesid.Certified().budget
-            10.0
-        """
-        return float("inf")
-
-    def limited(self, budget: float, repeatable: bool | None = None) -> Search:
-        """The same search with another budget, s; one that has none, by default, is what it was.
-
-        Args:
-            budget: seconds.
-            repeatable: whether they count work instead of the clock's; as before by default.
-
-        Example:
-            >>> bayesid.Beam().limited(2.5).budget
-            2.5
-        """
-        return self
-
     @abstractmethod
     def find(self, problem: SignProblem, steps: Steps = no_steps) -> SearchResult:
         """Signs by which segments are split.
@@ -149,6 +126,23 @@ class Search(Protocol):
         """
         assert problem.earlier is not None
         return problem.earlier.without_work()
+
+
+@runtime_checkable
+class Budgeted(Protocol):
+    """A search that ends when its time is up."""
+
+    @property
+    def budget(self) -> float:
+        """Seconds that all its runs in an identification share."""
+
+    def limited(self, budget: float, repeatable: bool | None = None) -> Search:
+        """The same search with another budget.
+
+        Args:
+            budget: seconds.
+            repeatable: whether they count work instead of the clock's; as before by default.
+        """
 
 
 class PreparedNode(Protocol):

@@ -55,7 +55,7 @@ class Pruning:
         by_cone: pruned by their cost in the cone.
         survived: a step, the last one too.
         leaves: that survived the last step.
-        undecided: segments that no step has decided when time was up, in the last round: each leaf predicts their signs.
+        undecided: segments that no step had decided when time was up: each leaf predicts their signs.
     """
 
     grown: int = 0
@@ -131,7 +131,9 @@ class SearchResult:
             nodes=sum(result.nodes for result in every),
             solves=sum(result.solves for result in every),
             spent=sum(result.spent for result in every),
-            pruning=None if self.pruning is None else replace(sum(counted, Pruning()), **self._at_the_end(self.pruning)),
+            pruning=None
+            if self.pruning is None
+            else replace(sum(counted, Pruning()), **self._at_the_end(self.pruning)),
         )
 
     def without_work(self) -> SearchResult:
