@@ -131,11 +131,11 @@ def find_faults(t: Array, q: Array, effort: Array, dq: Array | None = None) -> t
     """
     faults: list[Fault] = []
     for j in range(q.shape[1]):
-        position = {"outlier": _jumps(t, q[:, j]), "held": _stopped(t, q[:, j])}
-        faults += _named(t, j, "position", position)
-        known = np.ones(len(t), dtype=bool)
-        known[np.concatenate([*position.values()])] = False
-        speed = np.abs(np.gradient(without(t, q[:, j], known), t))
+        jumps = _jumps(t, q[:, j])
+        stopped = _stopped(t, without(t, q[:, j], _all_but(len(t), jumps)))
+        faults += _named(t, j, "position", {"outlier": jumps, "held": stopped})
+        position = without(t, q[:, j], _all_but(len(t), np.concatenate([jumps, stopped])))
+        speed = np.abs(np.gradient(position, t))
         if dq is not None:
             faults += _named(t, j, "velocity", {"outlier": _peaks(t, dq[:, j])})
         faults += _named(t, j, "effort", {"outlier": _peaks(t, effort[:, j]), **_dropouts(t, effort[:, j], speed)})
@@ -157,6 +157,13 @@ def without(t: Array, reading: Array, known: Mask, smooth: bool = True) -> Array
         curve = (CubicSpline if smooth and known.sum() > _NEIGHBOURS else PchipInterpolator)(t[known], reading[known])
         filled[between] = curve(t[between])
     return filled
+
+
+def _all_but(count: int, rows: Integers) -> Mask:
+    """(count,) False for some rows."""
+    others = np.ones(count, dtype=bool)
+    others[rows] = False
+    return others
 
 
 def _named(t: Array, joint: int, reading: str, rows_of: dict[str, Integers]) -> list[Fault]:
@@ -225,17 +232,15 @@ def _stopped(t: Array, position: Array) -> Integers:
         return np.empty(0, dtype=np.int64)
     steps = np.abs(np.diff(runs.value))
     speed = np.abs(np.diff(position)) / np.diff(t)
-    hard = _ABRUPT * np.percentile(np.abs(np.diff(speed)), 99)
-    fast = _CLEARLY_MOVING * np.percentile(speed, 95)
+    fast = _CLEARLY_MOVING * float(np.percentile(speed, 95))
     for k in runs.long(period):
         before, after = steps[max(0, k - 1 - _NEIGHBOURS) : max(0, k - 1)], steps[k + 1 : k + 1 + _NEIGHBOURS]
         if 0 < k < count - 1:
             usual = max((float(np.median(side)) for side in (before, after) if side.size), default=np.inf)
             chosen[k] = steps[k] > max(_ABRUPT * usual, _slight(position))
         else:
-            a, b = runs.first[k], runs.first[k + 1]
-            beside = speed[max(0, a - _NEIGHBOURS) : a] if k else speed[b - 1 : b - 1 + _NEIGHBOURS]
-            chosen[k] = np.median(beside) > max(hard, fast)
+            moving = speed[: runs.first[k]] if k else speed[runs.first[1] - 1 :][::-1]
+            chosen[k] = np.median(moving[-_NEIGHBOURS:]) > max(fast, _ABRUPT * np.abs(np.diff(moving)).max())
     return runs.repeated(chosen)
 
 
@@ -252,7 +257,7 @@ def _dropouts(t: Array, effort: Array, speed: Array) -> dict[str, Integers]:
                 zero[k] = _falls(runs.value, k)
             else:
                 held[k] = len(runs.value) == 1 or effort.min() < runs.value[k] < effort.max()  # else it is clipped
-    return {"zero": runs.rows(zero), "held": runs.repeated(held)}
+    return {"zero": runs.rows(zero), "held": runs.repeated(held) if len(runs.value) > 1 else runs.rows(held)}
 
 
 def _falls(values: Array, k: int) -> bool:
