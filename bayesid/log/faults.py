@@ -46,8 +46,8 @@ _STEADY = 1e-3
 """Share by which a speed must vary over a dropout: in a simulation without noise a steady motion needs a constant
 effort. A round number; not studied."""
 _PAST_BLIND = 3.0
-"""Times the least reading that is not zero, within which a sensor with a dead zone may fall to zero. A round number; not
-studied."""
+"""Times the least reading that is not zero, within which a sensor with a dead zone may fall to zero. A round number;
+not studied."""
 _NAMED = 3
 """Instants that a line names."""
 
