@@ -128,8 +128,8 @@ def suspected_reading(evidence: Evidence, fit: Fit, probability: Array) -> Bette
         fit: of the model to it.
         probability: (N, n) P(sign = +) of every sample.
     """
-    if fit.relative_residual.max() <= SUSPICIOUS:
-        return None
+    if fit.relative_residual.max() <= SUSPICIOUS or not evidence.used.any(axis=0).all():
+        return None  # a joint whose efforts are all in fault cannot be compared with another
     return better_reading(evidence, np.where(probability >= 0.5, 1.0, -1.0), fit.residual.autocorrelation)
 
 
