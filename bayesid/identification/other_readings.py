@@ -84,6 +84,7 @@ class _Reading:
         efforts: (n,) and by its efforts.
         factor: (n,) of the recorded positions.
         turned: (n,) +1 or -1, of the recorded efforts where their signs are known.
+        units: (n,) factor of the recorded efforts.
     """
 
     kind: str
@@ -93,6 +94,7 @@ class _Reading:
     efforts: Integers
     factor: Array
     turned: Array
+    units: Array
 
     def motion(self, recorded: Motion) -> Motion:
         """The motion by this reading."""
@@ -126,8 +128,8 @@ def suspected_reading(evidence: Evidence, fit: Fit, probability: Array) -> Bette
         fit: of the model to it.
         probability: (N, n) P(sign = +) of every sample.
     """
-    if fit.relative_residual.max() <= SUSPICIOUS:
-        return None
+    if fit.relative_residual.max() <= SUSPICIOUS or not evidence.used.any(axis=0).all():
+        return None  # a joint whose efforts are all in fault cannot be compared with another
     return better_reading(evidence, np.where(probability >= 0.5, 1.0, -1.0), fit.residual.autocorrelation)
 
 
@@ -157,7 +159,7 @@ def _leaves(reading: _Reading, excerpt: _Excerpt) -> tuple[Array, int]:
     motion, order = reading.motion(excerpt.motion), reading.efforts
     columns = Model(reading.robot, make_terms(STANDARD, reading.robot, motion)).columns(motion)
     used, signed = excerpt.used[:, reading.order], excerpt.signed[order]
-    effort = excerpt.effort[:, order] * np.where(signed, reading.turned, 1.0)
+    effort = excerpt.effort[:, order] * np.where(signed, reading.turned, 1.0) * reading.units
     energy = np.maximum((effort**2 * used).sum(axis=0), np.finfo(float).tiny)
     weight = used / np.sqrt(energy)
     rows = (columns * weight[:, :, None]).reshape(effort.size, -1)
@@ -193,7 +195,7 @@ def _rms(left: Array) -> float:
 # ---------------------------------------------------------------------------------------------------------------
 def _as_given(robot: Robot) -> _Reading:
     n = robot.n_joints
-    return _Reading("", "", robot, np.arange(n), np.arange(n), np.ones(n), np.ones(n))
+    return _Reading("", "", robot, np.arange(n), np.arange(n), np.ones(n), np.ones(n), np.ones(n))
 
 
 def _readings(robot: Robot) -> Iterator[_Reading]:
@@ -202,6 +204,7 @@ def _readings(robot: Robot) -> Iterator[_Reading]:
     yield from _orders(given)
     yield from _directions(given)
     yield from _units(given)
+    yield from _units_of_one(given)
     yield from _mountings(given)
     for name in BUILT_IN:
         other = load_robot(name)
@@ -252,6 +255,19 @@ def _units(given: _Reading) -> Iterator[_Reading]:
             for j in given.robot.joints
         )
         yield replace(given, kind="units", change=change, robot=replace(given.robot, joints=joints))
+
+
+def _units_of_one(given: _Reading) -> Iterator[_Reading]:
+    """One joint in other units than the rest."""
+    robot = given.robot
+    for j in [j for j, joint in enumerate(robot.joints) if not joint.prismatic and robot.n_joints > 1]:
+        one = np.arange(robot.n_joints) == j
+        for factor, units in ((1e-3, "N mm, not N m"), (1e3, "kN m, not N m")):
+            change = f"the efforts of joint {j + 1} alone in {units}"
+            yield replace(given, kind="units", change=change, units=np.where(one, factor, 1.0))
+        for factor, units in ((_DEGREE, "degrees, not rad"), (1.0 / _DEGREE, "rad, not degrees")):
+            change = f"the positions of joint {j + 1} alone in {units}"
+            yield replace(given, kind="units", change=change, factor=np.where(one, factor, 1.0))
 
 
 def _longer(frame: Array, factor: float) -> Array:

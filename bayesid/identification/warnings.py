@@ -40,6 +40,7 @@ def warnings_of(
     """
     return (
         *averaged.asked.model.robot.notes,
+        *map(str, averaged.asked.evidence.signals.faults),
         *_reading_warning(reading),
         *_hardly_negative(log),
         *_low_pass_warning(averaged.asked.evidence.signals.after_rectifier),

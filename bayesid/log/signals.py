@@ -7,6 +7,7 @@ does need quiet accelerations. So the motion passes a zero-phase low-pass at the
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.errors import InputError
+from bayesid.log.faults import Fault, find_faults, without
 from bayesid.log.formats.table import FEWEST_ROWS
 from bayesid.log.log import Log
 from bayesid.log.low_pass import AfterRectifier
@@ -39,6 +41,8 @@ parameters, and what is done sample by sample takes milliseconds each. A round n
 _LEAST_OVER_CUTOFF = 6.0
 """Rate that a thinned log keeps at least, over the motion's cut-off: three times that of the efforts' low-pass. Not
 studied."""
+_PAUSE = 2 * HELD
+"""Periods without a reading from which on a log pauses: what would be interpolated is left out. Not studied."""
 _EVENED = 51
 """Rows over which jittering time stamps are evened out: half a second at the usual 100 Hz. Not studied."""
 _SMOOTHER = 0.25
@@ -58,9 +62,10 @@ class Signals:
         cutoff: cut-off of the motion's low-pass, Hz.
         processing: what was done to the log, for summary.json.
         measured: (N, n) False where the log pauses, for half a period of the cut-off around, or where a sensor
-            is blind: nothing is known there.
+            is blind or in fault: nothing is known there.
         after_rectifier: what |effort| has passed between rectifier and log, of which the efforts here are freed as far
             as a model tells; None where nothing was found.
+        faults: readings that no robot gives; what is interpolated in their place is left out like a pause.
     """
 
     motion: Motion
@@ -72,6 +77,7 @@ class Signals:
     processing: dict[str, object]
     measured: Mask
     after_rectifier: AfterRectifier | None = None
+    faults: tuple[Fault, ...] = ()
 
     def __repr__(self) -> str:
         n = self.motion.n_joints
@@ -103,7 +109,7 @@ class Signals:
 
 
 def prepare(log: Log, cutoff: float | None = None) -> Signals:
-    """Drops repeated rows, resamples, filters and differentiates a log.
+    """Drops repeated rows, leaves out faults, resamples, filters and differentiates a log.
 
     Args:
         log: the raw log.
@@ -112,18 +118,18 @@ def prepare(log: Log, cutoff: float | None = None) -> Signals:
     Raises:
         InputError: nothing moves, too few distinct rows, or a cut-off beyond the log's Nyquist frequency.
     """
-    recorded = RecordedMotion(log.t, log.q, log.dq, log.source)
-    even = _on_even_grid(recorded, log.effort)
-    keep, t, grid, rate, q, dq = even.keep, even.t, even.grid, even.rate, even.q, even.dq
+    mended = _mended(log)
+    even = _on_even_grid(mended.motion)
+    t, grid, rate, q, dq = even.t, even.grid, even.rate, even.q, even.dq
     periods = np.diff(t)
-    effort = PchipInterpolator(t, log.effort[keep])(grid)
+    effort = PchipInterpolator(t, mended.effort)(grid)
     effort[:, ~log.signed] = np.maximum(effort[:, ~log.signed], 0.0)
     chosen = cutoff is None
     cutoff = even.cutoff(cutoff)
     processing: dict[str, object] = {
         "rows": len(log),
         "repeated_rows_dropped": len(log) - len(t),
-        "time_stamps": "as logged" if np.array_equal(t, log.t[keep]) else "evened out",
+        "time_stamps": "as logged" if np.array_equal(t, mended.motion.t) else "evened out",
         "rate_hz": rate,
         "period_ms": {"min": round(1e3 * float(periods.min()), 6), "max": round(1e3 * float(periods.max()), 6)},
         "cutoff_hz": cutoff,
@@ -143,7 +149,8 @@ def prepare(log: Log, cutoff: float | None = None) -> Signals:
         rate=rate / kept.step,
         cutoff=cutoff,
         processing=processing,
-        measured=np.repeat(_measured(grid[kept], t, 0.5 / cutoff)[:, None], log.n_joints, axis=1),
+        measured=(_measured(grid, t, 0.5 / cutoff)[:, None] & _unfaulted(grid, t, mended, 0.5 / cutoff))[kept],
+        faults=mended.faults,
     )
 
 
@@ -162,10 +169,73 @@ def filtered_motion(recorded: RecordedMotion, cutoff: float | None = None) -> Mo
     Raises:
         InputError: too few distinct instants, or a cut-off beyond the motion's Nyquist frequency.
     """
-    even = _on_even_grid(recorded)
+    even = _on_even_grid(_distinct(recorded)[0])
     smooth = _smooth_motion(even.grid, even.q, even.dq, even.rate, even.cutoff(cutoff))
     q, velocity = CubicSpline(smooth.t, smooth.q), CubicSpline(smooth.t, smooth.dq)
     return Motion(recorded.t, q(recorded.t), velocity(recorded.t), velocity(recorded.t, 1))
+
+
+@dataclass(frozen=True)
+class _Mended:
+    """The rows of a log that bring something new, with what is in fault interpolated.
+
+    Attributes:
+        motion: of K rows.
+        effort: (K, n) N m.
+        faults: what was in fault, its rows among these K.
+    """
+
+    motion: RecordedMotion
+    effort: Array
+    faults: tuple[Fault, ...]
+
+
+def _distinct(recorded: RecordedMotion, effort: Array | None = None) -> tuple[RecordedMotion, Integers]:
+    """A motion without repeated rows, and the rows that are kept; (M, n) efforts beside it tell rows apart too."""
+    dq = recorded.dq
+    keep = distinct_rows(recorded.t, [part for part in (recorded.q, effort, dq) if part is not None])
+    kept = RecordedMotion(recorded.t[keep], recorded.q[keep], None if dq is None else dq[keep], recorded.source)
+    return kept, keep
+
+
+def _mended(log: Log) -> _Mended:
+    recorded, keep = _distinct(RecordedMotion(log.t, log.q, log.dq, log.source), log.effort)
+    t, effort, source = recorded.t, log.effort[keep], recorded.source
+    faults = find_faults(t, recorded.q, effort, recorded.dq)
+    parts = {"position": np.array(recorded.q), "effort": np.array(effort)}
+    if recorded.dq is not None:
+        parts["velocity"] = np.array(recorded.dq)
+    for (reading, j), known in _known(len(t), faults).items():
+        parts[reading][:, j] = without(t, parts[reading][:, j], known, smooth=reading == "position")
+    motion = RecordedMotion(t, parts["position"], parts.get("velocity"), source)
+    return _Mended(motion, parts["effort"], faults)
+
+
+def _known(rows: int, faults: Iterable[Fault]) -> dict[tuple[str, int], Mask]:
+    """(rows,) for each reading and joint in fault: the rows that are not."""
+    known: dict[tuple[str, int], Mask] = {}
+    for fault in faults:
+        known.setdefault((fault.reading, fault.joint), np.ones(rows, dtype=bool))[fault.rows] = False
+    return known
+
+
+def _unfaulted(grid: Array, t: Array, mended: _Mended, margin: float) -> Mask:
+    """(N, n) whether an instant's effort is no fault, and no joint's position is unknown for as long as a pause.
+
+    A position that is missing for less is as good interpolated as that between two rows.
+    """
+    unfaulted = np.ones((len(grid), mended.effort.shape[1]), dtype=bool)
+    nearest = np.clip(np.searchsorted(t, grid - 0.5 * np.median(np.diff(t))), 0, len(t) - 1)
+    for (reading, j), known in _known(len(t), mended.faults).items():
+        if reading == "effort":
+            unfaulted[:, j] &= known[nearest]
+        elif reading == "position":
+            ends = np.flatnonzero(np.diff(np.concatenate([[True], known, [True]])))
+            for first, stop in ends.reshape(-1, 2):
+                if stop - first > _PAUSE:
+                    last = t[min(stop, len(t) - 1)] + margin * (stop < len(t))
+                    unfaulted &= ((grid < t[first] - margin) | (grid > last))[:, None]
+    return unfaulted
 
 
 @dataclass(frozen=True)
@@ -173,15 +243,13 @@ class _EvenMotion:
     """A recorded motion on an even grid, not filtered.
 
     Attributes:
-        keep: (K,) the rows that bring something new.
-        t: (K,) their instants, s.
+        t: (K,) instants of the rows, s.
         grid: (N,) even instants, s.
         rate: of the grid, Hz.
         q: (N, n) positions, rad.
         dq: (N, n) measured velocities, rad/s, or None.
     """
 
-    keep: Integers
     t: Array
     grid: Array
     rate: float
@@ -201,11 +269,10 @@ class _EvenMotion:
         return cutoff
 
 
-def _on_even_grid(recorded: RecordedMotion, effort: Array | None = None) -> _EvenMotion:
-    """A motion without repeated rows, resampled; (M, n) efforts beside it tell rows apart too."""
+def _on_even_grid(recorded: RecordedMotion) -> _EvenMotion:
+    """A motion of distinct rows, resampled."""
     measured, source = recorded.dq, recorded.source
-    keep = distinct_rows(recorded.t, [part for part in (recorded.q, effort, measured) if part is not None])
-    t = _instants(recorded.t[keep], recorded.q[keep])
+    t = _instants(recorded.t, recorded.q)
     rate = 1.0 / float(f"{np.median(np.diff(t)):.{_DIGITS}g}")
     size = (t[-1] - t[0]) * rate * (1 + 1e-9) + 1.0
     if size > max(_FEWEST_ALLOWED, _EMPTIEST * len(t)):
@@ -215,9 +282,9 @@ def _on_even_grid(recorded: RecordedMotion, effort: Array | None = None) -> _Eve
     grid = t[0] + np.arange(int(size)) / rate
     if len(grid) < FEWEST_ROWS:
         raise InputError(f"only {len(grid)} distinct instants", source, "record a longer log")
-    q = CubicSpline(t, recorded.q[keep])(grid)
-    dq = None if measured is None else PchipInterpolator(t, measured[keep])(grid)
-    return _EvenMotion(keep, t, grid, rate, q, dq)
+    q = CubicSpline(t, recorded.q)(grid)
+    dq = None if measured is None else PchipInterpolator(t, measured)(grid)
+    return _EvenMotion(t, grid, rate, q, dq)
 
 
 def signed_effort(signals: Signals, signs: Array, filtered: bool = True) -> Array:
@@ -317,7 +384,7 @@ def _measured(grid: Array, t: Array, margin: float) -> Mask:
     """(N,) whether an instant is farther than `margin`, s, from every pause of the log."""
     periods = np.diff(t)
     measured = np.ones(len(grid), dtype=bool)
-    for k in np.flatnonzero(periods > 2 * HELD * np.median(periods)):
+    for k in np.flatnonzero(periods > _PAUSE * np.median(periods)):
         measured &= (grid < t[k] - margin) | (grid > t[k + 1] + margin)
     return measured
 

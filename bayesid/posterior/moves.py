@@ -190,7 +190,7 @@ class NoiseScales(GibbsMove):
         theta, log_scale = self.target.split(coordinates)
         beta = theta @ likelihood.projection.T
         signs = likelihood.draw_signs(beta, log_scale, random.random_sample((len(theta), len(likelihood.unknown))))
-        residual = likelihood.residual(beta, signs)
+        residual = np.maximum(likelihood.residual(beta, signs), TINY)  # none of a joint whose efforts are all in fault
         # the mode u*: n + u* / sd^2 = R exp(-2 u*)
         tilted = wrightomega(2.0 * variance * likelihood.count + np.log(2.0 * variance * residual)) / (2.0 * variance)
         mode = variance * (tilted - likelihood.count)

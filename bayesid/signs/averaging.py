@@ -155,7 +155,8 @@ def structural_doubt(settled: Settled) -> Array:
     signals, fitted = settled.evidence.signals, settled.evidence.fitted
     square = np.where(fitted, signals.raw_effort**2, 0.0).sum(axis=0)
     effort = np.sqrt(square / np.maximum(fitted.sum(axis=0), 1))
-    error = settled.fit.noise.coloured / np.maximum(effort, 1e-300)
+    shown = fitted.any(axis=0)  # a joint whose efforts are all in fault shows no error
+    error = np.where(shown, settled.fit.noise.coloured / np.maximum(effort, 1e-300), 0.0)
     suspected = np.maximum(error, _SHARED * error.max())
     tolerated = _TOLERATED if settled.signs.search.certified else _TOLERATED_UNPROVEN
     doubt: Array = np.clip((suspected - tolerated) / _TO_A_GUESS, 0.0, 1.0)

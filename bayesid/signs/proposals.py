@@ -111,6 +111,8 @@ def propose(poor: PoorJoint, library: Sequence[Sequence[Hypothesis]]) -> list[Ef
         library: all hypotheses.
     """
     plain = poor.rows()
+    if not len(plain.magnitude):
+        return []
     rms = _least_rms(poor, plain)
     best: dict[str, tuple[float, Effect]] = {}
     for group in library:

@@ -166,6 +166,10 @@ def crossings(segments: Segments, predicted: Array, effort: Array, sigma: Array)
 
 
 def _typical_residual(signs: Array, effort: Array, predicted: Array) -> Array:
-    """(n,) median |residual| of each joint as a standard deviation: a segment of mixed sign does not inflate it."""
-    residual = np.where(signs != 0.0, np.abs(signs * effort - predicted), np.nan)
-    return _MEDIAN_TO_SD * np.nanmedian(residual, axis=0)
+    """(n,) median |residual| of each joint as a standard deviation: a segment of mixed sign does not inflate it.
+
+    It is zero for a joint without samples.
+    """
+    used = signs != 0.0
+    residual = np.where(used, np.abs(signs * effort - predicted), np.nan)
+    return _MEDIAN_TO_SD * np.nanmedian(np.where(used.any(axis=0), residual, 0.0), axis=0)

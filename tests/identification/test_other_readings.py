@@ -100,6 +100,17 @@ def test_positions_in_another_unit(factor, named, rectified):
     assert (found.kind, found.change) == ("units", named)
 
 
+@pytest.mark.parametrize("rectified", [True, False])
+@pytest.mark.parametrize("joint", [2, 5])
+def test_one_joint_in_other_units(joint, rectified):
+    one, log = np.arange(6) == joint - 1, signed_log()
+    found = reading_of("kr5", moved(log, factor=np.where(one, 1.0 / DEGREE, 1.0)), rectified)
+    assert (found.kind, found.change) == ("units", f"the positions of joint {joint} alone in degrees, not rad")
+    if joint == 2:  # what a wrist needs tells nothing of the others: its efforts are as good in any unit
+        found = reading_of("kr5", replace(log, effort=log.effort * np.where(one, 1000.0, 1.0)), rectified)
+        assert (found.kind, found.change) == ("units", f"the efforts of joint {joint} alone in N mm, not N m")
+
+
 @pytest.mark.parametrize("joint", [2, 3, 4])
 def test_a_joint_counted_the_other_way(joint):
     factor = np.where(np.arange(6) == joint - 1, -1.0, 1.0)

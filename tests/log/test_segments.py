@@ -69,7 +69,7 @@ def test_standstill_is_set_apart():
     t = np.arange(600) / 100.0
     q = np.clip(t - 2.0, 0.0, 2.0)[:, None]
     motion = Motion(t, q, np.gradient(q[:, 0], t)[:, None], np.zeros((600, 1)))
-    segments = cut(motion, np.full((600, 1), 2.0))
+    segments = cut(motion, 2.0 + 0.01 * t[:, None])
     laid = segments.per_sample(segments.moving, 600, 1)[:, 0]
     assert not laid[:150].any()
     assert laid[240:360].all()

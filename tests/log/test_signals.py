@@ -45,8 +45,7 @@ def test_jitter_and_repeated_rows():
 
 def test_a_standstill_is_not_lost_with_its_repeated_rows():
     motion = smooth_motion(1, 4.0, 100.0)
-    q = motion.q.copy()
-    q[100:250] = q[100]
+    q = np.concatenate([motion.q[:100], np.repeat(motion.q[99:100], 150, axis=0), motion.q[100:250]])
     effort = np.abs(motion.q) + 1.0
     effort[100:250] = 7.0
     signals = prepare(Log(motion.t, q, effort, np.zeros(1, bool)), cutoff=10.0)

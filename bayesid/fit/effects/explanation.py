@@ -177,7 +177,7 @@ class Regression:
         best, root, volume = _solve(*self._normal_equations(errors, precision, extra))
         residual = self._residual(best, extra)
         judged, noise, free = _judge(self.data, residual, None if extra is None else extra.joints, previous)
-        sd = np.sqrt(np.sum(root**2, axis=0))[r:]
+        sd = np.sqrt(np.sum(root[:, r:] ** 2, axis=0))
         prior = self._log_prior(best, sd, precision[r:], effects)
         bounds = np.cumsum([0, *(len(effect.sd) for effect in effects)]).tolist()
         parts = [slice(start, end) for start, end in pairwise(bounds)]

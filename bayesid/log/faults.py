@@ -1,0 +1,272 @@
+"""Readings that no robot gives: lone outliers, dropouts, and channels that are frozen.
+
+A channel is looked at by its runs, stretches of equal readings, so that one that is read more rarely than the log is
+written shows its own neighbours. An outlier departs from all of its neighbours by far and comes back at once; what
+departs and stays is a step of friction, what comes back slowly is a motion. A dropout is a run much longer than the
+channel's own, while the joint moves: of zeros, or of the last reading, after which the channel catches up by a jump.
+All thresholds are ratios within one channel, so units and rates do not matter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.interpolate import CubicSpline, PchipInterpolator
+
+from bayesid.arrays import Array, Integers, Mask
+from bayesid.motion import STANDSTILL
+
+_TIMES = 5.0
+"""An effort or a velocity this many times all but one of its neighbours is an outlier. The brake at the end of a log of
+a UR10e gives a single sample 3.9 times its neighbours, no other of nine real logs as much."""
+_STEPS = 10.0
+"""A reading that departs from both sides by this many steps of its neighbours is an outlier, a position by that alone;
+positions of nine real logs depart by 2."""
+_NEIGHBOURS = 8
+"""Runs on either side that an outlier is compared with: enough for a median past a second outlier. Not studied."""
+_WEAK = 0.05
+"""Share of a channel's 99th percentile below which an outlier does no harm: as for samples whose sign counts."""
+_SLIGHT = 1e-3
+"""Share of a joint's range below which a jump of its position does no harm. A round number; not studied."""
+DROPOUT = 0.05
+"""s; a run is no dropout if it is shorter: the shortest that transports and drives are known for; interpolation between
+its ends would do little harm."""
+_FEWEST = 4
+"""Rows of a dropout: equal neighbours are no rarity in slow logs. A round number; not studied."""
+_UNUSUAL = 4.0
+"""A dropout lasts this many times what all but a twentieth of a channel's runs last. A round number; not studied."""
+_ABRUPT = 4.0
+"""Steps by which a channel catches up after a dropout, or changes of speed by which it stops. A round number; nine real
+logs have no run of 50 ms in motion at all."""
+_CLEARLY_MOVING = 0.2
+"""Share of a joint's usual top speed from which on it does not stop between two rows. A round number; not studied."""
+_STEADY = 1e-3
+"""Share by which a speed must vary over a dropout: in a simulation without noise a steady motion needs a constant
+effort. A round number; not studied."""
+_PAST_BLIND = 3.0
+"""Times the least reading that is not zero, within which a sensor with a dead zone may fall to zero. A round number;
+not studied."""
+_NAMED = 3
+"""Instants that a line names."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What is wrong with one reading of one joint.
+
+    Attributes:
+        joint: 0-based.
+        reading: "position", "velocity" or "effort".
+        kind: "outlier", "zero" or "held".
+        rows: (K,) the rows in fault, ascending.
+        start: (M,) when each stretch of them begins, s.
+        seconds: how long they last in all.
+    """
+
+    joint: int
+    reading: str
+    kind: str
+    rows: Integers
+    start: Array
+    seconds: float
+
+    def __str__(self) -> str:
+        """A line for the user: joint, what, how much and when."""
+        when = ", ".join(f"{t:.3f}" for t in self.start[:_NAMED]) + (" ..." if len(self.start) > _NAMED else "")
+        if self.kind == "outlier":
+            said = f"{len(self.rows)} sample{'s' * (len(self.rows) > 1)} of its {self.reading} far off their neighbours"
+        else:
+            how = "reads exactly zero" if self.kind == "zero" else "is frozen"
+            often = f"{len(self.start)} times, " if len(self.start) > 1 else ""
+            said = f"its {self.reading} {how} in motion, {often}{self.seconds:.3g} s in all"
+        return f"joint {self.joint + 1}: {said}, at {when} s; what is in fault is left out"
+
+
+@dataclass(frozen=True)
+class _Runs:
+    """A channel's R stretches of equal readings.
+
+    Attributes:
+        value: (R,) of each.
+        first: (R + 1,) its first row; at last the number of rows.
+        seconds: (R,) from its first row to the next one's.
+    """
+
+    value: Array
+    first: Integers
+    seconds: Array
+
+    @classmethod
+    def of(cls, t: Array, reading: Array) -> _Runs:
+        first = np.concatenate([[0], np.flatnonzero(np.diff(reading)) + 1, [len(t)]])
+        ends = np.append(t, t[-1] + np.median(np.diff(t)))
+        return cls(reading[first[:-1]], first, np.diff(ends[first]))
+
+    def rows(self, chosen: Mask) -> Integers:
+        """The rows of some runs."""
+        return np.flatnonzero(np.repeat(chosen, np.diff(self.first)))
+
+    def repeated(self, chosen: Mask) -> Integers:
+        """The rows of some runs but for the first of each, which was still read."""
+        rows = self.rows(chosen)
+        return rows[~np.isin(rows, self.first[:-1])]
+
+    def long(self, period: float) -> Integers:
+        """Runs that last as long as a dropout, and much longer than others."""
+        usual = float(np.quantile(self.seconds, 0.95)) if len(self.value) > 1 else period
+        least = max(DROPOUT - 0.5 * period, _UNUSUAL * usual)
+        return np.flatnonzero((self.seconds >= least) & (np.diff(self.first) >= _FEWEST))
+
+
+def find_faults(t: Array, q: Array, effort: Array, dq: Array | None = None) -> tuple[Fault, ...]:
+    """All faults of a log, by joint.
+
+    Args:
+        t: (N,) s, increasing.
+        q: (N, n) positions.
+        effort: (N, n) efforts, or their absolute values.
+        dq: (N, n) measured velocities, or None.
+    """
+    faults: list[Fault] = []
+    for j in range(q.shape[1]):
+        jumps = _jumps(t, q[:, j])
+        stopped = _stopped(t, without(t, q[:, j], _all_but(len(t), jumps)))
+        faults += _named(t, j, "position", {"outlier": jumps, "held": stopped})
+        position = without(t, q[:, j], _all_but(len(t), np.concatenate([jumps, stopped])))
+        speed = np.abs(np.gradient(position, t))
+        if dq is not None:
+            faults += _named(t, j, "velocity", {"outlier": _peaks(t, dq[:, j])})
+        faults += _named(t, j, "effort", {"outlier": _peaks(t, effort[:, j]), **_dropouts(t, effort[:, j], speed)})
+    return tuple(faults)
+
+
+def without(t: Array, reading: Array, known: Mask, smooth: bool = True) -> Array:
+    """(N,) a channel whose unknown readings are interpolated, smoothly or not; those before all others and after stay.
+
+    Args:
+        t: (N,) s, increasing.
+        reading: (N,) of the channel.
+        known: (N,) which of them hold.
+        smooth: by a cubic spline; else never beyond the readings on both sides.
+    """
+    between = ~known & np.logical_or.accumulate(known) & np.logical_or.accumulate(known[::-1])[::-1]
+    filled = np.array(reading)
+    if between.any():
+        curve = (CubicSpline if smooth and known.sum() > _NEIGHBOURS else PchipInterpolator)(t[known], reading[known])
+        filled[between] = curve(t[between])
+    return filled
+
+
+def _all_but(count: int, rows: Integers) -> Mask:
+    """(count,) False for some rows."""
+    others = np.ones(count, dtype=bool)
+    others[rows] = False
+    return others
+
+
+def _named(t: Array, joint: int, reading: str, rows_of: dict[str, Integers]) -> list[Fault]:
+    """A fault for each kind of which there are rows."""
+    period, found = float(np.median(np.diff(t))), []
+    for kind, rows in rows_of.items():
+        if rows.size:
+            start = t[rows[np.concatenate([[True], np.diff(rows) > 1])]]
+            found.append(Fault(joint, reading, kind, rows, start, len(rows) * period))
+    return found
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Outliers
+# ---------------------------------------------------------------------------------------------------------------
+def _peaks(t: Array, reading: Array) -> Integers:
+    """Rows of an effort or a velocity that are many times their neighbours."""
+    runs = _Runs.of(t, reading)
+    size = np.abs(runs.value)
+    if len(size) <= 2 * _NEIGHBOURS:
+        return np.empty(0, dtype=np.int64)
+    before, after = _beside(size)
+    around = np.partition(np.hstack([before, after]), -2, axis=1)[:, -2]
+    least = np.maximum(_TIMES * around, around + _STEPS * _usual_step(*_beside(runs.value)))
+    strong = size >= _WEAK * np.percentile(np.abs(reading), 99)
+    return runs.rows((size > 0.0) & strong & (size >= least) & (runs.seconds < DROPOUT))
+
+
+def _jumps(t: Array, position: Array) -> Integers:
+    """Rows of a position that lie far off on the same side of what comes before and after."""
+    runs = _Runs.of(t, position)
+    if len(runs.value) <= 2 * _NEIGHBOURS:
+        return np.empty(0, dtype=np.int64)
+    before, after = _beside(runs.value)
+    off = [runs.value - np.median(side, axis=1) for side in (before, after)]
+    departs = np.where(off[0] * off[1] > 0.0, np.minimum(np.abs(off[0]), np.abs(off[1])), 0.0)
+    least = np.maximum(_slight(position), _STEPS * _usual_step(before, after))
+    return runs.rows((departs > 0.0) & (departs >= least) & (runs.seconds < DROPOUT))
+
+
+def _beside(values: Array) -> tuple[Array, Array]:
+    """(R, 8) values before each and (R, 8) after; reflected at both ends."""
+    windows = sliding_window_view(np.pad(values, _NEIGHBOURS, mode="reflect"), 2 * _NEIGHBOURS + 1)
+    return windows[:, :_NEIGHBOURS], windows[:, _NEIGHBOURS + 1 :]
+
+
+def _usual_step(before: Array, after: Array) -> Array:
+    """(R,) the median step among the neighbours, without those from and to what they are neighbours of."""
+    step: Array = np.median(np.abs(np.hstack([np.diff(before), np.diff(after)])), axis=1)
+    return step
+
+
+def _slight(position: Array) -> float:
+    """A jump of a position that does no harm."""
+    return _SLIGHT * float(np.ptp(np.percentile(position, [1, 99])))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Dropouts
+# ---------------------------------------------------------------------------------------------------------------
+def _stopped(t: Array, position: Array) -> Integers:
+    """Rows of a position that stands still and then catches up, or comes to rest between two rows for good."""
+    runs, period = _Runs.of(t, position), float(np.median(np.diff(t)))
+    count, chosen = len(runs.value), np.zeros(len(runs.value), dtype=bool)
+    if count <= 2 * _NEIGHBOURS:
+        return np.empty(0, dtype=np.int64)
+    steps = np.abs(np.diff(runs.value))
+    speed = np.abs(np.diff(position)) / np.diff(t)
+    fast = _CLEARLY_MOVING * float(np.percentile(speed, 95))
+    for k in runs.long(period):
+        before, after = steps[max(0, k - 1 - _NEIGHBOURS) : max(0, k - 1)], steps[k + 1 : k + 1 + _NEIGHBOURS]
+        if 0 < k < count - 1:
+            usual = max((float(np.median(side)) for side in (before, after) if side.size), default=np.inf)
+            chosen[k] = steps[k] > max(_ABRUPT * usual, _slight(position))
+        else:
+            moving = speed[: runs.first[k]] if k else speed[runs.first[1] - 1 :][::-1]
+            chosen[k] = np.median(moving[-_NEIGHBOURS:]) > max(fast, _ABRUPT * np.abs(np.diff(moving)).max())
+    return runs.repeated(chosen)
+
+
+def _dropouts(t: Array, effort: Array, speed: Array) -> dict[str, Integers]:
+    """Rows of an effort that reads zero, and of one that is frozen, while the joint moves at a speed (N,)."""
+    runs, period = _Runs.of(t, effort), float(np.median(np.diff(t)))
+    moving = speed > STANDSTILL * np.percentile(speed, 99)
+    zero, held = (np.zeros(len(runs.value), dtype=bool) for _ in range(2))
+    for k in runs.long(period):
+        inside = speed[runs.first[k] : runs.first[k + 1]]
+        seconds = moving[runs.first[k] : runs.first[k + 1]].mean() * runs.seconds[k]
+        if seconds >= DROPOUT - 0.5 * period and np.ptp(inside) > _STEADY * inside.max():
+            if runs.value[k] == 0.0:
+                zero[k] = _falls(runs.value, k)
+            else:
+                held[k] = len(runs.value) == 1 or effort.min() < runs.value[k] < effort.max()  # else it is clipped
+    return {"zero": runs.rows(zero), "held": runs.repeated(held) if len(runs.value) > 1 else runs.rows(held)}
+
+
+def _falls(values: Array, k: int) -> bool:
+    """Whether readings fall to the zero of run k abruptly and rise as abruptly: not in a sensor's dead zone."""
+    size = np.abs(values)
+    if not size.any():
+        return True
+    before, after = size[max(0, k - _NEIGHBOURS) : k], size[k + 1 : k + 1 + _NEIGHBOURS]
+    edges = np.concatenate([before[-1:], after[:1]])
+    steps = np.abs(np.concatenate([np.diff(before), np.diff(after)]))
+    step, blind = (float(np.median(steps)) if steps.size else 0.0), float(size[size > 0.0].min())
+    return bool(edges.min() > max(_ABRUPT * step, _PAST_BLIND * blind))

@@ -1,0 +1,151 @@
+"""Logs with one fault each: found, named with joint and time, and left out; logs without one are left as they are."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import real_log
+from simulated_arms import arm_with_friction
+
+from bayesid.identification.pipeline import identify
+from bayesid.log.faults import find_faults
+from bayesid.log.log import Log, read_log
+from bayesid.log.signals import prepare
+from bayesid.signs.search.certified import Certified
+
+ROWS = slice(412, 419)
+"""60 ms of the simulated log, in which all joints move."""
+
+ROBOTS = ["dualarm", "kr300", "lwr4", "panda", "tx40"]
+
+
+@pytest.fixture(scope="module")
+def log():
+    return arm_with_friction(0.7).log()
+
+
+def changed(log, reading, rows, joint, values) -> Log:
+    channel = getattr(log, reading).copy()
+    channel[rows, joint] = values
+    return replace(log, **{reading: channel})
+
+
+def named(log) -> list[tuple[int, str, str, list[int]]]:
+    """Joint (from 1), reading, kind and rows of what is found in a log without repeated rows."""
+    found = find_faults(log.t, log.q, log.effort, log.dq)
+    return [(fault.joint + 1, fault.reading, fault.kind, fault.rows.tolist()) for fault in found]
+
+
+def strong_rows(log, joint, count=3) -> list[int]:
+    """Rows in the middle of the log, far apart, in which the effort is about its typical one."""
+    effort = log.effort[:, joint]
+    inner = [i for i in range(100, 700, 40) if effort[i] > 0.7 * np.median(effort)]
+    return inner[:count]
+
+
+def test_a_log_without_faults_stays_as_it_is(log):
+    assert named(log) == []
+    assert named(replace(log, effort=np.round(log.effort, 1))) == [], "coarse currents"
+    still = log.t > 5.0
+    resting = replace(
+        log,
+        q=np.where(still[:, None], log.q[500], log.q + 0.0),
+        effort=np.where(still[:, None], log.effort[500], log.effort),
+    )
+    assert all(kind != "zero" for _, _, kind, _ in named(resting))
+
+
+@pytest.mark.parametrize(
+    "name", [*(f"{robot}/a" for robot in ROBOTS), "ur10e/a_50s", "ur10e/b_20s", "ur10e/c_loaded", "ur10e/c_unloaded"]
+)
+def test_nothing_is_found_in_real_logs(name):
+    log = read_log(real_log(f"{name}.csv"))
+    for one in (log, log.rectified()):
+        signals = prepare(one)
+        assert signals.faults == ()
+        assert signals.measured.all()
+
+
+@pytest.mark.parametrize("reading", ["effort", "q"])
+def test_outliers_are_named_with_joint_and_time(log, reading):
+    joint, rows = 1, strong_rows(log, 1)
+    bad = changed(log, reading, rows, joint, 10.0 * getattr(log, reading)[rows, joint])
+    what = "effort" if reading == "effort" else "position"
+    assert named(bad) == [(2, what, "outlier", rows)]
+    line = str(prepare(bad).faults[0])
+    assert line.startswith(f"joint 2: 3 samples of its {what} far off their neighbours, at {log.t[rows[0]]:.3f}, ")
+
+
+def test_two_outliers_in_a_row_are_both_found(log):
+    first = strong_rows(log, 2)[0]
+    rows = [first, first + 1]
+    assert named(changed(log, "effort", rows, 2, 10.0 * log.effort[rows, 2])) == [(3, "effort", "outlier", rows)]
+
+
+def test_an_outlier_leaves_no_trace_in_the_signals(log):
+    """The effort is left out, its neighbours are not; the position is what a spline through its neighbours says."""
+    rows = strong_rows(log, 1)
+    clean = prepare(log)
+    signals = prepare(changed(log, "effort", rows, 1, 10.0 * log.effort[rows, 1]))
+    assert np.flatnonzero(~signals.measured[:, 1]).tolist() == rows
+    assert signals.measured[:, [0, 2]].all()
+    assert np.abs(signals.effort - clean.effort).max() < 0.2 * log.effort[:, 1].std()
+    signals = prepare(changed(log, "q", rows, 1, 10.0 * log.q[rows, 1]))
+    assert signals.measured.all()
+    assert np.abs(signals.motion.ddq - clean.motion.ddq).max() < 1e-3 * np.abs(clean.motion.ddq).max()
+
+
+def test_dropouts_of_an_effort(log):
+    zero = changed(log, "effort", ROWS, 2, 0.0)
+    assert named(zero) == [(3, "effort", "zero", list(range(412, 419)))]
+    held = changed(log, "effort", ROWS, 0, log.effort[411, 0])
+    assert named(held) == [(1, "effort", "held", list(range(412, 419)))]
+    assert str(prepare(held).faults[0]).startswith("joint 1: its effort is frozen in motion, 0.07 s in all, at 4.120 s")
+
+
+def test_a_dropout_of_a_position_is_bridged(log):
+    held = changed(log, "q", ROWS, 0, log.q[411, 0])
+    assert named(held) == [(1, "position", "held", list(range(412, 419)))]
+    assert np.abs(prepare(held).motion.q - prepare(log).motion.q).max() < 1e-3 * np.ptp(log.q[:, 0])
+
+
+def test_a_joint_that_freezes_for_good(log):
+    """Its position is unknown from then on, and so is what any joint ought to need."""
+    fast = 200 + int(np.argmax(np.abs(np.gradient(log.q[200:400, 1]))))
+    frozen = changed(log, "q", slice(fast, None), 1, log.q[fast, 1])
+    assert named(frozen) == [(2, "position", "held", list(range(fast + 1, len(log))))]
+    measured = prepare(frozen).measured
+    assert not measured[fast + 1 :].any()
+    assert measured[: fast - 50].all()
+    stuck = changed(log, "effort", slice(300, None), 1, log.effort[299, 1])
+    assert named(stuck) == [(2, "effort", "held", list(range(300, len(log))))]
+
+
+def test_what_is_no_fault(log):
+    """Clipping, a dead zone, a step of friction, and a channel that is read more rarely than the log is written."""
+    top = np.quantile(log.effort[:, 0], 0.8)
+    assert named(changed(log, "effort", slice(None), 0, np.minimum(log.effort[:, 0], top))) == []
+    weak = log.effort[:, 1] < np.quantile(log.effort[:, 1], 0.2)
+    assert named(changed(log, "effort", weak, 1, 0.0)) == []
+    assert named(changed(log, "effort", slice(400, None), 2, log.effort[400:, 2] + 8.0 * log.effort[:, 2].max())) == []
+    rare = np.arange(len(log)) // 8 * 8
+    assert named(replace(log, effort=log.effort[rare])) == []
+    assert named(replace(log, q=log.q[rare])) == []
+
+
+def test_signs_stay_right_and_the_warnings_name_the_outliers(log):
+    arm, rows = arm_with_friction(0.7), strong_rows(log, 1)
+    bad = changed(log, "q", rows, 1, 10.0 * log.q[rows, 1])
+    result = identify(arm.robot, bad, complete="off", search=Certified(budget=2.0), posterior=False)
+    assert arm.right_share(result) > 0.998
+    assert result.warnings[0].startswith("joint 2: 3 samples of its position")
+
+
+@pytest.mark.filterwarnings("error")
+def test_signs_elsewhere_stay_right_where_a_joint_has_no_effort_at_all(log):
+    arm = arm_with_friction(0.7)
+    result = identify(arm.robot, changed(log, "effort", slice(None), 2, 3.0), posterior=False)
+    right, strong = arm.right(result)
+    assert right[:, :2][strong[:, :2]].mean() > 0.995
+    assert result.warnings[0].startswith("joint 3: its effort ")
+    assert not result.sign_doubt.any()
