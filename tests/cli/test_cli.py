@@ -334,7 +334,7 @@ def test_options_reach_the_identification(place, monkeypatch):
     (place / "cad.csv").write_text("name,mean,sd\nm2,1.5,0.25\n")
     assert run(*identify(), "--terms", "rigid_body,torque_offset", *options) == 130
     assert (seen["robot"].origin.source, seen["terms"]) == ("arm.toml", ["rigid_body", "torque_offset"])
-    assert seen["search"] == bayesid.Beam(width=7, initial_segments=4)
+    assert seen["search"] == bayesid.Beam(width=7, initial_segments=4, budget=2.5)
     assert seen["preparation"] == bayesid.Preparation(cutoff=11.5)
     assert seen["posterior"] == bayesid.Sampling(budget=3.5, seed=8)
     assert seen["beliefs"].nominal == {"m2": (1.5, 0.25)}

@@ -299,6 +299,7 @@ def test_the_summary_is_that_of_the_folder(sampled, tmp_path):
     folder = save_identification(sampled, tmp_path / "result", report=False)
     findings, written = find_findings(sampled), json.loads((folder / "summary.json").read_text())
     assert written.pop("verdict") == verdict(check_findings(read_findings(folder))).plain
+    assert written.pop("not_written") == {}
     assert as_json(findings.summary) == written
 
 

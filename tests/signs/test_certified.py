@@ -520,7 +520,7 @@ class Clock:
 
 def on_a_clock(monkeypatch, problem, budget):
     clock = Clock()
-    for module in ("certified", "problem"):
+    for module in ("budget", "certified"):
         time = types.SimpleNamespace(perf_counter=clock.perf_counter)
         monkeypatch.setattr(f"bayesid.signs.search.{module}.time", time)
     return solved(problem, budget=budget, limits=POOR_CANDIDATES), clock.ticks

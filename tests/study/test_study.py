@@ -320,7 +320,7 @@ def test_commands_that_are_refused(refused):
     for option, value in [("--trials", "0"), ("--trials", "-3"), ("--trials", "many"), ("--workers", "0")]:
         refused("toy", option, value, says=f"argument {option}: '{value}' is not a whole number from 1 up")
     refused("toy", "--seed", "-1", says="argument --seed: ")
-    refused("toy", "--seed", 2**63, says="--seed: 9223372036854775808 is no seed")
+    refused("toy", "--seed", 2**63, says="argument --seed: '9223372036854775808' is not a whole number")
     refused("toy", "--scheduler", "here", says="--scheduler: 'here' is no address of a scheduler")
 
 
