@@ -266,7 +266,7 @@ def _add_identify(commands: _Commands) -> None:
     search = "certified: the best signs with a proof; beam: T-PBPR (default: %(default)s)"
     parser.add_argument("--search", choices=("certified", "beam"), default="certified", help=search)
     budget = "seconds for all searches, to which a fifth may come: a beam that stands by (default: %(default)g)"
-    _share(parser, "--search-budget", default=10.0, help=budget)
+    _share(parser, "--search-budget", default=30.0, help=budget)
     width, first = (
         "of the beam: nodes kept each step (default: 5)",
         "of the beam: segments enumerated first (default: 5)",

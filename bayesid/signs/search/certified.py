@@ -65,7 +65,7 @@ class Certified(Search):
         True
     """
 
-    budget: float = 10.0
+    budget: float = 30.0
     missed_mass: float = 1e-3
     fallback: Search = Beam()
     repeatable: bool = False
