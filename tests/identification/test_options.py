@@ -39,7 +39,7 @@ def test_fields_of_an_option_stand_under_its_name():
         "search.width": 3,
         "search.initial_segments": 2,
         "search.node_cost": None,
-        "search.budget": 30.0,
+        "search.budget": 10.0,
         "search.repeatable": False,
         "posterior": None,
     }
