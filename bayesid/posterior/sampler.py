@@ -179,7 +179,8 @@ def sample(
         if converged or clock.late(sweeps) or sweeps >= sampling.most_sweeps:
             parameters = diagnose(theta)
             return Draws(theta, log_scale, beta, log_density, diagnostics, parameters, converged, clock.seconds)
-        next_check = min(int(np.ceil(_GROWTH * sweeps)), sampling.most_sweeps)
+        # where time seemed up, and was not, what was planned goes on: emcee has made room for it
+        next_check = max(next_check, min(int(np.ceil(_GROWTH * sweeps)), sampling.most_sweeps))
 
 
 class _Clock:

@@ -3,6 +3,7 @@ import pytest
 from posterior_problems import disc, quadrature, simulate, target_in
 
 from bayesid.errors import InputError
+from bayesid.posterior import sampler
 from bayesid.posterior.diagnostics import diagnose
 from bayesid.posterior.sampler import Sampling, sample
 from bayesid.posterior.start import barrier_derivatives, barrier_minimum, barrier_value, body_blocks, find_centre
@@ -41,6 +42,16 @@ def test_a_budget_that_ends_is_said(rng):
     draws = sample(small(rng), np.array([0.9, -0.2]), options, lambda done, total: calls.append((done, total)))
     assert not draws.converged
     assert draws.sweeps == 8 == len(calls)
+
+
+def test_time_that_only_seemed_up_is_used(rng, monkeypatch):
+    """What follows is guessed before the diagnostics are first timed: a run that paused for them goes on."""
+    answers = iter([True])  # once, in the middle of what was planned
+    monkeypatch.setattr(sampler._Clock, "late", lambda self, sweeps=0: sweeps >= 9 and next(answers, False))
+    options = Sampling(walkers=4, first_look=40, most_sweeps=60, min_ess=np.inf)
+    draws = sample(small(rng), np.array([0.9, -0.2]), options)
+    assert draws.sweeps == 60
+    assert not np.any(draws.log_density == 0.0)  # rows that were made room for are filled
 
 
 def test_ensembles_apart_are_not_converged(rng):
