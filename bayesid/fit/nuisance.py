@@ -29,7 +29,8 @@ _SEEN = 1e-6
 _FAINT = 1e-3
 """D below which a direction changes nothing: the spread grows by D^2 / 2."""
 _LONG = 20_000
-"""Samples from which on directions are kept in single precision, as memory grows with them. A round number."""
+"""Samples that are scaled at a time, and from which on directions are kept in single precision, as memory grows with
+them. A round number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,17 +88,25 @@ def make_nuisance(
         scales: of each effect, relative to what was believed of it before.
         moments: (p, p) A, second moments of the amplitudes.
     """
-    rows, of_model = (_scaled(values, used, weight) for values in (columns, model))
-    hessian = inverse_of(of_model.T @ of_model)
-    projected = hessian @ (of_model.T @ rows) @ _root(moments)  # coefficients that stand for the effects
-    gram = projected.T @ (of_model.T @ of_model) @ projected
+    chunks = [slice(start, start + _LONG) for start in range(0, len(columns), _LONG)]
+    products: Array | float = 0.0
+    shared: Array | float = 0.0
+    for rows in chunks:
+        of_model, of_effects = (_scaled(values[rows], used[rows], weight) for values in (model, columns))
+        products, shared = products + of_model.T @ of_model, shared + of_model.T @ of_effects
+    projected = inverse_of(np.asarray(products)) @ shared @ _root(moments)  # coefficients that stand for the effects
+    gram = projected.T @ products @ projected
     values, vectors = np.linalg.eigh(gram)
     spread = np.sqrt(np.maximum(values, 0.0))
     seen = (spread > _SEEN * spread.max(initial=0.0)) & (spread > _FAINT)
     if not seen.any():
         return None
-    directions = (of_model @ (projected @ (vectors[:, seen] / spread[seen]))).reshape(*used.shape, -1)
-    directions = directions.astype(np.float32) if len(columns) > _LONG else directions
+    stretched = projected @ (vectors[:, seen] / spread[seen])
+    kept_as = np.float32 if len(columns) > _LONG else np.float64
+    directions = np.empty((*used.shape, stretched.shape[1]), dtype=kept_as)
+    for rows in chunks:
+        of_model = _scaled(model[rows], used[rows], weight)
+        directions[rows] = (of_model @ stretched).reshape(*used[rows].shape, -1)
     return Nuisance(names, scales, weight, directions, 1.0 - 1.0 / np.sqrt(1.0 + spread[seen] ** 2))
 
 

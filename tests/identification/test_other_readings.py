@@ -198,9 +198,11 @@ KILO, MILLI = (1000.0, "N mm, not N m"), (0.001, "kN m, not N m")
 
 @pytest.mark.parametrize(
     ("name", "joint", "unit"),
-    [("ur10e", 2, KILO), ("ur10e", 3, KILO), ("ur10e", 4, MILLI), ("panda", 4, KILO), ("panda", 4, MILLI),
-     ("tx40", 2, KILO), ("tx40", 2, MILLI), ("tx40", 3, MILLI)],
-)  # fmt: skip
+    [
+        *(("ur10e", 2, KILO), ("ur10e", 3, KILO), ("ur10e", 4, MILLI), ("panda", 4, KILO), ("panda", 4, MILLI)),
+        *(("tx40", 2, KILO), ("tx40", 2, MILLI), ("tx40", 3, MILLI)),
+    ],
+)
 def test_one_joint_of_a_real_log_in_other_units(name, joint, unit):
     """Not all are found: what a wrist needs is as good in any unit; in its place another joint may be named."""
     robot, log = built_in(name)
