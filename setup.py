@@ -1,4 +1,4 @@
-"""The long description of the package: README.md, with links that lead somewhere from any page. The rest: pyproject.toml.
+"""The package's long description: README.md, with links that lead somewhere from any page. All else: pyproject.toml.
 
 A repository's own pages need no address, an index of packages does. Once `[project.urls]` names `Source`, links and
 pictures are of that place; until then pictures are left out, and links are their words.
