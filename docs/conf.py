@@ -33,6 +33,7 @@ smartquotes = False  # a prime is a transpose
 numfig = math_numfig = True  # equations are numbered with their page: (2.4)
 numfig_secnum_depth = 1
 math_eqref_format = "equation {number}"
+exclude_patterns = ["paper"]  # for a journal, which typesets it
 html_theme = "furo"
 html_title = f"bayesid {version}"
 html_show_copyright = False
