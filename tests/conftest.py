@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import os
-from importlib.util import find_spec
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # matrices are small: BLAS threads only get into each other's way
 
 import numpy as np
 import pytest
+import source_tree  # noqa: F401
 
-import bayesid
 from bayesid.model.robot import Robot, robot_from_table
 from bayesid.motion import Motion
-
-if find_spec("bayesid.studies") is None:  # the source as it was unpacked: the studies lie beside the package
-    bayesid.__path__.append(str(Path(__file__).parents[1]))
 
 DATA = Path(os.environ.get("BAYESID_DATA", Path(__file__).parents[2] / "shared" / "data"))
 
