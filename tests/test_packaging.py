@@ -41,7 +41,7 @@ SLICE = (
     "tests/docs/test_site.py",
     "tests/docs/test_tables.py",
     "tests/model/test_new_effects.py",
-    "tests/study/test_study.py",
+    "tests/study/test_study.py::test_ctrl_c_ends_the_command",
 )
 """Tests that read files of all folders, import studies and start commands."""
 
