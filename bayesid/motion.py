@@ -55,9 +55,14 @@ class Motion:
         return self.q.shape[1]
 
     @property
+    def top_speed(self) -> Array:
+        """(n,) highest speed of each joint, rad/s; of one that never moves the slowest that is told from standstill."""
+        return np.maximum(np.abs(self.dq).max(axis=0), _SLOWEST)
+
+    @property
     def standstill_speed(self) -> Array:
         """(n,) speed below which each joint counts as standing still, rad/s."""
-        return STANDSTILL * np.maximum(np.abs(self.dq).max(axis=0), _SLOWEST)
+        return STANDSTILL * self.top_speed
 
     def __getitem__(self, rows: slice | Integers | Mask) -> Motion:
         return Motion(self.t[rows], self.q[rows], self.dq[rows], self.ddq[rows], self.origin)

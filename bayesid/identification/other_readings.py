@@ -10,13 +10,14 @@ residuals of the given reading and r', e_j' those of another, their Bayesian inf
 
     2 sum_j n_j ln(e_j / e_j') - (r' - r) ln(sum_j n_j),
 
-n_j the effective samples. A better reading must be decisively so among all that were tried and, as no model is right
-and evidence grows with the log all the same, leave clearly less.
+n_j the effective samples by the reading that leaves less: what a wrong one leaves is no noise. A better reading must be
+decisively so among all that were tried and, as no model is right and evidence grows with the log all the same, leave
+clearly less.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +25,7 @@ import numpy as np
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.fit.evidence import Evidence
 from bayesid.fit.least_squares import Fit
+from bayesid.fit.noise import autocovariance, integrated_time
 from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
 from bayesid.model.robot import BUILT_IN, Joint, Robot, load_robot
@@ -37,6 +39,9 @@ _CLEARLY = 0.8
 """Share of the given reading's residual that a better one may leave at most: a fifth less is more than a poor model's
 accidents. Under right files the best of all others leaves 0.95 and more of it on the logs of study `real`, but 0.85 of
 the LWR4's with its signs given, whose rigid model is the poorest. A round number; not studied."""
+_HALF = 0.5
+"""Share of a joint's residual that other units of one joint may leave at most, where the others keep theirs: what is
+wrong with one joint hardly shows in all. A round number; not studied."""
 _DECISIVE = np.log(1000.0)
 """Nats, for each reading being as likely beforehand as all others together: three times the digits of a decisive Bayes
 factor (Jeffreys 1961, appendix B), for the finding is a red light."""
@@ -44,6 +49,9 @@ _INSTANTS = 600
 """Of the log, that readings are fitted to: some 3600 rows for 60 to 80 coefficients. A round number; not studied."""
 _TABLES = 20
 """Drawn at random: of tables with such twists one in some ten comes near to an arm of the usual make. Not studied."""
+_LONGEST_SHARE = 10
+"""Of an excerpt's instants one in so many is the longest lag of a residual's autocorrelation. A round number; not
+studied."""
 _ROUNDS = 12
 """In which signs and coefficients are made to agree; more change little. A round number; not studied."""
 _BLIND = 1e-9
@@ -96,6 +104,12 @@ class _Reading:
     turned: Array
     units: Array
 
+    @property
+    def of_one_joint(self) -> bool:
+        """Whether one joint alone is read in other units."""
+        others = (np.abs(self.factor) != 1.0) | (self.units != 1.0)
+        return len(others) > 1 and int(others.sum()) == 1
+
     def motion(self, recorded: Motion) -> Motion:
         """The motion by this reading."""
         q, dq, ddq = (part[:, self.order] * self.factor for part in (recorded.q, recorded.dq, recorded.ddq))
@@ -143,19 +157,50 @@ def better_reading(evidence: Evidence, signs: Array, time: Array) -> BetterReadi
     """
     robot, excerpt = evidence.model.robot, _Excerpt.of(evidence, signs)
     count = np.maximum(evidence.used.sum(axis=0) / time, 1.0)
-    given, size = _leaves(_as_given(robot), excerpt)
     readings = list(_readings(robot))
-    threshold, best, found = 2.0 * (_DECISIVE + np.log(len(readings))), 0.0, None
-    for reading in readings:
-        left, more = _leaves(reading, excerpt)
-        gain = float(2.0 * count @ np.log(given / left) - (more - size) * np.log(count.sum()))
-        if gain > max(threshold, best) and _rms(left) < _CLEARLY * _rms(given):
-            best, found = gain, BetterReading(reading.kind, reading.change, _rms(left), _rms(given))
+    given = _leaves(_as_given(robot), excerpt)
+    given = replace(given, count=np.maximum(count, given.count))
+    left = [_leaves(reading, excerpt) for reading in readings]
+    count = _of_the_least([given, *left])
+    best, found = 2.0 * (_DECISIVE + np.log(len(readings))), None
+    for reading, other in zip(readings, left, strict=True):
+        gain = 2.0 * count @ np.log(given.share / other.share) - (other.size - given.size) * np.log(count.sum())
+        clearly = other.rms < _CLEARLY * given.rms
+        if reading.of_one_joint:
+            clearly |= other.rms < given.rms and bool((other.share < _HALF * given.share).any())
+        if gain > best and clearly:
+            best, found = float(gain), BetterReading(reading.kind, reading.change, other.rms, given.rms)
     return found
 
 
-def _leaves(reading: _Reading, excerpt: _Excerpt) -> tuple[Array, int]:
-    """(n,) relative residual of each recorded joint under a reading, and its number of coefficients."""
+@dataclass(frozen=True)
+class _Left:
+    """What a reading leaves of an excerpt.
+
+    Attributes:
+        share: (n,) relative residual of each recorded joint.
+        count: (n,) its effective samples, those of the excerpt.
+        size: number of coefficients.
+    """
+
+    share: Array
+    count: Array
+    size: int
+
+    @property
+    def rms(self) -> float:
+        """Relative residual over all joints."""
+        return float(np.sqrt(np.mean(self.share**2)))
+
+
+def _of_the_least(left: Sequence[_Left]) -> Array:
+    """(n,) effective samples of each joint, by the reading that leaves least of it."""
+    least = np.argmin([one.share for one in left], axis=0)
+    return np.array([left[k].count[j] for j, k in enumerate(least)])
+
+
+def _leaves(reading: _Reading, excerpt: _Excerpt) -> _Left:
+    """The least residual of the reading's coefficients, from several signs to begin with."""
     motion, order = reading.motion(excerpt.motion), reading.efforts
     columns = Model(reading.robot, make_terms(STANDARD, reading.robot, motion)).columns(motion)
     used, signed = excerpt.used[:, reading.order], excerpt.signed[order]
@@ -169,25 +214,37 @@ def _leaves(reading: _Reading, excerpt: _Excerpt) -> tuple[Array, int]:
     shown = values > _BLIND * values[-1]
     rows = rows @ (vectors[:, shown] / np.sqrt(values[shown]))  # orthonormal columns
     against_friction = np.where(signed, effort, np.sign(motion.dq) * np.abs(effort))
-    residuals = [_settled(rows, start * weight, signed) for start in (effort, against_friction)]
-    left = np.empty(len(order))
-    left[order] = np.maximum(np.linalg.norm(min(residuals, key=np.linalg.norm), axis=0), _LEAST)
-    return left, rows.shape[1]
+    starts, odd = [effort * weight, against_friction * weight], reading.units != 1.0
+    if odd.any():  # the signs that were found are those of the given units: what the other joints tell
+        starts += [_settled(rows, start, signed, ~odd)[0] for start in starts]
+    residuals = [np.subtract(*_settled(rows, start, signed, np.ones_like(odd))) for start in starts]
+    best = min(residuals, key=np.linalg.norm)
+    share, count = np.empty(len(order)), np.empty(len(order))
+    share[order] = np.maximum(np.linalg.norm(best, axis=0), _LEAST)
+    lags = len(best) // _LONGEST_SHARE
+    times = [integrated_time(autocovariance(best[:, j], used[:, j], lags)) for j in range(len(order))]
+    count[order] = used.sum(axis=0) / times
+    return _Left(share, count, rows.shape[1])
 
 
-def _settled(columns: Array, effort: Array, signed: Mask) -> Array:
-    """(N, n) what orthonormal columns (N n, r) leave of efforts (N, n), whose unknown signs follow the prediction."""
+def _settled(columns: Array, effort: Array, signed: Mask, believed: Mask) -> tuple[Array, Array]:
+    """(N, n) efforts whose unknown signs follow the prediction, and the prediction.
+
+    Args:
+        columns: (N n, r) orthonormal ones.
+        effort: (N, n) to begin with.
+        signed: (n,) whose signs are known.
+        believed: (n,) the joints to which columns are fitted.
+    """
+    rows = np.broadcast_to(believed, effort.shape).ravel()
+    inverse = columns.T if believed.all() else np.linalg.pinv(columns[rows], rcond=_BLIND)
     for _ in range(_ROUNDS):
-        predicted = (columns @ (columns.T @ effort.ravel())).reshape(effort.shape)
+        predicted = (columns @ (inverse @ effort.ravel()[rows])).reshape(effort.shape)
         followed = np.where(signed, effort, np.where(predicted >= 0.0, 1.0, -1.0) * np.abs(effort))
         if np.array_equal(followed, effort):
             break
         effort = followed
-    return effort - predicted
-
-
-def _rms(left: Array) -> float:
-    return float(np.sqrt(np.mean(left**2)))
+    return effort, predicted
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -37,7 +37,7 @@ from bayesid.identification.recorded import segment_signs
 from bayesid.identification.warnings import warnings_of
 from bayesid.log.log import Log, LogSource, as_log
 from bayesid.log.segments import Segments, find_segments
-from bayesid.log.signals import Signals, prepare
+from bayesid.log.signals import Signals, prepare, still_joints
 from bayesid.model import catalogue
 from bayesid.model.coefficients import BaseCoefficients, base_coefficients
 from bayesid.model.model import Model
@@ -62,8 +62,6 @@ from bayesid.signs.smoothing import sign_probabilities
 
 QUICK = Certified(budget=3.0)
 """Search of signs that an earlier log helps to settle; its budget is a round number, not studied."""
-_LEAST_MOTION = 1e-3
-"""rad; a joint that never leaves this range stands still but for its encoder's noise. A round number; not studied."""
 _SAMPLES_A_COEFFICIENT = 3
 """Samples in motion that a coefficient needs at least. A round number; not studied."""
 _POINTWISE = 150
@@ -413,8 +411,8 @@ def _sign_changes(signals: Signals) -> list[tuple[int, int]]:
 # ---------------------------------------------------------------------------------------------------------------
 def _check(robot: Robot, log: Log) -> None:
     check_joints(robot, log.n_joints, log.source)
-    for j in np.flatnonzero(np.ptp(log.q, axis=0) < _LEAST_MOTION):
-        raise InputError(f"joint {j + 1} does not move", log.source, "record a motion in which every joint moves")
+    if still_joints(log.q).all():
+        raise InputError("no joint moves", log.source, "record a motion in which joints move")
 
 
 def _check_amount(segments: Segments, coefficients: BaseCoefficients, log: Log) -> None:

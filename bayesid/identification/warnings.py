@@ -11,6 +11,8 @@ from bayesid.fit.least_squares import POOR_FIT, Fit
 from bayesid.identification.other_readings import BetterReading
 from bayesid.log.log import Log
 from bayesid.log.low_pass import AfterRectifier
+from bayesid.log.signals import still_joints
+from bayesid.motion import Motion
 from bayesid.posterior.inference import Posterior
 from bayesid.signs.averaging import AveragedSigns
 from bayesid.signs.rounds import SegmentSigns
@@ -41,6 +43,7 @@ def warnings_of(
     return (
         *averaged.asked.model.robot.notes,
         *map(str, averaged.asked.evidence.signals.faults),
+        *_still_warning(averaged.asked.evidence.signals.motion),
         *_reading_warning(reading),
         *_hardly_negative(log),
         *_low_pass_warning(averaged.asked.evidence.signals.after_rectifier),
@@ -132,6 +135,15 @@ def _turns(joints: Sequence[int]) -> str:
     if not joints:
         return ", which differs in single segments from the first"
     return f", which has the signs of joint {', '.join(map(str, joints))} turned round against the first"
+
+
+def _still_warning(motion: Motion) -> list[str]:
+    return [
+        f"joint {j + 1}: it stands still in all of the log, {motion.t[0]:.3f} to {motion.t[-1]:.3f} s, which says "
+        "nothing of its friction and signs; if it moved, its positions were not read, and what they are needed for is "
+        "wrong"
+        for j in np.flatnonzero(still_joints(motion.q))
+    ]
 
 
 def _reading_warning(reading: BetterReading | None) -> list[str]:

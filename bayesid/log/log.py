@@ -431,13 +431,11 @@ def _in_memory(source: Variables | Parts, options: Options) -> Table:
 
 
 def _check_blocks(table: Table, q: Array, effort: Array) -> None:
-    """Each joint has moved, and its sensor was read."""
-    for j in np.flatnonzero(np.ptp(q, axis=0) == 0.0):
-        said = f"column {table.columns[f'q{j + 1}'].label} is constant"
-        raise InputError(said, table.source, "record a motion in which every joint moves")
-    for j in np.flatnonzero(~np.any(effort, axis=0)):
-        said = f"the effort of joint {j + 1} is zero in every row"
-        raise InputError(said, table.source, "check that its sensor was read")
+    """Some joint has moved, some sensor was read, and none of them beyond all robots."""
+    if not np.ptp(q, axis=0).any():
+        raise InputError("all columns of positions are constant", table.source, "record a motion in which joints move")
+    if not effort.any():
+        raise InputError("all efforts are zero in every row", table.source, "check that the sensors were read")
     for j in np.flatnonzero(np.abs(effort).max(axis=0) > _STRONGEST):
         said = f"the effort of joint {j + 1} reaches {np.abs(effort[:, j]).max():.3g} N m"
         remedy = "say the unit of currents or torques in the header, as in i1[mA], or correct --gains"

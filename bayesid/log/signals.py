@@ -27,7 +27,7 @@ from bayesid.motion import Motion
 _ORDER = 4
 """Butterworth order; run forwards and backwards, so the attenuation is that of twice the order. The field's custom."""
 _ENCODER = 1e-3
-"""rad; a joint that never leaves this range shows its encoder's noise, which says nothing about the motion."""
+"""rad, or m; a joint that never leaves this range shows its encoder's noise, which says nothing about the motion."""
 _SLOWEST = 5.0
 """Hz; no cut-off is chosen below it: friction's steps are faster than any motion. A round number; not studied."""
 _DIGITS = 10
@@ -111,6 +111,8 @@ class Signals:
 def prepare(log: Log, cutoff: float | None = None) -> Signals:
     """Drops repeated rows, leaves out faults, resamples, filters and differentiates a log.
 
+    A joint that never moves is taken to stand where it is on average.
+
     Args:
         log: the raw log.
         cutoff: cut-off of the zero-phase low-pass, Hz; chosen by `choose_cutoff` when None.
@@ -152,6 +154,11 @@ def prepare(log: Log, cutoff: float | None = None) -> Signals:
         measured=(_measured(grid, t, 0.5 / cutoff)[:, None] & _unfaulted(grid, t, mended, 0.5 / cutoff))[kept],
         faults=mended.faults,
     )
+
+
+def still_joints(q: Array) -> Mask:
+    """(n,) joints that never move by positions (N, n): they stay within an encoder's noise."""
+    return np.ptp(q, axis=0) <= _ENCODER
 
 
 def _thinned(size: int, rate: float, cutoff: float) -> slice:
@@ -207,6 +214,10 @@ def _mended(log: Log) -> _Mended:
         parts["velocity"] = np.array(recorded.dq)
     for (reading, j), known in _known(len(t), faults).items():
         parts[reading][:, j] = without(t, parts[reading][:, j], known, smooth=reading == "position")
+    still = still_joints(parts["position"])
+    parts["position"][:, still] = parts["position"][:, still].mean(axis=0)
+    if recorded.dq is not None:
+        parts["velocity"][:, still] = 0.0
     motion = RecordedMotion(t, parts["position"], parts.get("velocity"), source)
     return _Mended(motion, parts["effort"], faults)
 
@@ -348,7 +359,7 @@ def choose_cutoff(q: Array, dq: Array | None, rate: float) -> float:
     That is :eq:`motion-cutoff`. Torques hold harmonics of the motion (products of velocities), hence a filter well
     above the motion's own bandwidth (Gautier, Khalil, "Exciting trajectories", 1992, take five to ten times).
     """
-    moves = np.ptp(q, axis=0) > _ENCODER
+    moves = ~still_joints(q)
     if not moves.any():
         return min(_SLOWEST, 0.4 * rate)
     velocity = np.gradient(q[:, moves], 1.0 / rate, axis=0) if dq is None else dq[:, moves]

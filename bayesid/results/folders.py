@@ -198,7 +198,17 @@ def make_report(
         findings = findings.with_validation(validation)
         replace_file(Path(folder) / FINDINGS, lambda aside: write_findings(findings, aside))
     replace_file(path, lambda aside: _write_report(findings, aside, progress))
+    if path == Path(folder) / _REPORT:
+        _made_up_for(Path(folder), path.name)
     return path
+
+
+def _made_up_for(folder: Path, name: str) -> None:
+    """A file that the summary names as not written is there now."""
+    summary = json.loads((folder / MARKER).read_text(encoding="utf-8"))
+    if name in (missing := summary.get("not_written") or {}):
+        summary["not_written"] = {other: why for other, why in missing.items() if other != name}
+        replace_file(folder / MARKER, lambda aside: write_json(aside, summary))
 
 
 def _write_report(findings: Findings, path: Path, progress: Progress) -> None:

@@ -17,6 +17,7 @@ from bayesid.errors import InputError
 from bayesid.files import check_place, save_table
 from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
+from bayesid.log.formats.streams import is_stream
 from bayesid.log.log import read_log
 from bayesid.model.robot import Robot, load_robot
 from bayesid.report.tables import coefficient_rows
@@ -191,7 +192,11 @@ def _names(logs: Sequence[Path]) -> list[str]:
 
 
 def _check(place: Path, folders: Sequence[Path], logs: Sequence[Path]) -> None:
-    """The place holds nothing else, and no folder there is more than an earlier result."""
+    """The place holds nothing else, no folder there is more than an earlier result, and logs are files."""
+    for log in logs:
+        if is_stream(log):
+            said = "is a stream, which only one process can read, and once"
+            raise InputError(said, str(log), "save it as a file, or identify from it alone, without --each")
     if place.exists() and not place.is_dir():
         raise InputError("is not a folder", str(place), _REMEDY)
     files = {path.name for path in place.iterdir() if not path.is_dir()} if place.is_dir() else set()

@@ -458,9 +458,12 @@ def cell(row, column, value):
 
 
 def still(column, value):
+    """A column, or all of a kind."""
+
     def edit(table):
-        for i, row in enumerate(table[1:]):
-            row[table[0].index(column)] = value(i)
+        for k in [k for k, name in enumerate(table[0]) if name.rstrip("123") == column or name == column]:
+            for i, row in enumerate(table[1:]):
+                row[k] = value(i)
 
     return edit
 
@@ -507,9 +510,9 @@ BAD_LOGS = {
     "too few": (lambda table: table.__delitem__(slice(31, None)), ["30 rows"]),
     "header only": (lambda table: table.__delitem__(slice(1, None)), ["0 rows"]),
     "nothing": (list.clear, ["header"]),
-    "constant joint": (still("q2", lambda i: "0.5"), ["q2", "constant"]),
-    "no motion": (still("q2", lambda i: f"{0.5 + 1e-7 * (i % 2)}"), ["joint 2", "does not move"]),
-    "no effort": (still("tau3", lambda i: "0.0"), ["joint 3", "zero"]),
+    "constant joints": (still("q", lambda i: "0.5"), ["positions", "constant"]),
+    "no motion": (still("q", lambda i: f"{0.5 + 1e-7 * (i % 2)}"), ["no joint moves"]),
+    "no effort": (still("tau", lambda i: "0.0"), ["efforts", "zero"]),
 }
 
 

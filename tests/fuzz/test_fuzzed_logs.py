@@ -2,10 +2,12 @@
 
 import io
 import os
+import sqlite3
 import struct
 import sys
 import threading
 import zlib
+from contextlib import closing
 from pathlib import Path
 
 import h5py
@@ -234,6 +236,28 @@ def test_a_parquet_file_that_unpacks_to_too_much(tmp_path, monkeypatch):
     assert path.stat().st_size < 20_000
     with pytest.raises(InputError, match="its columns unpack to more than"):
         read_log(path)
+
+
+def test_bags_that_unpack_to_too_much(tmp_path, monkeypatch):
+    """An MCAP file's chunk, a database's message, and a whole file that was packed."""
+    pytest.importorskip("rosbags")
+    monkeypatch.setattr("bayesid.bounded.MOST_UNPACKED", 1 << 20)
+    packed = pa.compress(bytes(5 << 20), "zstd", asbytes=True)
+    chunk = struct.pack("<QQQII", 0, 1, 5 << 20, 0, 4) + b"zstd" + struct.pack("<Q", len(packed)) + packed
+    magic = b"\x89MCAP0\r\n"
+    (tmp_path / "log.mcap").write_bytes(magic + struct.pack("<BQ", 6, len(chunk)) + chunk + magic)
+    with closing(sqlite3.connect(tmp_path / "log.db3")) as bag:
+        bag.execute("CREATE TABLE messages(data BLOB)")
+        bag.execute("INSERT INTO messages VALUES (?)", (packed,))
+        bag.commit()
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    (folder / "metadata.yaml").write_text("rosbag2_bagfile_information: {}")
+    (folder / "bag_0.db3.zstd").write_bytes(packed)
+    assert len(packed) < 10_000
+    for bad in (tmp_path / "log.mcap", tmp_path / "log.db3", folder):
+        with pytest.raises(InputError, match="unpacks to too much"):
+            read_log(bad)
 
 
 def test_matlab_files_that_claim_more_than_they_hold(tmp_path):

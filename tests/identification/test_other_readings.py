@@ -193,6 +193,22 @@ def test_real_logs_read_wrongly(name, rectified):
     assert reading_of(robot, moved(log, factor=factor), rectified).kind == "direction"
 
 
+KILO, MILLI = (1000.0, "N mm, not N m"), (0.001, "kN m, not N m")
+
+
+@pytest.mark.parametrize(
+    ("name", "joint", "unit"),
+    [("ur10e", 2, KILO), ("ur10e", 3, KILO), ("ur10e", 4, MILLI), ("panda", 4, KILO), ("panda", 4, MILLI),
+     ("tx40", 2, KILO), ("tx40", 2, MILLI), ("tx40", 3, MILLI)],
+)  # fmt: skip
+def test_one_joint_of_a_real_log_in_other_units(name, joint, unit):
+    """Not all are found: what a wrist needs is as good in any unit; in its place another joint may be named."""
+    robot, log = built_in(name)
+    one, (factor, units) = np.arange(robot.n_joints) == joint - 1, unit
+    found = reading_of(robot, replace(log, effort=log.effort * np.where(one, factor, 1.0)))
+    assert (found.kind, found.change) == ("units", f"the efforts of joint {joint} alone in {units}")
+
+
 @pytest.mark.parametrize(("given", "true"), [("kr5", "ur10e"), ("ur10e", "tx40")])
 def test_real_logs_of_another_robot(given, true):
     _, log = built_in(true)

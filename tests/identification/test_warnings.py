@@ -38,7 +38,8 @@ def model_of(*names, notes=()):
 def read_through(low_pass):
     """Evidence of a log whose |effort| has passed a low-pass."""
     after = low_pass and AfterRectifier(low_pass, np.zeros((1, 2)), np.zeros(2))
-    return SimpleNamespace(signals=SimpleNamespace(after_rectifier=after, faults=()))
+    motion = SimpleNamespace(t=np.arange(2.0), q=np.eye(2))
+    return SimpleNamespace(signals=SimpleNamespace(after_rectifier=after, faults=(), motion=motion))
 
 
 @dataclass

@@ -5,13 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import real_log
-from simulated_arms import arm_with_friction
+from simulated_arms import STRONG, arm_with_friction
 
 from bayesid.identification.pipeline import identify
 from bayesid.log.faults import find_faults
 from bayesid.log.log import Log, read_log
 from bayesid.log.signals import prepare
+from bayesid.motion import Motion
 from bayesid.signs.search.certified import Certified
+from bayesid.simulation.logs import simulate
 
 ROWS = slice(412, 419)
 """60 ms of the simulated log, in which all joints move."""
@@ -142,10 +144,25 @@ def test_signs_stay_right_and_the_warnings_name_the_outliers(log):
 
 
 @pytest.mark.filterwarnings("error")
-def test_signs_elsewhere_stay_right_where_a_joint_has_no_effort_at_all(log):
+@pytest.mark.parametrize(("value", "said"), [(3.0, "is frozen in motion"), (0.0, "reads exactly zero in motion")])
+def test_signs_elsewhere_stay_right_where_a_joint_has_no_effort_at_all(log, value, said):
     arm = arm_with_friction(0.7)
-    result = identify(arm.robot, changed(log, "effort", slice(None), 2, 3.0), posterior=False)
+    result = identify(arm.robot, changed(log, "effort", slice(None), 2, value), posterior=False)
     right, strong = arm.right(result)
     assert right[:, :2][strong[:, :2]].mean() > 0.995
-    assert result.warnings[0].startswith("joint 3: its effort ")
+    assert result.warnings[0].startswith(f"joint 3: its effort {said}, ")
     assert not result.sign_doubt.any()
+
+
+@pytest.mark.filterwarnings("error")
+def test_signs_elsewhere_stay_right_where_a_joint_stands_still():
+    """It does stand still: what the others need does not depend on how it was read."""
+    arm, moves = arm_with_friction(0.7), np.array([1.0, 1.0, 0.0])
+    whole = arm.motion
+    motion = Motion(whole.t, whole.q * moves + [0.0, 0.0, 0.4], whole.dq * moves, whole.ddq * moves)
+    log = simulate(arm.model, arm.theta, motion, rng=np.random.default_rng(7), noise=0.05)
+    result = identify(arm.robot, log, posterior=False)
+    effort = arm.model.effort(motion, arm.theta)[:, :2]
+    strong = np.abs(effort) >= STRONG * np.abs(effort).max(axis=0)
+    assert ((result.probability[:, :2] >= 0.5) == (effort > 0.0))[strong].mean() > 0.995
+    assert result.warnings[0].startswith("joint 3: it stands still in all of the log, 0.000 to 8.000 s, ")

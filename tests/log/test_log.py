@@ -149,13 +149,15 @@ def test_too_few_rows(table, save, rows):
 @pytest.mark.parametrize(
     ("name", "value", "said"),
     [
-        ("q2", "0.3", "column q2 is constant"),
-        ("tau1", "0", "the effort of joint 1 is zero in every row"),
-        ("t", "3.5", "time never advances"),
+        (["q1", "q2"], "0.3", "all columns of positions are constant"),
+        (["tau1", "tau2"], "0", "all efforts are zero in every row"),
+        (["t"], "3.5", "time never advances"),
     ],
 )
-def test_column_without_information(table, save, name, value, said):
-    assert said in refusal(save(fill(table, name, value)))
+def test_columns_without_information(table, save, name, value, said):
+    for one in name:
+        table = fill(table, one, value)
+    assert said in refusal(save(table))
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import json
 import signal
+import warnings
 
 import pytest
 
@@ -63,8 +64,11 @@ def test_exports_that_fail_are_named_and_the_rest_stands(result, tmp_path, monke
     assert "report.html could not be written (RuntimeError: no fonts\\nhere)" in str(warning.message)
     assert bayesid.load_model(tmp_path / "r").model.robot.name == "arm"
     monkeypatch.undo()
+    make_report(tmp_path / "r", out=tmp_path / "elsewhere.html")
+    assert set(not_written(tmp_path / "r")) == {"robot.urdf", "report.html"}
     assert make_report(tmp_path / "r").is_file()
-    assert names(tmp_path) == {"whole", "r"}
+    assert set(not_written(tmp_path / "r")) == {"robot.urdf"}, "what stands now is no longer named"
+    assert names(tmp_path) == {"whole", "r", "elsewhere.html"}
 
 
 def test_the_command_ends_as_one_that_failed(shop, tmp_path, monkeypatch, capfd):
@@ -74,6 +78,18 @@ def test_the_command_ends_as_one_that_failed(shop, tmp_path, monkeypatch, capfd)
     (last,) = [line for line in lines if not line.startswith("warning: ")]
     assert last.startswith(f"bayesid: {tmp_path}/r: report.html could not be written (RuntimeError: no fonts")
     assert (tmp_path / "r" / "model.toml").is_file()
+
+
+def test_the_demo_ends_as_one_that_failed_too(tmp_path, monkeypatch, capfd):
+    def run_demo(*_):
+        warnings.warn("demo: report.html could not be written", IncompleteWarning, stacklevel=2)
+        return ["all of it"]
+
+    monkeypatch.setattr("bayesid.cli.commands.demo.run_demo", run_demo)
+    assert main(["demo", "--out", str(tmp_path / "r")]) == 1
+    said = capfd.readouterr()
+    assert said.out.strip() == "all of it"
+    assert said.err.strip() == "bayesid: demo: report.html could not be written"
 
 
 @pytest.mark.parametrize(("number", "said", "code"), [("SIGINT", "interrupted", 130), ("SIGTERM", "terminated", 143)])

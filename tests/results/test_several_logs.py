@@ -1,5 +1,6 @@
 import csv
 import json
+import os
 
 import numpy as np
 import pytest
@@ -170,3 +171,12 @@ def test_a_bad_robot_or_option_is_named_once(week, tmp_path, capsys):
     code = main(["identify", str(week / "mon.csv"), "--workers", "2", "--robot", str(week / "arm.toml")])
     assert code == 2
     assert "--each" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes with names")
+def test_streams_are_no_logs_of_several(tmp_path):
+    os.mkfifo(tmp_path / "log.csv")
+    for log in (tmp_path / "log.csv", "-"):
+        with pytest.raises(bayesid.InputError, match="is a stream"):
+            identify_separately("kr5", [log], tmp_path / "out")
+    assert not (tmp_path / "out").exists()

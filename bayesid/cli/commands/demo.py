@@ -5,17 +5,21 @@ from __future__ import annotations
 import argparse
 
 from bayesid.cli.demo import run_demo
+from bayesid.cli.options import end_with
 from bayesid.cli.progress import StageBars
 from bayesid.cli.terminal import show
 from bayesid.files import reserved
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import Progress
+from bayesid.results.folders import collect_incomplete
 
 
 def run(options: argparse.Namespace) -> None:
     """A result folder, and what there is to say of it."""
     with reserved(options.out), StageBars(options.quiet) as bars:
         sampling = Sampling(budget=options.posterior_budget, seed=options.seed)
-        parts = run_demo(options.out, options.seed, sampling, Progress(bars.show))
+        with collect_incomplete() as incomplete:
+            parts = run_demo(options.out, options.seed, sampling, Progress(bars.show))
     if not options.quiet:
         show(*parts)
+    end_with(incomplete)

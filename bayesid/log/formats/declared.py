@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+import sqlite3
 import struct
 import zlib
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
+from urllib.parse import quote
 
 from bayesid.bounded import DEEPEST, MOST_UNPACKED, fits_memory
 
@@ -24,6 +27,14 @@ _SIZES_4 = {0: 8, 1: 4, 2: 4, 3: 2, 4: 2, 5: 1}
 """Bytes of a number of version 4, by the second digit of its matrix's type."""
 _WHOLE = 1, 2, 3
 """Classes of matrices whose entries are elements: cells, structs and objects."""
+
+_MCAP, _ZSTD, _SQLITE = b"\x89MCAP0\r\n", b"\x28\xb5\x2f\xfd", b"SQLite format 3\0"
+"""First bytes of such files and frames."""
+_RECORD, _CHUNK, _CHUNK_HEAD = struct.Struct("<BQ"), 6, struct.Struct("<QQQII")
+"""Of an MCAP file: kind and size of a record, the kind of chunks, and what these begin with, to the codec's letters."""
+_FARTHEST = (1 << 63) - 1
+"""Byte to which a file can be sought."""
+_PART = 1 << 20
 
 
 class _Element(NamedTuple):
@@ -129,3 +140,55 @@ def check_hdf5(file: h5py.File, names: Sequence[str]) -> None:
         size += math.prod(item.shape or ()) * item.dtype.itemsize
         if not fits_memory(size, 1):
             raise ValueError("its arrays are too large")
+
+
+def check_bag(path: Path) -> None:
+    """Refuses a bag, a folder or a file, of which a packed file, chunk or message unpacks to too much.
+
+    Raises:
+        ValueError: it does, or it is damaged.
+        OSError: it cannot be read.
+    """
+    for file in sorted(path.iterdir()) if path.is_dir() else [path]:
+        with file.open("rb") as content:
+            head = content.read(len(_SQLITE))
+        if head.startswith(_MCAP):
+            for packed, codec in _chunks(file):
+                _check_unpacked(packed, codec)
+        elif head.startswith(_ZSTD):
+            _check_unpacked(file, "zstd")
+        elif head == _SQLITE:
+            with closing(sqlite3.connect(f"file:{quote(str(file))}?mode=ro", uri=True)) as bag:
+                for (message,) in bag.execute("SELECT data FROM messages"):
+                    if isinstance(message, bytes) and message.startswith(_ZSTD):
+                        _check_unpacked(message, "zstd")
+
+
+def _chunks(path: Path) -> Iterator[tuple[bytes, str]]:
+    """The packed chunks of an MCAP file (mcap.dev/spec, 'Chunk'), each with its codec."""
+    with path.open("rb") as file:
+        file.seek(len(_MCAP))
+        while len(head := file.read(_RECORD.size)) == _RECORD.size:
+            kind, size = _RECORD.unpack(head)
+            end = file.tell() + size
+            if kind == _CHUNK:
+                fixed = file.read(_CHUNK_HEAD.size)
+                if len(fixed) < _CHUNK_HEAD.size:
+                    return
+                codec = file.read(min(_CHUNK_HEAD.unpack(fixed)[-1], size)).decode(errors="replace")
+                file.read(8)  # the size of what follows
+                if codec in ("zstd", "lz4") and (left := end - file.tell()) > 0:
+                    yield file.read(left), codec
+            file.seek(min(end, _FARTHEST))
+
+
+def _check_unpacked(packed: bytes | Path, codec: str) -> None:
+    import pyarrow as pa
+
+    source = str(packed) if isinstance(packed, Path) else pa.BufferReader(packed)
+    with pa.CompressedInputStream(source, codec) as unpacking:
+        size = 0
+        while part := unpacking.read(_PART):
+            size += len(part)
+            if not fits_memory(size, 1):
+                raise ValueError("unpacks to too much")

@@ -18,6 +18,7 @@ from bayesid.arrays import Array
 from bayesid.bounded import MOST_DIGITS
 from bayesid.errors import InputError
 from bayesid.log.formats.base import Format, Options
+from bayesid.log.formats.declared import check_bag
 from bayesid.log.formats.table import Column, Table, seconds
 
 _TYPE = "sensor_msgs/msg/JointState"
@@ -123,6 +124,7 @@ def _topics(path: Path) -> dict[str, list[_Message]]:
     decode = get_typestore(Stores.LATEST).deserialize_cdr  # Humble's bags hold no definitions; this one never changed
     topics: dict[str, list[_Message]] = {}
     try:
+        check_bag(path)
         with Reader(path) as bag:
             connections = [known for known in bag.connections if known.msgtype == _TYPE]
             for connection, received, data in bag.messages(connections) if connections else ():

@@ -53,7 +53,7 @@ class StribeckFriction(DryTerm):
     @classmethod
     def shapes(cls, scene: Scene, joint: int) -> Iterator[Mapping[str, float]]:
         """Over the Stribeck speed."""
-        top = float(np.abs(scene.actuators.dq[:, joint]).max())
+        top = float(scene.actuators.top_speed[joint])
         for share in _SPEEDS:
             yield {"smoothing": float(scene.actuators.standstill_speed[joint]), "speed": share * top}
 

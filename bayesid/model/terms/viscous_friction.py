@@ -65,7 +65,7 @@ class SaturatingFriction(ActuatorTerm):
     @classmethod
     def shapes(cls, scene: Scene, joint: int) -> Iterator[Mapping[str, float]]:
         """Over the speed at which it saturates."""
-        top = float(np.abs(scene.actuators.dq[:, joint]).max())
+        top = float(scene.actuators.top_speed[joint])
         yield from ({"knee": share * top} for share in _KNEES)
 
     def unit_efforts(self, actuators: Motion) -> Array:

@@ -1,0 +1,54 @@
+"""Result folders that earlier versions wrote: they load, or say how to write them anew.
+
+Each folder under `earlier` is named after the day on which the version that wrote it was current. Tables and pages,
+which are never read back, are left out of them, and most draws of the posterior.
+"""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bayesid
+from bayesid.cli import main
+from bayesid.errors import InputError
+from bayesid.motion import Motion
+
+FOLDERS = sorted((Path(__file__).parent / "earlier").iterdir())
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
+def test_models_of_earlier_versions_load(folder):
+    """At rest joint 2 bears what weighs about it; with its axis horizontal, gravity is along y of its frame."""
+    identified = bayesid.load_model(folder)
+    assert identified.model.robot.name == "arm"
+    names = [parameter.name for parameter in identified.model.parameters]
+    x, y = (identified.theta[names.index(name)] for name in ("mc2x", "mc2y"))
+    mass = identified.theta[names.index("m2")]
+    q = np.array([[0.3, 0.7]])
+    rest = Motion(np.zeros(1), q, 0.0 * q, 0.0 * q)
+    lever = (x + 0.35 * mass) * np.cos(0.7) - y * np.sin(0.7)
+    np.testing.assert_allclose(identified.model.effort(rest, identified.theta)[0, 1], 9.81 * lever, rtol=1e-9)
+
+
+def test_findings_load_or_say_how_to_write_them_anew():
+    first, later = FOLDERS
+    with pytest.raises(InputError, match=r"holds no findings\.npz; give .* or identify again to write it anew"):
+        bayesid.read_findings(first)
+    findings = bayesid.read_findings(later)
+    assert findings.summary.robot == "arm"
+    assert findings.draws.shape[2] == findings.summary.n_coefficients
+    assert np.isfinite(bayesid.load_model(later).draws.theta).all()
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
+def test_an_earlier_result_makes_room_for_a_new_one(folder, tmp_path, monkeypatch):
+    shutil.copytree(folder, tmp_path / "result")
+    monkeypatch.chdir(tmp_path)
+    simulate = "simulate --robot kr5 --duration 4 --out log.csv --quiet"
+    assert main(simulate.split()) == 0
+    run = "identify log.csv --robot kr5 --no-posterior --no-report --complete off --search beam --quiet --out result"
+    assert main(run.split()) == 0
+    assert bayesid.load_model("result").model.robot.name == "kuka_kr5_sixx_r650"
+    assert not (tmp_path / "result" / "posterior.nc").exists()
