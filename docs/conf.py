@@ -1,12 +1,16 @@
-"""The documentation's site: `python -m sphinx -W --keep-going -b html docs site`. It needs no network.
+"""The documentation's site: `python -m sphinx -W --keep-going -b html docs site`.
 
-The notebooks are run by the build, which takes a minute.
+Neither the build nor the site needs a network: any static host serves the folder, and it opens from a disk too. The
+notebooks are run by the build, which takes a minute.
 """
 
 from __future__ import annotations
 
+import hashlib
 import re
+from importlib.metadata import distribution
 from importlib.metadata import version as version_of
+from pathlib import Path
 
 from sphinx.application import Sphinx
 from sphinx.util.inspect import TypeAliasForwardRef
@@ -29,10 +33,26 @@ smartquotes = False  # a prime is a transpose
 numfig = math_numfig = True  # equations are numbered with their page: (2.4)
 numfig_secnum_depth = 1
 math_eqref_format = "equation {number}"
+exclude_patterns = ["paper"]  # for a journal, which typesets it
 html_theme = "furo"
 html_title = f"bayesid {version}"
 html_show_copyright = False
 html_copy_source = False
+html_show_search_summary = False  # browsers let no page read another from a disk: results are titles
+html_css_files = ["pages.css"]
+
+# ---------------------------------------------------------------------------------------------------------------
+# Equations: MathJax as one file beside the pages. It draws SVG, which needs no fonts; its menu, which would fetch more,
+# is left out
+# ---------------------------------------------------------------------------------------------------------------
+MATHJAX = Path(str(distribution("sphinx-mathjax-offline").locate_file("sphinx-mathjax-offline/static/mathjax")))
+MATHJAX_SHA256 = "a4354ff94fd868aea0cc6eaaa79a57fda0588646fc46ee3700a349ee0a11cbe6"
+"""Of `es5/tex-svg-full.js` in MathJax 3.2.2 as its authors publish it."""
+mathjax_path = "tex-svg-full.js"
+mathjax3_config = {"options": {"enableMenu": False}, "svg": {"fontCache": "global"}}
+html_static_path = ["_static", str(MATHJAX / mathjax_path)]
+if hashlib.sha256((MATHJAX / mathjax_path).read_bytes()).hexdigest() != MATHJAX_SHA256:
+    raise RuntimeError(f"{MATHJAX / mathjax_path} is not MathJax 3.2.2")
 
 # ---------------------------------------------------------------------------------------------------------------
 # Notebooks: they stand in the repository without outputs, the build runs them
@@ -41,8 +61,6 @@ nb_execution_mode = "force"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 600  # s, of a cell: ten times what the slowest takes, on a busy machine
 nb_merge_streams = True
-html_static_path = ["_static"]
-html_css_files = ["notebooks.css"]
 
 # ---------------------------------------------------------------------------------------------------------------
 # Docstrings

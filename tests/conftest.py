@@ -9,6 +9,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # matrices are small: BLAS thread
 
 import numpy as np
 import pytest
+import source_tree  # noqa: F401
 
 from bayesid.model.robot import Robot, robot_from_table
 from bayesid.motion import Motion

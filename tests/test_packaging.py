@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import ast
+import email
 import os
+import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -25,8 +28,28 @@ PROVIDES = {"pin": "pinocchio", "tomli-w": "tomli_w", "lazy-loader": "lazy_loade
 """What a distribution is imported as, where the names differ."""
 BY_NAME = {"h5netcdf", "example-robot-data", "robot_descriptions"}
 """Never imported: xarray does, when it is asked for the engine of this name; the files of two are read."""
-TOOLS = {"test", "docs", "browser"}
+TOOLS = {"test", "docs", "browser", "release"}
 """Extras of those who work on bayesid, not of those who use it."""
+
+
+FOLDERS = (".ci", "bayesid", "docs", "studies", "tests")
+"""Of the repository: the source distribution holds all of them."""
+SLICE = (
+    "tests/test_errors.py",
+    "tests/test_rooms.py",
+    "tests/docs/test_house.py",
+    "tests/docs/test_site.py",
+    "tests/docs/test_tables.py",
+    "tests/model/test_new_effects.py",
+    "tests/study/test_study.py::test_ctrl_c_ends_the_command",
+)
+"""Tests that read files of all folders, import studies and start commands."""
+
+
+def top_files() -> list[Path]:
+    """Files of the repository that lie in no folder."""
+    made = {"PKG-INFO", "setup.cfg"}  # as the tests are run in an unpacked source distribution
+    return [path for path in ROOT.iterdir() if path.is_file() and path.name not in {*made, ".git"}]
 
 
 def files_of(folder: Path) -> Iterator[Path]:
@@ -65,6 +88,25 @@ def test_an_extra_is_needed_by_what_is_optional_only():
     assert all(f'"{name}"' in text for name in BY_NAME)
 
 
+def test_links_of_the_long_description_are_absolute_or_words():
+    long_description = runpy.run_path(str(ROOT / "setup.py"), run_name="setup")["long_description"]
+    readme = "A [page](docs/a.md#b), [other](https://example.org/x).\n\n![Efforts of joints](docs/c.png)\n\nEnd\n"
+    assert long_description(readme, None) == "A page, [other](https://example.org/x).\n\nEnd\n"
+    absolute = long_description(readme, "https://example.org/bayesid/")
+    assert "[page](https://example.org/bayesid/blob/HEAD/docs/a.md#b), [other](https://example.org/x)" in absolute
+    assert "![Efforts of joints](https://example.org/bayesid/raw/HEAD/docs/c.png)" in absolute
+
+
+def test_the_page_on_installing_names_all_that_is_needed():
+    """On Windows packages are taken from conda-forge by name."""
+    page = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
+    named = set(re.search(r"^conda create .*$", page, re.M)[0].split())
+    assert {distribution(need) for need in PROJECT["project"]["dependencies"]} - {"pin"} <= named
+    assert "pinocchio" in named
+    extras = set(re.findall(r"^\| `(\w+)` \|", page, re.M))
+    assert extras == set(PROJECT["project"]["optional-dependencies"]) - TOOLS
+
+
 def distributions() -> set[str]:
     """Of all dependencies but those of tools."""
     extras = {name: needs for name, needs in PROJECT["project"]["optional-dependencies"].items() if name not in TOOLS}
@@ -99,10 +141,11 @@ def built(tmp_path_factory):
     place = tmp_path_factory.mktemp("built")
     copy = place / "source"
     copy.mkdir()
-    for name in ("bayesid", "studies"):
-        shutil.copytree(ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, copy)
+    for folder in FOLDERS:
+        left_out = shutil.ignore_patterns("__pycache__", *(["studies"] if folder == "bayesid" else []))
+        shutil.copytree(ROOT / folder, copy / folder, ignore=left_out)
+    for path in top_files():
+        shutil.copy(path, copy)
     execute(["-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation", "-w", place, copy], place)
     script = f"from setuptools import build_meta; build_meta.build_sdist({str(place)!r})"
     execute(["-c", script], copy)
@@ -145,7 +188,44 @@ def test_the_wheel_holds_every_file_and_one_name(built):
 def test_the_source_distribution_holds_every_file(built):
     with tarfile.open(built[1]) as source:
         names = {name.partition("/")[2] for name in source.getnames()}
-    assert {path.relative_to(ROOT).as_posix() for folder in SOURCES.values() for path in files_of(folder)} <= names
+    paths = [*top_files(), *(path for folder in FOLDERS for path in files_of(ROOT / folder))]
+    assert {path.relative_to(ROOT).as_posix() for path in paths} <= names
+    assert not [name for name in names if name.startswith("bayesid/studies") or "__pycache__" in name]
+
+
+@pytest.mark.long
+def test_tests_pass_in_the_source_distribution(built, elsewhere, tmp_path):
+    with tarfile.open(built[1]) as source:
+        source.extractall(tmp_path, filter="data")
+    (unpacked,) = tmp_path.iterdir()
+    pytest_ = ("-m", "pytest", "-n0", "-p", "no:cacheprovider")
+    collected = execute([*pytest_, "--collect-only"], unpacked, elsewhere)
+    assert int(re.search(r"(\d+)(?:/\d+)? tests collected", collected)[1]) > 2000
+    assert " passed" in execute([*pytest_, *SLICE], unpacked, elsewhere)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("tool", ["check_wheel_contents", "twine", "pyroma"])
+def test_the_tools_of_a_release_find_nothing(tool, built, tmp_path):
+    pytest.importorskip(tool, reason="pip install 'bayesid[release]'")
+    commands = {
+        "check_wheel_contents": ["check_wheel_contents", built[0]],
+        "twine": ["twine", "check", "--strict", *built],
+        "pyroma": ["pyroma", "--min=9", built[1]],
+    }
+    execute(["-m", *commands[tool]], tmp_path)
+
+
+@pytest.mark.long
+def test_the_long_description_leads_nowhere_beside_it(built):
+    with zipfile.ZipFile(built[0]) as wheel:
+        name = next(name for name in wheel.namelist() if name.endswith(".dist-info/METADATA"))
+        metadata = email.message_from_string(wheel.read(name).decode())
+    assert metadata["Description-Content-Type"] == "text/markdown"
+    text = metadata.get_payload()
+    assert text.startswith("# bayesid\n")
+    assert "## What it reaches" in text
+    assert re.findall(r"\]\((?!https?://)[^)]*\)", text) == []
 
 
 @pytest.mark.long

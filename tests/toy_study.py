@@ -20,6 +20,7 @@ from types import ModuleType
 from typing import NamedTuple
 
 import numpy as np
+import source_tree  # noqa: F401
 
 from bayesid.study.study import Study, in_turn
 
