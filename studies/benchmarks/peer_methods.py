@@ -27,6 +27,7 @@ from bayesid.model.model import Model
 from bayesid.model.robot import Robot
 from bayesid.model.terms import STANDARD
 from bayesid.motion import Motion
+from bayesid.process import quiet
 
 _ROUNDING = 1e-10
 """Singular values, over the largest of columns of length 1, below which a direction is rounding."""
@@ -251,7 +252,8 @@ def _inside(model: Model, theta: cp.Expression, slack: cp.Expression | float) ->
 
 
 def _solve(problem: cp.Problem) -> None:
-    problem.solve(solver=cp.CLARABEL)
+    with quiet(UserWarning):  # cvxpy's word for an inaccurate solution, which is good to five digits
+        problem.solve(solver=cp.CLARABEL)
     if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
         raise SolverError("the nearest feasible parameters through cvxpy", problem.status)
 

@@ -123,6 +123,8 @@ def _figaroh(recording: Recording, place: Path) -> Any:
     size, n = len(motion), arm.n_joints
 
     class Identification(base):  # type: ignore[misc, valid-type]
+        dynamic_regressor: Any
+
         def load_trajectory_data(self, data_source: str | None = None) -> dict[str, Array]:
             """The filtered motion; of the efforts, unfiltered."""
             kinematics = {"positions": motion.q, "velocities": motion.dq, "accelerations": motion.ddq}
@@ -135,7 +137,7 @@ def _figaroh(recording: Recording, place: Path) -> Any:
         def calculate_full_regressor(self) -> None:
             """Rows of motors, where these are coupled."""
             super().calculate_full_regressor()
-            full = self.dynamic_regressor.reshape(n, size, -1)
+            full = np.array(self.dynamic_regressor).reshape(n, size, -1)
             full[:, :, : 10 * n] = np.einsum("ji,jsp->isp", np.linalg.inv(arm.coupling), full[:, :, : 10 * n])
             turned = arm.actuators(motion)
             for j in range(n):

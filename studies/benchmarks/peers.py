@@ -60,12 +60,12 @@ from bayesid.studies.complete_report import geometric_mean
 from bayesid.studies.hidden import Case, Simulated, make_case
 from bayesid.studies.real import DATA, STRONG
 
-PAIRS = (
+PAIRS: tuple[tuple[str, str], ...] = (
     *permutations(("ur10e/a_50s", "ur10e/b_20s", "ur10e/c_unloaded"), 2),
     *(
         halves
         for log in ("ur10e/c_loaded", "panda/a", "tx40/a", "kr300/a", "dualarm/a", "lwr4/a")
-        for halves in permutations((f"{log}:1", f"{log}:2"))
+        for halves in permutations((f"{log}:1", f"{log}:2"), 2)
     ),
 )
 """Logs to identify from and to predict; behind a colon which half."""
@@ -276,7 +276,7 @@ def right_share(recording: Recording, signs: Array) -> float:
 def times_ours(rows: Sequence[Scored], method: str) -> float:
     """Geometric mean over logs and joints of a method's torque error over bayesid's; NaN where it gave no answer."""
     ours = {row.log: row.error for row in rows if row.method == OURS}
-    ratios = [row.error / ours[row.log] for row in rows if row.method == method]
+    ratios = [row.error / ours[row.log] for row in rows if row.method == method and not row.why]
     return geometric_mean(np.concatenate(ratios)) if ratios else float("nan")
 
 
@@ -295,8 +295,9 @@ def by_robot(rows: Sequence[Scored]) -> str:
     lines: list[list[object]] = []
     for name in _names(rows):
         ratios = [times_ours(chosen[robot], name) for robot in robots]
-        seconds = np.nanmedian([row.seconds for row in rows if row.method == name])
-        lines.append([name, *(f"{ratio:.2f}" if np.isfinite(ratio) else "-" for ratio in ratios), f"{seconds:.1f}"])
+        seconds = [row.seconds for row in rows if row.method == name and not row.why]
+        median = f"{np.median(seconds):.1f}" if seconds else "-"
+        lines.append([name, *(f"{ratio:.2f}" if np.isfinite(ratio) else "-" for ratio in ratios), median])
     peers = [name for name in _names(rows) if not name.startswith(OURS)]
     best = [1.0 / np.nanmin([times_ours(chosen[robot], name) for name in peers]) for robot in robots]
     lines.append(["**bayesid over the best of the others**", *(f"**{ratio:.2f}**" for ratio in best), ""])
@@ -305,7 +306,7 @@ def by_robot(rows: Sequence[Scored]) -> str:
 
 def by_log(rows: Sequence[Scored]) -> str:
     """Every method on every log: joints, feasibility, seconds."""
-    lines = []
+    lines: list[list[object]] = []
     for row in rows:
         pair = [other for other in rows if other.log == row.log]
         joints = " ".join(f"{value:.3g}" for value in row.error)
