@@ -38,6 +38,8 @@ _JOINT = {"fv": "Fv", "fs": "Fc", "Ia": "Ia", "off": "offset"}
 """figaroh's names of what a joint adds, to ours."""
 _BY_SYSID = 200
 """Instants that mujoco.sysid fits at most, evenly spread: each of its steps takes a pass a parameter."""
+_OF_SYSID = ("mujoco", "absl", "colorama", "imageio", "jinja2", "plotly", "tabulate", "yaml")
+"""Of mujoco[sysid]."""
 _STEPS = 25
 """Of its optimiser."""
 _WIDE = np.array([0.01, 100.0])
@@ -49,11 +51,9 @@ _OF_JOINT = (0.1, 3.0)
 
 
 def installed(package: str) -> str:
-    """Version of a package; empty if it is not installed."""
-    with contextlib.suppress(ModuleNotFoundError):
-        if find_spec(package) is not None:
-            return version(package.partition(".")[0])
-    return ""
+    """Version of a package; empty if it, or what mujoco.sysid is an empty module without, is not installed."""
+    needed = _OF_SYSID if package == "mujoco.sysid" else (package,)
+    return version(package.partition(".")[0]) if all(map(find_spec, needed)) else ""
 
 
 def _usual(model: Model) -> Array:
@@ -338,6 +338,6 @@ def packages() -> dict[str, Method]:
     found: dict[str, Method] = {}
     if installed("figaroh"):
         found |= {"figaroh, weighted": figaroh_weighted, "figaroh, physical fit": figaroh_feasible}
-    if installed("mujoco.sysid") and hasattr(import_module("mujoco.sysid"), "optimize"):
+    if installed("mujoco.sysid"):
         found["mujoco.sysid"] = mujoco_sysid
     return found
