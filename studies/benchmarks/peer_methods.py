@@ -1,0 +1,275 @@
+"""What others make of a log with signs, written out: ordinary and weighted least squares, the nearest feasible robot.
+
+Filter, rows and regressor are those that bayesid uses, so that methods are compared and not what was done to the data.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import cvxpy as cp
+import numpy as np
+
+from bayesid.arrays import Array, Mask
+from bayesid.errors import SolverError
+from bayesid.fit.knowledge import Links
+from bayesid.identification.prediction import NORMAL_95
+from bayesid.log.log import Log
+from bayesid.log.segments import find_segments
+from bayesid.log.signals import Signals, prepare, signed_effort
+from bayesid.model.catalogue import make_terms
+from bayesid.model.coefficients import BaseCoefficients, base_coefficients
+from bayesid.model.inertia import PSEUDO_INERTIA_BASIS
+from bayesid.model.model import Model
+from bayesid.model.robot import Robot
+from bayesid.model.terms import STANDARD
+from bayesid.motion import Motion
+from bayesid.process import quiet
+
+_ROUNDING = 1e-10
+"""Singular values, over the largest of columns of length 1, below which a direction is rounding."""
+_PULL = 1e-6
+"""Weight of the pull to the usual link, in units of one whitened row: it decides what the log leaves open alone. The
+`prior_weight` that figaroh has by default."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A log as every method gets it.
+
+    Attributes:
+        robot: that was recorded.
+        log: with its signs.
+        signals: the log on an even grid of N instants, its motion filtered.
+        used: (N, n) samples in motion, without both ends: those that are fitted, and predicted.
+    """
+
+    robot: Robot
+    log: Log
+    signals: Signals
+    used: Mask
+
+    @classmethod
+    def of(cls, robot: Robot, log: Log) -> Recording:
+        """Prepared as `identify` does it."""
+        signals = prepare(log)
+        segments = find_segments(signals, robot.actuators(signals.motion))
+        moving = segments.per_sample(segments.moving, *signals.effort.shape) > 0
+        return cls(robot, log, signals, moving & signals.inner)
+
+    @property
+    def motion(self) -> Motion:
+        """The filtered one."""
+        return self.signals.motion
+
+    @cached_property
+    def model(self) -> Model:
+        """The standard terms."""
+        return Model(self.robot, make_terms(STANDARD, self.robot, self.motion))
+
+    def error(self, predicted: Array) -> Array:
+        """(n,) RMS of a prediction's (N, n) difference from the lightly filtered efforts, N m."""
+        residual = signed_effort(self.signals, np.ones_like(predicted)) - predicted
+        return np.sqrt((residual**2 * self.used).sum(axis=0) / self.used.sum(axis=0))
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a method says of a robot.
+
+    Attributes:
+        model: robot and terms.
+        coefficients: its r base coefficients.
+        beta: (r,) their values.
+        interval: (2, r) ends of their 95 % intervals; NaN from a method that gives none.
+        effort: (N, n) efforts of a motion, N m.
+        theta: (P,) parameters; None from a method that gives coefficients only.
+        seconds: that it took.
+    """
+
+    model: Model
+    coefficients: BaseCoefficients
+    beta: Array
+    interval: Array
+    effort: Callable[[Motion], Array]
+    theta: Array | None
+    seconds: float
+
+
+Method = Callable[[Recording], Answer]
+"""From a log with signs."""
+
+
+def timed(method: Method) -> Method:
+    """The same, and its seconds."""
+
+    def answer(recording: Recording) -> Answer:
+        began = time.perf_counter()
+        found = method(recording)
+        return replace(found, seconds=time.perf_counter() - began)
+
+    return answer
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Least squares
+# ---------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class LeastSquares:
+    """Rows, whitened by each joint's sd, and what they say without any constraint.
+
+    Attributes:
+        rows: (K, r) of the base coefficients' regressor.
+        effort: (K,) efforts.
+        beta: (r,) the least squares.
+        sigma: (n,) sd that the rows were divided by, N m.
+    """
+
+    rows: Array
+    effort: Array
+    beta: Array
+    sigma: Array
+
+    @property
+    def covariance(self) -> Array:
+        """(r, r) the textbook's: white noise, its variance the residual's over the degrees of freedom."""
+        left = self.effort - self.rows @ self.beta
+        variance = float(left @ left) / (len(left) - len(self.beta))
+        length = np.linalg.norm(self.rows, axis=0)
+        scaled = self.rows / length
+        return variance * np.linalg.pinv(scaled.T @ scaled, rcond=_ROUNDING, hermitian=True) / np.outer(length, length)
+
+
+def least_squares(columns: Array, effort: Array, used: Mask, sigma: Array) -> LeastSquares:
+    """Of (N, n, r) columns and (N, n) efforts where (N, n) they are used, each joint divided by its sigma (n,)."""
+    rows, right = (columns / sigma[:, None])[used], (effort / sigma)[used]
+    length = np.maximum(np.linalg.norm(rows, axis=0), np.finfo(float).tiny)
+    beta = np.linalg.lstsq(rows / length, right, rcond=_ROUNDING)[0] / length
+    return LeastSquares(rows, right, beta, sigma)
+
+
+def weighted_least_squares(columns: Array, effort: Array, used: Mask) -> LeastSquares:
+    """IDIM-WLS (Gautier 1997): each joint by the sd that ordinary least squares leaves in it."""
+    ordinary = least_squares(columns, effort, used, np.ones(effort.shape[1]))
+    left = (effort - columns @ ordinary.beta) ** 2 * used
+    return least_squares(columns, effort, used, np.sqrt(left.sum(axis=0) / used.sum(axis=0)))
+
+
+def _without_constraint(recording: Recording, fit: Callable[[Array, Array, Mask], LeastSquares]) -> Answer:
+    model, coefficients = recording.model, base_coefficients(recording.model)
+    kept = coefficients.kept
+    found = fit(model.columns(recording.motion)[:, :, kept], recording.signals.raw_effort, recording.used)
+    half = NORMAL_95 * np.sqrt(np.diag(found.covariance))
+    interval = np.stack([found.beta - half, found.beta + half])
+
+    def effort(motion: Motion) -> Array:
+        return model.columns(motion)[:, :, kept] @ found.beta
+
+    return Answer(model, coefficients, found.beta, interval, effort, None, 0.0)
+
+
+@timed
+def ordinary(recording: Recording) -> Answer:
+    """Ordinary least squares of the base coefficients."""
+    return _without_constraint(
+        recording, lambda columns, effort, used: least_squares(columns, effort, used, np.ones(effort.shape[1]))
+    )
+
+
+@timed
+def weighted(recording: Recording) -> Answer:
+    """Weighted least squares of the base coefficients."""
+    return _without_constraint(recording, weighted_least_squares)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Feasible parameters
+# ---------------------------------------------------------------------------------------------------------------
+@timed
+def weighted_feasible(recording: Recording) -> Answer:
+    """Weighted least squares, then the feasible parameters nearest to it in its own metric, by an SDP.
+
+    (B theta - beta)' H (B theta - beta) is what the rows' squares grow by: the SDP of FloBaRoID (Sousa and Cortesao
+    2014) and of figaroh's `physical_fit`.
+    """
+    model, coefficients = recording.model, base_coefficients(recording.model)
+    columns = model.columns(recording.motion)[:, :, coefficients.kept]
+    found = weighted_least_squares(columns, recording.signals.raw_effort, recording.used)
+    theta = nearest_feasible(model, coefficients, found)
+    beta = coefficients.project(theta)
+    none = np.full((2, len(beta)), np.nan)
+    return Answer(model, coefficients, beta, none, lambda motion: model.columns(motion) @ theta, theta, 0.0)
+
+
+def nearest_feasible(model: Model, coefficients: BaseCoefficients, found: LeastSquares) -> Array:
+    """(P,) the feasible parameters whose rows' squares are the least.
+
+    Raises:
+        SolverError: Clarabel has not solved it.
+    """
+    scale, usual = _usual(model)
+    root = np.linalg.qr(found.rows, mode="r")
+    scaled = cp.Variable(model.cone.size)
+    left = root @ (coefficients.projection * scale) @ scaled - root @ found.beta
+    objective = cp.sum_squares(left) + _PULL * cp.sum_squares(scaled - usual / scale)
+    _solve(cp.Problem(cp.Minimize(objective), _inside(model, cp.multiply(scale, scaled), 0.0)))
+    return np.asarray(scale * scaled.value)
+
+
+def most_feasible(model: Model, coefficients: BaseCoefficients, beta: Array) -> Array:
+    """(P,) of all parameters with these coefficients (r,) those that are least outside the cone: inside if any are.
+
+    Raises:
+        SolverError: Clarabel has not solved it.
+    """
+    scale, usual = _usual(model)
+    scaled, slack = cp.Variable(model.cone.size), cp.Variable()
+    size = np.maximum(np.abs(coefficients.projection * scale).max(axis=1), np.finfo(float).tiny)
+    same = (coefficients.projection * scale / size[:, None]) @ scaled == beta / size
+    near = 1e-9 * cp.sum_squares(scaled - usual / scale)
+    inside = _inside(model, cp.multiply(scale, scaled), slack)
+    _solve(cp.Problem(cp.Maximize(slack - near), [same, slack <= 0.0, *inside]))
+    return np.asarray(scale * scaled.value)
+
+
+def _usual(model: Model) -> tuple[Array, Array]:
+    """(P,) sizes of the parameters, and (P,) the usual link in every body."""
+    scale, usual = np.ones(model.cone.size), np.zeros(model.cone.size)
+    for body in model.cone.bodies:
+        scale[body], usual[body] = Links().sd, Links().centre
+    return scale, usual
+
+
+def _inside(model: Model, theta: cp.Expression, slack: cp.Expression | float) -> list[cp.Constraint]:
+    """Every pseudo-inertia's eigenvalues, and friction and rotor inertia, are at least the slack."""
+    cone = model.cone
+    bodies = [sum(theta[int(i)] * PSEUDO_INERTIA_BASIS[k] for k, i in enumerate(body)) for body in cone.bodies]
+    positive = [theta[cone.nonnegative] >= slack] if len(cone.nonnegative) else []
+    return [*positive, *(body - slack * np.eye(4) >> 0 for body in bodies)]
+
+
+def _solve(problem: cp.Problem) -> None:
+    with quiet(UserWarning):  # cvxpy's word for an inaccurate solution, which is good to five digits
+        problem.solve(solver=cp.CLARABEL)
+    if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
+        raise SolverError("the nearest feasible parameters through cvxpy", problem.status)
+
+
+def feasibility(answer: Answer) -> tuple[float, int]:
+    """Smallest eigenvalue of the pseudo-inertias (mixed units), and how many of friction and rotor are negative.
+
+    Of coefficients those that any parameters with these coefficients reach, at most zero: a negative value says that no
+    robot has them.
+    """
+    model, theta = answer.model, answer.theta
+    if theta is None:
+        theta = most_feasible(model, answer.coefficients, answer.beta)
+    least = float(model.cone.smallest_eigenvalues(theta).min())
+    return least, int(np.sum(theta[model.cone.nonnegative] < -_NOTHING))
+
+
+_NOTHING = 1e-6
+"""N m, N m s, kg m^2: what a solver leaves."""

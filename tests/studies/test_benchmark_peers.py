@@ -1,0 +1,183 @@
+"""The benchmark beside peers: methods against the truth, errors on rows that no fit has seen, tables of all rows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import small_robot
+
+from bayesid.errors import SolverError
+from bayesid.log.log import Log
+from bayesid.model.catalogue import make_terms
+from bayesid.model.coefficients import base_coefficients
+from bayesid.model.model import Model
+from bayesid.model.terms import STANDARD
+from bayesid.simulation.parameters import random_parameters
+from bayesid.simulation.trajectories import random_trajectory
+from bayesid.studies.benchmarks import peers
+from bayesid.studies.benchmarks.peer_methods import (
+    Recording,
+    feasibility,
+    least_squares,
+    most_feasible,
+    ordinary,
+    weighted,
+    weighted_feasible,
+    weighted_least_squares,
+)
+from bayesid.studies.benchmarks.peer_packages import packages
+
+PLAIN = {"ordinary least squares": ordinary, "weighted least squares": weighted, "weighted + SDP": weighted_feasible}
+
+
+class Arm:
+    """Two joints with friction, and a log of them."""
+
+    def __init__(self, noise=0.0, seed=0):
+        self.robot = small_robot(2)
+        motion = random_trajectory(2, 8.0, seed=3).motion(np.arange(1601) / 200.0)
+        self.model = Model(self.robot, make_terms(STANDARD, self.robot, motion))
+        self.theta = random_parameters(self.model, np.random.default_rng(2))
+        self.effort = self.model.effort(motion, self.theta)
+        rng = np.random.default_rng(seed)
+        said = self.effort + noise * np.array([1.0, 5.0]) * rng.standard_normal(self.effort.shape)
+        self.log = Log(motion.t, motion.q, said, np.ones(2, dtype=bool), dq=motion.dq, source="arm")
+        self.recording = Recording.of(self.robot, self.log)
+
+
+@pytest.fixture(scope="module")
+def clean():
+    return Arm()
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    return Arm(noise=0.5)
+
+
+def exact(arm):
+    """The recording with the motion's efforts themselves, as if nothing were filtered."""
+    recording = arm.recording
+    effort = recording.model.effort(recording.motion, arm.theta)
+    return replace(recording, signals=replace(recording.signals, raw_effort=effort))
+
+
+@pytest.mark.parametrize("name", list(PLAIN))
+def test_without_noise_every_method_returns_the_truth(clean, name):
+    recording = exact(clean)
+    answer = PLAIN[name](recording)
+    truth = base_coefficients(recording.model).project(clean.theta)
+    np.testing.assert_allclose(answer.beta, truth, atol=1e-4 * np.abs(truth).max())
+    assert answer.seconds > 0.0
+    rms = np.sqrt(np.mean(clean.effort**2, axis=0))
+    assert np.all(np.abs(answer.effort(recording.motion) - recording.signals.raw_effort) < 1e-3 * rms)
+
+
+def test_the_covariance_is_that_of_many_fits():
+    rng = np.random.default_rng(0)
+    columns, sigma, used = rng.standard_normal((200, 2, 3)), np.array([1.0, 4.0]), np.ones((200, 2), dtype=bool)
+    noise = sigma * rng.standard_normal((400, 200, 2))
+    fits = [weighted_least_squares(columns, columns @ [1.0, -2.0, 0.5] + one, used) for one in noise]
+    expected = np.cov(np.array([fit.beta for fit in fits]), rowvar=False)
+    np.testing.assert_allclose(np.diag(fits[0].covariance), np.diag(expected), rtol=0.3)
+    unweighted = least_squares(columns, columns @ [1.0, -2.0, 0.5] + noise[0], used, np.ones(2))
+    assert np.all(np.diag(unweighted.covariance) > 2.0 * np.diag(fits[0].covariance))
+
+
+def test_the_sdp_is_feasible_and_loses_little(noisy):
+    free, answer = weighted(noisy.recording), weighted_feasible(noisy.recording)
+    least, negative = feasibility(answer)
+    assert least >= -1e-6
+    assert negative == 0
+    assert np.isnan(answer.interval).all()
+    errors = [noisy.recording.error(one.effort(noisy.recording.motion)) for one in (free, answer)]
+    assert np.all(errors[1] < 1.1 * errors[0])
+
+
+def test_coefficients_of_no_robot_are_told_from_those_of_one(clean):
+    model, coefficients = clean.recording.model, base_coefficients(clean.recording.model)
+    possible = coefficients.project(clean.theta)
+    inside = most_feasible(model, coefficients, possible)
+    np.testing.assert_allclose(coefficients.project(inside), possible, atol=1e-5 * np.abs(possible).max())
+    assert model.cone.smallest_eigenvalues(inside).min() > -1e-6
+    friction = coefficients.names.index("Fc2")
+    impossible = np.where(np.arange(len(possible)) == friction, -possible, possible)
+    answer = replace(weighted(clean.recording), beta=impossible)
+    assert feasibility(answer)[1] == 1
+
+
+def test_the_error_is_that_of_rows_that_the_fit_has_not_seen(noisy):
+    first, second = (Recording.of(noisy.robot, peers.half_of(noisy.log, which)) for which in (1, 2))
+    assert first.motion.t[-1] < second.motion.t[0]
+    assert len(first.log) + len(second.log) == len(noisy.log)
+    shifted = second.signals.raw_effort + np.array([3.0, 0.0])
+    ruined = replace(second, signals=replace(second.signals, raw_effort=shifted))
+    rows = [peers.score("weighted", weighted, first, other, "halves") for other in (second, ruined)]
+    assert rows[1].error[0] == pytest.approx(np.hypot(rows[0].error[0], 3.0), rel=0.1)
+    assert rows[1].error[1] == rows[0].error[1]
+
+
+def test_only_samples_in_motion_count(noisy):
+    recording = noisy.recording
+    assert not recording.used[0].any()
+    assert 0.7 < recording.used.mean() < 1.0
+    spoilt = np.where(recording.used, 0.0, 1e6)
+    zero = recording.error(np.zeros_like(spoilt))
+    np.testing.assert_array_equal(recording.error(spoilt), zero)
+
+
+def test_the_sign_of_the_velocity_scores_what_it_is_worth(noisy):
+    signs, _, answer = peers.by_velocity(noisy.recording)
+    right = peers.right_share(noisy.recording, signs)
+    speed, effort = noisy.recording.motion.dq, noisy.recording.signals.raw_effort
+    strong = noisy.recording.used & (np.abs(effort) >= 0.05 * np.abs(effort).max(axis=0))
+    assert right == pytest.approx(np.mean((speed * effort > 0.0)[strong]))
+    assert 0.3 < right < 0.99
+    predicted = answer.effort(noisy.recording.motion)
+    signed = weighted(noisy.recording).effort(noisy.recording.motion)
+    assert np.all(noisy.recording.error(predicted) > noisy.recording.error(signed))
+    assert peers.right_share(noisy.recording, np.sign(effort)) == 1.0
+
+
+def failing(_):
+    raise SolverError("a method", "nothing")
+
+
+def test_every_method_and_log_has_its_line(noisy):
+    used = {**PLAIN, "failing": failing, peers.OURS: weighted}
+    rows = [
+        peers.score(name, method, noisy.recording, noisy.recording, log)
+        for log in ("arm/a -> arm/b", "leg/a -> leg/b")
+        for name, method in used.items()
+    ]
+    assert peers.times_ours(rows, peers.OURS) == pytest.approx(1.0)
+    by_robot, by_log = peers.by_robot(rows).splitlines(), peers.by_log(rows).splitlines()
+    assert len(by_log) == 2 + 2 * len(used)
+    assert [line.split(" | ")[0] for line in by_robot[2:-1]] == [f"| {name}" for name in used]
+    assert by_robot[0].count("|") == by_robot[-1].count("|") == 5
+    assert "nothing" in "\n".join(by_log)
+    assert "| failing | - | - |" in by_robot[5]
+
+
+def test_truth_and_intervals_are_counted():
+    case = peers.make_case(replace(peers.CLASSES[0], robot="kr5"), 1)
+    fitted, other = (Recording.of(case.robot, peers.half_of(case.log, which)) for which in (1, 2))
+    rows = [peers.score(name, method, fitted, other, "simulated", case) for name, method in PLAIN.items()]
+    assert rows[1].counted > 40
+    assert rows[1].inside <= rows[1].counted
+    assert rows[2].counted == 0  # no intervals
+    assert all(0.0 < row.coefficient_error < 0.2 for row in rows)
+    table = peers.by_class([*rows, replace(rows[1], method=peers.OURS)])
+    assert "| weighted + SDP |" in table
+    assert "| none |" in table
+
+
+@pytest.mark.parametrize("name", ["figaroh, weighted", "figaroh, physical fit", "mujoco.sysid"])
+def test_a_package_returns_the_truth_of_exact_efforts(clean, name):
+    found = packages()
+    if name not in found:
+        pytest.skip(f"{name} is not installed")
+    recording = exact(clean)
+    answer = found[name](recording)
+    rms = np.sqrt(np.mean(clean.effort**2, axis=0))
+    assert np.all(recording.error(answer.effort(recording.motion)) < 0.1 * rms)
