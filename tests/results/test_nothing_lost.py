@@ -92,7 +92,10 @@ def test_the_demo_ends_as_one_that_failed_too(tmp_path, monkeypatch, capfd):
     assert said.err.strip() == "bayesid: demo: report.html could not be written"
 
 
-@pytest.mark.parametrize(("number", "said", "code"), [("SIGINT", "interrupted", 130), ("SIGTERM", "terminated", 143)])
+@pytest.mark.parametrize(
+    ("number", "said", "code"),
+    [("SIGINT", "interrupted", 130), ("SIGTERM", "terminated", 143), ("SIGHUP", "terminated", 129)],
+)
 def test_stopped_while_the_report_is_drawn(shop, tmp_path, monkeypatch, capfd, number, said, code):
     """The result stands, and that is what is told."""
     monkeypatch.setattr(folders, "_write_report", lambda *_: signal.raise_signal(getattr(signal, number)))
