@@ -26,9 +26,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _run(arguments, terminated)
 
 
+_ENDS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+
+
 @contextmanager
 def _terminated_as_interrupted() -> Iterator[list[int]]:
-    """SIGTERM ends a command as Ctrl-C does; the list says whether it came. A second one is not heard."""
+    """SIGTERM, and SIGHUP of a terminal that closes, end a command as Ctrl-C does; the list says which came first."""
     came: list[int] = []
 
     def interrupt(number: int, _: object) -> None:
@@ -36,14 +39,15 @@ def _terminated_as_interrupted() -> Iterator[list[int]]:
             came.append(number)
             raise KeyboardInterrupt
 
-    alone = threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
-    if alone:
-        signal.signal(signal.SIGTERM, interrupt)
+    alone = threading.current_thread() is threading.main_thread()
+    ours = [one for one in _ENDS if alone and signal.getsignal(one) == signal.SIG_DFL]  # nohup ignores SIGHUP
+    for one in ours:
+        signal.signal(one, interrupt)
     try:
         yield came
     finally:
-        if alone:
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        for one in ours:
+            signal.signal(one, signal.SIG_DFL)
 
 
 def _run(arguments: Sequence[str] | None, terminated: Sequence[int]) -> int:
@@ -65,7 +69,7 @@ def _run(arguments: Sequence[str] | None, terminated: Sequence[int]) -> int:
     except (OSError, BayesidError) as error:
         return _complain(str(error), 1)
     except KeyboardInterrupt as stop:
-        said, code = ("terminated", 143) if terminated else ("interrupted", 130)
+        said, code = ("terminated", 128 + terminated[0]) if terminated else ("interrupted", 130)
         return _complain(f"{said}; {str(stop) or 'nothing was written'}", code)
     return 0
 

@@ -57,10 +57,10 @@ class Fault:
     """What is wrong with one reading of one joint.
 
     Attributes:
-        joint: 0-based.
-        reading: "position", "velocity" or "effort".
+        joint: 0-based; -1 for all of them.
+        reading: "position", "velocity" or "effort"; "row" for all of them.
         kind: "outlier", "zero" or "held".
-        rows: (K,) the rows in fault, ascending.
+        rows: (K,) the rows in fault, ascending; none where they have been dropped.
         start: (M,) when each stretch of them begins, s.
         seconds: how long they last in all.
     """
@@ -75,6 +75,9 @@ class Fault:
     def __str__(self) -> str:
         """A line for the user: joint, what, how much and when."""
         when = ", ".join(f"{t:.3f}" for t in self.start[:_NAMED]) + (" ..." if len(self.start) > _NAMED else "")
+        if self.reading == "row":
+            said = f"all joints: all readings are zero for {self.seconds:.3g} s in all, at {when} s"
+            return f"{said}; these rows are dropped"
         if self.kind == "outlier":
             said = f"{len(self.rows)} sample{'s' * (len(self.rows) > 1)} of its {self.reading} far off their neighbours"
         else:
@@ -140,6 +143,33 @@ def find_faults(t: Array, q: Array, effort: Array, dq: Array | None = None) -> t
             faults += _named(t, j, "velocity", {"outlier": _peaks(t, dq[:, j])})
         faults += _named(t, j, "effort", {"outlier": _peaks(t, effort[:, j]), **_dropouts(t, effort[:, j], speed)})
     return tuple(faults)
+
+
+def lost_rows(t: Array, q: Array, effort: Array, dq: Array | None = None) -> tuple[Integers, tuple[Fault, ...]]:
+    """Rows of zeros alone into which or out of which a position jumps, as of a lost packet, and how to name them.
+
+    A robot that rests at zero without any effort gives such rows too, but it comes there slowly.
+
+    Args:
+        t: (N,) s, non-decreasing.
+        q: (N, n) positions.
+        effort: (N, n) efforts, or their absolute values.
+        dq: (N, n) measured velocities, or None.
+    """
+    zero = ~np.hstack([part for part in (q, effort, dq) if part is not None]).any(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], zero, [False]]))).reshape(-1, 2)
+    if not len(edges):
+        return np.empty(0, dtype=np.int64), ()
+    steps, periods = np.abs(np.diff(q, axis=0)), np.diff(t)
+    jumps = (steps > np.maximum(_STEPS * np.percentile(steps, 95, axis=0), _SLIGHT * np.ptp(q, axis=0))).any(axis=1)
+    beside = periods < 2.0 * np.median(periods)  # else there is a pause, or another log begins
+    sides = [[k for k in (first - 1, stop - 1) if 0 <= k < len(steps) and beside[k]] for first, stop in edges]
+    lost = edges[[bool(both) and bool(jumps[both].all()) for both in sides]]
+    if not len(lost):
+        return np.empty(0, dtype=np.int64), ()
+    rows = np.concatenate([np.arange(first, stop) for first, stop in lost])
+    seconds = sum(t[min(stop, len(t) - 1)] - t[first] for first, stop in lost)
+    return rows, (Fault(-1, "row", "zero", np.empty(0, dtype=np.int64), t[lost[:, 0]], float(seconds)),)
 
 
 def without(t: Array, reading: Array, known: Mask, smooth: bool = True) -> Array:

@@ -46,6 +46,9 @@ that is no lower than a few Hz (`bayesid.log.signals`)."""
 _PAUSE_PERIODS = 100
 """Periods between two logs that are joined, at least: at a low rate, and where most rows repeat, 3 s are no pause. Well
 above the 20 typical periods from which `bayesid.log.signals` leaves a pause out."""
+_SAME = 0.1
+"""Share by which efforts may differ from velocities that are taken for them: a derivative of noisy positions does. A
+round number; not studied."""
 _SAME_RATE = 0.2
 """Logs whose rates differ by more than this share are not joined. A round number; not studied."""
 
@@ -256,6 +259,7 @@ def read_log(
     effort = measured * factors
     dq = table.block("dq", angle) if "dq1" in table.columns else None
     _check_blocks(table, q, effort)
+    _check_no_velocities(table, q, effort)
     _check_motion(table, q, dq, degrees)
     for note in table.notes:
         warnings.warn(note, stacklevel=2)
@@ -440,6 +444,15 @@ def _check_blocks(table: Table, q: Array, effort: Array) -> None:
         said = f"the effort of joint {j + 1} reaches {np.abs(effort[:, j]).max():.3g} N m"
         remedy = "say the unit of currents or torques in the header, as in i1[mA], or correct --gains"
         raise InputError(said, table.source, remedy)
+
+
+def _check_no_velocities(table: Table, q: Array, effort: Array) -> None:
+    """Efforts are not what positions change by."""
+    speed = np.abs(np.gradient(q, axis=0)) / np.median(np.diff(table.t)[np.diff(table.t) > 0.0])
+    apart = np.linalg.norm(np.abs(effort) - speed, axis=0)
+    if np.all(apart < _SAME * np.linalg.norm(speed, axis=0)):
+        remedy = "name the columns of torques or currents by --columns"
+        raise InputError("the efforts are the joints' velocities", table.source, remedy)
 
 
 def _check_motion(table: Table, q: Array, dq: Array | None, degrees: bool | None) -> None:

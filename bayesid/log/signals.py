@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.errors import InputError
-from bayesid.log.faults import Fault, find_faults, without
+from bayesid.log.faults import Fault, find_faults, lost_rows, without
 from bayesid.log.formats.table import FEWEST_ROWS
 from bayesid.log.log import Log
 from bayesid.log.low_pass import AfterRectifier
@@ -206,9 +206,12 @@ def _distinct(recorded: RecordedMotion, effort: Array | None = None) -> tuple[Re
 
 
 def _mended(log: Log) -> _Mended:
-    recorded, keep = _distinct(RecordedMotion(log.t, log.q, log.dq, log.source), log.effort)
-    t, effort, source = recorded.t, log.effort[keep], recorded.source
-    faults = find_faults(t, recorded.q, effort, recorded.dq)
+    lost, lost_faults = lost_rows(log.t, log.q, log.effort, log.dq)
+    left = np.delete(np.arange(len(log)), lost)
+    dq = None if log.dq is None else log.dq[left]
+    recorded, keep = _distinct(RecordedMotion(log.t[left], log.q[left], dq, log.source), log.effort[left])
+    t, effort, source = recorded.t, log.effort[left][keep], recorded.source
+    faults = (*lost_faults, *find_faults(t, recorded.q, effort, recorded.dq))
     parts = {"position": np.array(recorded.q), "effort": np.array(effort)}
     if recorded.dq is not None:
         parts["velocity"] = np.array(recorded.dq)
@@ -225,7 +228,7 @@ def _mended(log: Log) -> _Mended:
 def _known(rows: int, faults: Iterable[Fault]) -> dict[tuple[str, int], Mask]:
     """(rows,) for each reading and joint in fault: the rows that are not."""
     known: dict[tuple[str, int], Mask] = {}
-    for fault in faults:
+    for fault in (one for one in faults if one.rows.size):
         known.setdefault((fault.reading, fault.joint), np.ones(rows, dtype=bool))[fault.rows] = False
     return known
 

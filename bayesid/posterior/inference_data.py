@@ -80,6 +80,10 @@ _POINTWISE = (
     "log likelihood of each block under the sign that all draws give it, or with its sign summed out, tempered by the "
     "autocorrelation; blocks that share a part of the Hessian are one entry"
 )
+_STRING = np.dtype([("length", "<u4"), ("place", "V12")])
+"""What stands for a string of any length in an HDF5 file."""
+_LONGEST_NAME = 10_000
+"""Letters of a parameter's or coefficient's name; a coefficient's own are some ten."""
 _REMEDY = "give the posterior that bayesid wrote, or identify again to write it anew"
 
 
@@ -508,6 +512,23 @@ def read_coefficients(path: Path | str) -> Array:
     return _sweep_major(beta, walkers[0])
 
 
+def _words(stored: h5py.Dataset, path: Path | str) -> list[str]:
+    """Strings, none of which says that it is longer than any name: HDF5 takes memory by what each says.
+
+    Each is a length of four bytes and twelve that say where it is (HDF5 file format, IV.B); netCDF keeps them in a row.
+    """
+    start, size = stored.id.get_offset(), stored.id.get_storage_size()
+    if start is None or size != _STRING.itemsize * stored.size:
+        raise ValueError("names are kept in another way")
+    with Path(path).open("rb") as file:
+        file.seek(start)
+        lengths = np.frombuffer(file.read(size), _STRING)["length"]
+    if len(lengths) != stored.size or np.any(lengths > _LONGEST_NAME):
+        raise ValueError("a name is longer than any")
+    words: list[str] = stored.asstr()[()].tolist()
+    return words
+
+
 def _read(path: Path | str, variables: Sequence[str], names: Sequence[str]) -> list[Any]:
     """Variables (E, D, ...) of the posterior in a file, checked, and lists of names."""
     where = str(path)
@@ -520,7 +541,7 @@ def _read(path: Path | str, variables: Sequence[str], names: Sequence[str]) -> l
             if not fits_memory(sum(math.prod(group[name].shape) for name in (*variables, *names))):
                 raise ValueError("more than is written")
             values = [np.asarray(group[name][()], dtype=float) for name in variables]
-            words = [group[name].asstr()[()].tolist() for name in names]
+            words = [_words(group[name], path) for name in names]
     except Exception as error:  # HDF5 raises anything at all at a damaged file
         raise InputError("not the netCDF file of a posterior, or damaged", where, _REMEDY) from error
     if library != _LIBRARY or any(variable.ndim != 3 for variable in values):

@@ -10,6 +10,7 @@ summary.json (`not_written`) and by an `IncompleteWarning`; the rest stands.
 from __future__ import annotations
 
 import json
+import tempfile
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Set
 from contextlib import contextmanager
@@ -82,6 +83,29 @@ def collect_incomplete() -> Iterator[list[str]]:
         warnings.simplefilter("always", IncompleteWarning)
         yield said
     said += [str(one.message) for one in caught if issubclass(one.category, IncompleteWarning)]
+
+
+def save_or_rescue(save: Callable[[Path], object], folder: Path) -> None:
+    """Saves a result or, where its folder can no longer be written, in a new one among the temporary files.
+
+    Args:
+        save: writes the result into a folder.
+        folder: where it is to stand.
+
+    Raises:
+        InputError: the folder cannot be written; the remedy says where the result stands meanwhile.
+    """
+    try:
+        save(folder)
+    except InputError as error:
+        place = Path(tempfile.mkdtemp(prefix="bayesid-"))
+        try:
+            save(place / folder.name)
+        except InputError:
+            place.rmdir()
+            raise error from None
+        remedy = f"{error.remedy}; meanwhile the result stands in {place / folder.name}/"
+        raise InputError(error.what, error.where, remedy) from None
 
 
 @dataclass(frozen=True)

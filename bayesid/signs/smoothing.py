@@ -76,6 +76,8 @@ def sign_probabilities(
 ) -> Array:
     """(N, n) P(sign = +) of every sample: smoothed, or 0 or 1 where the sign is known.
 
+    Of a joint without a single sample to go by nothing is known of friction and noise: 0.5.
+
     Args:
         signals: the log.
         predicted: (N, n) the model's effort, N m; or (N, n, K) of K draws of the model, over which to average.
@@ -85,10 +87,11 @@ def sign_probabilities(
     """
     after, rate = signals.after_rectifier, signals.rate
     if after is None:
-        return signals.with_known_signs(smooth(signals.magnitude, predicted, moving, noise, rate, progress))
-    read = np.where(signals.signed, signals.magnitude, after.read)
-    smoothed = smooth(read, predicted, moving, noise, rate, progress, _HALVED, after)
-    return signals.with_known_signs(smoothed)
+        smoothed = smooth(signals.magnitude, predicted, moving, noise, rate, progress)
+    else:
+        read = np.where(signals.signed, signals.magnitude, after.read)
+        smoothed = smooth(read, predicted, moving, noise, rate, progress, _HALVED, after)
+    return signals.with_known_signs(np.where(moving.any(axis=0), smoothed, 0.5))
 
 
 def smooth(

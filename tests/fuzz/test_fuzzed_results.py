@@ -225,3 +225,15 @@ def test_findings_of_another_robot(folder):
     write_findings(make_findings(N + 1), folder / "findings.npz")
     with pytest.raises(InputError, match=r"summary.json, noise.\w+ has shape \(2,\)"):
         read_findings(folder)
+
+
+def test_a_name_that_claims_more_than_it_holds(folder, sample):
+    """HDF5 would take as much memory as the length says."""
+    content = bytearray(sample["posterior.nc"])
+    with h5py.File(io.BytesIO(sample["posterior.nc"])) as file:
+        start = file["posterior/coefficient"].id.get_offset()
+    content[start : start + 4] = (2_600_000_000).to_bytes(4, "little")
+    (folder / "posterior.nc").write_bytes(content)
+    with pytest.raises(InputError, match=r"posterior\.nc: not the netCDF file of a posterior, or damaged"):
+        read_findings(folder)
+    check_reader(lambda: read_findings(folder))

@@ -123,6 +123,19 @@ def test_a_joint_that_freezes_for_good(log):
     assert named(stuck) == [(2, "effort", "held", list(range(300, len(log))))]
 
 
+def test_rows_of_zeros_are_lost_packets(log):
+    """Dropped, as if they had not been recorded; a log that rests at zero keeps its rows."""
+    there = np.isin(np.arange(len(log)), np.arange(len(log))[ROWS], invert=True)[:, None]
+    lost = replace(log, q=log.q * there, effort=log.effort * there)
+    signals, clean = prepare(lost), prepare(log)
+    assert str(signals.faults[0]).startswith("all joints: all readings are zero for 0.07 s in all, at 4.120 s; ")
+    assert np.abs(signals.motion.q - clean.motion.q).max() < 1e-3 * np.ptp(log.q)
+    slow = np.minimum(np.abs(log.t - 4.0) / 4.0, 1.0)[:, None] ** 2
+    resting = np.where(np.abs(log.t - 4.0)[:, None] < 0.2, 0.0, slow)
+    faults = prepare(replace(log, q=log.q * resting, effort=log.effort * resting)).faults
+    assert all(fault.reading != "row" for fault in faults)
+
+
 def test_what_is_no_fault(log):
     """Clipping, a dead zone, a step of friction, and a channel that is read more rarely than the log is written."""
     top = np.quantile(log.effort[:, 0], 0.8)
@@ -150,6 +163,7 @@ def test_signs_elsewhere_stay_right_where_a_joint_has_no_effort_at_all(log, valu
     result = identify(arm.robot, changed(log, "effort", slice(None), 2, value), posterior=False)
     right, strong = arm.right(result)
     assert right[:, :2][strong[:, :2]].mean() > 0.995
+    assert (result.probability[:, 2] == 0.5).all(), "nothing is known of its signs"
     assert result.warnings[0].startswith(f"joint 3: its effort {said}, ")
     assert not result.sign_doubt.any()
 

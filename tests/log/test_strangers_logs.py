@@ -621,3 +621,25 @@ def test_rows_are_counted_from_the_first_line_of_the_file(tmp_path, recorded):
 )
 def test_what_a_mangled_log_leaves_open_is_one_line(tmp_path, recorded, content, said):
     assert said in refusal(save(tmp_path / "log.csv", content(recorded)))
+
+
+def test_velocities_are_not_taken_for_efforts(tmp_path):
+    """Neither suggested nor read."""
+    t = np.arange(400) / 100.0
+    q, dq, tau = np.sin(2.0 * t), 2.0 * np.cos(2.0 * t), 40.0 * np.abs(np.sin(3.0 * t))
+    names = "Unnamed: 0,Time stamp /s,Axis 1 act. pos,Axis 2 act. pos,Axis 1 act. vel,Axis 2 act. vel,|M1| Nm,|M2| Nm"
+    path = tmp_path / "odd.csv"
+    np.savetxt(
+        path,
+        np.column_stack([np.arange(400), t, q, q + 1.0, dq, dq, tau, tau]),
+        delimiter=",",
+        header=names,
+        comments="",
+    )
+    with pytest.raises(InputError) as caught:
+        read_log(path)
+    assert caught.value.remedy.endswith('--columns t="Time stamp /s",q="Axis {} act. pos",tau="|M{}| Nm"')
+    with pytest.raises(InputError, match="the efforts are the joints' velocities"):
+        read_log(path, columns={"t": "Time stamp /s", "q": "Axis {} act. pos", "tau": "Axis {} act. vel"})
+    columns = {"t": "Time stamp /s", "q": "Axis {} act. pos", "tau": "|M{}| Nm"}
+    assert read_log(path, columns=columns).n_joints == 2

@@ -2,6 +2,7 @@
 
 import json
 import signal
+import tempfile
 import warnings
 
 import pytest
@@ -92,7 +93,31 @@ def test_the_demo_ends_as_one_that_failed_too(tmp_path, monkeypatch, capfd):
     assert said.err.strip() == "bayesid: demo: report.html could not be written"
 
 
-@pytest.mark.parametrize(("number", "said", "code"), [("SIGINT", "interrupted", 130), ("SIGTERM", "terminated", 143)])
+def test_a_disk_that_is_full_by_then_does_not_lose_the_result(shop, tmp_path, monkeypatch, capfd):
+    """It is kept among the temporary files, and the line says where."""
+    write, aside = folders.write_table, tmp_path / "temporary"
+    aside.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(aside))
+
+    def full(path, rows):
+        if aside not in path.parents:
+            raise OSError(28, "No space left on device")
+        write(path, rows)
+
+    monkeypatch.setattr(folders, "write_table", full)
+    run = f"identify {shop}/log.csv --robot {shop}/arm.toml {OPTIONS} --no-report --out {tmp_path}/r"
+    assert main(run.split()) == 2
+    (line,) = [one for one in capfd.readouterr().err.splitlines() if not one.startswith("warning: ")]
+    assert "No space left on device" in line
+    kept = line.rpartition("meanwhile the result stands in ")[2]
+    assert bayesid.load_model(kept).model.robot.name == "arm"
+    assert names(tmp_path) == {"temporary"}
+
+
+@pytest.mark.parametrize(
+    ("number", "said", "code"),
+    [("SIGINT", "interrupted", 130), ("SIGTERM", "terminated", 143), ("SIGHUP", "terminated", 129)],
+)
 def test_stopped_while_the_report_is_drawn(shop, tmp_path, monkeypatch, capfd, number, said, code):
     """The result stands, and that is what is told."""
     monkeypatch.setattr(folders, "_write_report", lambda *_: signal.raise_signal(getattr(signal, number)))

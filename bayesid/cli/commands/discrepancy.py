@@ -15,7 +15,7 @@ from bayesid.errors import InputError
 from bayesid.files import reserved
 from bayesid.identification.options import Preparation
 from bayesid.progress import Progress
-from bayesid.results.folders import check_result_folder, collect_incomplete, save_discrepancy
+from bayesid.results.folders import check_result_folder, collect_incomplete, save_discrepancy, save_or_rescue
 from bayesid.results.model_file import load_model
 from bayesid.signs.search.certified import Certified
 
@@ -46,7 +46,7 @@ def run(options: argparse.Namespace) -> None:
         result = replace(result, identification=replace(again, provenance=run_by))
         bars.show("write", 0, 1)
         with collect_incomplete() as incomplete:
-            save_discrepancy(result, folder, progress=Progress(bars.show))
+            save_or_rescue(lambda place: save_discrepancy(result, place, progress=Progress(bars.show)), folder)
     for warning in result.warnings:
         warn(warning)
     if not options.quiet:

@@ -18,7 +18,7 @@ from bayesid.identification.options import Preparation
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import find_logs, join_logs
 from bayesid.progress import Progress
-from bayesid.results.folders import check_result_folder, collect_incomplete, save_identification
+from bayesid.results.folders import check_result_folder, collect_incomplete, save_identification, save_or_rescue
 from bayesid.results.several_logs import identify_separately
 from bayesid.signs.search.beam import Beam
 from bayesid.signs.search.certified import Certified
@@ -45,7 +45,8 @@ def run(options: argparse.Namespace) -> None:
         result = replace(result, provenance=replace(result.provenance, command=command_line()))
         bars.show("write", 0, 1)
         with collect_incomplete() as incomplete:
-            save_identification(result, folder, report=not options.no_report, progress=Progress(bars.show))
+            asked = {"report": not options.no_report, "progress": Progress(bars.show)}
+            save_or_rescue(lambda place: save_identification(result, place, **asked), folder)
     for warning in result.warnings:
         warn(warning)
     if not options.quiet:

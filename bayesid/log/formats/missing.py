@@ -15,8 +15,12 @@ _SEVERAL = 2
 """Columns that differ by a number only, and may so be those of the joints, from this many on."""
 UNNAMED = "NAME{}"
 """What stands for columns of which there are none."""
-_EFFORT = re.compile("tau|torque|moment|eff|force|curr|amp|strom|kraft|last|load", re.IGNORECASE)
+_EFFORT = re.compile(r"tau|torque|moment|eff|force|curr|amp|strom|kraft|last|load|\bN ?m\b", re.IGNORECASE)
 """What names of efforts hold in many languages."""
+_VELOCITY = re.compile(r"vel|speed|geschw|drehzahl|vitesse|rpm|(rad|deg|°)/s", re.IGNORECASE)
+"""What names of velocities hold, which are no efforts."""
+_TIME = re.compile("time|zeit|temps|tiempo|stamp|clock", re.IGNORECASE)
+"""What names of times hold."""
 _CURRENT = re.compile("curr|strom|amp", re.IGNORECASE)
 """What names of currents hold."""
 _SHOWN = 20
@@ -100,5 +104,8 @@ def _likely(kinds: Sequence[str], patterns: Sequence[str]) -> list[tuple[str, st
     stated = [(kind, one) for kind in kinds for one, unit in units.items() if unit and factor_of(kind, unit)]
     open_ones = [one for one, unit in units.items() if unit is None]
     if "tau" in kinds or "i" in kinds:
+        open_ones = [one for one in open_ones if not _VELOCITY.search(one)]
         open_ones.sort(key=lambda one: _EFFORT.search(one) is None)
+    elif "t" in kinds:
+        open_ones.sort(key=lambda one: _TIME.search(one) is None)
     return stated + [(_kind_of(kinds, one), one) for one in open_ones]
