@@ -141,5 +141,4 @@ def _attributes(effects: Mapping[str, float], rest_key: str, direction: float) -
 
 def _quaternion(rotation: Array) -> str:
     """Of a (3, 3) rotation, w first."""
-    writable = rotation.copy()  # SciPy 1.13 wants it so
-    return numbers(np.roll(Rotation.from_matrix(writable).as_quat(canonical=True), 1))
+    return numbers(np.roll(Rotation.from_matrix(rotation).as_quat(canonical=True), 1))
