@@ -13,10 +13,13 @@ import sys
 import tarfile
 import tomllib
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.version import Version
 
 import bayesid
 
@@ -105,6 +108,34 @@ def test_the_page_on_installing_names_all_that_is_needed():
     assert "pinocchio" in named
     extras = set(re.findall(r"^\| `(\w+)` \|", page, re.M))
     assert extras == set(PROJECT["project"]["optional-dependencies"]) - TOOLS
+
+
+def lower_bounds(extras: Iterable[str]) -> dict[str, Version]:
+    """Of the dependencies, and of those of extras."""
+    optional = PROJECT["project"]["optional-dependencies"]
+    needs = (*PROJECT["project"]["dependencies"], *(need for extra in extras for need in optional[extra]))
+    return {
+        need.name: Version(one.version)
+        for need in map(Requirement, needs)
+        for one in need.specifier
+        if one.operator == ">="
+    }
+
+
+def test_every_dependency_has_a_lower_bound():
+    declared = {distribution(need) for need in PROJECT["project"]["dependencies"]}
+    assert set(lower_bounds([])) == declared
+    assert set(lower_bounds(PROJECT["project"]["optional-dependencies"])) >= distributions()
+
+
+@pytest.mark.skipif("BAYESID_RESOLUTION" not in os.environ, reason="of the environments that .ci/run makes")
+def test_the_lowest_versions_are_the_declared_ones():
+    """A bound below what can be installed at all, beside the other bounds, promises what nobody has tried."""
+    installed = {name: Version(version(name)) for name in lower_bounds(["test"])}
+    lowest = lower_bounds(["test"])
+    if os.environ["BAYESID_RESOLUTION"] == "lowest-direct":
+        assert installed == lowest
+    assert all(installed[name] >= lowest[name] for name in lowest)
 
 
 def distributions() -> set[str]:

@@ -9,6 +9,9 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.process import one_at_a_time, quiet
 
+_TAILS = (0.05, 0.95)
+"""Quantiles whose effective sample size is that of the tails (Vehtari et al. 2021)."""
+
 
 @dataclass(frozen=True)
 class Diagnostics:
@@ -47,17 +50,19 @@ def diagnose(draws: Array) -> Diagnostics:
 
     Draws that are not finite give NaN, which passes no test.
     """
-    with quiet(FutureWarning):  # ArviZ announces its next version on import
+    with quiet(FutureWarning):  # ArviZ 0.x announces its next version on import
         import arviz  # here, for it takes half a second that no other command should wait
 
     sweeps, ensembles, walkers, size = draws.shape
     pooled = draws.transpose(1, 0, 2, 3).reshape(ensembles, sweeps * walkers, size)
     single = draws.transpose(1, 2, 0, 3).reshape(ensembles * walkers, sweeps, size)
     flat = np.ptp(draws, axis=(0, 1, 2)) == 0.0
+    finite = np.isfinite(draws).all(axis=(0, 1, 2))
     rhat, bulk, tail = np.ones(size), np.full(size, np.inf), np.full(size, np.inf)
-    for k in np.flatnonzero(~flat):
-        rhat[k] = arviz.rhat(pooled[..., k], method="rank")  # type: ignore[no-untyped-call]
-        bulk[k] = arviz.ess(single[..., k], method="bulk")  # type: ignore[no-untyped-call]
-        tail[k] = arviz.ess(single[..., k], method="tail")  # type: ignore[no-untyped-call]
+    rhat[~finite] = bulk[~finite] = tail[~finite] = np.nan
+    for k in np.flatnonzero(finite & ~flat):
+        rhat[k] = arviz.rhat(pooled[..., k], method="rank")
+        bulk[k] = arviz.ess(single[..., k], method="bulk")
+        tail[k] = min(arviz.ess(single[..., k], method="quantile", prob=prob) for prob in _TAILS)
     count = float(sweeps * ensembles * walkers)  # of a few sweeps, estimates may exceed the number of draws
     return Diagnostics(rhat, np.minimum(bulk, count), np.minimum(tail, count))

@@ -1,4 +1,4 @@
-"""The posterior as an `arviz.InferenceData`: what ArviZ plots, summarises and compares, and the file that keeps it.
+"""The posterior as ArviZ's InferenceData: what ArviZ plots, summarises and compares, and the file that keeps it.
 
 Groups and their dimensions, every one with named coordinates:
 
@@ -6,10 +6,13 @@ Groups and their dimensions, every one with named coordinates:
   coordinate `mode` (chain, draw) counts from 1, the heaviest.
 - sample_stats (chain, draw): `lp` (log density, not normalised), `walker`, `sweep` (index among all sweeps of the run).
 - log_likelihood (chain, draw, block): `effort`, see `pointwise`. Held in single precision. A block is a stretch of a
-  segment (see `bayesid.posterior.blocks`): little enough of a log for `az.loo`.
+  segment (see `bayesid.posterior.blocks`): little enough of a log for `az.loo`. Blocks whose likelihood is the same in
+  all draws, as of those without samples, are no observations (`az.loo` refuses them): the attribute `left_out` counts
+  them.
 - observed_data (block): `effort` (RMS, N m) and `effort_energy` (sum of squares), beside each block's joint, times,
   samples and sign.
-- constant_data: the reference noise and its autocorrelation, the prior, and B of beta = B theta. Where an earlier log
+- constant_data: the reference noise and its autocorrelation, the prior, and B of beta = B theta; units and expressions
+  of coefficients, units of parameters (beside the draws, `az.summary` of ArviZ 1.x fails on them). Where an earlier log
   is known, also its `earlier_hessian` H and `earlier_gradient` g: in `lp`, minus (beta' H beta - 2 g' beta +
   c) / 2 with c its `earlier_energy`.
 - nuisance (effect), where there is any: `scale`, the likely size of each effect that the model may lack, relative to
@@ -27,7 +30,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -43,20 +46,17 @@ from bayesid.fit.knowledge import Information
 from bayesid.fit.moments import Moments
 from bayesid.model.coefficients import BaseCoefficients
 from bayesid.model.parameters import Parameter
+from bayesid.posterior.arviz_versions import InferenceData, datasets, joined
 from bayesid.posterior.blocks import SegmentBlocks
 from bayesid.posterior.likelihood import Likelihood
 from bayesid.posterior.sampler import Draws
 from bayesid.posterior.target import Target
-from bayesid.process import one_at_a_time, quiet
-
-with quiet(FutureWarning):  # ArviZ announces its next version on import
-    from arviz import InferenceData
+from bayesid.process import one_at_a_time
 
 __all__ = [
     "MOST",
     "InferenceData",
     "Labels",
-    "add_nuisance",
     "by_blocks",
     "kept_coefficients",
     "make_inference_data",
@@ -89,19 +89,21 @@ _REMEDY = "give the posterior that bayesid wrote, or identify again to write it 
 
 @dataclass(frozen=True)
 class Labels:
-    """What things are called, and when samples were taken.
+    """What things are called, when samples were taken, and what has no draws.
 
     Attributes:
         coefficients: the r base coefficients; their names, units and expressions.
         parameters: (P,) with names and units.
         joints: (n,) one each, all different.
         time: (N,) s, of the samples that blocks count.
+        nuisance: effects that were summed out, with their joints, and their likely sizes.
     """
 
     coefficients: BaseCoefficients
     parameters: Sequence[Parameter]
     joints: Sequence[str]
     time: Array
+    nuisance: Mapping[str, float] = field(default_factory=dict)
 
 
 @one_at_a_time
@@ -145,25 +147,26 @@ def make_inference_data(
     flat = theta.reshape(chains * size, -1), log_scale.reshape(chains * size, -1)
     blocks, likelihood = by_blocks(blocks, target.likelihood, *flat)
     block = _block_coordinates(likelihood, blocks, labels)
-    terms = pointwise(likelihood, blocks.moments, *flat).reshape(chains, size, -1)
-    held = np.flatnonzero(_sums(blocks.moments, blocks.moments.count))  # segments at a log's ends may have no samples
+    terms = pointwise(likelihood, blocks.moments, *flat).reshape(chains, size, -1).astype(np.float32)
+    held = np.flatnonzero(np.ptp(terms, axis=(0, 1)))  # segments at a log's ends may have no samples
     run = _run(draws, every)
     if shift is not None:
         theta = theta + _walker_major(shift[kept])
         beta = theta @ target.likelihood.projection.T
     variables = {"beta": beta, "theta": theta, "noise": target.likelihood.sigma * np.exp(log_scale)}
-    return InferenceData(
-        attrs={key: _plain(value) for key, value in {**run, **attributes}.items()},
-        posterior=_posterior(variables, drawn, labels),
-        sample_stats=_sample_stats(density, kept, draws.theta.shape[2], drawn),
-        log_likelihood=xarray.Dataset(
-            {"effort": ((*_SAMPLED, "block"), terms.astype(np.float32))},
+    groups = {
+        "posterior": _posterior(variables, drawn, labels),
+        "sample_stats": _sample_stats(density, kept, draws.theta.shape[2], drawn),
+        "log_likelihood": xarray.Dataset(
+            {"effort": ((*_SAMPLED, "block"), terms)},
             coords={**drawn, **block},
-            attrs={"long_name": _POINTWISE},
+            attrs={"long_name": _POINTWISE, "left_out": terms.shape[2] - len(held)},
         ).isel(block=held),
-        observed_data=_observed(blocks.moments, block).isel(block=held),
-        constant_data=_constants(target, blocks.moments, labels),
-    )
+        "observed_data": _observed(blocks.moments, block).isel(block=held),
+        "constant_data": _constants(target, blocks.moments, labels),
+        **({"nuisance": _nuisance(labels.nuisance)} if labels.nuisance else {}),
+    }
+    return joined(groups, {key: _plain(value) for key, value in {**run, **attributes}.items()})
 
 
 def _run(draws: Draws, every: int) -> dict[str, object]:
@@ -201,7 +204,7 @@ def _posterior(variables: Mapping[str, Array], drawn: Mapping[str, object], labe
     }
     return xarray.Dataset(
         {name: ((*_SAMPLED, last), variables[name], notes) for name, (last, notes) in described.items()},
-        coords={**drawn, **_coefficient_coordinates(labels), **_parameter_coordinates(labels), **_joints(labels)},
+        coords={**drawn, **_names(labels)},
     )
 
 
@@ -363,23 +366,22 @@ def _distinct(names: Sequence[str]) -> list[str]:
 # ---------------------------------------------------------------------------------------------------------------
 # Everything else
 # ---------------------------------------------------------------------------------------------------------------
-def _coefficient_coordinates(labels: Labels) -> dict[str, object]:
+def _names(labels: Labels) -> dict[str, object]:
+    """Coordinates of the dimensions: nothing else may stand beside draws, or `az.summary` of ArviZ 1.x fails."""
     return {
-        "coefficient": ("coefficient", list(labels.coefficients.names)),
+        "coefficient": list(labels.coefficients.names),
+        "parameter": [parameter.name for parameter in labels.parameters],
+        "joint": list(labels.joints),
+    }
+
+
+def _descriptions(labels: Labels) -> dict[str, object]:
+    """Coordinates that tell more of what is named."""
+    return {
         "coefficient_unit": ("coefficient", list(labels.coefficients.units)),
         "coefficient_expression": ("coefficient", list(labels.coefficients.expressions)),
-    }
-
-
-def _parameter_coordinates(labels: Labels) -> dict[str, object]:
-    return {
-        "parameter": ("parameter", [parameter.name for parameter in labels.parameters]),
         "parameter_unit": ("parameter", [parameter.unit for parameter in labels.parameters]),
     }
-
-
-def _joints(labels: Labels) -> dict[str, object]:
-    return {"joint": ("joint", list(labels.joints))}
 
 
 def _observed(moments: Moments, block: Mapping[str, object]) -> xarray.Dataset:
@@ -412,7 +414,7 @@ def _constants(target: Target, moments: Moments, labels: Labels) -> xarray.Datas
             "projection": (("coefficient", "parameter"), likelihood.projection, {"long_name": "beta = B theta"}),
             **({} if target.information is None else _earlier(target.information)),
         },
-        coords={**_coefficient_coordinates(labels), **_parameter_coordinates(labels), **_joints(labels)},
+        coords={**_names(labels), **_descriptions(labels)},
     )
 
 
@@ -435,13 +437,10 @@ def _plain(value: object) -> str | int | float:
     return json.dumps(value, default=lambda part: part.tolist() if hasattr(part, "tolist") else str(part))
 
 
-def add_nuisance(data: InferenceData, scales: Mapping[str, float]) -> None:
-    """Adds the group of what was summed out: effects, with their joints, and their likely sizes."""
-    if scales:
-        about = {"long_name": "likely size, relative to what is usual; of kinematics, to the stated tolerance"}
-        values = {"scale": ("effect", np.array(list(scales.values())), about)}
-        dataset = xarray.Dataset(values, coords={"effect": list(scales)})
-        data.add_groups({"nuisance": dataset}, warn_on_custom_groups=False)  # type: ignore[no-untyped-call]
+def _nuisance(scales: Mapping[str, float]) -> xarray.Dataset:
+    about = {"long_name": "likely size, relative to what is usual; of kinematics, to the stated tolerance"}
+    values = {"scale": ("effect", np.array(list(scales.values())), about)}
+    return xarray.Dataset(values, coords={"effect": list(scales)})
 
 
 def _require_same_sizes(target: Target, blocks: SegmentBlocks, labels: Labels) -> None:
@@ -466,9 +465,8 @@ def _require_same_sizes(target: Target, blocks: SegmentBlocks, labels: Labels) -
 # ---------------------------------------------------------------------------------------------------------------
 def write(data: InferenceData, path: Path | str) -> None:
     """Writes netCDF, compressed, over whatever is there. What a crash leaves half-written is the caller's business."""
-    groups = [(name, getattr(data, name)) for name in data.groups()]
     xarray.Dataset(attrs=data.attrs).to_netcdf(path, mode="w", engine=_ENGINE)
-    for name, group in groups:
+    for name, group in datasets(data).items():
         # ArviZ's own to_netcdf leaves the bytes of floats unshuffled, and they hardly shrink.
         packed = {
             key: {"zlib": True, "shuffle": True, "complevel": 4}

@@ -76,33 +76,37 @@ def _if_known(value: float) -> object:
 
 
 def inference_data(identification: Identification) -> InferenceData:
-    """The posterior as an `arviz.InferenceData`: what posterior.nc holds.
+    """The posterior as ArviZ takes it: what posterior.nc holds.
+
+    An `arviz.InferenceData`, from ArviZ 1.0 on an `xarray.DataTree`.
 
     Raises:
         ValueError: no posterior was sampled.
 
     Example:
-        >>> data = bayesid.inference_data(result)  # an arviz.InferenceData
+        >>> data = bayesid.inference_data(result)
         >>> data.posterior["beta"].dims
         ('chain', 'draw', 'coefficient')
     """
     posterior = identification.posterior
     if posterior is None:
         raise ValueError("no posterior was sampled")
-    from bayesid.posterior.inference_data import Labels, add_nuisance, make_inference_data
+    from bayesid.posterior.inference_data import Labels, make_inference_data
 
+    completion = identification.completion
     labels = Labels(
         coefficients=identification.coefficients,
         parameters=identification.model.parameters,
         joints=[f"A{j}" for j in range(1, identification.model.robot.n_joints + 1)],
         time=identification.signals.motion.t,
+        nuisance={} if completion is None else completion.uncertain,
     )
     summary = as_json(summarise(identification))
     run = {key: summary[key] for key in ("robot", "log", "terms", "noise", "signs")}
     sampling = {key: summary["posterior"][key] for key in ("converged", "max_rhat", "min_ess", "seed")}
     versions = {f"{name}_version": version(name) for name in ("bayesid", "numpy", "emcee", "arviz")}
     attributes = {**run, **sampling, "modes": summary["modes"], **versions}
-    data = make_inference_data(
+    return make_inference_data(
         posterior.draws,
         posterior.target,
         posterior.blocks,
@@ -111,9 +115,6 @@ def inference_data(identification: Identification) -> InferenceData:
         mode=posterior.mode_of_draws,
         shift=posterior.shift,
     )
-    if identification.completion is not None:
-        add_nuisance(data, identification.completion.uncertain)
-    return data
 
 
 def validation_summary(validation: Validation) -> dict[str, Any]:

@@ -623,4 +623,4 @@ def test_pandas_reads_a_signed_log(tmp_path, recorded):
     assert list(frame.columns) == list(columns)
     for name, values in columns.items():
         assert frame[name].dtype == np.float64
-        np.testing.assert_allclose(frame[name].to_numpy(), values, rtol=1e-15)
+        np.testing.assert_allclose(frame[name].to_numpy(), values, rtol=1e-15, atol=1e-16)

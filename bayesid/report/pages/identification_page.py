@@ -22,7 +22,7 @@ from bayesid.report.findings import Findings
 from bayesid.report.findings.summary import SearchSummary
 from bayesid.report.pages.rendering import Picture, data, number, picture, render
 from bayesid.report.plot.remainder import VARIABLES
-from bayesid.report.plot.style import new_figure
+from bayesid.report.plot.style import new_figure, root_figure
 from bayesid.report.plot.svg import inline_svg
 from bayesid.report.verdicts import (
     EFFECT_HEADINGS,
@@ -436,6 +436,6 @@ def _zoomable(
 
 
 def _figure_of(ax: Axes) -> Figure:
-    figure = ax.get_figure(root=True)
+    figure = root_figure(ax)
     assert figure is not None
     return figure

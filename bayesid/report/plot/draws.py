@@ -1,4 +1,4 @@
-"""The posterior's draws of the coefficients that the log decides worst, by ArviZ.
+"""The posterior's draws of the coefficients that the log decides worst.
 
 In units of the prior's standard deviation, about the posterior's mean: what the data decide well is narrow, what the
 prior decides reaches from -2 to 2.
@@ -6,21 +6,27 @@ prior decides reaches from -2 to 2.
 
 from __future__ import annotations
 
+from itertools import cycle
 from typing import Any
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from scipy.stats import rankdata
 
 from bayesid.arrays import Array, Integers
-from bayesid.posterior.arviz_plots import draw_forest, draw_pair, draw_rank, draw_trace
 from bayesid.report.findings import Findings
 from bayesid.report.plot.source import Source, findings_of
 from bayesid.report.plot.style import BLUE, INK, MAGENTA, ORANGE, SIZE, dress, given_axes, grid_of_axes, one_axes
 
 _COLOURS = [BLUE, ORANGE, INK, MAGENTA]
-"""Of the ensembles."""
+"""Of the ensembles, in turn."""
 _SCALE = "over the prior's sd"
+_QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
+"""Ends of the thin line, of the thick one, and the dot between."""
+_ROW = 0.6
+"""Of the room of a coefficient in a forest, for the ensembles' lines."""
+_BINS = 20
+"""Of histograms: of the thousand draws that an ensemble keeps, fifty a bin, which chance moves by 14 %."""
 
 
 def forest(result: Source, count: int = 12, ax: Axes | None = None) -> Axes:
@@ -43,12 +49,17 @@ def forest(result: Source, count: int = 12, ax: Axes | None = None) -> Axes:
     findings = findings_of(result)
     chosen = findings.worst(count)
     ax = one_axes(ax, 1.0 + 0.36 * len(chosen))
-    look = {"colors": INK, "textsize": SIZE, "linewidth": 1.4, "markersize": 3}
     names = _names(findings, chosen)
-    draw_forest(_values(findings, chosen), names, ax, look)
-    ax.set_yticks(ax.get_yticks(), names[::-1])  # ArviZ's rows stand from the last one up, one tick for all ensembles
+    quantiles = np.quantile(_values(findings, chosen), _QUANTILES, axis=1)
+    ensembles = quantiles.shape[1]
+    for e, (low, first, middle, third, high) in enumerate(quantiles.transpose(1, 0, 2)):
+        rows = np.arange(len(chosen)) + _ROW * ((e + 0.5) / ensembles - 0.5)
+        ax.hlines(rows, low, high, colors=INK, linewidth=1.4)
+        ax.hlines(rows, first, third, colors=INK, linewidth=2.8)
+        ax.plot(middle, rows, "o", color=INK, markersize=3)
+    ax.set_yticks(np.arange(len(chosen)), names)
+    ax.invert_yaxis()
     ax.axvline(0.0, color=INK, linewidth=0.8)
-    ax.set_title("")
     ax.set_xlabel(f"coefficient less its mean, {_SCALE}", fontsize=SIZE, color=INK)
     dress(ax, "x")
     return ax
@@ -80,18 +91,17 @@ def pair(result: Source, count: int = 3, axes: Any = None) -> list[Axes]:
         raise ValueError("a pair needs two coefficients")
     size = len(chosen) - 1
     grid = grid_of_axes(axes, size, size, 1.2 + 1.9 * size)
-    look = {"scatter_kwargs": {"color": BLUE, "alpha": 0.4, "s": 6.0}, "textsize": SIZE}
     names = _names(findings, chosen)
-    draw_pair(_values(findings, chosen), names, grid if size > 1 else grid[0, 0], look)
+    draws = _values(findings, chosen).reshape(-1, len(chosen))
     for row in range(size):
         for column in range(size):
             ax = grid[row, column]
             if column > row:
                 ax.set_axis_off()
                 continue
+            ax.scatter(draws[:, column], draws[:, row + 1], color=BLUE, alpha=0.4, s=2.0, rasterized=True)
             ax.set_xlabel(names[column] if row == size - 1 else "", fontsize=SIZE, color=INK)
             ax.set_ylabel(names[row + 1] if column == 0 else "", fontsize=SIZE, color=INK)
-            _as_image(ax.collections)
             dress(ax)
     return [ax for ax in grid.ravel() if ax.axison]
 
@@ -119,18 +129,15 @@ def trace(result: Source, count: int = 4, axes: Any = None) -> list[Axes]:
     findings = findings_of(result)
     chosen = findings.worst(count)
     grid = grid_of_axes(axes, len(chosen), 2, 0.6 + 1.15 * len(chosen))
-    look = {
-        "chain_prop": {"color": _COLOURS[: findings.n_ensembles]},
-        "trace_kwargs": {"alpha": 0.5, "linewidth": 0.4},
-        "plot_kwargs": {"textsize": SIZE},
-    }
     names = _names(findings, chosen)
-    draw_trace(_values(findings, chosen), names, grid, look)
-    for (density, draws), name in zip(grid, names, strict=True):
-        density.set_title("")
-        draws.set_title("")
-        density.set_ylabel(name, fontsize=SIZE - 1.0, color=INK)
-        _as_image(draws.lines)
+    values = _values(findings, chosen)
+    for k, (density, draws) in enumerate(grid):
+        edges = np.histogram_bin_edges(values[..., k], _BINS)
+        for ensemble, colour in zip(values[..., k], cycle(_COLOURS), strict=False):
+            density.stairs(np.histogram(ensemble, edges, density=True)[0], edges, color=colour)
+            # as a picture, or it would be a thousand strokes inside the figure
+            draws.plot(ensemble, color=colour, alpha=0.5, linewidth=0.4, rasterized=True)
+        density.set_ylabel(names[k], fontsize=SIZE - 1.0, color=INK)
         for ax in (density, draws):
             dress(ax)
         density.set_yticks([])
@@ -166,17 +173,13 @@ def rank(result: Source, count: int = 4, axes: Any = None) -> list[Axes]:
         places = grid_of_axes(None, rows, min(2, len(chosen)), 0.5 + 1.7 * rows).ravel()
     else:
         places = given_axes(axes, len(chosen))
-    look = {
-        "colors": _COLOURS[: findings.n_ensembles],
-        "bar_kwargs": {"edgecolor": "none"},
-        "ref_line_kwargs": {"color": INK, "linestyle": "--", "linewidth": 1.0},
-    }
     for ax, k, name in zip(places, chosen, _names(findings, chosen), strict=False):
-        draw_rank(_values(findings, np.array([k])), name, ax, look)
+        _draw_ranks(ax, _values(findings, np.array([k]))[..., 0])
         ax.set_title(name, fontsize=SIZE, color=INK)
         ax.set_xlabel("rank among all draws", fontsize=SIZE - 1.0, color=INK)
         ax.set_ylabel("ensemble", fontsize=SIZE - 1.0, color=INK)
         dress(ax)
+        ax.set_yticks([])
     for ax in places[len(chosen) :]:
         ax.set_axis_off()
     return [ax for ax in places if ax.axison]
@@ -185,6 +188,17 @@ def rank(result: Source, count: int = 4, axes: Any = None) -> list[Axes]:
 # ---------------------------------------------------------------------------------------------------------------
 # Parts
 # ---------------------------------------------------------------------------------------------------------------
+def _draw_ranks(ax: Axes, draws: Array) -> None:
+    """Histograms of the ranks of each ensemble's draws (E, D) among all, one above the other; dashed if uniform."""
+    ranks = rankdata(draws).reshape(draws.shape)
+    edges = np.linspace(0.5, draws.size + 0.5, _BINS + 1)
+    counts = np.array([np.histogram(ensemble, edges)[0] for ensemble in ranks])
+    even, room = draws.shape[1] / _BINS, 1.2 * float(counts.max())
+    for e, colour in zip(range(len(draws)), cycle(_COLOURS), strict=False):
+        ax.bar(edges[:-1], counts[e], np.diff(edges), bottom=e * room, align="edge", color=colour)
+        ax.axhline(e * room + even, color=INK, linestyle="--", linewidth=1.0)
+
+
 def _values(findings: Findings, chosen: Integers) -> Array:
     """(E, D, K) draws of K coefficients."""
     if findings.draws is None:
@@ -194,10 +208,3 @@ def _values(findings: Findings, chosen: Integers) -> Array:
 
 def _names(findings: Findings, chosen: Integers) -> list[str]:
     return [findings.coefficients.name[k] for k in chosen]
-
-
-def _as_image(artists: Any) -> None:
-    """What would be tens of thousands of paths becomes a picture inside the figure."""
-    each: Artist
-    for each in artists:
-        each.set_rasterized(True)

@@ -12,7 +12,7 @@ from matplotlib.colors import to_rgba
 from bayesid.arrays import Array
 from bayesid.report.findings import Findings
 from bayesid.report.plot.source import Source, findings_of
-from bayesid.report.plot.style import BLUE, INK, MAGENTA, ORANGE, SIZE, dress, each_joint, legend
+from bayesid.report.plot.style import BLUE, INK, MAGENTA, ORANGE, SIZE, dress, each_joint, legend, root_figure
 from bayesid.report.thinning import envelope
 
 WIDE = 10.0
@@ -134,7 +134,7 @@ def _curve(
 
 def _width(ax: Axes) -> float:
     """Of the figure, in."""
-    figure = ax.get_figure(root=True)
+    figure = root_figure(ax)
     return WIDE if figure is None else float(figure.get_figwidth())
 
 

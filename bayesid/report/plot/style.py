@@ -27,6 +27,11 @@ def new_figure(height: float, width: float = WIDTH) -> Figure:
     return Figure(figsize=(width, height), layout="constrained", facecolor="none")
 
 
+def root_figure(ax: Axes) -> Figure | None:
+    """The figure that an Axes is in, through figures inside of it; `get_figure(root=True)` of matplotlib 3.10."""
+    return None if ax.figure is None else ax.figure.figure
+
+
 def dress(ax: Axes, grid: Literal["both", "x"] = "both") -> None:
     """One ink for all that is not data."""
     ax.set_facecolor("none")
@@ -43,7 +48,7 @@ def legend(ax: Axes) -> None:
     """Above all Axes of a figure made here, in one row; inside the Axes of another's figure, which may have no room."""
     handles, names = ax.get_legend_handles_labels()
     look: dict[str, Any] = {"fontsize": SIZE - 1.0, "labelcolor": INK}
-    figure = ax.get_figure(root=True)
+    figure = root_figure(ax)
     if figure is not None and figure.get_layout_engine() is not None:
         figure.legend(handles, names, loc="outside upper center", ncols=len(names), frameon=False, **look)
     else:

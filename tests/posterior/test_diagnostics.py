@@ -1,0 +1,50 @@
+"""Convergence of draws that go wrong in known ways: the same numbers by every ArviZ that is allowed."""
+
+import numpy as np
+import pytest
+
+from bayesid.posterior.diagnostics import diagnose
+
+
+def alone(values):
+    """(R-hat, bulk, tail) of draws (E, D): ensembles of one walker."""
+    found = diagnose(np.asarray(values, dtype=float).T[:, :, None, None])
+    return float(found.rhat[0]), float(found.bulk[0]), float(found.tail[0])
+
+
+def waves(draws=200):
+    """(4, D) ensembles that no generator of random numbers can change."""
+    t = np.arange(draws)
+    return np.array([np.sin((1.3 + 0.1 * e) * t * t) for e in range(4)])
+
+
+# Of ArviZ 0.23.4; 1.3.0 gives the same.
+KNOWN = {
+    "well": (waves(), (1.00485725, 800.0, 682.743244)),
+    "one ensemble elsewhere": (waves() + np.array([[0.0], [0.0], [0.0], [3.0]]), (1.52739964, 7.50655965, 36.2323764)),
+    "ensembles that never move": (
+        np.repeat(np.arange(4.0)[:, None], 100, axis=1) + 1e-9 * waves(100),
+        (2.86351437, 4.97986448, 43.039684),
+    ),
+    "slow": (np.cumsum(waves(), axis=1), (1.45188661, 8.30647087, 12.3738507)),
+    "heavy tails": (np.tan(1.57 * waves()), (1.00539892, 800.0, 682.743244)),
+    "few": (waves(5), (0.879305588, 19.2659197, 19.2659197)),
+}
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_known_values(name):
+    draws, expected = KNOWN[name]
+    assert alone(draws) == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_constant_has_converged():
+    assert alone(np.full((4, 50), 2.5)) == (1.0, 200.0, 200.0)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_what_is_not_finite_passes_no_test(value):
+    draws = waves()
+    draws[2, 17] = value
+    assert np.isnan(alone(draws)).all()
+    assert not diagnose(draws.T[:, :, None, None]).passes(1e9, 0.0)
