@@ -45,8 +45,8 @@ def run(options: argparse.Namespace) -> None:
         result = replace(result, provenance=replace(result.provenance, command=command_line()))
         bars.show("write", 0, 1)
         with collect_incomplete() as incomplete:
-            asked = {"report": not options.no_report, "progress": Progress(bars.show)}
-            save_or_rescue(lambda place: save_identification(result, place, **asked), folder)
+            shown, progress = not options.no_report, Progress(bars.show)
+            save_or_rescue(lambda place: save_identification(result, place, report=shown, progress=progress), folder)
     for warning in result.warnings:
         warn(warning)
     if not options.quiet:
