@@ -53,7 +53,7 @@ class Sampling:
             takes a few sweeps and its weighing.
         seed: of all random numbers. Before the budget ends, the draws depend on nothing else.
         repeatable: whether they are never to depend on anything else: the budget does not count then.
-        mode: of which means and model are where there are several, from 1, the heaviest.
+        mode: whose mean the model holds where there are several, from 1, the heaviest.
 
     Raises:
         InputError: the budget is no number of seconds, or the mode none from 1 on.

@@ -461,18 +461,18 @@ def test_coefficients_are_those_of_the_draws(sampled, sampled_folder):
     assert np.all((found["q2.5"] < found["mean"]) & (found["mean"] < found["q97.5"]))
 
 
-def test_the_model_of_a_sampled_result_predicts_and_the_table_is_the_mean(sampled, sampled_folder):
+def test_the_model_of_a_sampled_result_is_the_mean_and_feasible(sampled, sampled_folder):
     theta, _, noise, _ = draws_in(sampled_folder)
     loaded = load_model(sampled_folder)
     mean = sampled.posterior.draws.theta.reshape(-1, theta.shape[1]).mean(axis=0)
-    np.testing.assert_allclose(loaded.theta, sampled.theta, rtol=1e-12, atol=0.0)
+    np.testing.assert_allclose(loaded.theta, mean, rtol=1e-9, atol=1e-12)
     assert np.abs((theta.mean(axis=0) - mean) / theta.std(axis=0)).max() < 0.3, "links' own parameters mix slowly"
     assert loaded.model.cone.contains(loaded.theta)
     assert loaded.model.cone.smallest_eigenvalues(loaded.theta).min() > 0.0
     np.testing.assert_array_equal(loaded.draws.theta, theta)
     np.testing.assert_array_equal(loaded.draws.sigma, noise)
     rows = table(sampled_folder / "parameters.csv")
-    np.testing.assert_allclose([float(row["mean"]) for row in rows], mean, rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose([float(row["mean"]) for row in rows], loaded.theta, rtol=1e-8, atol=1e-12)
     off = sampled.posterior.uncertain.theta.reshape(-1, theta.shape[1]) - mean
     np.testing.assert_allclose([float(row["sd"]) for row in rows], np.sqrt(np.mean(off**2, axis=0)), rtol=1e-8)
 

@@ -207,7 +207,7 @@ class PosteriorSummary:
         prior: in words.
         prior_sd: parameter to its standard deviation.
         noise_scale: (n,) posterior mean of noise over reference noise.
-        mode: of which means and model are, from 1.
+        mode: whose mean the model holds, from 1.
         pressed_windows: of the prior, that hold draws back, to the share of draws near their edges.
         assignments: posterior probability of each assignment that the search lists.
         assignments_elsewhere: and of all others.
