@@ -149,16 +149,6 @@ class ConeLeastSquares:
         self.tolerance = tolerance
         self._hessian = hessian
 
-    @classmethod
-    def with_prior(
-        cls, cone: Cone, coefficients: BaseCoefficients, hessian: Array, mean: Array, sd: Array
-    ) -> ConeLeastSquares:
-        """The problem with a normal prior, (P,) mean and sd, in the place of the weak pull; its cost is -2 log p."""
-        stated = cls(cone, coefficients, hessian, 1.0, MARGIN)
-        stated.scale, stated.typical, stated.pull_weight = sd, mean / sd, 1.0
-        stated.rows = _state_cone(cone, sd, MARGIN)
-        return stated
-
     def lighter(self, share: float) -> ConeLeastSquares:
         """The same problem with this share of the pull."""
         lighter = copy(self)

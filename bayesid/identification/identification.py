@@ -179,7 +179,7 @@ class Identification:
 
     @property
     def theta(self) -> Array:
-        """(P,) the model's parameters: those that predict, or least squares' where there is no posterior.
+        """(P,) the model's parameters: the posterior's mean, or least squares' where there is no posterior.
 
         Example:
             >>> result.model.cone.contains(result.theta)  # feasible
@@ -210,19 +210,14 @@ class Identification:
 
     @property
     def beta(self) -> Array:
-        """(r,) the base coefficients: the posterior's mean, or least squares' where there is no posterior.
+        """(r,) the base coefficients of these parameters.
 
         Example:
             >>> names = result.coefficients.names
             >>> float(result.beta[names.index("Fc2")]) == result.coefficient("Fc2").mean
             True
         """
-        return self.coefficients.project(self._mean)
-
-    @property
-    def _mean(self) -> Array:
-        """(P,) the parameters' posterior mean, or least squares'."""
-        return self.theta if self.posterior is None else self.posterior.theta
+        return self.coefficients.project(self.theta)
 
     @property
     def covariance(self) -> Array:
@@ -401,7 +396,7 @@ class Identification:
             ['Fc1', 'Fc2', 'Fc3']
         """
         sd, by_data = self.parameter_sd
-        figures = zip(self.model.parameters, self._mean.tolist(), sd.tolist(), by_data, strict=True)
+        figures = zip(self.model.parameters, self.theta.tolist(), sd.tolist(), by_data, strict=True)
         rows = (ParameterValue(p.name, p.unit, p.joint, mean, own, _decided_by(data)) for p, mean, own, data in figures)
         return Records(ParameterValue, tuple(rows))
 

@@ -46,7 +46,6 @@ from bayesid.model.terms import STANDARD, Term
 from bayesid.posterior.blocks import SegmentBlocks, divide
 from bayesid.posterior.inference import DRAWS, Posterior, infer, widened
 from bayesid.posterior.links import usual_links
-from bayesid.posterior.predicting import predicting
 from bayesid.posterior.problem import PosteriorProblem
 from bayesid.posterior.sampler import Sampling
 from bayesid.process import one_blas_thread
@@ -303,7 +302,7 @@ def _identification(run: _Run, log: Log, signals: Signals, model: Model, average
 
 
 def _identified(model: Model, evidence: Evidence, fit: Fit, posterior: Posterior | None) -> IdentifiedModel:
-    """The model with what predicts by the posterior or, without one, by least squares.
+    """The model by the posterior or, without one, by least squares.
 
     What the model lacks makes its coefficients less certain, but not what the next log is to show of the same model: so
     that knowledge leaves it out.
@@ -315,10 +314,7 @@ def _identified(model: Model, evidence: Evidence, fit: Fit, posterior: Posterior
     precision = of_base(model, evidence.coefficients, _inverse(posterior.covariance_of_log))
     theta, log_scale = posterior.target.split(posterior.uncertain.spread(DRAWS))
     draws = ParameterDraws(theta, posterior.target.likelihood.sigma * np.exp(log_scale))
-    predicts = predicting(
-        posterior.target, evidence.model.cone, evidence.coefficients, posterior.theta, posterior.noise, fit.residual
-    )
-    return IdentifiedModel(model, predicts, fit.noise, precision, draws)
+    return IdentifiedModel(model, posterior.theta, fit.noise, precision, draws)
 
 
 def _inverse(covariance: Array) -> Array:

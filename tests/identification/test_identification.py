@@ -224,7 +224,7 @@ def test_a_sampled_result_is_that_of_its_draws(truth, unsigned, drawn):
     assert result.posterior.converged
     assert result.warnings == ()
     every = result.posterior.draws.theta.reshape(-1, len(truth.theta))
-    np.testing.assert_allclose(result.posterior.theta, every.mean(axis=0), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(result.theta, every.mean(axis=0), rtol=1e-9, atol=1e-12)
     coefficients = every @ result.coefficients.projection.T
     np.testing.assert_allclose(result.beta, coefficients.mean(axis=0), rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(result.sd, coefficients.std(axis=0), rtol=1e-3)

@@ -71,7 +71,7 @@ def test_parameters_are_those_of_the_model(sampled):
     assert [(one.name, one.unit, one.joint) for one in records] == [
         (one.name, one.unit, one.joint) for one in sampled.model.parameters
     ]
-    np.testing.assert_array_equal([one.mean for one in records], sampled.posterior.theta)
+    np.testing.assert_array_equal([one.mean for one in records], sampled.theta)
     np.testing.assert_array_equal([one.sd for one in records], sd)
     assert [one.decided_by == "data" for one in records] == by_data.tolist()
     assert sampled.parameter("m2") == records[[one.name for one in records].index("m2")]
