@@ -26,6 +26,8 @@ from bayesid.model.robot import robot_from_table, robot_table
 from bayesid.model.terms import Term
 from bayesid.motion import Motion
 
+_FAINTEST = 1e-30
+"""Of a shape number that is not zero, in its own unit: the slowest speed of a term is 1e-8 rad/s."""
 _ROUNDING = 1e-6
 """Of an entry of a precision, relative to its row's and column's diagonal entries."""
 
@@ -129,7 +131,9 @@ def _check_shapes(model: Model) -> None:
     n = model.robot.n_joints
     for effect in model.effects:
         for key, values in effect.shape.items():
-            frozen(values, (None,), key)
+            sizes = np.abs(frozen(values, (None,), key))
+            if np.any((sizes > 0.0) & (sizes < _FAINTEST)):
+                raise ValueError(f"{key} of {effect.name} is too small to divide by")
         effect.check(n)
     for sensor in model.distortions:
         if sensor.of_sensor and any(min(values) < 0.0 for values in sensor.shape.values()):
