@@ -88,8 +88,10 @@ def _stored_precision(table: dict[str, Any] | None, model: Model) -> Array:
         raise ValueError("the knowledge is of other coefficients than the model's")
     precision = frozen(table["precision"], (len(kept), len(kept)), "knowledge, precision,")
     scale = scale_of(precision)
-    scaled = precision / scale[:, None] / scale
-    if np.abs(scaled - scaled.T).max() > _ROUNDING or np.linalg.eigvalsh(scaled)[0] < -_ROUNDING:
+    with np.errstate(over="ignore", invalid="ignore"):
+        scaled = precision / scale[:, None] / scale
+        skew = np.abs(scaled - scaled.T).max()
+    if not skew <= _ROUNDING or np.linalg.eigvalsh(scaled)[0] < -_ROUNDING:
         raise ValueError("the knowledge's precision is not that of a normal distribution")
     return precision
 

@@ -247,3 +247,13 @@ def test_a_shape_number_that_nothing_can_be_divided_by(folder, sample):
     (folder / "model.toml").write_text(tomli_w.dumps(table), encoding="utf-8")
     with pytest.raises(InputError, match="smoothing of coulomb_friction is too small"):
         load_model(folder)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_precision_beyond_all_others(folder, sample):
+    table = tomllib.loads(sample["model.toml"].decode())
+    table["knowledge"]["precision"][0][1] = 1e308
+    table["knowledge"]["precision"][0][0] = 1e-300
+    (folder / "model.toml").write_text(tomli_w.dumps(table), encoding="utf-8")
+    with pytest.raises(InputError, match="precision is not that of a normal distribution"):
+        load_model(folder)
