@@ -26,6 +26,8 @@ from bayesid.model.robot import robot_from_table, robot_table
 from bayesid.model.terms import Term
 from bayesid.motion import Motion
 
+_FAINTEST = 1e-30
+"""Of a shape number that is not zero, in its own unit: the slowest speed of a term is 1e-8 rad/s."""
 _ROUNDING = 1e-6
 """Of an entry of a precision, relative to its row's and column's diagonal entries."""
 
@@ -86,8 +88,10 @@ def _stored_precision(table: dict[str, Any] | None, model: Model) -> Array:
         raise ValueError("the knowledge is of other coefficients than the model's")
     precision = frozen(table["precision"], (len(kept), len(kept)), "knowledge, precision,")
     scale = scale_of(precision)
-    scaled = precision / scale[:, None] / scale
-    if np.abs(scaled - scaled.T).max() > _ROUNDING or np.linalg.eigvalsh(scaled)[0] < -_ROUNDING:
+    with np.errstate(over="ignore", invalid="ignore"):
+        scaled = precision / scale[:, None] / scale
+        skew = np.abs(scaled - scaled.T).max()
+    if not skew <= _ROUNDING or np.linalg.eigvalsh(scaled)[0] < -_ROUNDING:
         raise ValueError("the knowledge's precision is not that of a normal distribution")
     return precision
 
@@ -129,7 +133,9 @@ def _check_shapes(model: Model) -> None:
     n = model.robot.n_joints
     for effect in model.effects:
         for key, values in effect.shape.items():
-            frozen(values, (None,), key)
+            sizes = np.abs(frozen(values, (None,), key))
+            if np.any((sizes > 0.0) & (sizes < _FAINTEST)):
+                raise ValueError(f"{key} of {effect.name} is too small to divide by")
         effect.check(n)
     for sensor in model.distortions:
         if sensor.of_sensor and any(min(values) < 0.0 for values in sensor.shape.values()):

@@ -237,3 +237,23 @@ def test_a_name_that_claims_more_than_it_holds(folder, sample):
     with pytest.raises(InputError, match=r"posterior\.nc: not the netCDF file of a posterior, or damaged"):
         read_findings(folder)
     check_reader(lambda: read_findings(folder))
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_shape_number_that_nothing_can_be_divided_by(folder, sample):
+    table = tomllib.loads(sample["model.toml"].decode())
+    term = next(one for one in table["terms"] if one["name"] == "coulomb_friction")
+    term["shape"]["smoothing"][1] = 1e-320
+    (folder / "model.toml").write_text(tomli_w.dumps(table), encoding="utf-8")
+    with pytest.raises(InputError, match="smoothing of coulomb_friction is too small"):
+        load_model(folder)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_precision_beyond_all_others(folder, sample):
+    table = tomllib.loads(sample["model.toml"].decode())
+    table["knowledge"]["precision"][0][1] = 1e308
+    table["knowledge"]["precision"][0][0] = 1e-300
+    (folder / "model.toml").write_text(tomli_w.dumps(table), encoding="utf-8")
+    with pytest.raises(InputError, match="precision is not that of a normal distribution"):
+        load_model(folder)
