@@ -36,7 +36,6 @@ HOMES = {
     "rosbags": {"log"},
     "pyarrow": {"log", "study"},
     "h5py": {"log", "posterior"},
-    "cvxpy": {"fit"},
     "clarabel": {"fit"},
     "emcee": {"posterior"},
     "arviz": {"posterior"},

@@ -33,6 +33,8 @@ RESULT = {
 }
 """What section 7 of the design promises and more; with draws posterior.nc too, and report.html where it is made."""
 QUICK = "--quiet", "--no-posterior", "--no-report"
+UNUSED = {"arviz", "cvxpy", "distributed", "emcee", "h5py", "jinja2", "matplotlib", "pandas", "pyarrow", "xarray"}
+"""What an identification without posterior and report has no use for."""
 COMMANDS = ("identify", "validate", "simulate", "demo")
 ARM = """
 name = "arm"
@@ -443,6 +445,16 @@ def test_as_a_program(shop, tmp_path):
     assert (bad.returncode, bad.stdout, bad.stderr.count("\n")) == (2, "", 1)
     assert bad.stderr.startswith("bayesid: bad.urdf: ")
     assert [path.name for path in tmp_path.iterdir()] == ["bad.urdf"]
+
+
+def test_an_identification_imports_what_it_uses(place):
+    arguments = [*identify(), *QUICK]
+    script = (
+        f"import json, sys\nfrom bayesid.cli import main\nmain({arguments!r})\nprint(json.dumps(list(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert not {name.partition(".")[0] for name in json.loads(done.stdout)} & UNUSED
+    assert (place / "out" / "summary.json").is_file()
 
 
 # ---------------------------------------------------------------------------------------------------------------
