@@ -7,7 +7,6 @@ above, one name below all. Other figures are laid out by matplotlib.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -23,7 +22,7 @@ from bayesid.arrays import Array
 
 _POINTS = 72.0
 """An inch, in what lengths of a figure are."""
-_LINE = 1.2
+_LINE = 1.05
 """Height of a line of text over its letters' size."""
 _FREE = 3.0
 """Points left free around each Axes with all that belongs to it, as in constrained layout."""
@@ -37,9 +36,9 @@ def lay_out(figure: Figure) -> bool:
     if grid is None:
         return False
     width, height = _POINTS * figure.get_size_inches()
-    above, below = _legends(figure), sum(_height(text) for text in figure.texts if text.get_text())
+    above, below = _legends(figure), sum(_height(text, _FREE) for text in figure.texts)
     for _ in range(_PASSES):
-        margins = np.array([[_margins(ax) for ax in row] for row in grid])
+        margins = np.array([[_margins(ax, ax.get_position().size * (width, height)) for ax in row] for row in grid])
         left, right = (margins[..., side].max(axis=0) + _FREE for side in (0, 1))
         bottom, top = (margins[..., side].max(axis=1) + _FREE for side in (2, 3))
         inner = width - (left + right).sum(), height - above - below - (bottom + top).sum()
@@ -65,14 +64,15 @@ def _grid(figure: Figure) -> Any:
 
 def _legends(figure: Figure) -> float:
     """Height of what stands above all Axes."""
-    return sum(_FREE + legend.get_tightbbox().height * _POINTS / figure.dpi for legend in figure.legends)
+    boxes = [legend.get_window_extent() for legend in figure.legends]
+    return sum(2.0 * _FREE + float(box.height) * _POINTS / figure.dpi for box in boxes)
 
 
-def _margins(ax: Axes) -> Array:
+def _margins(ax: Axes, size: Array) -> Array:
     """(4,) points that numbers, names and title take to the left, right, bottom and top of an Axes."""
     if not ax.axison:
         return np.zeros(4)
-    across, up = (_Numbers(axis) for axis in (ax.xaxis, ax.yaxis))
+    across, up = (_Numbers(axis, float(length)) for axis, length in zip((ax.xaxis, ax.yaxis), size, strict=True))
     bottom = across.depth(across.heights) + _height(ax.xaxis.label, ax.xaxis.labelpad) + across.offset
     left = up.depth(up.widths) + _height(ax.yaxis.label, ax.yaxis.labelpad)
     notes = [_outside(text) for text in ax.texts if isinstance(text, Annotation)]
@@ -87,9 +87,10 @@ class _Numbers:
 
     Args:
         axis: of an Axes.
+        size: of it, points.
     """
 
-    def __init__(self, axis: Axis) -> None:
+    def __init__(self, axis: Axis, size: float) -> None:
         ax, look = axis.axes, axis.get_tick_params()
         side, length = (0, "labelbottom") if axis is ax.xaxis else (1, "labelleft")
         ends = ax.viewLim.intervalx if side == 0 else ax.viewLim.intervaly
@@ -97,12 +98,12 @@ class _Numbers:
         share = (places - ends[0]) / (ends[1] - ends[0])
         texts = axis.get_major_formatter().format_ticks(places.tolist())
         shown = (share > -1e-9) & (share < 1.0 + 1e-9)
-        self._size = float(ax.get_position().size[side] * ax.figure.get_size_inches()[side] * _POINTS)
+        self._size = size
         self._room = 7.0 if shown.any() else 0.0  # a tick and the pad beyond it, 3.5 points each
         self._share, font = share[shown], float(look.get("labelsize", 10.0))
         texts = [text for text, here in zip(texts, shown, strict=True) if here] if look.get(length, True) else []
         self.widths = np.array([_width(text, font) for text in texts])
-        self.heights = np.full(len(texts), font)
+        self.heights = np.full(len(texts), _LINE * font)
         self.offset = _LINE * font if axis.get_major_formatter().get_offset() else 0.0
 
     def depth(self, sizes: Array) -> float:
