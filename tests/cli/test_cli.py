@@ -211,7 +211,7 @@ def test_an_option_that_is_no_budget(place, refused):
 
 
 def test_no_time_to_sample_is_said_aloud(place, capfd):
-    assert run(*identify(), "--quiet", "--posterior-budget", 0) == 0
+    assert run(*identify(), "--quiet", "--posterior-budget", 0, "--no-report") == 0
     assert "has not converged" in capfd.readouterr().err
 
 
@@ -242,7 +242,7 @@ def test_the_same_seed_gives_the_same_files(shop, place):
 def test_nominal_values_are_believed(place):
     """The first link's mass leaves no trace in the efforts; a parameters.csv with an sd in one line alone will do."""
     (place / "cad.csv").write_text("name,unit,mean,sd\nm1,kg,27.0,0.5\nm2,kg,3.0,\n")
-    assert run(*identify(), "--quiet", "--posterior-budget", 0, "--nominal", "cad.csv") == 0
+    assert run(*identify(), "--quiet", "--posterior-budget", 0, "--no-report", "--nominal", "cad.csv") == 0
     found = {row["name"]: row for row in rows(place / "out" / "parameters.csv")}
     assert float(found["m1"]["mean"]) == pytest.approx(27.0, abs=0.5)
     assert float(found["m1"]["sd"]) == pytest.approx(0.5, rel=0.5)
