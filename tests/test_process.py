@@ -85,7 +85,7 @@ def figures_of(page):
 def compute(seed):
     """Numbers and page of an identification."""
     log = simulate(MODEL, THETA, MOTION, rng=np.random.default_rng(seed), noise=0.03)
-    sampling = Sampling(seed=seed, repeatable=True)
+    sampling = Sampling(walkers=16, most_sweeps=32, seed=seed, repeatable=True)  # what is compared need not converge
     search = bayesid.Certified(repeatable=True)
     result = bayesid.identify(ROBOT, log, TERMS, search=search, posterior=sampling)
     findings = find_findings(result)

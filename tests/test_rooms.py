@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import sys
 from collections.abc import Iterator
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from statistics import median
@@ -36,7 +37,6 @@ HOMES = {
     "rosbags": {"log"},
     "pyarrow": {"log", "study"},
     "h5py": {"log", "posterior"},
-    "cvxpy": {"fit"},
     "clarabel": {"fit"},
     "emcee": {"posterior"},
     "arviz": {"posterior"},
@@ -56,6 +56,12 @@ logs, and what we keep ourselves."""
 FILES = sorted((ROOT / "bayesid").rglob("*.py"))
 
 
+@cache
+def tree_of(path: Path) -> ast.Module:
+    """What a file says."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def module_of(path: Path) -> str:
     """The dotted name of a file below bayesid/."""
     parts = path.relative_to(ROOT).with_suffix("").parts
@@ -64,7 +70,7 @@ def module_of(path: Path) -> str:
 
 def imports_of(path: Path) -> Iterator[tuple[int, str]]:
     """Line and full name of all that a file imports: at the top, in functions, and for types alone."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.Import):
             yield from ((node.lineno, name.name) for name in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -138,7 +144,7 @@ def test_third_party_packages_stay_in_their_rooms(path):
 @pytest.mark.parametrize("path", FILES, ids=module_of)
 def test_text_is_utf_8_whatever_the_locale(path):
     """Whatever opens, reads or writes text says in which encoding."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree_of(path)):
         if not isinstance(node, ast.Call):
             continue
         owner, _, name = ast.unparse(node.func).rpartition(".")
@@ -153,7 +159,7 @@ def test_text_is_utf_8_whatever_the_locale(path):
 def functions() -> Iterator[tuple[str, ast.FunctionDef]]:
     """Place and definition of every function and method of bayesid/."""
     for path in FILES:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(tree_of(path)):
             if isinstance(node, ast.FunctionDef):
                 yield f"{path.relative_to(ROOT)}:{node.lineno} {node.name}", node
 

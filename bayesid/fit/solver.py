@@ -1,4 +1,4 @@
-"""Least squares in the cone: the best feasible parameters for given moments. Only this file knows cvxpy and Clarabel.
+"""Least squares in the cone: the best feasible parameters for given moments. Only this file knows Clarabel.
 
 :eq:`cone-least-squares`::
 
@@ -10,7 +10,7 @@ rho(theta) = w sum ((theta_k - typical_k) / size_k)^2 with w = 1e-4 (:eq:`pull`)
 parameters a hundred sizes away one unit, half a nat, however long or clean the log is: it decides nothing that the data
 show.
 
-Three steps: `ConeLeastSquares` states the cone once, by cvxpy; `prepared` makes a solver for one H; this solves for one
+Three steps: `ConeLeastSquares` states the cone once; `prepared` makes a solver for one H; this solves for one
 g after the other by Clarabel, in a few milliseconds each. A status other than solved is never taken for a result.
 """
 
@@ -21,9 +21,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import clarabel
-import cvxpy as cp
 import numpy as np
-from cvxpy.reductions.solvers.conic_solvers.clarabel_conif import dims_to_solver_cones
 from scipy import sparse
 from scipy.linalg import null_space, solve_triangular
 
@@ -32,7 +30,6 @@ from bayesid.errors import SolverError
 from bayesid.model.coefficients import BaseCoefficients
 from bayesid.model.inertia import PSEUDO_INERTIA_BASIS, from_pseudo_inertia
 from bayesid.model.parameters import Cone
-from bayesid.process import quiet
 
 MARGIN = 1e-6
 """Smallest eigenvalue left to a pseudo-inertia (kg m^2 to kg): far below any link's, far above rounding."""
@@ -270,16 +267,23 @@ class PreparedLeastSquares:
         return self._unit * (value + self._pull * float(self._stated.typical @ self._stated.typical))
 
     def _started(self, linear: Array, tolerance: float, attempt: _Attempt) -> Any:
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
-        settings.max_threads = 1
+        settings = _settings(tolerance)
         settings.presolve_enable = False  # it would forbid updates
         settings.equilibrate_enable = attempt.equilibrate
         settings.max_step_fraction = attempt.step
         settings.static_regularization_constant = attempt.constant
-        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
+        settings.tol_feas = tolerance
         offsets, rows, cones = self._stated.rows
         return clarabel.DefaultSolver(self._quadratic, linear, rows, offsets, cones, settings)
+
+
+def _settings(tolerance: float) -> Any:
+    """Clarabel's, for one thread and a duality gap."""
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    settings.tol_gap_abs = settings.tol_gap_rel = tolerance
+    return settings
 
 
 def _attempt(solver: Any) -> Any:
@@ -313,22 +317,19 @@ def move_inside(cone: Cone, coefficients: BaseCoefficients, theta: Array) -> Arr
     free = sizes[:, None] * null_space(coefficients.projection * sizes)
     if free.shape[1] == 0 or len(cone.bodies) == 0:
         return theta
-    z, t = cp.Variable(free.shape[1]), cp.Variable()
-    moved = theta + free @ z
-    link = np.einsum("k,kij->ij", _TYPICAL_BODY, PSEUDO_INERTIA_BASIS)
-    constraints: list[cp.Constraint] = [_linear_matrix(moved[body], np.ones(10)) >> t * link for body in cone.bodies]
-    if len(cone.nonnegative):
-        constraints.append(moved[cone.nonnegative] >= 0)
-    far = cp.sum_squares((moved - _typical(cone)) / sizes)  # keeps a mass without trace from growing for ever
-    problem = cp.Problem(cp.Maximize(t - _NEARNESS * far), constraints)
-    with quiet(UserWarning):  # cvxpy's word for a status that is checked below
-        try:
-            problem.solve(solver=cp.CLARABEL, tol_gap_abs=_INSIDE_TOLERANCE, tol_gap_rel=_INSIDE_TOLERANCE)
-        except cp.SolverError as error:
-            raise SolverError("moving parameters inside the cone", str(error)) from None
-    if problem.status != cp.OPTIMAL:
-        raise SolverError("moving parameters inside the cone", problem.status)
-    return theta + free @ np.asarray(z.value)
+    link = _stacked(np.einsum("k,kij->ij", _TYPICAL_BODY, PSEUDO_INERTIA_BASIS))
+    outwards = np.concatenate([np.zeros(len(cone.nonnegative)), np.tile(link, len(cone.bodies))])
+    rows = np.column_stack([-_rows_of(cone, free), outwards])  # of (z, t)
+    along, away = free / sizes[:, None], (theta - _typical(cone)) / sizes
+    quadratic, linear = np.zeros((rows.shape[1], rows.shape[1])), np.full(rows.shape[1], -1.0)
+    quadratic[:-1, :-1] = 2.0 * _NEARNESS * along.T @ along  # keeps a mass without trace from growing for ever
+    linear[:-1] = 2.0 * _NEARNESS * along.T @ away
+    offsets, settings = _rows_of(cone, theta), _settings(_INSIDE_TOLERANCE)
+    stated = sparse.csc_matrix(np.triu(quadratic)), linear, sparse.csc_matrix(rows), offsets, _cones(cone)
+    result = _attempt(clarabel.DefaultSolver(*stated, settings))
+    if isinstance(result, str):
+        raise SolverError("moving parameters inside the cone", result)
+    return theta + free @ np.array(result.x)[:-1]
 
 
 def solve_precisely(
@@ -363,23 +364,31 @@ def _sizes(cone: Cone, projection: Array, hessian: Array, energy: float) -> Arra
     return sizes
 
 
-def _state_cone(cone: Cone, scale: Array, margin: float) -> tuple[Array, Any, Any]:
-    """The cone as Clarabel wants it, b - A z in K for z = theta / scale, derived by cvxpy."""
-    z = cp.Variable(cone.size)
-    constraints: list[cp.Constraint] = []
-    if len(cone.nonnegative):
-        constraints.append(z[cone.nonnegative] >= 0)
-    for body in cone.bodies:
-        constraints.append(_linear_matrix(z[body], scale[body]) - margin * np.eye(4) >> 0)
-    data, _, _ = cp.Problem(cp.Minimize(cp.sum_squares(z)), constraints).get_problem_data(cp.CLARABEL)
-    return data["b"], data["A"], dims_to_solver_cones(data["dims"])
+def _state_cone(cone: Cone, scale: Array, margin: float) -> tuple[Array, sparse.csc_matrix, list[Any]]:
+    """The cone as Clarabel wants it, b - A z in K for z = theta / scale."""
+    least = np.tile(margin * _stacked(np.eye(4)), len(cone.bodies))
+    offsets = -np.concatenate([np.zeros(len(cone.nonnegative)), least])
+    rows = _rows_of(cone, np.diag(scale))
+    rows[: len(cone.nonnegative)] = np.eye(cone.size)[cone.nonnegative]
+    return offsets, sparse.csc_matrix(-rows), _cones(cone)
 
 
-def _linear_matrix(body: cp.Expression, scale: Array) -> cp.Expression:
-    """The 4 x 4 pseudo-inertia of ten scaled parameters, symmetric by construction."""
-    flat = (PSEUDO_INERTIA_BASIS * scale[:, None, None]).reshape(10, 16).T
-    matrix = cp.reshape(flat @ body, (4, 4), order="C")
-    return (matrix + matrix.T) / 2
+def _cones(cone: Cone) -> list[Any]:
+    """K: what is not negative, then a pseudo-inertia a body."""
+    linear = [clarabel.NonnegativeConeT(len(cone.nonnegative))] * (len(cone.nonnegative) > 0)
+    return [*linear, *(clarabel.PSDTriangleConeT(4) for _ in cone.bodies)]
+
+
+def _rows_of(cone: Cone, theta: Array) -> Array:
+    """(m, ...) of parameters (P, ...), what lies in K: entries that are not negative, stacked pseudo-inertias."""
+    triangles = _stacked(PSEUDO_INERTIA_BASIS).T
+    return np.concatenate([theta[cone.nonnegative], *(triangles @ theta[body] for body in cone.bodies)])
+
+
+def _stacked(matrix: Array) -> Array:
+    """(..., 10) of symmetric (..., 4, 4): the upper triangle's columns, entries off the diagonal times sqrt(2)."""
+    rows, columns = np.tril_indices(4)
+    return matrix[..., rows, columns] * np.where(rows == columns, 1.0, np.sqrt(2.0))
 
 
 def _into_cone(dual: Array, n_linear: int) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.log.log import Log
 
-_PACKAGES = ("bayesid", "numpy", "scipy", "pin", "clarabel", "cvxpy", "emcee", "arviz")
+_PACKAGES = ("bayesid", "numpy", "scipy", "pin", "clarabel", "emcee", "arviz")
 """Whose versions may change a result."""
 
 

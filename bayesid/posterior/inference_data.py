@@ -28,20 +28,16 @@ instead of early with late sweeps: whether the run has converged is in the attri
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-import h5py
 import numpy as np
 import xarray
 from scipy.sparse import csr_array
 
 from bayesid.arrays import Array, Integers
-from bayesid.bounded import fits_memory
-from bayesid.errors import InputError
 from bayesid.fit.knowledge import Information
 from bayesid.fit.moments import Moments
 from bayesid.model.coefficients import BaseCoefficients
@@ -50,6 +46,7 @@ from bayesid.posterior.arviz_versions import InferenceData, datasets, joined
 from bayesid.posterior.blocks import SegmentBlocks
 from bayesid.posterior.likelihood import Likelihood
 from bayesid.posterior.sampler import Draws
+from bayesid.posterior.stored import LIBRARY
 from bayesid.posterior.target import Target
 from bayesid.process import one_at_a_time
 
@@ -61,8 +58,6 @@ __all__ = [
     "kept_coefficients",
     "make_inference_data",
     "pointwise",
-    "read_coefficients",
-    "read_draws",
     "write",
 ]
 
@@ -71,7 +66,6 @@ MOST = 4096
 likelihood of a thousand blocks takes 16 MB."""
 _ENGINE: Final = "h5netcdf"
 """What writes netCDF here; ArviZ itself requires it, and h5py with it."""
-_LIBRARY = "bayesid"
 _AT_ONCE = 2**22
 """Numbers that the pointwise likelihood may hold at once in one array (32 MB)."""
 _EFFORT = "N m"
@@ -80,11 +74,6 @@ _POINTWISE = (
     "log likelihood of each block under the sign that all draws give it, or with its sign summed out, tempered by the "
     "autocorrelation; blocks that share a part of the Hessian are one entry"
 )
-_STRING = np.dtype([("length", "<u4"), ("place", "V12")])
-"""What stands for a string of any length in an HDF5 file."""
-_LONGEST_NAME = 10_000
-"""Letters of a parameter's or coefficient's name; a coefficient's own are some ten."""
-_REMEDY = "give the posterior that bayesid wrote, or identify again to write it anew"
 
 
 @dataclass(frozen=True)
@@ -173,7 +162,7 @@ def _run(draws: Draws, every: int) -> dict[str, object]:
     """Attributes of the sampling, of which each so many sweeps are kept."""
     _, ensembles, walkers = draws.log_density.shape
     return {
-        "inference_library": _LIBRARY,
+        "inference_library": LIBRARY,
         "ensembles": ensembles,
         "walkers": walkers,
         "sweeps": draws.sweeps,
@@ -238,12 +227,6 @@ def kept_coefficients(draws: Draws, most: int = MOST) -> Array:
     _, kept = _kept_sweeps(draws.theta.shape, most)
     beta = np.moveaxis(draws.beta[kept], 1, 0)
     return np.ascontiguousarray(beta).reshape(beta.shape[0], -1, beta.shape[3])
-
-
-def _sweep_major(values: Array, walkers: int) -> Array:
-    """(E, D W, ...) in the order of sweeps, of values in the order of walkers."""
-    apart = values.reshape(values.shape[0], walkers, -1, *values.shape[2:])
-    return np.ascontiguousarray(np.moveaxis(apart, 2, 1)).reshape(values.shape)
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -461,7 +444,7 @@ def _require_same_sizes(target: Target, blocks: SegmentBlocks, labels: Labels) -
 
 
 # ---------------------------------------------------------------------------------------------------------------
-# Files
+# File
 # ---------------------------------------------------------------------------------------------------------------
 def write(data: InferenceData, path: Path | str) -> None:
     """Writes netCDF, compressed, over whatever is there. What a crash leaves half-written is the caller's business."""
@@ -474,76 +457,3 @@ def write(data: InferenceData, path: Path | str) -> None:
             if values.dtype.kind in "fiu"
         }
         group.to_netcdf(path, mode="a", group=name, engine=_ENGINE, encoding=packed)
-
-
-def read_draws(path: Path | str, parameters: Sequence[str] | None = None) -> tuple[Array, Array]:
-    """Parameters theta (K, P) and noise (K, n), N m, of all draws in a file, chain after chain.
-
-    Args:
-        path: a file that `write` has written.
-        parameters: (P,) names that the parameters must have; none are wanted by default.
-
-    Raises:
-        InputError: if the file is missing, damaged, not a posterior of bayesid or that of another model.
-    """
-    where = str(path)
-    theta, noise, names, joints = _read(path, ("theta", "noise"), ("parameter", "joint"))
-    if theta.shape[2:] != (len(names),) or noise.shape != (*theta.shape[:2], len(joints)):
-        raise InputError("the posterior of another program", where, _REMEDY)
-    if parameters is not None and names != list(parameters):
-        raise InputError("the posterior of another model, with other parameters", where, _REMEDY)
-    return theta.reshape(-1, len(names)), noise.reshape(-1, len(joints))
-
-
-def read_coefficients(path: Path | str) -> Array:
-    """(E, D W, r) coefficients of all draws in a file, in the order of sweeps, see `kept_coefficients`.
-
-    Raises:
-        InputError: if the file is missing, damaged or not a posterior of bayesid.
-    """
-    beta, names = _read(path, ("beta",), ("coefficient",))
-    with h5py.File(path) as file:
-        walkers = np.ravel(file.attrs.get("walkers", 0))[:1].tolist()  # netCDF knows no scalar attributes
-    counted = len(walkers) == 1 and isinstance(walkers[0], int) and walkers[0] > 0
-    if not counted or beta.shape[2:] != (len(names),) or beta.shape[1] % walkers[0]:
-        raise InputError("the posterior of another program", str(path), _REMEDY)
-    return _sweep_major(beta, walkers[0])
-
-
-def _words(stored: h5py.Dataset, path: Path | str) -> list[str]:
-    """Strings, none of which says that it is longer than any name: HDF5 takes memory by what each says.
-
-    Each is a length of four bytes and twelve that say where it is (HDF5 file format, IV.B); netCDF keeps them in a row.
-    """
-    start, size = stored.id.get_offset(), stored.id.get_storage_size()
-    if start is None or size != _STRING.itemsize * stored.size:
-        raise ValueError("names are kept in another way")
-    with Path(path).open("rb") as file:
-        file.seek(start)
-        lengths = np.frombuffer(file.read(size), _STRING)["length"]
-    if len(lengths) != stored.size or np.any(lengths > _LONGEST_NAME):
-        raise ValueError("a name is longer than any")
-    words: list[str] = stored.asstr()[()].tolist()
-    return words
-
-
-def _read(path: Path | str, variables: Sequence[str], names: Sequence[str]) -> list[Any]:
-    """Variables (E, D, ...) of the posterior in a file, checked, and lists of names."""
-    where = str(path)
-    if not Path(path).is_file():
-        raise InputError("there is no such file", where, _REMEDY)
-    try:
-        with h5py.File(path) as file:  # h5netcdf would print a traceback of its own for a file it cannot open
-            library = file.attrs.get("inference_library")
-            group = file["posterior"]
-            if not fits_memory(sum(math.prod(group[name].shape) for name in (*variables, *names))):
-                raise ValueError("more than is written")
-            values = [np.asarray(group[name][()], dtype=float) for name in variables]
-            words = [_words(group[name], path) for name in names]
-    except Exception as error:  # HDF5 raises anything at all at a damaged file
-        raise InputError("not the netCDF file of a posterior, or damaged", where, _REMEDY) from error
-    if library != _LIBRARY or any(variable.ndim != 3 for variable in values):
-        raise InputError("the posterior of another program", where, _REMEDY)
-    if not all(np.isfinite(variable).all() for variable in values):
-        raise InputError("some draws are not finite numbers", where, _REMEDY)
-    return [*values, *words]

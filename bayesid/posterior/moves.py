@@ -8,20 +8,21 @@ along each line (Smith 1984; Chen and Schmeiser 1993): nothing is ever rejected.
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from emcee.moves import Move
-from emcee.state import State
 from scipy.special import wrightomega
 
 from bayesid.arrays import TINY, Array, Integers
 from bayesid.posterior.factors import factor
 from bayesid.posterior.region import Region, Uniforms, draw_on_line
 from bayesid.posterior.target import Target
+
+if TYPE_CHECKING:
+    from emcee.state import State
 
 
 class Random(Uniforms, Protocol):
@@ -73,7 +74,7 @@ class Conditional:
 # ---------------------------------------------------------------------------------------------------------------
 # Moves
 # ---------------------------------------------------------------------------------------------------------------
-class GibbsMove(Move):  # type: ignore[misc]  # emcee carries no types
+class GibbsMove(ABC):
     """A move that draws from conditional distributions: every walker accepts."""
 
     @abstractmethod
@@ -82,6 +83,8 @@ class GibbsMove(Move):  # type: ignore[misc]  # emcee carries no types
 
     def propose(self, model: object, state: State) -> tuple[State, Array]:
         """Moves all walkers (the interface of emcee.moves.Move)."""
+        from emcee.state import State  # here, as in `sampler`
+
         coordinates = self.update(state.coords, model.random)  # type: ignore[attr-defined]
         log_prob, _ = model.compute_log_prob_fn(coordinates)  # type: ignore[attr-defined]
         moved = State(coordinates, log_prob=log_prob, random_state=state.random_state)

@@ -11,8 +11,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
-import emcee
 import numpy as np
 
 from bayesid.arrays import Array
@@ -22,6 +22,9 @@ from bayesid.posterior.moves import Conditional, HitAndRun, InTurn, NoiseScales
 from bayesid.posterior.start import body_blocks, find_centre, spread_walkers
 from bayesid.posterior.target import Target
 from bayesid.progress import Steps, no_steps
+
+if TYPE_CHECKING:
+    import emcee
 
 _FEWEST = 8
 """Sweeps that are kept however little time remains: R-hat of split chains is defined from four on (ArviZ)."""
@@ -232,6 +235,8 @@ def _warmed_up(
     target: Target, theta: Array, sampling: Sampling, random: np.random.RandomState, clock: _Clock
 ) -> tuple[emcee.EnsembleSampler, emcee.State]:
     """The sampler and its state after the warm-up; halfway the lines are chosen anew, for the noise of the walkers."""
+    import emcee  # here, for it takes a third of a second that a result without posterior should not wait
+
     block = body_blocks(target.prior.region)
     centre = find_centre(target, theta, np.zeros(target.likelihood.n_joints))
     moves = _moves(target, Conditional(centre.covariance, block))

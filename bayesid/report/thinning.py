@@ -34,7 +34,6 @@ def envelope(values: Array, most: int) -> Integers:
     if len(values) <= most:
         return np.arange(len(values))
     edges = np.linspace(0, len(values), most // 2 + 1).astype(np.int64)
-    starts = edges[:-1]
-    low = np.array([a + np.argmin(values[a:b]) for a, b in zip(starts, edges[1:], strict=True)])
-    high = np.array([a + np.argmax(values[a:b]) for a, b in zip(starts, edges[1:], strict=True)])
+    starts, stretch = edges[:-1], np.repeat(np.arange(len(edges) - 1), np.diff(edges))
+    low, high = (np.lexsort((way * values, stretch))[starts] for way in (1.0, -1.0))
     return np.unique(np.concatenate([[0], low, high, [len(values) - 1]]))

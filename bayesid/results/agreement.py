@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy.special import bdtrc, chdtrc, chdtri
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.errors import InputError
@@ -105,7 +105,7 @@ class Agreement:
         Birge ratio whose median is 1 for any number of runs. NaN if no coefficient is compared.
         """
         chi_square, dof = self.chi_square[self.compared], self.dof[self.compared]
-        return _median(np.sqrt(chi_square / stats.chi2.median(dof)))
+        return _median(np.sqrt(chi_square / chdtri(dof, 0.5)))
 
     @property
     def differing(self) -> Mask:
@@ -128,7 +128,7 @@ class Agreement:
         number, count = int(self.compared.sum()), int(self.differing.sum())
         if not number:
             return False
-        return bool(stats.binom.sf(count - 1, number, _LEVEL) < _CHANCE or np.nanmin(self.p) < _CHANCE / number)
+        return bool(bdtrc(count - 1, number, _LEVEL) < _CHANCE or np.nanmin(self.p) < _CHANCE / number)
 
     @property
     def sentence(self) -> str:
@@ -213,7 +213,7 @@ def _statistics(mean: Array, sd: Array, decided: Mask) -> dict[str, Any]:
         "typical_sd": np.where(several, typical, np.nan),
         "chi_square": np.where(several, chi_square, np.nan),
         "dof": np.maximum(k - 1, 0),
-        "p": np.where(several, stats.chi2.sf(chi_square, np.maximum(k - 1, 1)), np.nan),
+        "p": np.where(several, chdtrc(np.maximum(k - 1, 1), chi_square), np.nan),
     }
 
 

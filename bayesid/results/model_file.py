@@ -107,7 +107,7 @@ def _stored_lacking(table: dict[str, Any] | None, model: Model) -> Array | None:
 def _stored_draws(model: Model, path: Path) -> ParameterDraws | None:
     if not path.exists():
         return None
-    from bayesid.posterior.inference_data import read_draws
+    from bayesid.posterior.stored import read_draws
 
     return ParameterDraws(*read_draws(path, [parameter.name for parameter in model.parameters]))
 

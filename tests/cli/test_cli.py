@@ -33,6 +33,8 @@ RESULT = {
 }
 """What section 7 of the design promises and more; with draws posterior.nc too, and report.html where it is made."""
 QUICK = "--quiet", "--no-posterior", "--no-report"
+UNUSED = {"arviz", "cvxpy", "distributed", "emcee", "h5py", "jinja2", "matplotlib", "pandas", "pyarrow", "xarray"}
+"""What an identification without posterior and report has no use for."""
 COMMANDS = ("identify", "validate", "simulate", "demo")
 ARM = """
 name = "arm"
@@ -209,7 +211,7 @@ def test_an_option_that_is_no_budget(place, refused):
 
 
 def test_no_time_to_sample_is_said_aloud(place, capfd):
-    assert run(*identify(), "--quiet", "--posterior-budget", 0) == 0
+    assert run(*identify(), "--quiet", "--posterior-budget", 0, "--no-report") == 0
     assert "has not converged" in capfd.readouterr().err
 
 
@@ -240,7 +242,7 @@ def test_the_same_seed_gives_the_same_files(shop, place):
 def test_nominal_values_are_believed(place):
     """The first link's mass leaves no trace in the efforts; a parameters.csv with an sd in one line alone will do."""
     (place / "cad.csv").write_text("name,unit,mean,sd\nm1,kg,27.0,0.5\nm2,kg,3.0,\n")
-    assert run(*identify(), "--quiet", "--posterior-budget", 0, "--nominal", "cad.csv") == 0
+    assert run(*identify(), "--quiet", "--posterior-budget", 0, "--no-report", "--nominal", "cad.csv") == 0
     found = {row["name"]: row for row in rows(place / "out" / "parameters.csv")}
     assert float(found["m1"]["mean"]) == pytest.approx(27.0, abs=0.5)
     assert float(found["m1"]["sd"]) == pytest.approx(0.5, rel=0.5)
@@ -443,6 +445,16 @@ def test_as_a_program(shop, tmp_path):
     assert (bad.returncode, bad.stdout, bad.stderr.count("\n")) == (2, "", 1)
     assert bad.stderr.startswith("bayesid: bad.urdf: ")
     assert [path.name for path in tmp_path.iterdir()] == ["bad.urdf"]
+
+
+def test_an_identification_imports_what_it_uses(place):
+    arguments = [*identify(), *QUICK]
+    script = (
+        f"import json, sys\nfrom bayesid.cli import main\nmain({arguments!r})\nprint(json.dumps(list(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert not {name.partition(".")[0] for name in json.loads(done.stdout)} & UNUSED
+    assert (place / "out" / "summary.json").is_file()
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -1,6 +1,7 @@
 from types import SimpleNamespace
 
 import clarabel
+import cvxpy as cp
 import numpy as np
 import pytest
 from conftest import random_motion, small_robot
@@ -8,10 +9,10 @@ from scipy.optimize import minimize, nnls
 from sign_problems import synthetic
 
 from bayesid.errors import SolverError
-from bayesid.fit.solver import MARGIN, REACH, ConeLeastSquares, solve_precisely
+from bayesid.fit.solver import MARGIN, REACH, ConeLeastSquares, move_inside, solve_precisely
 from bayesid.model.catalogue import make_terms
 from bayesid.model.coefficients import base_coefficients
-from bayesid.model.inertia import from_pseudo_inertia
+from bayesid.model.inertia import PSEUDO_INERTIA_BASIS, from_pseudo_inertia, pseudo_inertia
 from bayesid.model.model import Model
 from bayesid.model.terms import STANDARD, RigidBody
 from bayesid.simulation.parameters import random_parameters
@@ -35,6 +36,49 @@ def test_without_bodies_it_is_nonnegative_least_squares():
     expected, distance = nnls(root, np.linalg.solve(root.T, gradient))
     assert (expected == 0).any(), "the cone should bind, or the test shows nothing"
     np.testing.assert_allclose(solution.theta, expected, atol=1e-5 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(
+    "names", [list(STANDARD), ["rigid_body"], ["coulomb_friction"]], ids=["both", "bodies", "nonnegative"]
+)
+def test_the_cone_is_stated_as_cvxpy_states_it(names):
+    model, coefficients, hessian, _, energy = problem(names, 3)
+    solver, cone = ConeLeastSquares(model.cone, coefficients, hessian, energy, margin=0.01), model.cone
+    offsets, rows, cones = solver.rows
+    z, constraints = cp.Variable(cone.size), []
+    if len(cone.nonnegative):
+        constraints.append(z[cone.nonnegative] >= 0)
+    for body in cone.bodies:
+        flat = (PSEUDO_INERTIA_BASIS * solver.scale[body, None, None]).reshape(10, 16).T
+        matrix = cp.reshape(flat @ z[body], (4, 4), order="C")
+        constraints.append((matrix + matrix.T) / 2 - 0.01 * np.eye(4) >> 0)
+    data, _, _ = cp.Problem(cp.Minimize(cp.sum_squares(z)), constraints).get_problem_data(cp.CLARABEL)
+    np.testing.assert_allclose(offsets, data["b"], atol=1e-15)
+    np.testing.assert_allclose(rows.toarray(), data["A"].toarray(), atol=1e-15)
+    kinds = ["Nonnegative"] * (len(cone.nonnegative) > 0) + ["PSDTriangle"] * len(cone.bodies)
+    assert [type(one).__name__.removesuffix("ConeT") for one in cones] == kinds
+
+
+def test_bodies_are_moved_as_far_inside_as_cvxpy_finds():
+    model, coefficients, *_ = problem(STANDARD, 4, n=3)
+    cone, theta = model.cone, random_parameters(model, np.random.default_rng(3))
+    typical = np.diag([0.03, 0.03, 0.03, 3.0])
+    moved, t = cp.Variable(cone.size), cp.Variable()
+    constraints = [coefficients.projection @ moved == coefficients.project(theta), moved[cone.nonnegative] >= 0]
+    for body in cone.bodies:
+        flat = PSEUDO_INERTIA_BASIS.reshape(10, 16).T @ moved[body]
+        constraints.append(cp.reshape(flat, (4, 4), order="C") - t * typical >> 0)
+    farthest = cp.Problem(cp.Maximize(t), constraints).solve(solver=cp.CLARABEL)
+    inside = move_inside(cone, coefficients, theta)
+    np.testing.assert_allclose(coefficients.project(inside), coefficients.project(theta), atol=1e-9)
+    root = np.sqrt(np.outer(np.diag(typical), np.diag(typical)))
+
+    def distance(point):
+        """The largest t with P >= t Q for every body, Q diagonal."""
+        return min(np.linalg.eigvalsh(pseudo_inertia(point[body]) / root).min() for body in cone.bodies)
+
+    assert distance(inside) == pytest.approx(farthest, rel=0.02), "a little is left for what has no trace at all"
+    assert distance(inside) > 1.05 * distance(theta)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

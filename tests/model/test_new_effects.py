@@ -166,7 +166,8 @@ def test_models_with_new_effects_come_back(said):
 # ---------------------------------------------------------------------------------------------------------------
 # On the command line
 # ---------------------------------------------------------------------------------------------------------------
-IDENTIFY = ("-m", "bayesid.cli", "identify", "log.csv", "--robot", "arm.toml", "--no-posterior", "--complete", "off")
+IDENTIFY = ("-m", "bayesid.cli", "identify", "log.csv", "--robot", "arm.toml", "--complete", "off")
+IDENTIFY += ("--no-posterior", "--no-report")
 ARM = """convention = "standard"
 name = "arm"
 joints = [

@@ -15,10 +15,11 @@ from bayesid.model.coefficients import BaseCoefficients
 from bayesid.model.parameters import Parameter
 from bayesid.posterior.arviz_versions import datasets, joined
 from bayesid.posterior.diagnostics import Diagnostics, diagnose
-from bayesid.posterior.inference_data import Labels, make_inference_data, pointwise, read_draws, write
+from bayesid.posterior.inference_data import Labels, make_inference_data, pointwise, write
 from bayesid.posterior.likelihood import make_likelihood
 from bayesid.posterior.prior import Prior
 from bayesid.posterior.sampler import Draws
+from bayesid.posterior.stored import read_draws
 from bayesid.posterior.target import Target
 
 JOINTS = ("A1", "A2", "A3")

@@ -109,6 +109,7 @@ def test_a_bad_log_is_named_and_the_rest_is_complete(week, tmp_path, capsys):
             "--terms",
             ",".join(TERMS),
             "--no-posterior",
+            "--no-report",
             "--workers",
             "1",
             "--out",

@@ -143,6 +143,6 @@ def _part(kind: type, name: str, arrays: Mapping[str, Any]) -> Any:
 def _read_draws(path: Path) -> Array | None:
     if not path.exists():
         return None
-    from bayesid.posterior.inference_data import read_coefficients
+    from bayesid.posterior.stored import read_coefficients
 
     return read_coefficients(path)

@@ -195,7 +195,7 @@ def _draw_ranks(ax: Axes, draws: Array) -> None:
     counts = np.array([np.histogram(ensemble, edges)[0] for ensemble in ranks])
     even, room = draws.shape[1] / _BINS, 1.2 * float(counts.max())
     for e, colour in zip(range(len(draws)), cycle(_COLOURS), strict=False):
-        ax.bar(edges[:-1], counts[e], np.diff(edges), bottom=e * room, align="edge", color=colour)
+        ax.stairs(e * room + counts[e], edges, baseline=e * room, fill=True, color=colour)
         ax.axhline(e * room + even, color=INK, linestyle="--", linewidth=1.0)
 
 

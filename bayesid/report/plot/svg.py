@@ -11,6 +11,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from bayesid.process import ALONE
+from bayesid.report.plot.layout import lay_out
 from bayesid.report.plot.style import INK
 
 _DPI = 130
@@ -48,7 +49,8 @@ def _lay_out(figure: Figure) -> None:
     if engine is not None:
         FigureCanvasSVG(figure)  # whose letters are measured as they will be drawn
         figure.dpi = _POINTS
-        engine.execute(figure)
+        if not lay_out(figure):
+            engine.execute(figure)
         with mpl.rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
             figure.set_layout_engine(None)
 
