@@ -222,9 +222,17 @@ class Regression:
         key = joint, error
         if key not in self._whitened:
             columns, effort = self._systems[joint]
-            white = error.whiten(np.column_stack([columns, effort]), self.data.used[:, joint])
-            self._whitened[key] = white, white.T @ white
+            both, shows = np.column_stack([columns, effort]), self._shows[joint]
+            own = error.whiten(both[:, shows], self.data.used[:, joint])
+            white, products = np.zeros(both.shape), np.zeros((len(shows), len(shows)))
+            white[:, shows], products[np.ix_(shows, shows)] = own, own.T @ own
+            self._whitened[key] = white, products
         return self._whitened[key]
+
+    @cached_property
+    def _shows(self) -> list[Mask]:
+        """(m + 1,) which columns show in each joint, the effort among them: no link shows in the joints behind it."""
+        return [np.append(columns.any(axis=0), True) for columns, _ in self._systems]
 
     def explain(
         self, errors: Sequence[ErrorModel], extra: Columns | None = None, previous: Explanation | None = None
