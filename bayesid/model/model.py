@@ -23,8 +23,8 @@ LOOK_BACK = 4096
 """Samples before a chunk that effects with a memory see: presliding is forgotten after a few strokes, 4 s at 1 kHz."""
 LOOK_AHEAD = 16
 """Samples behind a chunk: the end of a cubic spline is felt 0.27 times less with every sample, 1e-9 after these."""
-_REMEMBERED = 2 * CHUNK
-"""Samples up to which a model remembers the columns of the motion that it saw last: some 40 MB of six joints and 80
+_REMEMBERED = 2
+"""Chunks up to which a model remembers the columns of the motion that it saw last: some 30 MB of six joints and 80
 parameters. One log is looked at ten times under a model, and making its columns costs more than all that is done with
 them."""
 
@@ -164,7 +164,9 @@ class Model:
             >>> sum(len(columns) for _, columns in model.chunks(motion)) == len(motion)
             True
         """
-        return self._made(motion) if len(motion) > _REMEMBERED else iter(self._latest.chunks(motion, self._made))
+        return (
+            self._made(motion) if len(motion) > _REMEMBERED * CHUNK else iter(self._latest.chunks(motion, self._made))
+        )
 
     @cached_property
     def _latest(self) -> _Latest:
