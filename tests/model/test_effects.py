@@ -116,11 +116,13 @@ def test_a_model_remembers_the_columns_of_the_motion_it_saw_last(monkeypatch):
     monkeypatch.setattr(Model, "_plain_columns", lambda *args: made.append(args) or plain(*args))
     for motion, calls in ((motions[0], 1), (motions[0], 1), (motions[1], 2), (motions[0], 3)):
         ((rows, columns),) = model.chunks(motion)
-        assert len(made) == calls and rows == slice(0, len(motion))
+        assert len(made) == calls
+        assert rows == slice(0, len(motion))
         np.testing.assert_array_equal(columns, plain(model, robot, motion))
         assert not columns.flags.writeable, "or a caller might change what the next one gets"
     same = pickle.loads(pickle.dumps(model))
-    assert next(iter(same.chunks(motions[0])))[1].shape == columns.shape and len(made) == 4
+    assert next(iter(same.chunks(motions[0])))[1].shape == columns.shape
+    assert len(made) == 4
     monkeypatch.setattr("bayesid.model.model.CHUNK", len(motions[0]) // 3)
     for _ in range(2):
         made.clear()

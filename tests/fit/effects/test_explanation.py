@@ -455,8 +455,10 @@ def test_what_is_left_is_judged_where_somebody_asks(monkeypatch):
     data = replace(made_data(300, gaps=False), limits=np.array([[0.2, 0.1], [9.0, 9.0]]))
     found = Regression(data).explain(ERRORS)
     assert not fits
-    assert found.errors == found.errors and len(fits) == 2
-    assert np.isfinite([found.log_evidence, found.log_evidence_as_noise]).all() and len(fits) == 3
+    assert found.errors == found.errors
+    assert len(fits) == 2
+    assert np.isfinite([found.log_evidence, found.log_evidence_as_noise]).all()
+    assert len(fits) == 3
 
 
 def test_columns_that_do_not_show_in_a_joint_are_whitened_to_nothing():
