@@ -11,6 +11,7 @@ import inspect
 import pkgutil
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -42,6 +43,14 @@ class Scene:
     measured: Array
     links: Array
     effort_with: Callable[[Robot], Array]
+
+    def actuator(self, joint: int) -> Motion:
+        """The motion of one (0-based) actuator alone."""
+        return self._each[joint]
+
+    @cached_property
+    def _each(self) -> list[Motion]:
+        return [self.actuators.joints([j]) for j in range(self.actuators.n_joints)]
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, partial, reduce
+from weakref import ref
 
 import numpy as np
 
@@ -22,6 +23,10 @@ LOOK_BACK = 4096
 """Samples before a chunk that effects with a memory see: presliding is forgotten after a few strokes, 4 s at 1 kHz."""
 LOOK_AHEAD = 16
 """Samples behind a chunk: the end of a cubic spline is felt 0.27 times less with every sample, 1e-9 after these."""
+_REMEMBERED = 2
+"""Chunks up to which a model remembers the columns of the motion that it saw last: some 30 MB of six joints and 80
+parameters. One log is looked at ten times under a model, and making its columns costs more than all that is done with
+them."""
 
 
 @dataclass(frozen=True)
@@ -159,6 +164,16 @@ class Model:
             >>> sum(len(columns) for _, columns in model.chunks(motion)) == len(motion)
             True
         """
+        return (
+            self._made(motion) if len(motion) > _REMEMBERED * CHUNK else iter(self._latest.chunks(motion, self._made))
+        )
+
+    @cached_property
+    def _latest(self) -> _Latest:
+        return _Latest()
+
+    def _made(self, motion: Motion) -> Iterator[tuple[slice, Array]]:
+        """The chunks, made."""
         memory = any(effect.memory for effect in self.effects)
         for start in range(0, len(motion), CHUNK):
             rows = slice(start, min(start + CHUNK, len(motion)))
@@ -202,3 +217,26 @@ class Model:
 
     def _plain_columns(self, robot: Robot, motion: Motion) -> Array:
         return np.concatenate([term.columns(robot, motion) for term in self.terms], axis=2)
+
+
+class _Latest:
+    """The columns of the motion that was asked for last, while that lives; a copy or a pickle begins without any."""
+
+    def __init__(self) -> None:
+        self._seen: tuple[ref[Motion], list[tuple[slice, Array]]] | None = None
+
+    def __reduce__(self) -> tuple[type[_Latest], tuple[()]]:
+        return _Latest, ()
+
+    def chunks(
+        self, motion: Motion, make: Callable[[Motion], Iterator[tuple[slice, Array]]]
+    ) -> list[tuple[slice, Array]]:
+        """Rows and read-only columns of a motion."""
+        seen = self._seen
+        if seen is not None and seen[0]() is motion:
+            return seen[1]
+        chunks = list(make(motion))
+        for _, columns in chunks:
+            columns.setflags(write=False)
+        self._seen = ref(motion), chunks
+        return chunks

@@ -1,7 +1,15 @@
 import numpy as np
 import pytest
 
-from bayesid.fit.noise import Noise, autocovariance, integrated_time, noise_before_fit, relative_rms, residual_noise
+from bayesid.fit.noise import (
+    Noise,
+    autocovariance,
+    integrated_time,
+    noise_before_fit,
+    pairs_apart,
+    relative_rms,
+    residual_noise,
+)
 
 RATE = 100.0
 
@@ -162,3 +170,14 @@ def test_samples_that_do_not_count_say_nothing_about_the_noise_before_the_fit():
     noises = [residual_noise(values, used, RATE) for values in (residual, spoiled)]
     plain, other = (noise_before_fit(noise, fit, used, RATE) for noise in noises)
     assert plain.sigma == pytest.approx(other.sigma)
+
+
+def test_pairs_are_counted_one_by_one():
+    used = np.random.default_rng(5).random(40) < 0.6
+    expected = [sum(used[i] and used[i + lag] for i in range(40 - lag)) for lag in range(7)]
+    np.testing.assert_array_equal(pairs_apart(used, 7), expected)
+    assert len(pairs_apart(used[:5], 7)) == 4
+    values = np.random.default_rng(6).standard_normal(40)
+    np.testing.assert_array_equal(
+        autocovariance(values, used, 7, pairs_apart(used, 7)), autocovariance(values, used, 7)
+    )

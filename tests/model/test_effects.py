@@ -1,5 +1,6 @@
 """What all effects share: changes joint by joint, whether samples resolve a form, what only an earlier log tells."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -105,3 +106,24 @@ def test_other_effects_are_always_resolved(scene):
     plain = [kind for kind in forms().values() if kind.resolved is Effect.resolved]
     assert "hysteresis" not in {kind.name for kind in plain}
     assert all(next(iter(kind.variants(scene))).resolved(sparse) for kind in plain if kind.can_be_missing)
+
+
+def test_a_model_remembers_the_columns_of_the_motion_it_saw_last(monkeypatch):
+    robot = small_robot(JOINTS)
+    motions = [smooth_motion(JOINTS, 1.0, 50.0, seed=seed) for seed in (3, 4)]
+    made, model = [], Model(robot, make_terms(STANDARD, robot, motions[0]))
+    plain = Model._plain_columns
+    monkeypatch.setattr(Model, "_plain_columns", lambda *args: made.append(args) or plain(*args))
+    for motion, calls in ((motions[0], 1), (motions[0], 1), (motions[1], 2), (motions[0], 3)):
+        ((rows, columns),) = model.chunks(motion)
+        assert len(made) == calls
+        assert rows == slice(0, len(motion))
+        np.testing.assert_array_equal(columns, plain(model, robot, motion))
+        assert not columns.flags.writeable, "or a caller might change what the next one gets"
+    same = pickle.loads(pickle.dumps(model))
+    assert next(iter(same.chunks(motions[0])))[1].shape == columns.shape
+    assert len(made) == 4
+    monkeypatch.setattr("bayesid.model.model.CHUNK", len(motions[0]) // 3)
+    for _ in range(2):
+        made.clear()
+        assert len(list(model.chunks(motions[0]))) == len(made) > 2, "a long log is not kept"

@@ -432,3 +432,9 @@ def test_a_bound_never_exceeds_the_cost_of_any_completion(seed, cone, size, join
     bounds = np.array([together[tuple(signs)] for signs in problem.assignments[:, joined.segments].tolist()])
     assert np.all(bounds <= allowed)
     assert np.all(bounds >= apart - ROUNDING * problem.energy)
+
+
+@pytest.mark.parametrize("bound", [[3.0, -2.0, 1e4], [1e6, 1e6 + 1.0], [np.inf, 4.0], [np.inf], []])
+def test_masses_are_summed_in_logarithms(bound):
+    expected = logsumexp(-0.5 * np.array(bound)) if bound else -np.inf
+    assert log_sum(np.array(bound)) == pytest.approx(expected, rel=1e-14)

@@ -11,6 +11,7 @@ that of independent innovations: samples count for what they are worth, no autoc
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,7 +67,8 @@ class ErrorModel:
         memory, theta, variance = _arma(share, self.correlation, self.rate)
         innovation = lfilter([1.0, -memory], [1.0, -theta], bridged(values, used), axis=0)
         innovation[~used] = 0.0
-        return innovation / (self.sigma * np.sqrt(variance))
+        innovation /= self.sigma * math.sqrt(variance)
+        return innovation
 
     def log_likelihood(self, residual: Array, used: Mask) -> float:
         """Of residuals (N,), those that are used."""
@@ -74,7 +76,7 @@ class ErrorModel:
         memory, theta, variance = _arma(share, self.correlation, self.rate)
         square, count = _innovations(bridged(residual, used), used, memory, theta)
         scale = self.sigma**2 * variance
-        return -0.5 * (count * np.log(2.0 * np.pi * scale) + square / scale)
+        return -0.5 * (count * math.log(2.0 * math.pi * scale) + square / scale)
 
 
 def bridged(values: Array, used: Mask) -> Array:
@@ -117,7 +119,7 @@ def fit_error(
             parts = (limits[0] ** 2 / max(1.0 - share, _SMALL), limits[1] ** 2 / max(share, _SMALL))
             sigma2 = min(sigma2, *parts)
         scale = sigma2 * variance
-        return sigma2, -0.5 * (count * np.log(2.0 * np.pi * scale) + square / scale)
+        return sigma2, -0.5 * (count * math.log(2.0 * math.pi * scale) + square / scale)
 
     def cost(point: Array) -> float:
         return -judged(*_from_point(point))[1]
@@ -138,17 +140,18 @@ def _to_point(share: float, correlation: float) -> Array:
 
 
 def _from_point(point: Array) -> tuple[float, float]:
-    share = 1.0 / (1.0 + np.exp(-min(max(point[0], _LOGITS[0]), _LOGITS[1])))
-    return float(share), float(np.exp(min(max(point[1], np.log(_SHORTEST)), np.log(_LONGEST))))
+    logit, log_time = point.tolist()
+    share = 1.0 / (1.0 + math.exp(-min(max(logit, _LOGITS[0]), _LOGITS[1])))
+    return share, math.exp(min(max(log_time, math.log(_SHORTEST)), math.log(_LONGEST)))
 
 
 def _arma(share: float, correlation: float, rate: float) -> tuple[float, float, float]:
     """Phi, theta and the innovations' variance for a total variance of one."""
-    memory = float(np.exp(-1.0 / (correlation * rate)))
+    memory = math.exp(-1.0 / (correlation * rate))
     white = 1.0 - share
     total = share * (1.0 - memory**2) + white * (1.0 + memory**2)
     ratio = memory * white / total
-    theta = 2.0 * ratio / (1.0 + np.sqrt(max(1.0 - 4.0 * ratio**2, 0.0)))
+    theta = 2.0 * ratio / (1.0 + math.sqrt(max(1.0 - 4.0 * ratio**2, 0.0)))
     return memory, theta, total / (1.0 + theta**2)
 
 

@@ -93,6 +93,57 @@ class Observations:
         return (residual**2).sum(axis=0) / np.maximum(self.used.sum(axis=0), 1) / self.floor**2
 
 
+@dataclass(frozen=True, eq=False)
+class JudgedJoint:
+    """What is left in one joint, judged where somebody asks: most explanations are asked for their error models alone.
+
+    Attributes:
+        residual: (N,) N m.
+        used: (N,) samples that count.
+        rate: Hz.
+        limits: largest white and coloured part of the error that is nothing but noise, N m.
+        previous: of another explanation of the same data, whose error model is kept.
+    """
+
+    residual: Array
+    used: Mask
+    rate: float
+    limits: tuple[float, float]
+    previous: JudgedJoint | None = None
+
+    @property
+    def error(self) -> ErrorModel:
+        """The likeliest error model, or the one that is kept."""
+        return self._fitted[0] if self.previous is None else self.previous.error
+
+    @cached_property
+    def noise(self) -> float:
+        """Log evidence if it is nothing but noise."""
+        if self.previous is not None:
+            return self.previous.noise + self._likelier
+        fitted, value = self._fitted
+        bounded = fitted.white <= self.limits[0] and fitted.coloured <= self.limits[1]
+        return value if bounded else fit_error(self.residual, self.used, self.rate, self.limits)[1]
+
+    @cached_property
+    def free(self) -> float:
+        """Log evidence if it may be anything."""
+        if self.previous is not None:
+            return self.previous.free + self._likelier
+        return self._fitted[1] - float(np.log(max(int(self.used.sum()), 2)))
+
+    @cached_property
+    def _fitted(self) -> tuple[ErrorModel, float]:
+        return fit_error(self.residual, self.used, self.rate)
+
+    @cached_property
+    def _likelier(self) -> float:
+        """Log likelihood under the error model that is kept, over that of the residual that it was fitted to."""
+        assert self.previous is not None
+        before, after = (self.error.log_likelihood(x, self.used) for x in (self.previous.residual, self.residual))
+        return after - before
+
+
 @dataclass(frozen=True)
 class Explanation:
     """A log explained by the model and some effects.
@@ -102,10 +153,8 @@ class Explanation:
         amplitudes: of each effect, (p,) each.
         sd: of the amplitudes.
         residual: (N, n) N m, zero where not used.
-        errors: of each joint.
-        log_evidence: up to a constant common to all explanations of the same data.
-        noise_evidence: (n,) log evidence of each joint's residual if it is nothing but noise.
-        free_evidence: (n,) the same if it may be anything.
+        judged: what is left, joint by joint.
+        log_prior: log prior density of coefficients and amplitudes, less the log volume of what the data leave open.
         root: R with R'R = H^-1, in the order of coefficients and amplitudes.
     """
 
@@ -113,18 +162,34 @@ class Explanation:
     amplitudes: tuple[Array, ...]
     sd: tuple[Array, ...]
     residual: Array
-    errors: tuple[ErrorModel, ...]
-    log_evidence: float
-    noise_evidence: Array
-    free_evidence: Array
+    judged: tuple[JudgedJoint, ...]
+    log_prior: float
     root: Array = field(repr=False)
+
+    @property
+    def errors(self) -> tuple[ErrorModel, ...]:
+        """Error models of the joints."""
+        return tuple(joint.error for joint in self.judged)
+
+    @property
+    def noise_evidence(self) -> Array:
+        """(n,) log evidence of each joint's residual if it is nothing but noise."""
+        return np.array([joint.noise for joint in self.judged])
+
+    @property
+    def free_evidence(self) -> Array:
+        """(n,) the same if it may be anything."""
+        return np.array([joint.free for joint in self.judged])
+
+    @property
+    def log_evidence(self) -> float:
+        """Up to a constant common to all explanations of the same data."""
+        return float(np.maximum(self.noise_evidence, self.free_evidence).sum()) + self.log_prior
 
     @property
     def log_evidence_as_noise(self) -> float:
         """Log evidence if what is left is nothing but noise."""
-        return self.log_evidence - float(
-            np.sum(np.maximum(self.noise_evidence, self.free_evidence) - self.noise_evidence)
-        )
+        return float(self.noise_evidence.sum()) + self.log_prior
 
 
 class Regression:
@@ -157,9 +222,17 @@ class Regression:
         key = joint, error
         if key not in self._whitened:
             columns, effort = self._systems[joint]
-            white = error.whiten(np.column_stack([columns, effort]), self.data.used[:, joint])
-            self._whitened[key] = white, white.T @ white
+            both, shows = np.column_stack([columns, effort]), self._shows[joint]
+            own = error.whiten(both[:, shows], self.data.used[:, joint])
+            white, products = np.zeros(both.shape), np.zeros((len(shows), len(shows)))
+            white[:, shows], products[np.ix_(shows, shows)] = own, own.T @ own
+            self._whitened[key] = white, products
         return self._whitened[key]
+
+    @cached_property
+    def _shows(self) -> list[Mask]:
+        """(m + 1,) which columns show in each joint, the effort among them: no link shows in the joints behind it."""
+        return [np.append(columns.any(axis=0), True) for columns, _ in self._systems]
 
     def explain(
         self, errors: Sequence[ErrorModel], extra: Columns | None = None, previous: Explanation | None = None
@@ -176,7 +249,7 @@ class Regression:
         precision = np.concatenate([np.zeros(r), *(1.0 / effect.sd**2 for effect in effects)])
         best, root, volume = _solve(*self._normal_equations(errors, precision, extra))
         residual = self._residual(best, extra)
-        judged, noise, free = _judge(self.data, residual, None if extra is None else extra.joints, previous)
+        judged = _judge(self.data, residual, None if extra is None else extra.joints, previous)
         sd = np.sqrt(np.sum(root[:, r:] ** 2, axis=0))
         prior = self._log_prior(best, sd, precision[r:], effects)
         bounds = np.cumsum([0, *(len(effect.sd) for effect in effects)]).tolist()
@@ -186,10 +259,8 @@ class Regression:
             amplitudes=tuple(best[r:][part] for part in parts),
             sd=tuple(sd[part] for part in parts),
             residual=residual,
-            errors=judged,
-            log_evidence=float(np.maximum(noise, free).sum()) + prior - volume,
-            noise_evidence=noise,
-            free_evidence=free,
+            judged=judged,
+            log_prior=prior - volume,
             root=root,
         )
 
@@ -265,23 +336,10 @@ def _solve(hessian: Array, gradient: Array) -> tuple[Array, Array, float]:
 
 def _judge(
     data: Observations, residual: Array, changed: set[int] | None, previous: Explanation | None
-) -> tuple[tuple[ErrorModel, ...], Array, Array]:
-    """Error models, and log evidences of what is left in each joint: as noise, and as anything."""
-    n = residual.shape[1]
-    errors: list[ErrorModel] = []
-    noise, free = np.empty(n), np.empty(n)
-    for j in range(n):
-        used, rest = data.used[:, j], residual[:, j]
-        if previous is not None and changed is not None and j not in changed:
-            kept = previous.errors[j]
-            before, after = (kept.log_likelihood(values, used) for values in (previous.residual[:, j], rest))
-            noise[j] = previous.noise_evidence[j] + after - before
-            free[j] = previous.free_evidence[j] + after - before
-            errors.append(kept)
-            continue
-        fitted, value = fit_error(rest, used, data.rate)
-        bounded = fitted.white <= data.limits[j, 0] and fitted.coloured <= data.limits[j, 1]
-        noise[j] = value if bounded else fit_error(rest, used, data.rate, tuple(data.limits[j]))[1]
-        free[j] = value - np.log(max(int(used.sum()), 2))
-        errors.append(fitted)
-    return tuple(errors), noise, free
+) -> tuple[JudgedJoint, ...]:
+    """What is left in each joint; error models are kept where nothing has changed since a previous explanation."""
+    judged = []
+    for j, limits in enumerate(data.limits):
+        kept = None if previous is None or changed is None or j in changed else previous.judged[j]
+        judged.append(JudgedJoint(residual[:, j], data.used[:, j], data.rate, (limits[0], limits[1]), kept))
+    return tuple(judged)

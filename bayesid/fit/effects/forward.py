@@ -95,8 +95,8 @@ class Products(Generic[Kind]):
     _known: Array = field(init=False)
     _hessian: list[Array] = field(init=False)
     _gradient: list[Array] = field(init=False)
-    _fold: Integers = field(init=False)
-    _block: Integers = field(init=False)
+    _by_fold: tuple[Array, Array] = field(init=False)
+    _starts: Integers = field(init=False)
     _columns: list[tuple[Array, Array]] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -116,20 +116,24 @@ class Products(Generic[Kind]):
         self._precision[:r, :r], self._known[:r] = known.hessian, known.gradient
         samples = len(self.data.used)
         self.blocks = blocks_of(samples / self.data.rate)
-        self._block = np.minimum(np.arange(samples) * self.blocks // samples, self.blocks - 1)
-        self._fold = self._block % FOLDS
+        self._starts = -(-np.arange(self.blocks + 1) * samples // self.blocks)
         self._columns = [self._of_joint(j) for j in range(len(self.errors))]
         products = [self._multiplied(j) for j in range(len(self.errors))]
         self._hessian, self._gradient = [p[0] for p in products], [p[1] for p in products]
         self._add_up()
 
     def _add_up(self) -> None:
-        self.hessian, self.gradient = np.sum(self._hessian, axis=(0, 1)), np.sum(self._gradient, axis=(0, 1))
+        self._by_fold = np.sum(self._hessian, axis=0), np.sum(self._gradient, axis=0)
+        self.hessian, self.gradient = (products.sum(axis=0) for products in self._by_fold)
+
+    def _rows(self, block: int) -> slice:
+        return slice(self._starts[block], self._starts[block + 1])
 
     def _of_joint(self, joint: int) -> tuple[Array, Array]:
         """Indices (m,) of the columns that show in a joint, and (N, m) these columns."""
-        r, used = self.data.columns.shape[2], self.data.used[:, joint, None]
-        index, parts = [np.arange(r)], [self.data.columns[:, joint]]
+        r, used, own = self.data.columns.shape[2], self.data.used[:, joint, None], self.data.columns[:, joint]
+        shows = np.flatnonzero(own.any(axis=0))  # no link shows in the joints behind it
+        index, parts = [shows], [own[:, shows]]
         if joint in self.uncertain.rows:
             index.append(np.arange(r, self._always))
             parts.append(self.uncertain.rows[joint] * used)
@@ -150,10 +154,11 @@ class Products(Generic[Kind]):
         )
         size = len(self._known)
         hessian, gradient = np.zeros((FOLDS, size, size)), np.zeros((FOLDS, size))
-        for fold in range(FOLDS):
-            rows = white[self._fold == fold]
-            products = rows.T @ rows
-            hessian[fold][np.ix_(index, index)], gradient[fold, index] = products[:-1, :-1], products[:-1, -1]
+        products = np.zeros((FOLDS, white.shape[1], white.shape[1]))
+        for block in range(self.blocks):
+            rows = white[self._rows(block)]
+            products[block % FOLDS] += rows.T @ rows
+        hessian[:, index[:, None], index], gradient[:, index] = products[:, :-1, :-1], products[:, :-1, -1]
         return hessian, gradient
 
     def indices(self, chosen: Sequence[Candidate[Kind]], *, uncertain: bool = True) -> Integers:
@@ -180,29 +185,24 @@ class Products(Generic[Kind]):
 
     def residual(self, chosen: Sequence[Candidate[Kind]]) -> Array:
         """(N, n) what these leave, N m."""
-        return self._without(self.best(chosen))
+        return self._without(self.best(chosen)[:, None])[:, :, 0]
 
     def _without(self, best: Array) -> Array:
-        parts = []
-        for index, columns in self._columns:
-            shows = np.flatnonzero(best[index])
-            parts.append(columns[:, shows] @ best[index[shows]])
-        return (self.data.effort - np.stack(parts, axis=1)) * self.data.used
+        """(N, n, k) what k sets of coefficients and amplitudes (m, k) leave."""
+        explained = np.stack([columns @ best[index] for index, columns in self._columns], axis=1)
+        return (self.data.effort[:, :, None] - explained) * self.data.used[:, :, None]
 
     def held_back(self, chosen: Sequence[Candidate[Kind]]) -> HeldBackErrors:
         """Every block predicted by a fit of some candidates to the folds that it is not in."""
-        residual = np.empty(self.data.effort.shape)
-        by_fold, slopes = np.sum(self._hessian, axis=0), np.sum(self._gradient, axis=0)
+        best = []
         for fold in range(FOLDS):
             others = [k for k in range(FOLDS) if k != fold]
-            products = by_fold[others].sum(axis=0), slopes[others].sum(axis=0)
-            best, _ = self._solved(*products, chosen, uncertain=self.predicting)
-            held = self._fold == fold
-            residual[held] = self._without(best)[held]
-        squares = np.stack([(residual[self._block == b] ** 2).sum(axis=0) for b in range(self.blocks)])
-        return HeldBackErrors(
-            squares, np.stack([self.data.used[self._block == b].sum(axis=0) for b in range(self.blocks)])
-        )
+            hessian, gradient = (products[others].sum(axis=0) for products in self._by_fold)
+            best.append(self._solved(hessian, gradient, chosen, uncertain=self.predicting)[0])
+        residual = self._without(np.stack(best, axis=1))
+        squares = [(residual[self._rows(b), :, b % FOLDS] ** 2).sum(axis=0) for b in range(self.blocks)]
+        counts = [self.data.used[self._rows(b)].sum(axis=0) for b in range(self.blocks)]
+        return HeldBackErrors(np.stack(squares), np.stack(counts))
 
     def with_forms(
         self, forms: Mapping[int, Kind], chosen: Sequence[Candidate[Kind]]

@@ -163,6 +163,8 @@ def usual_amplitudes(rows: Mapping[int, Array], size: Array, used: Mask) -> Arra
         size: (n,) RMS of the measured efforts, N m.
         used: (N, n) samples that count.
     """
-    relative = [np.abs(x[used[:, j]]).max(axis=0, initial=0.0) / max(size[j], _TINY) for j, x in rows.items()]
+    relative = [
+        np.abs(x.T.compress(used[:, j], axis=1)).max(axis=1, initial=0.0) / max(size[j], _TINY) for j, x in rows.items()
+    ]
     largest = np.max(relative, axis=0) if relative else np.zeros(0)
     return np.where(largest > _ROUNDING, _USUAL / np.maximum(largest, _TINY), 1.0)

@@ -27,7 +27,9 @@ class Screening:
         self._data, self._errors = regression.data, errors
         explanation = regression.explain(errors)
         self._root = explanation.root
-        self._white = [regression.whitened(j, error)[0][:, :-1] for j, error in enumerate(errors)]
+        whitened = [regression.whitened(j, error)[0][:, :-1] for j, error in enumerate(errors)]
+        self._shows = [white.any(axis=0) for white in whitened]
+        self._white = [white[:, shows] for white, shows in zip(whitened, self._shows, strict=True)]
         self._residual = [
             error.whiten(explanation.residual[:, j], self._data.used[:, j]) for j, error in enumerate(errors)
         ]
@@ -48,15 +50,17 @@ class Screening:
         shift_slope = np.zeros((k, p))
         for j in sorted(set().union(*(effect.joints for effect in effects))):
             shifts = self._white_shifts(effects, j)
-            base += shifts.T @ self._residual[j] - 0.5 * np.sum(shifts**2, axis=0)
-            cross_shift += self._white[j].T @ shifts
+            if shifts is not None:
+                base += shifts.T @ self._residual[j] - 0.5 * np.sum(shifts**2, axis=0)
+                cross_shift[self._shows[j]] += self._white[j].T @ shifts
             if p:
                 rows = self._white_rows(effects, j)
-                cross += self._white[j].T @ rows
+                cross[self._shows[j]] += self._white[j].T @ rows
                 blocks = rows.reshape(len(rows), k, p)
                 gram += np.einsum("nkp,nkq->kpq", blocks, blocks, optimize=True)
-                slope += np.einsum("nkp,n->kp", blocks, self._residual[j])
-                shift_slope += np.einsum("nkp,nk->kp", blocks, shifts)
+                slope += (rows.T @ self._residual[j]).reshape(k, p)
+                if shifts is not None:
+                    shift_slope += np.einsum("nkp,nk->kp", blocks, shifts)
         seen_shift = self._root @ cross_shift
         base += 0.5 * np.sum(seen_shift**2, axis=0)
         if not p:
@@ -66,11 +70,13 @@ class Screening:
         slope -= shift_slope - np.einsum("rkp,rk->kp", seen, seen_shift)
         return _integrated(base, gram, slope, effects)
 
-    def _white_shifts(self, effects: Sequence[Columns], joint: int) -> Array:
-        """(N, k) whitened changes without amplitudes."""
+    def _white_shifts(self, effects: Sequence[Columns], joint: int) -> Array | None:
+        """(N, k) whitened changes without amplitudes; None where there are none."""
+        if not any(joint in effect.shift for effect in effects):
+            return None
         used = self._data.used[:, joint]
         shifts = np.stack([effect.shift.get(joint, np.zeros(len(used))) for effect in effects], axis=1)
-        return self._errors[joint].whiten(shifts, used) if np.any(shifts) else shifts
+        return self._errors[joint].whiten(shifts, used)
 
     def _white_rows(self, effects: Sequence[Columns], joint: int) -> Array:
         """(N, k p) whitened columns."""

@@ -117,7 +117,15 @@ class ActuatorTerm(Term):
 
     def own_columns(self, robot: Robot, motion: Motion) -> Array:
         """(N, m, k) the same without the rows of other actuators."""
-        efforts = self.unit_efforts(robot.actuators(motion).joints(self.acting(robot.n_joints)))
+        return self._of_each(robot.actuators(motion).joints(self.acting(robot.n_joints)))
+
+    def own_columns_in(self, scene: Scene, joint: int) -> Array:
+        """(N, k) the same in one (0-based) actuator of a scene, the only one in which it acts."""
+        return self._of_each(scene.actuator(joint))[:, 0]
+
+    def _of_each(self, actuators: Motion) -> Array:
+        """(N, m, k) efforts, whichever shape they are given in."""
+        efforts = self.unit_efforts(actuators)
         return efforts[:, :, None] if efforts.ndim == 2 else efforts
 
     def change_by_joint(self, scene: Scene) -> tuple[dict[int, Array], dict[int, Array]]:
@@ -125,7 +133,7 @@ class ActuatorTerm(Term):
         if len(self.acting(scene.robot.n_joints)) > 1:
             return super().change_by_joint(scene)
         (joint,) = self.acting(scene.robot.n_joints)
-        own = self.own_columns(scene.robot, scene.motion)[:, 0]
+        own = self.own_columns_in(scene, joint)
         return {}, {joint: own} if np.any(own) else {}
 
     def unit_efforts(self, actuators: Motion) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import ClassVar
 
 import numpy as np
@@ -120,10 +121,8 @@ def _by_joint(actuators: Motion, width: tuple[float, ...], step: Callable[[float
     """(N, m) states from rest, one step of the way after another; plain numbers are faster than arrays of one."""
     state = np.zeros_like(actuators.q)
     for j, w in enumerate(width):
-        z = 0.0
-        for i, way in enumerate((np.diff(actuators.q[:, j]) / w).tolist(), start=1):
-            z = step(z, way)
-            state[i, j] = z
+        ways = (np.diff(actuators.q[:, j]) / w).tolist()
+        state[1:, j] = list(accumulate(ways, step, initial=0.0))[1:]
     return state
 
 

@@ -58,3 +58,7 @@ class LoadDependentFriction(DryTerm):
         acting = self.acting(robot.n_joints)
         load = np.abs(robot.inverse_dynamics(motion, np.array(self.links)))[:, acting]
         return (load * self.direction(robot.actuators(motion).joints(acting)))[:, :, None]
+
+    def own_columns_in(self, scene: Scene, joint: int) -> Array:
+        """The load comes from all joints."""
+        return self.own_columns(scene.robot, scene.motion)[:, 0]

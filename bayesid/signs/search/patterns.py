@@ -16,7 +16,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import logsumexp
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.fit.moments import Moments
@@ -247,4 +246,5 @@ def stack(lists: list[Patterns]) -> Patterns:
 
 def log_sum(bound: Array) -> float:
     """Log of the sum of exp(-b / 2)."""
-    return float(logsumexp(-0.5 * bound)) if bound.size else -np.inf
+    least = float(bound.min(initial=np.inf))
+    return float(np.log(np.sum(np.exp(0.5 * (least - bound))))) - 0.5 * least if np.isfinite(least) else -least

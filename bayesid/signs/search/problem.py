@@ -77,6 +77,7 @@ class Problem:
         self.solves = self.combined = 0
         self.tolerance = 0.0
         self._tell, self._told = steps, 0
+        self._priced: dict[bytes, Branch] = {}
 
     @property
     def nodes(self) -> int:
@@ -153,19 +154,25 @@ class Problem:
         """
         prepared, signs = self.prepared(self._hessian), self._completed(decided, theta)
         for _ in range(self.limits.settling_rounds):
-            solution = self.solve(prepared, signs @ self.moments.gradient)
-            after = self._completed(decided, solution.theta)
+            branch = self._known(prepared, signs)
+            after = self._completed(decided, branch.theta)
             if np.array_equal(after, signs):
-                break
+                return branch
             signs = after
-        else:
-            solution = self.solve(prepared, signs @ self.moments.gradient)
-        return self._branch(signs, solution)
+        return self._known(prepared, signs)
+
+    def _known(self, prepared: PreparedLeastSquares, signs: Integers) -> Branch:
+        """The best parameters for signs (S,): as they were priced already, or by one more solve."""
+        priced = self._priced.get(_key(signs))
+        return self._branch(signs, self.solve(prepared, signs @ self.moments.gradient)) if priced is None else priced
 
     def price(self, signs: Integers) -> Branch:
-        """The best parameters for given signs (S,), as precisely as the solver can."""
-        solution = self.prepared(self._hessian).solve_precisely(signs @ self.moments.gradient)
-        return self._branch(signs, self._counted(solution))
+        """The best parameters for given signs (S,), as precisely as the solver can; the same signs are solved once."""
+        key = _key(signs)
+        if key not in self._priced:
+            solution = self.prepared(self._hessian).solve_precisely(signs @ self.moments.gradient)
+            self._priced[key] = self._branch(signs, self._counted(solution))
+        return self._priced[key]
 
     def pull_of(self, branch: Branch) -> float:
         """What the pull adds to the cost of a branch."""
@@ -204,3 +211,7 @@ class Problem:
         self._report()
         self.tolerance = max(self.tolerance, solution.tolerance)
         return solution
+
+
+def _key(signs: Integers) -> bytes:
+    return signs.astype(np.int8).tobytes()

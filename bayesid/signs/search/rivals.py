@@ -52,14 +52,19 @@ def rivals(problem: SignProblem, result: SearchResult, steps: Steps = no_steps) 
     listed = [branch.signs for branch in result.branches[1 : 1 + _MOST_LISTED]]
     around = [np.where((joint == j) & (known == 0), -best.signs, best.signs) for j in np.unique(joint[known == 0])]
     total = 2 * (2 + len(listed) + len(around))
+
+    def priced(roughly: Branch) -> Branch:
+        """Precisely, where it may come near."""
+        return inner.price(roughly.signs) if roughly.lower_bound <= best.cost + result.within else roughly
+
     starts = [best, candidate(inner)]
     for signs in (*listed, *around):
         steps(len(starts), total)
-        starts.append(inner.price(signs))
+        starts.append(priced(inner.complete(signs, best.theta)))
     settled: list[Branch] = []
     for start in starts:
         steps(len(starts) + len(settled), total)
-        settled.append(inner.price(inner.settle(known, start.theta).signs))
+        settled.append(priced(inner.settle(known, start.theta)))
     everything = [*starts[1:], *settled]
     limit = min(branch.cost for branch in [best, *everything]) + result.within
     near = [branch.signs == best.signs for branch in everything if branch.cost <= limit]

@@ -1,4 +1,5 @@
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -168,11 +169,14 @@ EFFECTS = ("two amplitudes", "one amplitude", "shift", "both")
 def kept(monkeypatch):
     """Error models as they are: joints are recognised by which of their samples are used."""
 
-    def fixed(data):
-        def as_given(residual, used, rate, limits=None):
-            j = next(j for j, mask in enumerate(data.used.T) if np.array_equal(mask, used))
-            return ERRORS[j], ERRORS[j].log_likelihood(residual, used)
+    logs = []
 
+    def as_given(residual, used, rate, limits=None):
+        j = next(j for data in logs for j, mask in enumerate(data.used.T) if np.array_equal(mask, used))
+        return ERRORS[j], ERRORS[j].log_likelihood(residual, used)
+
+    def fixed(data):
+        logs.append(data)
         monkeypatch.setattr(evidence, "fit_error", as_given)
         return data
 
@@ -348,7 +352,7 @@ def test_settled_errors_are_those_of_the_truth():
     """Begun with a wrong error model; within the sampling error of 1500 samples."""
     data = made_data(1500, gaps=False)
     regression, wrong = Regression(data), (ErrorModel(3.0, 0.1, 0.5, RATE),) * 2
-    settled = regression.settle(replace(regression.explain(wrong), errors=wrong))
+    settled = regression.settle(SimpleNamespace(errors=wrong))
     for found, truth in zip(settled.errors, ERRORS, strict=True):
         assert found.white == pytest.approx(truth.white, rel=0.15)
         assert found.coloured == pytest.approx(truth.coloured, rel=0.35)
@@ -442,3 +446,29 @@ def test_unused_samples_say_nothing(kind, kept):
     assert found.log_evidence == pytest.approx(clean.log_evidence, abs=1e-8)
     gains = [Screening(Regression(data, [group[0]]), ERRORS).gains([group[kind]])[0] for group in (effects, bad)]
     np.testing.assert_allclose(gains[0], gains[1], atol=1e-8)
+
+
+def test_what_is_left_is_judged_where_somebody_asks(monkeypatch):
+    """Each joint once for its error model, and once more for its noise where the limits bound that."""
+    fits = []
+    monkeypatch.setattr(evidence, "fit_error", lambda *args: fits.append(args) or fit_error(*args))
+    data = replace(made_data(300, gaps=False), limits=np.array([[0.2, 0.1], [9.0, 9.0]]))
+    found = Regression(data).explain(ERRORS)
+    assert not fits
+    assert found.errors == found.errors
+    assert len(fits) == 2
+    assert np.isfinite([found.log_evidence, found.log_evidence_as_noise]).all()
+    assert len(fits) == 3
+
+
+def test_columns_that_do_not_show_in_a_joint_are_whitened_to_nothing():
+    data, effect = made_data(), made_effects()[0]
+    data = replace(data, columns=data.columns * np.array([[True, True, False], [True, False, True]]))
+    regression = Regression(data, [effect])
+    for j, error in enumerate(ERRORS):
+        rows = effect.rows.get(j, np.zeros((len(data.used), len(effect.sd)))) * data.used[:, j, None]
+        effort = data.effort[:, j] - effect.shift.get(j, 0.0) * data.used[:, j]
+        expected = error.whiten(np.column_stack([data.columns[:, j], rows, effort]), data.used[:, j])
+        white, products = regression.whitened(j, error)
+        np.testing.assert_allclose(white, expected, rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(products, expected.T @ expected, rtol=0.0, atol=1e-9)

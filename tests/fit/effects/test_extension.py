@@ -61,7 +61,7 @@ class Case:
     def explained(self, amplitudes):
         blank = np.zeros_like(self.effort)
         sd = tuple(np.ones(len(one)) for one in amplitudes)
-        return Explanation(self.beta, tuple(map(np.array, amplitudes)), sd, blank, (), 0.0, blank, blank, blank)
+        return Explanation(self.beta, tuple(map(np.array, amplitudes)), sd, blank, (), 0.0, blank)
 
     def extended(self, found, amplitudes):
         return extend(self.knowledge, self.coefficients, found, self.explained(amplitudes))
