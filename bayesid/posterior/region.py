@@ -18,7 +18,7 @@ from typing import Protocol
 import numpy as np
 from scipy.special import log_ndtr, ndtri_exp
 
-from bayesid.arrays import Array, Mask
+from bayesid.arrays import Array, Integers, Mask
 from bayesid.model.inertia import PSEUDO_INERTIA_BASIS
 from bayesid.model.parameters import Cone
 
@@ -134,22 +134,33 @@ def positive_definite(triangles: Array) -> Mask:
     if triangles.shape[1] == 0:
         return np.ones(triangles.shape[2], dtype=bool)
     with np.errstate(all="ignore"):  # after a pivot that is not positive, what follows does not matter
-        a = triangles[1:4]
-        factor = a / triangles[0]
-        second = triangles[4:7] - factor * a[0]
-        third = triangles[7:9] - factor[1:] * a[1]
-        last = triangles[9] - factor[2] * a[2]
-        factor = second[1:] / second[0]
-        third -= factor * second[1]
-        last = last - factor[1] * second[2]
-        last -= third[1] ** 2 / third[0]
-        pivots = np.minimum(np.minimum(triangles[0], second[0]), np.minimum(third[0], last))
-    positive: Mask = np.all(pivots > 0.0, axis=0)
+        return _all_pivots_positive(triangles)
+
+
+def _all_pivots_positive(triangles: Array) -> Mask:
+    a = triangles[1:4]
+    factor = a / triangles[0]
+    second = triangles[4:7] - factor * a[0]
+    third = triangles[7:9] - factor[1:] * a[1]
+    last = triangles[9] - factor[2] * a[2]
+    factor = second[1:] / second[0]
+    third -= factor * second[1]
+    last -= factor[1] * second[2]
+    last -= third[1] ** 2 / third[0]
+    pivots = np.minimum(np.minimum(triangles[0], second[0]), np.minimum(third[0], last))
+    positive: Mask = pivots.min(axis=0) > 0.0
     return positive
 
 
 def draw_on_line(
-    slack: Array, matrices: Array, row: Array, matrix: Array, slope: Array, curvature: Array, random: Uniforms
+    slack: Array,
+    matrices: Array,
+    row: Array,
+    matrix: Array,
+    slope: Array,
+    curvature: Array,
+    random: Uniforms,
+    idle: float = 0.0,
 ) -> Array:
     """(W,) steps t along one direction, drawn from exp(slope t - curvature t^2 / 2) inside the region (:eq:`chord`).
 
@@ -161,24 +172,27 @@ def draw_on_line(
         slope: (W,) of the log density at t = 0.
         curvature: (W,) positive.
         random: where uniform variables come from.
+        idle: share of the walkers that may stay (t = 0): the last, whose brackets are longest beside what lies inside.
+            Whether a try lies inside depends on the line, not on where on it a walker stands; so those that stay leave
+            the distribution of all as it is.
     """
-    low, high = _bracket(slack, row)
-    sd = 1.0 / np.sqrt(curvature)
-    mean = slope / curvature
-    step = np.zeros(len(slope))
-    walkers = np.arange(len(slope))  # that have not moved yet
-    bodies = np.flatnonzero(np.any(matrix != 0.0, axis=0))
+    bodies = np.flatnonzero(matrix.any(axis=0))
     current, change = matrices if len(bodies) == matrices.shape[1] else matrices[:, bodies], matrix[:, bodies, None]
-    for _ in range(_MOST_TRIES):
-        t = draw_between(low, high, mean, sd, random)
-        inside = positive_definite(current + t * change)
-        if inside.all():
+    brackets = Brackets.of(*_bracket(slack, row), slope, curvature)
+    step, log_share = brackets.draw(random)
+    if not len(bodies):
+        return step
+    walkers, t = np.arange(len(slope)), step  # those that have not moved yet, and what they try
+    with np.errstate(all="ignore"):  # as in `positive_definite`
+        for _ in range(_MOST_TRIES):
+            (outside,) = np.nonzero(~_all_pivots_positive(current + t * change))
+            walkers = walkers[outside]
+            if len(walkers) <= idle * len(slope):
+                break
+            current, brackets = current[..., outside], brackets.shortened(outside, t, log_share)
+            t, log_share = brackets.draw(random)
             step[walkers] = t
-            break
-        step[walkers[inside]] = t[inside]
-        outside = ~inside
-        walkers, t, mean, sd, current = walkers[outside], t[outside], mean[outside], sd[outside], current[..., outside]
-        low, high = np.where(t < 0.0, t, low[outside]), np.where(t > 0.0, t, high[outside])
+    step[walkers] = 0.0
     return step
 
 
@@ -190,14 +204,44 @@ def _bracket(slack: Array, row: Array) -> tuple[Array, Array]:
     return low, high
 
 
-def draw_between(low: Array, high: Array, mean: Array, sd: Array, random: Uniforms) -> Array:
-    """(W,) draws from normal distributions restricted to [low, high], by inversion; exact far in a tail too."""
-    a, b = (low - mean) / sd, (high - mean) / sd
-    flip = a > -b  # the left tail is the one with digits to spare
-    a, b = np.where(flip, -b, a), np.where(flip, -a, b)
-    log_a, log_b = log_ndtr(a), log_ndtr(b)
-    u = random.random_sample(len(mean))
-    # log(Phi(a) + u (Phi(b) - Phi(a)))
-    z = ndtri_exp(log_b + np.log1p((u - 1.0) * -np.expm1(log_a - log_b)))
-    z = np.where(flip, -z, z)
-    return np.clip(mean + sd * z, low, high)
+@dataclass(frozen=True)
+class Brackets:
+    """Intervals of W lines, t = 0 in each, and a normal distribution on each.
+
+    Where t = 0 would lie in its right half, the line is turned round: no share of the left half is rounded to one, so
+    that draws are exact however far in a tail.
+
+    Attributes:
+        values: (7, W) ends of the interval of the line turned, the logs of the standard normal's shares below them, the
+            place of t = 0 on that normal, the sd, and +1 or -1 where it is turned.
+    """
+
+    values: Array
+
+    @classmethod
+    def of(cls, low: Array, high: Array, slope: Array, curvature: Array) -> Brackets:
+        """Intervals low < 0 < high (W,) and the densities exp(slope t - curvature t^2 / 2)."""
+        sd = 1.0 / np.sqrt(curvature)
+        place, turn = -np.abs(slope) * sd, np.where(slope < 0.0, -1.0, 1.0)
+        low, high = low * turn, high * turn
+        first, last = np.minimum(low, high), np.maximum(low, high)
+        return cls(np.array([first, last, log_ndtr(place + first / sd), log_ndtr(place + last / sd), place, sd, turn]))
+
+    def draw(self, random: Uniforms) -> tuple[Array, Array]:
+        """(W,) draws t by inversion, and the logs of the shares below them."""
+        first, last, log_first, log_last, place, sd, turn = self.values
+        upper = 1.0 - random.random_sample(len(place))
+        log_share = log_last + np.log1p(upper * np.expm1(log_first - log_last))
+        turned = np.minimum(np.maximum(sd * (ndtri_exp(log_share) - place), first), last)
+        return turn * turned, log_share
+
+    def shortened(self, chosen: Integers, t: Array, log_share: Array) -> Brackets:
+        """Those of the chosen lines, cut off at t, beyond which nothing is to lie; log_share: below it."""
+        values, log_share = self.values[:, chosen], log_share[chosen]
+        turned = t[chosen] * values[6]
+        before = turned < 0.0
+        after = ~before
+        for end, beyond in enumerate((before, after)):
+            np.copyto(values[end], turned, where=beyond)
+            np.copyto(values[2 + end], log_share, where=beyond)
+        return Brackets(values)

@@ -1,5 +1,6 @@
 """Convergence of draws that go wrong in known ways: the same numbers by every ArviZ that is allowed."""
 
+import arviz
 import numpy as np
 import pytest
 
@@ -36,6 +37,28 @@ KNOWN = {
 def test_known_values(name):
     draws, expected = KNOWN[name]
     assert alone(draws) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("sweeps", [4, 6, 12, 25, 60])
+@pytest.mark.parametrize("kept", [-0.6, 0.0, 0.9])
+def test_the_same_as_arviz(sweeps, kept, rng):
+    """Walkers of an autoregression; as they are, skewed, with many equal values, and an ensemble elsewhere."""
+    draws = rng.standard_normal((sweeps, 3, 5, 4))
+    for k in range(1, sweeps):
+        draws[k] += kept * draws[k - 1]
+    draws[..., 1] = np.exp(2.0 * draws[..., 1])
+    draws[..., 2] = np.maximum(np.round(draws[..., 2]), 0.0)
+    draws[:, 1, :, 3] += 2.0
+    found = diagnose(draws)
+    for k in range(4):
+        walkers = draws[..., k].transpose(1, 2, 0).reshape(15, sweeps)
+        expected = [arviz.ess(walkers, method="bulk")]
+        expected.append(min(arviz.ess(walkers, method="quantile", prob=prob) for prob in (0.05, 0.95)))
+        expected = np.minimum(expected, 15 * sweeps)
+        assert [found.bulk[k], found.tail[k]] == pytest.approx(expected, rel=1e-9)
+        if sweeps % 2 == 0:  # of an odd number ArviZ cuts the middle sweep in two
+            ensembles = draws[..., k].transpose(1, 0, 2).reshape(3, -1)
+            assert found.rhat[k] == pytest.approx(float(arviz.rhat(ensembles, method="rank")), rel=1e-9)
 
 
 def test_a_constant_has_converged():

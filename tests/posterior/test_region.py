@@ -5,7 +5,7 @@ from scipy import stats
 
 from bayesid.model.inertia import PSEUDO_INERTIA_BASIS, from_pseudo_inertia
 from bayesid.model.parameters import Cone
-from bayesid.posterior.region import Region, draw_between, draw_on_line, positive_definite
+from bayesid.posterior.region import Brackets, Region, draw_on_line, positive_definite
 
 
 def bodies(rng, count, shift):
@@ -42,13 +42,52 @@ def test_excess_is_what_relaxing_needs(rng):
         assert not region.relaxed(excess[k] * 0.999, inner).contains(theta[:, [k]])[0]
 
 
+def between(low, high, at, many=20_000):
+    """Brackets of a normal distribution of mean 0.3 and sd 1.2, seen from a place between two bounds."""
+    ones = np.ones(many)
+    return Brackets.of((low - at) * ones, (high - at) * ones, (0.3 - at) / 1.44 * ones, ones / 1.44)
+
+
+@pytest.mark.parametrize("share", [0.01, 0.6])
 @pytest.mark.parametrize(("low", "high"), [(-1.0, 0.5), (3.0, np.inf), (-np.inf, -8.0), (20.0, 21.0), (-0.1, 30.0)])
-def test_a_normal_distribution_between_two_bounds(low, high):
-    random = np.random.RandomState(0)
-    many = np.ones(20_000)
-    draws = draw_between(low * many, high * many, 0.3 * many, 1.2 * many, random)
+def test_a_normal_distribution_between_two_bounds(low, high, share):
+    at = max(low, -9.0) + share * (min(high, 22.0) - max(low, -9.0))
+    draws = at + between(low, high, at).draw(np.random.RandomState(0))[0]
     a, b = (low - 0.3) / 1.2, (high - 0.3) / 1.2
     assert stats.kstest(draws, stats.truncnorm(a, b, 0.3, 1.2).cdf).pvalue > 1e-3
+
+
+@pytest.mark.parametrize("at", [-5.0, 0.2, 0.9, 60.0])
+def test_a_bracket_cut_off_at_a_try_is_that_interval(at):
+    brackets = between(-np.inf, np.inf, at)
+    tries, log_share = brackets.draw(np.random.RandomState(0))
+    chosen = np.flatnonzero(tries * (at - 1.0) < 0.0)[1::2][:200]  # on one side; others are left out
+    low, high = np.where(tries < 0.0, tries, -np.inf)[chosen], np.where(tries > 0.0, tries, np.inf)[chosen]
+    expected = Brackets.of(low, high, (0.3 - at) / 1.44 * np.ones(len(low)), np.ones(len(low)) / 1.44)
+    assert np.allclose(brackets.shortened(chosen, tries, log_share).values, expected.values, rtol=1e-9, atol=1e-300)
+
+
+@pytest.mark.parametrize("idle", [0.1, 0.5])
+def test_walkers_that_stay_leave_the_distribution(idle, rng):
+    """Uniform in an asymmetric corner of a two-dimensional cone before a step along a slanted line, and after it."""
+    region = Region.of(Cone.rigid_bodies(1))
+    fixed, direction = bodies(rng, 1, 0.3).ravel(), rng.standard_normal(10)
+    many = 40_000
+
+    def at(t):
+        return fixed[:, None] + direction[:, None] * t
+
+    def step(t, slope, share, seed):
+        return draw_on_line(
+            region.slack(at(t)), region.matrices(at(t)), region.rows @ direction, region.entries @ direction,
+            slope - 3.0 * t, np.full(many, 3.0), np.random.RandomState(seed), share,
+        )  # fmt: skip
+
+    start = step(np.zeros(many), 2.0, 0.0, 1)
+    moved = step(start, 2.0, idle, 2)
+    assert 0.0 < np.mean(moved == 0.0) <= idle
+    assert stats.ks_2samp(start, start + moved).pvalue > 1e-3
+    assert np.std(start) > 0.0 < abs(stats.skew(start))
 
 
 @pytest.mark.parametrize("slope", [0.0, 4.0, -60.0])

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from posterior_problems import disc, quadrature, simulate, target_in
@@ -44,11 +46,20 @@ def test_a_budget_that_ends_is_said(rng):
     assert draws.sweeps == 8 == len(calls)
 
 
+def test_a_long_run_forgets_its_first_quarter(rng):
+    target = small(rng)
+    options = Sampling(walkers=4, warm_up=10, first_look=20, most_sweeps=30, min_ess=np.inf, repeatable=True)
+    short, long = (sample(target, np.array([0.9, -0.2]), replace(options, most_sweeps=most)) for most in (30, 60))
+    assert short.sweeps == 30  # the warm-up is a quarter of all
+    assert long.sweeps == 52  # of 70
+    assert np.array_equal(long.theta[:22], short.theta[8:])
+
+
 def test_time_that_only_seemed_up_is_used(rng, monkeypatch):
     """What follows is guessed before the diagnostics are first timed: a run that paused for them goes on."""
     answers = iter([True])  # once, in the middle of what was planned
     monkeypatch.setattr(sampler._Clock, "late", lambda self, sweeps=0: sweeps >= 9 and next(answers, False))
-    options = Sampling(walkers=4, first_look=40, most_sweeps=60, min_ess=np.inf)
+    options = Sampling(walkers=4, warm_up=20, first_look=40, most_sweeps=60, min_ess=np.inf)
     draws = sample(small(rng), np.array([0.9, -0.2]), options)
     assert draws.sweeps == 60
     assert not np.any(draws.log_density == 0.0)  # rows that were made room for are filled
