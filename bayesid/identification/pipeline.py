@@ -67,11 +67,8 @@ _SAMPLES_A_COEFFICIENT = 3
 _POINTWISE = 150
 """Blocks of each joint whose likelihood is kept by itself, for comparisons of models; weaker ones share one. A round
 number; not studied."""
-_MOST_SMOOTHED = 24
+_SMOOTHED = 24
 """Draws of the posterior over which the samples' probabilities are averaged: their Monte Carlo error is at most 0.1."""
-_SMOOTHED = 200_000
-"""Samples times draws, from which on there are fewer draws: a long log leaves little doubt about parameters. A round
-number; not studied."""
 
 
 @one_blas_thread
@@ -378,9 +375,7 @@ def _average_over_draws(averaged: AveragedSigns, posterior: Posterior, progress:
     """(N, n) P(sign = +) of every sample, averaged over draws of parameters and noise."""
     evidence = averaged.asked.evidence
     signals = evidence.signals
-    count = int(np.clip(_SMOOTHED / len(signals.motion), 1, _MOST_SMOOTHED))
-    draws, log_scale = posterior.spread(count)
-    draws = draws if count > 1 else posterior.theta[None]
+    draws, log_scale = posterior.spread(_SMOOTHED)
     predicted = np.stack([evidence.model.effort(signals.motion, theta) for theta in draws], axis=2)
     noise = averaged.asked.fit.noise.scaled(np.exp(log_scale.mean(axis=0)))
     known = evidence.moving & signals.inner  # accelerations at both ends are no better known than friction at rest

@@ -23,17 +23,17 @@ b; in return it fluctuates by itself: its noise there is n's.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import ndtr
 
-from bayesid.arrays import Array, Mask
+from bayesid.arrays import Array, Integers, Mask
 from bayesid.fit.noise import Noise
-from bayesid.log.low_pass import AfterRectifier
+from bayesid.log.low_pass import AfterRectifier, LowPass, mean_magnitude
 from bayesid.log.signals import Signals
 from bayesid.progress import Steps, no_steps
+from bayesid.signs.chain import Chain, Single, Space
 
 _IMPOSSIBLE = 1e-30
 """Transition density that no step falls below: far under any likelihood, far over the smallest double."""
@@ -43,6 +43,10 @@ _FINEST = 0.75
 """Spacings of the grid: a narrower transition would fall between its points. A round number; not studied."""
 _REACH = 4.0
 """Half-width of the grid in standard deviations of b."""
+_MIDDLE, _MARGIN = 8.0, 2
+"""Half-width of the grid's middle, in standard deviations of b in motion and in spacings: beyond it are 1e-15 of b."""
+_FARTHEST = 1e15
+"""Scales of the white noise beyond which an effort is taken to be that far away: its square is a single number."""
 _REST_TIME = 0.5
 """s; how fast static friction may build up. A round number; not studied."""
 _TURNS = 0.5
@@ -54,21 +58,19 @@ round number; not studied."""
 
 @dataclass(frozen=True, kw_only=True)
 class Blocks:
-    """What is smoothed at once: memory stays bounded, at 430 MB of forward beliefs for six joints.
+    """What is smoothed at once: memory stays bounded, at some 50 MB, and most of it in a processor's cache.
 
     Attributes:
         samples: of a block.
         overlap: samples by which a block looks into its neighbours: many correlation times of the model's error.
-        draws: of the model.
+        piece: samples of the pieces that run side by side.
+        most: samples times draws that run side by side, if one draw has not more.
     """
 
-    samples: int = 20_000
+    samples: int = 10_000
     overlap: int = 1_000
-    draws: int = 4
-
-
-_HALVED = Blocks(samples=10_000)
-"""Readings behind a low-pass take as much memory again."""
+    piece: int = 48
+    most: int = 24_000
 
 
 def sign_probabilities(
@@ -86,11 +88,8 @@ def sign_probabilities(
         progress: called as progress(done, total).
     """
     after, rate = signals.after_rectifier, signals.rate
-    if after is None:
-        smoothed = smooth(signals.magnitude, predicted, moving, noise, rate, progress)
-    else:
-        read = np.where(signals.signed, signals.magnitude, after.read)
-        smoothed = smooth(read, predicted, moving, noise, rate, progress, _HALVED, after)
+    read = signals.magnitude if after is None else np.where(signals.signed, signals.magnitude, after.read)
+    smoothed = smooth(read, predicted, moving, noise, rate, progress, after=after)
     return signals.with_known_signs(np.where(moving.any(axis=0), smoothed, 0.5))
 
 
@@ -113,16 +112,17 @@ def smooth(
     moves = moving.copy()
     moves[1:] &= moving[:-1]  # a standstill is left as it is entered: by a wide step
     turns = _turns(moves)
-    probability = np.zeros_like(effort)
+    probability, space, done = np.empty_like(effort), Space(), 0
     for start in range(0, len(effort), blocks.samples):
         stop = min(start + blocks.samples, len(effort))
         around = slice(max(0, start - blocks.overlap), min(len(effort), stop + blocks.overlap))
-        for k in range(0, draws.shape[2], blocks.draws):
-            last = min(k + blocks.draws, draws.shape[2])
-            block = _smooth(effort[around], draws[around, :, k:last], turns[around], process)
-            probability[start:stop] += block[start - around.start : stop - around.start].sum(axis=2)
-            progress(start * draws.shape[2] + (stop - start) * last, draws[:, 0].size)
-    return probability / draws.shape[2]
+        for j in range(effort.shape[1]):
+            joint = process.joint(j)
+            mean = _smooth(effort[around, j], draws[around, j], turns[around, j], joint, blocks, space)
+            probability[start:stop, j] = mean[start - around.start : stop - around.start]
+            done += (stop - start) * draws.shape[2]
+            progress(done, draws.size)
+    return probability
 
 
 @dataclass(frozen=True)
@@ -135,6 +135,7 @@ class _Process:
         step: (2, n, G, G) transition probabilities, at standstill and in motion.
         prior: (n, G) stationary distribution in motion.
         rest: (n, G) and at standstill.
+        reach: (n,) sd of b in motion as it is on the grid, N m.
         rate: of the samples, Hz.
         after: what |effort| has passed after the rectifier; None where there is nothing.
     """
@@ -144,8 +145,39 @@ class _Process:
     step: Array
     prior: Array
     rest: Array
+    reach: Array
     rate: float
     after: AfterRectifier | None
+
+    def joint(self, j: int) -> _Joint:
+        """That of one joint."""
+        grid, whole = self.grid[j], slice(0, self.grid.shape[1])
+        centre, half = len(grid) // 2, int(_MIDDLE * self.reach[j] / (grid[1] - grid[0])) + _MARGIN
+        window = whole if self.after is not None or half >= centre else slice(centre - half, centre + half + 1)
+        parts = (self.step[1, j], self.step[0, j], self.rest[j], self.prior[j])
+        moving, resting, afresh, start = (np.ascontiguousarray(part, dtype=np.float32) for part in parts)
+        chain = Chain(moving, resting, afresh, start, window)
+        passed = None if self.after is None else _Passed(self.after.low_pass, float(self.after.noise[j]), self.rate)
+        return _Joint(chain, grid, float(self.white[j]), passed)
+
+
+@dataclass(frozen=True)
+class _Passed:
+    """A low-pass that |effort| has passed after the rectifier, the sd of the noise it took, N m, and the rate, Hz."""
+
+    low_pass: LowPass
+    noise: float
+    rate: float
+
+
+@dataclass(frozen=True)
+class _Joint:
+    """The hidden process of one joint: its chain on a grid (G,), N m, scale of its white noise, N m, and low-pass."""
+
+    chain: Chain
+    grid: Array
+    white: float
+    passed: _Passed | None
 
 
 def _process(
@@ -154,10 +186,12 @@ def _process(
     seen = np.abs(predicted) if after is None else after.readings(predicted, rate)
     rest = np.maximum(_doubt_at_rest(effort - seen, predicted, moving), noise.coloured)
     grid = (_REACH * rest)[:, None] * np.linspace(-1.0, 1.0, _GRID)
-    step = _transitions(grid, noise.coloured, np.exp(-1.0 / (noise.correlation * rate)))
+    memory = np.exp(-1.0 / (noise.correlation * rate))
+    step = _transitions(grid, noise.coloured, memory)
     rest_step = _transitions(grid, rest, np.full(len(rest), np.exp(-1.0 / (_REST_TIME * rate))))
     prior, at_rest = _stationary(grid, noise.coloured), _stationary(grid, rest)
-    return _Process(grid, noise.white, np.stack([rest_step, step]), prior, at_rest, rate, after)
+    reach = _spread(grid, noise.coloured, memory) / np.sqrt(1.0 - memory**2)
+    return _Process(grid, noise.white, np.stack([rest_step, step]), prior, at_rest, reach, rate, after)
 
 
 def _turns(moves: Mask) -> Array:
@@ -197,87 +231,144 @@ def _stationary(grid: Array, sd: Array) -> Array:
     return normal
 
 
+def _spread(grid: Array, sd: Array, memory: Array) -> Array:
+    """(n,) sd of an Ornstein-Uhlenbeck process's step, no less than the grid can show."""
+    spread: Array = np.maximum(sd * np.sqrt(1.0 - memory**2), _FINEST * (grid[:, 1] - grid[:, 0]))
+    return spread
+
+
 def _transitions(grid: Array, sd: Array, memory: Array) -> Array:
-    """(n, G, G) rows of p(b' | b) of an Ornstein-Uhlenbeck process; no narrower than the grid can show."""
-    spread = np.maximum(sd * np.sqrt(1.0 - memory**2), _FINEST * (grid[:, 1] - grid[:, 0]))
+    """(n, G, G) rows of p(b' | b) of an Ornstein-Uhlenbeck process."""
     distance = grid[:, None, :] - memory[:, None, None] * grid[:, :, None]
-    density = np.exp(-0.5 * (distance / spread[:, None, None]) ** 2)
+    density = np.exp(-0.5 * (distance / _spread(grid, sd, memory)[:, None, None]) ** 2)
     density += _IMPOSSIBLE  # beliefs must not die out where model and effort contradict each other
     return density / density.sum(axis=2, keepdims=True)
 
 
-def _smooth(effort: Array, predicted: Array, turns: Array, process: _Process) -> Array:
-    """(N, n, K) P(sign = +) for K predictions (N, n, K), by one forward and one backward pass.
+def _smooth(effort: Array, predicted: Array, turns: Array, joint: _Joint, blocks: Blocks, space: Space) -> Array:
+    """(N,) P(sign = +) of a joint's |effort| (N,), the mean over K predictions (N, K).
 
-    Where friction may turn round at once, with the probabilities `turns` (N, n), a joint is at standstill.
+    Where friction may turn round at once, with the probabilities `turns` (N,), the joint is at standstill. A piece that
+    is near one, or that has turned out to need it, is smoothed on the whole grid.
     """
-    n_samples, n, draws = predicted.shape
-    joints, moves = np.arange(n), turns == 0.0
-    all_moving, state = np.all(moves, axis=1), moves.astype(np.int64)
-    likelihoods = _likelihoods_of(effort, predicted, process)
-
-    def step(i: int) -> Array:
-        return process.step[1] if all_moving[i] else process.step[state[i], joints]
-
-    def turned(i: int, stays: Array, turns_round: Array) -> Array:
-        turn = turns[i][:, None, None]
-        return stays if all_moving[i] else (1.0 - turn) * stays + turn * turns_round
-
-    forward = np.empty((n_samples, n, draws, process.grid.shape[1]))
-    belief = np.repeat(process.prior[:, None], draws, axis=1)
-    for i in range(n_samples):
-        if i:
-            belief = turned(i, belief @ step(i), process.rest[:, None])
-        belief = belief * likelihoods(i)[0]
-        belief /= belief.sum(axis=2, keepdims=True)
-        forward[i] = belief
-    probability = np.empty(predicted.shape)
-    future = np.ones_like(belief)
-    for i in range(n_samples - 1, -1, -1):
-        likelihood, plus = likelihoods(i)
-        both = forward[i] * future
-        probability[i] = (both * plus).sum(axis=2) / both.sum(axis=2)
-        then = likelihood * future
-        future = turned(i, then @ step(i).swapaxes(1, 2), then @ process.rest[:, :, None])
-        future /= future.sum(axis=2, keepdims=True)
-    return probability
+    length = min(blocks.piece, len(effort))
+    cut = _cut(turns, length)
+    wide = np.any(cut > 0.0, axis=0)
+    wide = wide | np.append(wide[1:], False) | np.append(False, wide[:-1]) | (joint.chain.middle == joint.chain.whole)
+    at_once = max(1, blocks.most // len(effort))
+    total = np.zeros(len(effort))
+    for k in range(0, predicted.shape[1], at_once):
+        some = predicted[:, k : k + at_once]
+        readings = (_Readings if joint.passed is None else _FilteredReadings).of(effort, some, joint, length)
+        while True:
+            mean, leans = joint.chain.smooth(readings.weigh, cut, some.shape[1], wide, space)
+            if not np.any(leans & ~wide):
+                break
+            wide = wide | leans
+        total += mean.sum(axis=2).T.ravel()[: len(effort)]
+    return total / predicted.shape[1]
 
 
-def _likelihoods_of(effort: Array, predicted: Array, process: _Process) -> Callable[[int], tuple[Array, Array]]:
-    """From a sample to what `_likelihoods` gives of it."""
-    after = process.after
-    if after is None:
-        return lambda i: _likelihoods(effort[i], predicted[i], process)
-    readings = after.readings(predicted[..., None] + process.grid[:, None], process.rate)
-    return lambda i: _filtered_likelihoods(effort[i], predicted[i], readings[i], process, after.noise[:, None, None])
+def _cut(values: Array | Single, length: int) -> Single:
+    """(L, B, ...) of (N, ...), cut into B pieces of L samples; the last one ends with zeros."""
+    pieces = -(-len(values) // length)
+    full = np.zeros((pieces * length, *values.shape[1:]), dtype=np.float32)
+    full[: len(values)] = values
+    return full.reshape(pieces, length, *values.shape[1:]).swapaxes(0, 1)
 
 
-def _filtered_likelihoods(
-    effort: Array, predicted: Array, readings: Array, process: _Process, before: Array
-) -> tuple[Array, Array]:
-    """The same where |effort| has passed a low-pass, of its mean readings (n, K, G).
+@dataclass(frozen=True)
+class _Readings:
+    """Readings of one joint by K draws, cut into B pieces of L samples, in scales of the white noise.
 
-    `before` (n, 1, 1) is the sd of the noise that did not pass.
+    Attributes:
+        up: (L, B, K) value of b with which a reading has its predicted size if its sign is +.
+        down: (L, B, K) and if it is -.
+        points: (G,) the grid.
+        spare: samples at the end of the last piece that are none.
     """
-    grid = process.grid[:, None]
-    spacing = (process.grid[:, 1] - process.grid[:, 0])[:, None, None]
-    follows = np.clip(np.gradient(readings, axis=2) / spacing, -1.0, 1.0)
-    least = np.maximum(process.white[:, None, None], 0.5 * spacing)  # the grid tells no finer
-    variance = least**2 + (1.0 - follows**2) * before**2
-    misfit = 1.0 + (effort[:, None, None] - readings) ** 2 / (_TAILS * variance)
-    log_likelihood = -0.5 * (_TAILS + 1.0) * np.log(misfit) - 0.5 * np.log(variance)
-    likelihood = np.exp(log_likelihood - log_likelihood.max(axis=2, keepdims=True))
-    return likelihood, ndtr((predicted[:, :, None] + grid) / before)
+
+    up: Single
+    down: Single
+    points: Single
+    spare: int
+
+    @classmethod
+    def of(cls, effort: Array, predicted: Array, joint: _Joint, length: int) -> _Readings:
+        """Of |effort| (N,) and predictions (N, K)."""
+        scale = np.sqrt(_TAILS) * joint.white
+        signed = [np.clip((sign * effort[:, None] - predicted) / scale, -_FARTHEST, _FARTHEST) for sign in (1.0, -1.0)]
+        up, down = (_cut(values, length) for values in signed)
+        return cls(up, down, (joint.grid / scale).astype(np.float32), -len(effort) % length)
+
+    def weigh(self, pieces: Integers, window: slice, space: Space) -> tuple[Single, Single]:
+        """(L, G', R) likelihoods of b (:eq:`sample-likelihood`), up to a factor, and the share of sign +."""
+        length, chains, points = len(self.up), self.up.shape[2], self.points[window, None]
+        up, down = (values[:, pieces].reshape(length, 1, -1) for values in (self.up, self.down))
+        least = 1.0 + np.minimum(_off(up, points), _off(down, points)) ** 2
+        shape = (length, len(points), len(pieces) * chains)
+        plus, likelihood, root = space.take("share", shape), space.take("likelihood", shape), np.empty(shape[1:], "f4")
+        for i in range(length):
+            _students(up[i], points, least[i], root, plus[i])
+            _students(down[i], points, least[i], root, likelihood[i])
+            likelihood[i] += plus[i]
+        if self.spare and pieces[-1] == self.up.shape[1] - 1:
+            likelihood[-self.spare :, :, -chains:] = 1.0
+        return likelihood, plus
 
 
-def _likelihoods(effort: Array, predicted: Array, process: _Process) -> tuple[Array, Array]:
-    """(n, K, G) likelihood of one |effort| (n,) for every draw (n, K) and b, up to a factor, and P(sign = + | b)."""
-    mean = predicted[:, :, None] + process.grid[:, None]
-    seen, white = effort[:, None, None], np.sqrt(_TAILS) * process.white[:, None, None]
-    likelier = 1.0 + ((seen - np.abs(mean)) / white) ** 2  # of the two signs
-    other = 1.0 + ((seen + np.abs(mean)) / white) ** 2
-    odds = (likelier / other) ** (0.5 * (_TAILS + 1.0))
-    least = likelier.min(axis=2, keepdims=True)
-    likelihood = (least / likelier) ** (0.5 * (_TAILS + 1.0)) * (1.0 + odds)
-    plus = np.where(mean >= 0.0, 1.0, odds) / (1.0 + odds)
-    return likelihood, plus
+def _off(values: Single, points: Single) -> Single:
+    """How far values are from the nearest point of a grid (G, 1)."""
+    first, spacing = points[0, 0], points[1, 0] - points[0, 0]
+    nearest = np.clip(np.rint((values - first) / spacing), 0.0, len(points) - 1.0)
+    off: Single = np.abs(values - first - spacing * nearest)
+    return off
+
+
+def _students(values: Single, points: Single, least: Single, root: Single, out: Single) -> None:
+    """Student's t of (1, R) values about a grid (G, 1), over that at a distance: `least` is 1 and its square."""
+    np.subtract(values, points, out=out)
+    np.multiply(out, out, out=out)
+    np.add(out, 1.0, out=out)
+    np.divide(least, out, out=out)
+    np.sqrt(out, out=root)
+    np.multiply(out, out, out=out)  # the power (nu + 1) / 2 = 2.5 of four degrees of freedom
+    np.multiply(out, root, out=out)
+
+
+@dataclass(frozen=True)
+class _FilteredReadings:
+    """The same where |effort| has passed a low-pass.
+
+    Attributes:
+        likelihood: (L, B, K, G) of b (:eq:`filtered-likelihood`), up to a factor.
+        plus: (L, B, K, G) share of sign +.
+    """
+
+    likelihood: Single
+    plus: Single
+
+    @classmethod
+    def of(cls, effort: Array, predicted: Array, joint: _Joint, length: int) -> _FilteredReadings:
+        """Of |effort| (N,) as it was read, and predictions (N, K)."""
+        passed, mean, spacing = joint.passed, predicted[..., None] + joint.grid, joint.grid[1] - joint.grid[0]
+        assert passed is not None
+        readings = passed.low_pass.apply(mean_magnitude(mean, passed.noise), passed.rate)
+        follows = np.clip(np.gradient(readings, axis=2) / spacing, -1.0, 1.0)
+        least = max(joint.white, 0.5 * spacing)  # the grid tells no finer
+        variance = least**2 + (1.0 - follows**2) * passed.noise**2
+        misfit = 1.0 + (effort[:, None, None] - readings) ** 2 / (_TAILS * variance)
+        log_likelihood = -0.5 * (_TAILS + 1.0) * np.log(misfit) - 0.5 * np.log(variance)
+        likelihood = np.exp(log_likelihood - log_likelihood.max(axis=2, keepdims=True))
+        cut = _cut(likelihood, length)
+        cut[length - (-len(effort) % length) :, -1] = 1.0
+        return cls(cut, cut * _cut(ndtr(mean / passed.noise), length))
+
+    def weigh(self, pieces: Integers, window: slice, space: Space) -> tuple[Single, Single]:
+        """(L, G', R) likelihoods and the share of sign +."""
+        taken = []
+        for name, values in (("likelihood", self.likelihood), ("share", self.plus)):
+            rows = values[:, pieces][..., window].reshape(len(values), -1, window.stop - window.start).swapaxes(1, 2)
+            taken.append(space.take(name, rows.shape))
+            taken[-1][...] = rows
+        return taken[0], taken[1]

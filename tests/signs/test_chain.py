@@ -1,0 +1,168 @@
+"""Smoothing in pieces side by side against one run of sums over all values, in double precision, sample by sample."""
+
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import t
+
+from bayesid.fit.noise import Noise
+from bayesid.signs.smoothing import Blocks, smooth
+
+RATE = 100.0
+GRID, REACH, FINEST, TURNS, REST_TIME = 101, 4.0, 0.75, 0.5, 0.5
+"""As docs/method.md, section 10, has them."""
+
+
+def one_joint(white, coloured, correlation):
+    return Noise(*(np.array([value]) for value in (white, coloured, correlation, 1.0)))
+
+
+def size_at_rest(effort, predicted, moving, coloured):
+    """RMS of what |effort| shows at rest, or half the RMS jump over standstills; no less than in motion."""
+    rest = ~moving
+    shown = np.sqrt(np.mean((effort - np.abs(predicted))[rest] ** 2)) if rest.any() else 0.0
+    jumps, last = [], None
+    for i, moves in enumerate(moving):
+        if moves and last is not None and i - last > 1:
+            jumps.append(predicted[i] - predicted[last])
+        last = i if moves else last
+    return max(shown, 0.5 * np.sqrt(np.mean(np.square(jumps))) if jumps else 0.0, coloured)
+
+
+def steps_of(grid, size, time):
+    memory = np.exp(-1.0 / (time * RATE))
+    spread = max(size * np.sqrt(1.0 - memory**2), FINEST * (grid[1] - grid[0]))
+    rows = np.exp(-0.5 * ((grid[None, :] - memory * grid[:, None]) / spread) ** 2) + 1e-30
+    return rows / rows.sum(axis=1, keepdims=True)
+
+
+def stationary(grid, size):
+    weight = np.exp(-0.5 * (grid / size) ** 2)
+    return weight / weight.sum()
+
+
+def plain(effort, predicted, moving, noise):
+    """P(sign = +) of one joint: forward-backward with one matrix a sample."""
+    white, coloured, correlation = noise.white[0], noise.coloured[0], noise.correlation[0]
+    wide = size_at_rest(effort, predicted, moving, coloured)
+    grid = REACH * wide * np.linspace(-1.0, 1.0, GRID)
+    turning = ~(moving & np.append(True, moving[:-1]))
+    chance = np.zeros(len(effort))
+    for i in np.flatnonzero(turning):
+        first, last = i, i
+        while first and turning[first - 1]:
+            first -= 1
+        while last + 1 < len(turning) and turning[last + 1]:
+            last += 1
+        chance[i] = 1.0 - (1.0 - TURNS) ** (1.0 / (last - first + 1))
+    in_motion, at_rest = steps_of(grid, coloured, correlation), steps_of(grid, wide, REST_TIME)
+    afresh = np.tile(stationary(grid, wide), (GRID, 1))
+    steps = [(1.0 - c) * at_rest + c * afresh if c else in_motion for c in chance]
+    up, down = (t(4).pdf((sign * effort[:, None] - predicted[:, None] - grid) / white) for sign in (1.0, -1.0))
+    before, after = [stationary(grid, coloured)], [np.ones(GRID)]
+    for i in range(1, len(effort)):
+        belief = (before[-1] * (up + down)[i - 1]) @ steps[i]
+        before.append(belief / belief.sum())
+    for i in range(len(effort) - 1, 0, -1):
+        future = steps[i] @ (after[-1] * (up + down)[i])
+        after.append(future / future.sum())
+    both = np.array(before) * np.array(after[::-1])
+    return (both * up).sum(axis=1) / (both * (up + down)).sum(axis=1)
+
+
+def log_of(seed, samples, rests, error=0.4):
+    """A prediction that crosses zero again and again, efforts about it, and standstills (start, samples)."""
+    rng = np.random.default_rng(seed)
+    at = np.arange(samples) / RATE
+    predicted = 2.0 * np.sin(5.0 * at + seed) + 0.7 * np.sin(13.0 * at) + 0.3
+    walk = np.cumsum(rng.standard_normal(samples)) * 0.05
+    effort = np.abs(predicted + error * (walk - walk.mean()) + 0.15 * rng.standard_normal(samples))
+    moving = np.ones(samples, dtype=bool)
+    for start, length in rests:
+        moving[start : start + length] = False
+        predicted[start : start + length] *= 0.2
+    return effort, predicted, moving
+
+
+CASES = {
+    "one sample": (1, ()),
+    "two": (2, ()),
+    "a piece": (48, ()),
+    "a piece and a sample": (49, ()),
+    "no standstill": (401, ()),
+    "standstills of one sample": (300, ((47, 1), (48 + 47, 1), (144, 1), (200, 1))),
+    "at both ends": (260, ((0, 20), (230, 30))),
+    "long": (700, ((90, 1), (150, 260), (500, 30))),
+    "at rest but for the middle": (200, ((0, 80), (110, 90))),
+}
+NOISES = {
+    "short": one_joint(0.15, 0.2, 0.01),
+    "long": one_joint(0.15, 0.3, 0.5),
+    "finer than the grid": one_joint(0.01, 0.2, 0.1),
+}
+
+
+@pytest.mark.parametrize("noise", NOISES)
+@pytest.mark.parametrize("case", CASES)
+def test_pieces_give_what_one_run_gives(case, noise):
+    effort, predicted, moving = log_of(len(case), *CASES[case])
+    found = smooth(effort[:, None], predicted[:, None], moving[:, None], NOISES[noise], RATE)[:, 0]
+    np.testing.assert_allclose(found, plain(effort, predicted, moving, NOISES[noise]), atol=2e-4)
+
+
+@pytest.mark.parametrize("off", [3.0, 12.0])
+def test_where_model_and_effort_contradict_each_other(off):
+    """For half a second the model errs by many standard deviations: beliefs leave the middle of the grid."""
+    effort, predicted, moving = log_of(3, 400, ((20, 30), (300, 5)))
+    effort[120:170] = np.abs(effort[120:170] + off)
+    effort[230] += 5.0
+    for noise in NOISES.values():
+        found = smooth(effort[:, None], predicted[:, None], moving[:, None], noise, RATE)[:, 0]
+        np.testing.assert_allclose(found, plain(effort, predicted, moving, noise), atol=1e-3)
+
+
+def test_draws_and_joints_do_not_mix():
+    """Joints of other noise and standstills, five draws, more than are smoothed at once."""
+    logs = [log_of(seed, 230, rests) for seed, rests in ((1, ((50, 9),)), (2, ()), (5, ((100, 1), (180, 50))))]
+    effort, predicted, moving = (np.stack(values, axis=1) for values in zip(*logs, strict=True))
+    noises = list(NOISES.values())
+    joined = Noise(*(np.concatenate(values) for values in zip(*(vars(n).values() for n in noises), strict=True)))
+    shifts = np.array([-1.2, -0.4, 0.0, 0.4, 1.2])
+    draws = predicted[:, :, None] + np.where(moving, 1.0, 0.0)[:, :, None] * shifts
+    found = smooth(effort, draws, moving, joined, RATE, blocks=Blocks(most=460))
+    for j, noise in enumerate(noises):
+        whole = smooth(effort[:, j : j + 1], draws[:, j : j + 1], moving[:, j : j + 1], noise, RATE)
+        np.testing.assert_allclose(found[:, j : j + 1], whole, atol=1e-5)
+    at_rest = size_at_rest(effort[:, 1], predicted[:, 1], moving[:, 1], noises[1].coloured[0])
+    assert at_rest == noises[1].coloured[0], "so that the draws of joint 2 have the same process each by itself"
+    each = [plain(effort[:, 1], draws[:, 1, k], moving[:, 1], noises[1]) for k in range(5)]
+    assert np.std(each, axis=0).max() > 0.05, "the draws disagree"
+    np.testing.assert_allclose(found[:, 1], np.mean(each, axis=0), atol=2e-4)
+
+
+@pytest.mark.parametrize("piece", [7, 48, 1000])
+def test_the_length_of_pieces_does_not_matter(piece):
+    effort, predicted, moving = log_of(4, 500, ((100, 40),))
+    arguments = effort[:, None], predicted[:, None], moving[:, None], NOISES["long"], RATE
+    found = smooth(*arguments, blocks=replace(Blocks(), piece=piece))
+    np.testing.assert_allclose(found[:, 0], plain(effort, predicted, moving, NOISES["long"]), atol=2e-4)
+
+
+def peak(samples, draws):
+    effort, predicted, moving = log_of(2, samples, ((200, 40), (1500, 3)))
+    many = np.repeat(predicted[:, None, None], draws, axis=2)
+    arguments = effort[:, None], many, moving[:, None], NOISES["short"], RATE
+    tracemalloc.start()
+    smooth(*arguments, blocks=Blocks(samples=1500, overlap=100, most=3000))
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return most
+
+
+def test_memory_does_not_grow_with_log_and_draws():
+    """But for the few columns that a log has itself: 200 bytes a sample; beliefs of one draw would be 1600."""
+    short, long = peak(3000, 2), peak(15_000, 2)
+    assert long - short < 200 * 12_000
+    assert peak(3000, 8) < 1.1 * short + 8 * 3000
