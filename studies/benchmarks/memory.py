@@ -56,7 +56,7 @@ def hour(duration: float) -> Row:
     raw = join_moments(source.pieces(round(duration / _MINUTE), spent), _MOST_INDIVIDUAL)
     scaled = raw.scaled(NOISE * source.rms)
     solver = ConeLeastSquares(
-        source.model.cone, base_coefficients(source.model), scaled.hessian.sum(axis=0), float(scaled.energy.sum())
+        source.model.cone, base_coefficients(source.model), scaled.hessian.total(), float(scaled.energy.sum())
     )
     began = time.perf_counter()
     best = certified(scaled, solver, budget=0.0)

@@ -68,7 +68,7 @@ class Problem:
         self.pull, centre = solver.pull()
         self._budget = Budget(budget, repeatable, len(self.pull))
         self.moments, self.limits, self._solver = moments, limits, solver
-        self._hessian, self.energy = moments.hessian.sum(axis=0), float(moments.energy.sum())
+        self._hessian, self.energy = moments.hessian.total(), float(moments.energy.sum())
         self._unconstrained = UnconstrainedBound(self._hessian + self.pull, 0.0)
         self.exact = EXACT * self.energy
         self.rounding = _ROUNDING * self.energy
