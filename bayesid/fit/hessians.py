@@ -103,14 +103,21 @@ class Hessians:
         values = [values[self.place[parts[joint == j]]] for j, values in enumerate(self.values)]
         return Hessians(self.size, joint, self.columns, tuple(values))
 
-    def joined(self, other: Hessians) -> Hessians:
+    def joined(self, others: Sequence[Hessians]) -> Hessians:
         """These parts and behind them those of others, of the same coefficients."""
-        joint = np.concatenate([self.joint, other.joint])
-        return self._summed_with(other, joint, np.arange(len(joint)))
+        joint = np.concatenate([self.joint, *(other.joint for other in others)])
+        sums, first = HessianSums(self.size, joint), 0
+        for each in (self, *others):
+            sums.add(each, np.arange(first, first + len(each)))
+            first += len(each)
+        return sums.done()
 
     def __add__(self, other: Hessians) -> Hessians:
         """The sums of each part of these and the same part of others."""
-        return self._summed_with(other, self.joint, np.tile(np.arange(len(self)), 2))
+        sums, same = HessianSums(self.size, self.joint), np.arange(len(self))
+        sums.add(self, same)
+        sums.add(other, same)
+        return sums.done()
 
     def summed(self, into: Integers) -> Hessians:
         """Of new parts, each the sum of all parts that go into it; of one joint.
@@ -120,14 +127,8 @@ class Hessians:
         """
         joint = np.zeros(int(into.max(initial=-1)) + 1, dtype=np.int64)
         joint[into] = self.joint
-        return self._summed_with(None, joint, into)
-
-    def _summed_with(self, other: Hessians | None, joint: Integers, into: Integers) -> Hessians:
-        """Sums (by `into`) of all parts of these and of others, the new parts belonging to these joints."""
         sums = HessianSums(self.size, joint)
-        sums.add(self, into[: len(self)])
-        if other is not None:
-            sums.add(other, into[len(self) :])
+        sums.add(self, into)
         return sums.done()
 
 
@@ -167,10 +168,12 @@ class HessianSums:
             if not np.any(here):
                 continue
             felt = np.searchsorted(self.feel(j, columns), columns)
-            target, source = self._place[into[here]], values[other.place[here]]
-            order = np.argsort(target, kind="stable")
-            targets, begins = np.unique(target[order], return_index=True)
-            self._values[j][np.ix_(targets, felt, felt)] += np.add.reduceat(source[order], begins, axis=0)
+            target, source = self._place[into[here]], values  # both in the order of the joint's parts
+            if len(np.unique(target)) < len(target):
+                order = np.argsort(target, kind="stable")
+                target, begins = np.unique(target[order], return_index=True)
+                source = np.add.reduceat(source[order], begins, axis=0)
+            self._values[j][np.ix_(target, felt, felt)] += source
 
     def done(self) -> Hessians:
         """What has been added up."""

@@ -79,27 +79,31 @@ class Moments:
         sums = {name: getattr(self, name) + getattr(other, name) for name in ("hessian", "gradient", "energy", "count")}
         return replace(self, **sums)
 
-    def join(self, other: Moments) -> Moments:
-        """Moments of two logs of the same model: the segments of one after those of the other."""
-        names = ("joint", "known", "gradient", "energy", "count")
-        joined = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in names}
-        part = np.concatenate([self.part, len(self.hessian) + other.part])
-        return Moments(**joined, hessian=self.hessian.joined(other.hessian), part=part)
+    def join(self, *others: Moments) -> Moments:
+        """Moments of several logs of the same model: the segments of one after those of the other."""
+        names, every = ("joint", "known", "gradient", "energy", "count"), (self, *others)
+        joined = {name: np.concatenate([getattr(each, name) for each in every]) for name in names}
+        firsts = np.cumsum([0, *(len(each.hessian) for each in every)])
+        part = np.concatenate([first + each.part for first, each in zip(firsts, every, strict=False)])
+        return Moments(**joined, hessian=self.hessian.joined([other.hessian for other in others]), part=part)
 
     def chosen(self, segments: Integers) -> Moments:
         """Moments of some segments.
 
         Raises:
-            ValueError: one of them shares a part of the Hessian.
+            ValueError: one of them shares a part of the Hessian with others that are not chosen.
         """
-        if not np.all(self.individual[segments]):
-            raise ValueError("segments that share a Hessian cannot be chosen one by one")
+        parts, part = np.unique(self.part[segments], return_inverse=True)
+        if np.any(np.isin(np.delete(self.part, segments), parts)):
+            raise ValueError("segments that share a part of the Hessian cannot be parted")
         values = {name: getattr(self, name)[segments] for name in ("joint", "known", "gradient", "energy", "count")}
-        return Moments(**values, hessian=self.hessian.chosen(self.part[segments]))
+        return Moments(**values, hessian=self.hessian.chosen(parts), part=part.astype(np.int64))
 
     def compact(self, most_individual: int) -> Moments:
         """The same moments with individual parts for at most so many segments of each joint, those with most energy."""
         part = _parts(self.joint, self.known, np.where(self.individual, self.energy, -np.inf), most_individual)
+        if len(np.unique(part)) == len(self.hessian):
+            return self
         first = np.unique(self.part, return_index=True)[1]
         return replace(self, part=part, hessian=self.hessian.summed(part[first]))
 
@@ -206,14 +210,16 @@ def join_moments(pieces: Iterable[Moments], most_individual: int) -> Moments:
         pieces: moments of the same model; at least one.
         most_individual: segments of each joint that keep an individual part, those with most energy.
     """
-    iterator = iter(pieces)
-    joined, bound = next(iterator), 0
-    for piece in iterator:
-        joined = joined.join(piece)
-        if len(joined.hessian) > bound:  # merging now and then costs less than every time
-            joined = joined.compact(most_individual)
-            bound = 2 * len(joined.hessian)
-    return joined.compact(most_individual)
+    waiting: list[Moments] = []
+    held, bound = 0, 0
+    for piece in pieces:
+        waiting.append(piece)
+        held += len(piece.hessian)
+        if held > bound:  # merging now and then costs less than every time
+            waiting = [waiting[0].join(*waiting[1:]).compact(most_individual)]
+            held = len(waiting[0].hessian)
+            bound = 2 * held
+    return waiting[0].join(*waiting[1:]).compact(most_individual)
 
 
 def _felt(columns: Array) -> Integers:

@@ -68,7 +68,7 @@ def test_forms_weights_and_choice(full):
 
 def test_parts_are_joined_added_and_summed(full):
     other, more = Full.random(1, [2, 2, 0]), Full.random(2, full.joint)
-    same(full.made.joined(other.made)[:], np.concatenate([full.dense, other.dense]))
+    same(full.made.joined([other.made, more.made])[:], np.concatenate([full.dense, other.dense, more.dense]))
     same((full.made + more.made)[:], full.dense + more.dense)
     into = np.array([3, 0, 1, 2, 3, 0, 1])
     expected = np.zeros((4, 5, 5))

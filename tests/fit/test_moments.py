@@ -266,14 +266,14 @@ def test_pieces_are_let_go_once_they_are_joined(long_case):
 def test_memory_is_bounded_on_the_way(long_case, monkeypatch):
     sizes, join = [], Moments.join
 
-    def measured(self, other):
-        joined = join(self, other)
+    def measured(self, *others):
+        joined = join(self, *others)
         sizes.append(len(joined.hessian))
         return joined
 
     monkeypatch.setattr(Moments, "join", measured)
     joined = join_moments(pieces(long_case, 12), most_individual=1)
-    assert len(sizes) == 11
+    assert 3 <= len(sizes) <= 12
     assert max(sizes) <= 2 * (1 + 2) * 3 + max(len(piece.hessian) for piece in pieces(long_case, 12))
     assert len(joined.hessian) <= (1 + 2) * 3
 
