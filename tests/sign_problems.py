@@ -17,6 +17,7 @@ from conftest import random_motion, small_robot
 from oracles import random_table
 from scipy.optimize import nnls
 
+from bayesid.fit.hessians import Hessians
 from bayesid.fit.moments import Moments, moments
 from bayesid.fit.solver import ConeLeastSquares
 from bayesid.log.segments import Segments
@@ -48,7 +49,7 @@ class SignProblem:
 
     def solver(self, tolerance=1e-6):
         """A new one, prepared for all data."""
-        hessian = self.moments.hessian.sum(axis=0)
+        hessian = self.moments.hessian.total()
         return ConeLeastSquares(self.cone, self.coefficients, hessian, self.energy, tolerance=tolerance)
 
     @property
@@ -127,7 +128,7 @@ class SignProblem:
     @cached_property
     def _root(self):
         projection = self.coefficients.projection
-        quadratic = projection.T @ self.moments.hessian.sum(axis=0) @ projection + np.diag(self.pull[0])
+        quadratic = projection.T @ self.moments.hessian.total() @ projection + np.diag(self.pull[0])
         return np.linalg.cholesky(quadratic).T
 
     @cached_property
@@ -182,7 +183,7 @@ def synthetic(
 
 def moments_of(rows, joint, known):
     """Moments of segments of which the rows (Y, e) are given, by their definition."""
-    hessian = np.array([y.T @ y for y, _ in rows])
+    hessian = Hessians.make(np.asarray(joint), np.array([y.T @ y for y, _ in rows]))
     gradient, energy = np.array([y.T @ e for y, e in rows]), np.array([e @ e for _, e in rows])
     return Moments(np.asarray(joint), np.asarray(known), hessian, gradient, energy, np.array([len(e) for _, e in rows]))
 

@@ -202,8 +202,7 @@ def _shown(expectation: Expectation, signals: Signals, segments: Segments, noise
     sums = moments(
         expectation.model, expectation.coefficients, signals.motion, signals.effort, segments, most_individual=0
     )
-    grams, counts = np.zeros((n, *sums.hessian.shape[1:])), np.bincount(sums.joint, sums.count, n)
-    np.add.at(grams, sums.joint[np.unique(sums.part, return_index=True)[1]], sums.hessian)
+    grams, counts = sums.hessian.by_joint(n), np.bincount(sums.joint, sums.count, n)
     samples, weight = np.maximum(counts, 1).astype(np.int64), min(1.0, INDEPENDENT / signals.rate)
     groups = groups_of(unsigned, all_unsigned=len(unsigned) == n)
     flips = expectation.joint_flips(grams, samples, noise, weight, groups) if unsigned else [None]

@@ -203,7 +203,7 @@ def turn_measured(moments: Moments, start: Integers, end: Integers, weight: floa
         end: (S,) the samples after their last.
         weight: independent samples that each sample stands for.
     """
-    cost = weight * resolvability(inverse_gram(moments.hessian.sum(axis=0)), moments.gradient, moments.energy)
+    cost = weight * resolvability(inverse_gram(moments.hessian.total()), moments.gradient, moments.energy)
     share = moments.energy / max(float(moments.energy.sum()), _TINY)
     unsigned = np.flatnonzero(moments.known == 0)
     return SegmentFlips(moments.joint[unsigned], start[unsigned], end[unsigned], share[unsigned], cost[unsigned])

@@ -149,7 +149,7 @@ def widened(fit: Fit, evidence: Evidence, signs: Array) -> Fit:
 
 def _effective(moments: Moments, weights: Array, earlier: Information | None) -> Array:
     """(r, r) information matrix of samples weighed by (n,) the noise, its autocorrelation included."""
-    hessian: Array = moments.scaled(weights).hessian.sum(axis=0)
+    hessian: Array = moments.scaled(weights).hessian.total()
     return hessian if earlier is None else hessian + earlier.hessian
 
 
@@ -165,7 +165,7 @@ def _solve(evidence: Evidence, moments: Moments) -> tuple[Solution, Array]:
     earlier = Information.none(len(coefficients)) if evidence.information is None else evidence.information
     for i in range(rounds):
         scaled = moments.scaled(sigma * np.sqrt(autocorrelation))
-        hessian = scaled.hessian.sum(axis=0) + earlier.hessian
+        hessian = scaled.hessian.total() + earlier.hessian
         gradient = scaled.gradient.sum(axis=0) + earlier.gradient
         energy = float(scaled.energy.sum()) + earlier.energy
         solution = solve_precisely(model.cone, coefficients, hessian, gradient, energy)

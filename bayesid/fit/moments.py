@@ -20,6 +20,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from bayesid.arrays import Array, Integers, Mask
+from bayesid.fit.hessians import Hessians, HessianSums
 from bayesid.log.segments import Segments
 from bayesid.model.coefficients import BaseCoefficients
 from bayesid.model.model import Model
@@ -39,7 +40,7 @@ class Moments:
     Attributes:
         joint: (S,) 0-based actuator of each segment.
         known: (S,) sign known beforehand, +1 or -1; 0 where it is unknown.
-        hessian: (K, r, r) sum of H_k over the segments of each part; all of one joint, and all known or none.
+        hessian: of K parts, the sums of H_k over their segments; all of one joint, and all known or none.
         gradient: (S, r) g_k.
         energy: (S,) c_k.
         count: (S,) samples.
@@ -48,7 +49,7 @@ class Moments:
 
     joint: Integers
     known: Integers
-    hessian: Array
+    hessian: Hessians
     gradient: Array
     energy: Array
     count: Integers
@@ -69,8 +70,7 @@ class Moments:
 
     def hessian_of(self, segments: Integers) -> Array:
         """(r, r) sum over the parts to which these segments belong."""
-        total: Array = self.hessian[np.unique(self.part[segments])].sum(axis=0)
-        return total
+        return self.hessian.of(np.unique(self.part[segments]))
 
     def __add__(self, other: Moments) -> Moments:
         """Moments of the same segments from more of their samples."""
@@ -79,19 +79,33 @@ class Moments:
         sums = {name: getattr(self, name) + getattr(other, name) for name in ("hessian", "gradient", "energy", "count")}
         return replace(self, **sums)
 
-    def join(self, other: Moments) -> Moments:
-        """Moments of two logs of the same model: the segments of one after those of the other."""
-        names = ("joint", "known", "hessian", "gradient", "energy", "count")
-        joined = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in names}
-        return Moments(**joined, part=np.concatenate([self.part, len(self.hessian) + other.part]))
+    def join(self, *others: Moments) -> Moments:
+        """Moments of several logs of the same model: the segments of one after those of the other."""
+        names, every = ("joint", "known", "gradient", "energy", "count"), (self, *others)
+        joined = {name: np.concatenate([getattr(each, name) for each in every]) for name in names}
+        firsts = np.cumsum([0, *(len(each.hessian) for each in every)])
+        part = np.concatenate([first + each.part for first, each in zip(firsts, every, strict=False)])
+        return Moments(**joined, hessian=self.hessian.joined([other.hessian for other in others]), part=part)
+
+    def chosen(self, segments: Integers) -> Moments:
+        """Moments of some segments.
+
+        Raises:
+            ValueError: one of them shares a part of the Hessian with others that are not chosen.
+        """
+        parts, part = np.unique(self.part[segments], return_inverse=True)
+        if np.any(np.isin(np.delete(self.part, segments), parts)):
+            raise ValueError("segments that share a part of the Hessian cannot be parted")
+        values = {name: getattr(self, name)[segments] for name in ("joint", "known", "gradient", "energy", "count")}
+        return Moments(**values, hessian=self.hessian.chosen(parts), part=part.astype(np.int64))
 
     def compact(self, most_individual: int) -> Moments:
         """The same moments with individual parts for at most so many segments of each joint, those with most energy."""
         part = _parts(self.joint, self.known, np.where(self.individual, self.energy, -np.inf), most_individual)
-        hessian = np.zeros((part.max(initial=-1) + 1, *self.hessian.shape[1:]))
+        if len(np.unique(part)) == len(self.hessian):
+            return self
         first = np.unique(self.part, return_index=True)[1]
-        np.add.at(hessian, part[first], self.hessian)
-        return replace(self, part=part, hessian=hessian)
+        return replace(self, part=part, hessian=self.hessian.summed(part[first]))
 
     def merged(self, into: Integers) -> Moments:
         """Moments of segments that these are parts of, each of one joint and one sign.
@@ -103,8 +117,7 @@ class Moments:
         size = len(np.unique(into))
         links = csr_array((np.ones(len(self)), (into, size + self.part)), shape=2 * (size + len(self.hessian),))
         label = connected_components(links, directed=False)[1]
-        hessian = np.zeros((label.max(initial=-1) + 1, *self.hessian.shape[1:]))
-        np.add.at(hessian, label[size:], self.hessian)
+        hessian = self.hessian.summed(label[size:].astype(np.int64))
         first = np.unique(into, return_index=True)[1]
         gradient, energy = (_summed(values, into, size) for values in (self.gradient, self.energy))
         count = np.bincount(into, self.count, size).astype(np.int64)
@@ -115,7 +128,7 @@ class Moments:
         weight = 1.0 / sigma[self.joint] ** 2
         of_part = np.zeros(len(self.hessian))
         of_part[self.part] = weight
-        hessian, gradient = of_part[:, None, None] * self.hessian, weight[:, None] * self.gradient
+        hessian, gradient = self.hessian.scaled(of_part), weight[:, None] * self.gradient
         return replace(self, hessian=hessian, gradient=gradient, energy=weight * self.energy)
 
     def rms_effort(self, n: int) -> Array:
@@ -124,9 +137,7 @@ class Moments:
 
     def residual_sd(self, beta: Array, signs: Integers, n: int) -> Array:
         """(n,) RMS residual of each of n joints under coefficients beta (r,) and signs (S,), N m."""
-        of_part = np.zeros(len(self.hessian), dtype=np.int64)
-        of_part[self.part] = self.joint
-        explained = np.bincount(of_part, weights=self.hessian @ beta @ beta, minlength=n)
+        explained = np.bincount(self.hessian.joint, weights=self.hessian.forms(beta[None])[0], minlength=n)
         cost = explained + self._joint_sums(self.energy - 2.0 * signs * (self.gradient @ beta), n)
         floor = _RELATIVE_FLOOR * self.rms_effort(n)
         return np.maximum(np.sqrt(np.maximum(self._per_sample(cost, 1.0), 0.0)), floor)
@@ -141,7 +152,7 @@ class Moments:
 
     def cost(self, beta: Array, signs: Array) -> float:
         """f(beta, s) for coefficients beta (r,) and signs (S,) (:eq:`cost`)."""
-        return float(beta @ self.hessian.sum(axis=0) @ beta - 2 * beta @ (signs @ self.gradient) + self.energy.sum())
+        return float(beta @ self.hessian.total() @ beta - 2 * beta @ (signs @ self.gradient) + self.energy.sum())
 
 
 def moments(
@@ -173,18 +184,23 @@ def moments(
     part = np.arange(size)
     if most_individual is not None:
         part = _parts(segments.joint, segments.known, energy, most_individual)
-    hessian, gradient = np.zeros((part.max(initial=-1) + 1, r, r)), np.zeros((size, r))
+    joint = np.zeros(part.max(initial=-1) + 1, dtype=np.int64)
+    joint[part] = segments.joint
+    hessian, gradient = HessianSums(r, joint), np.zeros((size, r))
     for rows, columns in model.chunks(motion):
         columns = columns[:, :, coefficients.kept]
         columns = columns if correct is None else correct(rows, columns)
-        for k in np.flatnonzero((segments.start < rows.stop) & (segments.end > rows.start)):
+        here = np.flatnonzero((segments.start < rows.stop) & (segments.end > rows.start))
+        felt = {j: hessian.feel(j, _felt(columns[:, j])) for j in np.unique(segments.joint[here])}
+        of_joint = {j: np.ascontiguousarray(columns[:, j, those]) for j, those in felt.items()}
+        for k in here:
             j, a, b = ranges[k]
             inside = slice(max(a, rows.start), min(b, rows.stop))
-            y, e = columns[inside.start - rows.start : inside.stop - rows.start, j], effort[inside, j]
-            hessian[part[k]] += y.T @ y
-            gradient[k] += y.T @ e
+            y, e = of_joint[j][inside.start - rows.start : inside.stop - rows.start], effort[inside, j]
+            hessian.add_rows(part[k], y)
+            gradient[k, felt[j]] += y.T @ e
     count = segments.end - segments.start
-    return Moments(segments.joint, segments.known, hessian, gradient, energy, count, part)
+    return Moments(segments.joint, segments.known, hessian.done(), gradient, energy, count, part)
 
 
 def join_moments(pieces: Iterable[Moments], most_individual: int) -> Moments:
@@ -194,14 +210,21 @@ def join_moments(pieces: Iterable[Moments], most_individual: int) -> Moments:
         pieces: moments of the same model; at least one.
         most_individual: segments of each joint that keep an individual part, those with most energy.
     """
-    iterator = iter(pieces)
-    joined, bound = next(iterator), 0
-    for piece in iterator:
-        joined = joined.join(piece)
-        if len(joined.hessian) > bound:  # merging now and then costs less than every time
-            joined = joined.compact(most_individual)
-            bound = 2 * len(joined.hessian)
-    return joined.compact(most_individual)
+    waiting: list[Moments] = []
+    held, bound = 0, 0
+    for piece in pieces:
+        waiting.append(piece)
+        held += len(piece.hessian)
+        if held > bound:  # merging now and then costs less than every time
+            waiting = [waiting[0].join(*waiting[1:]).compact(most_individual)]
+            held = len(waiting[0].hessian)
+            bound = 2 * held
+    return waiting[0].join(*waiting[1:]).compact(most_individual)
+
+
+def _felt(columns: Array) -> Integers:
+    """Which of the columns (N, r) are not zero."""
+    return np.flatnonzero(np.any(columns != 0.0, axis=0))
 
 
 def _summed(values: Array, into: Integers, size: int) -> Array:

@@ -251,19 +251,17 @@ def pointwise(likelihood: Likelihood, moments: Moments, theta: Array, log_scale:
     """
     autocorrelation = _autocorrelation(likelihood, moments)
     scaled = moments.scaled(likelihood.sigma * np.sqrt(autocorrelation))
-    size, r = len(scaled.hessian), scaled.hessian.shape[2]
-    joint = _joint_of_parts(moments)
-    side_by_side = scaled.hessian.transpose(1, 0, 2).reshape(r, size * r)
+    size, joint = len(scaled.hessian), scaled.hessian.joint
     energy = _sums(moments, scaled.energy)
     count = _sums(moments, moments.count) / autocorrelation[joint]
     normal = 0.5 * np.log(2.0 * np.pi * likelihood.sigma[joint] ** 2)
     members = csr_array((np.ones(len(moments)), (np.arange(len(moments)), moments.part)), (len(moments), size))
-    rows = max(1, _AT_ONCE // max(1, size * r + len(moments)))
+    rows = max(1, _AT_ONCE // max(1, size * scaled.hessian.size + len(moments)))
     terms = np.empty((len(theta), size))
     for first in range(0, len(theta), rows):
         here = slice(first, first + rows)
         beta, scale = theta[here] @ likelihood.projection.T, log_scale[here]
-        curvature = np.einsum("wkr,wr->wk", (beta @ side_by_side).reshape(-1, size, r), beta)
+        curvature = scaled.hessian.forms(beta)
         signs = likelihood.pointwise(theta[here], scale) - np.log(2.0) * (likelihood.fixed == 0)
         quadratic = 0.5 * np.exp(-2.0 * scale[:, joint]) * (curvature + energy)
         terms[here] = signs @ members - quadratic - count * (scale[:, joint] + normal)
@@ -279,13 +277,6 @@ def _autocorrelation(likelihood: Likelihood, moments: Moments) -> Array:
 def _sums(moments: Moments, values: Array | Integers) -> Array:
     """(K,) sums of the segments' values (S,) over each part."""
     return np.bincount(moments.part, weights=values, minlength=len(moments.hessian)).astype(np.float64)
-
-
-def _joint_of_parts(moments: Moments) -> Integers:
-    """(K,) the joint of each part."""
-    joint = np.zeros(len(moments.hessian), dtype=np.int64)
-    joint[moments.part] = moments.joint
-    return joint
 
 
 def by_blocks(
@@ -311,7 +302,7 @@ def _block_coordinates(likelihood: Likelihood, blocks: SegmentBlocks, labels: La
     np.maximum.at(end, moments.part, labels.time[np.maximum(blocks.end - 1, blocks.start)])
     number = np.bincount(moments.part, minlength=size)
     signs = _sums(moments, likelihood.fixed)
-    joint = [labels.joints[j] for j in _joint_of_parts(moments)]
+    joint = [labels.joints[j] for j in moments.hessian.joint]
     known = _sums(moments, np.abs(moments.known)) > 0
     names = [
         f"{j} {a:.2f}-{b:.2f} s" if m == 1 else f"{j} {m} blocks of {'known' if k else 'unknown'} sign"

@@ -157,13 +157,9 @@ def make_likelihood(
     """
     n = len(sigma)
     scaled = moments.scaled(sigma * np.sqrt(autocorrelation))
-    of_part = np.zeros(len(scaled.hessian), dtype=np.int64)
-    of_part[scaled.part] = scaled.joint
-    hessian = np.zeros((n, *scaled.hessian.shape[1:]))
-    np.add.at(hessian, of_part, scaled.hessian)
     return Likelihood(
         projection=coefficients.projection,
-        hessian=hessian,
+        hessian=scaled.hessian.by_joint(n),
         energy=np.bincount(scaled.joint, weights=scaled.energy, minlength=n).astype(float),
         count=np.bincount(scaled.joint, weights=scaled.count, minlength=n) / autocorrelation,
         gradient=scaled.gradient,

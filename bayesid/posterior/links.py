@@ -47,7 +47,7 @@ def usual_links(robot: Robot, motion: Motion, coefficients: BaseCoefficients, co
     usual = Links() if span <= 0.0 else Links(reach=_OF_SPAN * span)
     arm = np.where(sliding, usual.reach, 1.0)  # by which the force of a sliding joint is a torque
     scaled = moments.scaled(1.0 / arm)
-    hessian, energy = scaled.hessian.sum(axis=0), float(scaled.energy.sum())
+    hessian, energy = scaled.hessian.total(), float(scaled.energy.sum())
     sd, mean = np.zeros(cone.size), np.zeros(cone.size)
     for body in cone.bodies:
         sd[body], mean[body] = usual.sd, usual.centre

@@ -77,7 +77,7 @@ class PosteriorProblem:
     @cached_property
     def solver(self) -> ConeLeastSquares:
         """For the scaled moments and the information, added."""
-        hessian, energy = self.scaled_moments.hessian.sum(axis=0), float(self.scaled_moments.energy.sum())
+        hessian, energy = self.scaled_moments.hessian.total(), float(self.scaled_moments.energy.sum())
         if self.information is not None:
             hessian, energy = hessian + self.information.hessian, energy + self.information.energy
         return ConeLeastSquares(self.cone, self.coefficients, hessian, energy)

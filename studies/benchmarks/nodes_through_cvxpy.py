@@ -81,7 +81,7 @@ def tree_through_cvxpy(problem: LogProblem, width: int = 5, initial: int = 5) ->
         step = initial if depth == 0 else 1
         depth = min(depth + step, len(order))
         decided = order[:depth]
-        hessian, energy = moments.hessian[moments.part[decided]].sum(axis=0), float(moments.energy[decided].sum())
+        hessian, energy = moments.hessian_of(decided), float(moments.energy[decided].sum())
         children = []
         for _, path in survivors:
             for choice in itertools.product((1, -1), repeat=depth - len(path)):

@@ -162,18 +162,8 @@ class LogProblem:
     def first(self, count: int) -> LogProblem:
         """The problem of the segments that begin first."""
         chosen = np.sort(np.argsort(self.begins, kind="stable")[:count])
-        signs = SignProblem(chosen_segments(self.moments, chosen), self.signs.cone, self.coefficients)
+        signs = SignProblem(self.moments.chosen(chosen), self.signs.cone, self.coefficients)
         return LogProblem(f"{self.name}, first {count}", self.model, signs, self.begins[chosen])
-
-
-def chosen_segments(moments: Moments, chosen: Integers) -> Moments:
-    """Moments of some segments, each with a Hessian of its own."""
-    if not np.all(moments.individual[chosen]):
-        raise ValueError("segments that share a Hessian cannot be chosen one by one")
-    names = ("joint", "known", "gradient", "energy", "count")
-    return Moments(
-        **{name: getattr(moments, name)[chosen] for name in names}, hessian=moments.hessian[moments.part[chosen]]
-    )
 
 
 @dataclass(frozen=True)

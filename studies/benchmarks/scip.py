@@ -99,7 +99,7 @@ class FreeProblem:
     @property
     def white(self) -> Array:
         """(r, S) W."""
-        factor = np.linalg.cholesky(self.moments.hessian.sum(axis=0) + self.pull)
+        factor = np.linalg.cholesky(self.moments.hessian.total() + self.pull)
         white: Array = solve_triangular(factor, self.moments.gradient.T, lower=True) / np.sqrt(self.energy)
         return white
 

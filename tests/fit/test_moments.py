@@ -112,14 +112,14 @@ def same_sums(moments, other):
     """All but the way the Hessian is shared out."""
     for name in ("joint", "known", "gradient", "energy", "count"):
         np.testing.assert_array_equal(getattr(moments, name), getattr(other, name))
-    np.testing.assert_allclose(moments.hessian.sum(axis=0), other.hessian.sum(axis=0), rtol=1e-11, atol=1e-8)
+    np.testing.assert_allclose(moments.hessian.total(), other.hessian.total(), rtol=1e-11, atol=1e-8)
 
 
 @pytest.mark.parametrize("most", [0, 1, 2, 5, 100])
 def test_parts_can_be_shared_from_the_start_or_afterwards(long_case, whole, most):
     streamed, compacted = moments(*long_case, most_individual=most), whole.compact(most)
     np.testing.assert_array_equal(streamed.part, compacted.part)
-    np.testing.assert_allclose(streamed.hessian, compacted.hessian, rtol=1e-11, atol=1e-8)
+    np.testing.assert_allclose(streamed.hessian[:], compacted.hessian[:], rtol=1e-11, atol=1e-8)
     same_sums(streamed, whole)
     same_sums(compacted, whole)
 
@@ -176,7 +176,7 @@ def test_costs_residuals_and_scaling_do_not_see_the_parts(whole):
     np.testing.assert_allclose(compacted.residual_sd(beta, signs, 3), whole.residual_sd(beta, signs, 3), rtol=1e-9)
     np.testing.assert_allclose(compacted.rms_effort(3), whole.rms_effort(3))
     same_sums(compacted.scaled(sigma), whole.scaled(sigma))
-    np.testing.assert_allclose(compacted.scaled(sigma).hessian, whole.scaled(sigma).compact(2).hessian, rtol=1e-9)
+    np.testing.assert_allclose(compacted.scaled(sigma).hessian[:], whole.scaled(sigma).compact(2).hessian[:], rtol=1e-9)
 
 
 def test_a_part_once_shared_stays_shared(whole):
@@ -197,7 +197,7 @@ def test_joined_moments_keep_their_parts_apart(whole):
 
 
 def test_moments_with_different_parts_do_not_add(whole):
-    np.testing.assert_allclose((whole.compact(2) + whole.compact(2)).hessian, 2 * whole.compact(2).hessian)
+    np.testing.assert_allclose((whole.compact(2) + whole.compact(2)).hessian[:], 2 * whole.compact(2).hessian[:])
     with pytest.raises(ValueError, match="same segments"):
         whole.compact(2) + whole
 
@@ -235,7 +235,7 @@ def test_pieces_join_to_the_whole(long_case, whole, count):
                 all_of_it = (whole.joint == joint) & (whole.known == sign)
                 total, expected = getattr(joined, name)[mine].sum(axis=0), getattr(whole, name)[all_of_it].sum(axis=0)
                 np.testing.assert_allclose(total, expected, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(joined.hessian.sum(axis=0), whole.hessian.sum(axis=0), rtol=1e-10, atol=1e-8)
+    np.testing.assert_allclose(joined.hessian.total(), whole.hessian.total(), rtol=1e-10, atol=1e-8)
     apart = list(pieces(long_case, count))
     np.testing.assert_array_equal(joined.gradient, np.concatenate([piece.gradient for piece in apart]))
     np.testing.assert_array_equal(joined.known, np.concatenate([piece.known for piece in apart]))
@@ -266,14 +266,14 @@ def test_pieces_are_let_go_once_they_are_joined(long_case):
 def test_memory_is_bounded_on_the_way(long_case, monkeypatch):
     sizes, join = [], Moments.join
 
-    def measured(self, other):
-        joined = join(self, other)
+    def measured(self, *others):
+        joined = join(self, *others)
         sizes.append(len(joined.hessian))
         return joined
 
     monkeypatch.setattr(Moments, "join", measured)
     joined = join_moments(pieces(long_case, 12), most_individual=1)
-    assert len(sizes) == 11
+    assert 3 <= len(sizes) <= 12
     assert max(sizes) <= 2 * (1 + 2) * 3 + max(len(piece.hessian) for piece in pieces(long_case, 12))
     assert len(joined.hessian) <= (1 + 2) * 3
 

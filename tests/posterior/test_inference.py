@@ -406,7 +406,7 @@ def test_an_earlier_log_counts_as_if_its_segments_were_there():
     earlier = make_log((0.7, 0.5, 0.2), rows=(9, 3, 8, 5, 6), known=(1,) * 5, seed=12, **common)
     noise = infer_from(log, options=SHORT).noise
     scaled = earlier.moments.scaled(noise.sigma * np.sqrt(noise.autocorrelation))
-    known = Information(scaled.hessian.sum(axis=0), earlier.known @ scaled.gradient, float(scaled.energy.sum()))
+    known = Information(scaled.hessian.total(), earlier.known @ scaled.gradient, float(scaled.energy.sum()))
     target = infer_from(replace(log, earlier=known), options=SHORT).target
     joined = make_likelihood(
         log.moments.join(earlier.moments), log.coefficients, noise.sigma, noise.autocorrelation, np.zeros(10, dtype=int)
@@ -519,7 +519,7 @@ def test_modes_and_sizes_rest_on_the_information_of_an_earlier_log():
     posterior = infer_from(log, replace(log, earlier=None).search(), SHORT)
     both = replace(log, sigma=posterior.noise.sigma).solver  # for the moments and what is known, added
     gradient = log.known @ moments.gradient + log.earlier.gradient
-    hessian = moments.hessian.sum(axis=0) + log.earlier.hessian
+    hessian = moments.hessian.total() + log.earlier.hessian
     solution = solver.prepared().solve_precisely(gradient)
     assert np.allclose(solution.theta, np.linalg.solve(hessian, gradient), rtol=1e-4)
     assert solver.regularisation(solution.theta) == pytest.approx(both.regularisation(solution.theta), rel=1e-5)

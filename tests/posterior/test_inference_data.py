@@ -9,6 +9,7 @@ import xarray
 from posterior_problems import one_each, whole_space
 
 from bayesid.errors import InputError
+from bayesid.fit.hessians import Hessians
 from bayesid.fit.knowledge import Information
 from bayesid.fit.moments import Moments
 from bayesid.model.coefficients import BaseCoefficients
@@ -45,7 +46,7 @@ class Problem:
         moments = Moments(
             joint,
             signs,
-            hessian=np.array([y.T @ y for y in self.rows]),
+            hessian=Hessians.make(joint, np.array([y.T @ y for y in self.rows])),
             gradient=np.array([y.T @ e for y, e in zip(self.rows, self.effort, strict=True)]),
             energy=np.array([e @ e for e in self.effort]),
             count=np.array([len(y) for y in self.rows]),
@@ -293,9 +294,7 @@ def test_a_joint_without_segments_does_no_harm():
     problem = Problem()
     here = problem.moments.joint != 1
     kept = problem.moments
-    moments = Moments(
-        kept.joint[here], kept.known[here], kept.hessian[here], kept.gradient[here], kept.energy[here], kept.count[here]
-    )
+    moments = kept.chosen(np.flatnonzero(here))
     labels = problem.labels
     unknown = np.zeros(16, dtype=np.int64)
     likelihood = make_likelihood(moments, labels.coefficients, SIGMA, AUTOCORRELATION, unknown)
@@ -332,7 +331,7 @@ def test_what_has_no_samples_is_no_observation():
     last = np.arange(24) < 23
     emptied = replace(
         moments,
-        hessian=moments.hessian * last[:, None, None],
+        hessian=moments.hessian.scaled(last.astype(float)),
         gradient=moments.gradient * last[:, None],
         energy=moments.energy * last,
         count=moments.count * last,

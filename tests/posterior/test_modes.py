@@ -55,7 +55,7 @@ class Log:
     @property
     def solver(self):
         scaled, earlier = self.scaled, self.earlier or Information.none(len(self.projection))
-        hessian, energy = scaled.hessian.sum(axis=0) + earlier.hessian, float(scaled.energy.sum()) + earlier.energy
+        hessian, energy = scaled.hessian.total() + earlier.hessian, float(scaled.energy.sum()) + earlier.energy
         return ConeLeastSquares(self.cone, self.coefficients, hessian, energy)
 
     @property

@@ -37,7 +37,7 @@ def case(n_joints, n_segments, seed, known=()):
 
 
 def cone(model, coefficients, m, tolerance=1e-6):
-    return ConeLeastSquares(model.cone, coefficients, m.hessian.sum(axis=0), float(m.energy.sum()), 0.0, tolerance)
+    return ConeLeastSquares(model.cone, coefficients, m.hessian.total(), float(m.energy.sum()), 0.0, tolerance)
 
 
 @pytest.mark.parametrize(("n_joints", "n_segments", "seed"), [(1, 6, 0), (2, 7, 1), (2, 8, 2), (3, 8, 3)])
@@ -70,7 +70,7 @@ def test_unlimited_beam_equals_brute_force_on_twelve_segments():
             return Solution(np.empty(0), float(UnconstrainedBound(self.hessian)(gradient[None])[0]), 0.0)
 
     signs = np.array(list(itertools.product((1, -1), repeat=12)))
-    total = m.hessian.sum(axis=0)
+    total = m.hessian.total()
     gradients = signs @ m.gradient
     costs = m.energy.sum() - np.einsum("ar,ar->a", gradients, np.linalg.solve(total, gradients.T).T)
     found = beam(m, Unconstrained(), width=None)
@@ -98,7 +98,7 @@ def test_all_signs_known_is_one_solve():
 
 def test_bound_never_exceeds_the_cost_in_the_cone():
     model, coefficients, m = case(3, 10, seed=8)
-    total, prepared = m.hessian.sum(axis=0), cone(model, coefficients, m).prepared()
+    total, prepared = m.hessian.total(), cone(model, coefficients, m).prepared()
     for signs in np.random.default_rng(0).choice([1, -1], size=(40, 10)):
         gradient = signs @ m.gradient
         bound = UnconstrainedBound(total)(gradient[None])[0]
@@ -111,7 +111,7 @@ def test_a_joint_that_is_turned_round_is_turned_back():
     pricing = cone(model, coefficients, m)
     best = beam(m, pricing, width=None, initial=3)
     turned = np.where(m.joint == 1, -best.signs, best.signs)
-    start = pricing.prepared(m.hessian.sum(axis=0)).solve(turned @ m.gradient)
+    start = pricing.prepared(m.hessian.total()).solve(turned @ m.gradient)
     wrong = replace(best, signs=turned, theta=start.theta, cost=start.cost + m.energy.sum())
     assert wrong.cost > best.cost * 1.01
     found = turn_joints(m, pricing, wrong)

@@ -8,7 +8,7 @@ import pytest
 from sign_problems import ROUNDING, SignProblem, arm, moments_of, strong, synthetic
 
 from bayesid.errors import SolverError
-from bayesid.fit.moments import Moments
+from bayesid.fit.hessians import Hessians
 from bayesid.model.parameters import Cone
 from bayesid.signs.search.certified import certified
 from bayesid.signs.search.limits import Limits
@@ -217,7 +217,7 @@ def planted(seed, effort, cone="orthant", **options):
     """A synthetic problem with one more segment, whose efforts `effort` makes from its columns and the others' fit."""
     problem = synthetic(seed, cone=cone, **options)
     rng = np.random.default_rng(seed)
-    beta = np.linalg.solve(problem.moments.hessian.sum(axis=0), problem.moments.gradient.sum(axis=0))
+    beta = np.linalg.solve(problem.moments.hessian.total(), problem.moments.gradient.sum(axis=0))
     columns = rng.normal(size=(8, len(beta)))
     rows = (*problem.rows, (columns, effort(columns, beta)))
     joint, known = np.append(problem.moments.joint, 0), np.append(problem.moments.known, 0)
@@ -315,12 +315,11 @@ def test_twelve_joints():
     best = 0.0
     for j in range(12):
         here = m.joint == j
-        alone = Moments(
-            *(getattr(m, name)[here] for name in ("joint", "known", "hessian", "gradient", "energy", "count"))
-        )
+        alone = m.chosen(np.flatnonzero(here))
         part = problem.but(alone)
         kept = np.array([2 * j, 2 * j + 1])
-        small = replace(alone, hessian=alone.hessian[:, kept[:, None], kept], gradient=alone.gradient[:, kept])
+        hessian = Hessians.make(alone.joint, alone.hessian[:][:, kept[:, None], kept])
+        small = replace(alone, hessian=hessian, gradient=alone.gradient[:, kept])
         names = part.coefficients.names[:2]
         coefficients = replace(
             part.coefficients, names=names, expressions=names, units=names, kept=np.arange(2), projection=np.eye(2)

@@ -54,7 +54,7 @@ class Pendulum:
         segments = Segments(none, edges[:-1], edges[1:], none, np.ones(len(none), dtype=bool))
         self.moments = moments(self.model, self.coefficients, motion, measured, segments, 500).scaled(np.array([sigma]))
         self.least_pull = least_pull
-        self.hessian, self.energy = self.moments.hessian.sum(axis=0), float(self.moments.energy.sum())
+        self.hessian, self.energy = self.moments.hessian.total(), float(self.moments.energy.sum())
 
     def solver(self):
         return ConeLeastSquares(

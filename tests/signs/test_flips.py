@@ -147,7 +147,7 @@ def test_the_bounds_are_no_worse_than_the_quadratic_itself_for_few_segments(case
         m, beta = case.problem.moments, case.problem.coefficients.project(case.branch.theta)
         pull = case.problem.solver().pull()[0]
         turned = case.signs[case.free, None] * m.gradient[case.free]
-        inner = turned @ np.linalg.solve(m.hessian.sum(axis=0) + pull, turned.T)
+        inner = turned @ np.linalg.solve(m.hessian.total() + pull, turned.T)
         doubt = np.sqrt(max(case.branch.cost - case.branch.lower_bound, 0.0) * np.diag(inner))
         gains = turned @ beta - doubt
         sets = (np.arange(2 ** len(case.free))[:, None] >> np.arange(len(case.free))) & 1
@@ -184,7 +184,7 @@ def test_the_heaviest_segment_is_the_one_that_moves_the_parameters_most(cases):
     m = case.problem.moments
     pull = case.problem.solver().pull()[0]
     turned = case.signs[case.free, None] * m.gradient[case.free]
-    own = np.diag(turned @ np.linalg.solve(m.hessian.sum(axis=0) + pull, turned.T))
+    own = np.diag(turned @ np.linalg.solve(m.hessian.total() + pull, turned.T))
     assert case.flips.heaviest in case.flips.undecided
     assert own[case.flips.heaviest] == pytest.approx(own[case.flips.undecided].max())
 
@@ -199,7 +199,7 @@ def test_parameters_that_are_not_quite_the_best_are_allowed_for():
             assert coarse.flips.best[0] <= coarse.least() + coarse.rounding
             m, pull = problem.moments, problem.solver().pull()[0]
             steps, beta = coarse.signs[:2] @ m.gradient[:2], problem.coefficients.project(coarse.branch.theta)
-            own = steps @ np.linalg.solve(m.hessian.sum(axis=0) + pull, steps)
+            own = steps @ np.linalg.solve(m.hessian.total() + pull, steps)
             doubt = np.sqrt((coarse.branch.cost - coarse.branch.lower_bound) * own)
             nothing_free = coarse.view.flips(coarse.branch, coarse.free[:0])
             assert nothing_free.forced(steps[None])[0] == pytest.approx(4.0 * (steps @ beta - doubt - own), rel=1e-6)

@@ -3,6 +3,7 @@ import pytest
 from conftest import random_motion, small_robot, smooth_motion
 
 from bayesid.errors import InputError
+from bayesid.fit.hessians import Hessians
 from bayesid.fit.moments import Moments
 from bayesid.fit.solver import ConeLeastSquares, solve_precisely
 from bayesid.model.coefficients import base_coefficients
@@ -270,6 +271,7 @@ def sign_moments(model, coefficients, effort, motion, n_segments):
     parts = [moments_of(rows, magnitude) for _, rows, magnitude, _ in pieces]
     hessian, gradient, energy = (np.array(part) for part in zip(*parts, strict=True))
     joint, count = np.array([piece[0] for piece in pieces]), np.array([len(piece[2]) for piece in pieces])
+    hessian = Hessians.make(joint, hessian)
     return Moments(joint, np.zeros_like(joint), hessian, gradient, energy, count), np.array([p[3] for p in pieces])
 
 
@@ -281,7 +283,7 @@ def test_as_node_cost_it_finds_the_signs_that_the_cone_finds():
     effort = model.effort(motion, random_parameters(model, rng))
     effort = effort + 0.02 * effort.std(axis=0) * rng.normal(size=effort.shape)
     m, signs = sign_moments(model, coefficients, effort, motion, 6)
-    hessian, energy = m.hessian.sum(axis=0), float(m.energy.sum())
+    hessian, energy = m.hessian.total(), float(m.energy.sum())
     by_cone = beam(m, ConeLeastSquares(model.cone, coefficients, hessian, energy), width=2, initial=2)
     box, quick = make_bounds(model), Annealing(runs=6, evaluations=100, growth=100.0)
     node = AnnealedLeastSquares(model.cone, coefficients, box, energy, annealing=quick)

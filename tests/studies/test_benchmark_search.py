@@ -17,16 +17,7 @@ from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.studies.benchmarks.memory import hour
 from bayesid.studies.benchmarks.nodes_through_cvxpy import plain_node, tree_through_cvxpy
-from bayesid.studies.benchmarks.problems import (
-    Check,
-    Recorder,
-    Searched,
-    chosen_segments,
-    cut,
-    long_log,
-    long_motion,
-    timed,
-)
+from bayesid.studies.benchmarks.problems import Check, Recorder, Searched, cut, long_log, long_motion, timed
 from bayesid.studies.benchmarks.scip import FORMULATIONS, NoCone, scip_installed, solve_with_scip, without_cone
 from tests.conftest import small_robot, smooth_motion
 
@@ -65,7 +56,7 @@ class TestProblems:
 
     def test_segments_that_share_a_hessian_are_refused(self, searched):
         with pytest.raises(ValueError, match="share"):
-            chosen_segments(searched.problem.moments.compact(2), np.arange(len(searched.problem.moments)))
+            searched.problem.moments.compact(2).chosen(np.arange(len(searched.problem.moments)))
 
     def test_long_motion_keeps_its_limits_and_uses_them(self):
         motion = long_motion(3, 40.0, 50.0, seed=1)
@@ -116,7 +107,7 @@ class TestWithoutCone:
     def test_the_cost_is_that_of_the_best_coefficients(self, searched):
         problem = without_cone(searched.problem)
         signs = np.random.default_rng(2).choice([-1.0, 1.0], len(problem.moments))
-        hessian = problem.moments.hessian.sum(axis=0)
+        hessian = problem.moments.hessian.total()
         solver = NoCone(problem.pull).prepared(hessian)
         gradient = signs @ problem.moments.gradient
         solution = solver.solve(gradient)

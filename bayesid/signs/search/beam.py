@@ -218,7 +218,7 @@ def _with_undecided_segments(
     moments: Moments, node_cost: NodeCost, leaves: list[Branch], hessian: Array, gradients: Array
 ) -> list[Branch]:
     """Segments that no step has decided take the signs that the others' coefficients predict; cheapest leaf first."""
-    prepared, energy, whole = node_cost.prepared(moments.hessian.sum(axis=0)), float(moments.energy.sum()), []
+    prepared, energy, whole = node_cost.prepared(moments.hessian.total()), float(moments.energy.sum()), []
     for leaf, gradient in zip(leaves, gradients, strict=True):
         predicted = np.where(moments.gradient @ np.linalg.lstsq(hessian, gradient, rcond=None)[0] >= 0.0, 1, -1)
         signs = np.where(leaf.signs != 0, leaf.signs, predicted)
@@ -305,7 +305,7 @@ def keep_incumbent(moments: Moments, node_cost: NodeCost, result: SearchResult, 
     """
     predicted = np.where(moments.gradient @ beta >= 0.0, 1, -1)
     signs = np.where(moments.known != 0, moments.known, predicted)
-    solution = node_cost.prepared(moments.hessian.sum(axis=0)).solve(signs @ moments.gradient)
+    solution = node_cost.prepared(moments.hessian.total()).solve(signs @ moments.gradient)
     cost = float(moments.energy.sum()) + solution.cost
     result = replace(result, solves=result.solves + 1, tolerance=max(result.tolerance, solution.tolerance))
     return replace(result, signs=signs, theta=solution.theta, cost=cost) if cost < result.cost else result
@@ -320,7 +320,7 @@ def turn_joints(
     symmetry at its root cannot come back to it one segment at a time. Every joint is tried once at least, whatever is
     left of the budget.
     """
-    prepared = node_cost.prepared(moments.hessian.sum(axis=0))
+    prepared = node_cost.prepared(moments.hessian.total())
     energy = float(moments.energy.sum())
     joints = np.unique(moments.joint[moments.known == 0])
     better, tried = True, 0

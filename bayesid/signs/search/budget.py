@@ -49,7 +49,7 @@ class Budget:
 
     def __init__(self, seconds: float, repeatable: bool, coefficients: int) -> None:
         self.seconds = seconds
-        self._began, self._repeatable, self._coefficients = time.perf_counter(), repeatable, coefficients
+        self._began, self.repeatable, self._coefficients = time.perf_counter(), repeatable, coefficients
         self._steps = self._choices = self._solved = self._pairs = 0
 
     def count(self, steps: int = 0, choices: int = 0, parameters: int = 0, pairs: int = 0) -> None:
@@ -59,10 +59,15 @@ class Budget:
         self._solved += parameters**2
         self._pairs += pairs
 
+    def add(self, other: Budget) -> None:
+        """Takes down the work of another budget."""
+        self.count(other._steps, other._choices, 0, other._pairs)
+        self._solved += other._solved
+
     @property
     def spent(self) -> float:
         """Seconds since the start: by the clock or, where a run is to be repeatable, by the work done."""
-        if not self._repeatable:
+        if not self.repeatable:
             return time.perf_counter() - self._began
         price = NominalSeconds()
         counted = price.step * self._steps + price.choice * self._coefficients * self._choices

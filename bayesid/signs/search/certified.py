@@ -29,6 +29,7 @@ from bayesid.progress import SILENT, Progress, Steps, no_steps
 from bayesid.signs.search.beam import Beam
 from bayesid.signs.search.budget import AFTERWARDS
 from bayesid.signs.search.combinations import TooManyError, combinations, combine, least_costs, shortest_first
+from bayesid.signs.search.divided import divided_bound
 from bayesid.signs.search.limits import Limits
 from bayesid.signs.search.patterns import LOG2, Keep
 from bayesid.signs.search.problem import OutOfTimeError, Problem
@@ -169,12 +170,15 @@ def certified(
     if start is not None:
         earlier = problem.price(problem.settle(moments.known, start).signs)
         best = min(best, earlier, key=lambda branch: branch.cost)
-    try:
-        least = least_costs(problem)
-        lower_bound = float(least.sum()) - problem.slack
-        proof = _prove_enough(problem, best, least, float(np.log(missed)))
-    except (OutOfTimeError, TooManyError):
-        pass
+    if budget > 0.0 and np.sum(moments.known == 0) > limits.together:
+        lower_bound = divided_bound(problem, best.theta)
+    else:
+        try:
+            least = least_costs(problem)
+            lower_bound = float(least.sum()) - problem.slack
+            proof = _prove_enough(problem, best, least, float(np.log(missed)))
+        except (OutOfTimeError, TooManyError):
+            pass
     result = _result(problem, best, lower_bound, proof, missed)
     steps(100, 100)
     seconds = time.perf_counter() - began

@@ -27,6 +27,7 @@ class Limits:
         most_combinations: that may be held on the way there.
         least_width: patterns that a beam holds that looks for a joint's least cost.
         least_list: patterns that the list may hold that proves it.
+        together: segments up to which the whole is proven at once; of more, groups give a lower bound of the cost.
         enumerated: segments left by persistency of which all sets of flips are tried (2^14 of them).
         many_flips: segments beyond which their interference is bounded without looking at pairs.
         charged_flips: segments up to which charges are handed on between them.
@@ -50,8 +51,9 @@ class Limits:
     most_combinations: int = 50_000
     least_width: int = 64
     least_list: int = 2_000
+    together: int = 6_000
     enumerated: int = 14
-    many_flips: int = 4_000
+    many_flips: int = 8_000
     charged_flips: int = 400
     sweeps: int = 4
     rows_at_once: int = 1_000

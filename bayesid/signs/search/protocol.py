@@ -44,7 +44,7 @@ class SignProblem:
     @cached_property
     def hessian(self) -> Array:
         """(r, r) H of all segments."""
-        return self.moments.hessian.sum(axis=0)
+        return self.moments.hessian.total()
 
     @property
     def energy(self) -> float:
