@@ -1,0 +1,221 @@
+"""How long a user waits: whole commands from the shell, their stages, growth with the length of a log, many logs.
+
+    python -m bayesid.studies.benchmarks.pipeline [--parts identify,discrepancy,growth,many] [--short] [--data DIR]
+
+Parts:
+    identify     UR10e, 50 s and 20 s, signs hidden: with posterior and report, without both, and `report` by itself;
+                 what stages took, by the result's own account
+    discrepancy  logs of up to 2400 samples with `--holdout`: payload, friction, a spring
+    growth       simulated logs of 10 s to an hour at 100 Hz, without posterior and report: seconds and memory
+    many         `--each` over simulated logs, by one worker and by two
+
+Every command is a process of its own, started as a user starts it; seconds are wall time, memory is the process's peak.
+They depend on the machine and its load. Without the real logs ($BAYESID_DATA) simulated ones take their place. Ends
+with all targets, met or missed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import islice, pairwise
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from bayesid.studies.benchmarks.problems import Check
+from bayesid.studies.real import DATA
+
+_LENGTHS = (10.0, 100.0, 1000.0, 3600.0)
+"""s, of the logs by which growth is seen."""
+_SAMPLES = 2400
+"""Of the logs that the workflow is timed on."""
+_PLAIN = ("--no-posterior", "--no-report")
+
+
+@dataclass(frozen=True)
+class Ran:
+    """A command that has ended.
+
+    Attributes:
+        seconds: of wall time.
+        memory: GB, the highest resident memory of its process.
+    """
+
+    seconds: float
+    memory: float
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where commands run.
+
+    Attributes:
+        folder: an empty one.
+        data: folder of the real logs.
+        short: shorter and fewer logs, for a continuous integration.
+    """
+
+    folder: Path
+    data: Path
+    short: bool
+
+    def run(self, *words: str | Path) -> Ran:
+        """Runs a command of bayesid in the folder.
+
+        Raises:
+            RuntimeError: it has failed.
+        """
+        began = time.perf_counter()
+        command = [sys.executable, "-m", "bayesid.cli", *map(str, words), "--quiet"]
+        process = os.spawnve(os.P_NOWAIT, sys.executable, command, {**os.environ, "PWD": str(self.folder)})
+        _, status, usage = os.wait4(process, 0)
+        if status != 0:
+            raise RuntimeError(f"bayesid {' '.join(map(str, words))} ended with {os.waitstatus_to_exitcode(status)}")
+        return Ran(time.perf_counter() - began, usage.ru_maxrss / 1e6)
+
+    def log(self, name: str, seconds: float, *effects: str) -> Path:
+        """A log of the UR10e: the real one of this name, if it is here and no effects are asked for, or simulated."""
+        real = self.data / f"ur10e/{name}.csv"
+        if real.is_file() and not effects:
+            return real
+        made = self.folder / f"{name}.csv"
+        options = [word for effect in effects for word in ("--effect", effect)]
+        self.run("simulate", "--robot", "ur10e", "--duration", f"{seconds:g}", "--seed", "3", *options, "--out", made)
+        return made
+
+    def cut(self, log: Path) -> Path:
+        """The beginning of a log, as long as those that the workflow is timed on."""
+        made = self.folder / f"cut_{log.name}"
+        with log.open() as rows:
+            made.write_text("".join(islice(rows, _SAMPLES + 1)))
+        return made
+
+    def identify(self, log: Path, *options: str) -> tuple[Ran, dict[str, Any], Path]:
+        """An identification without signs: what it took, its summary, its folder."""
+        out = self.folder / f"{log.stem}-result"
+        ran = self.run("identify", log, "--robot", "ur10e", "--unsigned", "all", *options, "--out", out)
+        return ran, json.loads((out / "summary.json").read_text()), out
+
+
+def identify(place: Place) -> list[Check]:
+    """Whole identifications, and what their stages take."""
+    long, short = place.log("a_50s", 10.0 if place.short else 50.0), place.log("b_20s", 5.0 if place.short else 20.0)
+    whole, summary, out = place.identify(long)
+    report = place.run("report", out)
+    plain, _, _ = place.identify(long, *_PLAIN)
+    least, _, _ = place.identify(short, *_PLAIN)
+    stages, posterior = summary["timings"], summary["posterior"]
+    print(f"{long.stem}: {whole.seconds:.1f} s, {whole.memory:.2f} GB; stages, s:")
+    print("  " + ", ".join(f"{name} {seconds:.2f}" for name, seconds in stages.items() if seconds >= 0.01))
+    rate = posterior["min_ess"] / posterior["seconds"]
+    print(f"  posterior: R-hat {posterior['max_rhat']:.4f}, least ESS {posterior['min_ess']:.0f}")
+    return [
+        _seconds("identify, posterior and report", whole.seconds, 7.0),
+        _seconds("identify, neither", plain.seconds, 2.5),
+        _seconds("identify, neither, 20 s", least.seconds, 2.5),
+        _seconds("smoothing, 24 draws", stages["smooth"], 0.6),
+        Check("least ESS a second", f"{rate:.0f}", ">= 1000", rate >= 1000.0),
+        _seconds("report", report.seconds, 2.0),
+    ]
+
+
+def discrepancy(place: Place) -> list[Check]:
+    """The workflow on three pairs of logs, each scored on a third one."""
+    seconds = 6.0 if place.short else 24.0
+    before = place.cut(place.log("c_unloaded", seconds))
+    _, _, healthy = place.identify(before, "--no-report")
+    logs = {
+        "payload": place.cut(place.log("c_loaded", seconds, *([] if place.data.is_dir() else ["payload:6:0.1"]))),
+        "friction": place.log("b_20s", seconds),
+        "spring": place.log("spring", seconds, "joint_spring:2:0.3"),
+    }
+    took = []
+    for name, log in logs.items():
+        holdout = logs["spring" if name == "friction" else "friction"]
+        words = ("discrepancy", healthy, log, "--unsigned", "all", "--holdout", holdout)
+        took.append(place.run(*words, "--out", place.folder / f"{name}-gap").seconds)
+        print(f"{name}: {took[-1]:.1f} s")
+    return [_seconds("discrepancy, median", median(took), 4.0), _seconds("discrepancy, longest", max(took), 12.0)]
+
+
+def growth(place: Place) -> list[Check]:
+    """Seconds a second of log, and memory."""
+    lengths = _LENGTHS[:2] if place.short else _LENGTHS
+    took = {}
+    for length in lengths:
+        log = place.folder / f"{length:g}.csv"
+        place.run("simulate", "--robot", "ur10e", "--duration", f"{length:g}", "--rate", "100", "--out", log)
+        took[length], summary, _ = place.identify(log, *_PLAIN)
+        search = summary["search"]
+        gap = 1.0 - search["lower_bound"] / search["cost"]
+        said = "certified" if search["certified"] else f"not certified, the bound {gap:.3%} below the cost"
+        print(f"{length:.0f} s: {took[length].seconds:.1f} s, {took[length].memory:.2f} GB, {said}")
+    rates = [ran.seconds / length for length, ran in took.items()]
+    falls = all(late <= early for early, late in pairwise(rates))
+    peak = max(ran.memory for ran in took.values())
+    return [
+        Check("time a second of log", " ".join(f"{rate:.3f}" for rate in rates), "falls or stays", falls),
+        Check("memory of the longest", f"{peak:.2f} GB", "<= 1.5 GB", peak <= 1.5),
+    ]
+
+
+def many(place: Place) -> list[Check]:
+    """One identification a log, in one process and in two."""
+    count = 4 if place.short else 100
+    logs = []
+    for seed in range(count):
+        logs.append(place.folder / f"many{seed}.csv")
+        words = ("--duration", "4", "--seed", str(seed), "--out", logs[-1])
+        place.run("simulate", "--robot", "kr5", *words)
+    took = []
+    for workers in (1, 2):
+        words = ("--robot", "kr5", "--each", *_PLAIN, "--workers", str(workers))
+        took.append(place.run("identify", *logs, *words, "--out", place.folder / f"by{workers}").seconds)
+    print(f"{count} logs: one worker {took[0]:.1f} s, two {took[1]:.1f} s")
+    ratio = took[0] / took[1]
+    return [Check("--each, two workers", f"{ratio:.2f} x", ">= 1.9 x", ratio >= 1.9)]
+
+
+def _seconds(name: str, seconds: float, most: float) -> Check:
+    return Check(name, f"{seconds:.2f} s", f"<= {most:g} s", seconds <= most)
+
+
+PARTS: dict[str, Callable[[Place], list[Check]]] = {
+    "identify": identify,
+    "discrepancy": discrepancy,
+    "growth": growth,
+    "many": many,
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Prints every part, then all targets."""
+    parser = argparse.ArgumentParser(description="How long a user waits.")
+    parser.add_argument("--parts", default=",".join(PARTS), help=f"of {', '.join(PARTS)}")
+    parser.add_argument("--short", action="store_true", help="shorter logs, for a continuous integration")
+    parser.add_argument("--data", type=Path, default=DATA)
+    options = parser.parse_args(arguments)
+    chosen = options.parts.split(",")
+    unknown = [part for part in chosen if part not in PARTS]
+    if unknown:
+        parser.error(f"no part {', '.join(unknown)}; choose from {', '.join(PARTS)}")
+    checks = []
+    with tempfile.TemporaryDirectory() as folder:
+        place = Place(Path(folder), options.data, options.short)
+        for part in chosen:
+            print(f"== {part}", flush=True)
+            checks += PARTS[part](place)
+            print(flush=True)
+    for check in checks:
+        print(check)
+
+
+if __name__ == "__main__":
+    main()

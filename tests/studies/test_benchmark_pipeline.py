@@ -1,0 +1,25 @@
+"""The benchmark of whole commands, on the shortest of its parts."""
+
+import pytest
+
+from bayesid.studies.benchmarks import pipeline
+
+
+@pytest.mark.long
+def test_many_logs_are_timed(capsys, tmp_path):
+    pipeline.main(["--parts", "many", "--short", "--data", str(tmp_path)])
+    shown = capsys.readouterr().out
+    assert "4 logs: one worker" in shown
+    assert "target >= 1.9 x" in shown
+
+
+def test_a_command_that_fails_is_named(tmp_path):
+    place = pipeline.Place(tmp_path, tmp_path, short=True)
+    with pytest.raises(RuntimeError, match=r"bayesid identify missing\.csv .* ended with 2"):
+        place.run("identify", "missing.csv", "--robot", "kr5")
+
+
+def test_other_parts_are_refused(capsys):
+    with pytest.raises(SystemExit):
+        pipeline.main(["--parts", "identify,speed"])
+    assert "no part speed" in capsys.readouterr().err
