@@ -47,6 +47,9 @@ _MIDDLE, _MARGIN = 8.0, 2
 """Half-width of the grid's middle, in standard deviations of b in motion and in spacings: beyond it are 1e-15 of b."""
 _FARTHEST = 1e15
 """Scales of the white noise beyond which an effort is taken to be that far away: its square is a single number."""
+_FINEST_NOISE = 1e-6
+"""Of the grid's half-width: finer white noise, as of a joint without efforts, is taken to be as wide. It would fall between
+the grid's values anyway, and singles could not tell which of them is the nearest."""
 _REST_TIME = 0.5
 """s; how fast static friction may build up. A round number; not studied."""
 _TURNS = 0.5
@@ -296,7 +299,7 @@ class _Readings:
     @classmethod
     def of(cls, effort: Array, predicted: Array, joint: _Joint, length: int) -> _Readings:
         """Of |effort| (N,) and predictions (N, K)."""
-        scale = np.sqrt(_TAILS) * joint.white
+        scale = max(np.sqrt(_TAILS) * joint.white, _FINEST_NOISE * joint.grid[-1])
         signed = [np.clip((sign * effort[:, None] - predicted) / scale, -_FARTHEST, _FARTHEST) for sign in (1.0, -1.0)]
         up, down = (_cut(values, length) for values in signed)
         return cls(up, down, (joint.grid / scale).astype(np.float32), -len(effort) % length)

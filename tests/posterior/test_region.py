@@ -78,10 +78,8 @@ def test_walkers_that_stay_leave_the_distribution(idle, rng):
         return fixed[:, None] + direction[:, None] * t
 
     def step(t, slope, share, seed):
-        return draw_on_line(
-            region.slack(at(t)), region.matrices(at(t)), region.rows @ direction, region.entries @ direction,
-            slope - 3.0 * t, np.full(many, 3.0), np.random.RandomState(seed), share,
-        )  # fmt: skip
+        line = region.slack(at(t)), region.matrices(at(t)), region.rows @ direction, region.entries @ direction
+        return draw_on_line(*line, slope - 3.0 * t, np.full(many, 3.0), np.random.RandomState(seed), share)
 
     start = step(np.zeros(many), 2.0, 0.0, 1)
     moved = step(start, 2.0, idle, 2)
