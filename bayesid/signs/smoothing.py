@@ -48,8 +48,8 @@ _MIDDLE, _MARGIN = 8.0, 2
 _FARTHEST = 1e15
 """Scales of the white noise beyond which an effort is taken to be that far away: its square is a single number."""
 _FINEST_NOISE = 1e-6
-"""Of the grid's half-width: finer white noise, as of a joint without efforts, is taken to be as wide. It would fall between
-the grid's values anyway, and singles could not tell which of them is the nearest."""
+"""Of the grid's half-width: finer white noise, as of a joint without efforts, is taken to be as wide. It would fall
+between the grid's values anyway, and singles could not tell which of them is the nearest."""
 _REST_TIME = 0.5
 """s; how fast static friction may build up. A round number; not studied."""
 _TURNS = 0.5
