@@ -172,8 +172,7 @@ def many(place: Place) -> list[Check]:
     logs = []
     for seed in range(count):
         logs.append(place.folder / f"many{seed}.csv")
-        words = ("--duration", "4", "--seed", str(seed), "--out", logs[-1])
-        place.run("simulate", "--robot", "kr5", *words)
+        place.run("simulate", "--robot", "kr5", "--duration", "4", "--seed", str(seed), "--out", logs[-1])
     took = []
     for workers in (1, 2):
         words = ("--robot", "kr5", "--each", *_PLAIN, "--workers", str(workers))
