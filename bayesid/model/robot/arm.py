@@ -26,6 +26,10 @@ from bayesid.motion import Motion
 _TO_PINOCCHIO = [9, 6, 7, 8, 0, 1, 3, 2, 4, 5]  # pinocchio: m, mc, Ixx, Ixy, Iyy, Ixz, Iyz, Izz
 
 
+_AT_ONCE = 256
+"""Samples of a regressor that are brought into link frames together: most of the time is Pinocchio's then."""
+
+
 @dataclass(frozen=True)
 class Robot:
     """A fixed-base arm with n actuated joints.
@@ -140,12 +144,17 @@ class Robot:
             >>> robot.regressor(motion).shape
             (201, 3, 30)
         """
-        model, data = self._pinocchio, self._pinocchio.createData()
-        regressor = np.empty((len(motion), self.n_joints, 10 * self.n_joints))
-        for row, q, dq, ddq in zip(regressor, motion.q, motion.dq, motion.ddq, strict=True):
-            row[:] = pin.computeJointTorqueRegressor(model, data, q, dq, ddq)
-        blocks = regressor.reshape(-1, self.n_joints, 10).swapaxes(0, 1)
-        regressor = (blocks @ self._link_to_joint).swapaxes(0, 1).reshape(regressor.shape)
+        model, data, width = self._pinocchio, self._pinocchio.createData(), 10 * self.n_joints
+        regressor = np.empty((len(motion), self.n_joints, width))
+        raw = np.empty((_AT_ONCE, self.n_joints, width))  # small enough for a processor's cache
+        for start in range(0, len(motion), _AT_ONCE):
+            some = slice(start, start + _AT_ONCE)
+            for row, q, dq, ddq in zip(raw, motion.q[some], motion.dq[some], motion.ddq[some], strict=False):
+                row[:] = pin.computeJointTorqueRegressor(model, data, q, dq, ddq)
+            rows = regressor[some].reshape(-1, width)
+            for first, change in zip(range(0, width, 10), self._link_to_joint, strict=True):
+                link = slice(first, first + 10)
+                np.matmul(raw.reshape(-1, width)[: len(rows), link], change, out=rows[:, link])
         if self.transmission is None:
             return regressor
         return np.einsum("ji,njp->nip", np.linalg.inv(self.coupling), regressor)
