@@ -155,9 +155,9 @@ class Robot:
             for first, change in zip(range(0, width, 10), self._link_to_joint, strict=True):
                 link = slice(first, first + 10)
                 np.matmul(raw.reshape(-1, width)[: len(rows), link], change, out=rows[:, link])
-        if self.transmission is None:
-            return regressor
-        return np.einsum("ji,njp->nip", np.linalg.inv(self.coupling), regressor)
+            if self.transmission is not None:
+                regressor[some] = np.linalg.inv(self.coupling).T @ regressor[some]
+        return regressor
 
     def inverse_dynamics(self, motion: Motion, parameters: Array) -> Array:
         """(N, n) actuator efforts, N m, of the rigid bodies by recursive Newton-Euler (Luh, Walker, Paul 1980).
