@@ -74,9 +74,8 @@ def main() -> None:
     for name in ROBOTS:
         row = study(name, options.samples)
         rate, ratio = row["samples_per_second"], row["over_pinocchio"]
-        print(
-            f"{name:<6} {row['coefficients']:.0f} coefficients  {rate:>9,.0f} samples/s  regressor {ratio:.2f} x Pinocchio"
-        )
+        width = f"{row['coefficients']:.0f} coefficients"
+        print(f"{name:<6} {width}  {rate:>9,.0f} samples/s  regressor {ratio:.2f} x Pinocchio")
 
 
 if __name__ == "__main__":
