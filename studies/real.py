@@ -81,7 +81,7 @@ def plan(trials: int, seed: int) -> Sequence[tuple[Scenario, int]]:
         InputError: the logs are not there.
     """
     if not DATA.is_dir():
-        raise InputError("is not there", str(DATA), "set BAYESID_DATA to the folder of the logs")
+        raise InputError("the real logs are not here", "$BAYESID_DATA", "set it to their folder: see docs/results.md")
     data = str(DATA)
     ordinary = [Scenario(data, log) for log in LOGS]
     poor = [Scenario(data, log, POOR) for log in LOGS if "ur10e" in log]

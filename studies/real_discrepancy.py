@@ -54,7 +54,7 @@ def plan(trials: int, seed: int) -> Sequence[tuple[Scenario, int]]:
         InputError: the logs are not there.
     """
     if not DATA.is_dir():
-        raise InputError("is not there", str(DATA), "set BAYESID_DATA to the folder of the logs")
+        raise InputError("the real logs are not here", "$BAYESID_DATA", "set it to their folder: see docs/results.md")
     data = str(DATA / "ur10e")
     payload = Scenario(data, "c_unloaded", STANDARD, "c_loaded")
     return in_turn([payload, Scenario(data, "a_50s", FRICTIONLESS, "a_50s")])(trials, seed)

@@ -379,4 +379,4 @@ def _not_testable(discrepancy: Discrepancy) -> list[Check]:
     if not parts:
         return []
     message = f"Even of a usual size this log could not show {'; '.join(parts)}"
-    return [Check("What this log cannot tell", "not done", message, "record a motion that would show it, see below")]
+    return [Check("What this log cannot tell", "not done", message, "record a motion that would show it")]

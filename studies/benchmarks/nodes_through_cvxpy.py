@@ -6,7 +6,6 @@ import itertools
 import warnings
 from dataclasses import dataclass
 
-import cvxpy as cp
 import numpy as np
 
 from bayesid.arrays import Array, Integers
@@ -15,6 +14,11 @@ from bayesid.fit.solver import pull_weight
 from bayesid.model.inertia import PSEUDO_INERTIA_BASIS
 from bayesid.model.parameters import Cone
 from bayesid.studies.benchmarks.problems import LogProblem
+
+try:
+    import cvxpy as cp
+except ImportError:
+    raise SystemExit("cvxpy is not installed: pip install 'bayesid[bench]'") from None
 
 
 @dataclass(frozen=True)

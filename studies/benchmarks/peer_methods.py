@@ -10,7 +10,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import cvxpy as cp
 import numpy as np
 
 from bayesid.arrays import Array, Mask
@@ -28,6 +27,11 @@ from bayesid.model.robot import Robot
 from bayesid.model.terms import STANDARD
 from bayesid.motion import Motion
 from bayesid.process import quiet
+
+try:
+    import cvxpy as cp
+except ImportError:
+    raise SystemExit("cvxpy is not installed: pip install 'bayesid[bench]'") from None
 
 _ROUNDING = 1e-10
 """Singular values, over the largest of columns of length 1, below which a direction is rounding."""
