@@ -243,7 +243,7 @@ def at_standstill(findings: Findings) -> str:
         return ""
     size = findings.segment_size
     largest = doubtful[int(np.argmax(size[doubtful]))]
-    where = f"joint {table.joint[largest] + 1}, {table.start[largest]:.1f} to {table.end[largest]:.1f} s"
+    where = f"joint {table.joint[largest] + 1}, {table.start[largest]:.2f} to {table.end[largest]:.2f} s"
     return (
         f"at standstill, where friction may point either way, {len(doubtful)} of {int((~table.moving).sum())} segments "
         f"are ambiguous (the largest, {size[largest]:.0%} of its joint's |effort|, in {where})"

@@ -320,7 +320,7 @@ def test_doubts_at_standstill_are_told_beside_those_in_motion():
     )
     said = (
         "at standstill, where friction may point either way, 2 of 2 segments are ambiguous (the largest, 50% of its "
-        "joint's |effort|, in joint 2, 0.0 to 0.2 s)"
+        "joint's |effort|, in joint 2, 0.00 to 0.20 s)"
     )
     assert said in told(found, "Signs of the segments").message
     assert told(found, "Signs of the segments").state == "good"
