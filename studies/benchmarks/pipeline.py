@@ -5,7 +5,7 @@
 Parts:
     identify     UR10e, 50 s and 20 s, signs hidden: with posterior and report, without both, and `report` by itself;
                  what stages took, by the result's own account
-    discrepancy  logs of up to 2400 samples with `--holdout`: payload, friction, a spring
+    discrepancy  logs of up to 2400 samples with `--holdout`: a payload, nothing, a spring
     growth       simulated logs of 10 s to an hour at 100 Hz, without posterior and report: seconds and memory
     many         `--each` over simulated logs, by one worker and by two
 
@@ -36,6 +36,8 @@ _LENGTHS = (10.0, 100.0, 1000.0, 3600.0)
 """s, of the logs by which growth is seen."""
 _SAMPLES = 2400
 """Of the logs that the workflow is timed on."""
+_NOISY = ("--rate", "100", "--noise", "0.03")
+"""Of simulated logs."""
 _PLAIN = ("--no-posterior", "--no-report")
 
 
@@ -80,14 +82,15 @@ class Place:
             raise RuntimeError(f"bayesid {' '.join(map(str, words))} ended with {os.waitstatus_to_exitcode(status)}")
         return Ran(time.perf_counter() - began, usage.ru_maxrss / 1e6)
 
-    def log(self, name: str, seconds: float, *effects: str) -> Path:
-        """A log of the UR10e: the real one of this name, if it is here and no effects are asked for, or simulated."""
+    def log(self, name: str, seconds: float) -> Path:
+        """A log of the UR10e: the real one of this name, if it is here, or a simulated one."""
         real = self.data / f"ur10e/{name}.csv"
-        if real.is_file() and not effects:
-            return real
+        return real if real.is_file() else self.simulated(name, seconds)
+
+    def simulated(self, name: str, seconds: float, *options: str) -> Path:
+        """A log of a simulated UR10e."""
         made = self.folder / f"{name}.csv"
-        options = [word for effect in effects for word in ("--effect", effect)]
-        self.run("simulate", "--robot", "ur10e", "--duration", f"{seconds:g}", "--seed", "3", *options, "--out", made)
+        self.run("simulate", "--robot", "ur10e", "--duration", f"{seconds:g}", *_NOISY, *options, "--out", made)
         return made
 
     def cut(self, log: Path) -> Path:
@@ -129,16 +132,19 @@ def identify(place: Place) -> list[Check]:
 def discrepancy(place: Place) -> list[Check]:
     """The workflow on three pairs of logs, each scored on a third one."""
     seconds = 6.0 if place.short else 24.0
-    before = place.cut(place.log("c_unloaded", seconds))
-    _, _, healthy = place.identify(before, "--no-report")
-    logs = {
-        "payload": place.cut(place.log("c_loaded", seconds, *([] if place.data.is_dir() else ["payload:6:0.1"]))),
-        "friction": place.log("b_20s", seconds),
-        "spring": place.log("spring", seconds, "joint_spring:2:0.3"),
+    real, spring = place.cut(place.log("c_unloaded", seconds)), ("--effect", "joint_spring:2:0.3")
+    cases = {
+        "payload": (real, place.cut(place.log("c_loaded", seconds)), place.log("b_20s", seconds)),
+        "nothing": (real, place.log("b_20s", seconds), place.cut(place.log("a_50s", seconds))),
+        "spring": (
+            place.simulated("before", seconds),
+            place.simulated("after", seconds, *spring),
+            place.simulated("held_back", seconds, *spring, "--seed", "4"),
+        ),
     }
     took = []
-    for name, log in logs.items():
-        holdout = logs["spring" if name == "friction" else "friction"]
+    for name, (before, log, holdout) in cases.items():
+        _, _, healthy = place.identify(before, "--no-report")
         words = ("discrepancy", healthy, log, "--unsigned", "all", "--holdout", holdout)
         took.append(place.run(*words, "--out", place.folder / f"{name}-gap").seconds)
         print(f"{name}: {took[-1]:.1f} s")
@@ -150,8 +156,7 @@ def growth(place: Place) -> list[Check]:
     lengths = _LENGTHS[:2] if place.short else _LENGTHS
     took = {}
     for length in lengths:
-        log = place.folder / f"{length:g}.csv"
-        place.run("simulate", "--robot", "ur10e", "--duration", f"{length:g}", "--rate", "100", "--out", log)
+        log = place.simulated(f"{length:g}", length)
         took[length], summary, _ = place.identify(log, *_PLAIN)
         search = summary["search"]
         gap = 1.0 - search["lower_bound"] / search["cost"]

@@ -86,7 +86,8 @@ def find_unseen(
     if geometry is groups[-1]:
         own = moves[:, placed[-1].place] * placed[-1].sd
         count = own.shape[1]
-        by_geometry = np.sqrt(np.einsum("rp,pq,rq->r", own, relevance.moments[-count:, -count:], own))
+        variance = np.einsum("rp,pq,rq->r", own, relevance.moments[-count:, -count:], own)
+        by_geometry = np.sqrt(np.maximum(variance, 0.0))  # rounding leaves less than nothing of what is not there
     nuisance = _nuisance(evidence, fit, case, there, relevance)
     return Unseen(nuisance, stood_for, by_geometry)
 
