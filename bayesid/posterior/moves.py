@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from emcee.state import State
 
 _IDLE = 0.05
-"""Share of the walkers that may stay on a line: then four tries do where all take eight, and a sweep's least
-effective sample size falls by a tenth or so (UR10e, Panda)."""
+"""Share of the walkers that may stay on a line: the last few take as many tries as all others."""
 
 
 class Random(Uniforms, Protocol):

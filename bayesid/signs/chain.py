@@ -27,8 +27,7 @@ Single = NDArray[np.float32]
 _SUM = np.float32(2.0**50)
 """Of a belief's weights, so that products of the least ones are still far from the smallest single."""
 _SAME = np.float32(1e-4)
-"""Relative difference up to which weights are the same, however small they are: what comes may favour the smallest.
-With it probabilities of all dev logs are within 4e-5 of those of a single run in double precision."""
+"""Relative difference up to which weights are the same, however small they are: what comes may favour the smallest."""
 _RUN_IN = 24
 """Samples before a piece by which it is entered at first: most chains have forgotten all else. It costs time alone."""
 _COMPARED = 4
