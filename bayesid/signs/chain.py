@@ -24,8 +24,11 @@ from bayesid.arrays import Array, Integers, Mask
 Single = NDArray[np.float32]
 """Array of floats in single precision."""
 
-_SUM = np.float32(2.0**50)
-"""Of a belief's weights, so that products of the least ones are still far from the smallest single."""
+_SUM = np.float32(2.0**108)
+"""Of a belief's weights: near the largest single, 2^128, so that products with the least transition are no smaller than
+the smallest normal one. Below that a processor takes twenty times as long."""
+_BOTH = np.float32(2.0**-98)
+"""By which a belief is made smaller before it meets one of the other direction: their product is a single again."""
 _SAME = np.float32(1e-4)
 """Relative difference up to which weights are the same, however small they are: what comes may favour the smallest."""
 _RUN_IN = 24
@@ -112,7 +115,8 @@ class Chain:
         beliefs, futures = forwards.messages(), backwards.messages()
         mean, leans = np.empty((length, rows)), np.zeros(rows, dtype=bool)
         for part, belief, future in zip(parts, beliefs, futures, strict=True):
-            both = np.multiply(belief[:-1], future[-2::-1], out=belief[:-1])
+            both = np.multiply(belief[:-1], _BOTH, out=belief[:-1])
+            both *= future[-2::-1]
             share = np.einsum("lgr,lgr->lr", both, part.share)
             both *= part.likelihood
             total = both.sum(axis=1)

@@ -72,7 +72,7 @@ class Blocks:
 
     samples: int = 10_000
     overlap: int = 1_000
-    piece: int = 48
+    piece: int = 24
     most: int = 24_000
 
 
@@ -256,8 +256,7 @@ def _smooth(effort: Array, predicted: Array, turns: Array, joint: _Joint, blocks
     """
     length = min(blocks.piece, len(effort))
     cut = _cut(turns, length)
-    wide = np.any(cut > 0.0, axis=0)
-    wide = wide | np.append(wide[1:], False) | np.append(False, wide[:-1]) | (joint.chain.middle == joint.chain.whole)
+    wide = _and_beside(np.any(cut > 0.0, axis=0)) | (joint.chain.middle == joint.chain.whole)
     at_once = max(1, blocks.most // len(effort))
     total = np.zeros(len(effort))
     for k in range(0, predicted.shape[1], at_once):
@@ -267,9 +266,14 @@ def _smooth(effort: Array, predicted: Array, turns: Array, joint: _Joint, blocks
             mean, leans = joint.chain.smooth(readings.weigh, cut, some.shape[1], wide, space)
             if not np.any(leans & ~wide):
                 break
-            wide = wide | leans
+            wide = wide | _and_beside(leans)
         total += mean.sum(axis=2).T.ravel()[: len(effort)]
     return total / predicted.shape[1]
+
+
+def _and_beside(pieces: Mask) -> Mask:
+    """(B,) of pieces, those and their neighbours: what is handed to a piece on the whole grid must be of all of it."""
+    return pieces | np.append(pieces[1:], False) | np.append(False, pieces[:-1])
 
 
 def _cut(values: Array | Single, length: int) -> Single:

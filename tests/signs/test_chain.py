@@ -89,8 +89,8 @@ def log_of(seed, samples, rests, error=0.4):
 CASES = {
     "one sample": (1, ()),
     "two": (2, ()),
-    "a piece": (48, ()),
-    "a piece and a sample": (49, ()),
+    "a piece": (24, ()),
+    "a piece and a sample": (25, ()),
     "no standstill": (401, ()),
     "standstills of one sample": (300, ((47, 1), (48 + 47, 1), (144, 1), (200, 1))),
     "at both ends": (260, ((0, 20), (230, 30))),
@@ -112,14 +112,19 @@ def test_pieces_give_what_one_run_gives(case, noise):
     np.testing.assert_allclose(found, plain(effort, predicted, moving, NOISES[noise]), atol=2e-4)
 
 
+@pytest.mark.parametrize("piece", [20, 24, 48])
 @pytest.mark.parametrize("off", [3.0, 12.0])
-def test_where_model_and_effort_contradict_each_other(off):
-    """For half a second the model errs by many standard deviations: beliefs leave the middle of the grid."""
+def test_where_model_and_effort_contradict_each_other(off, piece):
+    """For half a second the model errs by many standard deviations: beliefs leave the middle of the grid.
+
+    From sample 120 on, in the middle of a piece or with its first sample.
+    """
     effort, predicted, moving = log_of(3, 400, ((20, 30), (300, 5)))
     effort[120:170] = np.abs(effort[120:170] + off)
     effort[230] += 5.0
     for noise in NOISES.values():
-        found = smooth(effort[:, None], predicted[:, None], moving[:, None], noise, RATE)[:, 0]
+        arguments = effort[:, None], predicted[:, None], moving[:, None], noise, RATE
+        found = smooth(*arguments, blocks=Blocks(piece=piece))[:, 0]
         np.testing.assert_allclose(found, plain(effort, predicted, moving, noise), atol=1e-3)
 
 
