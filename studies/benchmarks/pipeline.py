@@ -5,7 +5,7 @@
 Parts:
     identify     UR10e, 50 s and 20 s, signs hidden: with posterior and report, without both, and `report` by itself;
                  what stages took, by the result's own account
-    discrepancy  logs of up to 2400 samples with `--holdout`: a payload, nothing, a spring
+    discrepancy  logs of 2400 samples at most, with `--holdout`: a payload, nothing, a spring
     growth       simulated logs of 10 s to an hour at 100 Hz, without posterior and report: seconds and memory
     many         `--each` over simulated logs, by one worker and by two
 
@@ -24,7 +24,7 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import islice, pairwise
+from itertools import pairwise
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -34,8 +34,6 @@ from bayesid.studies.real import DATA
 
 _LENGTHS = (10.0, 100.0, 1000.0, 3600.0)
 """s, of the logs by which growth is seen."""
-_SAMPLES = 2400
-"""Of the logs that the workflow is timed on."""
 _NOISY = ("--rate", "100", "--noise", "0.03")
 """Of simulated logs."""
 _PLAIN = ("--no-posterior", "--no-report")
@@ -93,12 +91,19 @@ class Place:
         self.run("simulate", "--robot", "ur10e", "--duration", f"{seconds:g}", *_NOISY, *options, "--out", made)
         return made
 
-    def cut(self, log: Path) -> Path:
-        """The beginning of a log, as long as those that the workflow is timed on."""
-        made = self.folder / f"cut_{log.name}"
-        with log.open() as rows:
-            made.write_text("".join(islice(rows, _SAMPLES + 1)))
-        return made
+    def parts(self, log: Path) -> list[Path]:
+        """A log in parts as long as those that the workflow is timed on."""
+        header, *rows = log.read_text().splitlines(keepends=True)
+        parts = []
+        for first in range(0, len(rows), self.samples):
+            parts.append(self.folder / f"{log.stem}_{len(parts) + 1}.csv")
+            parts[-1].write_text(header + "".join(rows[first : first + self.samples]))
+        return parts
+
+    @property
+    def samples(self) -> int:
+        """Of the logs that the workflow is timed on."""
+        return 600 if self.short else 2400
 
     def identify(self, log: Path, *options: str) -> tuple[Ran, dict[str, Any], Path]:
         """An identification without signs: what it took, its summary, its folder."""
@@ -130,24 +135,24 @@ def identify(place: Place) -> list[Check]:
 
 
 def discrepancy(place: Place) -> list[Check]:
-    """The workflow on three pairs of logs, each scored on a third one."""
-    seconds = 6.0 if place.short else 24.0
-    real, spring = place.cut(place.log("c_unloaded", seconds)), ("--effect", "joint_spring:2:0.3")
+    """The workflow on three pairs of logs, each scored on a third one: the next part of the second, or another."""
+    seconds = 2.0 * place.samples / 100.0
+    real, loaded = (place.parts(place.log(name, seconds)) for name in ("c_unloaded", "c_loaded"))
+    sprung = place.parts(place.simulated("sprung", seconds, "--effect", "joint_spring:2:0.3"))
     cases = {
-        "payload": (real, place.cut(place.log("c_loaded", seconds)), place.log("b_20s", seconds)),
-        "nothing": (real, place.log("b_20s", seconds), place.cut(place.log("a_50s", seconds))),
-        "spring": (
-            place.simulated("before", seconds),
-            place.simulated("after", seconds, *spring),
-            place.simulated("held_back", seconds, *spring, "--seed", "4"),
-        ),
+        "payload": (real[0], *loaded[:2]),
+        "nothing": (real[0], place.parts(place.log("b_20s", seconds))[0], place.parts(place.log("a_50s", seconds))[0]),
+        "spring": (place.parts(place.simulated("before", seconds))[0], *sprung[:2]),
     }
     took = []
     for name, (before, log, holdout) in cases.items():
         _, _, healthy = place.identify(before, "--no-report")
         words = ("discrepancy", healthy, log, "--unsigned", "all", "--holdout", holdout)
-        took.append(place.run(*words, "--out", place.folder / f"{name}-gap").seconds)
-        print(f"{name}: {took[-1]:.1f} s")
+        out = place.folder / f"{name}-gap"
+        took.append(place.run(*words, "--out", out).seconds)
+        said = json.loads((out / "discrepancy.json").read_text())
+        found = [" ".join([effect["effect"], *map(str, effect["joints"])]) for effect in said["found"]]
+        print(f"{name}: {took[-1]:.1f} s, {said['status']}: {', '.join(found) or 'nothing'}")
     return [_seconds("discrepancy, median", median(took), 4.0), _seconds("discrepancy, longest", max(took), 12.0)]
 
 

@@ -23,3 +23,13 @@ def test_other_parts_are_refused(capsys):
     with pytest.raises(SystemExit):
         pipeline.main(["--parts", "identify,speed"])
     assert "no part speed" in capsys.readouterr().err
+
+
+def test_a_log_in_parts_holds_every_row_once(tmp_path):
+    place = pipeline.Place(tmp_path, tmp_path, short=True)
+    rows = [f"{i},0.5\n" for i in range(place.samples + 7)]
+    (tmp_path / "log.csv").write_text("t,q1\n" + "".join(rows))
+    first, second = (part.read_text().splitlines(keepends=True) for part in place.parts(tmp_path / "log.csv"))
+    assert first[0] == second[0] == "t,q1\n"
+    assert len(first) == place.samples + 1
+    assert first[1:] + second[1:] == rows
