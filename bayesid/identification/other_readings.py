@@ -19,8 +19,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, cached_property
 
 import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dpstrf
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.fit.evidence import Evidence
@@ -47,6 +50,11 @@ _DECISIVE = np.log(1000.0)
 factor (Jeffreys 1961, appendix B), for the finding is a red light."""
 _INSTANTS = 600
 """Of the log, that readings are fitted to: some 3600 rows for 60 to 80 coefficients. A round number; not studied."""
+_FIRST = 3
+"""Of so many instants one is looked at first. It saves time alone."""
+_PROMISING = 0.9
+"""Share of what the given reading leaves of these that a promising one leaves at most: it must leave `_CLEARLY` of all.
+It saves time alone."""
 _TABLES = 20
 """Drawn at random: of tables with such twists one in some ten comes near to an arm of the usual make. Not studied."""
 _LONGEST_SHARE = 10
@@ -55,7 +63,7 @@ studied."""
 _ROUNDS = 12
 """In which signs and coefficients are made to agree; more change little. A round number; not studied."""
 _BLIND = 1e-9
-"""Share of the largest eigenvalue of the scaled normal equations below which a direction is rounding."""
+"""Square of what is left of a column of length 1, once others have explained it, that is rounding."""
 _LEAST = 1e-6
 """Relative residual that rounding leaves of a perfect fit."""
 _DEGREE = np.pi / 180.0
@@ -133,6 +141,10 @@ class _Excerpt:
         effort = np.where(signals.signed, signals.effort, signs * np.abs(signals.effort))
         return cls(signals.motion[rows], effort[rows], used[rows], signals.signed)
 
+    def __getitem__(self, rows: slice) -> _Excerpt:
+        """Some of the instants."""
+        return _Excerpt(self.motion[rows], self.effort[rows], self.used[rows], self.signed)
+
 
 def suspected_reading(evidence: Evidence, fit: Fit, probability: Array) -> BetterReading | None:
     """The reading that explains a log better than the one given, where the fit is a reason to look for one.
@@ -157,12 +169,12 @@ def better_reading(evidence: Evidence, signs: Array, time: Array) -> BetterReadi
     """
     robot, excerpt = evidence.model.robot, _Excerpt.of(evidence, signs)
     count = np.maximum(evidence.used.sum(axis=0) / time, 1.0)
-    readings = list(_readings(robot))
+    every = list(_readings(robot))
+    readings = _promising(every, _as_given(robot), excerpt[::_FIRST])
     given = _leaves(_as_given(robot), excerpt)
-    given = replace(given, count=np.maximum(count, given.count))
     left = [_leaves(reading, excerpt) for reading in readings]
-    count = _of_the_least([given, *left])
-    best, found = 2.0 * (_DECISIVE + np.log(len(readings))), None
+    count = _of_the_least(given, count, left)
+    best, found = 2.0 * (_DECISIVE + np.log(len(every))), None
     for reading, other in zip(readings, left, strict=True):
         gain = 2.0 * count @ np.log(given.share / other.share) - (other.size - given.size) * np.log(count.sum())
         clearly = other.rms < _CLEARLY * given.rms
@@ -173,30 +185,51 @@ def better_reading(evidence: Evidence, signs: Array, time: Array) -> BetterReadi
     return found
 
 
+def _promising(readings: Sequence[_Reading], as_given: _Reading, some: _Excerpt) -> list[_Reading]:
+    """Those that leave less of some instants than the given one, or of a joint if one alone is read in other units."""
+    given, promising = _leaves(as_given, some), []
+    for reading in readings:
+        other = _leaves(reading, some)
+        less = other.share / given.share if reading.of_one_joint else other.rms / given.rms
+        if np.min(less) < _PROMISING:
+            promising.append(reading)
+    return promising
+
+
 @dataclass(frozen=True)
 class _Left:
     """What a reading leaves of an excerpt.
 
     Attributes:
-        share: (n,) relative residual of each recorded joint.
-        count: (n,) its effective samples, those of the excerpt.
+        residual: (N, n) of each recorded joint, relative to its effort.
+        used: (N, n) which count.
         size: number of coefficients.
     """
 
-    share: Array
-    count: Array
+    residual: Array
+    used: Mask
     size: int
+
+    @cached_property
+    def share(self) -> Array:
+        """(n,) relative residual of each recorded joint."""
+        return np.maximum(np.linalg.norm(self.residual, axis=0), _LEAST)
 
     @property
     def rms(self) -> float:
         """Relative residual over all joints."""
         return float(np.sqrt(np.mean(self.share**2)))
 
+    def count(self, j: int) -> float:
+        """Effective samples of a recorded joint."""
+        residual, used = self.residual[:, j], self.used[:, j]
+        return used.sum() / integrated_time(autocovariance(residual, used, len(residual) // _LONGEST_SHARE))
 
-def _of_the_least(left: Sequence[_Left]) -> Array:
-    """(n,) effective samples of each joint, by the reading that leaves least of it."""
-    least = np.argmin([one.share for one in left], axis=0)
-    return np.array([left[k].count[j] for j, k in enumerate(least)])
+
+def _of_the_least(given: _Left, count: Array, others: Sequence[_Left]) -> Array:
+    """(n,) effective samples of each joint, by the reading that leaves least of it; of the given one in all the log."""
+    least = np.argmin([one.share for one in (given, *others)], axis=0).tolist()
+    return np.array([others[k - 1].count(j) if k else max(count[j], given.count(j)) for j, k in enumerate(least)])
 
 
 def _leaves(reading: _Reading, excerpt: _Excerpt) -> _Left:
@@ -210,21 +243,24 @@ def _leaves(reading: _Reading, excerpt: _Excerpt) -> _Left:
     rows = (columns * weight[:, :, None]).reshape(effort.size, -1)
     lengths = np.linalg.norm(rows, axis=0)
     rows = rows[:, lengths > _BLIND * lengths.max()] / lengths[lengths > _BLIND * lengths.max()]
-    values, vectors = np.linalg.eigh(rows.T @ rows)
-    shown = values > _BLIND * values[-1]
-    rows = rows @ (vectors[:, shown] / np.sqrt(values[shown]))  # orthonormal columns
+    rows = _orthonormal(rows)
     against_friction = np.where(signed, effort, np.sign(motion.dq) * np.abs(effort))
     starts, odd = [effort * weight, against_friction * weight], reading.units != 1.0
     if odd.any():  # the signs that were found are those of the given units: what the other joints tell
         starts += [_settled(rows, start, signed, ~odd)[0] for start in starts]
     residuals = [np.subtract(*_settled(rows, start, signed, np.ones_like(odd))) for start in starts]
     best = min(residuals, key=np.linalg.norm)
-    share, count = np.empty(len(order)), np.empty(len(order))
-    share[order] = np.maximum(np.linalg.norm(best, axis=0), _LEAST)
-    lags = len(best) // _LONGEST_SHARE
-    times = [integrated_time(autocovariance(best[:, j], used[:, j], lags)) for j in range(len(order))]
-    count[order] = used.sum(axis=0) / times
-    return _Left(share, count, rows.shape[1])
+    recorded = np.argsort(order)
+    return _Left(best[:, recorded], used[:, recorded], rows.shape[1])
+
+
+def _orthonormal(columns: Array) -> Array:
+    """(R, r) an orthonormal basis of columns (R, c) of length 1, by a Cholesky decomposition with pivots."""
+    factor, pivots, rank, _ = dpstrf(columns.T @ columns, tol=_BLIND)
+    basis: Array = solve_triangular(
+        factor[:rank, :rank], columns[:, pivots[:rank] - 1].T, trans="T", check_finite=False
+    )
+    return np.ascontiguousarray(basis.T)
 
 
 def _settled(columns: Array, effort: Array, signed: Mask, believed: Mask) -> tuple[Array, Array]:
@@ -237,7 +273,9 @@ def _settled(columns: Array, effort: Array, signed: Mask, believed: Mask) -> tup
         believed: (n,) the joints to which columns are fitted.
     """
     rows = np.broadcast_to(believed, effort.shape).ravel()
-    inverse = columns.T if believed.all() else np.linalg.pinv(columns[rows], rcond=_BLIND)
+    inverse = columns[rows].T
+    if not believed.all():
+        inverse = np.linalg.pinv(inverse @ columns[rows], rcond=_BLIND, hermitian=True) @ inverse
     for _ in range(_ROUNDS):
         predicted = (columns @ (inverse @ effort.ravel()[rows])).reshape(effort.shape)
         followed = np.where(signed, effort, np.where(predicted >= 0.0, 1.0, -1.0) * np.abs(effort))
@@ -263,13 +301,18 @@ def _readings(robot: Robot) -> Iterator[_Reading]:
     yield from _units(given)
     yield from _units_of_one(given)
     yield from _mountings(given)
-    for name in BUILT_IN:
-        other = load_robot(name)
+    for name, other in _built_in().items():
         if other.n_joints == robot.n_joints and not robot.same_kinematics(other):
             yield replace(given, kind="robot", change=f"the built-in table of {name}", robot=other)
     rng = np.random.default_rng(0)
     for _ in range(_TABLES if robot.n_joints > 1 else 0):
         yield replace(given, kind="robot", change="a table drawn at random", robot=_random_table(robot, rng))
+
+
+@cache
+def _built_in() -> dict[str, Robot]:
+    """By name."""
+    return {name: load_robot(name) for name in BUILT_IN}
 
 
 def _orders(given: _Reading) -> Iterator[_Reading]:

@@ -55,10 +55,10 @@ def reading_of(robot, signed, rectified=True):
     moving = segments.per_sample(segments.moving, *signals.effort.shape) > 0
     evidence = Evidence.of(model, signals, moving)
     rows, used, effort = evidence.columns, evidence.used, true
+    weight = used / np.sqrt((effort**2 * used).sum(axis=0))
+    inverse = np.linalg.pinv((rows * weight[:, :, None]).reshape(effort.size, -1), rcond=1e-9)
     for _ in range(10):
-        weight = used / np.sqrt((effort**2 * used).sum(axis=0))
-        flat = (rows * weight[:, :, None]).reshape(effort.size, -1)
-        predicted = rows @ np.linalg.lstsq(flat, (effort * weight).ravel(), rcond=1e-9)[0]
+        predicted = rows @ (inverse @ (effort * weight).ravel())
         effort = np.where(signals.signed, effort, np.where(predicted >= 0.0, 1.0, -1.0) * np.abs(effort))
     time = evidence.residual_noise(predicted).autocorrelation
     return better_reading(evidence, np.where(effort >= 0.0, 1.0, -1.0), time)
