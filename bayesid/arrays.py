@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TypeGuard
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,7 +16,7 @@ TINY = 1e-300
 
 
 def frozen(values: object, shape: tuple[int | None, ...], name: str) -> Array:
-    """A read-only float64 copy of `values`, its shape and finiteness checked.
+    """A read-only float64 copy of `values`, or `values` if they are one; shape and finiteness checked.
 
     Args:
         values: anything numpy can turn into an array.
@@ -26,7 +28,7 @@ def frozen(values: object, shape: tuple[int | None, ...], name: str) -> Array:
         TypeError: a value is no number.
     """
     try:
-        array = np.array(values, dtype=np.float64)
+        array = values if _is_frozen(values) else np.array(values, dtype=np.float64)
     except OverflowError:  # a whole number beyond the largest float
         raise ValueError(f"{name} holds values that are not finite") from None
     fits = array.ndim == len(shape) and all(want in (None, have) for want, have in zip(shape, array.shape, strict=True))
@@ -36,3 +38,10 @@ def frozen(values: object, shape: tuple[int | None, ...], name: str) -> Array:
         raise ValueError(f"{name} holds values that are not finite")
     array.setflags(write=False)
     return array
+
+
+def _is_frozen(values: object) -> TypeGuard[Array]:
+    """Whether they are an array of doubles that nothing can write to."""
+    if not isinstance(values, np.ndarray) or values.dtype != np.float64:
+        return False
+    return values.flags.owndata and not values.flags.writeable

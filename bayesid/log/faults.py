@@ -9,7 +9,9 @@ All thresholds are ratios within one channel, so units and rates do not matter.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -48,6 +50,8 @@ effort. A round number; not studied."""
 _PAST_BLIND = 3.0
 """Times the least reading that is not zero, within which a sensor with a dead zone may fall to zero. A round number;
 not studied."""
+_BLOCK = 1 << 14
+"""Readings that are compared with their neighbours at once, in a processor's cache. It costs time and memory alone."""
 _NAMED = 3
 """Instants that a line names."""
 
@@ -156,7 +160,7 @@ def lost_rows(t: Array, q: Array, effort: Array, dq: Array | None = None) -> tup
         effort: (N, n) efforts, or their absolute values.
         dq: (N, n) measured velocities, or None.
     """
-    zero = ~np.hstack([part for part in (q, effort, dq) if part is not None]).any(axis=1)
+    zero = ~np.any([part.any(axis=1) for part in (q, effort, dq) if part is not None], axis=0)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], zero, [False]]))).reshape(-1, 2)
     if not len(edges):
         return np.empty(0, dtype=np.int64), ()
@@ -215,9 +219,9 @@ def _peaks(t: Array, reading: Array) -> Integers:
     size = np.abs(runs.value)
     if len(size) <= 2 * _NEIGHBOURS:
         return np.empty(0, dtype=np.int64)
-    before, after = _beside(size)
-    around = np.partition(np.hstack([before, after]), -2, axis=1)[:, -2]
-    least = np.maximum(_TIMES * around, around + _STEPS * _usual_step(*_beside(runs.value)))
+    around = _by_blocks(lambda _, sides: np.partition(np.hstack(sides), -2, axis=1)[:, -2], size)
+    steps = _by_blocks(lambda _, sides: _usual_step(*sides), runs.value)
+    least = np.maximum(_TIMES * around, around + _STEPS * steps)
     strong = size >= _WEAK * np.percentile(np.abs(reading), 99)
     return runs.rows((size > 0.0) & strong & (size >= least) & (runs.seconds < DROPOUT))
 
@@ -227,17 +231,30 @@ def _jumps(t: Array, position: Array) -> Integers:
     runs = _Runs.of(t, position)
     if len(runs.value) <= 2 * _NEIGHBOURS:
         return np.empty(0, dtype=np.int64)
-    before, after = _beside(runs.value)
-    off = [runs.value - np.median(side, axis=1) for side in (before, after)]
-    departs = np.where(off[0] * off[1] > 0.0, np.minimum(np.abs(off[0]), np.abs(off[1])), 0.0)
-    least = np.maximum(_slight(position), _STEPS * _usual_step(before, after))
+    departs = _by_blocks(_departs, runs.value)
+    least = np.maximum(_slight(position), _STEPS * _by_blocks(lambda _, sides: _usual_step(*sides), runs.value))
     return runs.rows((departs > 0.0) & (departs >= least) & (runs.seconds < DROPOUT))
 
 
-def _beside(values: Array) -> tuple[Array, Array]:
-    """(R, 8) values before each and (R, 8) after; reflected at both ends."""
+_Sides: TypeAlias = tuple[Array, Array]
+"""(R, 8) values before each and (R, 8) after."""
+
+
+def _by_blocks(of: Callable[[Array, _Sides], Array], values: Array) -> Array:
+    """(R,) what becomes of values (R,) and of those beside each, reflected at both ends: in bounded memory."""
     windows = sliding_window_view(np.pad(values, _NEIGHBOURS, mode="reflect"), 2 * _NEIGHBOURS + 1)
-    return windows[:, :_NEIGHBOURS], windows[:, _NEIGHBOURS + 1 :]
+    found = []
+    for start in range(0, len(values), _BLOCK):
+        some = windows[start : start + _BLOCK]
+        found.append(of(some[:, _NEIGHBOURS], (some[:, :_NEIGHBOURS], some[:, _NEIGHBOURS + 1 :])))
+    return np.concatenate(found)
+
+
+def _departs(values: Array, sides: _Sides) -> Array:
+    """(R,) how far values lie off on the same side of what comes before and after; 0 of those that do not."""
+    off = [values - np.median(side, axis=1) for side in sides]
+    departs: Array = np.where(off[0] * off[1] > 0.0, np.minimum(np.abs(off[0]), np.abs(off[1])), 0.0)
+    return departs
 
 
 def _usual_step(before: Array, after: Array) -> Array:

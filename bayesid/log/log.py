@@ -254,18 +254,19 @@ def read_log(
     options = Options(topic=topic, joints=joints, currents=gains is not None, columns=stated)
     table = _table_of(source, options)
     angle, factors = angle_unit(table, degrees), _factors(table, gains)
-    q, measured = table.block("q", angle), table.block("tau" if "tau1" in table.columns else "i")
-    signed = _signed(measured, unsigned, table.n_joints)
-    effort = measured * factors
+    q, effort = table.block("q", angle), table.block("tau" if "tau1" in table.columns else "i")
+    signed = _signed(effort, unsigned, table.n_joints)
+    effort *= factors
     dq = table.block("dq", angle) if "dq1" in table.columns else None
     _check_blocks(table, q, effort)
     _check_no_velocities(table, q, effort)
     _check_motion(table, q, dq, degrees)
     for note in table.notes:
         warnings.warn(note, stacklevel=2)
-    effort = np.where(signed, effort, np.abs(effort))
+    for j in np.flatnonzero(~signed):
+        np.abs(effort[:, j], out=effort[:, j])
     recordings = [
-        Log(table.t[rows], q[rows], effort[rows], signed, None if dq is None else dq[rows], source=name)
+        Log(table.t[rows], _part(q, rows), _part(effort, rows), signed, dq if dq is None else _part(dq, rows), name)
         for name, rows in _recordings(table)
     ]
     asked = {"gains": gains, "degrees": degrees, "topic": topic, "joints": joints, "columns": stated}
@@ -306,6 +307,12 @@ def _recordings(table: Table) -> list[tuple[str, slice]]:
         said = f"holds {len(parts)} recordings of {label}, none with {FEWEST_ROWS} rows"
         raise InputError(said, table.source, "record longer ones")
     return [(f"{table.source}, {label} {table.columns['part'].values[rows.start]:g}", rows) for rows in long]
+
+
+def _part(values: Array, rows: slice) -> Array:
+    """Some rows of values to which nothing is written from now on; no copy where these are all."""
+    values.setflags(write=False)
+    return values if rows == slice(None) else values[rows]
 
 
 def as_log(source: LogSource) -> Log:
@@ -448,9 +455,9 @@ def _check_blocks(table: Table, q: Array, effort: Array) -> None:
 
 def _check_no_velocities(table: Table, q: Array, effort: Array) -> None:
     """Efforts are not what positions change by."""
-    speed = np.abs(np.gradient(q, axis=0)) / np.median(np.diff(table.t)[np.diff(table.t) > 0.0])
-    apart = np.linalg.norm(np.abs(effort) - speed, axis=0)
-    if np.all(apart < _SAME * np.linalg.norm(speed, axis=0)):
+    step = np.median(np.diff(table.t)[np.diff(table.t) > 0.0])
+    speeds = ((np.abs(np.gradient(joint)) / step, force) for joint, force in zip(q.T, effort.T, strict=True))
+    if all(np.linalg.norm(np.abs(force) - speed) < _SAME * np.linalg.norm(speed) for speed, force in speeds):
         remedy = "name the columns of torques or currents by --columns"
         raise InputError("the efforts are the joints' velocities", table.source, remedy)
 

@@ -7,8 +7,9 @@ does need quiet accelerations. So the motion passes a zero-phase low-pass at the
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import repeat
 
 import numpy as np
 from scipy import signal
@@ -122,11 +123,8 @@ def prepare(log: Log, cutoff: float | None = None) -> Signals:
     """
     mended = _mended(log)
     even = _on_even_grid(mended.motion)
-    t, grid, rate, q, dq = even.t, even.grid, even.rate, even.q, even.dq
-    periods = np.diff(t)
-    effort = PchipInterpolator(t, mended.effort)(grid)
-    effort[:, ~log.signed] = np.maximum(effort[:, ~log.signed], 0.0)
-    chosen = cutoff is None
+    t, grid, rate = even.t, even.grid, even.rate
+    periods, chosen = np.diff(t), cutoff is None
     cutoff = even.cutoff(cutoff)
     processing: dict[str, object] = {
         "rows": len(log),
@@ -138,15 +136,16 @@ def prepare(log: Log, cutoff: float | None = None) -> Signals:
         "cutoff_chosen_from": "data" if chosen else "user",
         "effort_cutoff_hz": _effort_cutoff(cutoff, rate),
         "filter": f"zero-phase Butterworth, order {_ORDER} each way",
-        "velocity": "measured" if dq is not None else "differentiated",
+        "velocity": "measured" if mended.motion.dq is not None else "differentiated",
     }
-    motion, kept = _smooth_motion(grid, q, dq, rate, cutoff), _thinned(len(grid), rate, cutoff)
+    kept = _thinned(len(grid), rate, cutoff)
     if kept.step > 1:
         processing |= {"rate_hz": rate / kept.step, "thinned": f"one sample in {kept.step} of {rate:.6g} Hz"}
+    raw_effort, effort = _efforts(even, mended.effort, log.signed, cutoff, kept)
     return Signals(
-        motion=motion[kept],
-        effort=lowpass(effort, _effort_cutoff(cutoff, rate), rate)[kept].copy(),
-        raw_effort=effort[kept].copy(),
+        motion=even.smooth(cutoff, kept),
+        effort=effort,
+        raw_effort=raw_effort,
         signed=log.signed,
         rate=rate / kept.step,
         cutoff=cutoff,
@@ -156,9 +155,21 @@ def prepare(log: Log, cutoff: float | None = None) -> Signals:
     )
 
 
+def _efforts(even: _EvenMotion, recorded: Array, signed: Mask, cutoff: float, kept: slice) -> tuple[Array, Array]:
+    """(N, n) kept efforts on the even grid, N m, as they are and after the light low-pass, from those of K rows."""
+    raw, filtered = [], []
+    for reading, has_sign in zip(recorded.T, signed, strict=True):  # one joint at a time, for memory
+        effort = PchipInterpolator(even.t, reading)(even.grid)
+        effort = effort if has_sign else np.maximum(effort, 0.0)
+        raw.append(effort[kept].copy())
+        filtered.append(lowpass(effort, _effort_cutoff(cutoff, even.rate), even.rate)[kept].copy())
+    return np.stack(raw, axis=1), np.stack(filtered, axis=1)
+
+
 def still_joints(q: Array) -> Mask:
-    """(n,) joints that never move by positions (N, n): they stay within an encoder's noise."""
-    return np.ptp(q, axis=0) <= _ENCODER
+    """(n,) joints that never move by positions (N, n): they stay within an encoder's noise; () by one's (N,)."""
+    still: Mask = np.ptp(q, axis=0) <= _ENCODER
+    return still
 
 
 def _thinned(size: int, rate: float, cutoff: float) -> slice:
@@ -177,7 +188,7 @@ def filtered_motion(recorded: RecordedMotion, cutoff: float | None = None) -> Mo
         InputError: too few distinct instants, or a cut-off beyond the motion's Nyquist frequency.
     """
     even = _on_even_grid(_distinct(recorded)[0])
-    smooth = _smooth_motion(even.grid, even.q, even.dq, even.rate, even.cutoff(cutoff))
+    smooth = even.smooth(even.cutoff(cutoff))
     q, velocity = CubicSpline(smooth.t, smooth.q), CubicSpline(smooth.t, smooth.dq)
     return Motion(recorded.t, q(recorded.t), velocity(recorded.t), velocity(recorded.t, 1))
 
@@ -201,27 +212,37 @@ def _distinct(recorded: RecordedMotion, effort: Array | None = None) -> tuple[Re
     """A motion without repeated rows, and the rows that are kept; (M, n) efforts beside it tell rows apart too."""
     dq = recorded.dq
     keep = distinct_rows(recorded.t, [part for part in (recorded.q, effort, dq) if part is not None])
-    kept = RecordedMotion(recorded.t[keep], recorded.q[keep], None if dq is None else dq[keep], recorded.source)
-    return kept, keep
+    measured = None if dq is None else _rows(dq, keep)
+    return RecordedMotion(_rows(recorded.t, keep), _rows(recorded.q, keep), measured, recorded.source), keep
+
+
+def _rows(values: Array, kept: Integers) -> Array:
+    """Some rows, in ascending order; the values themselves where these are all: long logs are not copied."""
+    return values if len(kept) == len(values) else values[kept]
 
 
 def _mended(log: Log) -> _Mended:
     lost, lost_faults = lost_rows(log.t, log.q, log.effort, log.dq)
     left = np.delete(np.arange(len(log)), lost)
-    dq = None if log.dq is None else log.dq[left]
-    recorded, keep = _distinct(RecordedMotion(log.t[left], log.q[left], dq, log.source), log.effort[left])
-    t, effort, source = recorded.t, log.effort[left][keep], recorded.source
+    dq = None if log.dq is None else _rows(log.dq, left)
+    all_rows = RecordedMotion(_rows(log.t, left), _rows(log.q, left), dq, log.source)
+    recorded, keep = _distinct(all_rows, _rows(log.effort, left))
+    t, effort = recorded.t, _rows(_rows(log.effort, left), keep)
     faults = (*lost_faults, *find_faults(t, recorded.q, effort, recorded.dq))
-    parts = {"position": np.array(recorded.q), "effort": np.array(effort)}
+    parts = {"position": recorded.q, "effort": effort}
     if recorded.dq is not None:
-        parts["velocity"] = np.array(recorded.dq)
-    for (reading, j), known in _known(len(t), faults).items():
-        parts[reading][:, j] = without(t, parts[reading][:, j], known, smooth=reading == "position")
+        parts["velocity"] = recorded.dq
+    known = _known(len(t), faults)
+    for name in {reading for reading, _ in known}:
+        parts[name] = np.array(parts[name])
+    for (reading, j), valid in known.items():
+        parts[reading][:, j] = without(t, parts[reading][:, j], valid, smooth=reading == "position")
     still = still_joints(parts["position"])
-    parts["position"][:, still] = parts["position"][:, still].mean(axis=0)
-    if recorded.dq is not None:
-        parts["velocity"][:, still] = 0.0
-    motion = RecordedMotion(t, parts["position"], parts.get("velocity"), source)
+    if still.any():
+        parts["position"] = np.where(still, parts["position"].mean(axis=0), parts["position"])
+        if recorded.dq is not None:
+            parts["velocity"] = np.where(still, 0.0, parts["velocity"])
+    motion = RecordedMotion(t, parts["position"], parts.get("velocity"), recorded.source)
     return _Mended(motion, parts["effort"], faults)
 
 
@@ -254,21 +275,26 @@ def _unfaulted(grid: Array, t: Array, mended: _Mended, margin: float) -> Mask:
 
 @dataclass(frozen=True)
 class _EvenMotion:
-    """A recorded motion on an even grid, not filtered.
+    """A recorded motion on an even grid: one joint at a time, for long ones would fill the memory.
 
     Attributes:
+        recorded: of K rows.
         t: (K,) instants of the rows, s.
         grid: (N,) even instants, s.
         rate: of the grid, Hz.
-        q: (N, n) positions, rad.
-        dq: (N, n) measured velocities, rad/s, or None.
     """
 
+    recorded: RecordedMotion
     t: Array
     grid: Array
     rate: float
-    q: Array
-    dq: Array | None
+
+    def joints(self) -> Iterator[tuple[Array, Array | None]]:
+        """(N,) positions of each joint, rad, and (N,) its measured velocities, rad/s, or None; not filtered."""
+        measured = repeat(None) if self.recorded.dq is None else self.recorded.dq.T
+        for q, dq in zip(self.recorded.q.T, measured, strict=False):
+            even = None if dq is None else PchipInterpolator(self.t, dq)(self.grid)
+            yield CubicSpline(self.t, q)(self.grid), even
 
     def cutoff(self, asked: float | None) -> float:
         """The one asked for, or one by the data.
@@ -276,17 +302,33 @@ class _EvenMotion:
         Raises:
             InputError: it lies beyond the Nyquist frequency.
         """
-        cutoff = choose_cutoff(self.q, self.dq, self.rate) if asked is None else asked
+        cutoff = _choose_cutoff(self.joints(), self.rate) if asked is None else asked
         if not 0.0 < cutoff < self.rate / 2:
             remedy = f"give a value between 0 and {self.rate / 2:g} Hz, half the log's rate"
             raise InputError(f"a cut-off of {cutoff:g} Hz does not suit a log of {self.rate:g} Hz", "--cutoff", remedy)
         return cutoff
 
+    def smooth(self, cutoff: float, kept: slice = slice(None)) -> Motion:
+        """The low-passed motion at the instants that are kept, differentiated."""
+        columns = [[part[kept].copy() for part in self._smooth(*joint, cutoff)] for joint in self.joints()]
+        q, dq, ddq = (np.stack(part, axis=1) for part in zip(*columns, strict=True))
+        return Motion(self.grid[kept], q, dq, ddq)
+
+    def _smooth(self, q: Array, dq: Array | None, cutoff: float) -> tuple[Array, Array, Array]:
+        """(N,) position, velocity and acceleration of a joint.
+
+        Derivatives of the cubic spline: its error is of fourth order, a central difference loses 10 % at rate / 8.
+        """
+        smooth = _lowpass_motion(q, cutoff, self.rate)
+        velocity = (
+            CubicSpline(self.grid, smooth)(self.grid, 1) if dq is None else _lowpass_motion(dq, cutoff, self.rate)
+        )
+        return smooth, velocity, CubicSpline(self.grid, velocity)(self.grid, 1)
+
 
 def _on_even_grid(recorded: RecordedMotion) -> _EvenMotion:
-    """A motion of distinct rows, resampled."""
-    measured, source = recorded.dq, recorded.source
-    t = _instants(recorded.t, recorded.q)
+    """A motion of distinct rows, to be resampled."""
+    t, source = _instants(recorded.t, recorded.q), recorded.source
     rate = 1.0 / float(f"{np.median(np.diff(t)):.{_DIGITS}g}")
     size = (t[-1] - t[0]) * rate * (1 + 1e-9) + 1.0
     if size > max(_FEWEST_ALLOWED, _EMPTIEST * len(t)):
@@ -296,9 +338,7 @@ def _on_even_grid(recorded: RecordedMotion) -> _EvenMotion:
     grid = t[0] + np.arange(int(size)) / rate
     if len(grid) < FEWEST_ROWS:
         raise InputError(f"only {len(grid)} distinct instants", source, "record a longer log")
-    q = CubicSpline(t, recorded.q)(grid)
-    dq = None if measured is None else PchipInterpolator(t, measured)(grid)
-    return _EvenMotion(t, grid, rate, q, dq)
+    return _EvenMotion(recorded, t, grid, rate)
 
 
 def signed_effort(signals: Signals, signs: Array, filtered: bool = True) -> Array:
@@ -362,14 +402,21 @@ def choose_cutoff(q: Array, dq: Array | None, rate: float) -> float:
     That is :eq:`motion-cutoff`. Torques hold harmonics of the motion (products of velocities), hence a filter well
     above the motion's own bandwidth (Gautier, Khalil, "Exciting trajectories", 1992, take five to ten times).
     """
-    moves = ~still_joints(q)
-    if not moves.any():
-        return min(_SLOWEST, 0.4 * rate)
-    velocity = np.gradient(q[:, moves], 1.0 / rate, axis=0) if dq is None else dq[:, moves]
-    frequency, power = signal.periodogram(velocity - velocity.mean(axis=0), fs=rate, axis=0)
-    share = np.cumsum(power, axis=0) / np.maximum(power.sum(axis=0), 1e-300)
-    bandwidth = max(float(frequency[np.searchsorted(s, 0.95)]) for s in share.T)
-    return float(np.clip(10.0 * bandwidth, min(_SLOWEST, 0.4 * rate), 0.4 * rate))
+    return _choose_cutoff(zip(q.T, repeat(None) if dq is None else dq.T, strict=False), rate)
+
+
+def _choose_cutoff(joints: Iterable[tuple[Array, Array | None]], rate: float) -> float:
+    """By (N,) positions of each joint, rad, and (N,) velocities, rad/s, or None."""
+    bandwidths = [_bandwidth(q, dq, rate) for q, dq in joints if not still_joints(q)]
+    return float(np.clip(10.0 * max(bandwidths, default=0.0), min(_SLOWEST, 0.4 * rate), 0.4 * rate))
+
+
+def _bandwidth(q: Array, dq: Array | None, rate: float) -> float:
+    """Hz; the frequency below which 95 % of the energy of a joint's speed lies."""
+    velocity = np.gradient(q, 1.0 / rate) if dq is None else dq
+    frequency, power = signal.periodogram(velocity - velocity.mean(), fs=rate)
+    share = np.cumsum(power) / max(power.sum(), 1e-300)
+    return float(frequency[np.searchsorted(share, 0.95)])
 
 
 def _instants(t: Array, q: Array) -> Array:
@@ -389,9 +436,9 @@ def _instants(t: Array, q: Array) -> Array:
 
 def _roughness(t: Array, q: Array) -> float:
     """Mean square error of every position between its neighbours, linearly, in units of the joint's variance."""
-    share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
-    error = q[1:-1] - (1.0 - share) * q[:-2] - share * q[2:]
-    return float(np.mean(error**2 / np.maximum(q.var(axis=0), 1e-300)))
+    share = (t[1:-1] - t[:-2]) / (t[2:] - t[:-2])
+    errors = [np.mean((x[1:-1] - (1.0 - share) * x[:-2] - share * x[2:]) ** 2) / max(x.var(), 1e-300) for x in q.T]
+    return float(np.mean(errors))
 
 
 def _measured(grid: Array, t: Array, margin: float) -> Mask:
@@ -401,11 +448,3 @@ def _measured(grid: Array, t: Array, margin: float) -> Mask:
     for k in np.flatnonzero(periods > _PAUSE * np.median(periods)):
         measured &= (grid < t[k] - margin) | (grid > t[k + 1] + margin)
     return measured
-
-
-def _smooth_motion(grid: Array, q: Array, dq: Array | None, rate: float, cutoff: float) -> Motion:
-    """Derivatives of the cubic spline: its error is of fourth order, a central difference loses 10 % at rate / 8."""
-    smooth_q = _lowpass_motion(q, cutoff, rate)
-    velocity = CubicSpline(grid, smooth_q)(grid, 1) if dq is None else _lowpass_motion(dq, cutoff, rate)
-    acceleration = CubicSpline(grid, velocity)(grid, 1)
-    return Motion(grid, smooth_q, velocity, acceleration)

@@ -35,8 +35,10 @@ def check_speeds(t: Array, q: Array, source: str) -> None:
     Raises:
         InputError: more than half of the joints, and two at least, are faster than any is.
     """
-    moved, span = _over_window(q), _over_window(t)
-    fast = np.quantile(np.abs(moved[span > 0.0]) / span[span > 0.0, None], 0.9, axis=0) > _FASTEST
+    span = _over_window(t)
+    passes = span > 0.0
+    speeds = (np.abs(_over_window(joint)[passes]) / span[passes] for joint in q.T)
+    fast = np.array([np.quantile(speed, 0.9) > _FASTEST for speed in speeds])
     if fast.sum() > max(1, q.shape[1] // 2):
         remedy = "say the units of time and positions in the header, as in t[min] or q1[deg]"
         raise InputError(f"most joints are faster than {_FASTEST:g} rad/s", source, remedy)
@@ -54,9 +56,9 @@ def check_velocities(t: Array, q: Array, dq: Array, source: str) -> None:
     Raises:
         InputError: they are.
     """
-    steps = 0.5 * (dq[1:] + dq[:-1]) * np.diff(t)[:, None]
-    summed = _over_window(np.vstack([np.zeros(q.shape[1]), np.cumsum(steps, axis=0)]))
-    for j, (change, velocity) in enumerate(zip(_over_window(q).T, summed.T, strict=True), start=1):
+    for j, (position, speed) in enumerate(zip(q.T, dq.T, strict=True), start=1):
+        steps = 0.5 * (speed[1:] + speed[:-1]) * np.diff(t)
+        change, velocity = _over_window(position), _over_window(np.append(0.0, np.cumsum(steps)))
         power, other, both = change @ change, velocity @ velocity, change @ velocity
         if power == 0.0 or abs(both) < _ALIKE * np.sqrt(power * other):
             continue

@@ -94,7 +94,7 @@ class Place:
     def parts(self, log: Path) -> list[Path]:
         """A log in parts as long as those that the workflow is timed on."""
         header, *rows = log.read_text().splitlines(keepends=True)
-        parts = []
+        parts: list[Path] = []
         for first in range(0, len(rows), self.samples):
             parts.append(self.folder / f"{log.stem}_{len(parts) + 1}.csv")
             parts[-1].write_text(header + "".join(rows[first : first + self.samples]))

@@ -198,8 +198,7 @@ def _check_resolution(table: Table) -> None:
     positions = [column.values for name, column in table.columns.items() if name.startswith("q")]
     if not positions:
         return
-    q = np.column_stack(positions)
-    moved = np.any(np.diff(q, axis=0) != 0.0, axis=1)
+    moved = np.any([q[1:] != q[:-1] for q in positions], axis=0)
     stands = moved & (np.diff(table.t) == 0.0)
     if np.mean(stands) > _STANDS:
         t = table.t
@@ -211,11 +210,14 @@ def _check_resolution(table: Table) -> None:
 
 def _check_numbers(table: Table) -> None:
     """The first row with a number that cannot be is named; of several in it, that of the first column."""
-    values = np.column_stack([column.values for column in table.columns.values()])
-    largest = [np.inf if name == "t" else ABSURD for name in table.columns]
-    for row, place in np.argwhere(~(np.abs(values) < largest)):
-        said = f"column {list(table.columns.values())[place].label} holds {values[row, place]:g}"
-        raise InputError(said, table.place(int(row)), "remove the row or correct the value")
+    wrong: list[tuple[int, int, Column]] = []
+    for name, column in table.columns.items():
+        rows = np.flatnonzero(~(np.abs(column.values) < (np.inf if name == "t" else ABSURD)))
+        wrong += [(int(rows[0]), len(wrong), column)] if rows.size else []
+    if wrong:
+        row, _, column = min(wrong, key=lambda one: one[:2])
+        said = f"column {column.label} holds {column.values[row]:g}"
+        raise InputError(said, table.place(row), "remove the row or correct the value")
 
 
 def seconds(counts: ArrayLike, per_second: int = 1_000_000_000) -> Array:

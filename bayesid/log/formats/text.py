@@ -10,7 +10,7 @@ import codecs
 import csv
 import io
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
@@ -120,7 +120,28 @@ def look(content: bytes, whole: bool = False) -> Layout:
         UnicodeDecodeError: it is not text.
         csv.Error: it is no table.
     """
-    encoding = _encoding(content, whole)
+    return _look(content, _encoding(lambda: [content], whole))
+
+
+def look_at(path: Path) -> Layout:
+    """How a file is written that may be larger than memory: its beginning shows it, but all of it the encoding.
+
+    Raises:
+        UnicodeDecodeError: it is not text.
+        csv.Error: it is no table.
+        OSError: there is no such file, or it cannot be opened.
+    """
+
+    def pieces() -> Iterator[bytes]:
+        with path.open("rb") as file:
+            while piece := file.read(_HEADER):
+                yield piece
+
+    return _look(next(pieces(), b""), _encoding(pieces, whole=True))
+
+
+def _look(content: bytes, encoding: str) -> Layout:
+    """How a file with this beginning is written."""
     text = codecs.getincrementaldecoder(encoding)().decode(content[:_HEADER])
     lines = io.StringIO(text, newline="").readlines()
     if lines and "\0" in lines[0]:
@@ -152,7 +173,7 @@ def read_text(path: Path, select: Callable[[Sequence[str], str], Chosen]) -> Tab
         OSError: there is no such file, or it cannot be opened.
     """
     try:
-        layout = look(path.read_bytes(), whole=True)
+        layout = look_at(path)
         where = f"{path}, row {layout.header_row}"
         if len(layout.header) > _MOST_COLUMNS:
             raise InputError(f"names {len(layout.header)} columns", where, f"give a log of {_MOST_COLUMNS} at most")
@@ -182,18 +203,27 @@ def _not_text(path: Path, undecoded: bool) -> InputError:
 # ---------------------------------------------------------------------------------------------------------------
 # How a file is written
 # ---------------------------------------------------------------------------------------------------------------
-def _encoding(content: bytes, whole: bool) -> str:
-    """By its first bytes, or else UTF-8 where it is that, or what Western Windows writes."""
+def _encoding(pieces: Callable[[], Iterable[bytes]], whole: bool) -> str:
+    """By its first bytes, or else UTF-8 where it is that, or what Western Windows writes.
+
+    Args:
+        pieces: gives the file's bytes piece by piece, from the beginning whenever it is called.
+        whole: whether these are all.
+    """
+    first = next(iter(pieces()), b"")
     for bom, encoding in _BOMS.items():
-        if content.startswith(bom):
+        if first.startswith(bom):
             return encoding
     for place, encoding in ((1, "utf-16-le"), (0, "utf-16-be")):  # of plain text every other byte is zero
-        if len(content) > 1 and not any(content[place:64:2]):
+        if len(first) > 1 and not any(first[place:64:2]):
             return encoding
+    decoder = codecs.getincrementaldecoder("utf-8")()
     try:
-        codecs.getincrementaldecoder("utf-8")().decode(content, final=whole)
+        for piece in pieces():
+            decoder.decode(piece)
+        decoder.decode(b"", final=whole)
     except UnicodeDecodeError:
-        if not _WESTERN.fullmatch(content):
+        if not all(map(_WESTERN.fullmatch, pieces())):
             raise
         return "cp1252"
     return "utf-8"
