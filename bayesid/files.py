@@ -39,6 +39,9 @@ _OWNER = re.compile(r"-(\d+)(?:-\w+)?$")
 _HERE = re.sub(r"\W", "_", socket.gethostname())
 """Part of such names: a process of another machine, which shares the folder, is not ours to judge."""
 
+_BLOCK = 10_000
+"""Rows that are made at once of a table that is written: it costs memory alone."""
+
 
 def replace_file(path: Path, write: Callable[[Path], object]) -> None:
     """Has `write` fill a file beside the target, then renames it; folders above it are made as needed."""
@@ -269,22 +272,33 @@ def _text(value: object) -> object:
 
 
 def write_columns(
-    path: Path, names: Sequence[str], t: Array, values: Array, digits: str = "", sources: Sequence[str] | None = None
+    path: Path,
+    names: Sequence[str],
+    t: Array,
+    values: Array | Callable[[slice], Array],
+    digits: str = "",
+    sources: Sequence[str] | None = None,
 ) -> None:
-    """Writes columns over time as CSV.
+    """Writes columns over time as CSV, in bounded memory.
 
     Args:
         path: the file.
         names: of t and of the k columns.
         t: (N,) time; to the last digit, as it may count from 1970.
-        values: (N, k).
+        values: (N, k), or what gives those of some rows.
         digits: format of the values; to the last digit by default.
         sources: (N,) the log that each row is of, in a last column; none by default.
     """
-    header = [*names, *([] if sources is None else ["log"])]
-    last: list[list[str]] = [[]] * len(t) if sources is None else [[source] for source in sources]
-    rows = zip(t.tolist(), values.tolist(), last, strict=True)
-    write_rows(path, header, ([time, *(format(value, digits) for value in row), *log] for time, row, log in rows))
+
+    def rows() -> Iterator[list[object]]:
+        for start in range(0, len(t), _BLOCK):
+            some = slice(start, start + _BLOCK)
+            block = (values(some) if callable(values) else values[some]).tolist()
+            last: list[list[str]] = [[]] * len(block) if sources is None else [[source] for source in sources[some]]
+            for time, row, log in zip(t[some].tolist(), block, last, strict=True):
+                yield [time, *([format(value, digits) for value in row] if digits else row), *log]
+
+    write_rows(path, [*names, *([] if sources is None else ["log"])], rows())
 
 
 def numbered(prefix: str, n: int) -> list[str]:

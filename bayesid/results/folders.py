@@ -339,14 +339,18 @@ def _write_signed_log(path: Path, log: Log, signals: Signals, probability: Array
 
     Rows of logs that were joined keep their own times, to the last digit.
     """
-    nearest = np.rint((log.t - signals.motion.t[0]) * signals.rate).astype(int)
-    p = np.round(probability[np.clip(nearest, 0, len(probability) - 1)], 6)
-    p = np.where(log.signed, (log.effort >= 0.0).astype(float), p)
-    effort = np.where(log.signed, log.effort, np.where(p >= 0.5, 1.0, -1.0) * log.effort)
+
+    def rows(some: slice) -> Array:
+        nearest = np.rint((log.t[some] - signals.motion.t[0]) * signals.rate).astype(int)
+        p = np.round(probability[np.clip(nearest, 0, len(probability) - 1)], 6)
+        effort = log.effort[some]
+        p = np.where(log.signed, (effort >= 0.0).astype(float), p)
+        return np.hstack([np.where(log.signed | (p >= 0.5), effort, -effort), p])
+
     names = ["t", *numbered("tau", log.n_joints), *numbered("p", log.n_joints)]
     t = np.concatenate([piece.t for piece in log.pieces]) if log.pooled else log.t
     sources = [piece.source for piece in log.pieces for _ in piece.t] if log.pooled else None
-    write_columns(path, names, t, np.hstack([effort, p]), sources=sources)
+    write_columns(path, names, t, rows, sources=sources)
 
 
 def check_result_folder(folder: str | Path, files: Set[str] = IDENTIFICATION_FILES) -> Path:
