@@ -11,8 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal
-from scipy.interpolate import CubicSpline, PchipInterpolator
+import scipy
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.errors import InputError
@@ -124,7 +123,7 @@ def prepare(log: Log, cutoff: float | None = None) -> Signals:
     even = _on_even_grid(mended.motion)
     t, grid, rate, q, dq = even.t, even.grid, even.rate, even.q, even.dq
     periods = np.diff(t)
-    effort = PchipInterpolator(t, mended.effort)(grid)
+    effort = scipy.interpolate.PchipInterpolator(t, mended.effort)(grid)
     effort[:, ~log.signed] = np.maximum(effort[:, ~log.signed], 0.0)
     chosen = cutoff is None
     cutoff = even.cutoff(cutoff)
@@ -178,7 +177,7 @@ def filtered_motion(recorded: RecordedMotion, cutoff: float | None = None) -> Mo
     """
     even = _on_even_grid(_distinct(recorded)[0])
     smooth = _smooth_motion(even.grid, even.q, even.dq, even.rate, even.cutoff(cutoff))
-    q, velocity = CubicSpline(smooth.t, smooth.q), CubicSpline(smooth.t, smooth.dq)
+    q, velocity = scipy.interpolate.CubicSpline(smooth.t, smooth.q), scipy.interpolate.CubicSpline(smooth.t, smooth.dq)
     return Motion(recorded.t, q(recorded.t), velocity(recorded.t), velocity(recorded.t, 1))
 
 
@@ -296,8 +295,8 @@ def _on_even_grid(recorded: RecordedMotion) -> _EvenMotion:
     grid = t[0] + np.arange(int(size)) / rate
     if len(grid) < FEWEST_ROWS:
         raise InputError(f"only {len(grid)} distinct instants", source, "record a longer log")
-    q = CubicSpline(t, recorded.q)(grid)
-    dq = None if measured is None else PchipInterpolator(t, measured)(grid)
+    q = scipy.interpolate.CubicSpline(t, recorded.q)(grid)
+    dq = None if measured is None else scipy.interpolate.PchipInterpolator(t, measured)(grid)
     return _EvenMotion(t, grid, rate, q, dq)
 
 
@@ -325,7 +324,7 @@ def lowpass(values: Array, cutoff: float, rate: float) -> Array:
     if cutoff >= 0.45 * rate:
         return values
     padding = min(len(values) - 1, int(3 * rate / cutoff))
-    return signal.sosfiltfilt(_sections(cutoff, rate), values, axis=0, padlen=padding)
+    return scipy.signal.sosfiltfilt(_sections(cutoff, rate), values, axis=0, padlen=padding)
 
 
 def _lowpass_motion(values: Array, cutoff: float, rate: float) -> Array:
@@ -341,7 +340,7 @@ def _lowpass_motion(values: Array, cutoff: float, rate: float) -> Array:
     before = _extrapolate(values[:window], np.arange(-padding, 0))
     after = _extrapolate(values[-window:], window + np.arange(padding))
     extended = np.concatenate([before, values, after])
-    return signal.sosfiltfilt(_sections(cutoff, rate), extended, axis=0)[padding : padding + len(values)]
+    return scipy.signal.sosfiltfilt(_sections(cutoff, rate), extended, axis=0)[padding : padding + len(values)]
 
 
 def _extrapolate(values: Array, places: Integers) -> Array:
@@ -353,7 +352,7 @@ def _extrapolate(values: Array, places: Integers) -> Array:
 
 
 def _sections(cutoff: float, rate: float) -> Array:
-    return signal.butter(_ORDER, cutoff, fs=rate, output="sos")
+    return scipy.signal.butter(_ORDER, cutoff, fs=rate, output="sos")
 
 
 def choose_cutoff(q: Array, dq: Array | None, rate: float) -> float:
@@ -366,7 +365,7 @@ def choose_cutoff(q: Array, dq: Array | None, rate: float) -> float:
     if not moves.any():
         return min(_SLOWEST, 0.4 * rate)
     velocity = np.gradient(q[:, moves], 1.0 / rate, axis=0) if dq is None else dq[:, moves]
-    frequency, power = signal.periodogram(velocity - velocity.mean(axis=0), fs=rate, axis=0)
+    frequency, power = scipy.signal.periodogram(velocity - velocity.mean(axis=0), fs=rate, axis=0)
     share = np.cumsum(power, axis=0) / np.maximum(power.sum(axis=0), 1e-300)
     bandwidth = max(float(frequency[np.searchsorted(s, 0.95)]) for s in share.T)
     return float(np.clip(10.0 * bandwidth, min(_SLOWEST, 0.4 * rate), 0.4 * rate))
@@ -381,7 +380,7 @@ def _instants(t: Array, q: Array) -> Array:
     window = min(_EVENED, (len(t) - 1) // 2 * 2 + 1)
     if np.diff(t).max() > HELD * np.median(np.diff(t)):
         return t
-    even = t[0] + signal.savgol_filter(t - t[0], window, 1)
+    even = t[0] + scipy.signal.savgol_filter(t - t[0], window, 1)
     if np.diff(even).min() <= 0.0 or _roughness(even, q) > _SMOOTHER * _roughness(t, q):
         return t
     return even
@@ -406,6 +405,8 @@ def _measured(grid: Array, t: Array, margin: float) -> Mask:
 def _smooth_motion(grid: Array, q: Array, dq: Array | None, rate: float, cutoff: float) -> Motion:
     """Derivatives of the cubic spline: its error is of fourth order, a central difference loses 10 % at rate / 8."""
     smooth_q = _lowpass_motion(q, cutoff, rate)
-    velocity = CubicSpline(grid, smooth_q)(grid, 1) if dq is None else _lowpass_motion(dq, cutoff, rate)
-    acceleration = CubicSpline(grid, velocity)(grid, 1)
+    velocity = (
+        scipy.interpolate.CubicSpline(grid, smooth_q)(grid, 1) if dq is None else _lowpass_motion(dq, cutoff, rate)
+    )
+    acceleration = scipy.interpolate.CubicSpline(grid, velocity)(grid, 1)
     return Motion(grid, smooth_q, velocity, acceleration)

@@ -34,8 +34,8 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+import scipy
 import xarray
-from scipy.sparse import csr_array
 
 from bayesid.arrays import Array, Integers
 from bayesid.fit.knowledge import Information
@@ -255,7 +255,9 @@ def pointwise(likelihood: Likelihood, moments: Moments, theta: Array, log_scale:
     energy = _sums(moments, scaled.energy)
     count = _sums(moments, moments.count) / autocorrelation[joint]
     normal = 0.5 * np.log(2.0 * np.pi * likelihood.sigma[joint] ** 2)
-    members = csr_array((np.ones(len(moments)), (np.arange(len(moments)), moments.part)), (len(moments), size))
+    members = scipy.sparse.csr_array(
+        (np.ones(len(moments)), (np.arange(len(moments)), moments.part)), (len(moments), size)
+    )
     rows = max(1, _AT_ONCE // max(1, size * scaled.hessian.size + len(moments)))
     terms = np.empty((len(theta), size))
     for first in range(0, len(theta), rows):

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from scipy.stats import rankdata
 
 from bayesid.arrays import Array, Integers
 from bayesid.report.findings import Findings
@@ -190,7 +189,8 @@ def rank(result: Source, count: int = 4, axes: Any = None) -> list[Axes]:
 # ---------------------------------------------------------------------------------------------------------------
 def _draw_ranks(ax: Axes, draws: Array) -> None:
     """Histograms of the ranks of each ensemble's draws (E, D) among all, one above the other; dashed if uniform."""
-    ranks = rankdata(draws).reshape(draws.shape)
+    ordered = np.sort(draws, axis=None)
+    ranks = 0.5 * (1.0 + np.searchsorted(ordered, draws) + np.searchsorted(ordered, draws, "right"))
     edges = np.linspace(0.5, draws.size + 0.5, _BINS + 1)
     counts = np.array([np.histogram(ensemble, edges)[0] for ensemble in ranks])
     even, room = draws.shape[1] / _BINS, 1.2 * float(counts.max())
