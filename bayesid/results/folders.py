@@ -236,7 +236,7 @@ def _made_up_for(folder: Path, name: str) -> None:
 
 
 def _write_report(findings: Findings, path: Path, progress: Progress) -> None:
-    from bayesid.report.pages.identification_page import identification_page  # matplotlib takes a second to import
+    from bayesid.report.pages.identification_page import identification_page  # jinja2, for pages alone
 
     path.write_text(identification_page(findings, progress), encoding="utf-8")
 
@@ -270,7 +270,7 @@ def save_discrepancy(
         _write_identification(place, findings, discrepancy.identification, missing)
 
     def write_page(path: Path) -> None:
-        from bayesid.report.pages.discrepancy_page import discrepancy_page  # matplotlib takes a second to import
+        from bayesid.report.pages.discrepancy_page import discrepancy_page  # jinja2, for pages alone
 
         path.write_text(discrepancy_page(discrepancy), encoding="utf-8")
 
