@@ -222,3 +222,16 @@ def test_whoever_gives_axes_gets_them_filled_by_matplotlib():
     assert isinstance(ax, Axes)
     assert isinstance(ax.figure, Figure)
     assert Paper(1.0).get_figwidth() == pytest.approx(WIDTH)
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_all_words_begin_on_the_paper(name):
+    """Letters of names at the y axis stand upright on a line at least their own size from the edge."""
+    figure = both(name)[1][0].figure
+    width, height = figure._size
+    for one in drawn(figure):
+        if one.tag == "text":
+            turned = one.get("transform")
+            x, y = numbers(turned)[:2] if turned else (float(one.get("x")), float(one.get("y")))
+            assert (0.75 * float(one.get("font-size")) if turned else 0.0) <= x <= width
+            assert 0.75 * float(one.get("font-size")) <= y <= height

@@ -398,8 +398,8 @@ class Panel:
 
     def _hatched(self, order: float, boxes: Callable[[], Iterable[_Curve]], alpha: float, label: str = "") -> _Mark:
         def draw(prefix: str) -> str:
-            strokes = f'<path d="M-1 1l2-2M0 3l3-3M2 4l2-2" {stroked(INK, 1.0)}/>'
-            tile = f'<pattern id="{prefix}" width="3" height="3" patternUnits="userSpaceOnUse">{strokes}</pattern>'
+            strokes = f'<path d="M-1 1l2-2M0 6l6-6M5 7l2-2" {stroked(INK, 1.0)}/>'
+            tile = f'<pattern id="{prefix}" width="6" height="6" patternUnits="userSpaceOnUse">{strokes}</pattern>'
             return f'{tile}<path d="{self._paths(_corners(boxes()))}" fill="url(#{prefix})" fill-opacity="{alpha:g}"/>'
 
         return self._add(order, draw, label, f'<path d="M0 7l7-7M4 7l7-7M8 7l7-7M12 7l6-6" {stroked(INK, 1.0)}/>')
@@ -473,7 +473,8 @@ class Panel:
         numbers = [
             words(beside, y + _MIDDLE * _SMALL, text, _SMALL, "end") for y, text in zip(places, texts, strict=False)
         ]
-        x, y = beside - self._broadest(texts) - 4.0 - 0.25 * SIZE, top + 0.5 * height
+        x = left - self.surround(width, height)[0] + _LINE * SIZE - 0.25 * SIZE
+        y = top + 0.5 * height
         name = words(x, y, self._name["y"], SIZE, turned=True) if self._name["y"] else ""
         name += words(left, top - 0.25 * _SMALL, power, _SMALL, "start") if power else ""
         return f"{ruled(grid, ticks)}{''.join(numbers * self._numbered[1])}{name}"
