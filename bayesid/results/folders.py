@@ -40,7 +40,7 @@ from bayesid.log.signals import Signals
 from bayesid.progress import SILENT, Progress
 from bayesid.report.findings import FILE as FINDINGS
 from bayesid.report.findings import Findings, as_json, find_findings, read_findings, write_findings
-from bayesid.report.tables import coefficient_rows, inference_data, parameter_rows, segment_rows, validation_summary
+from bayesid.report.tables import coefficient_rows, kept_draws, parameter_rows, segment_rows, validation_summary
 from bayesid.report.verdicts import check_findings, verdict
 from bayesid.results.discrepancy_json import discrepancy_summary
 from bayesid.results.export import mjcf, urdf
@@ -299,10 +299,10 @@ def _write_identification(
         with missing.without(place / name):
             (place / name).write_text(export(identification.model, identification.theta), encoding="utf-8")
     if identification.posterior is not None:
-        from bayesid.posterior.inference_data import write
+        from bayesid.posterior.kept import write as write_draws
 
         with missing.without(place / "posterior.nc"):
-            write(inference_data(identification), place / "posterior.nc")
+            write_draws(kept_draws(identification), place / "posterior.nc")
     verdicts = verdict(check_findings(findings)).plain
     summary = as_json(findings.summary) | {"verdict": verdicts, "not_written": missing.why}
     write_json(place / MARKER, summary)
