@@ -16,12 +16,12 @@ from collections.abc import Callable, Iterator, Mapping, Set
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import tomli_w
 
 from bayesid.arrays import Array
-from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.errors import InputError, printable
 from bayesid.files import (
     check_folder,
@@ -42,9 +42,11 @@ from bayesid.report.findings import FILE as FINDINGS
 from bayesid.report.findings import Findings, as_json, find_findings, read_findings, write_findings
 from bayesid.report.tables import coefficient_rows, kept_draws, parameter_rows, segment_rows, validation_summary
 from bayesid.report.verdicts import check_findings, verdict
-from bayesid.results.discrepancy_json import discrepancy_summary
 from bayesid.results.export import mjcf, urdf
 from bayesid.results.model_file import model_table
+
+if TYPE_CHECKING:
+    from bayesid.discrepancy.workflow import Discrepancy
 
 MARKER, _REPORT = "summary.json", "report.html"
 IDENTIFICATION_FILES = frozenset(
@@ -263,6 +265,8 @@ def save_discrepancy(
         >>> (bayesid.save_discrepancy(found, "found", report=False) / "discrepancy.json").is_file()
         True
     """
+    from bayesid.results.discrepancy_json import discrepancy_summary  # the workflow, for whoever compares alone
+
     missing, findings = _NotWritten(), _findings(discrepancy.identification, folder)
 
     def write(place: Path) -> None:
