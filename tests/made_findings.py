@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from bayesid.identification.provenance import Provenance
-from bayesid.posterior.inference_data import MOST
+from bayesid.posterior.kept import MOST
 from bayesid.report.findings import (
     AMBIGUOUS,
     Alternatives,

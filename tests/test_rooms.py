@@ -37,6 +37,7 @@ HOMES = {
     "rosbags": {"log"},
     "pyarrow": {"log", "study"},
     "h5py": {"log", "posterior"},
+    "h5netcdf": {"posterior"},
     "clarabel": {"fit"},
     "emcee": {"posterior"},
     "arviz": {"posterior"},

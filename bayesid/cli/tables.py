@@ -7,11 +7,9 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from bayesid.cli.terminal import table
-from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.identification.identification import KNOWN, SURE, Identification
 from bayesid.identification.prediction import PredictedEfforts
 from bayesid.identification.validation import Validation
-from bayesid.report.discrepancy_verdicts import discrepancy_checks, lead
 from bayesid.report.findings import summarise
 from bayesid.report.verdicts import EFFECT_HEADINGS, Check, beyond_the_terms, effect_rows, intervals, proof, sampling
 from bayesid.results.agreement import text as agreement_text
@@ -55,7 +53,8 @@ def _verdict(head: str, check: Check, tail: str = "") -> Text:
     return Text.assemble(head, (check.message, _COLOURS[check.state]), tail)
 
 
-def _line(check: Check) -> Text:
+def line_of(check: Check) -> Text:
+    """A check in its colour, with its remedy."""
     remedy = f"; {check.remedy}" if check.remedy else ""
     return Text.assemble((f"  {check.name}: ", _COLOURS[check.state]), check.message, remedy)
 
@@ -114,26 +113,3 @@ def prediction_parts(result: PredictedEfforts) -> list[RenderableType]:
     rows = [[str(j), f"{most:.4g}", f"{width:.3g}", unit] for j, (unit, most, width) in enumerate(figures, start=1)]
     headings = ["joint", "largest effort", "95 % band: +-, in the middle", "unit"]
     return [table(headings, rows), f"the band holds {result.holds}"]
-
-
-def discrepancy_parts(result: Discrepancy) -> list[RenderableType]:
-    """What ends `bayesid discrepancy`."""
-    gaps = zip(result.before, result.after, result.floor.rms, result.floor.white, strict=True)
-    rows = [[str(j), *(f"{gap:.4g}" for gap in joint)] for j, joint in enumerate(gaps, start=1)]
-    parts: list[RenderableType] = [lead(result), *map(_line, discrepancy_checks(result)), ""]
-    parts.append(f"gap on {result.holdout}, RMS in N m:")
-    parts.append(table(["joint", "before", "after", "floor", "of it white"], rows))
-    if not result.added:
-        return parts
-    effects = [
-        [
-            added.effect,
-            ",".join(map(str, added.joints)) or "all",
-            f"{added.gain / np.log(10.0):.1f}",
-            f"{added.probability:.3f}",
-            ", ".join(added.equivalent),
-        ]
-        for added in result.added
-    ]
-    headings = ["effect", "joints", "log10 Bayes factor", "probability", "equivalent"]
-    return [*parts, "", table(headings, effects, left=["effect", "joints", "equivalent"])]

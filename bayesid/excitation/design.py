@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 
 from bayesid.arrays import Array, Mask
 from bayesid.errors import InputError
@@ -349,7 +349,7 @@ def _optimised(
     rng = np.random.default_rng(seed)
     start = min((random_shape(n, shape.harmonics, rng).ravel() for _ in range(_DRAWS)), key=cost)
     iterations = max(1, total // (len(start) + 1))  # SLSQP differences every variable once an iteration
-    result = minimize(cost, start, method="SLSQP", options={"maxiter": iterations, "ftol": _TOLERANCE})
+    result = scipy.optimize.minimize(cost, start, method="SLSQP", options={"maxiter": iterations, "ftol": _TOLERANCE})
     best = min(start, result.x, key=cost)
     progress("design", total, total)
     return trajectory(start), trajectory(best)

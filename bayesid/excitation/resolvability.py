@@ -40,7 +40,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 from scipy.special import ndtr
 
 from bayesid.arrays import Array, Integers
@@ -123,7 +123,7 @@ def noise_tolerance(joints: JointFlips, segments: SegmentFlips, noise: float) ->
         return _LEAST_TOLERANCE
     if excess(high) <= 0.0:
         return _MOST_TOLERANCE
-    return noise * float(np.exp(brentq(excess, low, high, xtol=1e-6)))
+    return noise * float(np.exp(scipy.optimize.brentq(excess, low, high, xtol=1e-6)))
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -16,8 +16,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
+import scipy
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.fit.hessians import Hessians, HessianSums
@@ -115,8 +114,10 @@ class Moments:
                 parts share a part of the Hessian share one too.
         """
         size = len(np.unique(into))
-        links = csr_array((np.ones(len(self)), (into, size + self.part)), shape=2 * (size + len(self.hessian),))
-        label = connected_components(links, directed=False)[1]
+        links = scipy.sparse.csr_array(
+            (np.ones(len(self)), (into, size + self.part)), shape=2 * (size + len(self.hessian),)
+        )
+        label = scipy.sparse.csgraph.connected_components(links, directed=False)[1]
         hessian = self.hessian.summed(label[size:].astype(np.int64))
         first = np.unique(into, return_index=True)[1]
         gradient, energy = (_summed(values, into, size) for values in (self.gradient, self.energy))

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy
 
 from bayesid.arrays import TINY, Array, Mask
 
@@ -63,7 +63,9 @@ class Noise:
         drawn = self.white[:, None] * rng.standard_normal(shape)
         for j, memory in enumerate(np.exp(-1.0 / (self.correlation * rate))):
             innovation, start = rng.standard_normal((samples, replicates)), rng.standard_normal((1, replicates))
-            coloured = lfilter([np.sqrt(1.0 - memory**2)], [1.0, -memory], innovation, axis=0, zi=memory * start)[0]
+            coloured = scipy.signal.lfilter(
+                [np.sqrt(1.0 - memory**2)], [1.0, -memory], innovation, axis=0, zi=memory * start
+            )[0]
             drawn[:, j] += self.coloured[j] * coloured
         return drawn
 

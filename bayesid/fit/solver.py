@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 
 import clarabel
 import numpy as np
-from scipy import sparse
+import scipy
 from scipy.linalg import null_space, solve_triangular
 
 from bayesid.arrays import Array
@@ -325,7 +325,7 @@ def move_inside(cone: Cone, coefficients: BaseCoefficients, theta: Array) -> Arr
     quadratic[:-1, :-1] = 2.0 * _NEARNESS * along.T @ along  # keeps a mass without trace from growing for ever
     linear[:-1] = 2.0 * _NEARNESS * along.T @ away
     offsets, settings = _rows_of(cone, theta), _settings(_INSIDE_TOLERANCE)
-    stated = sparse.csc_matrix(np.triu(quadratic)), linear, sparse.csc_matrix(rows), offsets, _cones(cone)
+    stated = scipy.sparse.csc_matrix(np.triu(quadratic)), linear, scipy.sparse.csc_matrix(rows), offsets, _cones(cone)
     result = _attempt(clarabel.DefaultSolver(*stated, settings))
     if isinstance(result, str):
         raise SolverError("moving parameters inside the cone", result)
@@ -364,13 +364,13 @@ def _sizes(cone: Cone, projection: Array, hessian: Array, energy: float) -> Arra
     return sizes
 
 
-def _state_cone(cone: Cone, scale: Array, margin: float) -> tuple[Array, sparse.csc_matrix, list[Any]]:
+def _state_cone(cone: Cone, scale: Array, margin: float) -> tuple[Array, scipy.sparse.csc_matrix, list[Any]]:
     """The cone as Clarabel wants it, b - A z in K for z = theta / scale."""
     least = np.tile(margin * _stacked(np.eye(4)), len(cone.bodies))
     offsets = -np.concatenate([np.zeros(len(cone.nonnegative)), least])
     rows = _rows_of(cone, np.diag(scale))
     rows[: len(cone.nonnegative)] = np.eye(cone.size)[cone.nonnegative]
-    return offsets, sparse.csc_matrix(-rows), _cones(cone)
+    return offsets, scipy.sparse.csc_matrix(-rows), _cones(cone)
 
 
 def _cones(cone: Cone) -> list[Any]:
@@ -405,9 +405,9 @@ def _into_cone(dual: Array, n_linear: int) -> Array:
     return np.concatenate([np.maximum(dual[:n_linear], 0.0), (nearest[:, rows, columns] * stretch).ravel()])
 
 
-def _upper_triangle(matrix: Array) -> sparse.csc_matrix:
+def _upper_triangle(matrix: Array) -> scipy.sparse.csc_matrix:
     """The upper triangle in column order with every entry stored, zeros too."""
     n = len(matrix)
     columns, rows = np.tril_indices(n)
     starts = np.concatenate([[0], np.cumsum(np.arange(1, n + 1))])
-    return sparse.csc_matrix((matrix[rows, columns], rows, starts), shape=(n, n))
+    return scipy.sparse.csc_matrix((matrix[rows, columns], rows, starts), shape=(n, n))

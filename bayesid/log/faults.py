@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
+import scipy
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.motion import STANDSTILL
@@ -188,8 +188,9 @@ def without(t: Array, reading: Array, known: Mask, smooth: bool = True) -> Array
     between = ~known & np.logical_or.accumulate(known) & np.logical_or.accumulate(known[::-1])[::-1]
     filled = np.array(reading)
     if between.any():
-        curve = (CubicSpline if smooth and known.sum() > _NEIGHBOURS else PchipInterpolator)(t[known], reading[known])
-        filled[between] = curve(t[between])
+        bent = smooth and known.sum() > _NEIGHBOURS
+        spline = scipy.interpolate.CubicSpline if bent else scipy.interpolate.PchipInterpolator
+        filled[between] = spline(t[known], reading[known])(t[between])
     return filled
 
 

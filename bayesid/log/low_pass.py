@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal
+import scipy
 from scipy.special import ndtr
 
 from bayesid.arrays import Array
@@ -39,9 +39,9 @@ class LowPass:
         return self._causal(once[::-1], rate)[::-1] if self.zero_phase else once
 
     def _causal(self, values: Array, rate: float) -> Array:
-        above, below = signal.butter(self.order, self.cutoff, fs=rate)
-        at_rest = signal.lfilter_zi(above, below).reshape(-1, *[1] * (values.ndim - 1)) * values[:1]
-        filtered: Array = signal.lfilter(above, below, values, axis=0, zi=at_rest)[0]
+        above, below = scipy.signal.butter(self.order, self.cutoff, fs=rate)
+        at_rest = scipy.signal.lfilter_zi(above, below).reshape(-1, *[1] * (values.ndim - 1)) * values[:1]
+        filtered: Array = scipy.signal.lfilter(above, below, values, axis=0, zi=at_rest)[0]
         return filtered
 
     def autocovariance(self, memory: float, lags: int, rate: float) -> Array:
@@ -50,10 +50,10 @@ class LowPass:
         impulse = np.zeros(2 * reach + 1)
         impulse[reach] = 1.0
         response = self.apply(impulse, rate)
-        power = signal.correlate(response, response)
+        power = scipy.signal.correlate(response, response)
         reach = len(response) - 1 + lags
         noise = float(memory) ** np.abs(np.arange(-reach, reach + 1))
-        covariance: Array = signal.fftconvolve(noise, power, mode="valid")[lags : 2 * lags]
+        covariance: Array = scipy.signal.fftconvolve(noise, power, mode="valid")[lags : 2 * lags]
         return covariance
 
 

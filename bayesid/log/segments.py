@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from scipy.signal import find_peaks
+import scipy
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.errors import InputError
@@ -173,14 +173,14 @@ def _jerks(acceleration: Array, span: int) -> set[int]:
     scale = np.percentile(np.abs(acceleration), 99)
     jump = np.zeros_like(acceleration)
     jump[span:-span] = np.abs(acceleration[2 * span :] - acceleration[: -2 * span])
-    peaks, _ = find_peaks(jump, height=_JERK * scale, distance=2 * span)
+    peaks, _ = scipy.signal.find_peaks(jump, height=_JERK * scale, distance=2 * span)
     return {int(i) for i in peaks}
 
 
 def _minima(magnitude: Array, prominence: float) -> set[int]:
     """Prominent low minima of |effort|."""
     scale = np.percentile(magnitude, 99)
-    peaks, _ = find_peaks(-magnitude, prominence=prominence * scale, height=-_CEILING * scale)
+    peaks, _ = scipy.signal.find_peaks(-magnitude, prominence=prominence * scale, height=-_CEILING * scale)
     return {int(i) for i in peaks}
 
 
@@ -189,6 +189,8 @@ def _slope_jumps(magnitude: Array, span: int, known: set[int]) -> set[int]:
     scale = np.percentile(magnitude, 99)
     jump = np.zeros_like(magnitude)
     jump[span:-span] = magnitude[2 * span :] - 2.0 * magnitude[span:-span] + magnitude[: -2 * span]
-    peaks, _ = find_peaks(np.where(magnitude < _CEILING * scale, jump, 0.0), height=_JUMP * scale, distance=span)
+    peaks, _ = scipy.signal.find_peaks(
+        np.where(magnitude < _CEILING * scale, jump, 0.0), height=_JUMP * scale, distance=span
+    )
     places = np.array(sorted(known))
     return {int(i) for i in peaks if not places.size or np.abs(places - i).min() > span}

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from itertools import repeat
 
 import numpy as np
-from scipy import signal
-from scipy.interpolate import CubicSpline, PchipInterpolator
+import scipy
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.errors import InputError
@@ -159,7 +158,7 @@ def _efforts(even: _EvenMotion, recorded: Array, signed: Mask, cutoff: float, ke
     """(N, n) kept efforts on the even grid, N m, as they are and after the light low-pass, from those of K rows."""
     raw, filtered = [], []
     for reading, has_sign in zip(recorded.T, signed, strict=True):  # one joint at a time, for memory
-        effort = PchipInterpolator(even.t, reading)(even.grid)
+        effort = scipy.interpolate.PchipInterpolator(even.t, reading)(even.grid)
         effort = effort if has_sign else np.maximum(effort, 0.0)
         raw.append(effort[kept].copy())
         filtered.append(lowpass(effort, _effort_cutoff(cutoff, even.rate), even.rate)[kept].copy())
@@ -189,7 +188,7 @@ def filtered_motion(recorded: RecordedMotion, cutoff: float | None = None) -> Mo
     """
     even = _on_even_grid(_distinct(recorded)[0])
     smooth = even.smooth(even.cutoff(cutoff))
-    q, velocity = CubicSpline(smooth.t, smooth.q), CubicSpline(smooth.t, smooth.dq)
+    q, velocity = scipy.interpolate.CubicSpline(smooth.t, smooth.q), scipy.interpolate.CubicSpline(smooth.t, smooth.dq)
     return Motion(recorded.t, q(recorded.t), velocity(recorded.t), velocity(recorded.t, 1))
 
 
@@ -293,8 +292,8 @@ class _EvenMotion:
         """(N,) positions of each joint, rad, and (N,) its measured velocities, rad/s, or None; not filtered."""
         measured = repeat(None) if self.recorded.dq is None else self.recorded.dq.T
         for q, dq in zip(self.recorded.q.T, measured, strict=False):
-            even = None if dq is None else PchipInterpolator(self.t, dq)(self.grid)
-            yield CubicSpline(self.t, q)(self.grid), even
+            even = None if dq is None else scipy.interpolate.PchipInterpolator(self.t, dq)(self.grid)
+            yield scipy.interpolate.CubicSpline(self.t, q)(self.grid), even
 
     def cutoff(self, asked: float | None) -> float:
         """The one asked for, or one by the data.
@@ -319,11 +318,9 @@ class _EvenMotion:
 
         Derivatives of the cubic spline: its error is of fourth order, a central difference loses 10 % at rate / 8.
         """
-        smooth = _lowpass_motion(q, cutoff, self.rate)
-        velocity = (
-            CubicSpline(self.grid, smooth)(self.grid, 1) if dq is None else _lowpass_motion(dq, cutoff, self.rate)
-        )
-        return smooth, velocity, CubicSpline(self.grid, velocity)(self.grid, 1)
+        smooth, spline = _lowpass_motion(q, cutoff, self.rate), scipy.interpolate.CubicSpline
+        velocity = spline(self.grid, smooth)(self.grid, 1) if dq is None else _lowpass_motion(dq, cutoff, self.rate)
+        return smooth, velocity, spline(self.grid, velocity)(self.grid, 1)
 
 
 def _on_even_grid(recorded: RecordedMotion) -> _EvenMotion:
@@ -365,7 +362,7 @@ def lowpass(values: Array, cutoff: float, rate: float) -> Array:
     if cutoff >= 0.45 * rate:
         return values
     padding = min(len(values) - 1, int(3 * rate / cutoff))
-    return signal.sosfiltfilt(_sections(cutoff, rate), values, axis=0, padlen=padding)
+    return scipy.signal.sosfiltfilt(_sections(cutoff, rate), values, axis=0, padlen=padding)
 
 
 def _lowpass_motion(values: Array, cutoff: float, rate: float) -> Array:
@@ -381,7 +378,7 @@ def _lowpass_motion(values: Array, cutoff: float, rate: float) -> Array:
     before = _extrapolate(values[:window], np.arange(-padding, 0))
     after = _extrapolate(values[-window:], window + np.arange(padding))
     extended = np.concatenate([before, values, after])
-    return signal.sosfiltfilt(_sections(cutoff, rate), extended, axis=0)[padding : padding + len(values)]
+    return scipy.signal.sosfiltfilt(_sections(cutoff, rate), extended, axis=0)[padding : padding + len(values)]
 
 
 def _extrapolate(values: Array, places: Integers) -> Array:
@@ -393,7 +390,7 @@ def _extrapolate(values: Array, places: Integers) -> Array:
 
 
 def _sections(cutoff: float, rate: float) -> Array:
-    return signal.butter(_ORDER, cutoff, fs=rate, output="sos")
+    return scipy.signal.butter(_ORDER, cutoff, fs=rate, output="sos")
 
 
 def choose_cutoff(q: Array, dq: Array | None, rate: float) -> float:
@@ -414,7 +411,7 @@ def _choose_cutoff(joints: Iterable[tuple[Array, Array | None]], rate: float) ->
 def _bandwidth(q: Array, dq: Array | None, rate: float) -> float:
     """Hz; the frequency below which 95 % of the energy of a joint's speed lies."""
     velocity = np.gradient(q, 1.0 / rate) if dq is None else dq
-    frequency, power = signal.periodogram(velocity - velocity.mean(), fs=rate)
+    frequency, power = scipy.signal.periodogram(velocity - velocity.mean(), fs=rate)
     share = np.cumsum(power) / max(power.sum(), 1e-300)
     return float(frequency[np.searchsorted(share, 0.95)])
 
@@ -428,7 +425,7 @@ def _instants(t: Array, q: Array) -> Array:
     window = min(_EVENED, (len(t) - 1) // 2 * 2 + 1)
     if np.diff(t).max() > HELD * np.median(np.diff(t)):
         return t
-    even = t[0] + signal.savgol_filter(t - t[0], window, 1)
+    even = t[0] + scipy.signal.savgol_filter(t - t[0], window, 1)
     if np.diff(even).min() <= 0.0 or _roughness(even, q) > _SMOOTHER * _roughness(t, q):
         return t
     return even

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import minimize
-from scipy.spatial.transform import Rotation
 
 from bayesid.arrays import Array, frozen
 from bayesid.errors import InputError
@@ -41,7 +40,7 @@ class Pose:
             if joint.prismatic:
                 moved[:3, 3] = value * joint.axis
             else:
-                moved[:3, :3] = Rotation.from_rotvec(value * joint.axis).as_matrix()
+                moved[:3, :3] = scipy.spatial.transform.Rotation.from_rotvec(value * joint.axis).as_matrix()
             parent = np.eye(4) if joint.parent < 0 else frames[joint.parent]
             frames[i] = parent @ joint.placement @ moved
         return frames
@@ -141,7 +140,11 @@ def reach(robot: Robot, joint: int | None = None) -> float:
         slopes = np.cross(here.axes, point - here.joint_frames[:, :3, 3]) @ away
         return -0.5 * float(away @ away), -(slopes * moved_by)[free]
 
-    found = [minimize(shortfall, start, jac=True).fun for start in starts] if free.any() else [shortfall(starts[0])[0]]
+    found = (
+        [scipy.optimize.minimize(shortfall, start, jac=True).fun for start in starts]
+        if free.any()
+        else [shortfall(starts[0])[0]]
+    )
     return float(np.sqrt(-2.0 * min(found)))
 
 

@@ -17,7 +17,7 @@ from bayesid.process import quiet
 with quiet(FutureWarning):  # ArviZ 0.x announces its next version on import
     import arviz
 
-__all__ = ["InferenceData", "datasets", "joined"]
+__all__ = ["InferenceData", "joined"]
 
 _TREES = int(arviz.__version__.partition(".")[0]) >= 1
 """Whether groups are held by a tree of xarray."""
@@ -51,8 +51,3 @@ def joined(groups: Mapping[str, xarray.Dataset], attributes: Mapping[str, Any]) 
         return data
     with quiet(UserWarning):  # said of groups that ArviZ has no name for
         return arviz.InferenceData(attrs=dict(attributes), **groups)
-
-
-def datasets(data: InferenceData) -> dict[str, xarray.Dataset]:
-    """The groups, by name, in their order."""
-    return {name: data[name].to_dataset() if _TREES else data[name] for name in data}

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
+import scipy
 from scipy.special import ndtri
 
 from bayesid.arrays import Array, Mask
@@ -124,8 +124,8 @@ def _effective(halves: Array) -> float:
 
 def _autocovariance(chains: Array) -> Array:
     """(D,) the mean over chains (D, C) of mean zero, at every lag."""
-    length = next_fast_len(2 * len(chains), real=True)
-    spectrum = rfft(chains, n=length, axis=0)
+    length = scipy.fft.next_fast_len(2 * len(chains), real=True)
+    spectrum = scipy.fft.rfft(chains, n=length, axis=0)
     power = np.mean(spectrum.real**2 + spectrum.imag**2, axis=1)
-    covariance: Array = irfft(power, n=length)[: len(chains)] / len(chains)
+    covariance: Array = scipy.fft.irfft(power, n=length)[: len(chains)] / len(chains)
     return covariance

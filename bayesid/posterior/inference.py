@@ -165,7 +165,7 @@ class Posterior:
         off = every.mean(axis=0) - self.modes[self.chosen].draws.beta.mean(axis=(0, 1, 2))
         return covariance + np.outer(off, off)
 
-    @property
+    @cached_property
     def parameter_sd(self) -> Array:
         """(P,) standard deviations of the parameters about theta, with all modes and what the model may lack."""
         theta = self.uncertain.theta
@@ -199,7 +199,7 @@ class Posterior:
         theta, log_scale = (values.mean(axis=(0, 1, 2))[None] for values in (draws.theta, draws.log_scale))
         return np.where(self.target.likelihood.push(theta, log_scale)[0] >= 0.0, 1, -1)
 
-    @property
+    @cached_property
     def decided_by_data(self) -> Mask:
         """(P,) whether the data, not the prior, decide a parameter: nine tenths of its precision are theirs.
 

@@ -20,8 +20,8 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from scipy.linalg import solve_triangular
-from scipy.optimize import brentq
 from scipy.special import expit, gammaln, logsumexp
 
 from bayesid.arrays import TINY, Array, Integers, Mask
@@ -290,4 +290,4 @@ def bridge(of_target: Array, of_other: Array) -> float:
 
     values = np.concatenate([of_target, of_other])
     low, high = float(values.min()) - _WIDE, float(values.max()) + _WIDE
-    return float(brentq(excess, low, high, xtol=_BRIDGE_PRECISION))
+    return float(scipy.optimize.brentq(excess, low, high, xtol=_BRIDGE_PRECISION))

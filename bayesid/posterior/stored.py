@@ -1,4 +1,4 @@
-"""Draws in a file that `bayesid.posterior.inference_data` has written, read without ArviZ, xarray and pandas.
+"""Draws in a file that `bayesid.posterior.kept` has written, read without ArviZ, xarray and pandas.
 
 These take half a second to import, which whoever predicts or draws a report does not wait for.
 """

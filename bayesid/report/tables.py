@@ -12,7 +12,8 @@ from bayesid.identification.validation import Validation
 from bayesid.report.findings import as_json, log_parts, summarise
 
 if TYPE_CHECKING:
-    from bayesid.posterior.inference_data import InferenceData  # ArviZ takes half a second to import
+    from bayesid.posterior.inference_data import InferenceData  # ArviZ takes two seconds to import
+    from bayesid.posterior.kept import Kept
 
 
 def segment_rows(identification: Identification) -> list[dict[str, object]]:
@@ -88,10 +89,21 @@ def inference_data(identification: Identification) -> InferenceData:
         >>> data.posterior["beta"].dims
         ('chain', 'draw', 'coefficient')
     """
+    from bayesid.posterior.inference_data import as_inference_data
+
+    return as_inference_data(kept_draws(identification))
+
+
+def kept_draws(identification: Identification) -> Kept:
+    """What posterior.nc holds.
+
+    Raises:
+        ValueError: no posterior was sampled.
+    """
     posterior = identification.posterior
     if posterior is None:
         raise ValueError("no posterior was sampled")
-    from bayesid.posterior.inference_data import Labels, make_inference_data
+    from bayesid.posterior.kept import Labels, keep  # and what writes files, for a posterior alone
 
     completion = identification.completion
     labels = Labels(
@@ -106,7 +118,7 @@ def inference_data(identification: Identification) -> InferenceData:
     sampling = {key: summary["posterior"][key] for key in ("converged", "max_rhat", "min_ess", "seed")}
     versions = {f"{name}_version": version(name) for name in ("bayesid", "numpy", "emcee", "arviz")}
     attributes = {**run, **sampling, "modes": summary["modes"], **versions}
-    return make_inference_data(
+    return keep(
         posterior.draws,
         posterior.target,
         posterior.blocks,

@@ -16,12 +16,12 @@ from collections.abc import Callable, Iterator, Mapping, Set
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import tomli_w
 
 from bayesid.arrays import Array
-from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.errors import InputError, printable
 from bayesid.files import (
     check_folder,
@@ -40,11 +40,13 @@ from bayesid.log.signals import Signals
 from bayesid.progress import SILENT, Progress
 from bayesid.report.findings import FILE as FINDINGS
 from bayesid.report.findings import Findings, as_json, find_findings, read_findings, write_findings
-from bayesid.report.tables import coefficient_rows, inference_data, parameter_rows, segment_rows, validation_summary
+from bayesid.report.tables import coefficient_rows, kept_draws, parameter_rows, segment_rows, validation_summary
 from bayesid.report.verdicts import check_findings, verdict
-from bayesid.results.discrepancy_json import discrepancy_summary
 from bayesid.results.export import mjcf, urdf
 from bayesid.results.model_file import model_table
+
+if TYPE_CHECKING:
+    from bayesid.discrepancy.workflow import Discrepancy
 
 MARKER, _REPORT = "summary.json", "report.html"
 IDENTIFICATION_FILES = frozenset(
@@ -236,7 +238,7 @@ def _made_up_for(folder: Path, name: str) -> None:
 
 
 def _write_report(findings: Findings, path: Path, progress: Progress) -> None:
-    from bayesid.report.pages.identification_page import identification_page  # matplotlib takes a second to import
+    from bayesid.report.pages.identification_page import identification_page  # jinja2, for pages alone
 
     path.write_text(identification_page(findings, progress), encoding="utf-8")
 
@@ -263,6 +265,8 @@ def save_discrepancy(
         >>> (bayesid.save_discrepancy(found, "found", report=False) / "discrepancy.json").is_file()
         True
     """
+    from bayesid.results.discrepancy_json import discrepancy_summary  # the workflow, for whoever compares alone
+
     missing, findings = _NotWritten(), _findings(discrepancy.identification, folder)
 
     def write(place: Path) -> None:
@@ -270,7 +274,7 @@ def save_discrepancy(
         _write_identification(place, findings, discrepancy.identification, missing)
 
     def write_page(path: Path) -> None:
-        from bayesid.report.pages.discrepancy_page import discrepancy_page  # matplotlib takes a second to import
+        from bayesid.report.pages.discrepancy_page import discrepancy_page  # jinja2, for pages alone
 
         path.write_text(discrepancy_page(discrepancy), encoding="utf-8")
 
@@ -299,10 +303,10 @@ def _write_identification(
         with missing.without(place / name):
             (place / name).write_text(export(identification.model, identification.theta), encoding="utf-8")
     if identification.posterior is not None:
-        from bayesid.posterior.inference_data import write
+        from bayesid.posterior.kept import write as write_draws
 
         with missing.without(place / "posterior.nc"):
-            write(inference_data(identification), place / "posterior.nc")
+            write_draws(kept_draws(identification), place / "posterior.nc")
     verdicts = verdict(check_findings(findings)).plain
     summary = as_json(findings.summary) | {"verdict": verdicts, "not_written": missing.why}
     write_json(place / MARKER, summary)

@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import nnls
+import scipy
 
 from bayesid.arrays import TINY, Array, Integers, Mask
 from bayesid.fit.noise import autocovariance
@@ -129,7 +129,7 @@ def noise_taken(low_pass: LowPass, residual: Array, used: Mask, rate: float) -> 
     memories = np.exp(-1.0 / (np.array(_MEMORIES) * rate))
     passed = np.stack([low_pass.autocovariance(memory, len(observed), rate) for memory in (0.0, *memories)], axis=1)
     behind = np.eye(len(observed), 1)
-    variance = nnls(np.hstack([behind, passed]), observed)[0][1:]
+    variance = scipy.optimize.nnls(np.hstack([behind, passed]), observed)[0][1:]
     taken = float(variance @ (1.0 - passed[0]))
     return np.sqrt(max(taken, _LEAST_TAKEN * observed[0], TINY))
 

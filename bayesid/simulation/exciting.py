@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from bayesid.arrays import Array
 from bayesid.model.coefficients import BaseCoefficients
@@ -76,7 +76,9 @@ def exciting_trajectory(
     draws = [random_shape(n, harmonics, rng).ravel() for _ in range(_DRAWS)]
     start = min(draws, key=objective)
     iterations = max(1, evaluations // (len(start) + 1))  # SLSQP differences every variable once an iteration
-    result = minimize(objective, start, method="SLSQP", options={"maxiter": iterations, "ftol": _PRECISION})
+    result = scipy.optimize.minimize(
+        objective, start, method="SLSQP", options={"maxiter": iterations, "ftol": _PRECISION}
+    )
     best = min(start, result.x, key=objective)
     return within_limits(best.reshape(n, -1), frequency, limits)
 

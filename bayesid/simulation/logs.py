@@ -6,8 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.signal import lfilter
+import scipy
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError, near_names
@@ -90,7 +89,7 @@ def simulate(
 def _ar1(white: Array, colour: float) -> Array:
     """(N, n) stationary noise of unit variance from white noise (N, n): x_i = c x_(i-1) + sqrt(1 - c^2) e_i."""
     scale = np.sqrt(1.0 - colour**2)
-    shaped: Array = lfilter([scale], [1.0, -colour], white, axis=0, zi=(1.0 - scale) * white[:1])[0]
+    shaped: Array = scipy.signal.lfilter([scale], [1.0, -colour], white, axis=0, zi=(1.0 - scale) * white[:1])[0]
     return shaped
 
 
@@ -267,7 +266,7 @@ def _scaled_distortion(
         low, high = high, min(2.0 * high, largest)
     if not (whole > 0.0 and level(high) >= effect.level):
         raise _unreachable(effect, f"{form.name} does not change this joint's effort as much")
-    root = brentq(lambda x: level(x) - effect.level, low, high, xtol=_XTOL * high, rtol=_XTOL)
+    root = scipy.optimize.brentq(lambda x: level(x) - effect.level, low, high, xtol=_XTOL * high, rtol=_XTOL)
     near = (root - 2.0 * _XTOL * high, root, root + 2.0 * _XTOL * high)  # the level may jump at the root
     missed, best = min((abs(level(x) - effect.level), x) for x in near)
     if missed > _CLOSE * effect.level:

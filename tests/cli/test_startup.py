@@ -94,3 +94,14 @@ def test_completion_shows_all_figures_and_nothing_else():
 
 def test_the_version_is_that_of_the_package():
     assert bayesid.__version__ == version("bayesid")
+
+
+@pytest.mark.parametrize("command", ["identify", "report"])
+def test_commands_load_what_they_need(command):
+    """Of SciPy no part that takes long before it is called; nothing that only figures in Python, or ArviZ, need."""
+    listing = f"import bayesid.cli.commands.{command}, bayesid.report.pages.identification_page, json, sys\n"
+    listing += "import bayesid.posterior.kept\nprint(json.dumps(sorted(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", listing], capture_output=True, text=True, check=True)
+    unneeded = {"arviz", "dask", "matplotlib", "pandas", "xarray", "bayesid.discrepancy"}
+    parts = {f"scipy.{part}" for part in ("interpolate", "optimize", "signal", "spatial", "stats")}
+    assert not (unneeded | parts) & set(json.loads(done.stdout))

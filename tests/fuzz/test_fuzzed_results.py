@@ -48,7 +48,7 @@ def stored_model():
 
 
 def posterior_bytes(model, coefficients=8):
-    """As `bayesid.posterior.inference_data` writes it, as far as its readers look."""
+    """As `bayesid.posterior.kept` writes it, as far as its readers look."""
     file = io.BytesIO()
     names = [parameter.name for parameter in model.parameters]
     with h5py.File(file, "w") as content:

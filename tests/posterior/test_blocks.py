@@ -11,7 +11,7 @@ from bayesid.fit.moments import Moments
 from bayesid.log.segments import Segments
 from bayesid.model.coefficients import BaseCoefficients
 from bayesid.posterior.blocks import SegmentBlocks, agreed_signs, divide
-from bayesid.posterior.inference_data import by_blocks, pointwise
+from bayesid.posterior.kept import by_blocks, pointwise
 from bayesid.posterior.likelihood import make_likelihood
 from bayesid.simulation.logs import simulate_log
 

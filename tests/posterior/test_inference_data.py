@@ -14,9 +14,10 @@ from bayesid.fit.knowledge import Information
 from bayesid.fit.moments import Moments
 from bayesid.model.coefficients import BaseCoefficients
 from bayesid.model.parameters import Parameter
-from bayesid.posterior.arviz_versions import datasets, joined
+from bayesid.posterior.arviz_versions import joined
 from bayesid.posterior.diagnostics import Diagnostics, diagnose
-from bayesid.posterior.inference_data import Labels, make_inference_data, pointwise, write
+from bayesid.posterior.inference_data import as_inference_data
+from bayesid.posterior.kept import Group, Kept, Labels, Variable, keep, pointwise, write
 from bayesid.posterior.likelihood import make_likelihood
 from bayesid.posterior.prior import Prior
 from bayesid.posterior.sampler import Draws
@@ -80,19 +81,22 @@ class Problem:
         none = Diagnostics(np.ones(1), np.ones(1), np.ones(1))
         return Draws(theta, log_scale, theta @ PROJECTION.T, density, none, none, True, 1.0)
 
-    def data(self, draws=None, attributes=None, **options):
+    def kept(self, draws=None, attributes=None, **options):
         draws = self.draws() if draws is None else draws
         attributes = attributes or {"seed": 3}
-        return make_inference_data(draws, self.target, one_each(self.moments), self.labels, attributes, **options)
+        return keep(draws, self.target, one_each(self.moments), self.labels, attributes, **options)
+
+    def data(self, *given, **options):
+        return as_inference_data(self.kept(*given, **options))
 
 
 @pytest.fixture(params=[False, True], ids=["memory", "file"])
 def data(request, tmp_path):
-    made = Problem().data()
-    if request.param:
-        write(made, tmp_path / "posterior.nc")
-        made = az.from_netcdf(tmp_path / "posterior.nc")
-    return made
+    kept = Problem().kept()
+    if not request.param:
+        return as_inference_data(kept)
+    write(kept, tmp_path / "posterior.nc")
+    return az.from_netcdf(tmp_path / "posterior.nc")
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -140,7 +144,7 @@ def test_what_an_earlier_log_has_told_is_kept(tmp_path):
     without = problem.data().sample_stats.lp.values
     problem.target = replace(problem.target, information=known)
     draws = Problem().draws()
-    write(problem.data(problem.of(draws.theta, draws.log_scale)), tmp_path / "posterior.nc")
+    write(problem.kept(problem.of(draws.theta, draws.log_scale)), tmp_path / "posterior.nc")
     made = az.from_netcdf(tmp_path / "posterior.nc")
     kept, beta = made.constant_data, made.posterior.beta.values
     misfit = np.einsum("cdr,rs,cds->cd", beta, kept.earlier_hessian.values, beta)
@@ -208,7 +212,7 @@ def test_attributes_of_all_kinds(tmp_path):
         "worst": np.inf,
         "name": "d\u00e9j\u00e0",
     }
-    write(Problem().data(attributes=kinds), tmp_path / "p.nc")
+    write(Problem().kept(attributes=kinds), tmp_path / "p.nc")
     read = az.from_netcdf(tmp_path / "p.nc").attrs
     assert read["converged"] == 1
     assert (read["robot"], read["name"], read["empty"]) == ("ur10e", "d\u00e9j\u00e0", "")
@@ -229,13 +233,13 @@ def test_what_does_not_belong_together_is_refused():
     blocks = one_each(problem.moments)
     short = replace(problem.labels, time=problem.labels.time[1:])
     with pytest.raises(ValueError, match="times"):
-        make_inference_data(problem.draws(), problem.target, blocks, short, {})
+        keep(problem.draws(), problem.target, blocks, short, {})
     one = replace(problem.labels, joints=["A1"])
     with pytest.raises(ValueError, match="joints"):
-        make_inference_data(problem.draws(), problem.target, blocks, one, {})
+        keep(problem.draws(), problem.target, blocks, one, {})
     other = replace(blocks, moments=replace(problem.moments, joint=problem.moments.joint[::-1]))
     with pytest.raises(ValueError, match="different joints"):
-        make_inference_data(problem.draws(), problem.target, other, problem.labels, {})
+        keep(problem.draws(), problem.target, other, problem.labels, {})
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -285,7 +289,7 @@ def test_pointwise_in_blocks_is_the_same(monkeypatch):
     problem, rng = Problem(), np.random.default_rng(1)
     theta, log_scale = THETA + rng.standard_normal((50, 5)), rng.standard_normal((50, 3))
     whole = pointwise(problem.target.likelihood, problem.moments, theta, log_scale)
-    monkeypatch.setattr("bayesid.posterior.inference_data._AT_ONCE", 700)
+    monkeypatch.setattr("bayesid.posterior.kept._AT_ONCE", 700)
     pieces = pointwise(problem.target.likelihood, problem.moments, theta, log_scale)
     assert np.allclose(whole, pieces, rtol=1e-12)
 
@@ -299,7 +303,7 @@ def test_a_joint_without_segments_does_no_harm():
     unknown = np.zeros(16, dtype=np.int64)
     likelihood = make_likelihood(moments, labels.coefficients, SIGMA, AUTOCORRELATION, unknown)
     target = replace(problem.target, likelihood=likelihood)
-    made = make_inference_data(problem.draws(), target, one_each(moments), labels, {})
+    made = as_inference_data(keep(problem.draws(), target, one_each(moments), labels, {}))
     assert np.isfinite(made.log_likelihood.effort).all()
     assert np.isnan(made.constant_data.autocorrelation.values).tolist() == [False, True, False]
 
@@ -339,7 +343,8 @@ def test_what_has_no_samples_is_no_observation():
     unknown = np.zeros(24, dtype=np.int64)
     likelihood = make_likelihood(emptied, problem.labels.coefficients, SIGMA, AUTOCORRELATION, unknown)
     target = replace(problem.target, likelihood=likelihood)
-    made = make_inference_data(problem.draws(), target, replace(blocks, moments=emptied), problem.labels, {})
+    blocks = replace(blocks, moments=emptied)
+    made = as_inference_data(keep(problem.draws(), target, blocks, problem.labels, {}))
     assert made.log_likelihood.sizes["block"] == made.observed_data.sizes["block"] == 23
     assert (made.observed_data.n_samples > 0).all()
     assert made.log_likelihood.attrs["left_out"] == 1
@@ -454,7 +459,7 @@ def test_plots(data):
 # ---------------------------------------------------------------------------------------------------------------
 def test_draws_come_back(tmp_path):
     problem = Problem()
-    draws, made = problem.draws(), problem.data()
+    draws, made = problem.draws(), problem.kept()
     write(made, tmp_path / "p.nc")
     theta, noise = read_draws(tmp_path / "p.nc", [parameter.name for parameter in problem.labels.parameters])
     assert np.array_equal(theta, draws.theta.transpose(1, 2, 0, 3).reshape(-1, 5))
@@ -462,10 +467,11 @@ def test_draws_come_back(tmp_path):
     (tmp_path / "again").mkdir()
     write(made, tmp_path / "again" / "p.nc")
     assert (tmp_path / "again" / "p.nc").read_bytes() == (tmp_path / "p.nc").read_bytes()
-    write(problem.data(most=64), tmp_path / "p.nc")  # over the other one
+    write(problem.kept(most=64), tmp_path / "p.nc")  # over the other one
     assert len(read_draws(tmp_path / "p.nc")[0]) == 64
-    read = datasets(az.from_netcdf(tmp_path / "again" / "p.nc"))
-    assert all(read[name].load().identical(group) for name, group in datasets(made).items())
+    for name in made.groups:
+        with xarray.open_dataset(tmp_path / "again" / "p.nc", group=name, engine="h5netcdf") as read:
+            assert read.identical(xarray.Dataset(*made.groups[name].__dict__.values()))
 
 
 def test_no_file_or_another_is_said(tmp_path):
@@ -481,26 +487,28 @@ def test_no_file_or_another_is_said(tmp_path):
     xarray.Dataset({"x": ("t", np.arange(3.0))}).to_netcdf(path, engine="h5netcdf")
     with pytest.raises(InputError, match="not the netCDF file of a posterior"):
         read_draws(path)
-    write(joined({"posterior": xarray.Dataset({"mu": (("chain", "draw"), np.zeros((2, 10)))})}, {}), path)
+    other = {"mu": Variable(("chain", "draw"), np.zeros((2, 10)))}
+    write(Kept({"posterior": Group(other, {})}, {}), path)
     with pytest.raises(InputError, match="not the netCDF file of a posterior"):
         read_draws(path)
-    sizes, coords = {"theta": "parameter", "noise": "joint"}, {"parameter": ["a", "b", "c"], "joint": ["1", "2"]}
-    draws = {name: (("chain", "draw", last), np.zeros((2, 10, len(coords[last])))) for name, last in sizes.items()}
-    write(joined({"posterior": xarray.Dataset(draws, coords)}, {}), path)
+    names = {"parameter": ["a", "b", "c"], "joint": ["1", "2"]}
+    pairs = {"theta": "parameter", "noise": "joint"}.items()
+    draws = {name: Variable(("chain", "draw", last), np.zeros((2, 10, len(names[last])))) for name, last in pairs}
+    write(Kept({"posterior": Group(draws, {last: Variable((last,), names[last]) for last in names})}, {}), path)
     with pytest.raises(InputError, match="another program"):
         read_draws(path)
 
 
 def test_another_model_is_said(tmp_path):
-    write(Problem().data(), tmp_path / "p.nc")
+    write(Problem().kept(), tmp_path / "p.nc")
     for names in (["p0", "p1"], ["p1", "p0", "p2", "p3", "p4"]):
         with pytest.raises(InputError, match="another model"):
             read_draws(tmp_path / "p.nc", names)
 
 
 def test_draws_that_are_no_numbers_are_said(tmp_path):
-    made = Problem().data()
-    made.posterior["noise"][0, 3, 1] = np.nan
+    made = Problem().kept()
+    made.groups["posterior"].variables["noise"].values[0, 3, 1] = np.nan
     write(made, tmp_path / "p.nc")
     with pytest.raises(InputError, match="not finite"):
         read_draws(tmp_path / "p.nc")
@@ -509,7 +517,7 @@ def test_draws_that_are_no_numbers_are_said(tmp_path):
 @pytest.mark.filterwarnings("error")  # whoever reads it must not complain on its own
 def test_damage_is_said(tmp_path):
     path, rng = tmp_path / "p.nc", np.random.default_rng(2)
-    write(Problem().data(), path)
+    write(Problem().kept(), path)
     whole, wanted = path.read_bytes(), read_draws(path)
     for share in (0.01, 0.1, 0.5, 0.9, 0.999):
         path.write_bytes(whole[: int(share * len(whole))])

@@ -42,7 +42,7 @@ from bayesid.report.plot.discrepancy import (
     gap_figure,
     residual_figure,
 )
-from bayesid.report.plot.svg import inline_svg
+from bayesid.report.plot.paper import Paper
 from bayesid.report.thinning import binned
 from bayesid.report.words import joints_in_words, label, listed, quantity, rounded
 
@@ -529,7 +529,7 @@ def test_no_candidates_make_an_empty_figure():
 
 
 def test_an_inline_figure_takes_the_ink_of_its_page_and_holds_all_it_shows():
-    svg = inline_svg(gap_figure(make()), "gap", 'a "gap" <1>')
+    svg = gap_figure(make(), Paper).svg("gap", 'a "gap" <1>')
     assert svg.startswith('<svg role="img" aria-label="a &quot;gap&quot; &lt;1&gt;" viewBox="0 0 ')
     assert svg.endswith("</svg>")
     assert "currentColor" in svg
@@ -539,14 +539,16 @@ def test_an_inline_figure_takes_the_ink_of_its_page_and_holds_all_it_shows():
     assert len(set(identifiers)) == len(identifiers)
     assert all(one.startswith("gap-") for one in identifiers)
     assert set(re.findall(r'(?:url\(|href=")#([^")]*)', svg)) <= set(identifiers)
-    assert svg == inline_svg(gap_figure(make()), "gap", 'a "gap" <1>')
+    assert svg == gap_figure(make(), Paper).svg("gap", 'a "gap" <1>')
 
 
-def test_curves_of_long_logs_are_images(monkeypatch):
-    monkeypatch.setattr("bayesid.report.plot.discrepancy._RASTER", 100)
-    figure = effort_figure(make(), 1)
-    assert all(line.get_rasterized() for line in figure.axes[0].lines)
-    assert 'href="data:image/png;base64,' in inline_svg(figure, "effort", "x")
+def test_curves_of_long_logs_are_drawn_by_their_extremes(monkeypatch):
+    whole = effort_figure(make(), 1).axes[0].lines
+    monkeypatch.setattr("bayesid.report.plot.discrepancy._CURVE", 100)
+    for line, full in zip(effort_figure(make(), 1).axes[0].lines, whole, strict=True):
+        assert len(line.get_ydata()) <= 102 < len(full.get_ydata())
+        assert line.get_ydata().min() == full.get_ydata().min()
+        assert line.get_ydata().max() == full.get_ydata().max()
 
 
 # --- The page --------------------------------------------------------------------------------------------------------

@@ -325,3 +325,11 @@ def test_a_minute_of_seven_joints_fits_into_a_mail():
     assert "One of 2 samples is shown" in text
     assert "The 7 largest" not in text
     IdentificationPage(text)
+
+
+def test_a_page_draws_without_matplotlib(monkeypatch):
+    def refuse(*_):
+        raise AssertionError("matplotlib was asked for a figure")
+
+    monkeypatch.setattr("bayesid.report.plot.style.new_figure", refuse)
+    assert 'id="torque1broad-' in identification_page(everything())

@@ -4,22 +4,19 @@ import subprocess
 import sys
 from dataclasses import replace
 from inspect import signature
-from itertools import combinations
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from made_findings import make_findings, with_alternatives, with_summary
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.colors import to_hex, to_rgba
 from matplotlib.figure import Figure
 
 import bayesid
 from bayesid.errors import InputError
 from bayesid.report import plot
-from bayesid.report.plot.layout import lay_out
-from bayesid.report.plot.style import BLUE, INK, MAGENTA, ORANGE
+from bayesid.report.plot.ink import BLUE, INK, MAGENTA, ORANGE
 from bayesid.report.thinning import binned, envelope
 from bayesid.results.folders import save_identification
 from bayesid.simulation.logs import simulate_log
@@ -406,43 +403,3 @@ print(bayesid.plot.torques.__name__)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "\ntorques\n"
-
-
-# --- Where Axes stand ------------------------------------------------------------------------------------------------
-def laid_out(figure, by):
-    """(axes, 4) positions, and bounding boxes with all that belongs to each Axes in shares of the figure."""
-    FigureCanvasSVG(figure)
-    figure.dpi = 72
-    if by == "matplotlib":
-        figure.get_layout_engine().execute(figure)
-    else:
-        assert lay_out(figure)
-    figure.set_layout_engine("none")
-    figure.draw_without_rendering()
-    width, height = 72 * figure.get_size_inches()
-    boxes = [ax.get_tightbbox().extents / (width, height, width, height) for ax in figure.axes]
-    return np.array([ax.get_position().extents for ax in figure.axes]), np.array(boxes)
-
-
-FIGURES = {
-    "one": lambda: plot.torques(FOUND, [1])[0],
-    "joints": lambda: plot.residuals(FOUND, "velocity")[0],
-    "trace": lambda: plot.trace(FOUND, 3)[0],
-    "pair": lambda: plot.pair(FOUND, 3)[0],
-    "rank": lambda: plot.rank(FOUND, 3)[0],
-    "forest": lambda: plot.forest(FOUND),
-    "legend": lambda: plot.alternatives(FOUND),
-}
-
-
-@pytest.mark.parametrize("name", FIGURES)
-def test_axes_stand_nearly_where_constrained_layout_puts_them(name):
-    """Nothing is cut off or covers another, and no Axes loses a twentieth of its room."""
-    (theirs, _), (ours, boxes) = (laid_out(FIGURES[name]().figure, by) for by in ("matplotlib", "us"))
-    np.testing.assert_allclose(ours, theirs, atol=0.03)
-    assert (ours[:, 2:] - ours[:, :2] > 0.95 * (theirs[:, 2:] - theirs[:, :2])).all()
-    assert boxes.min() > -0.003
-    assert boxes.max() < 1.003
-    for a, b in combinations(boxes, 2):
-        apart = np.maximum(a[:2] - b[2:], b[:2] - a[2:])
-        assert apart.max() > 0.0, "two Axes cover each other"

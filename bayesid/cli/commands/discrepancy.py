@@ -6,9 +6,9 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+from bayesid.cli.discrepancy_tables import discrepancy_parts
 from bayesid.cli.options import command_line, end_with, read, reading_options, sampling
 from bayesid.cli.progress import StageBars
-from bayesid.cli.tables import discrepancy_parts
 from bayesid.cli.terminal import show, warn
 from bayesid.discrepancy.workflow import find_discrepancy
 from bayesid.errors import InputError

@@ -15,8 +15,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
-from scipy.signal import lfilter
+import scipy
 
 from bayesid.arrays import Array, Mask
 
@@ -65,7 +64,7 @@ class ErrorModel:
         """(N, ...) innovations of values (N, ...), in units of their standard deviation; zero where not used (N,)."""
         share = (self.coloured / self.sigma) ** 2
         memory, theta, variance = _arma(share, self.correlation, self.rate)
-        innovation = lfilter([1.0, -memory], [1.0, -theta], bridged(values, used), axis=0)
+        innovation = scipy.signal.lfilter([1.0, -memory], [1.0, -theta], bridged(values, used), axis=0)
         innovation[~used] = 0.0
         innovation /= self.sigma * math.sqrt(variance)
         return innovation
@@ -128,7 +127,7 @@ def fit_error(
     best = max(grid, key=lambda at: judged(*at)[1])
     simplex = _to_point(*best) + np.array([[0.0, 0.0], [_STEP, 0.0], [0.0, _STEP]])  # scipy's is flat at 1/2
     options = {"maxfev": _EVALUATIONS, "xatol": _RESOLUTION, "initial_simplex": simplex}
-    refined = minimize(cost, simplex[0], method="Nelder-Mead", options=options)
+    refined = scipy.optimize.minimize(cost, simplex[0], method="Nelder-Mead", options=options)
     share, correlation = max((best, _from_point(refined.x)), key=lambda at: judged(*at)[1])
     sigma2, value = judged(share, correlation)
     return ErrorModel(np.sqrt(sigma2 * (1.0 - share)), np.sqrt(sigma2 * share), correlation, rate), value
@@ -157,5 +156,5 @@ def _arma(share: float, correlation: float, rate: float) -> tuple[float, float, 
 
 def _innovations(residual: Array, used: Mask, memory: float, theta: float) -> tuple[float, int]:
     """Sum of squares, and number, of the innovations of the used samples."""
-    innovation = lfilter([1.0, -memory], [1.0, -theta], residual)[used]
+    innovation = scipy.signal.lfilter([1.0, -memory], [1.0, -theta], residual)[used]
     return float(innovation @ innovation), len(innovation)

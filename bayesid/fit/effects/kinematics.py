@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from bayesid.arrays import Array
 from bayesid.model.robot import Joint, Robot
@@ -105,7 +105,7 @@ def _shift(along: Array, step: float) -> Array:
 
 def _turn(about: Array, step: float) -> Array:
     move = np.eye(4)
-    move[:3, :3] = Rotation.from_rotvec(step * about).as_matrix()
+    move[:3, :3] = scipy.spatial.transform.Rotation.from_rotvec(step * about).as_matrix()
     return move
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from scipy.optimize import minimize_scalar
+import scipy
 
 from bayesid.fit.effects.explanation import Observations, Regression
 from bayesid.fit.effects.hypotheses import Hypothesis
@@ -43,7 +43,7 @@ def _fitted(
 
     now = effect.source.shape[number][0]
     bounds = max((v for v in values if v < now), default=now), min((v for v in values if v > now), default=now)
-    best = minimize_scalar(cost, bounds=bounds, method="bounded", options={"maxiter": _EVALUATIONS})
+    best = scipy.optimize.minimize_scalar(cost, bounds=bounds, method="bounded", options={"maxiter": _EVALUATIONS})
     return effect.remade(number, float(best.x)) if best.fun < cost(now) else effect
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from bayesid.arrays import Array
 from bayesid.fit.effects.explanation import Columns
@@ -129,7 +129,7 @@ def _on_all_rows(group: Hypothesis | _Geometry, case: SignedLog, scene: Scene, s
     if isinstance(group, _Geometry):  # smooth, and dear: what lies between the thinned rows is read off a spline
         t = scene.motion.t
         for j, rows in group.columns.rows.items():
-            columns[:, j] = CubicSpline(t[case.rows], rows)(t)
+            columns[:, j] = scipy.interpolate.CubicSpline(t[case.rows], rows)(t)
         return columns
     for j, rows in group.source.change_by_joint(scene)[1].items():
         columns[:, j] = rows

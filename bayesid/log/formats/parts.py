@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline, PchipInterpolator
+import scipy
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.errors import InputError
@@ -180,7 +180,7 @@ def _brought(part: _Part, base: _Part, instants: Array, kept: Integers) -> tuple
     if motion:
         rows = distinct_rows(part.t, [np.column_stack(list(motion.values()))])
         for name, column in motion.items():
-            curve = CubicSpline if kind_part(name) == "q" else PchipInterpolator
+            curve = scipy.interpolate.CubicSpline if kind_part(name) == "q" else scipy.interpolate.PchipInterpolator
             values[name] = curve(part.t[rows], column[rows])(instants)
         said.append(f"positions of {part.table.source} ({1.0 / part.period:.4g} Hz) by a spline")
     if efforts:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from bayesid.arrays import Array
 from bayesid.model.distortions.base import Direction, Distortion, Rows
@@ -88,7 +88,7 @@ class BaseTilt(Distortion):
         return _STEEPEST
 
     def _tilted(self, robot: Robot) -> Robot:
-        turn = Rotation.from_rotvec(np.array(self.angle) @ _across(robot.gravity))
+        turn = scipy.spatial.transform.Rotation.from_rotvec(np.array(self.angle) @ _across(robot.gravity))
         return replace(robot, gravity=turn.as_matrix() @ robot.gravity)
 
 

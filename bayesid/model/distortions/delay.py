@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from bayesid.arrays import Array
 from bayesid.model.distortions.base import Direction, Distortion, Rows
@@ -67,7 +67,7 @@ class Delay(Distortion):
     def change(self, scene: Scene) -> tuple[Array, Array]:
         """To first order: minus the effort's derivative."""
         acting = self.acting(scene.robot.n_joints)
-        spline = CubicSpline(scene.motion.t, scene.effort[:, acting])
+        spline = scipy.interpolate.CubicSpline(scene.motion.t, scene.effort[:, acting])
         shift, columns = np.zeros(scene.effort.shape), np.zeros((*scene.effort.shape, 1))
         shift[:, acting] = spline(scene.motion.t - self.lag[0]) - scene.effort[:, acting]
         columns[:, acting, 0] = -spline(scene.motion.t - self.lag[0], 1)
@@ -95,5 +95,5 @@ def _shifted(motion: Motion, lag: float) -> Motion:
     if lag == 0.0 or len(motion) < 2:
         return motion
     at = motion.t - lag
-    q, dq, ddq = (CubicSpline(motion.t, values)(at) for values in (motion.q, motion.dq, motion.ddq))
+    q, dq, ddq = (scipy.interpolate.CubicSpline(motion.t, values)(at) for values in (motion.q, motion.dq, motion.ddq))
     return Motion(at, q, dq, ddq, motion.origin)

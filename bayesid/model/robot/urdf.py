@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from bayesid.arrays import Array
 from bayesid.model.robot.arm import Joint, Robot
@@ -48,5 +48,5 @@ def _displacement(joint: UrdfJoint, position: float) -> Array:
     if joint.kind == "prismatic":
         frame[:3, 3] = joint.axis * position
     elif joint.moves:
-        frame[:3, :3] = Rotation.from_rotvec(joint.axis * position).as_matrix()
+        frame[:3, :3] = scipy.spatial.transform.Rotation.from_rotvec(joint.axis * position).as_matrix()
     return frame

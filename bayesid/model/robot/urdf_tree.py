@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from bayesid.arrays import Array
 from bayesid.bounded import LARGEST, xml_of
@@ -194,7 +194,7 @@ def _joint(element: ET.Element, links: list[str], where: str) -> UrdfJoint:
     position = _vector(element, "origin", "xyz", "0 0 0", here, LONGEST)
     angles = _vector(element, "origin", "rpy", "0 0 0", here)
     origin = np.eye(4)
-    origin[:3, :3], origin[:3, 3] = Rotation.from_euler("xyz", angles).as_matrix(), position
+    origin[:3, :3], origin[:3, 3] = scipy.spatial.transform.Rotation.from_euler("xyz", angles).as_matrix(), position
     axis = _vector(element, "axis", "xyz", "1 0 0", here)
     if kind in MOVING and np.linalg.norm(axis) < _SHORTEST_AXIS:
         raise InputError("key 'axis xyz' cannot be used", here, "give a direction that is not zero")

@@ -61,7 +61,7 @@ def find_findings(identification: Identification) -> Findings:
 def _draws(identification: Identification) -> Array | None:
     if identification.posterior is None:
         return None
-    from bayesid.posterior.inference_data import kept_coefficients  # ArviZ takes half a second to import
+    from bayesid.posterior.kept import kept_coefficients  # and what writes files, for a posterior alone
 
     return kept_coefficients(identification.posterior.uncertain)
 

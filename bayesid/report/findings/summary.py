@@ -9,6 +9,7 @@ from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 
+from bayesid.arrays import Array
 from bayesid.files import plain
 from bayesid.fit.effects.confounded import TooNarrow
 from bayesid.fit.effects.wanted import EnteredEffect
@@ -511,8 +512,9 @@ def _complete(identification: Identification) -> CompletionSummary | None:
     if completion is None:
         return None
     errors = (tuple(values.tolist()) for values in (completion.before, completion.after, completion.effort))
+    spread, _ = identification.parameter_sd
     return CompletionSummary(
-        effects=tuple(_effect(identification, entered) for entered in completion.effects),
+        effects=tuple(_effect(identification, entered, spread) for entered in completion.effects),
         held_back_error=ErrorsSummary(*errors),
         uncertain=tuple(completion.uncertain),
         may_enter=completion.may_enter,
@@ -520,10 +522,9 @@ def _complete(identification: Identification) -> CompletionSummary | None:
     )
 
 
-def _effect(identification: Identification, entered: EnteredEffect) -> EffectSummary:
+def _effect(identification: Identification, entered: EnteredEffect, spread: Array) -> EffectSummary:
     robot, source = identification.model.robot, entered.source
     names = [parameter.name for parameter in identification.model.parameters]
-    spread, _ = identification.parameter_sd
     numbers = {
         parameter.name: {
             "value": float(identification.theta[names.index(parameter.name)]),

@@ -26,6 +26,7 @@ from bayesid.report.discrepancy_verdicts import (
 )
 from bayesid.report.pages.rendering import Picture, picture, render
 from bayesid.report.plot.discrepancy import BARS, candidate_figure, effort_figure, gap_figure, residual_figure
+from bayesid.report.plot.paper import Paper
 from bayesid.report.verdicts import State
 from bayesid.report.words import best_first, joints_in_words, label, quantity, rounded, score_label, unit_of
 
@@ -228,7 +229,7 @@ def _gap_picture(discrepancy: Discrepancy) -> Picture:
         for joint, (before, after, floor) in enumerate(gaps, start=1)
     )
     caption = "The same in units of each joint's noise floor."
-    return picture(gap_figure(discrepancy), "gap", caption, f"Bars of the gap of each joint in N m: {bars}")
+    return picture(gap_figure(discrepancy, Paper), "gap", caption, f"Bars of the gap of each joint in N m: {bars}")
 
 
 def _residual_picture(discrepancy: Discrepancy, excess: Excess) -> Picture:
@@ -239,16 +240,16 @@ def _residual_picture(discrepancy: Discrepancy, excess: Excess) -> Picture:
         f"exceeds the noise floor by {rounded(excess.excess)} {unit_of(discrepancy, joint)}, most of it between "
         f"{rounded(low)} and {rounded(high)} {unit_of(discrepancy, joint, variable)}."
     )
-    return picture(residual_figure(discrepancy, joint), f"residual{joint}", caption, alt)
+    return picture(residual_figure(discrepancy, joint, Paper), f"residual{joint}", caption, alt)
 
 
 def _effort_picture(discrepancy: Discrepancy, joint: int) -> Picture:
     alt = f"Effort of joint {joint} over time: measured, by the model as it was, and by the extended model."
-    return picture(effort_figure(discrepancy, joint), f"effort{joint}", f"Joint {joint}.", alt)
+    return picture(effort_figure(discrepancy, joint, Paper), f"effort{joint}", f"Joint {joint}.", alt)
 
 
 def _candidate_picture(discrepancy: Discrepancy) -> Picture:
     scores = discrepancy.scores
     caption = f"The first {min(BARS, len(scores))}, each by itself; blue: added. Dashed: what is needed to be added."
     bars = "; ".join(f"{score_label(score)}: {rounded(score.gain / LN10)}" for score in best_first(scores)[:BARS])
-    return picture(candidate_figure(discrepancy), "candidates", caption, f"Bars of log10 Bayes factors: {bars}")
+    return picture(candidate_figure(discrepancy, Paper), "candidates", caption, f"Bars of log10 Bayes factors: {bars}")

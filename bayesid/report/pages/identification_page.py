@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 from markupsafe import Markup
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from bayesid.identification.identification import SURE
 from bayesid.identification.warnings import convergence
@@ -21,9 +19,8 @@ from bayesid.report import commands, plot
 from bayesid.report.findings import Findings
 from bayesid.report.findings.summary import SearchSummary
 from bayesid.report.pages.rendering import Picture, data, number, picture, render
+from bayesid.report.plot.paper import Paper
 from bayesid.report.plot.remainder import VARIABLES
-from bayesid.report.plot.style import new_figure, root_figure
-from bayesid.report.plot.svg import inline_svg
 from bayesid.report.verdicts import (
     EFFECT_HEADINGS,
     State,
@@ -91,6 +88,8 @@ _ROUNDING = 1e-9
 """Of a coefficient: what remains of link parameters that cancel, some 1e6 times the spacing of numbers."""
 _SLIM_HEIGHT = 2.3
 """in, of a figure over time on a narrow screen: with its width of 5.4 in, letters stay legible at 400 px."""
+_PAPER: Any = Paper
+"""What figures are drawn on in place of matplotlib's, of which it has what they use."""
 _BAR = (60.0, 28.0, 2.0)
 """Zero of a coefficient's bar, its own size, and where it is cut off in such sizes: the picture is 120 wide."""
 
@@ -272,15 +271,31 @@ def _posterior(findings: Findings) -> dict[str, Any]:
         return {"posterior": None}
     few = len(findings.coefficients.mean) < 2
     drawn = [
-        ("forest", plot.forest(findings), "Intervals of 95 % of the worst-decided coefficients, one an ensemble."),
-        *([] if few else [("pair", plot.pair(findings)[0], "Draws of the three worst-decided against each other.")]),
-        ("trace", plot.trace(findings)[0], "Densities and draws, sweep after sweep; one colour an ensemble."),
-        ("rank", plot.rank(findings)[0], "Ranks of each ensemble's draws: flat where the ensembles agree."),
+        (
+            "forest",
+            plot.forest(findings, ax=_PAPER),
+            "Intervals of 95 % of the worst-decided coefficients, one an ensemble.",
+        ),
+        *(
+            []
+            if few
+            else [("pair", plot.pair(findings, axes=_PAPER)[0], "Draws of the three worst-decided against each other.")]
+        ),
+        (
+            "trace",
+            plot.trace(findings, axes=_PAPER)[0],
+            "Densities and draws, sweep after sweep; one colour an ensemble.",
+        ),
+        (
+            "rank",
+            plot.rank(findings, axes=_PAPER)[0],
+            "Ranks of each ensemble's draws: flat where the ensembles agree.",
+        ),
     ]
     return {
         "posterior": posterior,
         "convergence": convergence(posterior.max_rhat, posterior.min_ess),
-        "draws": [picture(_figure_of(ax), name, caption) for name, ax, caption in drawn],
+        "draws": [picture(ax.figure, name, caption) for name, ax, caption in drawn],
     }
 
 
@@ -290,7 +305,7 @@ def _residuals(findings: Findings) -> dict[str, Any]:
 
 def _residual(findings: Findings, joint: int) -> Picture:
     width, height = _PANEL
-    figure = new_figure(height, width)
+    figure = Paper(height, width)
     *panels, last = figure.subplots(2, 2).ravel().tolist()
     for variable, ax in zip(VARIABLES, panels, strict=True):
         plot.residuals(findings, variable, [joint], [ax])
@@ -306,7 +321,11 @@ def _proof(findings: Findings) -> dict[str, Any]:
     proven = search.lower_bound is not None
     others = list(_others(findings)) if search.certified else []  # else the list says nothing about the others
     pictures = (
-        [picture(_figure_of(plot.alternatives(findings)), "alternatives", "Costs of the assignments that remain.")]
+        [
+            picture(
+                plot.alternatives(findings, ax=_PAPER).figure, "alternatives", "Costs of the assignments that remain."
+            )
+        ]
         if proven
         else []
     )
@@ -423,19 +442,11 @@ class _Zoomable:
 
 
 def _zoomable(
-    draw: Callable[..., list[Axes]], name: str, alt: str, caption: str, bands: Sequence[Sequence[float]]
+    draw: Callable[..., list[Any]], name: str, alt: str, caption: str, bands: Sequence[Sequence[float]]
 ) -> _Zoomable:
     images, left, right = [], 0.0, 1.0
-    for kind, axes in (("broad", None), ("slim", [new_figure(_SLIM_HEIGHT).subplots()])):
+    for kind, axes in (("broad", _PAPER), ("slim", [Paper(_SLIM_HEIGHT).subplots()])):
         (ax,) = draw(axes=axes)
-        ax.patch.set_gid("area")
-        ax.xaxis.set_gid("xaxis")
         left, right = (float(end) for end in ax.get_xlim())
-        images.append(Markup(inline_svg(_figure_of(ax), f"{name}{kind}", alt)))
+        images.append(Markup(ax.figure.svg(f"{name}{kind}", alt)))
     return _Zoomable(name, caption, left, right, bands, *images)
-
-
-def _figure_of(ax: Axes) -> Figure:
-    figure = root_figure(ax)
-    assert figure is not None
-    return figure

@@ -10,8 +10,7 @@ from bayesid.process import one_at_a_time
 from bayesid.report.findings import find_findings
 from bayesid.report.pages.rendering import fragment
 from bayesid.report.plot.efforts import WIDE, torques
-from bayesid.report.plot.style import new_figure
-from bayesid.report.plot.svg import inline_svg
+from bayesid.report.plot.paper import Paper
 from bayesid.report.verdicts import State, check_findings
 
 _COLOURS: dict[State, str] = {"good": "#1f7a3d", "look": "#8a5a00", "bad": "#b3261e", "not done": "#59636e"}
@@ -26,7 +25,7 @@ def identification_view(identification: Identification) -> str:
     """HTML that stands by itself: nothing is fetched, and no script runs."""
     findings = find_findings(identification)
     joint = int(identification.fit.relative_residual.argmax()) + 1
-    figure = new_figure(_HEIGHT, WIDE)
+    figure = Paper(_HEIGHT, WIDE)
     torques(findings, joints=[joint], axes=[figure.subplots()])
     name = f"bayesid-{id(identification):x}"  # several outputs stand on one page
     alt = f"efforts of joint {joint}, recorded and by the model"
@@ -35,5 +34,5 @@ def identification_view(identification: Identification) -> str:
         text=repr(identification),
         checks=[(check, in_python(check.remedy), _COLOURS[check.state]) for check in check_findings(findings)],
         joint=joint,
-        figure=Markup(inline_svg(figure, name, alt)),
+        figure=Markup(figure.svg(name, alt)),
     )

@@ -13,9 +13,7 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
-from matplotlib.figure import Figure
 
-from bayesid.report.plot.svg import inline_svg
 from bayesid.report.words import rounded
 
 _ROOM = "bayesid.report.pages"
@@ -30,16 +28,16 @@ class Picture:
     caption: str
 
 
-def picture(figure: Figure, name: str, caption: str, alt: str = "") -> Picture:
+def picture(figure: Any, name: str, caption: str, alt: str = "") -> Picture:
     """A figure of this package on a page.
 
     Args:
-        figure: to be shown.
+        figure: a `bayesid.report.plot.paper.Paper`.
         name: begins its identifiers.
         caption: below it.
         alt: for those who do not see it; the caption by default.
     """
-    return Picture(Markup(inline_svg(figure, name, alt or caption)), caption)
+    return Picture(Markup(figure.svg(name, alt or caption)), caption)
 
 
 def render(template: str, title: str, subject: str, script: str = "", **content: Any) -> str:

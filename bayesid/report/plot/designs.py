@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure
 
 from bayesid.excitation.design import ExcitationDesign
-from bayesid.report.plot.style import BLUE, INK, ORANGE, SIZE, dress, grid_of_axes, legend
+from bayesid.report.plot.ink import BLUE, INK, ORANGE, SIZE
+from bayesid.report.plot.style import dress, grid_of_axes, legend
 from bayesid.report.thinning import evenly
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _POINTS = 1000
 """Of a curve, at most: some six a pixel of a joint's column."""
@@ -66,13 +68,13 @@ def excitation(design: ExcitationDesign, axes: Any = None) -> list[Axes]:
 
 def excitation_figure(design: ExcitationDesign) -> Figure:
     """`excitation` in a figure of its own."""
-    figure = excitation(design)[0].figure
-    assert isinstance(figure, Figure)
-    return figure
+    return cast("Figure", excitation(design)[0].figure)
 
 
 def _efforts(ax: Axes, design: ExcitationDesign, joint: int) -> None:
     """|effort|, a curve a segment."""
+    from matplotlib.collections import LineCollection  # with what draws it, which pages do without
+
     quality, t = design.reached, design.motion.t
     segments, magnitude = quality.segments, quality.magnitude[:, joint]
     here = np.flatnonzero(segments.joint == joint)

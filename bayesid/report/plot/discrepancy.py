@@ -2,35 +2,38 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from bayesid.arrays import Array
 from bayesid.discrepancy.compare import variables
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.fit.effects.explanation import LN10
-from bayesid.report.plot.style import BLUE as AFTER
-from bayesid.report.plot.style import INK, SIZE, dress, legend, new_figure
-from bayesid.report.plot.style import ORANGE as BEFORE
-from bayesid.report.thinning import binned, evenly
+from bayesid.report.plot.ink import BLUE as AFTER
+from bayesid.report.plot.ink import INK, SIZE, WIDTH
+from bayesid.report.plot.ink import ORANGE as BEFORE
+from bayesid.report.plot.style import NewFigure, dress, legend, new_figure
+from bayesid.report.thinning import binned, envelope, evenly
 from bayesid.report.words import best_first, rounded, score_label, unit_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _AS_IT_WAS, _EXTENDED = "model as it was", "extended"
 _POINTS = 1500
 """Samples of a scatter, at most: more would hide each other."""
 BARS = 12
 """Candidates that are drawn: as many as a figure on a telephone has room for."""
-_RASTER = 20_000
-"""Samples from which on curves are stored as an image: three curves of so many make a page of over 1 MB."""
+_CURVE = 2000
+"""Points of a curve, at most about: some five a pixel."""
 
 
 # ---------------------------------------------------------------------------------------------------------------
 # Figures
 # ---------------------------------------------------------------------------------------------------------------
-def residual_figure(discrepancy: Discrepancy, joint: int) -> Figure:
+def residual_figure(discrepancy: Discrepancy, joint: int, make: NewFigure = new_figure) -> Figure:
     """What the model leaves of a joint's (from 1) efforts, before and after, over the variable that shows it best.
 
     Points are samples of the log, evenly thinned; lines are means over equally many samples with twice their standard
@@ -40,7 +43,7 @@ def residual_figure(discrepancy: Discrepancy, joint: int) -> Figure:
     variable = next(excess.variable for excess in discrepancy.where if excess.joint == joint)
     used = trial.used[:, j]
     value = variables(trial, discrepancy.predicted_before, j)[variable][used]
-    figure = new_figure(2.6)
+    figure = make(2.6, WIDTH)
     axes = figure.subplots(1, 2, sharex=True, sharey=True)
     sides = (discrepancy.predicted_before, BEFORE, _AS_IT_WAS), (discrepancy.predicted_after, AFTER, _EXTENDED)
     for ax, (predicted, colour, title) in zip(axes, sides, strict=True):
@@ -54,21 +57,20 @@ def residual_figure(discrepancy: Discrepancy, joint: int) -> Figure:
     return figure
 
 
-def effort_figure(discrepancy: Discrepancy, joint: int) -> Figure:
+def effort_figure(discrepancy: Discrepancy, joint: int, make: NewFigure = new_figure) -> Figure:
     """Measured effort of a joint (from 1), where unsigned with the sign of the extended model, and both models'."""
     trial, j = discrepancy.trial, joint - 1
     time = trial.signals.motion.t - trial.signals.motion.origin
-    raster = len(time) > _RASTER
-    figure = new_figure(2.4)
+    figure = make(2.4, WIDTH)
     ax = figure.subplots()
     curves = (
-        (trial.nearest(discrepancy.predicted_after), INK, 2.4, "measured"),
-        (discrepancy.predicted_before, BEFORE, 1.0, _AS_IT_WAS),
-        (discrepancy.predicted_after, AFTER, 1.0, _EXTENDED),
+        (trial.nearest(discrepancy.predicted_after), INK, 2.4, 0.55, "measured"),
+        (discrepancy.predicted_before, BEFORE, 1.0, 1.0, _AS_IT_WAS),
+        (discrepancy.predicted_after, AFTER, 1.0, 1.0, _EXTENDED),
     )
-    for effort, colour, width, name in curves:
-        ax.plot(time, effort[:, j], color=colour, linewidth=width, label=name, rasterized=raster)
-    ax.lines[0].set_alpha(0.55)
+    for effort, colour, width, alpha, name in curves:
+        rows = envelope(effort[:, j], _CURVE)
+        ax.plot(time[rows], effort[rows, j], color=colour, linewidth=width, alpha=alpha, label=name)
     ax.set_xlabel("time, s", fontsize=SIZE, color=INK)
     ax.set_ylabel(f"effort, {unit_of(discrepancy, joint)}", fontsize=SIZE, color=INK)
     ax.margins(x=0.01)
@@ -77,11 +79,11 @@ def effort_figure(discrepancy: Discrepancy, joint: int) -> Figure:
     return figure
 
 
-def gap_figure(discrepancy: Discrepancy) -> Figure:
+def gap_figure(discrepancy: Discrepancy, make: NewFigure = new_figure) -> Figure:
     """RMS of what the model leaves of each joint's efforts, before and after, in units of the noise floor."""
     floor, n = discrepancy.floor.rms, len(discrepancy.before)
     place = np.arange(n)
-    figure = new_figure(0.9 + 0.36 * n)
+    figure = make(0.9 + 0.36 * n, WIDTH)
     ax = figure.subplots()
     sides = (discrepancy.before, BEFORE, -0.2, _AS_IT_WAS), (discrepancy.after, AFTER, 0.2, _EXTENDED)
     for gap, colour, shift, name in sides:
@@ -99,12 +101,12 @@ def gap_figure(discrepancy: Discrepancy) -> Figure:
     return figure
 
 
-def candidate_figure(discrepancy: Discrepancy) -> Figure:
+def candidate_figure(discrepancy: Discrepancy, make: NewFigure = new_figure) -> Figure:
     """The best effects by the log10 of their Bayes factors, before anything was added; those that were are blue."""
     best = best_first(discrepancy.scores)[:BARS]
     added = {(effect.effect, effect.joints) for effect in discrepancy.added}
     gains = np.array([score.gain / LN10 for score in best])
-    figure = new_figure(0.9 + 0.24 * max(len(best), 1))
+    figure = make(0.9 + 0.24 * max(len(best), 1), WIDTH)
     ax = figure.subplots()
     colours = [AFTER if score.key in added else INK for score in best]
     ax.barh(np.arange(len(best)), gains, height=0.7, color=colours)

@@ -7,16 +7,18 @@ prior decides reaches from -2 to 2.
 from __future__ import annotations
 
 from itertools import cycle
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from scipy.stats import rankdata
 
 from bayesid.arrays import Array, Integers
 from bayesid.report.findings import Findings
+from bayesid.report.plot.ink import BLUE, INK, MAGENTA, ORANGE, SIZE
 from bayesid.report.plot.source import Source, findings_of
-from bayesid.report.plot.style import BLUE, INK, MAGENTA, ORANGE, SIZE, dress, given_axes, grid_of_axes, one_axes
+from bayesid.report.plot.style import dress, given_axes, grid_of_axes, one_axes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _COLOURS = [BLUE, ORANGE, INK, MAGENTA]
 """Of the ensembles, in turn."""
@@ -168,9 +170,9 @@ def rank(result: Source, count: int = 4, axes: Any = None) -> list[Axes]:
     """
     findings = findings_of(result)
     chosen = findings.worst(count)
-    if axes is None:
+    if axes is None or callable(axes):
         rows = -(-len(chosen) // 2)
-        places = grid_of_axes(None, rows, min(2, len(chosen)), 0.5 + 1.7 * rows).ravel()
+        places = grid_of_axes(axes, rows, min(2, len(chosen)), 0.5 + 1.7 * rows).ravel()
     else:
         places = given_axes(axes, len(chosen))
     for ax, k, name in zip(places, chosen, _names(findings, chosen), strict=False):
@@ -190,7 +192,8 @@ def rank(result: Source, count: int = 4, axes: Any = None) -> list[Axes]:
 # ---------------------------------------------------------------------------------------------------------------
 def _draw_ranks(ax: Axes, draws: Array) -> None:
     """Histograms of the ranks of each ensemble's draws (E, D) among all, one above the other; dashed if uniform."""
-    ranks = rankdata(draws).reshape(draws.shape)
+    ordered = np.sort(draws, axis=None)
+    ranks = 0.5 * (1.0 + np.searchsorted(ordered, draws) + np.searchsorted(ordered, draws, "right"))
     edges = np.linspace(0.5, draws.size + 0.5, _BINS + 1)
     counts = np.array([np.histogram(ensemble, edges)[0] for ensemble in ranks])
     even, room = draws.shape[1] / _BINS, 1.2 * float(counts.max())

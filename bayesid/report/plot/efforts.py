@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.colors import to_rgba
 
 from bayesid.arrays import Array
 from bayesid.report.findings import Findings
+from bayesid.report.plot.ink import BLUE, INK, MAGENTA, ORANGE, SIZE
 from bayesid.report.plot.source import Source, findings_of
-from bayesid.report.plot.style import BLUE, INK, MAGENTA, ORANGE, SIZE, dress, each_joint, legend, root_figure
+from bayesid.report.plot.style import dress, each_joint, legend, root_figure
 from bayesid.report.thinning import envelope
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 WIDE = 10.0
 """in, of a figure over time: as wide as a page."""
@@ -144,7 +146,7 @@ def _bands(ax: Axes, findings: Findings, j: int) -> None:
     room = _NARROW / (ax.get_position().width * _width(ax)) * float(findings.samples.t[-1] - findings.samples.t[0])
     for sign, colour, name in ((1, BLUE, "+"), (-1, ORANGE, "\N{MINUS SIGN}")):
         here = np.flatnonzero((table.joint == j) & (table.sign == sign))
-        shades = [to_rgba(colour, _opacity(table.confidence[k])) for k in here]
+        shades = [(colour, _opacity(float(table.confidence[k]))) for k in here]
         _broken(ax, findings, here.tolist(), f"x-{'plus' if sign > 0 else 'minus'}", facecolors=shades)
         ax.fill_between([], [], [], color=colour, alpha=_STRONGEST, linewidth=0.0, label=f"sign {name}")
         for k in here:

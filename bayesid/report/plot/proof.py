@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-import numpy as np
-from matplotlib.axes import Axes
+from typing import TYPE_CHECKING
 
+import numpy as np
+
+from bayesid.report.plot.ink import BLUE, INK, MAGENTA, ORANGE, SIZE
 from bayesid.report.plot.source import Source, findings_of
-from bayesid.report.plot.style import BLUE, INK, MAGENTA, ORANGE, SIZE, dress, legend, one_axes
+from bayesid.report.plot.style import dress, legend, one_axes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _SHOWN = 12
 """Assignments, at most: as many as a figure on a telephone has room for."""

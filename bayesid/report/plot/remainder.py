@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-from matplotlib.axes import Axes
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
+
+from bayesid.report.plot.ink import BLUE, INK, ORANGE, SIZE
 from bayesid.report.plot.source import Source, findings_of
-from bayesid.report.plot.style import BLUE, INK, ORANGE, SIZE, dress, each_joint
+from bayesid.report.plot.style import dress, each_joint
 
 VARIABLES = ("t", "velocity", "position")
 """Over which a residual can be drawn; names as in `bayesid.report.findings.Samples`."""

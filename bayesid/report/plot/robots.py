@@ -5,17 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from bayesid.arrays import Array
 from bayesid.model.kinematics import Pose, pose
 from bayesid.model.robot import Robot, load_robot
-from bayesid.report.plot.style import BLUE, INK, MAGENTA, ORANGE, SIZE, dress, grid_of_axes
+from bayesid.report.plot.ink import BLUE, INK, MAGENTA, ORANGE, SIZE
+from bayesid.report.plot.style import dress, grid_of_axes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _WIDTH, _HEIGHT = 10.0, 5.4
 """in, of the figure."""
@@ -85,9 +88,7 @@ def skeleton(robot: Robot | str | Path, q: ArrayLike | None = None, axes: Sequen
 
 def skeleton_figure(robot: Robot, q: ArrayLike | None = None) -> Figure:
     """`skeleton` in a figure of its own."""
-    figure = skeleton(robot, q)[0].figure
-    assert isinstance(figure, Figure)
-    return figure
+    return cast("Figure", skeleton(robot, q)[0].figure)
 
 
 def positions_text(here: Pose) -> str:

@@ -1,29 +1,28 @@
-"""How all figures look, and figures without a window or a global state.
-
-All ink is one grey that a page replaces by the colour of its text; the other colours, orange and blue, are seen on
-white and on black, and by the colour-blind.
-"""
+"""How all figures look, and figures without a window or a global state."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, Literal
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from bayesid.errors import InputError
+from bayesid.report.plot.ink import INK, SIZE, WIDTH
+from bayesid.report.plot.paper import Panel
 
-INK, ORANGE, BLUE, MAGENTA = "#767676", "#cc6a1a", "#2b83c6", "#c2408f"
-WIDTH = 5.4
-"""in; two figures fit side by side on a page, one on a telephone."""
-SIZE = 10.0
-"""Of letters, points."""
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+NewFigure = Callable[[float, float], Any]
+"""Makes a figure of a height and a width, in: matplotlib's, or `Paper`, whose panels stand in for Axes on pages."""
 
 
 def new_figure(height: float, width: float = WIDTH) -> Figure:
     """An empty figure, in."""
+    from matplotlib.figure import Figure  # takes half a second to import, which pages do without
+
     return Figure(figsize=(width, height), layout="constrained", facecolor="none")
 
 
@@ -32,8 +31,11 @@ def root_figure(ax: Axes) -> Figure | None:
     return None if ax.figure is None else ax.figure.figure
 
 
-def dress(ax: Axes, grid: Literal["both", "x"] = "both") -> None:
+def dress(ax: Axes | Panel, grid: Literal["both", "x"] = "both") -> None:
     """One ink for all that is not data."""
+    if isinstance(ax, Panel):
+        ax.dress(grid)
+        return
     ax.set_facecolor("none")
     ax.spines[["top", "right"]].set_visible(False)
     ax.spines[["left", "bottom"]].set_color(INK)
@@ -44,8 +46,11 @@ def dress(ax: Axes, grid: Literal["both", "x"] = "both") -> None:
         axis.get_offset_text().set(color=INK, fontsize=SIZE - 1.0)
 
 
-def legend(ax: Axes) -> None:
+def legend(ax: Axes | Panel) -> None:
     """Above all Axes of a figure made here, in one row; inside the Axes of another's figure, which may have no room."""
+    if isinstance(ax, Panel):
+        ax.legend()
+        return
     handles, names = ax.get_legend_handles_labels()
     look: dict[str, Any] = {"fontsize": SIZE - 1.0, "labelcolor": INK}
     figure = root_figure(ax)
@@ -56,7 +61,7 @@ def legend(ax: Axes) -> None:
 
 
 def each_joint(
-    n_joints: int, joints: Sequence[int] | None, axes: Sequence[Axes] | Axes | None, height: float, width: float = WIDTH
+    n_joints: int, joints: Sequence[int] | None, axes: Any, height: float, width: float = WIDTH
 ) -> list[tuple[int, Axes]]:
     """Joints (from 1) and an Axes for each, one below the other in a new figure unless they are given.
 
@@ -73,9 +78,9 @@ def each_joint(
     return list(zip(chosen, drawn, strict=True))
 
 
-def one_axes(ax: Axes | None, height: float, width: float = WIDTH) -> Axes:
-    """The Axes given, or one in a new figure."""
-    return new_figure(height, width).subplots() if ax is None else ax
+def one_axes(ax: Any, height: float, width: float = WIDTH) -> Any:
+    """The Axes given, or one in a new figure of that height and width, in."""
+    return grid_of_axes(ax, 1, 1, height, width)[0, 0]
 
 
 def grid_of_axes(
@@ -83,11 +88,20 @@ def grid_of_axes(
 ) -> Any:
     """(rows, columns) Axes: those given, row by row, or new ones in a figure of that height and width, in.
 
+    Args:
+        axes: in an array, a list or by itself; or a `NewFigure`, `new_figure` by default.
+        rows: of the grid.
+        columns: of the grid.
+        height: of a new figure.
+        width: of a new figure.
+        sharex: whether new ones share their x axes.
+
     Raises:
         ValueError: there are not as many.
     """
-    if axes is None:
-        return new_figure(height, width).subplots(rows, columns, squeeze=False, sharex=sharex)
+    make: NewFigure | None = new_figure if axes is None else axes if callable(axes) else None
+    if make is not None:
+        return make(height, width).subplots(rows, columns, squeeze=False, sharex=sharex)
     return given_axes(axes, rows * columns).reshape(rows, columns)
 
 

@@ -1,60 +1,66 @@
-"""A figure as a part of a page: text in the page's font and colour, nothing but what is in it."""
+"""Lines, areas and text as SVG, lengths in points."""
 
 from __future__ import annotations
 
-import io
-import re
 from html import escape
 
-import matplotlib as mpl
-from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.figure import Figure
+import numpy as np
 
-from bayesid.process import ALONE
-from bayesid.report.plot.layout import lay_out
-from bayesid.report.plot.style import INK
+from bayesid.arrays import Array
+from bayesid.report.plot.ink import INK
 
-_DPI = 130
-"""Of what is an image inside of a figure: sharp on a screen, and small."""
-_POINTS = 72
-"""An inch; what a figure's lengths are in."""
+_DASHES = {"solid": (), "--": (3.7, 1.6), "dotted": (1.0, 1.65)}
+"""Drawn and free, in widths of the line."""
 
 
-def inline_svg(figure: Figure, name: str, alt: str) -> str:
-    """A figure as an element of a page: text in the page's font and colour, nothing but what is in it.
-
-    Args:
-        figure: of this package.
-        name: begins its identifiers, so that those of several figures do not clash.
-        alt: what it shows, for those who do not see it.
-    """
-    text = io.StringIO()
-    with ALONE, mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "bayesid"}):
-        _lay_out(figure)
-        figure.savefig(text, format="svg", dpi=_DPI, transparent=True)
-    svg = text.getvalue()[text.getvalue().index("<svg") :]
-    svg = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->", "", svg, flags=re.DOTALL)
-    head, body = svg.split(">", 1)
-    box = re.search(r'viewBox="[^"]*"', head)
-    body = re.sub(r'\bid="', f'id="{name}-', body)
-    body = re.sub(r'(url\(|href=")#', rf"\g<1>#{name}-", body).replace("xlink:href", "href")
-    body = re.sub(r"font-family: [^;\"]*;? ?", "", body).replace(INK, "currentColor")
-    body = re.sub(r' d="([^"]*)"', lambda match: f' d="{_shortened(match[1])}"', body)
-    return f'<svg role="img" aria-label="{escape(alt)}" {box[0] if box else ""}>{body.strip()}'
+def stroked(colour: str, width: float, alpha: float = 1.0, style: str = "solid") -> str:
+    """Attributes of a line; its width in points."""
+    dashes = " ".join(f"{width * part:g}" for part in _DASHES[style])
+    look = f'fill="none" stroke="{colour}" stroke-width="{width:g}"'
+    return look + f' stroke-opacity="{alpha:g}"' * (alpha < 1.0) + f' stroke-dasharray="{dashes}"' * bool(dashes)
 
 
-def _lay_out(figure: Figure) -> None:
-    """Places the axes once and for all; `savefig` would draw everything twice to do so."""
-    engine = figure.get_layout_engine()
-    if engine is not None:
-        FigureCanvasSVG(figure)  # whose letters are measured as they will be drawn
-        figure.dpi = _POINTS
-        if not lay_out(figure):
-            engine.execute(figure)
-        with mpl.rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
-            figure.set_layout_engine(None)
+def filled(colour: str, alpha: float = 1.0) -> str:
+    """Attributes of an area."""
+    return f'fill="{colour}"' + f' fill-opacity="{alpha:.3g}"' * (alpha < 1.0)
 
 
-def _shortened(path: str) -> str:
-    """The path to a hundredth of a point."""
-    return re.sub(r"-?\d+\.\d+", lambda match: f"{float(match[0]):.2f}".rstrip("0").rstrip("."), " ".join(path.split()))
+def ruled(lines: str, ticks: str) -> str:
+    """The paths of a grid's lines and of ticks."""
+    drawn = f'<path d="{lines}" {stroked(INK, 0.6, 0.2)}/>' if lines else ""
+    return drawn + (f'<path d="{ticks}" {stroked(INK, 0.8)}/>' if ticks else "")
+
+
+def line(points: Array) -> str:
+    """A line through (N, 2) points, interrupted where one is not finite."""
+    holes = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    pieces = [piece[np.isfinite(piece).all(axis=1)] for piece in np.split(points, holes)] if len(holes) else [points]
+    return "".join("M" + ("L%.2f %.2f" * len(one) % tuple(one.ravel().tolist()))[1:] for one in pieces if len(one))
+
+
+def circle(x: float, y: float, radius: float) -> str:
+    """A path around a disc."""
+    half = f"a{radius:.2f} {radius:.2f} 0 0 0"
+    return f"M{x - radius:.2f} {y:.2f}{half} {2.0 * radius:.2f} 0{half} {-2.0 * radius:.2f} 0z"
+
+
+def discs(points: Array, radius: float, colour: str) -> str:
+    """Discs at (N, 2) points."""
+    return f'<path d="{"".join(circle(x, y, radius) for x, y in points.tolist())}" {filled(colour)}/>'
+
+
+def words(
+    x: float,
+    y: float,
+    text: str,
+    size: float,
+    anchor: str = "middle",
+    *,
+    turned: bool = False,
+    colour: str = INK,
+    weight: str = "normal",
+) -> str:
+    """A line of text whose letters stand at y; turned, it reads from below."""
+    look = f'font-size="{size:g}" text-anchor="{anchor}" fill="{colour}"' + ' font-weight="bold"' * (weight == "bold")
+    place = f'transform="translate({x:.2f} {y:.2f}) rotate(-90)"' if turned else f'x="{x:.2f}" y="{y:.2f}"'
+    return f"<text {place} {look}>{escape(text)}</text>"

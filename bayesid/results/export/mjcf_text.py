@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from bayesid.arrays import Array, frozen
 from bayesid.model.model import Model
@@ -141,4 +141,4 @@ def _attributes(effects: Mapping[str, float], rest_key: str, direction: float) -
 
 def _quaternion(rotation: Array) -> str:
     """Of a (3, 3) rotation, w first."""
-    return numbers(np.roll(Rotation.from_matrix(rotation).as_quat(canonical=True), 1))
+    return numbers(np.roll(scipy.spatial.transform.Rotation.from_matrix(rotation).as_quat(canonical=True), 1))

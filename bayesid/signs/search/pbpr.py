@@ -24,7 +24,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import dual_annealing, lsq_linear, minimize
+import scipy
 
 from bayesid.arrays import Array, frozen
 from bayesid.errors import InputError, SolverError
@@ -431,7 +431,7 @@ class _Problem:
         size = self._factor.shape[1]
         rows = np.vstack([self._factor, _TOWARDS_MIDDLE * np.eye(size)])
         target = np.concatenate([self._target, np.full(size, 0.5 * _TOWARDS_MIDDLE)])
-        result = lsq_linear(rows, target, (0.0, 1.0), method="bvls", max_iter=100 * size)
+        result = scipy.optimize.lsq_linear(rows, target, (0.0, 1.0), method="bvls", max_iter=100 * size)
         if not result.success:
             raise SolverError("least squares within bounds", result.message)
         return _clipped(result.x)
@@ -455,11 +455,11 @@ class _Problem:
                 "gtol": _LOCAL_SLOPE,
             },
         }
-        annealed = dual_annealing(
+        annealed = scipy.optimize.dual_annealing(
             cost, local["bounds"], x0=x, maxfun=evaluations, seed=rng, initial_temp=_TEMPERATURE, minimizer_kwargs=local
         )
         # The last jump may have reached a new valley when the evaluations ran out.
-        polished = minimize(cost, annealed.x, **local)
+        polished = scipy.optimize.minimize(cost, annealed.x, **local)
         return _clipped(polished.x if polished.fun < annealed.fun else annealed.x)
 
 
