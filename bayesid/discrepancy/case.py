@@ -11,7 +11,8 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.discrepancy.compare import NoiseFloor, Trial, make_trial, noise_floor, shortened
 from bayesid.discrepancy.log_checks import check_holdout
-from bayesid.fit.effects.explanation import Columns, Explanation, Observations
+from bayesid.fit.effects.columns import Columns, Whitening
+from bayesid.fit.effects.explanation import Explanation, Observations
 from bayesid.fit.effects.extension import Extension
 from bayesid.fit.effects.held_back import HeldBackErrors, blocks_of
 from bayesid.fit.effects.hypotheses import Hypothesis
@@ -145,7 +146,7 @@ class Case:
         probability = self.trial.probability(predicted) if probability is None else probability
         expected, floor = (2.0 * probability - 1.0) * self.trial.magnitude, self.floor(predicted)
         return Observations(
-            columns=self.columns * self.trial.used[:, :, None],
+            columns=self._whitening.columns,
             effort=expected * self.trial.used,
             used=self.trial.used,
             information=self.information,
@@ -154,7 +155,13 @@ class Case:
             limits=floor.limits,
             rate=self.trial.signals.rate,
             thresholds=self.thresholds,
+            whitening=self._whitening,
         )
+
+    @cached_property
+    def _whitening(self) -> Whitening:
+        """Of the model's columns, zero where a sample is not used."""
+        return Whitening(self.columns * self.trial.used[:, :, None], self.trial.used)
 
     def settled(self, effects: Sequence[Hypothesis], explanation: Explanation) -> Observations:
         """The log with its signs settled under an explanation."""

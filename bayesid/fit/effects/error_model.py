@@ -56,6 +56,8 @@ _UNSURE = 0.005
 """By which the grid may be off, of the sum of squares: it sees what is bridged as well. Set by hand."""
 _EVALUATIONS, _SIMPLEX = 40, 0.5
 """Of the search within limits, and its first step; round numbers."""
+_DIGITS = 12
+"""Of a share and of a correlation time, s: far finer than the lattice, far coarser than rounding."""
 _TINY, _SMALL = 1e-300, 1e-12
 """Guards of a logarithm and of divisions by a share."""
 
@@ -81,19 +83,34 @@ class ErrorModel:
         """Sd of both, N m."""
         return float(np.hypot(self.white, self.coloured))
 
+    @property
+    def shape(self) -> tuple[float, float, float]:
+        """What its filter depends on: share of the coloured part, correlation time and rate, but for rounding."""
+        return round(self._share, _DIGITS), round(self.correlation, _DIGITS), self.rate
+
+    @property
+    def scale(self) -> float:
+        """Sd of the innovations, N m."""
+        return self.sigma * math.sqrt(_arma(self._share, self.correlation, self.rate)[2])
+
+    @property
+    def _share(self) -> float:
+        return (self.coloured / self.sigma) ** 2
+
+    def innovations(self, values: Array, used: Mask) -> Array:
+        """(N, ...) innovations of values (N, ...) without gaps, N m; zero where not used (N,)."""
+        memory, theta, _ = _arma(self._share, self.correlation, self.rate)
+        found = lfilter([1.0, -memory], [1.0, -theta], np.moveaxis(values, 0, -1))
+        found *= used
+        return np.moveaxis(found, -1, 0)
+
     def whiten(self, values: Array, used: Mask) -> Array:
         """(N, ...) innovations of values (N, ...), in units of their standard deviation; zero where not used (N,)."""
-        share = (self.coloured / self.sigma) ** 2
-        memory, theta, variance = _arma(share, self.correlation, self.rate)
-        innovation = lfilter([1.0, -memory], [1.0, -theta], bridged(values, used), axis=0)
-        innovation[~used] = 0.0
-        innovation /= self.sigma * math.sqrt(variance)
-        return innovation
+        return self.innovations(bridged(values, used), used) / self.scale
 
     def log_likelihood(self, residual: Array, used: Mask) -> float:
         """Of residuals (N,), those that are used."""
-        share = (self.coloured / self.sigma) ** 2
-        memory, theta, variance = _arma(share, self.correlation, self.rate)
+        memory, theta, variance = _arma(self._share, self.correlation, self.rate)
         square, count = _innovations(bridged(residual, used), used, memory, theta)
         scale = self.sigma**2 * variance
         return -0.5 * (count * math.log(2.0 * math.pi * scale) + square / scale)
@@ -105,16 +122,36 @@ def bridged(values: Array, used: Mask) -> Array:
     Zeros in their place would be jumps: the first sample after a gap would count for as many as one innovation is
     smaller than the noise, and slow noise for far more than it is worth.
     """
-    rows, gaps = np.flatnonzero(used), np.flatnonzero(~used)
-    if not len(rows) or not len(gaps):
+    gaps, left, right, share = _gaps(used)
+    if not len(gaps):
         return values
+    share = share.reshape(-1, *(1,) * (values.ndim - 1))
+    filled = values.copy(order="K")
+    filled[gaps] = (1.0 - share) * values[left] + share * values[right]
+    return filled
+
+
+def unbridged(values: Array, used: Mask) -> Array:
+    """The transpose of `bridged`: what columns are multiplied with for products of bridged ones with values (N, s)."""
+    gaps, left, right, share = _gaps(used)
+    if not len(gaps):
+        return values
+    spread = values.copy()
+    np.add.at(spread, left, (1.0 - share[:, None]) * values[gaps])
+    np.add.at(spread, right, share[:, None] * values[gaps])
+    spread[gaps] = 0.0
+    return spread
+
+
+def _gaps(used: Mask) -> tuple[Integers, Integers, Integers, Array]:
+    """Rows that are not used (g,), their used neighbours on both sides, and the share of the right one."""
+    rows, gaps = np.flatnonzero(used), np.flatnonzero(~used)
+    if not len(rows):
+        return rows, rows, rows, np.zeros(0)
     after = np.searchsorted(rows, gaps)
     left, right = rows[np.maximum(after - 1, 0)], rows[np.minimum(after, len(rows) - 1)]
     share = np.where(right > left, (gaps - left) / np.maximum(right - left, 1), 0.0)
-    share = share.reshape(-1, *(1,) * (values.ndim - 1))
-    filled = values.copy()
-    filled[gaps] = (1.0 - share) * values[left] + share * values[right]
-    return filled
+    return gaps, left, right, share
 
 
 def fit_error(

@@ -21,8 +21,9 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from bayesid.arrays import Array, Integers
+from bayesid.fit.effects.columns import NO_COLUMNS, Columns
 from bayesid.fit.effects.error_model import ErrorModel, fit_error
-from bayesid.fit.effects.explanation import NO_COLUMNS, Columns, Observations
+from bayesid.fit.effects.explanation import Observations
 from bayesid.fit.effects.held_back import FOLDS, HeldBackErrors, bears_out, blocks_of, harmed
 from bayesid.fit.effects.hypotheses import EffectKey
 from bayesid.fit.effects.relevance import inverse_of

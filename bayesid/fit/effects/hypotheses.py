@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bayesid.arrays import Array, Mask
-from bayesid.fit.effects.explanation import NO_COLUMNS, Columns
+from bayesid.fit.effects.columns import NO_COLUMNS, Columns, stacked
 from bayesid.model import catalogue, terms
 from bayesid.model.effects import Effect, Scene
 from bayesid.model.model import Model
@@ -87,7 +87,9 @@ def hypotheses(model: Model, scene: Scene, used: Mask, *, refinements: bool = Fa
                 columns = hypothesis.columns
                 key = source.joints, len(columns.sd), tuple(sorted(columns.joints)), bool(columns.rows)
                 groups.setdefault(key, []).append(hypothesis)
-        yield from groups.values()
+        for group in groups.values():
+            together = stacked([hypothesis.columns for hypothesis in group])
+            yield [replace(one, columns=columns) for one, columns in zip(group, together, strict=True)]
 
 
 def maker(model: Model, scene: Scene, used: Mask) -> Callable[[Effect], Hypothesis]:

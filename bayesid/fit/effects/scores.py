@@ -9,8 +9,9 @@ import numpy as np
 from scipy.special import logsumexp
 
 from bayesid.arrays import Array, Mask
+from bayesid.fit.effects.columns import NO_COLUMNS, Columns
 from bayesid.fit.effects.error_model import ErrorModel
-from bayesid.fit.effects.explanation import LN10, NO_COLUMNS, Columns, Explanation, Observations, Regression
+from bayesid.fit.effects.explanation import LN10, Explanation, Observations, Regression
 from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
 from bayesid.fit.effects.screening import Screening
 from bayesid.fit.effects.thresholds import Thresholds

@@ -10,8 +10,9 @@ from scipy.signal import lfilter
 from scipy.stats import multivariate_normal, norm
 
 from bayesid.fit.effects import forward
+from bayesid.fit.effects.columns import Columns
 from bayesid.fit.effects.error_model import ErrorModel, fit_error
-from bayesid.fit.effects.explanation import Columns, Observations
+from bayesid.fit.effects.explanation import Observations
 from bayesid.fit.effects.forward import Products, Rules, select_forward
 from bayesid.fit.knowledge import Information
 
