@@ -50,6 +50,18 @@ class HeldBack:
     name: str
     another_log: bool
 
+    def effort(self, model: Model, extended: Model, theta: Array) -> Array:
+        """(N, n) N m, of an extended model with parameters theta (P,): that of the model's own columns is made once."""
+        own, motion = len(model.terms), self.trial.signals.motion
+        if extended.distortions != model.distortions or extended.terms[:own] != model.terms:
+            return extended.effort(motion, theta)
+        count = len(model.parameters)
+        effort = np.concatenate([columns @ theta[:count] for _, columns in model.chunks(motion)])
+        if len(extended.terms) > own:
+            added = replace(extended, terms=extended.terms[own:])
+            effort += np.concatenate([columns @ theta[count:] for _, columns in added.chunks(motion)])
+        return extended.read(effort)
+
     def errors(self, predicted: Array) -> HeldBackErrors:
         """What efforts (N, n), N m, leave of blocks of these data."""
         used = self.trial.used

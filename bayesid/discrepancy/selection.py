@@ -234,7 +234,7 @@ def _held_back(case: Case, effects: Sequence[Hypothesis], explanation: Explanati
     extension = extend(case.knowledge, case.coefficients, effects, explanation)
     if any(effect.source.reveals for effect in effects):
         extension = case.refitted(extension, case.predicted(effects, explanation))
-    return case.held_back.errors(extension.model.effort(case.held_back.trial.signals.motion, extension.theta))
+    return case.held_back.errors(case.held_back.effort(case.model, extension.model, extension.theta))
 
 
 # ---------------------------------------------------------------------------------------------------------------

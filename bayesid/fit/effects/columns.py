@@ -107,6 +107,18 @@ class Whitening:
         products, across = self._of((id(stack), joint, error.shape), stack, make) if keep else make()
         return products, across
 
+    def across(self, stack: Array, effect: Columns, joint: int, error: ErrorModel, *, keep: bool) -> Array:
+        """(k, P, p) products of k effects' innovations (see `group`) with those of one more effect's columns."""
+
+        def pulled() -> tuple[Array, ...]:
+            return (self.pulled_back(self.rows(effect, joint, error), joint, error),)
+
+        def make() -> tuple[Array, ...]:
+            return (stack @ self._of((id(effect), "pulled", joint, error.shape), effect, pulled)[0],)
+
+        key = id(stack), id(effect), joint, error.shape
+        return (self._of(key, (stack, effect), make) if keep else make())[0]
+
     def pulled_back(self, white: Array, joint: int, error: ErrorModel) -> Array:
         """(N, s) what columns as they are must be multiplied with for the products of their innovations with (N, s)."""
         return unbridged(error.innovations(white[::-1], np.ones(len(white), dtype=bool))[::-1], self.used[:, joint])

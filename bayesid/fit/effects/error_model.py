@@ -136,9 +136,9 @@ def unbridged(values: Array, used: Mask) -> Array:
     gaps, left, right, share = _gaps(used)
     if not len(gaps):
         return values
-    spread = values.copy()
-    np.add.at(spread, left, (1.0 - share[:, None]) * values[gaps])
-    np.add.at(spread, right, share[:, None] * values[gaps])
+    spread, share = values.copy(), share.reshape(-1, *(1,) * (values.ndim - 1))
+    np.add.at(spread, left, (1.0 - share) * values[gaps])
+    np.add.at(spread, right, share * values[gaps])
     spread[gaps] = 0.0
     return spread
 

@@ -179,6 +179,7 @@ class WhiteJoint:
 
     Attributes:
         index: (m,) of the coefficients and amplitudes whose columns show.
+        acting: effects with columns here, in their order.
         model: (N, q) columns of the model, which come first.
         others: (N, m - q + 1) those of effects, and the effort.
         of_model: (q, q) products of the model's.
@@ -186,6 +187,7 @@ class WhiteJoint:
     """
 
     index: Integers
+    acting: tuple[Columns, ...]
     model: Array
     others: Array
     of_model: Array
@@ -241,7 +243,9 @@ class Regression:
             effort = error.innovations(bridged(self._efforts[:, joint], used), used)
             others = np.concatenate([*rows, effort[:, None]], axis=1)
             index = np.concatenate([whitening.bare(joint)[0], *(place for _, place in acting)])
-            self._whitened[key] = WhiteJoint(index, model, others, products, error.scale)
+            self._whitened[key] = WhiteJoint(
+                index, tuple(effect for effect, _ in acting), model, others, products, error.scale
+            )
         return self._whitened[key]
 
     def explain(

@@ -96,7 +96,7 @@ class Products(Generic[Kind]):
     _known: Array = field(init=False)
     _hessian: list[Array] = field(init=False)
     _gradient: list[Array] = field(init=False)
-    _by_fold: tuple[Array, Array] = field(init=False)
+    _by_others: tuple[Array, Array] = field(init=False)
     _starts: Integers = field(init=False)
     _columns: list[tuple[Array, Array]] = field(init=False)
 
@@ -124,8 +124,9 @@ class Products(Generic[Kind]):
         self._add_up()
 
     def _add_up(self) -> None:
-        self._by_fold = np.sum(self._hessian, axis=0), np.sum(self._gradient, axis=0)
-        self.hessian, self.gradient = (products.sum(axis=0) for products in self._by_fold)
+        by_fold = np.sum(self._hessian, axis=0), np.sum(self._gradient, axis=0)
+        self.hessian, self.gradient = (products.sum(axis=0) for products in by_fold)
+        self._by_others = self.hessian - by_fold[0], self.gradient - by_fold[1]
 
     def _rows(self, block: int) -> slice:
         return slice(self._starts[block], self._starts[block + 1])
@@ -146,7 +147,7 @@ class Products(Generic[Kind]):
             if candidate.change >= 0 and joint in columns.shift:
                 index.append(np.array([candidate.change]))
                 parts.append(columns.shift[joint][:, None] * used)
-        return np.concatenate(index), np.concatenate(parts, axis=1)
+        return np.concatenate(index), np.asfortranarray(np.concatenate(parts, axis=1))
 
     def _multiplied(self, joint: int) -> tuple[Array, Array]:
         index, columns = self._columns[joint]
@@ -190,16 +191,18 @@ class Products(Generic[Kind]):
 
     def _without(self, best: Array) -> Array:
         """(N, n, k) what k sets of coefficients and amplitudes (m, k) leave."""
-        explained = np.stack([columns @ best[index] for index, columns in self._columns], axis=1)
-        return (self.data.effort[:, :, None] - explained) * self.data.used[:, :, None]
+        residual = np.empty((best.shape[1], *self.data.effort.shape))
+        counts = best.any(axis=1)
+        for j, (index, columns) in enumerate(self._columns):
+            shows = counts[index]
+            residual[:, :, j] = self.data.effort[:, j] - best[index[shows]].T @ columns[:, shows].T
+        residual *= self.data.used
+        return residual.transpose(1, 2, 0)
 
     def held_back(self, chosen: Sequence[Candidate[Kind]]) -> HeldBackErrors:
         """Every block predicted by a fit of some candidates to the folds that it is not in."""
-        best = []
-        for fold in range(FOLDS):
-            others = [k for k in range(FOLDS) if k != fold]
-            hessian, gradient = (products[others].sum(axis=0) for products in self._by_fold)
-            best.append(self._solved(hessian, gradient, chosen, uncertain=self.predicting)[0])
+        folds = zip(*self._by_others, strict=True)
+        best = [self._solved(*others, chosen, uncertain=self.predicting)[0] for others in folds]
         residual = self._without(np.stack(best, axis=1))
         squares = [(residual[self._rows(b), :, b % FOLDS] ** 2).sum(axis=0) for b in range(self.blocks)]
         counts = [self.data.used[self._rows(b)].sum(axis=0) for b in range(self.blocks)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -42,7 +43,7 @@ class Hypothesis:
     make: Callable[[Effect], Hypothesis] = field(repr=False, compare=False)
     changes: tuple[str, ...] = ()
 
-    @property
+    @cached_property
     def effect(self) -> str:
         """Name of the effect, whatever the form."""
         return self.source.effect
@@ -52,7 +53,7 @@ class Hypothesis:
         """From 1; none named: it acts on the whole robot."""
         return self.source.joints
 
-    @property
+    @cached_property
     def key(self) -> EffectKey:
         """Effect and joints, whatever the form."""
         return self.effect, self.joints

@@ -14,7 +14,7 @@ from bayesid.fit.effects.screening import Screening
 _EVALUATIONS = 12
 """In the search for a nonlinear number: golden sections narrow its bracket to a hundredth or better."""
 _NOTICED = 0.01
-"""Nats by which another number must be likelier to take the place of what it is: less is the search's own resolution."""
+"""Nats by which another number must be likelier to take the place of what it is: less is the search's resolution."""
 
 
 def refined(data: Observations, effects: Sequence[Hypothesis], library: Library) -> list[Hypothesis]:

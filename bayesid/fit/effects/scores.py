@@ -18,6 +18,8 @@ from bayesid.fit.effects.thresholds import Thresholds
 
 _SETTLINGS = 2
 """Times that an explanation is found again with the error models it has left; a round number, not studied."""
+_UNSEEN = 1e-3
+"""Change of an error's size that weighs samples as before: far below its sampling error of some 1e-2."""
 _INITIAL_COLOURED, _INITIAL_CORRELATION = 0.05, 0.1
 """Coloured part over the white one, and s, of the error model to begin with; it weighs the first fit alone."""
 Library = Sequence[list[Hypothesis]]
@@ -77,9 +79,19 @@ def explain_with(
     beside = [uncertain] if len(uncertain.sd) else []
     regression = Regression(data, [*beside, *(effect.columns for effect in effects)])
     explanation = regression.explain(initial_errors(data) if start is None else start.errors)
+    errors = None
     for _ in range(_SETTLINGS):
-        explanation = regression.explain(explanation.errors)
+        if errors is not None and _alike(errors, explanation.errors):
+            break
+        errors = explanation.errors
+        explanation = regression.explain(errors)
     return regression, explanation
+
+
+def _alike(errors: Sequence[ErrorModel], others: Sequence[ErrorModel]) -> bool:
+    """Whether error models weigh the same: by the same filter, and as much but for a share that nobody sees."""
+    pairs = list(zip(errors, others, strict=True))
+    return all(a.shape == b.shape and abs(a.sigma / b.sigma - 1.0) < _UNSEEN for a, b in pairs)
 
 
 def initial_errors(data: Observations) -> tuple[ErrorModel, ...]:

@@ -57,21 +57,19 @@ class Screening:
         white, error = self._joints[joint], self._errors[joint]
         stack, kept = together(effects, joint)
         products, of_model = self._data.whitening.group(stack, joint, error, keep=kept)
-        (k, size, count), m = stack.shape, white.model.shape[1]
-        rest = (stack.reshape(-1, count) @ self._pulled_back(joint)).reshape(k, size, -1)
-        weight = white.scale**-2.0
-        across[:, :size, white.index[:m]] += weight * of_model
-        across[:, :size, white.index[m:]] += weight * rest[:, :, :-1]
+        k, size, count = stack.shape
+        whitening, weight = self._data.whitening, white.scale**-2.0
+        of_effects = [whitening.across(stack, effect, joint, error, keep=kept) for effect in white.acting]
+        across[:, :size, white.index] += weight * np.concatenate([of_model, *of_effects], axis=2)
         gram[:, :size, :size] += weight * products
-        slope[:, :size] += weight * rest[:, :, -1]
+        slope[:, :size] += weight * (stack.reshape(-1, count) @ self._pulled_back(joint)).reshape(k, size)
 
     def _pulled_back(self, joint: int) -> Array:
-        """(N, s) to multiply columns with for their products with effects that were added, and with the residual."""
+        """(N,) to multiply columns with for their products with the residual."""
         if joint not in self._pulled:
-            white, error, used = self._joints[joint], self._errors[joint], self._data.used[:, joint]
+            error, used = self._errors[joint], self._data.used[:, joint]
             left = error.innovations(bridged(self._explanation.residual[:, joint], used), used)
-            rest = np.column_stack([white.others[:, :-1], left])
-            self._pulled[joint] = self._data.whitening.pulled_back(rest, joint, error)
+            self._pulled[joint] = self._data.whitening.pulled_back(left, joint, error)
         return self._pulled[joint]
 
 
