@@ -145,7 +145,13 @@ def unbridged(values: Array, used: Mask) -> Array:
 
 def _gaps(used: Mask) -> tuple[Integers, Integers, Integers, Array]:
     """Rows that are not used (g,), their used neighbours on both sides, and the share of the right one."""
-    rows, gaps = np.flatnonzero(used), np.flatnonzero(~used)
+    return _gaps_of(used.tobytes())
+
+
+@lru_cache(maxsize=64)
+def _gaps_of(used: bytes) -> tuple[Integers, Integers, Integers, Array]:
+    mask = np.frombuffer(used, dtype=bool)
+    rows, gaps = np.flatnonzero(mask), np.flatnonzero(~mask)
     if not len(rows):
         return rows, rows, rows, np.zeros(0)
     after = np.searchsorted(rows, gaps)

@@ -114,6 +114,24 @@ class JudgedJoint:
         return self._fitted[1] - float(np.log(max(int(self.used.sum()), 2)))
 
     @cached_property
+    def evidence(self) -> float:
+        """Log evidence, whichever is likelier: the limits are not looked into where noise is out of the question."""
+        if self.previous is not None:
+            return self.previous.evidence + self._likelier
+        return self.free if self._as_noise_at_most < self.free else max(self.noise, self.free)
+
+    @property
+    def _as_noise_at_most(self) -> float:
+        """Not below the log evidence as noise: with the least squares of all, and the largest variance, if both bind.
+
+        Innovations vary no more than the white and the coloured part together.
+        """
+        count, value = max(int(self.used.sum()), 1), self._fitted[1]
+        most = self.limits[0] ** 2 + self.limits[1] ** 2 + _TINY
+        least = float(np.exp(-1.0 - 2.0 * value / count)) / (2.0 * np.pi)  # mean squared innovation
+        return value if least <= most else -0.5 * count * float(np.log(2.0 * np.pi * most) + least / most)
+
+    @cached_property
     def _fitted(self) -> tuple[ErrorModel, float]:
         return fit_error(self.residual, self.used, self.rate)
 
@@ -165,7 +183,7 @@ class Explanation:
     @property
     def log_evidence(self) -> float:
         """Up to a constant common to all explanations of the same data."""
-        return float(np.maximum(self.noise_evidence, self.free_evidence).sum()) + self.log_prior
+        return sum(joint.evidence for joint in self.judged) + self.log_prior
 
     @property
     def log_evidence_as_noise(self) -> float:

@@ -20,7 +20,7 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 from scipy.special import log_ndtr
 
-from bayesid.arrays import Array, Integers
+from bayesid.arrays import Array, Integers, Mask
 from bayesid.fit.effects.columns import NO_COLUMNS, Columns
 from bayesid.fit.effects.error_model import ErrorModel, fit_error
 from bayesid.fit.effects.explanation import Observations
@@ -192,7 +192,7 @@ class Products(Generic[Kind]):
     def _without(self, best: Array) -> Array:
         """(N, n, k) what k sets of coefficients and amplitudes (m, k) leave."""
         residual = np.empty((best.shape[1], *self.data.effort.shape))
-        counts = best.any(axis=1)
+        counts: Mask = np.any(best, axis=1)
         for j, (index, columns) in enumerate(self._columns):
             shows = counts[index]
             residual[:, :, j] = self.data.effort[:, j] - best[index[shows]].T @ columns[:, shows].T
