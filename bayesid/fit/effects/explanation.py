@@ -14,7 +14,7 @@ log N.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -201,7 +201,6 @@ class WhiteJoint:
         model: (N, q) columns of the model, which come first.
         others: (N, m - q + 1) those of effects, and the effort.
         of_model: (q, q) products of the model's.
-        scale: sd of the innovations, N m, by which nothing here is divided.
     """
 
     index: Integers
@@ -209,7 +208,6 @@ class WhiteJoint:
     model: Array
     others: Array
     of_model: Array
-    scale: float
 
     @cached_property
     def products(self) -> Array:
@@ -239,7 +237,7 @@ class Regression:
         self.data, self.effects = data, tuple(effects)
         bounds = np.cumsum([data.columns.shape[2], *(len(effect.sd) for effect in effects)])
         self._places = [np.arange(start, end) for start, end in pairwise(bounds.tolist())]
-        self._whitened: dict[tuple[int, ErrorModel], WhiteJoint] = {}
+        self._whitened: dict[tuple[int, Hashable], WhiteJoint] = {}
 
     @cached_property
     def _efforts(self) -> Array:
@@ -251,8 +249,8 @@ class Regression:
         return efforts
 
     def whitened(self, joint: int, error: ErrorModel) -> WhiteJoint:
-        """All that shows in a joint, whitened by an error model."""
-        key = joint, error
+        """All that shows in a joint, filtered by an error model: innovations in N m, whatever their size."""
+        key = joint, error.shape
         if key not in self._whitened:
             whitening, used = self.data.whitening, self.data.used[:, joint]
             acting = [(e, place) for e, place in zip(self.effects, self._places, strict=True) if joint in e.rows]
@@ -261,9 +259,7 @@ class Regression:
             effort = error.innovations(bridged(self._efforts[:, joint], used), used)
             others = np.concatenate([*rows, effort[:, None]], axis=1)
             index = np.concatenate([whitening.bare(joint)[0], *(place for _, place in acting)])
-            self._whitened[key] = WhiteJoint(
-                index, tuple(effect for effect, _ in acting), model, others, products, error.scale
-            )
+            self._whitened[key] = WhiteJoint(index, tuple(effect for effect, _ in acting), model, others, products)
         return self._whitened[key]
 
     def explain(
@@ -320,7 +316,7 @@ class Regression:
         m = len(precision) - (0 if extra is None else len(extra.sd))
         for j, error in enumerate(errors):
             white = self.whitened(j, error)
-            weight, place = white.scale**-2.0, white.index
+            weight, place = error.scale**-2.0, white.index
             hessian[place[:, None], place] += weight * white.products[:-1, :-1]
             gradient[place] += weight * white.products[:-1, -1]
             if extra is not None and j in extra.joints:
@@ -332,7 +328,7 @@ class Regression:
         self, hessian: Array, gradient: Array, white: WhiteJoint, extra: Columns, joint: int, error: ErrorModel
     ) -> None:
         """Adds one more effect's part of a joint to its own columns of H, and to g."""
-        whitening, weight, effort = self.data.whitening, white.scale**-2.0, white.effort
+        whitening, weight, effort = self.data.whitening, error.scale**-2.0, white.effort
         if joint in extra.shift:
             shift = whitening.shift(extra, joint, error)
             gradient[white.index] -= weight * white.times(shift)

@@ -58,7 +58,7 @@ class Screening:
         stack, kept = together(effects, joint)
         products, of_model = self._data.whitening.group(stack, joint, error, keep=kept)
         k, size, count = stack.shape
-        whitening, weight = self._data.whitening, white.scale**-2.0
+        whitening, weight = self._data.whitening, error.scale**-2.0
         of_effects = [whitening.across(stack, effect, joint, error, keep=kept) for effect in white.acting]
         across[:, :size, white.index] += weight * np.concatenate([of_model, *of_effects], axis=2)
         gram[:, :size, :size] += weight * products

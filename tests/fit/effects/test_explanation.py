@@ -471,8 +471,10 @@ def test_columns_that_do_not_show_in_a_joint_are_whitened_to_nothing():
         effort = data.effort[:, j] - effect.shift.get(j, 0.0) * data.used[:, j]
         expected = error.whiten(np.column_stack([data.columns[:, j], rows, effort]), data.used[:, j])
         white, shows = regression.whitened(j, error), expected[:, :-1].any(axis=0)
-        np.testing.assert_array_equal(np.sort(white.index), np.flatnonzero(shows | (np.arange(5) > 2) * bool(rows.any())))
-        found = np.column_stack([white.model, white.others]) / white.scale
+        np.testing.assert_array_equal(
+            np.sort(white.index), np.flatnonzero(shows | (np.arange(5) > 2) * bool(rows.any()))
+        )
+        found = np.column_stack([white.model, white.others]) / error.scale
         expected = expected[:, [*white.index, -1]]
         np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12)
-        np.testing.assert_allclose(white.products / white.scale**2, expected.T @ expected, rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(white.products / error.scale**2, expected.T @ expected, rtol=0.0, atol=1e-9)
