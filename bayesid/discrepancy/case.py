@@ -212,8 +212,8 @@ class Case:
         signals = restored(extension.model, self.trial.signals)
         signs = 2.0 * self.trial.probability(predicted) - 1.0
         used, information = self.trial.used & signals.measured, knowledge.information(model, coefficients)
-        fit = fit_signed(Evidence(model, coefficients, signals, used, used, information), signs)
-        return replace(extension, theta=fit.theta)
+        evidence = Evidence(model, coefficients, signals, used, used, information)
+        return replace(extension, theta=fit_signed(evidence, signs, most_corrected=0).theta)
 
     def scene(self, predicted: Array) -> Scene:
         """What effects may look at."""

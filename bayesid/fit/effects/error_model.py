@@ -12,6 +12,7 @@ that of independent innovations: samples count for what they are worth, no autoc
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
@@ -56,6 +57,8 @@ _UNSURE = 0.005
 """By which the grid may be off, of the sum of squares: it sees what is bridged as well. Set by hand."""
 _EVALUATIONS, _SIMPLEX = 40, 0.5
 """Of the search within limits, and its first step; round numbers."""
+_UNSEEN = 1e-3
+"""Change of an error's size that weighs samples as before: far below its sampling error of some 1e-2."""
 _DIGITS = 12
 """Of a share and of a correlation time, s: far finer than the lattice, far coarser than rounding."""
 _TINY, _SMALL = 1e-300, 1e-12
@@ -114,6 +117,12 @@ class ErrorModel:
         square, count = _innovations(bridged(residual, used), used, memory, theta)
         scale = self.sigma**2 * variance
         return -0.5 * (count * math.log(2.0 * math.pi * scale) + square / scale)
+
+
+def alike(errors: Sequence[ErrorModel], others: Sequence[ErrorModel]) -> bool:
+    """Whether error models weigh alike: by the same filters, and as much but for a share that nobody sees."""
+    pairs = zip(errors, others, strict=True)
+    return all(a.shape == b.shape and abs(a.sigma - b.sigma) <= _UNSEEN * b.sigma for a, b in pairs)
 
 
 def bridged(values: Array, used: Mask) -> Array:

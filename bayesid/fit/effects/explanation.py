@@ -25,7 +25,7 @@ from scipy.special import log_ndtr
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.fit.effects.columns import NOT_YET, Columns, Whitening
-from bayesid.fit.effects.error_model import ErrorModel, bridged, fit_error
+from bayesid.fit.effects.error_model import ErrorModel, alike, bridged, fit_error
 from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.fit.knowledge import Information
 
@@ -293,9 +293,13 @@ class Regression:
         )
 
     def settle(self, start: Explanation, extra: Columns | None = None) -> Explanation:
-        """`explain` once more with the error models that it has found."""
+        """`explain` once more with the error models that it has found, unless they are as they were."""
         first = self.explain(start.errors, extra, start)
-        return self.explain(first.errors, extra, first if extra is not None else None)
+        return (
+            first
+            if alike(first.errors, start.errors)
+            else self.explain(first.errors, extra, first if extra is not None else None)
+        )
 
     def _log_prior(self, best: Array, sd: Array, precision: Array, effects: Sequence[Columns]) -> float:
         """Of coefficients and amplitudes: the earlier log's, the effects' normal ones, and those of their sides."""

@@ -22,7 +22,7 @@ from scipy.special import log_ndtr
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.fit.effects.columns import NO_COLUMNS, Columns
-from bayesid.fit.effects.error_model import ErrorModel, fit_error
+from bayesid.fit.effects.error_model import ErrorModel, bridged, fit_error
 from bayesid.fit.effects.explanation import Observations
 from bayesid.fit.effects.held_back import FOLDS, HeldBackErrors, bears_out, blocks_of, harmed
 from bayesid.fit.effects.hypotheses import EffectKey
@@ -124,7 +124,8 @@ class Products(Generic[Kind]):
         self._add_up()
 
     def _add_up(self) -> None:
-        by_fold = np.sum(self._hessian, axis=0), np.sum(self._gradient, axis=0)
+        weights = [error.scale**-2.0 for error in self.errors]
+        by_fold = [np.tensordot(weights, products, axes=1) for products in (self._hessian, self._gradient)]
         self.hessian, self.gradient = (products.sum(axis=0) for products in by_fold)
         self._by_others = self.hessian - by_fold[0], self.gradient - by_fold[1]
 
@@ -151,8 +152,9 @@ class Products(Generic[Kind]):
 
     def _multiplied(self, joint: int) -> tuple[Array, Array]:
         index, columns = self._columns[joint]
-        white = self.errors[joint].whiten(
-            np.column_stack([columns, self.data.effort[:, joint]]), self.data.used[:, joint]
+        used = self.data.used[:, joint]
+        white = self.errors[joint].innovations(
+            bridged(np.column_stack([columns, self.data.effort[:, joint]]), used), used
         )
         size = len(self._known)
         hessian, gradient = np.zeros((FOLDS, size, size)), np.zeros((FOLDS, size))
@@ -223,8 +225,10 @@ class Products(Generic[Kind]):
         """Whitens some (0-based) joints anew, by the errors that a set of candidates leaves there."""
         residual = self.residual(chosen)
         for j in joints:
+            before = self.errors[j]
             self.errors[j] = fit_error(residual[:, j], self.data.used[:, j], self.data.rate)[0]
-            self._hessian[j], self._gradient[j] = self._multiplied(j)
+            if self.errors[j].shape != before.shape:
+                self._hessian[j], self._gradient[j] = self._multiplied(j)
         self._add_up()
 
     def gains(self, chosen: Sequence[Candidate[Kind]], tried: Sequence[Candidate[Kind]]) -> Array:

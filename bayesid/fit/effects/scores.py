@@ -10,7 +10,7 @@ from scipy.special import logsumexp
 
 from bayesid.arrays import Array, Mask
 from bayesid.fit.effects.columns import NO_COLUMNS, Columns
-from bayesid.fit.effects.error_model import ErrorModel
+from bayesid.fit.effects.error_model import ErrorModel, alike
 from bayesid.fit.effects.explanation import LN10, Explanation, Observations, Regression
 from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
 from bayesid.fit.effects.screening import Screening
@@ -18,8 +18,6 @@ from bayesid.fit.effects.thresholds import Thresholds
 
 _SETTLINGS = 2
 """Times that an explanation is found again with the error models it has left; a round number, not studied."""
-_UNSEEN = 1e-3
-"""Change of an error's size that weighs samples as before: far below its sampling error of some 1e-2."""
 _INITIAL_COLOURED, _INITIAL_CORRELATION = 0.05, 0.1
 """Coloured part over the white one, and s, of the error model to begin with; it weighs the first fit alone."""
 Library = Sequence[list[Hypothesis]]
@@ -81,17 +79,11 @@ def explain_with(
     explanation = regression.explain(initial_errors(data) if start is None else start.errors)
     errors = None
     for _ in range(_SETTLINGS):
-        if errors is not None and _alike(errors, explanation.errors):
+        if errors is not None and alike(errors, explanation.errors):
             break
         errors = explanation.errors
         explanation = regression.explain(errors)
     return regression, explanation
-
-
-def _alike(errors: Sequence[ErrorModel], others: Sequence[ErrorModel]) -> bool:
-    """Whether error models weigh the same: by the same filter, and as much but for a share that nobody sees."""
-    pairs = list(zip(errors, others, strict=True))
-    return all(a.shape == b.shape and abs(a.sigma / b.sigma - 1.0) < _UNSEEN for a, b in pairs)
 
 
 def initial_errors(data: Observations) -> tuple[ErrorModel, ...]:
