@@ -11,7 +11,8 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.discrepancy.compare import NoiseFloor, Trial, make_trial, noise_floor, shortened
 from bayesid.discrepancy.log_checks import check_holdout
-from bayesid.fit.effects.explanation import Columns, Explanation, Observations
+from bayesid.fit.effects.columns import Columns, Whitening
+from bayesid.fit.effects.explanation import Explanation, Observations
 from bayesid.fit.effects.extension import Extension
 from bayesid.fit.effects.held_back import HeldBackErrors, blocks_of
 from bayesid.fit.effects.hypotheses import Hypothesis
@@ -48,6 +49,18 @@ class HeldBack:
     trial: Trial
     name: str
     another_log: bool
+
+    def effort(self, model: Model, extended: Model, theta: Array) -> Array:
+        """(N, n) N m, of an extended model with parameters theta (P,): that of the model's own columns is made once."""
+        own, motion = len(model.terms), self.trial.signals.motion
+        if extended.distortions != model.distortions or extended.terms[:own] != model.terms:
+            return extended.effort(motion, theta)
+        count = len(model.parameters)
+        effort = np.concatenate([columns @ theta[:count] for _, columns in model.chunks(motion)])
+        if len(extended.terms) > own:
+            added = replace(extended, terms=extended.terms[own:])
+            effort += np.concatenate([columns @ theta[count:] for _, columns in added.chunks(motion)])
+        return extended.read(effort)
 
     def errors(self, predicted: Array) -> HeldBackErrors:
         """What efforts (N, n), N m, leave of blocks of these data."""
@@ -145,7 +158,7 @@ class Case:
         probability = self.trial.probability(predicted) if probability is None else probability
         expected, floor = (2.0 * probability - 1.0) * self.trial.magnitude, self.floor(predicted)
         return Observations(
-            columns=self.columns * self.trial.used[:, :, None],
+            columns=self._whitening.columns,
             effort=expected * self.trial.used,
             used=self.trial.used,
             information=self.information,
@@ -154,7 +167,13 @@ class Case:
             limits=floor.limits,
             rate=self.trial.signals.rate,
             thresholds=self.thresholds,
+            whitening=self._whitening,
         )
+
+    @cached_property
+    def _whitening(self) -> Whitening:
+        """Of the model's columns, zero where a sample is not used."""
+        return Whitening(self.columns * self.trial.used[:, :, None], self.trial.used)
 
     def settled(self, effects: Sequence[Hypothesis], explanation: Explanation) -> Observations:
         """The log with its signs settled under an explanation."""
@@ -193,8 +212,8 @@ class Case:
         signals = restored(extension.model, self.trial.signals)
         signs = 2.0 * self.trial.probability(predicted) - 1.0
         used, information = self.trial.used & signals.measured, knowledge.information(model, coefficients)
-        fit = fit_signed(Evidence(model, coefficients, signals, used, used, information), signs)
-        return replace(extension, theta=fit.theta)
+        evidence = Evidence(model, coefficients, signals, used, used, information)
+        return replace(extension, theta=fit_signed(evidence, signs, most_corrected=0).theta)
 
     def scene(self, predicted: Array) -> Scene:
         """What effects may look at."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -12,6 +12,7 @@ from bayesid.arrays import Array, Mask
 from bayesid.discrepancy.case import Case
 from bayesid.discrepancy.compare import NoiseFloor, Trial
 from bayesid.fit.effects.added_effect import AddedEffect, weigh
+from bayesid.fit.effects.error_model import ErrorModel
 from bayesid.fit.effects.explanation import LN10, Explanation, Observations
 from bayesid.fit.effects.extension import Extension, extend
 from bayesid.fit.effects.forward import Candidate, Products, Rules, select_forward
@@ -80,26 +81,76 @@ class _Chosen:
         return tuple(effect for effect in self.effects if all(effect is not other for other in gone))
 
 
+@dataclass(frozen=True, eq=False)
+class _Sets:
+    """Sets of effects that come up again and again, once for every effect that fails: each is settled and ranked once.
+
+    Attributes:
+        case: what stays the same.
+        library: all hypotheses.
+        settled_sets: by the ids of their effects.
+        rankings: by the id of a set, and which joints are closed.
+    """
+
+    case: Case
+    library: Library
+    settled_sets: dict[tuple[int, ...], _Chosen] = field(default_factory=dict)
+    rankings: dict[tuple[int, bytes], _Ranking] = field(default_factory=dict)
+
+    def settled(self, effects: Sequence[Hypothesis], data: Observations) -> _Chosen:
+        """Some effects, signs settled under them, from data that are settled under nearly the same."""
+        key = tuple(id(effect) for effect in effects)
+        if key not in self.settled_sets:
+            _, explanation = explain_with(data, effects)
+            data = self.case.settled(effects, explanation)
+            _, explanation = explain_with(data, effects, explanation)
+            self.settled_sets[key] = _Chosen(tuple(effects), explanation, data)
+        return self.settled_sets[key]
+
+    def ranked(self, chosen: _Chosen, closed: Mask) -> _Ranking:
+        """All other effects on top of a set: the standard ones alone in joints that are closed (n,)."""
+        key = id(chosen), closed.tobytes()
+        if key not in self.rankings:
+            regression, explanation = explain_with(chosen.data, chosen.effects, chosen.explanation)
+            allowed = [
+                [h for h in group if h.standard or not all(closed[j] for j in h.columns.joints)]
+                for group in self.library
+                if group[0].key not in chosen.keys
+            ]
+            scores = best_forms(Screening(regression, explanation.errors), allowed)
+            self.rankings[key] = _Ranking(chosen, explanation.errors, [score.hypothesis for score, _ in scores])
+        return self.rankings[key]
+
+
+@dataclass(frozen=True)
+class _Ranking:
+    """Other effects on top of a set, in their best forms, best first, and the errors that they were judged by."""
+
+    chosen: _Chosen
+    errors: tuple[ErrorModel, ...]
+    effects: list[Hypothesis]
+
+
 def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
     """Effects that explain the log and are borne out by the data that are held back."""
     data, library = _begin(case)
     regression, before = explain_with(data, ())
     scores = assess(regression, before, library)
     chosen, refused = _Chosen((), before, data), dict[EffectKey, AddedEffect]()
-    most = case.thresholds.max_vetoes
+    sets, most = _Sets(case, library), case.thresholds.max_vetoes
     for done in range(most + 1):
         progress("naming effects", done, most + 1)
-        chosen = _selected(case, chosen, library, set(refused))
+        chosen = _selected(sets, chosen, set(refused))
         failed = _failed(case, chosen)
         if failed is None:
             break
         refused[failed.key] = chosen.weighed(case, library, failed)
-        chosen = _settled(case, chosen.without(failed), chosen.data)
+        chosen = sets.settled(chosen.without(failed), chosen.data)
     else:  # no more is added, what fails goes
         while (failed := _failed(case, chosen)) is not None:
             refused[failed.key] = chosen.weighed(case, library, failed)
-            chosen = _settled(case, chosen.without(failed), chosen.data)
-    chosen, stand_ins = _without_stand_ins(case, chosen, library)
+            chosen = sets.settled(chosen.without(failed), chosen.data)
+    chosen, stand_ins = _without_stand_ins(sets, chosen)
     effects, explanation = sharpened(chosen.data, chosen.effects, case.columns, case.scene)
     return Selection(
         hypotheses=tuple(effects),
@@ -127,31 +178,25 @@ def _begin(case: Case) -> tuple[Observations, Library]:
 # ---------------------------------------------------------------------------------------------------------------
 # On the log
 # ---------------------------------------------------------------------------------------------------------------
-def _selected(case: Case, chosen: _Chosen, library: Library, vetoed: set[EffectKey]) -> _Chosen:
+def _selected(sets: _Sets, chosen: _Chosen, vetoed: set[EffectKey]) -> _Chosen:
     """Selected by evidence, the signs settled and the numbers refined under what was found, until no more is found.
 
     Where the floor is blunt, for the earlier model was a poor one, standard effects come first, and nothing else where
     they reach it: the friction of a real joint is never exactly what a term says.
     """
-    limits = case.thresholds
+    case, limits = sets.case, sets.case.thresholds
+    rules = Rules(limits.log10_bayes_factor * LN10, limits.max_effects, partial(_sharper, case))
     seen = [chosen.keys]
     standard = not chosen.data.sharp.all() and not chosen.effects
     while True:
         done = at_blunt_floor(chosen.data, chosen.data.mean_square(chosen.explanation.residual))
-        closed = ~chosen.data.sharp if standard else done
-        taken = chosen.keys | vetoed
-        regression, explanation = explain_with(chosen.data, chosen.effects, chosen.explanation)
-        allowed = [
-            [h for h in group if h.key not in taken and (h.standard or not all(closed[j] for j in h.columns.joints))]
-            for group in library
-        ]
-        scores = best_forms(Screening(regression, explanation.errors), allowed)[: limits.short_list]
-        tried = [*chosen.effects, *(score.hypothesis for score, _ in scores)]
-        products = Products(chosen.data, tried, list(explanation.errors), case.uncertain, predicting=False)
-        rules = Rules(limits.log10_bayes_factor * LN10, limits.max_effects, partial(_sharper, case, chosen.data))
+        ranking = sets.ranked(chosen, ~chosen.data.sharp if standard else done)
+        others = [effect for effect in ranking.effects if effect.key not in vetoed][: limits.short_list]
+        tried = [*chosen.effects, *others]
+        products = Products(chosen.data, tried, list(ranking.errors), case.uncertain, predicting=False)
         _, found = select_forward(products, rules, frozenset(chosen.keys))
-        effects = refined(chosen.data, [candidate.hypothesis for candidate in found], library)
-        chosen = _settled(case, effects, chosen.data)
+        effects = refined(chosen.data, [candidate.hypothesis for candidate in found], sets.library)
+        chosen = sets.settled(effects, chosen.data)
         if not standard and chosen.keys in seen:
             return chosen
         seen.append(chosen.keys)
@@ -159,22 +204,14 @@ def _selected(case: Case, chosen: _Chosen, library: Library, vetoed: set[EffectK
 
 
 def _sharper(
-    case: Case, data: Observations, _: Products[Hypothesis], found: Sequence[Candidate[Hypothesis]]
+    case: Case, products: Products[Hypothesis], found: Sequence[Candidate[Hypothesis]]
 ) -> Mapping[int, Hypothesis]:
     """Distortions about the numbers that were found, by the ids of their old forms: they are linear near these."""
     effects = [candidate.hypothesis for candidate in found]
     if all(effect.source.linear for effect in effects):
         return {}
-    new = sharpened(data, effects, case.columns, case.scene)[0]
+    new = sharpened(products.data, effects, case.columns, case.scene)[0]
     return {id(old): form for old, form in zip(effects, new, strict=True)}
-
-
-def _settled(case: Case, effects: Sequence[Hypothesis], data: Observations) -> _Chosen:
-    """Some effects, signs settled under them."""
-    _, explanation = explain_with(data, effects)
-    data = case.settled(effects, explanation)
-    _, explanation = explain_with(data, effects, explanation)
-    return _Chosen(tuple(effects), explanation, data)
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -197,15 +234,15 @@ def _held_back(case: Case, effects: Sequence[Hypothesis], explanation: Explanati
     extension = extend(case.knowledge, case.coefficients, effects, explanation)
     if any(effect.source.reveals for effect in effects):
         extension = case.refitted(extension, case.predicted(effects, explanation))
-    return case.held_back.errors(extension.model.effort(case.held_back.trial.signals.motion, extension.theta))
+    return case.held_back.errors(case.held_back.effort(case.model, extension.model, extension.theta))
 
 
 # ---------------------------------------------------------------------------------------------------------------
 # What stays unexplained
 # ---------------------------------------------------------------------------------------------------------------
-def _without_stand_ins(case: Case, chosen: _Chosen, library: Library) -> tuple[_Chosen, dict[EffectKey, AddedEffect]]:
+def _without_stand_ins(sets: _Sets, chosen: _Chosen) -> tuple[_Chosen, dict[EffectKey, AddedEffect]]:
     """Leaves out effects of joints that stay unexplained, unless they explain most of what was to be explained."""
-    gone = dict[EffectKey, AddedEffect]()
+    gone, case = dict[EffectKey, AddedEffect](), sets.case
     predicted = case.predicted(chosen.effects, chosen.explanation)
     for joint, _ in unexplained(case.trial, predicted, case.floor(predicted), chosen.explanation, case.thresholds):
         of_joint = [effect for effect in chosen.effects if effect.columns.joints == {joint - 1}]
@@ -214,8 +251,8 @@ def _without_stand_ins(case: Case, chosen: _Chosen, library: Library) -> tuple[_
         before = _held_back(case, others, without).rms[joint - 1] ** 2
         after = _held_back(case, chosen.effects, chosen.explanation).rms[joint - 1] ** 2
         if of_joint and before - after < case.thresholds.explained_share * (before - chosen.data.floor[joint - 1] ** 2):
-            gone |= {effect.key: chosen.weighed(case, library, effect) for effect in of_joint}
-            chosen = _settled(case, others, chosen.data)
+            gone |= {effect.key: chosen.weighed(case, sets.library, effect) for effect in of_joint}
+            chosen = sets.settled(others, chosen.data)
     return chosen, gone
 
 

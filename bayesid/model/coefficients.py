@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -60,7 +61,12 @@ class BaseCoefficients:
 
         `project(lift(beta)) == beta`; the parameters are the shortest such vector, not a feasible one.
         """
-        return beta @ np.linalg.pinv(self.projection).T
+        return beta @ self._lifting.T
+
+    @cached_property
+    def _lifting(self) -> Array:
+        """(P, r) its pseudo-inverse."""
+        return np.asarray(np.linalg.pinv(self.projection))
 
 
 def base_coefficients(model: Model, seed: int = 0, earlier: Model | None = None) -> BaseCoefficients:

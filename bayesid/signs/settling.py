@@ -155,8 +155,8 @@ def restored(model: Model, signals: Signals) -> Signals:
 
 def _agreed(evidence: Evidence, probability: Array) -> tuple[Array, Fit]:
     """Signs and fit, settled once more under the fit to them and to what is known."""
-    fit = fit_signed(evidence, 2.0 * probability - 1.0)
-    probability = _smoothed(evidence, fit.predicted, evidence.signals.nearest(fit.predicted))
+    predicted = fit_signed(evidence, 2.0 * probability - 1.0, most_corrected=0).predicted
+    probability = _smoothed(evidence, predicted, evidence.signals.nearest(predicted))
     return probability, fit_signed(evidence, 2.0 * probability - 1.0)
 
 

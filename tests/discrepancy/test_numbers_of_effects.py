@@ -7,7 +7,7 @@ import pytest
 from conftest import small_robot
 
 from bayesid.discrepancy.numbers import Numbers
-from bayesid.fit.effects.explanation import NO_COLUMNS
+from bayesid.fit.effects.columns import NO_COLUMNS
 from bayesid.fit.effects.hypotheses import Hypothesis
 from bayesid.model.inertia import NAMES
 from bayesid.model.model import Model

@@ -14,7 +14,8 @@ from matplotlib.colors import to_hex
 from bayesid.discrepancy.compare import Excess, NoiseFloor, Trial
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.fit.effects.added_effect import AddedEffect
-from bayesid.fit.effects.explanation import LN10, Columns
+from bayesid.fit.effects.columns import Columns
+from bayesid.fit.effects.explanation import LN10
 from bayesid.fit.effects.hypotheses import Hypothesis
 from bayesid.fit.effects.scores import Score
 from bayesid.fit.effects.thresholds import Thresholds

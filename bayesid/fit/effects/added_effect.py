@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import logsumexp
 
-from bayesid.fit.effects.explanation import LN10, NO_COLUMNS, Columns, Explanation, Observations
+from bayesid.fit.effects.columns import NO_COLUMNS, Columns
+from bayesid.fit.effects.explanation import LN10, Explanation, Observations
 from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
 from bayesid.fit.effects.scores import Library, Score, assess, explain_with, plain_first
 from bayesid.fit.effects.thresholds import Thresholds

@@ -12,29 +12,53 @@ that of independent innovations: samples count for what they are worth, no autoc
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
 
 import numpy as np
 import scipy
 
-from bayesid.arrays import Array, Mask
+from bayesid.arrays import Array, Integers, Mask
 
-_SHARES = (0.0, 0.03, 0.1, 0.25, 0.5, 0.8, 0.97)
+_SHARES = (1e-4, 0.01, 0.03, 0.1, 0.25, 0.5, 0.7, 0.85, 0.93, 0.97, 0.99, 0.998)
 """Of the coloured part in the variance, from which the fit starts: a coarse grid, refined afterwards; not studied."""
-_CORRELATIONS = (0.02, 0.05, 0.12, 0.3, 0.8)
-"""s, from which the fit starts: a factor of about 2.5 from one to the next."""
+_CORRELATIONS = (0.006, 0.01, 0.02, 0.035, 0.06, 0.11, 0.2, 0.4, 0.8, 1.6, 3.0)
+"""s, from which the fit starts: a factor of about 2 from one to the next."""
+_AROUND = np.stack(
+    [
+        np.add.outer(
+            len(_CORRELATIONS) * np.clip(np.arange(len(_SHARES)) + up, 0, len(_SHARES) - 1),
+            np.clip(np.arange(len(_CORRELATIONS)) + right, 0, len(_CORRELATIONS) - 1),
+        ).ravel()
+        for up, right in product((-1, 0, 1), repeat=2)
+    ]
+)
+"""(9, K) neighbours of each point of the grid, itself among them."""
+_LAGS = 1_000
+"""Of the sample autocovariances that the grid is judged by. A round number; not studied."""
 _SHORTEST, _LONGEST = 0.005, 3.0
 """s; a shorter correlation is white at usual rates, a longer one a constant."""
-_START_SHARES = 1e-3, 0.999
-"""Least and largest share at which the local search starts: its logarithms must be finite."""
 _LOGITS = -12.0, 7.0
 """Least and largest logarithm of the shares' ratio in the local search: shares of 6e-6 to 0.999."""
-_EVALUATIONS = 40
-"""Of the local search; a round number."""
 _RESOLUTION = 0.02
-"""At which it ends, in logarithms: two per cent, below the sampling error of a thousand samples."""
-_STEP = 0.5
-"""Its first step, in the logarithms of the shares' ratio and of the correlation time."""
+"""Of the lattice of that logarithm and that of the correlation time: two per cent, below the sampling error of a
+thousand samples."""
+_STEPS = 20
+"""Of the local search, at most; it takes some three. A round number."""
+_ENOUGH = 1e-3
+"""Nats that the next step promises, below which the search ends."""
+_DAMPING = 1e-2
+"""Share of the curvature that is added to it after a step that has overshot, ten times as much after each more."""
+_UNSURE = 0.005
+"""By which the grid may be off, of the sum of squares: it sees what is bridged as well. Set by hand."""
+_EVALUATIONS, _SIMPLEX = 40, 0.5
+"""Of the search within limits, and its first step; round numbers."""
+_UNSEEN = 1e-3
+"""Change of an error's size that weighs samples as before: far below its sampling error of some 1e-2."""
+_DIGITS = 12
+"""Of a share and of a correlation time, s: far finer than the lattice, far coarser than rounding."""
 _TINY, _SMALL = 1e-300, 1e-12
 """Guards of a logarithm and of divisions by a share."""
 
@@ -60,22 +84,43 @@ class ErrorModel:
         """Sd of both, N m."""
         return float(np.hypot(self.white, self.coloured))
 
+    @property
+    def shape(self) -> tuple[float, float, float]:
+        """What its filter depends on: share of the coloured part, correlation time and rate, but for rounding."""
+        return round(self._share, _DIGITS), round(self.correlation, _DIGITS), self.rate
+
+    @property
+    def scale(self) -> float:
+        """Sd of the innovations, N m."""
+        return self.sigma * math.sqrt(_arma(self._share, self.correlation, self.rate)[2])
+
+    @property
+    def _share(self) -> float:
+        return (self.coloured / self.sigma) ** 2
+
+    def innovations(self, values: Array, used: Mask) -> Array:
+        """(N, ...) innovations of values (N, ...) without gaps, N m; zero where not used (N,)."""
+        memory, theta, _ = _arma(self._share, self.correlation, self.rate)
+        found = scipy.signal.lfilter([1.0, -memory], [1.0, -theta], np.moveaxis(values, 0, -1))
+        found *= used
+        return np.moveaxis(found, -1, 0)
+
     def whiten(self, values: Array, used: Mask) -> Array:
         """(N, ...) innovations of values (N, ...), in units of their standard deviation; zero where not used (N,)."""
-        share = (self.coloured / self.sigma) ** 2
-        memory, theta, variance = _arma(share, self.correlation, self.rate)
-        innovation = scipy.signal.lfilter([1.0, -memory], [1.0, -theta], bridged(values, used), axis=0)
-        innovation[~used] = 0.0
-        innovation /= self.sigma * math.sqrt(variance)
-        return innovation
+        return self.innovations(bridged(values, used), used) / self.scale
 
     def log_likelihood(self, residual: Array, used: Mask) -> float:
         """Of residuals (N,), those that are used."""
-        share = (self.coloured / self.sigma) ** 2
-        memory, theta, variance = _arma(share, self.correlation, self.rate)
+        memory, theta, variance = _arma(self._share, self.correlation, self.rate)
         square, count = _innovations(bridged(residual, used), used, memory, theta)
         scale = self.sigma**2 * variance
         return -0.5 * (count * math.log(2.0 * math.pi * scale) + square / scale)
+
+
+def alike(errors: Sequence[ErrorModel], others: Sequence[ErrorModel]) -> bool:
+    """Whether error models weigh alike: by the same filters, and as much but for a share that nobody sees."""
+    pairs = zip(errors, others, strict=True)
+    return all(a.shape == b.shape and abs(a.sigma - b.sigma) <= _UNSEEN * b.sigma for a, b in pairs)
 
 
 def bridged(values: Array, used: Mask) -> Array:
@@ -84,16 +129,42 @@ def bridged(values: Array, used: Mask) -> Array:
     Zeros in their place would be jumps: the first sample after a gap would count for as many as one innovation is
     smaller than the noise, and slow noise for far more than it is worth.
     """
-    rows, gaps = np.flatnonzero(used), np.flatnonzero(~used)
-    if not len(rows) or not len(gaps):
+    gaps, left, right, share = _gaps(used)
+    if not len(gaps):
         return values
+    share = share.reshape(-1, *(1,) * (values.ndim - 1))
+    filled = values.copy(order="K")
+    filled[gaps] = (1.0 - share) * values[left] + share * values[right]
+    return filled
+
+
+def unbridged(values: Array, used: Mask) -> Array:
+    """The transpose of `bridged`: what columns are multiplied with for products of bridged ones with values (N, s)."""
+    gaps, left, right, share = _gaps(used)
+    if not len(gaps):
+        return values
+    spread, share = values.copy(), share.reshape(-1, *(1,) * (values.ndim - 1))
+    np.add.at(spread, left, (1.0 - share) * values[gaps])
+    np.add.at(spread, right, share * values[gaps])
+    spread[gaps] = 0.0
+    return spread
+
+
+def _gaps(used: Mask) -> tuple[Integers, Integers, Integers, Array]:
+    """Rows that are not used (g,), their used neighbours on both sides, and the share of the right one."""
+    return _gaps_of(used.tobytes())
+
+
+@lru_cache(maxsize=64)
+def _gaps_of(used: bytes) -> tuple[Integers, Integers, Integers, Array]:
+    mask = np.frombuffer(used, dtype=bool)
+    rows, gaps = np.flatnonzero(mask), np.flatnonzero(~mask)
+    if not len(rows):
+        return rows, rows, rows, np.zeros(0)
     after = np.searchsorted(rows, gaps)
     left, right = rows[np.maximum(after - 1, 0)], rows[np.minimum(after, len(rows) - 1)]
     share = np.where(right > left, (gaps - left) / np.maximum(right - left, 1), 0.0)
-    share = share.reshape(-1, *(1,) * (values.ndim - 1))
-    filled = values.copy()
-    filled[gaps] = (1.0 - share) * values[left] + share * values[right]
-    return filled
+    return gaps, left, right, share
 
 
 def fit_error(
@@ -101,41 +172,169 @@ def fit_error(
 ) -> tuple[ErrorModel, float]:
     """The likeliest error model of residuals (N,), of those that are used, and its log likelihood.
 
+    Without limits its share and correlation time are those of a lattice as fine as the fit's resolution: residuals that
+    hardly differ are whitened by the same filter.
+
     Args:
         residual: (N,) N m.
         used: (N,) samples that count.
         rate: Hz.
         limits: largest white and coloured part, N m; none by default.
     """
-    residual = bridged(residual, used)
+    left = _Left(bridged(residual, used), used, rate)
+    point = left.on_lattice() if limits is None else left.within(limits)
+    (share, correlation), (sigma2, value) = _from_point(point), left.judged(point, limits)
+    return ErrorModel(math.sqrt(sigma2 * (1.0 - share)), math.sqrt(sigma2 * share), correlation, rate), value
 
-    def judged(share: float, correlation: float) -> tuple[float, float]:
-        """Sigma^2 and log likelihood of a share of the coloured part and a correlation time."""
-        memory, theta, variance = _arma(share, correlation, rate)
-        square, count = _innovations(residual, used, memory, theta)
+
+@dataclass(frozen=True)
+class _Left:
+    """What is left in a joint.
+
+    Attributes:
+        residual: (N,) N m, without gaps.
+        used: (N,) samples that count.
+        rate: Hz.
+    """
+
+    residual: Array
+    used: Mask
+    rate: float
+
+    def judged(self, point: Array, limits: tuple[float, float] | None = None) -> tuple[float, float]:
+        """Sigma^2 and log likelihood at a point: logarithms of the shares' ratio and of the correlation time."""
+        share, correlation = _from_point(point)
+        memory, theta, variance = _arma(share, correlation, self.rate)
+        square, count = _innovations(self.residual, self.used, memory, theta)
         sigma2 = square / (max(count, 1) * variance) + _TINY
         if limits is not None:
-            parts = (limits[0] ** 2 / max(1.0 - share, _SMALL), limits[1] ** 2 / max(share, _SMALL))
-            sigma2 = min(sigma2, *parts)
+            sigma2 = min(sigma2, *_most(share, limits))
         scale = sigma2 * variance
         return sigma2, -0.5 * (count * math.log(2.0 * math.pi * scale) + square / scale)
 
-    def cost(point: Array) -> float:
-        return -judged(*_from_point(point))[1]
+    def on_lattice(self) -> Array:
+        """The likeliest point, moved to the nearest of the lattice: the least sum of squared innovations."""
+        points, squares, _ = self._grid()
+        found = [self._descended(_arma(*_from_point(point), self.rate)[:2]) for point in points[_valleys(squares)]]
+        return _nearest(*min(found, key=lambda at: at[0])[1], self.rate)
 
-    grid = [(share, time) for share in _SHARES for time in _CORRELATIONS[: 1 if share == 0.0 else None]]
-    best = max(grid, key=lambda at: judged(*at)[1])
-    simplex = _to_point(*best) + np.array([[0.0, 0.0], [_STEP, 0.0], [0.0, _STEP]])  # scipy's is flat at 1/2
-    options = {"maxfev": _EVALUATIONS, "xatol": _RESOLUTION, "initial_simplex": simplex}
-    refined = scipy.optimize.minimize(cost, simplex[0], method="Nelder-Mead", options=options)
-    share, correlation = max((best, _from_point(refined.x)), key=lambda at: judged(*at)[1])
-    sigma2, value = judged(share, correlation)
-    return ErrorModel(np.sqrt(sigma2 * (1.0 - share)), np.sqrt(sigma2 * share), correlation, rate), value
+    def _descended(self, start: tuple[float, float]) -> tuple[float, tuple[float, float]]:
+        """Least sum of squares near phi and theta, and where it is: Newton's steps, damped where one overshoots."""
+        place, damping, at = start, 0.0, self._squares(start)
+        for _ in range(_STEPS if at.square > _TINY else 0):
+            new = _stepped(place, at, damping, self.rate)
+            promised = at.slope[0] * (place[0] - new[0]) + at.slope[1] * (place[1] - new[1])
+            if len(self.residual) * abs(promised) < _ENOUGH * at.square:
+                break
+            tried = self._squares(new)
+            if tried.square < at.square:
+                place, at, damping = new, tried, 0.1 * damping if damping > _DAMPING else 0.0
+            else:
+                damping = max(10.0 * damping, _DAMPING)
+        return at.square, place
+
+    def within(self, limits: tuple[float, float]) -> Array:
+        """The likeliest point within limits, whose kinks want a search without slopes."""
+        points, squares, variance = self._grid()
+        count = max(int(self.used.sum()), 1)
+        most = np.array([min(_most(_from_point(point)[0], limits)) for point in points])
+        scale = np.minimum(squares / (count * variance) + _TINY, most) * variance
+        best = points[int(np.argmin(count * np.log(scale) + squares / scale))]
+        simplex = best + _SIMPLEX * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])  # scipy's is flat at 1/2
+        options = {"maxfev": _EVALUATIONS, "xatol": _RESOLUTION, "initial_simplex": simplex}
+        found = scipy.optimize.minimize(
+            lambda point: -self.judged(point, limits)[1], best, method="Nelder-Mead", options=options
+        )
+        return np.asarray(found.x, dtype=np.float64)
+
+    def _grid(self) -> tuple[Array, Array, Array]:
+        """(K, 2) points of a coarse grid, and (K,) sums of squares and innovations' variances there.
+
+        By sample autocovariances, as if nothing were bridged.
+        """
+        count = len(self.residual)
+        points, weights, variance = _grid_of(self.rate, min(_LAGS, count))
+        spectrum = np.fft.rfft(self.residual, scipy.fft.next_fast_len(2 * count, real=True))
+        squares = weights @ np.fft.irfft(np.abs(spectrum) ** 2)[: weights.shape[1]]
+        return points, np.maximum(squares, 0.0), variance
+
+    def _squares(self, place: tuple[float, float]) -> _Squares:
+        """Sum of squared innovations at phi and theta, with its slopes."""
+        memory, theta = place
+        late = [0.0, 1.0], [1.0, -theta]
+        rows = np.empty((5, len(self.residual)))  # innovations, by phi, by theta, by both, and by theta twice
+        np.negative(scipy.signal.lfilter(*late, self.residual), out=rows[1])
+        np.add(self.residual, (memory - theta) * rows[1], out=rows[0])
+        rows[2:4] = scipy.signal.lfilter(*late, rows[:2])
+        rows[4] = scipy.signal.lfilter(*late, rows[2])
+        rows *= self.used
+        products = (rows[:3] @ rows.T).tolist()
+        (square, by_memory, by_theta, bent, curved), (_, steep, across, *_), (_, _, level, *_) = products
+        curvature = steep, across + bent, level + 2.0 * curved
+        return _Squares(square, (by_memory, by_theta), curvature, (steep, across, level))
 
 
-def _to_point(share: float, correlation: float) -> Array:
-    share = min(max(share, _START_SHARES[0]), _START_SHARES[1])
-    return np.array([np.log(share / (1.0 - share)), np.log(correlation)])
+@dataclass(frozen=True)
+class _Squares:
+    """A sum of squares; half its slopes by phi and theta; half its curvature (by phi, both, theta); Gauss's of it."""
+
+    square: float
+    slope: tuple[float, float]
+    curvature: tuple[float, float, float]
+    plain: tuple[float, float, float]
+
+
+def _most(share: float, limits: tuple[float, float]) -> tuple[float, float]:
+    """Sigma^2 that the limits of the white and of the coloured part allow."""
+    return limits[0] ** 2 / max(1.0 - share, _SMALL), limits[1] ** 2 / max(share, _SMALL)
+
+
+def _valleys(squares: Array) -> Integers:
+    """Of sums of squares (K,) on the grid, those that no neighbour is below, of those that may be the least."""
+    lowest = squares <= np.minimum(squares[_AROUND].min(axis=0), (1.0 + _UNSURE) * squares.min())
+    return np.asarray(np.flatnonzero(lowest), dtype=np.int64)
+
+
+def _stepped(place: tuple[float, float], at: _Squares, damping: float, rate: float) -> tuple[float, float]:
+    """Phi and theta after a step of Newton's, along the border where it would leave 0 <= theta < phi."""
+    (memory, theta), (by_memory, by_theta) = place, at.slope
+    steep, across, level = at.curvature
+    if not (level > 0.0 and steep * level > across**2):
+        steep, across, level = at.plain
+    steep, level = (1.0 + damping) * steep + _TINY, (1.0 + damping) * level + _TINY
+    determinant = max(steep * level - across**2, _SMALL * steep * level)
+    lowest, highest = (math.exp(-1.0 / (time * rate)) for time in (_SHORTEST, _LONGEST))
+    least, most = -theta, max(memory, lowest) - theta - _SMALL
+    along = min(max((across * by_memory - steep * by_theta) / determinant, least), most)
+    new = min(max(memory - (by_memory + across * along) / steep, lowest), highest)
+    along = min(max(-(by_theta + across * (new - memory)) / level, least), most)
+    return new, max(min(theta + along, new - _SMALL), 0.0)
+
+
+def _nearest(memory: float, theta: float, rate: float) -> Array:
+    """The point of the lattice nearest to some phi and theta."""
+    odds = (memory * (1.0 + theta**2) / max(theta, _SMALL) - 1.0 - memory**2) / (1.0 - memory**2)
+    point = np.array(
+        [min(max(math.log(max(odds, _SMALL)), _LOGITS[0]), _LOGITS[1]), -math.log(-rate * math.log(memory))]
+    )
+    most = np.array([_LOGITS[1], math.log(_LONGEST)])
+    nearest: Array = most - _RESOLUTION * np.round((most - point) / _RESOLUTION)
+    return nearest
+
+
+@lru_cache(maxsize=8)
+def _grid_of(rate: float, lags: int) -> tuple[Array, Array, Array]:
+    """(K, 2) points, (K, lags) what each autocovariance adds to the sum of squared innovations, and (K,) variances.
+
+    With g_k = theta^k / (1 - theta^2), the autocovariances of 1 / (1 - theta L), that is
+    (1 + phi^2) g_0 - 2 phi g_1 of lag 0, and 2 (1 + phi^2) g_k - 2 phi (g_(k-1) + g_(k+1)) of others.
+    """
+    points = np.array([[math.log(s / (1.0 - s)), math.log(t)] for s in _SHARES for t in _CORRELATIONS])
+    memory, theta, variance = np.array([_arma(*_from_point(point), rate) for point in points]).T[:, :, None]
+    powers = theta ** np.abs(np.arange(-1, lags + 1)) / (1.0 - theta**2)
+    weights = (1.0 + memory**2) * powers[:, 1:-1] - memory * (powers[:, :-2] + powers[:, 2:])
+    weights[:, 1:] *= 2.0
+    return points, weights, variance[:, 0]
 
 
 def _from_point(point: Array) -> tuple[float, float]:
@@ -149,9 +348,18 @@ def _arma(share: float, correlation: float, rate: float) -> tuple[float, float, 
     memory = math.exp(-1.0 / (correlation * rate))
     white = 1.0 - share
     total = share * (1.0 - memory**2) + white * (1.0 + memory**2)
-    ratio = memory * white / total
-    theta = 2.0 * ratio / (1.0 + math.sqrt(max(1.0 - 4.0 * ratio**2, 0.0)))
+    theta = _theta_of(memory * white / total)
     return memory, theta, total / (1.0 + theta**2)
+
+
+def _theta(odds: float, memory: float) -> float:
+    """Theta, of the coloured part's share over the white one's, and phi."""
+    return _theta_of(memory / (odds * (1.0 - memory**2) + 1.0 + memory**2))
+
+
+def _theta_of(ratio: float) -> float:
+    """Theta of theta / (1 + theta^2)."""
+    return 2.0 * ratio / (1.0 + math.sqrt(max(1.0 - 4.0 * ratio**2, 0.0)))
 
 
 def _innovations(residual: Array, used: Mask, memory: float, theta: float) -> tuple[float, int]:

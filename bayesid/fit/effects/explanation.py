@@ -14,7 +14,7 @@ log N.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -23,8 +23,9 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import log_ndtr
 
-from bayesid.arrays import Array, Mask
-from bayesid.fit.effects.error_model import ErrorModel, fit_error
+from bayesid.arrays import Array, Integers, Mask
+from bayesid.fit.effects.columns import NOT_YET, Columns, Whitening
+from bayesid.fit.effects.error_model import ErrorModel, alike, bridged, fit_error
 from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.fit.knowledge import Information
 
@@ -34,32 +35,6 @@ _TINY = 1e-300
 """Guard of divisions and roots; no result depends on it."""
 _RIDGE = 1e-12
 """Added to the unit diagonal of a scaled H before it is factored: a guard against rounding."""
-
-
-@dataclass(frozen=True, eq=False)
-class Columns:
-    """What a hypothesis adds to the efforts: columns with free amplitudes, and a change without.
-
-    Attributes:
-        rows: joint (0-based) to (N, p) columns.
-        shift: joint to (N,) change, N m.
-        sd: (p,) prior standard deviations of the amplitudes.
-        positive: (p,) which of them cannot be negative.
-    """
-
-    rows: dict[int, Array]
-    shift: dict[int, Array]
-    sd: Array
-    positive: Mask
-
-    @property
-    def joints(self) -> set[int]:
-        """Joints in which it acts."""
-        return set(self.rows) | set(self.shift)
-
-
-NO_COLUMNS = Columns(rows={}, shift={}, sd=np.zeros(0), positive=np.zeros(0, dtype=bool))
-"""Of what leaves no trace."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +51,7 @@ class Observations:
         limits: (n, 2) largest white and coloured part of the error that is nothing but noise, N m.
         rate: Hz.
         thresholds: that decide.
+        whitening: of the columns; shared by all observations with the same columns and samples that count.
     """
 
     columns: Array
@@ -87,6 +63,11 @@ class Observations:
     limits: Array
     rate: float
     thresholds: Thresholds = Thresholds()
+    whitening: Whitening = field(default=NOT_YET, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if self.whitening.columns is not self.columns or self.whitening.used is not self.used:
+            object.__setattr__(self, "whitening", Whitening(self.columns, self.used))
 
     def mean_square(self, residual: Array) -> Array:
         """(n,) of residuals (N, n), zero where not used, in units of the floor's."""
@@ -131,6 +112,24 @@ class JudgedJoint:
         if self.previous is not None:
             return self.previous.free + self._likelier
         return self._fitted[1] - float(np.log(max(int(self.used.sum()), 2)))
+
+    @cached_property
+    def evidence(self) -> float:
+        """Log evidence, whichever is likelier: the limits are not looked into where noise is out of the question."""
+        if self.previous is not None:
+            return self.previous.evidence + self._likelier
+        return self.free if self._as_noise_at_most < self.free else max(self.noise, self.free)
+
+    @property
+    def _as_noise_at_most(self) -> float:
+        """Not below the log evidence as noise: with the least squares of all, and the largest variance, if both bind.
+
+        Innovations vary no more than the white and the coloured part together.
+        """
+        count, value = max(int(self.used.sum()), 1), self._fitted[1]
+        most = self.limits[0] ** 2 + self.limits[1] ** 2 + _TINY
+        least = float(np.exp(-1.0 - 2.0 * value / count)) / (2.0 * np.pi)  # mean squared innovation
+        return value if least <= most else -0.5 * count * float(np.log(2.0 * np.pi * most) + least / most)
 
     @cached_property
     def _fitted(self) -> tuple[ErrorModel, float]:
@@ -184,12 +183,46 @@ class Explanation:
     @property
     def log_evidence(self) -> float:
         """Up to a constant common to all explanations of the same data."""
-        return float(np.maximum(self.noise_evidence, self.free_evidence).sum()) + self.log_prior
+        return sum(joint.evidence for joint in self.judged) + self.log_prior
 
     @property
     def log_evidence_as_noise(self) -> float:
         """Log evidence if what is left is nothing but noise."""
         return float(self.noise_evidence.sum()) + self.log_prior
+
+
+@dataclass(frozen=True, eq=False)
+class WhiteJoint:
+    """What shows in a joint, as innovations.
+
+    Attributes:
+        index: (m,) of the coefficients and amplitudes whose columns show.
+        acting: effects with columns here, in their order.
+        model: (N, q) columns of the model, which come first.
+        others: (N, m - q + 1) those of effects, and the effort.
+        of_model: (q, q) products of the model's.
+    """
+
+    index: Integers
+    acting: tuple[Columns, ...]
+    model: Array
+    others: Array
+    of_model: Array
+
+    @cached_property
+    def products(self) -> Array:
+        """(m + 1, m + 1) of columns and effort."""
+        across = self.model.T @ self.others
+        return np.block([[self.of_model, across], [across.T, self.others.T @ self.others]])
+
+    @property
+    def effort(self) -> Array:
+        """(N,) of the effort."""
+        return self.others[:, -1]
+
+    def times(self, values: Array) -> Array:
+        """(m, ...) products of the columns with innovations (N, ...)."""
+        return np.concatenate([self.model.T @ values, self.others[:, :-1].T @ values])
 
 
 class Regression:
@@ -202,37 +235,32 @@ class Regression:
 
     def __init__(self, data: Observations, effects: Sequence[Columns] = ()) -> None:
         self.data, self.effects = data, tuple(effects)
-        self._whitened: dict[tuple[int, ErrorModel], tuple[Array, Array]] = {}
+        bounds = np.cumsum([data.columns.shape[2], *(len(effect.sd) for effect in effects)])
+        self._places = [np.arange(start, end) for start, end in pairwise(bounds.tolist())]
+        self._whitened: dict[tuple[int, Hashable], WhiteJoint] = {}
 
     @cached_property
-    def _systems(self) -> list[tuple[Array, Array]]:
-        """(N, r + p) columns and (N,) effort of each joint."""
-        systems = []
-        for j in range(self.data.effort.shape[1]):
-            used = self.data.used[:, j]
-            parts, effort = [self.data.columns[:, j]], self.data.effort[:, j]
-            for effect in self.effects:
-                parts.append(effect.rows.get(j, np.zeros((len(used), len(effect.sd)))) * used[:, None])
-                effort = effort - effect.shift.get(j, 0.0) * used
-            systems.append((np.concatenate(parts, axis=1), effort))
-        return systems
+    def _efforts(self) -> Array:
+        """(N, n) without the changes that effects make, N m."""
+        efforts = self.data.effort.copy(order="F")
+        for effect in self.effects:
+            for j, shift in effect.shift.items():
+                efforts[:, j] -= shift * self.data.used[:, j]
+        return efforts
 
-    def whitened(self, joint: int, error: ErrorModel) -> tuple[Array, Array]:
-        """(N, m + 1) whitened columns and effort of a joint, and their (m + 1, m + 1) products."""
-        key = joint, error
+    def whitened(self, joint: int, error: ErrorModel) -> WhiteJoint:
+        """All that shows in a joint, filtered by an error model: innovations in N m, whatever their size."""
+        key = joint, error.shape
         if key not in self._whitened:
-            columns, effort = self._systems[joint]
-            both, shows = np.column_stack([columns, effort]), self._shows[joint]
-            own = error.whiten(both[:, shows], self.data.used[:, joint])
-            white, products = np.zeros(both.shape), np.zeros((len(shows), len(shows)))
-            white[:, shows], products[np.ix_(shows, shows)] = own, own.T @ own
-            self._whitened[key] = white, products
+            whitening, used = self.data.whitening, self.data.used[:, joint]
+            acting = [(e, place) for e, place in zip(self.effects, self._places, strict=True) if joint in e.rows]
+            model, products = whitening.model(joint, error)
+            rows = [whitening.rows(effect, joint, error) for effect, _ in acting]
+            effort = error.innovations(bridged(self._efforts[:, joint], used), used)
+            others = np.concatenate([*rows, effort[:, None]], axis=1)
+            index = np.concatenate([whitening.bare(joint)[0], *(place for _, place in acting)])
+            self._whitened[key] = WhiteJoint(index, tuple(effect for effect, _ in acting), model, others, products)
         return self._whitened[key]
-
-    @cached_property
-    def _shows(self) -> list[Mask]:
-        """(m + 1,) which columns show in each joint, the effort among them: no link shows in the joints behind it."""
-        return [np.append(columns.any(axis=0), True) for columns, _ in self._systems]
 
     def explain(
         self, errors: Sequence[ErrorModel], extra: Columns | None = None, previous: Explanation | None = None
@@ -265,9 +293,13 @@ class Regression:
         )
 
     def settle(self, start: Explanation, extra: Columns | None = None) -> Explanation:
-        """`explain` once more with the error models that it has found."""
+        """`explain` once more with the error models that it has found, unless they are as they were."""
         first = self.explain(start.errors, extra, start)
-        return self.explain(first.errors, extra, first if extra is not None else None)
+        return (
+            first
+            if alike(first.errors, start.errors)
+            else self.explain(first.errors, extra, first if extra is not None else None)
+        )
 
     def _log_prior(self, best: Array, sd: Array, precision: Array, effects: Sequence[Columns]) -> float:
         """Of coefficients and amplitudes: the earlier log's, the effects' normal ones, and those of their sides."""
@@ -287,42 +319,45 @@ class Regression:
         gradient[:r] += information.gradient
         m = len(precision) - (0 if extra is None else len(extra.sd))
         for j, error in enumerate(errors):
-            white, products = self.whitened(j, error)
-            hessian[:m, :m] += products[:-1, :-1]
-            gradient[:m] += products[:-1, -1]
+            white = self.whitened(j, error)
+            weight, place = error.scale**-2.0, white.index
+            hessian[place[:, None], place] += weight * white.products[:-1, :-1]
+            gradient[place] += weight * white.products[:-1, -1]
             if extra is not None and j in extra.joints:
-                _add_effect(hessian, gradient, white, extra, j, error, self.data.used[:, j])
+                self._add(hessian[:, m:], gradient, white, extra, j, error)
+        hessian[m:, :m] = hessian[:m, m:].T
         return hessian, gradient
+
+    def _add(
+        self, hessian: Array, gradient: Array, white: WhiteJoint, extra: Columns, joint: int, error: ErrorModel
+    ) -> None:
+        """Adds one more effect's part of a joint to its own columns of H, and to g."""
+        whitening, weight, effort = self.data.whitening, error.scale**-2.0, white.effort
+        if joint in extra.shift:
+            shift = whitening.shift(extra, joint, error)
+            gradient[white.index] -= weight * white.times(shift)
+            effort = effort - shift
+        if joint in extra.rows:
+            rows, m = whitening.rows(extra, joint, error), len(gradient) - len(extra.sd)
+            hessian[white.index] += weight * white.times(rows)
+            hessian[m:] += weight * (rows.T @ rows)
+            gradient[m:] += weight * (rows.T @ effort)
 
     def _residual(self, best: Array, extra: Columns | None) -> Array:
         """(N, n) what coefficients and amplitudes (r + p,) leave, N m, zero where not used."""
-        m = self._systems[0][0].shape[1]
-        residual = np.stack([effort - columns @ best[:m] for columns, effort in self._systems], axis=1)
+        residual = self._efforts.copy(order="F")
+        for j in range(residual.shape[1]):
+            index, columns = self.data.whitening.bare(j)
+            residual[:, j] -= columns @ best[index]
+        effects = list(zip(self.effects, self._places, strict=True))
         if extra is not None:
-            for j in extra.joints:
-                residual[:, j] -= extra.shift.get(j, 0.0)
-                if j in extra.rows:
-                    residual[:, j] -= extra.rows[j] @ best[m:]
+            for j, shift in extra.shift.items():
+                residual[:, j] -= shift
+            effects.append((extra, np.arange(len(best) - len(extra.sd), len(best))))
+        for effect, place in effects:
+            for j, rows in effect.rows.items():
+                residual[:, j] -= rows @ best[place]
         return residual * self.data.used
-
-
-def _add_effect(
-    hessian: Array, gradient: Array, white: Array, effect: Columns, joint: int, error: ErrorModel, used: Mask
-) -> None:
-    """Adds one more effect's part of a joint to H and g, given the joint's whitened columns and effort (N, m + 1)."""
-    columns, effort = white[:, :-1], white[:, -1]
-    m = columns.shape[1]
-    if joint in effect.shift:
-        shift = error.whiten(effect.shift[joint], used)
-        gradient[:m] -= columns.T @ shift
-        effort = effort - shift
-    if joint in effect.rows:
-        rows = error.whiten(effect.rows[joint], used)
-        cross = columns.T @ rows
-        hessian[:m, m:] += cross
-        hessian[m:, :m] += cross.T
-        hessian[m:, m:] += rows.T @ rows
-        gradient[m:] += rows.T @ effort
 
 
 def _solve(hessian: Array, gradient: Array) -> tuple[Array, Array, float]:

@@ -48,7 +48,7 @@ def extend(
     for hypothesis, amplitude in zip(chosen, explanation.amplitudes, strict=True):
         if hypothesis.changes:
             theta[[names.index(name) for name in hypothesis.changes]] += amplitude
-            knowledge = knowledge.widened(hypothesis.changes, hypothesis.columns.sd)
+            knowledge = knowledge.widened(hypothesis.changes, hypothesis.columns.sd, coefficients)
         else:
             model = model.extend(hypothesis.source.moved(amplitude))
             added.append(amplitude[: len(hypothesis.source.parameters(model.robot))])

@@ -20,9 +20,10 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 from scipy.special import log_ndtr
 
-from bayesid.arrays import Array, Integers
-from bayesid.fit.effects.error_model import ErrorModel, fit_error
-from bayesid.fit.effects.explanation import NO_COLUMNS, Columns, Observations
+from bayesid.arrays import Array, Integers, Mask
+from bayesid.fit.effects.columns import NO_COLUMNS, Columns
+from bayesid.fit.effects.error_model import ErrorModel, bridged, fit_error
+from bayesid.fit.effects.explanation import Observations
 from bayesid.fit.effects.held_back import FOLDS, HeldBackErrors, bears_out, blocks_of, harmed
 from bayesid.fit.effects.hypotheses import EffectKey
 from bayesid.fit.effects.relevance import inverse_of
@@ -95,7 +96,7 @@ class Products(Generic[Kind]):
     _known: Array = field(init=False)
     _hessian: list[Array] = field(init=False)
     _gradient: list[Array] = field(init=False)
-    _by_fold: tuple[Array, Array] = field(init=False)
+    _by_others: tuple[Array, Array] = field(init=False)
     _starts: Integers = field(init=False)
     _columns: list[tuple[Array, Array]] = field(init=False)
 
@@ -123,8 +124,10 @@ class Products(Generic[Kind]):
         self._add_up()
 
     def _add_up(self) -> None:
-        self._by_fold = np.sum(self._hessian, axis=0), np.sum(self._gradient, axis=0)
-        self.hessian, self.gradient = (products.sum(axis=0) for products in self._by_fold)
+        weights = [error.scale**-2.0 for error in self.errors]
+        by_fold = [np.tensordot(weights, products, axes=1) for products in (self._hessian, self._gradient)]
+        self.hessian, self.gradient = (products.sum(axis=0) for products in by_fold)
+        self._by_others = self.hessian - by_fold[0], self.gradient - by_fold[1]
 
     def _rows(self, block: int) -> slice:
         return slice(self._starts[block], self._starts[block + 1])
@@ -145,12 +148,13 @@ class Products(Generic[Kind]):
             if candidate.change >= 0 and joint in columns.shift:
                 index.append(np.array([candidate.change]))
                 parts.append(columns.shift[joint][:, None] * used)
-        return np.concatenate(index), np.concatenate(parts, axis=1)
+        return np.concatenate(index), np.asfortranarray(np.concatenate(parts, axis=1))
 
     def _multiplied(self, joint: int) -> tuple[Array, Array]:
         index, columns = self._columns[joint]
-        white = self.errors[joint].whiten(
-            np.column_stack([columns, self.data.effort[:, joint]]), self.data.used[:, joint]
+        used = self.data.used[:, joint]
+        white = self.errors[joint].innovations(
+            bridged(np.column_stack([columns, self.data.effort[:, joint]]), used), used
         )
         size = len(self._known)
         hessian, gradient = np.zeros((FOLDS, size, size)), np.zeros((FOLDS, size))
@@ -189,16 +193,18 @@ class Products(Generic[Kind]):
 
     def _without(self, best: Array) -> Array:
         """(N, n, k) what k sets of coefficients and amplitudes (m, k) leave."""
-        explained = np.stack([columns @ best[index] for index, columns in self._columns], axis=1)
-        return (self.data.effort[:, :, None] - explained) * self.data.used[:, :, None]
+        residual = np.empty((best.shape[1], *self.data.effort.shape))
+        counts: Mask = np.any(best, axis=1)
+        for j, (index, columns) in enumerate(self._columns):
+            shows = counts[index]
+            residual[:, :, j] = self.data.effort[:, j] - best[index[shows]].T @ columns[:, shows].T
+        residual *= self.data.used
+        return residual.transpose(1, 2, 0)
 
     def held_back(self, chosen: Sequence[Candidate[Kind]]) -> HeldBackErrors:
         """Every block predicted by a fit of some candidates to the folds that it is not in."""
-        best = []
-        for fold in range(FOLDS):
-            others = [k for k in range(FOLDS) if k != fold]
-            hessian, gradient = (products[others].sum(axis=0) for products in self._by_fold)
-            best.append(self._solved(hessian, gradient, chosen, uncertain=self.predicting)[0])
+        folds = zip(*self._by_others, strict=True)
+        best = [self._solved(*others, chosen, uncertain=self.predicting)[0] for others in folds]
         residual = self._without(np.stack(best, axis=1))
         squares = [(residual[self._rows(b), :, b % FOLDS] ** 2).sum(axis=0) for b in range(self.blocks)]
         counts = [self.data.used[self._rows(b)].sum(axis=0) for b in range(self.blocks)]
@@ -219,8 +225,10 @@ class Products(Generic[Kind]):
         """Whitens some (0-based) joints anew, by the errors that a set of candidates leaves there."""
         residual = self.residual(chosen)
         for j in joints:
+            before = self.errors[j]
             self.errors[j] = fit_error(residual[:, j], self.data.used[:, j], self.data.rate)[0]
-            self._hessian[j], self._gradient[j] = self._multiplied(j)
+            if self.errors[j].shape != before.shape:
+                self._hessian[j], self._gradient[j] = self._multiplied(j)
         self._add_up()
 
     def gains(self, chosen: Sequence[Candidate[Kind]], tried: Sequence[Candidate[Kind]]) -> Array:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from bayesid.arrays import Array, Mask
-from bayesid.fit.effects.explanation import NO_COLUMNS, Columns
+from bayesid.fit.effects.columns import NO_COLUMNS, Columns, stacked
 from bayesid.model import catalogue, terms
 from bayesid.model.effects import Effect, Scene
 from bayesid.model.model import Model
@@ -42,7 +43,7 @@ class Hypothesis:
     make: Callable[[Effect], Hypothesis] = field(repr=False, compare=False)
     changes: tuple[str, ...] = ()
 
-    @property
+    @cached_property
     def effect(self) -> str:
         """Name of the effect, whatever the form."""
         return self.source.effect
@@ -52,7 +53,7 @@ class Hypothesis:
         """From 1; none named: it acts on the whole robot."""
         return self.source.joints
 
-    @property
+    @cached_property
     def key(self) -> EffectKey:
         """Effect and joints, whatever the form."""
         return self.effect, self.joints
@@ -87,7 +88,9 @@ def hypotheses(model: Model, scene: Scene, used: Mask, *, refinements: bool = Fa
                 columns = hypothesis.columns
                 key = source.joints, len(columns.sd), tuple(sorted(columns.joints)), bool(columns.rows)
                 groups.setdefault(key, []).append(hypothesis)
-        yield from groups.values()
+        for group in groups.values():
+            together = stacked([hypothesis.columns for hypothesis in group])
+            yield [replace(one, columns=columns) for one, columns in zip(group, together, strict=True)]
 
 
 def maker(model: Model, scene: Scene, used: Mask) -> Callable[[Effect], Hypothesis]:

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from bayesid.arrays import Array, Mask
-from bayesid.fit.effects.explanation import NO_COLUMNS, Columns
+from bayesid.fit.effects.columns import NO_COLUMNS, Columns
 from bayesid.fit.effects.hypotheses import usual_amplitudes
 from bayesid.model.model import Model
 from bayesid.model.terms.coulomb_friction import DryTerm

@@ -13,6 +13,8 @@ from bayesid.fit.effects.screening import Screening
 
 _EVALUATIONS = 12
 """In the search for a nonlinear number: golden sections narrow its bracket to a hundredth or better."""
+_NOTICED = 0.01
+"""Nats by which another number must be likelier to take the place of what it is: less is the search's resolution."""
 
 
 def refined(data: Observations, effects: Sequence[Hypothesis], library: Library) -> list[Hypothesis]:
@@ -43,8 +45,13 @@ def _fitted(
 
     now = effect.source.shape[number][0]
     bounds = max((v for v in values if v < now), default=now), min((v for v in values if v > now), default=now)
+<<<<<<< HEAD
     best = scipy.optimize.minimize_scalar(cost, bounds=bounds, method="bounded", options={"maxiter": _EVALUATIONS})
     return effect.remade(number, float(best.x)) if best.fun < cost(now) else effect
+=======
+    best = minimize_scalar(cost, bounds=bounds, method="bounded", options={"maxiter": _EVALUATIONS})
+    return effect.remade(number, float(best.x)) if best.fun < cost(now) - _NOTICED else effect
+>>>>>>> disc
 
 
 def _grid(effect: Hypothesis, library: Library) -> tuple[str, Sequence[float]] | None:

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import block_diag
+from scipy.linalg.lapack import dpotrf, dpotri
 
 from bayesid.arrays import Array, Integers, Mask
 
@@ -155,5 +156,9 @@ def inverse_of(matrix: Array) -> Array:
     seen = diagonal > np.finfo(float).tiny
     scale = np.where(seen, 1.0 / np.sqrt(np.where(seen, diagonal, 1.0)), 0.0)
     scaled = matrix * np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
-    inverse: Array = np.linalg.pinv(scaled, hermitian=True) * np.outer(scale, scale)
+    factor, failed = dpotrf(scaled, lower=True)
+    if failed:  # by rounding
+        return np.asarray(np.linalg.pinv(scaled, hermitian=True) * np.outer(scale, scale))
+    lower = np.tril(dpotri(factor, lower=True)[0])
+    inverse: Array = (lower + np.tril(lower, -1).T) * np.outer(scale, scale)
     return inverse

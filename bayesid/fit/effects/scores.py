@@ -9,8 +9,9 @@ import numpy as np
 from scipy.special import logsumexp
 
 from bayesid.arrays import Array, Mask
-from bayesid.fit.effects.error_model import ErrorModel
-from bayesid.fit.effects.explanation import LN10, NO_COLUMNS, Columns, Explanation, Observations, Regression
+from bayesid.fit.effects.columns import NO_COLUMNS, Columns
+from bayesid.fit.effects.error_model import ErrorModel, alike
+from bayesid.fit.effects.explanation import LN10, Explanation, Observations, Regression
 from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
 from bayesid.fit.effects.screening import Screening
 from bayesid.fit.effects.thresholds import Thresholds
@@ -76,8 +77,12 @@ def explain_with(
     beside = [uncertain] if len(uncertain.sd) else []
     regression = Regression(data, [*beside, *(effect.columns for effect in effects)])
     explanation = regression.explain(initial_errors(data) if start is None else start.errors)
+    errors = None
     for _ in range(_SETTLINGS):
-        explanation = regression.explain(explanation.errors)
+        if errors is not None and alike(errors, explanation.errors):
+            break
+        errors = explanation.errors
+        explanation = regression.explain(errors)
     return regression, explanation
 
 

@@ -8,8 +8,9 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from bayesid.arrays import Array
-from bayesid.fit.effects.error_model import ErrorModel
-from bayesid.fit.effects.explanation import Columns, Regression
+from bayesid.fit.effects.columns import Columns, together
+from bayesid.fit.effects.error_model import ErrorModel, bridged
+from bayesid.fit.effects.explanation import Regression
 
 _TINY = 1e-300
 """Guard of a root; no result depends on it."""
@@ -25,14 +26,9 @@ class Screening:
 
     def __init__(self, regression: Regression, errors: Sequence[ErrorModel]) -> None:
         self._data, self._errors = regression.data, errors
-        explanation = regression.explain(errors)
-        self._root = explanation.root
-        whitened = [regression.whitened(j, error)[0][:, :-1] for j, error in enumerate(errors)]
-        self._shows = [white.any(axis=0) for white in whitened]
-        self._white = [white[:, shows] for white, shows in zip(whitened, self._shows, strict=True)]
-        self._residual = [
-            error.whiten(explanation.residual[:, j], self._data.used[:, j]) for j, error in enumerate(errors)
-        ]
+        self._explanation = regression.explain(errors)
+        self._joints = [regression.whitened(j, error) for j, error in enumerate(errors)]
+        self._pulled: dict[int, Array] = {}
 
     def gains(self, effects: Sequence[Columns]) -> tuple[Array, Array]:
         """Gains in log evidence of k effects with p amplitudes each, in the same joints.
@@ -43,46 +39,38 @@ class Screening:
         Returns:
             (k,) gains, and (k,) gains to be expected of amplitudes of one prior standard deviation.
         """
-        k, p = len(effects), len(effects[0].sd)
-        m = self._root.shape[1]
-        base, cross_shift = np.zeros(k), np.zeros((m, k))
-        cross, gram, slope = np.zeros((m, k * p)), np.zeros((k, p, p)), np.zeros((k, p))
-        shift_slope = np.zeros((k, p))
+        root, p = self._explanation.root, len(effects[0].sd)
+        k, size = len(effects), p + any(effect.shift for effect in effects)
+        across = np.zeros((k, size, root.shape[1]))
+        gram, slope = np.zeros((k, size, size)), np.zeros((k, size))
         for j in sorted(set().union(*(effect.joints for effect in effects))):
-            shifts = self._white_shifts(effects, j)
-            if shifts is not None:
-                base += shifts.T @ self._residual[j] - 0.5 * np.sum(shifts**2, axis=0)
-                cross_shift[self._shows[j]] += self._white[j].T @ shifts
-            if p:
-                rows = self._white_rows(effects, j)
-                cross[self._shows[j]] += self._white[j].T @ rows
-                blocks = rows.reshape(len(rows), k, p)
-                gram += np.einsum("nkp,nkq->kpq", blocks, blocks, optimize=True)
-                slope += (rows.T @ self._residual[j]).reshape(k, p)
-                if shifts is not None:
-                    shift_slope += np.einsum("nkp,nk->kp", blocks, shifts)
-        seen_shift = self._root @ cross_shift
-        base += 0.5 * np.sum(seen_shift**2, axis=0)
+            self._add(effects, j, across, gram, slope)
+        seen = across @ root.T
+        gram -= seen @ seen.transpose(0, 2, 1)
+        base = slope[:, p:].sum(axis=1) - 0.5 * gram[:, p:, p:].sum(axis=(1, 2))  # of changes without amplitudes
         if not p:
             return base, np.abs(base)
-        seen = (self._root @ cross).reshape(m, k, p)
-        gram -= np.einsum("rkp,rkq->kpq", seen, seen, optimize=True)
-        slope -= shift_slope - np.einsum("rkp,rk->kp", seen, seen_shift)
-        return _integrated(base, gram, slope, effects)
+        return _integrated(base, gram[:, :p, :p], slope[:, :p] - gram[:, :p, p:].sum(axis=2), effects)
 
-    def _white_shifts(self, effects: Sequence[Columns], joint: int) -> Array | None:
-        """(N, k) whitened changes without amplitudes; None where there are none."""
-        if not any(joint in effect.shift for effect in effects):
-            return None
-        used = self._data.used[:, joint]
-        shifts = np.stack([effect.shift.get(joint, np.zeros(len(used))) for effect in effects], axis=1)
-        return self._errors[joint].whiten(shifts, used)
+    def _add(self, effects: Sequence[Columns], joint: int, across: Array, gram: Array, slope: Array) -> None:
+        """Adds a joint's products of k effects' columns and changes: with all others, each other, and the residual."""
+        white, error = self._joints[joint], self._errors[joint]
+        stack, kept = together(effects, joint)
+        products, of_model = self._data.whitening.group(stack, joint, error, keep=kept)
+        k, size, count = stack.shape
+        whitening, weight = self._data.whitening, error.scale**-2.0
+        of_effects = [whitening.across(stack, effect, joint, error, keep=kept) for effect in white.acting]
+        across[:, :size, white.index] += weight * np.concatenate([of_model, *of_effects], axis=2)
+        gram[:, :size, :size] += weight * products
+        slope[:, :size] += weight * (stack.reshape(-1, count) @ self._pulled_back(joint)).reshape(k, size)
 
-    def _white_rows(self, effects: Sequence[Columns], joint: int) -> Array:
-        """(N, k p) whitened columns."""
-        blank = np.zeros((len(self._data.used), len(effects[0].sd)))
-        rows = np.concatenate([effect.rows.get(joint, blank) for effect in effects], axis=1)
-        return self._errors[joint].whiten(rows, self._data.used[:, joint])
+    def _pulled_back(self, joint: int) -> Array:
+        """(N,) to multiply columns with for their products with the residual."""
+        if joint not in self._pulled:
+            error, used = self._errors[joint], self._data.used[:, joint]
+            left = error.innovations(bridged(self._explanation.residual[:, joint], used), used)
+            self._pulled[joint] = self._data.whitening.pulled_back(left, joint, error)
+        return self._pulled[joint]
 
 
 def _integrated(base: Array, gram: Array, slope: Array, effects: Sequence[Columns]) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from bayesid.arrays import Array
-from bayesid.fit.effects.explanation import Columns
+from bayesid.fit.effects.columns import Columns
 from bayesid.fit.effects.forward import Products
 from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
 from bayesid.fit.effects.kinematics import KINEMATICS, KinematicTolerance, kinematic_columns

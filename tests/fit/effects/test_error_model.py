@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
 
 from bayesid.fit.effects.error_model import ErrorModel, bridged, fit_error
@@ -171,6 +172,23 @@ def test_fit_is_the_likeliest_of_all_within_the_limits(name, limits):
         for correlation in np.geomspace(0.01, 2.0, 9)
     )
     assert value > best - (0.01 if limits is None else 0.5)
+
+
+@pytest.mark.parametrize("name", FITTED)
+def test_fit_is_likeliest_on_a_lattice_that_loses_little(name):
+    """Against a simplex search from the truth, on a log with gaps; neighbours of the lattice two per cent away."""
+    truth, used = FITTED[name], np.arange(900) % 90 >= 7
+    residual = draws(truth, 900, 1, 21)[:, 0]
+    found, value = fit_error(residual, used, RATE)
+
+    def unlikeliness(logs):
+        return -ErrorModel(*np.exp(logs), RATE).log_likelihood(residual, used)
+
+    begin = np.log([truth.white, truth.coloured, truth.correlation])
+    best = minimize(unlikeliness, begin, method="Nelder-Mead", options={"xatol": 1e-6, "fatol": 1e-9, "maxiter": 3000})
+    assert -best.fun - 0.03 < value <= -best.fun + 1e-6
+    cells = np.log([(found.coloured / found.white) ** 2, found.correlation]) - [7.0, np.log(3.0)]
+    np.testing.assert_allclose(cells / 0.02, np.round(cells / 0.02), atol=1e-6)
 
 
 def test_limits_bind_only_where_they_are_exceeded():

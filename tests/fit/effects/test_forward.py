@@ -10,8 +10,9 @@ from scipy.signal import lfilter
 from scipy.stats import multivariate_normal, norm
 
 from bayesid.fit.effects import forward
+from bayesid.fit.effects.columns import Columns
 from bayesid.fit.effects.error_model import ErrorModel, fit_error
-from bayesid.fit.effects.explanation import Columns, Observations
+from bayesid.fit.effects.explanation import Observations
 from bayesid.fit.effects.forward import Products, Rules, select_forward
 from bayesid.fit.knowledge import Information
 
@@ -431,7 +432,9 @@ def test_the_group_that_is_there_is_found_and_no_other(place, memory):
     assert names(chosen) == [hypotheses[place].key]
     left = products.residual(chosen)
     again = fit_error(left[:, 0], np.ones(LOG, dtype=bool), RATE)[0]
-    assert products.errors[0].sigma == pytest.approx(again.sigma, rel=0.02)  # noise is that of the result
+    assert products.errors[0].sigma == pytest.approx(
+        again.sigma, rel=0.04
+    )  # noise is that of the result, but for a cell of the lattice of fits
     assert np.sqrt(np.mean(left**2)) < 0.7
 
 

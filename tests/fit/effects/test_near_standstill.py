@@ -3,7 +3,7 @@
 import numpy as np
 from completion_problems import BASE, MOTION, ROBOT, SIZE, TOP
 
-from bayesid.fit.effects.explanation import NO_COLUMNS
+from bayesid.fit.effects.columns import NO_COLUMNS
 from bayesid.fit.effects.near_standstill import near_standstill
 from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model

@@ -8,7 +8,8 @@ import pytest
 from bayesid.discrepancy.compare import NoiseFloor, Trial, noise_floor
 from bayesid.discrepancy.log_checks import check_same_robot
 from bayesid.errors import InputError
-from bayesid.fit.effects.explanation import LN10, Columns
+from bayesid.fit.effects.columns import Columns
+from bayesid.fit.effects.explanation import LN10
 from bayesid.fit.effects.hypotheses import Hypothesis
 from bayesid.fit.effects.scores import Score
 from bayesid.fit.effects.thresholds import Thresholds
