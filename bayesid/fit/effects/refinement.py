@@ -45,13 +45,8 @@ def _fitted(
 
     now = effect.source.shape[number][0]
     bounds = max((v for v in values if v < now), default=now), min((v for v in values if v > now), default=now)
-<<<<<<< HEAD
     best = scipy.optimize.minimize_scalar(cost, bounds=bounds, method="bounded", options={"maxiter": _EVALUATIONS})
-    return effect.remade(number, float(best.x)) if best.fun < cost(now) else effect
-=======
-    best = minimize_scalar(cost, bounds=bounds, method="bounded", options={"maxiter": _EVALUATIONS})
     return effect.remade(number, float(best.x)) if best.fun < cost(now) - _NOTICED else effect
->>>>>>> disc
 
 
 def _grid(effect: Hypothesis, library: Library) -> tuple[str, Sequence[float]] | None:
