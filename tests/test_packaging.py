@@ -29,8 +29,8 @@ SOURCES = {"bayesid": ROOT / "bayesid", "bayesid.studies": ROOT / "studies"}
 """Packages and the folders they are made from."""
 PROVIDES = {"pin": "pinocchio", "tomli-w": "tomli_w", "lazy-loader": "lazy_loader"}
 """What a distribution is imported as, where the names differ."""
-BY_NAME = {"h5netcdf", "example-robot-data", "robot_descriptions"}
-"""Never imported: xarray does, when it is asked for the engine of this name; the files of two are read."""
+BY_NAME = {"example-robot-data", "robot_descriptions"}
+"""Never imported: their files are read."""
 TOOLS = {"test", "docs", "browser", "release"}
 """Extras of those who work on bayesid, not of those who use it."""
 
@@ -84,7 +84,7 @@ def test_whatever_is_imported_is_declared_and_whatever_is_declared_is_imported()
 
 
 def test_an_extra_is_needed_by_what_is_optional_only():
-    """What every import needs is no extra, and engines that xarray is asked for by name are asked for."""
+    """What every import needs is no extra, and what is looked for by name is looked for."""
     core = {PROVIDES.get(name, name) for name in map(distribution, PROJECT["project"]["dependencies"])}
     assert imported(ROOT / "bayesid") - core == {"distributed", "rosbags"}
     text = "".join(path.read_text(encoding="utf-8") for path in files_of(ROOT / "bayesid") if path.suffix == ".py")
