@@ -89,6 +89,9 @@ def test_an_axis_without_data_or_with_one_value_has_ends():
     assert axis.ends[0] < 7.0 < axis.ends[1]
     axis.take([3.0])
     assert axis.ends == pytest.approx((2.8, 7.2))
+    axis.limit(5.0, 5.0)
+    assert axis.ends[0] < 5.0 < axis.ends[1]
+    axis.limit(2.8, 7.2)
     axis.inverted = True
     assert axis.share([7.2, 2.8]) == pytest.approx([0.0, 1.0])
 
@@ -235,3 +238,14 @@ def test_all_words_begin_on_the_paper(name):
             x, y = numbers(turned)[:2] if turned else (float(one.get("x")), float(one.get("y")))
             assert (0.75 * float(one.get("font-size")) if turned else 0.0) <= x <= width
             assert 0.75 * float(one.get("font-size")) <= y <= height
+
+
+def test_figures_of_nothing_are_well_formed():
+    panel, nothing = Paper(2.0).subplots(), np.empty(0)
+    panel.plot(nothing, nothing, color=BLUE)
+    panel.scatter(nothing, nothing, s=4.0, color=BLUE)
+    panel.errorbar(nothing, nothing, yerr=nothing, color=BLUE, linewidth=1.0, markersize=3.0, capsize=2.0)
+    panel.hlines(nothing, nothing, nothing, colors=BLUE, linewidth=1.0)
+    panel.barh(nothing, nothing, height=0.5, color=BLUE)
+    panel.broken_barh([], (0.0, 1.0), zorder=0.0, facecolors=[])
+    assert drawn(panel.figure)

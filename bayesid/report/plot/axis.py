@@ -17,6 +17,8 @@ _MOST = 9
 """Steps of an axis, however long."""
 _LARGE, _SMALL = 1e5, 1e-4
 """Numbers from and below which a power of ten is written beside the axis."""
+_SAME = 1e-12
+"""Relative distance at which the ends of an axis are one value, and room is made around it."""
 _NARROW = frozenset("ijl.,:;'|!()[]1 ")
 """Letters that are half as broad as the others."""
 
@@ -86,13 +88,13 @@ class Axis:
     def ends(self) -> tuple[float, float]:
         """Left and right, or bottom and top."""
         first, last = self._limits or self._around_data()
+        if abs(last - first) <= _SAME * max(abs(first), abs(last)):
+            room = 0.05 * abs(first) or 0.05
+            first, last = first - room, last + room
         return (last, first) if self.inverted else (first, last)
 
     def _around_data(self) -> tuple[float, float]:
         low, high = min(self._data, default=0.0), max(self._data, default=1.0)
-        if high - low <= 1e-12 * max(abs(low), abs(high)):
-            room = 0.05 * abs(high) or 0.05
-            return low - room, high + room
         room = self.margin * (high - low)
         return low - room * (low not in self._base), high + room * (high not in self._base)
 
