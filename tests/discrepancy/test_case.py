@@ -5,12 +5,14 @@ import numpy as np
 import pytest
 from conftest import small_robot, smooth_motion
 
-from bayesid.discrepancy.case import Case
+from bayesid.discrepancy.case import Case, HeldBack
 from bayesid.fit.effects.kinematics import KinematicTolerance
 from bayesid.fit.knowledge import Knowledge
 from bayesid.model.catalogue import make_terms
+from bayesid.model.distortions.delay import Delay
 from bayesid.model.inertia import NAMES
 from bayesid.model.model import Model
+from bayesid.model.terms.hysteresis import Hysteresis
 from bayesid.simulation.parameters import random_parameters
 
 N = 3
@@ -57,3 +59,23 @@ def test_effects_see_the_links_wherever_their_term_stands(names):
     expected = np.array([[value.get(f"{stem}{i}{axes}", 0.0) for stem, axes in stems] for i in (1, 2, 3)])
     expected[-1] += [value.get(f"{name}p{N}", 0.0) for name in NAMES]
     np.testing.assert_array_equal(scene.links, expected.ravel())
+
+
+@pytest.mark.parametrize("added", [(), ("payload", "hysteresis"), ("delay",)])
+def test_effort_of_an_extended_model_is_its_own(added):
+    """The model's own columns are made once, whichever terms come after them; a distortion changes them all."""
+    robot, motion = small_robot(N, seed=2), smooth_motion(N, 2.0, 50.0, seed=4)
+    model = Model(robot, make_terms(["viscous_friction", "rigid_body"], robot, motion))
+    rng, extended = np.random.default_rng(3), model
+    extra = {
+        "payload": make_terms(["payload"], robot, motion)[0],
+        "hysteresis": Hysteresis(joints=(2,), width=(0.03,)),
+        "delay": Delay(lag=(0.011,)),
+    }
+    for name in added:
+        extended = extended.extend(extra[name])
+    held = HeldBack(SimpleNamespace(signals=SimpleNamespace(motion=motion)), "another", another_log=True)
+    theta = rng.normal(size=len(extended.parameters))
+    for scale in (1.0, -0.4):
+        expected = extended.effort(motion, scale * theta)
+        np.testing.assert_allclose(held.effort(model, extended, scale * theta), expected, atol=1e-10)

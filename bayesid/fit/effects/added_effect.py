@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import logsumexp
@@ -50,6 +50,11 @@ class AddedEffect:
         where = f"joint {', '.join(map(str, self.joints))}" if self.joints else "the whole robot"
         evidence = f"log10 of the Bayes factor {self.log10_bayes_factor:.3g}, probability {self.probability:.3g}"
         return f"AddedEffect {self.effect}, {where}: {evidence}; go on with .parameters, .readable, .rivals"
+
+    @property
+    def alone(self) -> AddedEffect:
+        """The same, without the columns of other forms in memory."""
+        return replace(self, hypothesis=self.hypothesis.alone, rivals=tuple(score.alone for score in self.rivals))
 
     @property
     def log10_bayes_factor(self) -> float:

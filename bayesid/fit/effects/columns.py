@@ -40,6 +40,12 @@ class Columns:
         """Joints in which it acts."""
         return set(self.rows) | set(self.shift)
 
+    @property
+    def alone(self) -> Columns:
+        """The same with arrays of their own: what is kept keeps no others in memory (see `stacked`)."""
+        rows, shift = ({j: array.copy() for j, array in part.items()} for part in (self.rows, self.shift))
+        return replace(self, rows=rows, shift=shift)
+
 
 NO_COLUMNS = Columns(rows={}, shift={}, sd=np.zeros(0), positive=np.zeros(0, dtype=bool))
 """Of what leaves no trace."""
@@ -163,10 +169,10 @@ def together(effects: Sequence[Columns], joint: int) -> tuple[Array, bool]:
     Zeros where an effect does nothing. Effects that were `stacked` are not copied.
     """
     p, shifts = len(effects[0].sd), any(joint in effect.shift for effect in effects)
-    first, last = (_array_of(effect, joint) for effect in (effects[0], effects[-1]))
-    size = p + shifts
-    if first is not None and first is last and len(first) == len(effects) and first.shape[1] == size:
-        return first, True
+    size, array = p + shifts, _array_of(effects[0], joint)
+    whole = array is not None and array.shape[:2] == (len(effects), size)
+    if array is not None and whole and all(_array_of(effect, joint) is array for effect in effects):
+        return array, True
     count = len(next(iter((effects[0].rows | effects[0].shift).values()))) if effects[0].joints else 0
     stack = np.zeros((len(effects), size, count))
     for k, effect in enumerate(effects):
@@ -178,7 +184,7 @@ def together(effects: Sequence[Columns], joint: int) -> tuple[Array, bool]:
 
 
 def _array_of(effect: Columns, joint: int) -> Array | None:
-    """The array of three dimensions that an effect's part of a joint is a view of; None where it is none."""
-    part = effect.rows.get(joint, effect.shift.get(joint))
-    base = None if part is None else part.base
+    """The array of three dimensions that all of an effect's part of a joint is a view of; None where there is none."""
+    parts = [part[joint].base for part in (effect.rows, effect.shift) if joint in part]
+    base = parts[0] if parts and all(part is parts[0] for part in parts) else None
     return base if isinstance(base, np.ndarray) and base.ndim == 3 else None

@@ -45,6 +45,8 @@ _LOGITS = -12.0, 7.0
 _RESOLUTION = 0.02
 """Of the lattice of that logarithm and that of the correlation time: two per cent, below the sampling error of a
 thousand samples."""
+_FINEST = np.array([_LOGITS[1], math.log(_LONGEST)])
+"""A point of it, the one of the largest share and correlation time."""
 _STEPS = 20
 """Of the local search, at most; it takes some three. A round number."""
 _ENOUGH = 1e-3
@@ -215,8 +217,31 @@ class _Left:
     def on_lattice(self) -> Array:
         """The likeliest point, moved to the nearest of the lattice: the least sum of squared innovations."""
         points, squares, _ = self._grid()
-        found = [self._descended(_arma(*_from_point(point), self.rate)[:2]) for point in points[_valleys(squares)]]
-        return _nearest(*min(found, key=lambda at: at[0])[1], self.rate)
+        found = [self._descended(self._arma(point)[:2]) for point in points[_valleys(squares)]]
+        square, place = min(found, key=lambda at: at[0])
+        point = self._within_shares(square, _point(*place, self.rate))
+        nearest: Array = _FINEST - _RESOLUTION * np.round((_FINEST - point) / _RESOLUTION)
+        return nearest
+
+    def _within_shares(self, square: float, point: Array) -> Array:
+        """The point moved along the largest share, if that is where it is and more than rounding is lost there."""
+
+        def left(log_time: float) -> float:
+            return _innovations(self.residual, self.used, *self._arma(np.array([_LOGITS[1], log_time]))[:2])[0]
+
+        if point[0] < _LOGITS[1]:
+            return point
+        lost = 0.5 * len(self.residual) * math.log((left(float(point[1])) + _TINY) / (square + _TINY))
+        if lost < _ENOUGH:
+            return point
+        bounds = math.log(_SHORTEST), math.log(_LONGEST)
+        best = scipy.optimize.minimize_scalar(
+            left, bounds=bounds, method="bounded", options={"xatol": 0.5 * _RESOLUTION}
+        )
+        return np.array([_LOGITS[1], best.x])
+
+    def _arma(self, point: Array) -> tuple[float, float, float]:
+        return _arma(*_from_point(point), self.rate)
 
     def _descended(self, start: tuple[float, float]) -> tuple[float, tuple[float, float]]:
         """Least sum of squares near phi and theta, and where it is: Newton's steps, damped where one overshoots."""
@@ -311,15 +336,11 @@ def _stepped(place: tuple[float, float], at: _Squares, damping: float, rate: flo
     return new, max(min(theta + along, new - _SMALL), 0.0)
 
 
-def _nearest(memory: float, theta: float, rate: float) -> Array:
-    """The point of the lattice nearest to some phi and theta."""
+def _point(memory: float, theta: float, rate: float) -> Array:
+    """Logarithms of the shares' ratio and of the correlation time nearest to some phi and theta."""
     odds = (memory * (1.0 + theta**2) / max(theta, _SMALL) - 1.0 - memory**2) / (1.0 - memory**2)
-    point = np.array(
-        [min(max(math.log(max(odds, _SMALL)), _LOGITS[0]), _LOGITS[1]), -math.log(-rate * math.log(memory))]
-    )
-    most = np.array([_LOGITS[1], math.log(_LONGEST)])
-    nearest: Array = most - _RESOLUTION * np.round((most - point) / _RESOLUTION)
-    return nearest
+    logit = min(max(math.log(max(odds, _SMALL)), _LOGITS[0]), _LOGITS[1])
+    return np.array([logit, -math.log(-rate * math.log(max(memory, _TINY)))])
 
 
 @lru_cache(maxsize=8)

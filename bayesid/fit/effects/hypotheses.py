@@ -63,6 +63,11 @@ class Hypothesis:
         """Whether every robot has it, more or less."""
         return self.source.name in terms.STANDARD
 
+    @property
+    def alone(self) -> Hypothesis:
+        """The same, without the columns of other forms in memory."""
+        return replace(self, columns=self.columns.alone)
+
     def remade(self, number: str, value: float) -> Hypothesis:
         """The same form with another nonlinear number."""
         numbers: dict[str, Any] = {number: (value,)}

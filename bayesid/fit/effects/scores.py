@@ -58,6 +58,11 @@ class Score:
         """Effect and joints."""
         return self.hypothesis.key
 
+    @property
+    def alone(self) -> Score:
+        """The same, without the columns of other forms in memory."""
+        return replace(self, hypothesis=self.hypothesis.alone)
+
     def qualifies(self, thresholds: Thresholds) -> bool:
         """Whether it is certain enough, and large enough to be worth a term."""
         return self.gain > thresholds.log10_bayes_factor * LN10 and self.improvement > thresholds.improvement

@@ -85,10 +85,10 @@ def _integrated(base: Array, gram: Array, slope: Array, effects: Sequence[Column
     sd = np.stack([effect.sd for effect in effects])
     p = sd.shape[1]
     scaled = gram * sd[:, :, None] * sd[:, None, :] + np.eye(p)
-    best = np.linalg.solve(scaled, (slope * sd)[:, :, None])[:, :, 0]
-    log_det = np.linalg.slogdet(scaled)[1]
-    spread = np.sqrt(np.maximum(np.diagonal(np.linalg.inv(scaled), axis1=1, axis2=2), _TINY))
+    covariance, log_det = np.linalg.inv(scaled), np.linalg.slogdet(scaled)[1]
+    best = (covariance @ (slope * sd)[:, :, None])[:, :, 0]
+    spread = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), _TINY))
     positive = np.stack([effect.positive for effect in effects])
-    sides = np.sum(np.where(positive, np.log(2.0) + log_ndtr(best / spread), 0.0), axis=1)
+    sides = np.sum(np.log(2.0) + log_ndtr(best / spread), axis=1, where=positive) if positive.any() else 0.0
     gain = base + 0.5 * np.sum(best * slope * sd, axis=1) - 0.5 * log_det + sides
     return gain, 0.5 * (np.trace(scaled, axis1=1, axis2=2) - p) - 0.5 * log_det

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from itertools import accumulate
+from itertools import accumulate, islice
 from typing import ClassVar
 
 import numpy as np
@@ -114,23 +114,37 @@ class ElasticHysteresis(Hysteresis):
 
     def unit_efforts(self, actuators: Motion) -> Array:
         """(N, m) the state z."""
-        return _by_joint(actuators, self.width, _relieved)
+        return _by_joint(actuators, self.width, _elastic)
 
 
-def _by_joint(actuators: Motion, width: tuple[float, ...], step: Callable[[float, float], float]) -> Array:
+def _by_joint(actuators: Motion, width: tuple[float, ...], states: Callable[[list[float]], Iterator[float]]) -> Array:
     """(N, m) states from rest, one step of the way after another; plain numbers are faster than arrays of one."""
     state = np.zeros_like(actuators.q)
     for j, w in enumerate(width):
-        ways = (np.diff(actuators.q[:, j]) / w).tolist()
-        state[1:, j] = list(accumulate(ways, step, initial=0.0))[1:]
+        state[1:, j] = list(states((np.diff(actuators.q[:, j]) / w).tolist()))
     return state
 
 
-def _slipping(z: float, way: float) -> float:
-    return min(max(z + way, -1.0), 1.0)
+def _slipping(ways: list[float]) -> Iterator[float]:
+    z = 0.0
+    for way in ways:
+        z += way
+        if z > 1.0:
+            z = 1.0
+        elif z < -1.0:
+            z = -1.0
+        yield z
 
 
-def _gradual(z: float, way: float) -> float:
+def _gradual(ways: list[float]) -> Iterator[float]:
+    return islice(accumulate(ways, _strained, initial=0.0), 1, None)
+
+
+def _elastic(ways: list[float]) -> Iterator[float]:
+    return islice(accumulate(ways, _relieved, initial=0.0), 1, None)
+
+
+def _strained(z: float, way: float) -> float:
     side = math.copysign(1.0, way)
     return side + (z - side) * math.exp(-abs(way))
 
@@ -139,4 +153,4 @@ def _relieved(z: float, way: float) -> float:
     if z * way < 0.0:  # relieved first, strained with what is left of the way
         relief = min(abs(way), abs(z))
         z, way = z + math.copysign(relief, way), math.copysign(abs(way) - relief, way)
-    return _gradual(z, way) if way else z
+    return _strained(z, way) if way else z

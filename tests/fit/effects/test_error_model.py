@@ -191,6 +191,20 @@ def test_fit_is_likeliest_on_a_lattice_that_loses_little(name):
     np.testing.assert_allclose(cells / 0.02, np.round(cells / 0.02), atol=1e-6)
 
 
+@pytest.mark.parametrize("rate", [100.0, 500.0])
+def test_fit_of_smooth_errors_is_likeliest_with_the_largest_share(rate):
+    """Nothing white: the share ends at its largest, 0.999, and the correlation time is the likeliest with that."""
+    residual = draws(ErrorModel(0.0, 2.0, 0.6, rate), 900, 1, 22)[:, 0]
+    found, value = fit_error(residual, everything(900), rate)
+    assert (found.coloured / found.white) ** 2 == pytest.approx(np.exp(7.0), rel=1e-9)
+    likeliest = max(
+        ErrorModel(size * found.white, size * found.coloured, time, rate).log_likelihood(residual, everything(900))
+        for time in np.geomspace(0.05, 3.0, 60)
+        for size in np.geomspace(0.4, 2.5, 60)
+    )
+    assert value > likeliest - 0.05
+
+
 def test_limits_bind_only_where_they_are_exceeded():
     residual = draws(FITTED["both"], 800, 1, 12)[:, 0]
     free, value = fit_error(residual, everything(800), RATE)

@@ -462,6 +462,21 @@ def test_what_is_left_is_judged_where_somebody_asks(monkeypatch):
     assert len(fits) == 3
 
 
+@pytest.mark.parametrize("limit", [0.02, 0.2, 0.45, 3.0])
+def test_noise_is_not_fitted_where_it_is_out_of_the_question(limit):
+    """The evidence is that of the likelier one all the same, and what noise may be at most is no less than it is."""
+    data = made_data(300, gaps=False)
+    limits, residual = (limit, 0.8 * limit), np.array(noise(300, np.random.default_rng(4))[:, 0])
+    joint = evidence.JudgedJoint(residual, data.used[:, 0], RATE, limits)
+    after = evidence.JudgedJoint(1.01 * residual, data.used[:, 0], RATE, limits, joint)
+    assert joint._as_noise_at_most >= joint.noise - 0.05  # the lattice of the fit
+    assert joint.evidence == max(joint.noise, joint.free)
+    assert after.evidence == pytest.approx(max(after.noise, after.free), abs=1e-9)
+    untouched = evidence.JudgedJoint(residual, data.used[:, 0], RATE, limits)
+    assert untouched.evidence == joint.evidence
+    assert ("noise" in vars(untouched)) == (limit > 0.3)
+
+
 def test_columns_that_do_not_show_in_a_joint_are_whitened_to_nothing():
     data, effect = made_data(), made_effects()[0]
     data = replace(data, columns=data.columns * np.array([[True, True, False], [True, False, True]]))

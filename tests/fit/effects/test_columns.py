@@ -1,0 +1,160 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayesid.fit.effects import columns as kept
+from bayesid.fit.effects.columns import Columns, Whitening, stacked, together
+from bayesid.fit.effects.error_model import ErrorModel, alike, bridged, unbridged
+from bayesid.fit.effects.explanation import Observations
+from bayesid.fit.knowledge import Information
+
+RATE, COUNT = 50.0, 90
+ERROR = ErrorModel(0.3, 0.5, 0.1, RATE)
+OTHER = ErrorModel(0.6, 0.5, 0.2, RATE)
+
+
+@pytest.fixture
+def used():
+    """A tenth of the samples missing, at an end too."""
+    mask = np.ones((COUNT, 2), dtype=bool)
+    mask[20:27, 0] = mask[50:53, 0] = mask[:4, 1] = mask[70:72, 1] = False
+    return mask
+
+
+@pytest.fixture
+def whitening(used):
+    """The last of four columns shows in the second joint alone."""
+    columns = np.random.default_rng(1).normal(size=(COUNT, 2, 4))
+    columns[:, 0, 3] = 0.0
+    return Whitening(columns * used[:, :, None], used)
+
+
+def effects(count, shifted, seed=2):
+    rng = np.random.default_rng(seed)
+    found = []
+    for k in range(count):
+        rows = {j: rng.normal(size=(COUNT, 2)) for j in (0, 1)}
+        shift = {1: rng.normal(size=COUNT)} if shifted and k != 1 else {}
+        found.append(Columns(rows, shift, np.array([0.4, 1.7]) + k, np.array([True, False])))
+    return found
+
+
+def white(values, joint, used, error=ERROR):
+    return error.whiten(values, used[:, joint]) * error.scale
+
+
+def test_unbridged_is_the_transpose(used):
+    for mask in used.T:
+        dense = bridged(np.eye(COUNT), mask)
+        values = np.random.default_rng(3).normal(size=(COUNT, 3))
+        np.testing.assert_allclose(unbridged(values, mask), dense.T @ values, atol=1e-12)
+        np.testing.assert_allclose(unbridged(values[:, 1], mask), dense.T @ values[:, 1], atol=1e-12)
+
+
+def test_errors_are_alike_up_to_a_size_that_nobody_sees():
+    larger = ErrorModel(0.3 * 1.0005, 0.5 * 1.0005, 0.1, RATE)
+    assert larger.shape == ERROR.shape
+    assert alike([ERROR, OTHER], [larger, OTHER])
+    assert not alike([ERROR], [ErrorModel(0.3 * 1.002, 0.5 * 1.002, 0.1, RATE)])
+    assert not alike([ERROR], [ErrorModel(0.3, 0.5, 0.1001, RATE)])
+    assert not alike([ERROR], [ErrorModel(0.3001, np.sqrt(0.34 - 0.3001**2), 0.1, RATE)])
+
+
+def test_columns_of_the_model_are_whitened_where_they_show(whitening, used):
+    for j, shows in ((0, [0, 1, 2]), (1, [0, 1, 2, 3])):
+        found, products = whitening.model(j, ERROR)
+        expected = white(whitening.columns[:, j][:, shows], j, used)
+        np.testing.assert_array_equal(whitening.bare(j)[0], shows)
+        np.testing.assert_allclose(found, expected, atol=1e-12)
+        np.testing.assert_allclose(products, expected.T @ expected, atol=1e-10)
+
+
+def test_what_was_whitened_by_the_same_filter_is_kept(whitening, used):
+    (effect,) = effects(1, shifted=True)
+    larger = ErrorModel(0.3 * 7.0, 0.5 * 7.0, 0.1, RATE)
+    assert whitening.model(1, larger)[0] is whitening.model(1, ERROR)[0]
+    assert whitening.rows(effect, 1, larger) is whitening.rows(effect, 1, ERROR)
+    assert whitening.shift(effect, 1, larger) is whitening.shift(effect, 1, ERROR)
+    for error in (OTHER, ERROR):
+        np.testing.assert_allclose(whitening.rows(effect, 1, error), white(effect.rows[1], 1, used, error), atol=1e-12)
+        np.testing.assert_allclose(
+            whitening.shift(effect, 1, error), white(effect.shift[1], 1, used, error), atol=1e-12
+        )
+
+
+def test_what_is_kept_is_bounded(whitening, used, monkeypatch):
+    monkeypatch.setattr(kept, "_MOST_BYTES", 5 * COUNT * 2 * 8)
+    some = effects(12, shifted=False)
+    for effect in (*some, *some):
+        np.testing.assert_allclose(whitening.rows(effect, 0, ERROR), white(effect.rows[0], 0, used), atol=1e-12)
+    assert len(whitening._kept) == 5
+    assert whitening._bytes == 5 * COUNT * 2 * 8
+
+
+@pytest.mark.parametrize("shifted", [False, True])
+@pytest.mark.parametrize("at_once", [False, True])
+def test_products_of_a_group_are_those_of_whitened_columns(whitening, used, shifted, at_once):
+    """Of three effects' columns, and changes behind them, with each other, the model's, one more effect's, and rest."""
+    group, (more,) = effects(3, shifted), effects(1, shifted=False, seed=5)
+    group = stacked(group) if at_once else group
+    rest = white(np.random.default_rng(6).normal(size=COUNT), 1, used)
+    stack, whole = together(group, 1)
+    assert whole == at_once
+    parts = [one.rows[1] for one in group]
+    if shifted:
+        parts = [np.column_stack([one.rows[1], one.shift.get(1, np.zeros(COUNT))]) for one in group]
+    expected = [white(part, 1, used) for part in parts]
+    products, across = whitening.group(stack, 1, ERROR, keep=whole)
+    others = whitening.across(stack, more, 1, ERROR, keep=whole)
+    for k, one in enumerate(expected):
+        np.testing.assert_allclose(products[k], one.T @ one, atol=1e-10)
+        np.testing.assert_allclose(across[k], one.T @ whitening.model(1, ERROR)[0], atol=1e-10)
+        np.testing.assert_allclose(others[k], one.T @ white(more.rows[1], 1, used), atol=1e-10)
+        np.testing.assert_allclose(stack[k] @ whitening.pulled_back(rest, 1, ERROR), one.T @ rest, atol=1e-10)
+    again = whitening.group(stack, 1, ERROR, keep=whole)[0]
+    assert (again is products) == whole
+
+
+def test_stacked_effects_are_views_of_one_array_and_otherwise_as_they_were():
+    plain = effects(3, shifted=True)
+    views = stacked(plain)
+    for one, other in zip(views, plain, strict=True):
+        for j in (0, 1):
+            np.testing.assert_array_equal(one.rows[j], other.rows[j])
+            assert one.rows[j].base is views[0].rows[j].base
+        assert one.shift.keys() == other.shift.keys()
+        np.testing.assert_array_equal(one.sd, other.sd)
+    np.testing.assert_array_equal(views[2].shift[1], plain[2].shift[1])
+
+
+def test_only_a_whole_group_is_taken_as_it_lies():
+    views = stacked(effects(3, shifted=True))
+    changed = replace(views[0], shift={1: np.arange(COUNT, dtype=float)})
+    for group in (views[:2], [*views[:2], effects(1, shifted=True)[0]], [changed, *views[1:]]):
+        stack, whole = together(group, 1)
+        assert not whole
+        for k, one in enumerate(group):
+            np.testing.assert_array_equal(stack[k, :2].T, one.rows[1])
+            np.testing.assert_array_equal(stack[k, 2], one.shift.get(1, np.zeros(COUNT)))
+
+
+def test_an_effect_alone_keeps_no_other_in_memory():
+    view = stacked(effects(3, shifted=True))[2]
+    alone = view.alone
+    for found, expected in ((alone.rows, view.rows), (alone.shift, view.shift)):
+        for j, array in expected.items():
+            np.testing.assert_array_equal(found[j], array)
+            assert found[j].base is None
+
+
+def test_observations_share_what_was_whitened_as_long_as_their_columns_are_the_same(used):
+    columns = np.random.default_rng(7).normal(size=(COUNT, 2, 3)) * used[:, :, None]
+    data = Observations(
+        columns, columns[:, :, 0], used, Information.none(3), np.ones(2), used.any(axis=0), np.ones((2, 2)), RATE
+    )
+    assert replace(data, effort=columns[:, :, 1]).whitening is data.whitening
+    other = replace(data, columns=2.0 * columns)
+    assert other.whitening is not data.whitening
+    np.testing.assert_array_equal(other.whitening.columns, 2.0 * columns)
+    assert replace(data, used=used.copy()).whitening.used is not used
