@@ -94,23 +94,6 @@ class Problem:
         """Whether the budget has ended."""
         return self._budget.over
 
-    @property
-    def left(self) -> float:
-        """Seconds of the budget that are not spent."""
-        return max(self._budget.seconds - self.spent, 0.0)
-
-    def part(self, segments: Integers, share: float, budget: float) -> Problem:
-        """The problem of some segments with a share of the pull and of the budget (s)."""
-        solver, repeatable = self._solver.lighter(share), self._budget.repeatable
-        return Problem(self.moments.chosen(segments), solver, budget, repeatable, self.limits)
-
-    def took(self, part: Problem) -> None:
-        """Takes down the work that was done on a part."""
-        self.solves, self.combined = self.solves + part.solves, self.combined + part.nodes
-        self.tolerance = max(self.tolerance, part.tolerance)
-        self._budget.add(part._budget)
-        self._report()
-
     def count(self, choices: int) -> None:
         """Takes down a step of the work, in which so many sign choices were priced."""
         self._budget.count(steps=1, choices=choices)
