@@ -166,10 +166,7 @@ def certified(
     began = time.perf_counter()
     steps(0, 100)
     problem = Problem(moments, solver, budget, repeatable, limits, steps)
-    best, lower_bound, proof = candidate(problem), 0.0, None
-    if start is not None:
-        earlier = problem.price(problem.settle(moments.known, start).signs)
-        best = min(best, earlier, key=lambda branch: branch.cost)
+    best, lower_bound, proof = _first(problem, start), 0.0, None
     try:
         least = least_costs(problem)
         lower_bound = float(least.sum()) - problem.slack
@@ -177,6 +174,10 @@ def certified(
     except (OutOfTimeError, TooManyError):
         pass
     result = _result(problem, best, lower_bound, proof, missed)
+    if not result.certified and start is not None and budget > 0.0:  # the candidates have not been looked for
+        other = candidate(problem)
+        if other.cost < result.cost:
+            result = _result(problem, other, lower_bound, proof, missed)
     steps(100, 100)
     seconds = time.perf_counter() - began
     return replace(
@@ -187,6 +188,16 @@ def certified(
         seconds=seconds,
         spent=problem.spent if budget > 0.0 else 0.0,
     )
+
+
+def _first(problem: Problem, start: Array | None) -> Branch:
+    """What a proof begins with: the signs of an earlier search; without it, or without a budget, the best candidate."""
+    if start is None:
+        return candidate(problem)
+    earlier = problem.price(problem.settle(problem.moments.known, start).signs)
+    if not problem.out_of_time:
+        return earlier
+    return min(candidate(problem), earlier, key=lambda branch: branch.cost)
 
 
 def _result(problem: Problem, best: Branch, lower_bound: float, proof: Proof | None, missed: float) -> SearchResult:
