@@ -217,15 +217,17 @@ class PreparedLeastSquares:
             self._solver = self._started(linear, tolerance, _Attempt())
         else:
             self._solver.update(q=linear)
-        result = _attempt(self._solver)
+        outcome = _attempt(self._solver)
+        tried = [outcome]
         for attempt in _ATTEMPTS:
-            if isinstance(result, str):
+            if outcome.failure:
                 tolerance = attempt.coarser * self._stated.tolerance
-                result = _attempt(self._started(linear, tolerance, attempt))
-        if isinstance(result, str):
+                outcome = _attempt(self._started(linear, tolerance, attempt))
+                tried.append(outcome)
+        if outcome.failure:
             self._solver = None
-            raise SolverError("cone least squares", result)
-        return self._solution(gradient, linear, result, tolerance)
+            raise SolverError("cone least squares", outcome.failure)
+        return self._solution(gradient, linear, tried, tolerance)
 
     def solve_precisely(self, gradient: Array) -> Solution:
         """The best point for g (r,), to the finest tolerance that Clarabel reaches (named in the solution).
@@ -233,37 +235,43 @@ class PreparedLeastSquares:
         Raises:
             SolverError: not even what `solve` tries is reached.
         """
-        linear = self._linear(gradient)
+        linear, tried = self._linear(gradient), []
         for tolerance in _PRECISE:
             for equilibrate in (True, False):
-                result = _attempt(self._started(linear, tolerance, _Attempt(equilibrate=equilibrate)))
-                if not isinstance(result, str):
-                    return self._solution(gradient, linear, result, tolerance)
+                tried.append(_attempt(self._started(linear, tolerance, _Attempt(equilibrate=equilibrate))))
+                if not tried[-1].failure:
+                    return self._solution(gradient, linear, tried, tolerance)
         return self.solve(gradient)
 
     def _linear(self, gradient: Array) -> Array:
         slope: Array = self._stated.scale * (gradient @ self._stated.projection) / self._unit
         return -2.0 * (slope + self._pull * self._stated.typical)
 
-    def _solution(self, gradient: Array, linear: Array, result: Any, tolerance: float) -> Solution:
+    def _solution(self, gradient: Array, linear: Array, tried: list[_Outcome], tolerance: float) -> Solution:
+        """The last point that was tried, and the largest bound: that of a failed attempt is as true as any."""
         stated = self._stated
-        theta = stated.scale * np.array(result.x)
+        theta = stated.scale * np.array(tried[-1].result.x)
         theta[stated.nonnegative] = np.maximum(theta[stated.nonnegative], 0.0)  # what is below is within the tolerance
         beta = stated.project(theta)
         cost = float(beta @ self._hessian @ beta - 2 * gradient @ beta) + stated.regularisation(theta)
-        return Solution(theta, cost, tolerance, min(cost, self._lower_bound(linear, np.array(result.z))))
+        duals = [np.array(outcome.result.z) for outcome in tried if outcome.result is not None]
+        bounds = [self._lower_bound(linear, dual) for dual in duals if np.all(np.isfinite(dual))]
+        return Solution(theta, cost, tolerance, min(cost, max(bounds, default=-np.inf)))
 
     def _lower_bound(self, linear: Array, dual: Array) -> float:
         """What weak duality proves about the cost of every feasible point, for any multipliers `dual`.
 
         For z in the dual cone, min over x in the cone of x'Px/2 + q'x >= min over all x of x'Px/2 + q'x + z'(Ax - b)
         = -|L^-1 (q + A'z)|^2 / 2 - b'z with P = LL' (Boyd and Vandenberghe 2004, 5.2). The pull makes P positive
-        definite, so this holds however well or badly the solver converged (:eq:`dual-bound`).
+        definite, so this holds however well or badly the solver converged (:eq:`dual-bound`). Of the multiples of z the
+        best is taken, with none of it the bound is that without a cone.
         """
         offsets, rows, _ = self._stated.rows
         z = _into_cone(dual, len(self._stated.nonnegative))
-        slope = solve_triangular(self._factor, linear + rows.T @ z, lower=True)
-        value = -0.5 * float(slope @ slope) - float(offsets @ z)
+        slopes = solve_triangular(self._factor, np.column_stack([linear, rows.T @ z]), lower=True)
+        plain, slope = slopes.T
+        gain, length = -float(plain @ slope + offsets @ z), max(float(slope @ slope), _LEAST_UNIT)
+        value = -0.5 * float(plain @ plain) + 0.5 * max(gain, 0.0) ** 2 / length
         return self._unit * (value + self._pull * float(self._stated.typical @ self._stated.typical))
 
     def _started(self, linear: Array, tolerance: float, attempt: _Attempt) -> Any:
@@ -286,15 +294,27 @@ def _settings(tolerance: float) -> Any:
     return settings
 
 
-def _attempt(solver: Any) -> Any:
-    """Clarabel's solution, or in words why there is none."""
+class _Outcome(NamedTuple):
+    """Of an attempt.
+
+    Attributes:
+        result: Clarabel's; None where there is none.
+        failure: in words why it is no solution; empty where it is.
+    """
+
+    result: Any
+    failure: str
+
+
+def _attempt(solver: Any) -> _Outcome:
+    """What Clarabel makes of a problem."""
     try:
         result = solver.solve()
     except BaseException as error:
         if type(error).__name__ != "PanicException":  # Rust's, raised by pyo3, cannot be imported
             raise
-        return f"panic: {error}"
-    return result if result.status == clarabel.SolverStatus.Solved else str(result.status)
+        return _Outcome(None, f"panic: {error}")
+    return _Outcome(result, "" if result.status == clarabel.SolverStatus.Solved else str(result.status))
 
 
 def pull_weight(energy: float, least: float = LEAST_PULL) -> float:
@@ -326,10 +346,10 @@ def move_inside(cone: Cone, coefficients: BaseCoefficients, theta: Array) -> Arr
     linear[:-1] = 2.0 * _NEARNESS * along.T @ away
     offsets, settings = _rows_of(cone, theta), _settings(_INSIDE_TOLERANCE)
     stated = scipy.sparse.csc_matrix(np.triu(quadratic)), linear, scipy.sparse.csc_matrix(rows), offsets, _cones(cone)
-    result = _attempt(clarabel.DefaultSolver(*stated, settings))
-    if isinstance(result, str):
-        raise SolverError("moving parameters inside the cone", result)
-    return theta + free @ np.array(result.x)[:-1]
+    outcome = _attempt(clarabel.DefaultSolver(*stated, settings))
+    if outcome.failure:
+        raise SolverError("moving parameters inside the cone", outcome.failure)
+    return theta + free @ np.array(outcome.result.x)[:-1]
 
 
 def solve_precisely(

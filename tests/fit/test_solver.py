@@ -394,3 +394,55 @@ def test_after_a_panic_the_next_attempt_is_made(monkeypatch):
     monkeypatch.setattr("bayesid.fit.solver.clarabel.DefaultSolver", PanicsOnce)
     again = ConeLeastSquares(model.cone, coefficients, hessian, energy).prepared().solve(gradient)
     assert again.cost == pytest.approx(expected.cost, abs=1e-5 * energy)
+
+
+def test_an_attempt_that_fails_counts_for_the_bound(monkeypatch):
+    """A coarser attempt is the solution, but its multipliers prove less than those of the one that failed before."""
+    model, coefficients, hessian, gradient, energy = problem(["rigid_body"], 2)
+    stated = ConeLeastSquares(model.cone, coefficients, hessian, energy)
+    best, make, made = stated.prepared().solve_precisely(gradient), clarabel.DefaultSolver, []
+
+    class FailsOnce:
+        def __init__(self, *arguments):
+            made.append(None)
+            self.inner, self.fails = make(*arguments), len(made) == 1
+
+        def solve(self):
+            right = self.inner.solve()
+            if self.fails:
+                return SimpleNamespace(status="NumericalError", x=right.x, z=right.z)
+            wrong = np.random.default_rng(0).normal(size=len(right.z))
+            return SimpleNamespace(status=right.status, x=right.x, z=wrong)
+
+    monkeypatch.setattr("bayesid.fit.solver.clarabel.DefaultSolver", FailsOnce)
+    solution = stated.prepared().solve(gradient)
+    assert len(made) == 2
+    assert solution.lower_bound == pytest.approx(best.cost, abs=1e-5 * energy)
+
+
+def test_useless_multipliers_leave_the_bound_without_a_cone(monkeypatch):
+    """None of them is the least that is proven, and their size does not matter."""
+    model, coefficients, hessian, gradient, energy = problem(["rigid_body", "viscous_friction"], 4)
+    stated, make = ConeLeastSquares(model.cone, coefficients, hessian, energy), clarabel.DefaultSolver
+    pull, centre = stated.pull()
+    curvature, slope = hessian + pull, gradient + pull @ centre
+    plain = float(centre @ pull @ centre - slope @ np.linalg.solve(curvature, slope))
+    right = stated.prepared().solve_precisely(gradient).lower_bound
+    assert right > plain + 1e-3 * energy, "the cone binds"
+    bounds = []
+    for size in (0.0, 1.0, 7.0, -1.0):
+
+        class Stretched:
+            def __init__(self, *arguments):
+                self.inner = make(*arguments)
+
+            def solve(self, size=size):
+                solved = self.inner.solve()
+                return SimpleNamespace(status=solved.status, x=solved.x, z=size * np.array(solved.z))
+
+        monkeypatch.setattr("bayesid.fit.solver.clarabel.DefaultSolver", Stretched)
+        bounds.append(stated.prepared().solve(gradient).lower_bound)
+    assert bounds[0] == pytest.approx(plain, abs=1e-8 * energy)
+    assert bounds[1] == pytest.approx(right, abs=1e-5 * energy)
+    assert bounds[2] == pytest.approx(bounds[1], abs=1e-9 * energy)
+    assert bounds[0] - 1e-9 * energy <= bounds[3] <= right + 1e-9 * energy

@@ -202,6 +202,11 @@ def test_the_cone_excludes_what_unconstrained_bounds_cannot():
     assert np.all(np.any(np.all(signs[:, None] == -signs, axis=2), axis=1))
 
 
+def test_lists_and_groups_of_few_segments_prove_less_but_nothing_wrong(problems):
+    for problem in problems:
+        Combined(problem, within=5.0, listed=2, least_group=2).assert_sound()
+
+
 def test_least_costs_are_what_each_joints_rows_cost_by_themselves(problems):
     """The least over all patterns of min over beta of |s e - Y beta|^2 + beta' share beta, from the rows."""
     for problem in problems:

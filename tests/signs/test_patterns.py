@@ -105,7 +105,8 @@ def test_a_list_holds_exactly_the_patterns_up_to_its_limit(seed, options, share)
     depth = len(block.segments)
     patterns, bounds, _ = brute_force(problem, block, depth)
     ordered = np.sort(bounds)
-    place = int(share * (len(ordered) - 1))
+    apart = np.flatnonzero(np.diff(ordered) > 1e-9 * problem.energy)  # a pattern and its opposite cost the same
+    place = apart[int(share * (len(apart) - 1))]
     limit = 0.5 * (ordered[place] + ordered[place + 1])
     found = block.within(limit, depth, ALL, never)
     assert set(as_dict(found)) == {tuple(p) for p in patterns[bounds <= limit].tolist()}
@@ -232,7 +233,24 @@ def test_strong_segments_are_counted_by_their_share_of_the_strongest():
     problem = base.but(moments_of(rows, [0] * 4, [0] * 4))
     (block,) = Problem(problem.moments, problem.solver(), np.inf).blocks
     assert block.segments.tolist() == [1, 2, 3, 0]
-    assert [block.strong(share) for share in (1.0, 0.39, 0.19, 0.04)] == [1, 2, 3, 4]
+    assert [block.strong(share, 4) for share in (1.0, 0.39, 0.19, 0.04)] == [1, 2, 3, 4]
+    assert [block.strong(share, 3) for share in (1.0, 0.04)] == [1, 3], "and no more than are asked for"
+
+
+def test_groups_share_segments_and_pull_and_cost_no_more_than_the_whole():
+    for seed in range(8):
+        problem, view = prepared(seed, segments=9, joints=1, known=seed % 3, noise=0.5)
+        (block,) = view.blocks
+        assert block.groups(9) == [block]
+        groups = block.groups(4)
+        assert len(groups) > 1
+        assert max(len(group.segments) for group in groups) <= 4
+        np.testing.assert_array_equal(np.sort(np.concatenate([g.segments for g in groups])), np.sort(block.segments))
+        assert all(group.segments[0] == block.segments[k] for k, group in enumerate(groups)), "strong ones in each"
+        np.testing.assert_allclose(sum(g.hessian(len(g.segments)) for g in groups), block.hessian(len(block.segments)))
+        whole = block.least(64, 10_000, lambda _: None, view.rounding)
+        parts = [group.least(64, 10_000, lambda _: None, view.rounding) for group in groups]
+        assert 0.0 < sum(parts) <= whole + view.rounding
 
 
 def test_hessian_and_energy_are_those_of_the_decided_segments():

@@ -59,11 +59,6 @@ class Budget:
         self._solved += parameters**2
         self._pairs += pairs
 
-    def add(self, other: Budget) -> None:
-        """Takes down the work of another budget."""
-        self.count(other._steps, other._choices, 0, other._pairs)
-        self._solved += other._solved
-
     @property
     def spent(self) -> float:
         """Seconds since the start: by the clock or, where a run is to be repeatable, by the work done."""

@@ -8,7 +8,8 @@ Then the proof. With U the cost of the best signs so far and D_j the least cost 
 1. joint by joint: every pattern of joint j's strong segments with a bound under U + Delta - (sum of the other D_i);
 2. joints together: these lists are joined one after the other and cut by the unconstrained bound of all their rows;
 3. in the cone: a semidefinite program, by its dual bound, for the combinations that remain;
-4. the weak segments: settled given the rest, and proven by what turning them would cost (`tree`, `flips`).
+4. what follows: further segments, one after the other, whose sign the decided ones leave no choice (`consequences`);
+5. the weak segments: settled given the rest, and proven by what turning them would cost (`tree`, `flips`).
 
 Dropping rows is a valid bound, so weak segments need not be enumerated.
 """
@@ -29,7 +30,6 @@ from bayesid.progress import SILENT, Progress, Steps, no_steps
 from bayesid.signs.search.beam import Beam
 from bayesid.signs.search.budget import AFTERWARDS
 from bayesid.signs.search.combinations import TooManyError, combinations, combine, least_costs, shortest_first
-from bayesid.signs.search.divided import divided_bound
 from bayesid.signs.search.limits import Limits
 from bayesid.signs.search.patterns import LOG2, Keep
 from bayesid.signs.search.problem import OutOfTimeError, Problem
@@ -166,20 +166,18 @@ def certified(
     began = time.perf_counter()
     steps(0, 100)
     problem = Problem(moments, solver, budget, repeatable, limits, steps)
-    best, lower_bound, proof = candidate(problem), 0.0, None
-    if start is not None:
-        earlier = problem.price(problem.settle(moments.known, start).signs)
-        best = min(best, earlier, key=lambda branch: branch.cost)
-    if budget > 0.0 and np.sum(moments.known == 0) > limits.together:
-        lower_bound = divided_bound(problem, best.theta)
-    else:
-        try:
-            least = least_costs(problem)
-            lower_bound = float(least.sum()) - problem.slack
-            proof = _prove_enough(problem, best, least, float(np.log(missed)))
-        except (OutOfTimeError, TooManyError):
-            pass
+    best, lower_bound, proof = _first(problem, start), 0.0, None
+    try:
+        least = least_costs(problem)
+        lower_bound = float(least.sum()) - problem.slack
+        proof = _prove_enough(problem, best, least, float(np.log(missed)))
+    except (OutOfTimeError, TooManyError):
+        pass
     result = _result(problem, best, lower_bound, proof, missed)
+    if not result.certified and start is not None and budget > 0.0:  # the candidates have not been looked for
+        other = candidate(problem)
+        if other.cost < result.cost:
+            result = _result(problem, other, lower_bound, proof, missed)
     steps(100, 100)
     seconds = time.perf_counter() - began
     return replace(
@@ -190,6 +188,16 @@ def certified(
         seconds=seconds,
         spent=problem.spent if budget > 0.0 else 0.0,
     )
+
+
+def _first(problem: Problem, start: Array | None) -> Branch:
+    """What a proof begins with: the signs of an earlier search; without it, or without a budget, the best candidate."""
+    if start is None:
+        return candidate(problem)
+    earlier = problem.price(problem.settle(problem.moments.known, start).signs)
+    if not problem.out_of_time:
+        return earlier
+    return min(candidate(problem), earlier, key=lambda branch: branch.cost)
 
 
 def _result(problem: Problem, best: Branch, lower_bound: float, proof: Proof | None, missed: float) -> SearchResult:
@@ -267,7 +275,8 @@ def candidate(problem: Problem) -> Branch:
     def best_of_all(_: list[int]) -> tuple[Keep, float]:
         return lambda bound: np.argsort(bound, kind="stable")[: limits.candidate_combinations], np.inf
 
-    lists = [block.best(limits.candidate_patterns, block.strong(limits.candidate_share)) for block in problem.blocks]
+    depths = [block.strong(limits.candidate_share, limits.listed) for block in problem.blocks]
+    lists = [block.best(limits.candidate_patterns, depth) for block, depth in zip(problem.blocks, depths, strict=True)]
     joined = combine(problem, lists, shortest_first(lists), best_of_all)
     hessian, energy = problem.decided_moments(joined)
     prepared = problem.prepared(hessian)

@@ -52,9 +52,9 @@ def least_costs(problem: Problem) -> Array:
 
 def _least_cost(problem: Problem, block: Block) -> float:
     problem.check(0)
-    depth, limits = len(block.segments), problem.limits
-    upper = float(block.best(limits.least_width, depth).bound.min()) + problem.rounding
-    return float(block.within(upper, depth, limits.least_list, problem.check).bound.min())
+    limits = problem.limits
+    work = limits.least_width, limits.least_list, problem.check, problem.rounding
+    return sum(group.least(*work) for group in block.groups(limits.least_group))
 
 
 def combinations(problem: Problem, limit: float, least: Array) -> Combinations:
@@ -116,7 +116,7 @@ class _Level:
         What is excluded here counts as often as it has completions among the `finest` segments that are decided in the
         end, so the limit is higher.
         """
-        depths = [block.strong(share) for block in problem.blocks]
+        depths = [block.strong(share, problem.limits.listed) for block in problem.blocks]
         limit += 2.0 * LOG2 * max(0, finest - sum(depths))
         share_of_pull = UNDECIDED_PULL / len(problem.blocks) * problem.pull
         rests = [block.after(depth, share_of_pull) for block, depth in zip(problem.blocks, depths, strict=True)]

@@ -173,17 +173,22 @@ class Flips:
         change: Array = 4.0 * (linear - diagonal + of_free.sum(axis=1))
         return change
 
-    def changes(self) -> Array:
-        """(free,) lower bounds of the change over all sets of flips that hold the segment."""
+    def changes(self, among: Integers | None = None) -> Array:
+        """(m,) lower bounds of the change over all sets of flips that hold a segment.
+
+        Args:
+            among: positions in `free` of m segments; all by default.
+        """
         if len(self.free) > self._limits.many_flips:
-            return 4.0 * (self._linear - self._diagonal + self._rest_of_many())
-        changes = np.empty(len(self.free))
-        for start in range(0, len(self.free), self._limits.rows_at_once):
-            chunk = slice(start, start + self._limits.rows_at_once)
+            many: Array = 4.0 * (self._linear - self._diagonal + self._rest_of_many())
+            return many if among is None else many[among]
+        among = np.arange(len(self.free)) if among is None else among
+        changes = np.empty(len(among))
+        for start in range(0, len(among), self._limits.rows_at_once):
+            chunk = among[start : start + self._limits.rows_at_once]
             rest = np.minimum(self._slope - 2.0 * self._white[chunk] @ self._white.T, 0.0)
-            rows = np.arange(len(rest))
-            rest[rows, start + rows] = 0.0
-            changes[chunk] = self._linear[chunk] - self._diagonal[chunk] + rest.sum(axis=1)
+            rest[np.arange(len(chunk)), chunk] = 0.0
+            changes[start : start + len(chunk)] = self._linear[chunk] - self._diagonal[chunk] + rest.sum(axis=1)
         return 4.0 * changes
 
     def _rest_of_many(self) -> Array:

@@ -26,8 +26,9 @@ class Limits:
         few_combinations: up to which the finest lists are joined at once.
         most_combinations: that may be held on the way there.
         least_width: patterns that a beam holds that looks for a joint's least cost.
+        listed: segments of a joint, the strongest, that patterns decide at most; bounds time and memory.
+        least_group: segments of a joint whose least cost is looked for at once; bounds time and memory.
         least_list: patterns that the list may hold that proves it.
-        together: segments up to which the whole is proven at once; of more, groups give a lower bound of the cost.
         enumerated: segments left by persistency of which all sets of flips are tried (2^14 of them).
         many_flips: segments beyond which their interference is bounded without looking at pairs.
         charged_flips: segments up to which charges are handed on between them.
@@ -50,8 +51,9 @@ class Limits:
     few_combinations: int = 2_500
     most_combinations: int = 50_000
     least_width: int = 64
+    listed: int = 300
+    least_group: int = 500
     least_list: int = 2_000
-    together: int = 6_000
     enumerated: int = 14
     many_flips: int = 8_000
     charged_flips: int = 400

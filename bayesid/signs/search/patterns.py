@@ -100,7 +100,7 @@ class Block:
 
     def __init__(self, moments: Moments, known: Integers, segments: Integers, pull: Array) -> None:
         self.segments = segments
-        self._moments = moments
+        self._moments, self._known, self._pull = moments, known, pull
         self._gradient = moments.known[known] @ moments.gradient[known]
         self._energy = float(moments.energy[known].sum()) + np.cumsum(
             np.concatenate([[0.0], moments.energy[self.segments]])
@@ -114,9 +114,21 @@ class Block:
         """The segments beyond `depth` as another block, with another share of the pull (r, r)."""
         return Block(self._moments, self.segments[:0], self.segments[depth:], pull)
 
-    def strong(self, share: float) -> int:
-        """How many segments have at least this share of the strongest one's energy."""
-        energy = self._moments.energy[self.segments]
+    def groups(self, size: int) -> list[Block]:
+        """The block in groups of about `size` segments, each with strong and weak ones, that cost no more than it does.
+
+        Each may have coefficients of its own, so that the sum of their costs is a lower bound of the block's.
+        """
+        count = max(1, -(-len(self.segments) // size))
+        if count == 1:
+            return [self]
+        known = [self._known, *(count - 1) * [self._known[:0]]]
+        parts = [self.segments[k::count] for k in range(count)]
+        return [Block(self._moments, *pair, self._pull / count) for pair in zip(known, parts, strict=True)]
+
+    def strong(self, share: float, most: int) -> int:
+        """How many segments have at least this share of the strongest one's energy; at most `most`."""
+        energy = self._moments.energy[self.segments[:most]]
         return int(np.sum(energy >= share * energy.max(initial=0.0)))
 
     def hessian(self, depth: int) -> Array:
@@ -130,6 +142,21 @@ class Block:
     def best(self, width: int, depth: int) -> Patterns:
         """The `width` best patterns that a beam finds for the first `depth` segments."""
         return self._grow(depth, None, Remainder(), lambda bound, _: np.argsort(bound, kind="stable")[:width])
+
+    def least(self, width: int, longest: int, check: Callable[[int], None], rounding: float) -> float:
+        """Lower bound of the cost of every pattern: the least of as many segments as a list of `longest` can decide.
+
+        The best of the `width` patterns of a beam says how far the list must go, allowing for rounding. `check` is
+        called as by `within`.
+        """
+        depth = len(self.segments)
+        upper = float(self.best(width, depth).bound.min()) + rounding
+
+        def keep(bound: Array, _: int) -> Integers:
+            check(len(bound))
+            return np.flatnonzero(bound <= upper)
+
+        return float(self._grow(depth, longest, Remainder(), keep).bound.min())
 
     def within(
         self, limit: float, depth: int, longest: int, check: Callable[[int], None], remainder: Remainder = Remainder()

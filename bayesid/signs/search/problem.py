@@ -77,7 +77,9 @@ class Problem:
         self.solves = self.combined = 0
         self.tolerance = 0.0
         self._tell, self._told = steps, 0
+        self._prepared = solver.prepared(self._hessian)
         self._priced: dict[bytes, Branch] = {}
+        self._solved: dict[bytes, Branch] = {}
 
     @property
     def nodes(self) -> int:
@@ -93,23 +95,6 @@ class Problem:
     def out_of_time(self) -> bool:
         """Whether the budget has ended."""
         return self._budget.over
-
-    @property
-    def left(self) -> float:
-        """Seconds of the budget that are not spent."""
-        return max(self._budget.seconds - self.spent, 0.0)
-
-    def part(self, segments: Integers, share: float, budget: float) -> Problem:
-        """The problem of some segments with a share of the pull and of the budget (s)."""
-        solver, repeatable = self._solver.lighter(share), self._budget.repeatable
-        return Problem(self.moments.chosen(segments), solver, budget, repeatable, self.limits)
-
-    def took(self, part: Problem) -> None:
-        """Takes down the work that was done on a part."""
-        self.solves, self.combined = self.solves + part.solves, self.combined + part.nodes
-        self.tolerance = max(self.tolerance, part.tolerance)
-        self._budget.add(part._budget)
-        self._report()
 
     def count(self, choices: int) -> None:
         """Takes down a step of the work, in which so many sign choices were priced."""
@@ -161,34 +146,35 @@ class Problem:
     # -----------------------------------------------------------------------------------------------------------
     def complete(self, decided: Integers, theta: Array) -> Branch:
         """The undecided segments (0 in `decided`, (S,)) with the signs that theta (P,) predicts, and the best cost."""
-        signs = self._completed(decided, theta)
-        return self._branch(signs, self.solve(self.prepared(self._hessian), signs @ self.moments.gradient))
+        return self._known(self._completed(decided, theta))
 
     def settle(self, decided: Integers, theta: Array) -> Branch:
         """The undecided segments (0 in `decided`, (S,)) and the parameters settled in turn, starting from theta (P,).
 
         Neither step can raise the cost. The lower bound is that of the resulting signs alone.
         """
-        prepared, signs = self.prepared(self._hessian), self._completed(decided, theta)
+        signs = self._completed(decided, theta)
         for _ in range(self.limits.settling_rounds):
-            branch = self._known(prepared, signs)
+            branch = self._known(signs)
             after = self._completed(decided, branch.theta)
             if np.array_equal(after, signs):
                 return branch
             signs = after
-        return self._known(prepared, signs)
+        return self._known(signs)
 
-    def _known(self, prepared: PreparedLeastSquares, signs: Integers) -> Branch:
-        """The best parameters for signs (S,): as they were priced already, or by one more solve."""
-        priced = self._priced.get(_key(signs))
-        return self._branch(signs, self.solve(prepared, signs @ self.moments.gradient)) if priced is None else priced
+    def _known(self, signs: Integers) -> Branch:
+        """The best parameters for signs (S,): as they were priced or solved already, or by one more solve."""
+        key = _key(signs)
+        if key not in self._solved:
+            self._solved[key] = self._branch(signs, self.solve(self._prepared, signs @ self.moments.gradient))
+        return self._solved[key]
 
     def price(self, signs: Integers) -> Branch:
         """The best parameters for given signs (S,), as precisely as the solver can; the same signs are solved once."""
         key = _key(signs)
         if key not in self._priced:
-            solution = self.prepared(self._hessian).solve_precisely(signs @ self.moments.gradient)
-            self._priced[key] = self._branch(signs, self._counted(solution))
+            solution = self._prepared.solve_precisely(signs @ self.moments.gradient)
+            self._priced[key] = self._solved[key] = self._branch(signs, self._counted(solution))
         return self._priced[key]
 
     def pull_of(self, branch: Branch) -> float:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtrtri
 
 from bayesid.arrays import Array, Integers, Mask
 
@@ -160,7 +160,7 @@ class UnconstrainedBound:
     def __init__(self, hessian: Array, ridge: float = _RIDGE) -> None:
         lengths = np.sqrt(np.maximum(np.diag(hessian), _LEAST_SQUARE + ridge * np.diag(hessian).max()))
         scaled = hessian / np.outer(lengths, lengths) + ridge * np.eye(len(hessian))
-        self._factor = solve_triangular(_cholesky(scaled), np.diag(1.0 / lengths), lower=True)
+        self._factor = dtrtri(_cholesky(scaled), lower=1)[0] / lengths
 
     def __call__(self, gradient: Array) -> Array:
         """(m,) minima -g' H^-1 g for the rows of gradient (m, r)."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.signs.search.combinations import Combinations
+from bayesid.signs.search.consequences import Consequences, consequences
 from bayesid.signs.search.flips import Flips
 from bayesid.signs.search.patterns import log_sum
 from bayesid.signs.search.problem import OutOfTimeError, Problem
@@ -81,6 +82,16 @@ class _Leaf:
     children: list[_Node]
     excluded: Array
 
+    def with_what_was_cut(self, bound: float, children: list[_Node], excluded: list[Array]) -> _Leaf:
+        """The same within a node with this bound, and with what was cut off before."""
+        return replace(
+            self,
+            bound=max(self.bound, bound),
+            alternatives=max(self.alternatives, bound),
+            children=children,
+            excluded=np.concatenate([self.excluded, *excluded]),
+        )
+
 
 def prove(problem: Problem, combinations: Combinations, limit: float, theta: Array) -> Proof:
     """What is proven when all assignments but the combinations given cost more than `limit`.
@@ -99,24 +110,37 @@ def prove(problem: Problem, combinations: Combinations, limit: float, theta: Arr
     """
     patterns, log_missed = combinations.patterns, combinations.log_missed
     open_nodes = [
-        _Node(float(bound), problem.decided(patterns, row), patterns.gradient[row], combinations.thetas.get(row, theta))
+        _Node(
+            bound=float(bound),
+            decided=problem.decided(patterns, row),
+            gradient=patterns.gradient[row],
+            theta=combinations.thetas.get(row, theta),
+        )
         for row, bound in enumerate(combinations.lower)
     ]
     weak = np.setdiff1d(np.flatnonzero(problem.moments.known == 0), patterns.segments)
     leaves: list[_Leaf] = []
     while open_nodes and not problem.out_of_time:
         open_nodes.sort(key=lambda node: -node.bound)
-        try:
-            leaf, open_nodes = _take_best(problem, open_nodes, weak, limit)
-        except OutOfTimeError:
-            break  # it stays open, as the others do
-        cut = [node.bound for node in open_nodes if node.bound > limit]
+        node = open_nodes.pop()
+        further = consequences(problem, node.decided, limit)
+        cut = [further.bound] if further.bound > limit else []
+        excluded = [further.excluded]
+        if not cut:
+            try:
+                leaf = _grow(problem, node, further, limit)
+            except OutOfTimeError:
+                open_nodes.append(node)  # it stays open, as the others do
+                break
+            open_nodes = [*_raised(problem, open_nodes, node, leaf, weak), *leaf.children]
+            if leaf.bound <= limit:
+                leaves.append(leaf)
+            else:
+                cut.append(leaf.bound)
+            excluded.append(leaf.excluded)
+        cut.extend(node.bound for node in open_nodes if node.bound > limit)
         open_nodes = [node for node in open_nodes if node.bound <= limit]
-        if leaf.bound <= limit:
-            leaves.append(leaf)
-        else:
-            cut.append(leaf.bound)
-        log_missed = float(np.logaddexp(log_missed, log_sum(np.concatenate([cut, leaf.excluded]))))
+        log_missed = float(np.logaddexp(log_missed, log_sum(np.concatenate([cut, *excluded]))))
     leaves.sort(key=lambda leaf: leaf.branch.cost)
     return Proof(
         branches=tuple(replace(leaf.branch, lower_bound=leaf.bound) for leaf in leaves),
@@ -127,58 +151,76 @@ def prove(problem: Problem, combinations: Combinations, limit: float, theta: Arr
     )
 
 
-def _take_best(problem: Problem, open_nodes: list[_Node], weak: Integers, limit: float) -> tuple[_Leaf, list[_Node]]:
-    """Grows the last of the nodes; the leaf, and the open nodes with the bounds that it proves for them.
+def _raised(problem: Problem, others: list[_Node], node: _Node, leaf: _Leaf, weak: Integers) -> list[_Node]:
+    """Other nodes with the bounds that the leaf of a node proves for them.
 
-    `weak` are the segments that the joints' lists do not decide: any of them may differ between two nodes.
+    `weak` are the segments that the joints' lists do not decide: any of them may differ between two nodes. Where they
+    are many, nothing is proven.
     """
-    node, remaining = open_nodes[-1], open_nodes[:-1]
-    leaf = _grow(problem, node, limit)
-    if remaining:
-        steps = 0.5 * np.array([node.gradient - other.gradient for other in remaining])
-        bounds = leaf.branch.lower_bound + problem.flips(leaf.branch, weak).forced(steps)
-        remaining = [
-            replace(other, bound=max(other.bound, float(bound))) for other, bound in zip(remaining, bounds, strict=True)
-        ]
-    return leaf, [*remaining, *leaf.children]
+    if not others or len(weak) > problem.limits.charged_flips:
+        return others
+    steps = 0.5 * np.array([node.gradient - other.gradient for other in others])
+    bounds = leaf.branch.lower_bound + problem.flips(leaf.branch, weak).forced(steps)
+    return [replace(other, bound=max(other.bound, float(bound))) for other, bound in zip(others, bounds, strict=True)]
 
 
-def _grow(problem: Problem, node: _Node, limit: float) -> _Leaf:
+def _grow(problem: Problem, node: _Node, further: Consequences, limit: float) -> _Leaf:
     """A node until nothing in it can be turned for the better.
+
+    Args:
+        problem: the problem.
+        node: the node.
+        further: what follows from what it decides.
+        limit: of the cost.
 
     Raises:
         OutOfTimeError: the budget has ended before.
     """
-    decided = node.decided.copy()
-    branch = problem.complete(decided, node.theta)
-    bound = branch.lower_bound + problem.flips(branch, np.flatnonzero(decided == 0)).best[0]
+    branch = problem.complete(further.signs, node.theta)
+    bound = branch.lower_bound + problem.flips(branch, further.free).best[0]
     if bound > limit:
-        return _Leaf(branch, bound, bound, decided != 0, [], np.empty(0))
-    branch = problem.price(problem.settle(decided, branch.theta).signs)
-    children, excluded = [], [np.empty(0)]
+        return _Leaf(branch, bound, bound, further.decided != 0, [], np.empty(0))
+    branch = problem.price(problem.settle(further.signs, branch.theta).signs)
+    children: list[_Node] = []
+    excluded = [further.excluded[:0]]
     while True:
-        flips = problem.flips(branch, np.flatnonzero(decided == 0))
+        flips = problem.flips(branch, further.free)
         if flips.best[0] >= -problem.exact:
-            break
+            return _closed(branch, flips, further, limit).with_what_was_cut(node.bound, children, excluded)
         if problem.out_of_time:
             raise OutOfTimeError
         branch, better = _improved(problem, branch, flips)
         if better:
             continue
-        bounds = branch.lower_bound + flips.changes()
+        chosen, decided = flips.undecided, further.decided.copy()
+        bounds = branch.lower_bound + flips.changes(chosen)
         sure = bounds > limit
         if np.any(sure):
             excluded.append(bounds[sure])
+            chosen = chosen[sure]
         else:
-            k = flips.heaviest
-            sure[k] = True
-            turned = decided.copy()
-            turned[flips.free[k]] = -branch.signs[flips.free[k]]
-            children.append(_Node(max(node.bound, float(bounds[k])), turned, node.gradient, branch.theta))
-        decided[flips.free[sure]] = branch.signs[flips.free[sure]]
-    bound = max(node.bound, branch.lower_bound + flips.best[0])
-    alternatives = max(node.bound, branch.lower_bound + flips.any)
-    return _Leaf(branch, bound, alternatives, decided != 0, children, np.concatenate(excluded))
+            bound = max(node.bound, float(bounds[chosen == flips.heaviest][0]))
+            chosen = np.array([flips.heaviest])
+            decided[flips.free[chosen]] = -branch.signs[flips.free[chosen]]
+            children.append(_Node(bound, decided.copy(), node.gradient, branch.theta))
+        decided[flips.free[chosen]] = branch.signs[flips.free[chosen]]
+        further = consequences(problem, decided, limit)
+        excluded.append(further.excluded)
+        if further.bound > limit:
+            left = _Leaf(branch, further.bound, further.bound, further.decided != 0, [], np.empty(0))
+            return left.with_what_was_cut(node.bound, children, excluded)
+        if np.any(further.signs * branch.signs < 0):
+            branch = problem.price(problem.settle(further.signs, branch.theta).signs)
+
+
+def _closed(branch: Branch, flips: Flips, further: Consequences, limit: float) -> _Leaf:
+    """The leaf where none of the free segments can be turned for the better."""
+    least = branch.lower_bound + flips.best[0]
+    alternatives = min(branch.lower_bound + flips.any, least + float(further.gain.min(initial=np.inf)))
+    turned = least + further.gain
+    turned[flips.free] = branch.lower_bound + flips.changes()
+    sure = np.isfinite(turned) & (turned > limit)
+    return _Leaf(branch, least, alternatives, (further.decided != 0) | sure, [], turned[sure])
 
 
 def settled(problem: Problem, branch: Branch, decided: Mask, limit: float) -> Mask:
