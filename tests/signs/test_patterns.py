@@ -237,6 +237,18 @@ def test_strong_segments_are_counted_by_their_share_of_the_strongest():
     assert [block.strong(share, 3) for share in (1.0, 0.04)] == [1, 3], "and no more than are asked for"
 
 
+def test_a_block_parts_into_its_first_segments_those_between_and_the_rest():
+    problem, view = prepared(3, segments=9, joints=1, known=2, noise=0.5)
+    (block,) = view.blocks
+    assert block.first(len(block.segments)) is block
+    nothing = np.zeros_like(view.pull)
+    parts = [block.first(2), block.after(2, nothing, 5), block.after(5, nothing)]
+    np.testing.assert_array_equal(np.concatenate([part.segments for part in parts]), block.segments)
+    for name in ("hessian", "energy"):
+        summed = sum(getattr(part, name)(len(part.segments)) for part in parts)
+        np.testing.assert_allclose(summed, getattr(block, name)(len(block.segments)))
+
+
 def test_groups_share_segments_and_pull_and_cost_no_more_than_the_whole():
     for seed in range(8):
         problem, view = prepared(seed, segments=9, joints=1, known=seed % 3, noise=0.5)

@@ -47,7 +47,26 @@ def least_costs(problem: Problem) -> Array:
     Raises:
         OutOfTimeError: the budget has ended.
     """
-    return np.array([_least_cost(problem, block) for block in problem.blocks])
+    ends = _ends(problem, problem.limits.shares[-1])
+    pairs = zip(problem.blocks, ends, _tails(problem, ends), strict=True)
+    return np.array([_least_cost(problem, block.first(end)) + tail for block, end, tail in pairs])
+
+
+def _ends(problem: Problem, share: float) -> list[int]:
+    """How many segments of each block count in its least cost; in a long log its tail is a block of its own."""
+    most = problem.limits.least_group
+    lengths = [len(block.segments) for block in problem.blocks]
+    strong = [block.strong(share, problem.limits.listed) for block in problem.blocks]
+    return [length if length <= most else end for length, end in zip(lengths, strong, strict=True)]
+
+
+def _tails(problem: Problem, ends: list[int]) -> list[float]:
+    """Lower bounds of what the segments beyond the ends cost by themselves, with half of the undecided rows' pull."""
+    if not problem.tails:
+        pull = 0.5 * UNDECIDED_PULL / max(1, len(problem.blocks)) * problem.pull
+        tails = [block.after(end, pull) for block, end in zip(problem.blocks, ends, strict=True)]
+        problem.tails = [_least_cost(problem, tail) if len(tail.segments) else 0.0 for tail in tails]
+    return problem.tails
 
 
 def _least_cost(problem: Problem, block: Block) -> float:
@@ -118,9 +137,11 @@ class _Level:
         """
         depths = [block.strong(share, problem.limits.listed) for block in problem.blocks]
         limit += 2.0 * LOG2 * max(0, finest - sum(depths))
-        share_of_pull = UNDECIDED_PULL / len(problem.blocks) * problem.pull
-        rests = [block.after(depth, share_of_pull) for block, depth in zip(problem.blocks, depths, strict=True)]
-        rest = np.array([_least_cost(problem, block) for block in rests])
+        ends = _ends(problem, problem.limits.shares[-1])
+        pull = 0.5 * UNDECIDED_PULL / len(problem.blocks) * problem.pull
+        ranges = zip(problem.blocks, depths, ends, strict=True)
+        rests = [block.after(depth, pull, end) for block, depth, end in ranges]
+        rest = np.array([_least_cost(problem, block) for block in rests]) + _tails(problem, ends)
         lists = []
         for i, block in enumerate(problem.blocks):
             within = limit + problem.slack - float(np.delete(least, i).sum() + rest[i])

@@ -110,9 +110,15 @@ class Block:
         self._bounds: list[UnconstrainedBound] = []
         self.nodes = 0
 
-    def after(self, depth: int, pull: Array) -> Block:
-        """The segments beyond `depth` as another block, with another share of the pull (r, r)."""
-        return Block(self._moments, self.segments[:0], self.segments[depth:], pull)
+    def first(self, depth: int) -> Block:
+        """The known and the first `depth` unknown segments as another block."""
+        if depth == len(self.segments):
+            return self
+        return Block(self._moments, self._known, self.segments[:depth], self._pull)
+
+    def after(self, depth: int, pull: Array, end: int | None = None) -> Block:
+        """The segments from `depth` on, up to `end`, as another block, with another share of the pull (r, r)."""
+        return Block(self._moments, self.segments[:0], self.segments[depth:end], pull)
 
     def groups(self, size: int) -> list[Block]:
         """The block in groups of about `size` segments, each with strong and weak ones, that cost no more than it does.

@@ -53,6 +53,7 @@ class Problem:
         blocks: of the joints that have segments.
         solves: cone problems solved.
         combined: combinations of several joints' patterns that were priced.
+        tails: lower bounds of what the weak segments of each block cost, once they are known; 0 in a short log.
         tolerance: coarsest relative gap of a cone problem.
     """
 
@@ -76,6 +77,7 @@ class Problem:
         self.blocks = make_blocks(moments, (0.5 - UNDECIDED_PULL) * self.pull)
         self.solves = self.combined = 0
         self.tolerance = 0.0
+        self.tails: list[float] = []
         self._tell, self._told = steps, 0
         self._prepared = solver.prepared(self._hessian)
         self._priced: dict[bytes, Branch] = {}
