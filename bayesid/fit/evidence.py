@@ -59,8 +59,11 @@ class Evidence:
     @property
     def columns(self) -> Array:
         """(N, n, r) of the coefficients."""
-        chunks = self.model.chunks(self.signals.motion)
-        return np.concatenate([rows[:, :, self.coefficients.kept] for _, rows in chunks])
+        motion = self.signals.motion
+        columns = np.empty((len(motion), self.model.robot.n_joints, len(self.coefficients)))
+        for place, rows in self.model.chunks(motion):
+            columns[place] = rows[:, :, self.coefficients.kept]
+        return columns
 
     def moments(
         self,

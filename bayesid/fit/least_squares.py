@@ -182,9 +182,11 @@ def _solve(evidence: Evidence, moments: Moments) -> tuple[Solution, Array]:
 def _before_fit(evidence: Evidence, sigma: Array, predicted: Array, residual: Noise) -> Noise:
     """The noise of the efforts from that of the residual."""
     signals, used, size = evidence.signals, evidence.used, len(evidence.coefficients)
-    columns = evidence.columns
     earlier = np.zeros((size, size)) if evidence.information is None else evidence.information.hessian
-    residuals = _refit(np.where(used[:, :, None], columns, 0.0), sigma, earlier)
+    columns = evidence.columns  # ours: they are made anew whenever they are asked for
+    columns[~used] = 0.0
+    columns /= sigma[:, None]
+    residuals = _refit(columns, sigma, earlier)
     signs = np.where(predicted >= 0.0, 1.0, -1.0)[:, :, None]
 
     def after_fit(noise: Array) -> Array:
@@ -198,9 +200,9 @@ def _before_fit(evidence: Evidence, sigma: Array, predicted: Array, residual: No
 def _refit(columns: Array, sigma: Array, earlier: Array) -> Callable[[Array], Array]:
     """What least squares without the cone leaves of (N, n, K) efforts.
 
-    For columns (N, n, r), sigma (n,) and the information of earlier logs (r, r).
+    For columns (N, n, r) over sigma (n,), and the information of earlier logs (r, r).
     """
-    rows = (columns / sigma[:, None]).reshape(-1, columns.shape[2])
+    rows = columns.reshape(-1, columns.shape[2])
     information = rows.T @ rows + earlier
     lengths = np.sqrt(np.maximum(np.diag(information), _BLIND * np.diag(information).max()))
     inverse = np.linalg.pinv(information / np.outer(lengths, lengths), rcond=_BLIND, hermitian=True)

@@ -77,14 +77,18 @@ def _rows(values: Array | None, rows: slice) -> Array | None:
 def _file_digests(log: Log) -> dict[str, str]:
     """Each file of a log to its SHA-256; a log that never was a file has none."""
     sources = [piece.source for piece in log.pieces] or [log.source]
-    return {source: _digest(Path(source).read_bytes()) for source in sources if Path(source).is_file()}
+    return {source: _digest_of_file(Path(source)) for source in sources if Path(source).is_file()}
+
+
+def _digest_of_file(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def fingerprint(log: Log) -> str:
     """SHA-256 of t, q, effort, dq and signed, as little-endian float64 row by row: the same from any file format."""
     parts = [log.t, log.q, log.effort, *([] if log.dq is None else [log.dq]), log.signed]
-    return _digest(b"".join(np.ascontiguousarray(part, dtype="<f8").tobytes() for part in parts))
-
-
-def _digest(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(np.ascontiguousarray(part, dtype="<f8"))
+    return digest.hexdigest()
