@@ -340,10 +340,14 @@ def _excluded(plus: Array, moments: Moments, search: SearchResult) -> float | No
 
 
 def _branch_mass(target: Target, theta: Array, log_scale: Array, search: SearchResult) -> Array:
-    """(B,) mass of each assignment on the search's list, in the segments that it decides one by one."""
+    """(B,) mass of each assignment on the search's list, in the segments that it decides one by one.
+
+    Of segments at the ends of a log the search may decide some of which no sample counts here.
+    """
     if search.decided is None or not search.branches:
         return np.empty(0)
-    push, unknown = target.likelihood.push(theta, log_scale), target.likelihood.fixed == 0
+    push = target.likelihood.push(theta, log_scale)
+    unknown = (target.likelihood.fixed == 0) & target.likelihood.gradient.any(axis=1)
     log_mass = []
     for branch, decided in zip(search.branches, search.decided & unknown, strict=True):
         of_signs = log_expit(2.0 * branch.signs[decided] * push[:, decided]).sum(axis=1)
