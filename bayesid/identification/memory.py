@@ -9,12 +9,14 @@ import numpy as np
 from bayesid.errors import InputError
 from bayesid.log.log import Log
 
-_AT_LEAST = 0.7e9
+_AT_LEAST = 0.4e9
 """Bytes, whatever the log: what is loaded, and one block of `bayesid.signs.smoothing`. As measured."""
-_A_VALUE = 170.0
-"""Bytes for each value of |effort| on the log's even grid: twenty arrays of doubles that are alive at once while it is
-read, filtered and thinned. As measured on a UR10e's logs: 0.97 GB in all
-for 100,000 rows, 1.69 GB for 1,000,000."""
+_A_VALUE = 40.0
+"""Bytes for each value of |effort| on the log's even grid, which is read and filtered joint by joint."""
+_A_KEPT_VALUE, _KEPT = 1200.0, 100_000
+"""Bytes more for each that is left when a long log has been thinned to about so many instants: columns of all terms,
+and what a fit makes of them. As measured on a UR10e's logs: 1.0 GB in all for 100,000 rows, 1.2 GB for 1,000,000,
+1.8 GB for 3,600,000."""
 _USUAL_SHARE = 0.8
 """Of the machine's memory, which an identification may have unless another limit is asked for. A round number."""
 
@@ -42,7 +44,8 @@ def memory_needed(log: Log) -> float:
     """GB that an identification of a log will need at its peak, about."""
     steps = np.diff(log.t)
     grid = (log.t[-1] - log.t[0]) / max(float(np.median(steps)), np.finfo(float).tiny) if len(steps) else 0.0
-    return float(1e-9 * (_AT_LEAST + _A_VALUE * log.n_joints * max(float(len(log)), grid)))
+    instants = max(float(len(log)), grid)
+    return float(1e-9 * (_AT_LEAST + log.n_joints * (_A_VALUE * instants + _A_KEPT_VALUE * min(instants, _KEPT))))
 
 
 def _usual_limit() -> float:

@@ -90,5 +90,5 @@ def fingerprint(log: Log) -> str:
     parts = [log.t, log.q, log.effort, *([] if log.dq is None else [log.dq]), log.signed]
     digest = hashlib.sha256()
     for part in parts:
-        digest.update(np.ascontiguousarray(part, dtype="<f8"))
+        digest.update(np.ascontiguousarray(part, dtype="<f8").data)
     return digest.hexdigest()

@@ -265,6 +265,15 @@ def test_groups_share_segments_and_pull_and_cost_no_more_than_the_whole():
         assert 0.0 < sum(parts) <= whole + view.rounding
 
 
+def test_a_least_cost_is_had_where_rounding_is_larger_than_is_allowed_for():
+    """A joint that hardly moves: the best pattern's beginnings seemed dearer than all of it, and nothing was left."""
+    problem, view = prepared(3, segments=8, size=4, noise=0.6)
+    (block,) = view.blocks
+    least = brute_force(problem, block, 8)[1].min()
+    allowed = -0.1 * least
+    assert block.least(64, 10_000, never, allowed) == pytest.approx(least + allowed, rel=1e-9)
+
+
 def test_hessian_and_energy_are_those_of_the_decided_segments():
     problem, view = prepared(14, segments=12, joints=2, known=3)
     m = problem.moments

@@ -152,17 +152,17 @@ class Block:
     def least(self, width: int, longest: int, check: Callable[[int], None], rounding: float) -> float:
         """Lower bound of the cost of every pattern: the least of as many segments as a list of `longest` can decide.
 
-        The best of the `width` patterns of a beam says how far the list must go, allowing for rounding. `check` is
-        called as by `within`.
+        The best of the `width` patterns of a beam says how far the list must go, allowing for rounding; where that is
+        larger, the best child is followed all the same. `check` is called as by `within`.
         """
         depth = len(self.segments)
         upper = float(self.best(width, depth).bound.min()) + rounding
 
         def keep(bound: Array, _: int) -> Integers:
             check(len(bound))
-            return np.flatnonzero(bound <= upper)
+            return np.flatnonzero(bound <= max(upper, float(bound.min())))
 
-        return float(self._grow(depth, longest, Remainder(), keep).bound.min())
+        return min(upper, float(self._grow(depth, longest, Remainder(), keep).bound.min()))
 
     def within(
         self, limit: float, depth: int, longest: int, check: Callable[[int], None], remainder: Remainder = Remainder()
