@@ -26,7 +26,7 @@ Single = NDArray[np.float32]
 
 _SUM = np.float32(2.0**108)
 """Of a belief's weights: near the largest single, 2^128, so that products with the least transition are no smaller than
-the smallest normal one. Below that a processor takes twenty times as long."""
+the smallest normal one. Below that a processor takes many times as long."""
 _BOTH = np.float32(2.0**-98)
 """By which a belief is made smaller before it meets one of the other direction: their product is a single again."""
 _SAME = np.float32(1e-4)
