@@ -12,6 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColum
 from rich.text import Text
 
 from bayesid.cli.terminal import console
+from bayesid.process import onlookers
 
 _PATIENCE = 1.0
 """s; what ends sooner is not worth a bar. A round number; not studied."""
@@ -58,7 +59,8 @@ class _Bar:
 
     def __enter__(self) -> Self:
         if self._bars is not None:
-            self._bars.start()
+            with onlookers():
+                self._bars.start()
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -24,6 +24,7 @@ b; in return it fluctuates by itself: its noise there is n's.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.special import ndtr
@@ -32,6 +33,7 @@ from bayesid.arrays import Array, Integers, Mask
 from bayesid.fit.noise import Noise
 from bayesid.log.low_pass import AfterRectifier, LowPass, mean_magnitude
 from bayesid.log.signals import Signals
+from bayesid.process import in_parallel
 from bayesid.progress import Steps, no_steps
 from bayesid.signs.chain import Chain, Single, Space
 
@@ -115,16 +117,17 @@ def smooth(
     moves = moving.copy()
     moves[1:] &= moving[:-1]  # a standstill is left as it is entered: by a wide step
     turns = _turns(moves)
-    probability, space, done = np.empty_like(effort), Space(), 0
+    probability, space = np.empty_like(effort), Space()
     for start in range(0, len(effort), blocks.samples):
         stop = min(start + blocks.samples, len(effort))
         around = slice(max(0, start - blocks.overlap), min(len(effort), stop + blocks.overlap))
-        for j in range(effort.shape[1]):
-            joint = process.joint(j)
-            mean = _smooth(effort[around, j], draws[around, j], turns[around, j], joint, blocks, space)
+        joints = [
+            partial(_smooth, effort[around, j], draws[around, j], turns[around, j], process.joint(j), blocks, space)
+            for j in range(effort.shape[1])
+        ]
+        for j, mean in enumerate(in_parallel(joints)):
             probability[start:stop, j] = mean[start - around.start : stop - around.start]
-            done += (stop - start) * draws.shape[2]
-            progress(done, draws.size)
+        progress(stop, len(effort))
     return probability
 
 
