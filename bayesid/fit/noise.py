@@ -59,14 +59,16 @@ class Noise:
 
     def draw(self, samples: int, replicates: int, rate: float, rng: np.random.Generator) -> Array:
         """(samples, n, replicates) noise: white plus an Ornstein-Uhlenbeck process, N m."""
-        shape = (samples, len(self.white), replicates)
-        drawn = self.white[:, None] * rng.standard_normal(shape)
+        return self.of(Normals.draw(samples, len(self.white), replicates, rng), rate)
+
+    def of(self, normals: Normals, rate: float) -> Array:
+        """(samples, n, replicates) the noise that given standard normal variables make, N m."""
+        drawn = self.white[:, None] * normals.white
         for j, memory in enumerate(np.exp(-1.0 / (self.correlation * rate))):
-            innovation, start = rng.standard_normal((samples, replicates)), rng.standard_normal((1, replicates))
-            coloured = scipy.signal.lfilter(
-                [np.sqrt(1.0 - memory**2)], [1.0, -memory], innovation, axis=0, zi=memory * start
-            )[0]
-            drawn[:, j] += self.coloured[j] * coloured
+            filtered = scipy.signal.lfilter(
+                [np.sqrt(1.0 - memory**2)], [1.0, -memory], normals.innovation[j], axis=0, zi=memory * normals.start[j]
+            )
+            drawn[:, j] += self.coloured[j] * filtered[0]
         return drawn
 
     def with_time_of_model(self, rate: float) -> Noise:
@@ -74,6 +76,28 @@ class Noise:
         memory = np.exp(-1.0 / (self.correlation * rate))
         share = (self.coloured / self.sigma) ** 2
         return replace(self, autocorrelation=1.0 + 2.0 * share * memory / (1.0 - memory))
+
+
+@dataclass(frozen=True)
+class Normals:
+    """Standard normal variables of which a noise is made.
+
+    Attributes:
+        white: (samples, n, replicates).
+        innovation: (n, samples, replicates) of the coloured part.
+        start: (n, 1, replicates) where it begins.
+    """
+
+    white: Array
+    innovation: Array
+    start: Array
+
+    @classmethod
+    def draw(cls, samples: int, joints: int, replicates: int, rng: np.random.Generator) -> Normals:
+        """Fresh ones."""
+        white = rng.standard_normal((samples, joints, replicates))
+        coloured = np.stack([rng.standard_normal((samples + 1, replicates)) for _ in range(joints)])
+        return cls(white, coloured[:, :-1], coloured[:, -1:])
 
 
 def residual_noise(residual: Array, used: Mask, rate: float, pairs: Sequence[Array] | None = None) -> Noise:
@@ -104,9 +128,9 @@ def noise_before_fit(observed: Noise, residuals: Callable[[Array], Array], used:
         rate: Hz.
     """
     noise, pairs = observed, pairs_of_joints(used, rate)
+    normals = Normals.draw(len(used), used.shape[1], _REPLICATES, np.random.default_rng(0))  # so there is a fixed point
     for _ in range(_ITERATIONS):
-        rng = np.random.default_rng(0)  # the same replicates every time: the iteration has a fixed point
-        refitted = residuals(noise.draw(len(used), _REPLICATES, rate, rng))
+        refitted = residuals(noise.of(normals, rate))
         replicates = [residual_noise(refitted[..., k], used, rate, pairs) for k in range(_REPLICATES)]
         figures = {}
         for name in ("white", "coloured", "correlation"):

@@ -1,30 +1,32 @@
 """Draws from the posterior of one branch, by emcee, until they are enough.
 
 Several ensembles start apart and never exchange anything; only the lines' covariance, fixed before the first draw that
-counts, is common to them. All walkers of all ensembles sit in one emcee sampler, whose moves treat each by itself.
+counts, is common to them. Half of the ensembles sit in one emcee sampler, whose moves treat each walker by itself, and
+half in another: two processors sweep side by side. More and smaller parts would cost one processor much more, for numpy
+is as good as its arrays are long.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING
+from functools import cached_property, partial
+from typing import TypeVar
 
 import numpy as np
 
-from bayesid.arrays import Array
+from bayesid.arrays import TINY, Array
 from bayesid.errors import InputError
 from bayesid.posterior.diagnostics import Diagnostics, diagnose
 from bayesid.posterior.moves import Conditional, HitAndRun, InTurn, NoiseScales
-from bayesid.posterior.start import body_blocks, find_centre, spread_walkers
+from bayesid.posterior.start import HOT_SWEEPS, Centre, body_blocks, find_centre, spread_walkers
 from bayesid.posterior.target import Target
+from bayesid.process import in_parallel
 from bayesid.progress import Steps, no_steps
 
-if TYPE_CHECKING:
-    import emcee
+Result = TypeVar("Result")
 
 _FEWEST = 8
 """Sweeps that are kept however little time remains: R-hat of split chains is defined from four on (ArviZ)."""
@@ -38,6 +40,8 @@ _OVERHEAD = 10.0
 _OF_A_SWEEP = 0.2
 """Seconds of the last diagnostics a sweep, over those of the sweep, until they have been measured: 0.1 to 0.2 for
 arms of six and seven joints."""
+_TICK = 1.0
+"""s of sweeps after which the clock is looked at, and progress told. A round number."""
 _GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 """The golden section: its multiples spread evenly over the circle, however many they are (Knuth, TAOCP 3, 6.4)."""
 
@@ -165,19 +169,16 @@ def sample(
         leave: seconds of the budget to leave for what comes after, given those of a sweep.
     """
     clock = _Clock(sampling, leave)
-    random = np.random.RandomState(sampling.seed)
-    sampler, state = _warmed_up(target, theta, sampling, random, clock)
+    moves, halves = _warmed_up(target, theta, sampling, clock)
+    drawn: list[list[_Stretch]] = []
     next_check, sweeps = sampling.first_look, 0
     while True:
-        clock.go_on()
-        for latest in sampler.sample(state, iterations=next_check - sweeps, skip_initial_state_check=True):
-            state = latest
-            sweeps += 1
+        while sweeps < next_check and not (sweeps >= _FEWEST and clock.late(sweeps)):
+            count = clock.at_once(sweeps, next_check - sweeps)
+            drawn.append(clock.timed(count, [partial(_draw, target, moves, half, count) for half in halves]))
+            halves, sweeps = [stretch.end for stretch in drawn[-1]], sweeps + count
             steps(sweeps, next_check + 1)
-            clock.swept()
-            if sweeps >= _FEWEST and clock.late(sweeps):
-                break
-        theta, log_scale, beta, log_density = _chains(target, sampler, sampling, _too_early(sweeps, sampling))
+        theta, log_scale, beta, log_density = _chains(target, drawn, sampling, _too_early(sweeps, sampling))
         quantities = np.concatenate([beta, log_scale, log_density[..., None]], axis=-1)
         diagnostics = clock.diagnosed(quantities, theta.shape[-1])
         enough = sweeps >= sampling.first_look  # fewer sweeps can look like anything
@@ -185,7 +186,6 @@ def sample(
         if converged or clock.late(sweeps) or sweeps >= sampling.most_sweeps:
             parameters = diagnose(theta)
             return Draws(theta, log_scale, beta, log_density, diagnostics, parameters, converged, clock.seconds)
-        # where time seemed up, and was not, what was planned goes on: emcee has made room for it
         next_check = max(next_check, min(int(np.ceil(_GROWTH * sweeps)), sampling.most_sweeps))
 
 
@@ -199,7 +199,7 @@ class _Clock:
 
     def __init__(self, sampling: Sampling, leave: Callable[[float], float]) -> None:
         self._sampling, self._leave = sampling, leave
-        self._began = self._mark = time.perf_counter()
+        self._began = time.perf_counter()
         self._sweeping, self._swept, self._closing = 0.0, 0, np.nan
 
     @property
@@ -207,14 +207,27 @@ class _Clock:
         """Since it began."""
         return time.perf_counter() - self._began
 
-    def go_on(self) -> None:
-        """Sweeps begin, or begin again."""
-        self._mark = time.perf_counter()
+    @property
+    def _sweep(self) -> float:
+        """Seconds of a sweep."""
+        return self._sweeping / max(self._swept, 1)
 
-    def swept(self) -> None:
-        """A sweep is done."""
-        now = time.perf_counter()
-        self._sweeping, self._swept, self._mark = self._sweeping + now - self._mark, self._swept + 1, now
+    def at_once(self, sweeps: int, planned: int) -> int:
+        """How many of the planned sweeps to do before the clock is looked at again, after so many."""
+        if self._sweep * planned > _TICK:
+            planned = max(1, int(_TICK / self._sweep))
+        if self._sampling.repeatable:
+            return planned
+        spare = self._sampling.budget - self.seconds - self._to_come(sweeps)
+        least = max(1, _FEWEST - sweeps)
+        return min(planned, least + max(0, int(spare / max(self._sweep + self._closing_of_a_sweep, TINY))))
+
+    def timed(self, sweeps: int, halves: Sequence[Callable[[], Result]]) -> list[Result]:
+        """What comes of so many sweeps by each half of the walkers."""
+        began = time.perf_counter()
+        results = in_parallel(halves)
+        self._sweeping, self._swept = self._sweeping + time.perf_counter() - began, self._swept + sweeps
+        return results
 
     def diagnosed(self, quantities: Array, parameters: int) -> Diagnostics:
         """Diagnostics of draws (D, E, W, K): what they take, those of the parameters will take in proportion."""
@@ -225,37 +238,85 @@ class _Clock:
 
     def late(self, sweeps: int = 0) -> bool:
         """Whether to end after so many sweeps is as much as the budget allows."""
-        if self._sampling.repeatable:
-            return False
-        sweep = self._sweeping / max(self._swept, 1)
-        closing = _OF_A_SWEEP * sweep if np.isnan(self._closing) else self._closing
-        more = max(0, _FEWEST - sweeps)
-        to_come = more * sweep + closing * (sweeps + more + _OVERHEAD) + self._leave(sweep)
-        return self.seconds + to_come > self._sampling.budget
+        return not self._sampling.repeatable and self.seconds + self._to_come(sweeps) > self._sampling.budget
+
+    def _to_come(self, sweeps: int) -> float:
+        """Seconds that follow if the run ends after so many sweeps, or the fewest."""
+        most = max(sweeps, _FEWEST)
+        closing = self._closing_of_a_sweep * (most + _OVERHEAD)
+        return (most - sweeps) * self._sweep + closing + self._leave(self._sweep)
+
+    @property
+    def _closing_of_a_sweep(self) -> float:
+        """Seconds of the diagnostics at the end, a sweep."""
+        return _OF_A_SWEEP * self._sweep if np.isnan(self._closing) else self._closing
 
 
-def _warmed_up(
-    target: Target, theta: Array, sampling: Sampling, random: np.random.RandomState, clock: _Clock
-) -> tuple[emcee.EnsembleSampler, emcee.State]:
-    """The sampler and its state after the warm-up; halfway the lines are chosen anew, for the noise of the walkers."""
-    import emcee  # here, for it takes a third of a second that a result without posterior should not wait
+@dataclass(frozen=True)
+class _Walkers:
+    """Walkers (W, P + n) of half of the ensembles, and random numbers of their own."""
 
+    coordinates: Array
+    random: np.random.RandomState
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """Sweeps of half of the ensembles: coordinates (D, W, P + n), log densities (D, W), and where they end."""
+
+    chain: Array
+    log_density: Array
+    end: _Walkers
+
+
+def _warmed_up(target: Target, theta: Array, sampling: Sampling, clock: _Clock) -> tuple[InTurn, list[_Walkers]]:
+    """Moves, and the walkers after the warm-up; halfway the lines are chosen anew, for the noise of the walkers."""
     block = body_blocks(target.prior.region)
     centre = find_centre(target, theta, np.zeros(target.likelihood.n_joints))
-    moves = _moves(target, Conditional(centre.covariance, block))
-    walkers = sampling.ensembles * sampling.walkers
-    coordinates = spread_walkers(target, centre, Conditional(centre.covariance, block), walkers, random)
-    clock.go_on()
-    for k in range(sampling.warm_up):
-        if k == sampling.warm_up // 2:
-            centre = find_centre(target, *target.split(coordinates.mean(axis=0)))
+    lines = Conditional(centre.covariance, block)
+    first = sampling.ensembles // 2
+    walkers = [sampling.walkers * count for count in (sampling.ensembles - first, first) if count]
+    randoms = [np.random.RandomState([sampling.seed, half]) for half in range(len(walkers))]
+    spread = [
+        partial(_spread, target, centre, lines, count, random) for count, random in zip(walkers, randoms, strict=True)
+    ]
+    halves = clock.timed(HOT_SWEEPS, spread)
+    moves, done, halfway = _moves(target, lines), 0, sampling.warm_up // 2
+    while done < sampling.warm_up:
+        if done == halfway:
+            centre = find_centre(target, *target.split(np.concatenate([h.coordinates for h in halves]).mean(axis=0)))
             moves = _moves(target, Conditional(centre.covariance, block))
-        coordinates = moves.update(coordinates, random)
-        clock.swept()
+        count = clock.at_once(0, (halfway if done < halfway else sampling.warm_up) - done)
+        halves = clock.timed(count, [partial(_move, moves, half, count) for half in halves])
+        done += count
         if clock.late():
             break
-    sampler = emcee.EnsembleSampler(walkers, target.dimension, target.log_density, moves=moves, vectorize=True)
-    return sampler, emcee.State(coordinates, random_state=random.get_state())
+    return moves, halves
+
+
+def _spread(
+    target: Target, centre: Centre, lines: Conditional, walkers: int, random: np.random.RandomState
+) -> _Walkers:
+    return _Walkers(spread_walkers(target, centre, lines, walkers, random), random)
+
+
+def _move(moves: InTurn, walkers: _Walkers, sweeps: int) -> _Walkers:
+    coordinates = walkers.coordinates
+    for _ in range(sweeps):
+        coordinates = moves.update(coordinates, walkers.random)
+    return _Walkers(coordinates, walkers.random)
+
+
+def _draw(target: Target, moves: InTurn, walkers: _Walkers, sweeps: int) -> _Stretch:
+    import emcee  # here, for it takes a third of a second that a result without posterior should not wait
+
+    sampler = emcee.EnsembleSampler(
+        len(walkers.coordinates), target.dimension, target.log_density, moves=moves, vectorize=True
+    )
+    start = emcee.State(walkers.coordinates, random_state=walkers.random.get_state())
+    end = sampler.run_mcmc(start, sweeps, skip_initial_state_check=True)
+    walkers.random.set_state(end.random_state)
+    return _Stretch(sampler.get_chain(), sampler.get_log_prob(), _Walkers(end.coords, walkers.random))
 
 
 def _moves(target: Target, directions: Conditional) -> InTurn:
@@ -268,10 +329,11 @@ def _too_early(sweeps: int, sampling: Sampling) -> int:
 
 
 def _chains(
-    target: Target, sampler: emcee.EnsembleSampler, sampling: Sampling, early: int
+    target: Target, drawn: Sequence[Sequence[_Stretch]], sampling: Sampling, early: int
 ) -> tuple[Array, Array, Array, Array]:
     """Parameters, noise scales, coefficients (D, E, W, ...) and log densities (D, E, W), the early sweeps left out."""
-    shape, chain = (-1, sampling.ensembles, sampling.walkers), sampler.get_chain(discard=early)
-    theta, log_scale = target.split(chain.reshape(*shape, chain.shape[-1]))
-    log_density = sampler.get_log_prob(discard=early).reshape(shape)
-    return theta, log_scale, theta @ target.likelihood.projection.T, log_density
+    shape = -1, sampling.ensembles, sampling.walkers
+    chain = np.concatenate([np.concatenate([half.chain for half in halves], axis=1) for halves in drawn])
+    density = np.concatenate([np.concatenate([half.log_density for half in halves], axis=1) for halves in drawn])
+    theta, log_scale = target.split(chain[early:].reshape(*shape, chain.shape[-1]))
+    return theta, log_scale, theta @ target.likelihood.projection.T, density[early:].reshape(shape)

@@ -34,7 +34,7 @@ _SHORTEST_STEP = 1e-12
 """Share of a Newton step at which the line search gives up: rounding."""
 _HOT = 4.0
 """Temperature at which walkers are spread: twice the posterior's sd, as R-hat wants it (Gelman and Rubin 1992)."""
-_HOT_SWEEPS = 3
+HOT_SWEEPS = 3
 """Sweeps at that temperature. A round number; not studied."""
 _REACH = 0.9
 """Of the ellipsoid's radius, in which walkers begin: short of 1, for rounding."""
@@ -136,7 +136,7 @@ def spread_walkers(target: Target, centre: Centre, directions: Conditional, walk
     theta = centre.theta + _REACH * radius * noise @ root.T
     coordinates = np.concatenate([theta, np.zeros((walkers, target.likelihood.n_joints))], axis=1)
     hot = InTurn([HitAndRun(target, directions, _HOT), NoiseScales(target)])
-    for _ in range(_HOT_SWEEPS):
+    for _ in range(HOT_SWEEPS):
         coordinates = hot.update(coordinates, random)
     return coordinates
 

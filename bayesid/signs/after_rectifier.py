@@ -9,7 +9,9 @@ symmetric about zero or in favour of the first if there is no low-pass behind th
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import scipy
@@ -20,6 +22,7 @@ from bayesid.log.low_pass import AfterRectifier, LowPass, mean_magnitude
 from bayesid.log.segments import Cutting, Segments, find_segments
 from bayesid.log.signals import Signals, signed_effort
 from bayesid.model.model import Model
+from bayesid.process import in_parallel
 from bayesid.progress import SILENT, Progress
 from bayesid.signs.search.protocol import Search
 from bayesid.signs.settling import Earlier, Settled, settle_signs, settled_again
@@ -274,11 +277,12 @@ class _Crossings:
 
     def best_after(self, tried: list[LowPass]) -> LowPass:
         """The low-pass that, after the rectifier, suits most."""
-        return min(tried, key=lambda low_pass: _misfit(self.after(low_pass)))
+        return tried[_best([partial(self.after, low_pass) for low_pass in tried])]
 
     def best_before(self, tried: list[LowPass]) -> LowPass | None:
         """The same before the rectifier; None if no low-pass suits better."""
-        return min([None, *tried], key=lambda low_pass: _misfit(self.before(low_pass)))
+        all_tried = [None, *tried]
+        return all_tried[_best([partial(self.before, low_pass) for low_pass in all_tried])]
 
     def after(self, low_pass: LowPass) -> Array:
         """(C,) sums of squares that a low-pass after the rectifier leaves, (N m)^2."""
@@ -307,9 +311,10 @@ class _Crossings:
         return contrast
 
 
-def _misfit(left: Array) -> float:
-    """Sum of the logarithms: every crossing has noise of its own."""
-    return float(np.log(np.maximum(left, TINY)).sum())
+def _best(ways: Sequence[Callable[[], Array]]) -> int:
+    """Which of several ways leaves least: the sum of the logarithms, as every crossing has noise of its own."""
+    misfits = [np.log(np.maximum(left, TINY)).sum() for left in in_parallel(ways)]
+    return int(np.argmin(misfits))
 
 
 def _apart(predicted: Array, usable: Mask, moving: Mask, reach: int, settling: int) -> Integers:

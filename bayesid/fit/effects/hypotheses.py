@@ -84,18 +84,26 @@ def hypotheses(model: Model, scene: Scene, used: Mask, *, refinements: bool = Fa
         refinements: whether finer forms of standard terms are among them.
     """
     make = maker(model, scene, used)
-    for kind in catalogue.forms().values():
-        if kind.refines and not refinements:
-            continue
-        groups: dict[tuple[object, ...], list[Hypothesis]] = {}
-        for source in kind.variants(scene):
-            for hypothesis in _scaled(make(source)):
-                columns = hypothesis.columns
-                key = source.joints, len(columns.sd), tuple(sorted(columns.joints)), bool(columns.rows)
-                groups.setdefault(key, []).append(hypothesis)
-        for group in groups.values():
-            together = stacked([hypothesis.columns for hypothesis in group])
-            yield [replace(one, columns=columns) for one, columns in zip(group, together, strict=True)]
+    for kind in kinds_of_forms(refinements=refinements):
+        yield from hypotheses_of(kind, make, scene)
+
+
+def kinds_of_forms(*, refinements: bool = False) -> list[type[Effect]]:
+    """Of the catalogue; finer forms of standard terms among them, or not."""
+    return [kind for kind in catalogue.forms().values() if refinements or not kind.refines]
+
+
+def hypotheses_of(kind: type[Effect], make: Callable[[Effect], Hypothesis], scene: Scene) -> Iterator[list[Hypothesis]]:
+    """The forms of one kind alone, as `hypotheses` has them, by what makes hypotheses of effects."""
+    groups: dict[tuple[object, ...], list[Hypothesis]] = {}
+    for source in kind.variants(scene):
+        for hypothesis in _scaled(make(source)):
+            columns = hypothesis.columns
+            key = source.joints, len(columns.sd), tuple(sorted(columns.joints)), bool(columns.rows)
+            groups.setdefault(key, []).append(hypothesis)
+    for group in groups.values():
+        together = stacked([hypothesis.columns for hypothesis in group])
+        yield [replace(one, columns=columns) for one, columns in zip(group, together, strict=True)]
 
 
 def maker(model: Model, scene: Scene, used: Mask) -> Callable[[Effect], Hypothesis]:

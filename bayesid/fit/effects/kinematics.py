@@ -12,6 +12,7 @@ import scipy
 from bayesid.arrays import Array
 from bayesid.model.robot import Joint, Robot
 from bayesid.motion import Motion
+from bayesid.process import in_parallel
 
 KINEMATICS: tuple[str, tuple[int, ...]] = ("kinematics", ())
 """Where effects are named: the robot's geometry."""
@@ -61,12 +62,14 @@ def kinematic_columns(
         tolerance: the standard deviations.
         known: whether base and parameters are known by another log of the robot: then they do not go along.
     """
-    columns = []
-    for move, axis, moved in _displacements(robot, known=known):
-        sd = tolerance.length if move is _shift else tolerance.angle
-        if sd > 0.0:
-            there, back = (moved(move(axis, step)).inverse_dynamics(motion, links) for step in (_STEP, -_STEP))
-            columns.append(sd * (there - back) / (2.0 * _STEP))
+
+    def column(move: _Move, axis: Array, moved: Callable[[Array], Robot], sd: float) -> Array:
+        there, back = (moved(move(axis, step)).inverse_dynamics(motion, links) for step in (_STEP, -_STEP))
+        return sd * (there - back) / (2.0 * _STEP)
+
+    sds: dict[_Move, float] = {_shift: tolerance.length, _turn: tolerance.angle}
+    places = [place for place in _displacements(robot, known=known) if sds[place[0]] > 0.0]
+    columns = in_parallel([partial(column, *place, sds[place[0]]) for place in places])
     return np.stack(columns, axis=2) if columns else np.zeros((len(motion), robot.n_joints, 0))
 
 

@@ -15,6 +15,7 @@ from bayesid.fit.effects.explanation import LN10, Explanation, Observations, Reg
 from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
 from bayesid.fit.effects.screening import Screening
 from bayesid.fit.effects.thresholds import Thresholds
+from bayesid.model.effects import Effect
 
 _SETTLINGS = 2
 """Times that an explanation is found again with the error models it has left; a round number, not studied."""
@@ -118,19 +119,63 @@ def assess(regression: Regression, explanation: Explanation, library: Library) -
 
 def best_forms(screening: Screening, library: Library) -> list[tuple[Score, float]]:
     """Each effect in its best form, best first, and what averaging over its forms has changed of its gain."""
-    forms: dict[EffectKey, set[str]] = {}
-    for hypothesis in (hypothesis for group in library for hypothesis in group):
-        forms.setdefault(hypothesis.key, set()).add(hypothesis.source.name)
-    best: dict[EffectKey, tuple[Score, float]] = {}
-    for group in filter(None, library):
+    groups = [BestOfGroup.of(screening, group) for group in library if group]
+    tops = [group[best.place] for group, best in zip(filter(None, library), groups, strict=True)]
+    return [
+        (Score(tops[k], groups[k].gain + spread, groups[k].expected_gain), spread) for k, spread in best_groups(groups)
+    ]
+
+
+@dataclass(frozen=True)
+class BestOfGroup:
+    """The best of some forms of an effect that act in the same joints with as many amplitudes, without its columns.
+
+    Attributes:
+        source: the term or distortion.
+        key: effect and joints.
+        sd: (p,) prior standard deviations of its amplitudes.
+        place: among the forms.
+        gain: log of the Bayes factor for adding it.
+        spread: what averaging over the forms changes of that.
+        expected_gain: largest log of the Bayes factor to be expected of a usual amplitude.
+        names: of all the forms.
+    """
+
+    source: Effect
+    key: EffectKey
+    sd: Array
+    place: int
+    gain: float
+    spread: float
+    expected_gain: float
+    names: frozenset[str]
+
+    @classmethod
+    def of(cls, screening: Screening, group: Sequence[Hypothesis]) -> BestOfGroup:
+        """Of one form or more."""
         gains, expected = screening.gains([hypothesis.columns for hypothesis in group])
-        top = int(np.argmax(gains))
-        key = group[top].key
-        spread = float(logsumexp(gains)) - float(gains[top]) - np.log(len(group)) - np.log(len(forms[key]))
-        score = Score(group[top], float(gains[top]) + spread, float(expected.max()))
-        if key not in best or score.gain > best[key][0].gain:
-            best[key] = score, spread
-    return sorted(best.values(), key=lambda scored: -scored[0].gain)
+        place = int(np.argmax(gains))
+        gain, best = float(gains[place]), group[place]
+        spread = float(logsumexp(gains)) - gain - float(np.log(len(group)))
+        names = frozenset(hypothesis.source.name for hypothesis in group)
+        return cls(best.source, best.key, best.columns.sd, place, gain, spread, float(expected.max()), names)
+
+
+def best_groups(groups: Sequence[BestOfGroup]) -> list[tuple[int, float]]:
+    """For each effect the group that holds its best form, best first, and what averaging over all changes of its gain.
+
+    Groups by their places.
+    """
+    names: dict[EffectKey, set[str]] = {}
+    for group in groups:
+        names.setdefault(group.key, set()).update(group.names)
+    spread = [group.spread - float(np.log(len(names[group.key]))) for group in groups]
+    gain = [group.gain + change for group, change in zip(groups, spread, strict=True)]
+    best: dict[EffectKey, int] = {}
+    for k, group in enumerate(groups):
+        if group.key not in best or gain[k] > gain[best[group.key]]:
+            best[group.key] = k
+    return [(k, spread[k]) for k in sorted(best.values(), key=lambda k: -gain[k])]
 
 
 def _closer(regression: Regression, explanation: Explanation, score: Score, spread: float) -> Score:

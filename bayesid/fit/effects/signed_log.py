@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 
 from bayesid.arrays import Array, Integers
 from bayesid.fit.effects.explanation import Observations
 from bayesid.fit.effects.forward import Candidate, Products
-from bayesid.fit.effects.hypotheses import Hypothesis, hypotheses, maker
+from bayesid.fit.effects.hypotheses import Hypothesis, hypotheses_of, kinds_of_forms, maker
 from bayesid.fit.effects.relinearisation import about, effort_of_terms, sharpened
+from bayesid.fit.effects.scores import BestOfGroup, best_groups
+from bayesid.fit.effects.screening import Screening
 from bayesid.fit.evidence import Evidence
 from bayesid.fit.knowledge import Information
 from bayesid.fit.least_squares import Fit
 from bayesid.log.signals import Signals
 from bayesid.model.effects import Effect, Scene
+from bayesid.process import in_parallel
 
 _SAMPLES = 2_500
 """Samples on which effects are selected, thinned evenly: time grows with them. A round number."""
@@ -106,17 +109,38 @@ class SignedLog:
 
     def made(self, effects: Sequence[Effect]) -> list[Hypothesis]:
         """Effects as what they would do to the log; distortions last, what leaves no trace left out."""
-        make = maker(self.evidence.model, self.scene(self.fit.predicted[self.rows]), self.data.used)
-        made = (make(effect) for effect in effects)
+        made = (self._make(effect) for effect in effects)
         return sorted((h for h in made if h.columns.joints), key=lambda hypothesis: not hypothesis.source.linear)
 
     @cached_property
     def library(self) -> list[list[Hypothesis]]:
         """All that a first log can tell from the model's own parameters, and its samples resolve."""
-        scene = self.scene(self.fit.predicted[self.rows])
-        groups = hypotheses(self.evidence.model, scene, self.data.used, refinements=True)
-        testable = ([h for h in group if _testable(h, scene)] for group in groups)
+        return [group for kind in kinds_of_forms(refinements=True) for group in self._tellable(kind)]
+
+    def screened(self, screening: Screening, most: int) -> list[Hypothesis]:
+        """The most promising effects of the library, each in its best form, best first."""
+        kinds = kinds_of_forms(refinements=True)
+        groups = [one for some in in_parallel([partial(self._best, screening, kind) for kind in kinds]) for one in some]
+        best = [groups[k] for k, _ in best_groups(groups)[:most]]
+        made = [(self._make(one.source), one.sd) for one in best]
+        return [replace(one, columns=replace(one.columns, sd=sd)) for one, sd in made]
+
+    def _best(self, screening: Screening, kind: type[Effect]) -> list[BestOfGroup]:
+        return [BestOfGroup.of(screening, group) for group in self._tellable(kind)]
+
+    def _tellable(self, kind: type[Effect]) -> list[list[Hypothesis]]:
+        """The part of the library that is of one kind."""
+        groups = hypotheses_of(kind, self._make, self._scene)
+        testable = ([h for h in group if _testable(h, self._scene)] for group in groups)
         return [group for group in testable if group]
+
+    @cached_property
+    def _scene(self) -> Scene:
+        return self.scene(self.fit.predicted[self.rows])
+
+    @cached_property
+    def _make(self) -> Callable[[Effect], Hypothesis]:
+        return maker(self.evidence.model, self._scene, self.data.used)
 
 
 def _testable(hypothesis: Hypothesis, scene: Scene) -> bool:

@@ -14,7 +14,7 @@ from bayesid.fit.effects.forward import EQUIVALENT, Candidate, Products, Rules, 
 from bayesid.fit.effects.held_back import HeldBackErrors
 from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
 from bayesid.fit.effects.near_standstill import near_standstill
-from bayesid.fit.effects.scores import best_forms, explain_with
+from bayesid.fit.effects.scores import explain_with
 from bayesid.fit.effects.screening import Screening
 from bayesid.fit.effects.signed_log import SignedLog
 from bayesid.fit.evidence import Evidence
@@ -98,10 +98,10 @@ def what_is_wanted(
     """
     case = SignedLog.of(evidence, fit, probability)
     regression, alone = explain_with(case.data, ())
-    screened = best_forms(Screening(regression, alone.errors), case.library)[:_SHORT_LIST]
+    screened = case.screened(Screening(regression, alone.errors), _SHORT_LIST)
     begun = case.made(start)
     keys = frozenset(hypothesis.key for hypothesis in begun)
-    tried = [*begun, *(score.hypothesis for score, _ in screened if score.hypothesis.key not in keys)]
+    tried = [*begun, *(hypothesis for hypothesis in screened if hypothesis.key not in keys)]
     products = Products(case.data, tried, list(alone.errors))
     return _selected(case, products, keys, _MOST if enter else 0)
 

@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from bayesid.identification.identification import SURE
 from bayesid.identification.warnings import convergence
-from bayesid.process import one_at_a_time
+from bayesid.process import in_parallel, one_at_a_time
 from bayesid.progress import SILENT, Progress
 from bayesid.report import commands, plot
 from bayesid.report.findings import Findings
@@ -122,9 +122,8 @@ def identification_page(findings: Findings, progress: Progress = SILENT) -> str:
         "effect_headings": [heading[0].upper() + heading[1:] for heading in EFFECT_HEADINGS],
     }
     parts = (_torques, _doubts, _coefficients, _posterior, _residuals, _proof, _validation, _run)
-    for done, part in enumerate(parts, start=1):
-        content |= part(findings)
-        progress("report", done, len(parts))
+    for more in in_parallel([partial(part, findings) for part in parts], progress.steps("report")):
+        content |= more
     subject = f"{summary.robot}, {summary.log}"
     return render("identification.html.jinja", "Identification", subject, script="zoom.js", **content)
 

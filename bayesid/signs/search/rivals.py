@@ -7,11 +7,14 @@ and what a search for candidates finds anew.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from bayesid.arrays import Mask
+from bayesid.arrays import Integers, Mask
+from bayesid.process import in_parallel
 from bayesid.progress import Steps, no_steps
 from bayesid.signs.search.certified import candidate
 from bayesid.signs.search.problem import Problem
@@ -51,21 +54,27 @@ def rivals(problem: SignProblem, result: SearchResult, steps: Steps = no_steps) 
     best = inner.price(result.signs)
     listed = [branch.signs for branch in result.branches[1 : 1 + _MOST_LISTED]]
     around = [np.where((joint == j) & (known == 0), -best.signs, best.signs) for j in np.unique(joint[known == 0])]
-    total = 2 * (2 + len(listed) + len(around))
 
     def priced(roughly: Branch) -> Branch:
         """Precisely, where it may come near."""
         return inner.price(roughly.signs) if roughly.lower_bound <= best.cost + result.within else roughly
 
-    starts = [best, candidate(inner)]
-    for signs in (*listed, *around):
-        steps(len(starts), total)
-        starts.append(priced(inner.complete(signs, best.theta)))
-    settled: list[Branch] = []
-    for start in starts:
-        steps(len(starts) + len(settled), total)
-        settled.append(priced(inner.settle(known, start.theta)))
-    everything = [*starts[1:], *settled]
+    def settled(start: Branch) -> list[Branch]:
+        """What settling from a start leads to, and the start."""
+        return [start, priced(inner.settle(known, start.theta))]
+
+    def near_to(signs: Integers) -> list[Branch]:
+        return settled(priced(inner.complete(signs, best.theta)))
+
+    def by_search() -> list[Branch]:
+        return settled(candidate(inner))
+
+    def from_best() -> list[Branch]:
+        return settled(best)[1:]
+
+    ways: list[Callable[[], list[Branch]]] = [by_search, from_best]
+    ways += [partial(near_to, signs) for signs in (*listed, *around)]
+    everything = [branch for found in in_parallel(ways, steps) for branch in found]
     limit = min(branch.cost for branch in [best, *everything]) + result.within
     near = [branch.signs == best.signs for branch in everything if branch.cost <= limit]
     unknown = np.flatnonzero(known == 0)
