@@ -88,14 +88,15 @@ one_blas_thread = _OneBlasThread()
 # Copies
 # ---------------------------------------------------------------------------------------------------------------
 _onlookers: set[threading.Thread] = set()
-_are_copies = False
+_sharing = False
+"""Whether this process is sharing its work at the moment, or is a copy."""
 
 
 def in_parallel(tasks: Sequence[Callable[[], Result]], done: Steps = no_steps) -> list[Result]:
     """What every task returns, in their order.
 
     The process is copied on Linux, from its main thread, while no other thread runs (`onlookers` apart): a lock that
-    another thread holds would be held in the copy for ever. A copy does not copy itself.
+    another thread holds would be held in the copy for ever. Tasks of tasks are done by whoever has the task.
 
     Args:
         tasks: that change nothing; what they return is pickled. Each should take far longer than 10 ms.
@@ -152,7 +153,7 @@ def _may_be_copied() -> bool:
     here = threading.current_thread()
     others = set(threading.enumerate()) - {here}
     _onlookers.intersection_update(others)
-    return sys.platform == "linux" and not _are_copies and here is threading.main_thread() and others <= _onlookers
+    return sys.platform == "linux" and not _sharing and here is threading.main_thread() and others <= _onlookers
 
 
 def _one_by_one(tasks: Sequence[Callable[[], Result]], done: Steps) -> list[Result]:
@@ -200,9 +201,13 @@ class _Copies:
         """By process, the descriptor that its answers come from."""
 
     def __enter__(self) -> _Copies:
+        global _sharing
+        _sharing = True
         return self
 
     def __exit__(self, *_: object) -> None:
+        global _sharing
+        _sharing = False
         for process, end in self._ends.items():
             os.close(end)
             with suppress(ProcessLookupError):
@@ -231,9 +236,7 @@ class _Copies:
 
 def _be_a_copy(tasks: Sequence[Callable[[], Any]], numbers: int, entrance: int) -> None:
     """Works, hands over, ends: nothing that the process does when it ends is done twice."""
-    global _are_copies
     try:
-        _are_copies = True
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process, which then ends its copies
         for number in (signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, signal.SIG_DFL)
