@@ -67,7 +67,7 @@ class Evidence:
     def chunks(self) -> Iterator[tuple[slice, Array]]:
         """Rows and their columns (N', n, r) of the coefficients, some samples at a time."""
         kept = self.coefficients.kept
-        return ((place, rows[:, :, kept]) for place, rows in self.model.chunks(self.signals.motion))
+        return ((place, rows.chosen(kept).dense) for place, rows in self.model.felt_chunks(self.signals.motion))
 
     def moments(
         self,
