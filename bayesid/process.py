@@ -92,7 +92,9 @@ _sharing = False
 """Whether this process is sharing its work at the moment, or is a copy."""
 
 
-def in_parallel(tasks: Sequence[Callable[[], Result]], done: Steps = no_steps) -> list[Result]:
+def in_parallel(
+    tasks: Sequence[Callable[[], Result]], done: Steps = no_steps, *, worth_it: bool = True
+) -> list[Result]:
     """What every task returns, in their order.
 
     The process is copied on Linux, from its main thread, while no other thread runs (`onlookers` apart): a lock that
@@ -101,6 +103,7 @@ def in_parallel(tasks: Sequence[Callable[[], Result]], done: Steps = no_steps) -
     Args:
         tasks: that change nothing; what they return is pickled. Each should take far longer than 10 ms.
         done: called as done(tasks done, tasks), as far as this process sees.
+        worth_it: whether the tasks are long enough; else they are done one by one.
 
     Raises:
         Exception: whatever the first task that failed has raised.
@@ -110,7 +113,7 @@ def in_parallel(tasks: Sequence[Callable[[], Result]], done: Steps = no_steps) -
         >>> in_parallel([partial(pow, 2, 3), partial(pow, 3, 2)])
         [8, 9]
     """
-    copies = min(len(tasks), processors()) - 1 if len(tasks) <= _MOST and _may_be_copied() else 0
+    copies = min(len(tasks), processors()) - 1 if worth_it and len(tasks) <= _MOST and _may_be_copied() else 0
     if copies < 1:
         return _one_by_one(tasks, done)
     with _numbers(len(tasks)) as numbers, _Copies() as others:

@@ -1,5 +1,6 @@
 """Files and folders that are whole or not there, whenever their writer is killed."""
 
+import csv
 import os
 import signal
 import subprocess
@@ -11,7 +12,7 @@ import pytest
 
 from bayesid import files
 from bayesid.errors import InputError
-from bayesid.files import check_folder, replace_file, save_folder
+from bayesid.files import check_folder, replace_file, save_folder, write_columns
 
 NAMES = frozenset({"summary.json", *(f"part{k}.txt" for k in range(20))})
 WRITER = """
@@ -130,3 +131,20 @@ def test_a_folder_that_somebody_filled_meanwhile_is_not_touched(tmp_path):
     with pytest.raises(InputError, match="other files"):
         save_folder(place, NAMES, "summary.json", write)
     assert (place / "thesis.tex").read_text() == "months of work"
+
+
+def test_blocks_that_copies_of_the_process_make_stand_in_order(tmp_path, monkeypatch):
+    monkeypatch.setattr("bayesid.files._BLOCK", 3)
+    monkeypatch.setattr("bayesid.files._TOGETHER", 4)
+    t, values = 0.1 * np.arange(29), np.random.default_rng(0).normal(size=(29, 2))
+    written = []
+    for processors in ("1", "2"):
+        monkeypatch.setenv("OMP_NUM_THREADS", processors)
+        path = tmp_path / f"by{processors}.csv"
+        write_columns(path, ["t", "a", "b"], t, values.__getitem__, sources=[f"log,{k}" for k in range(29)])
+        written.append(path.read_bytes())
+    assert written[0] == written[1]
+    header, *rows = csv.reader(written[0].decode().splitlines())
+    assert header == ["t", "a", "b", "log"]
+    np.testing.assert_array_equal([[float(x) for x in row[:3]] for row in rows], np.column_stack([t, values]))
+    assert [row[3] for row in rows] == [f"log,{k}" for k in range(29)]

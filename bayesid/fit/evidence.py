@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -59,11 +59,15 @@ class Evidence:
     @property
     def columns(self) -> Array:
         """(N, n, r) of the coefficients."""
-        motion = self.signals.motion
-        columns = np.empty((len(motion), self.model.robot.n_joints, len(self.coefficients)))
-        for place, rows in self.model.chunks(motion):
-            columns[place] = rows[:, :, self.coefficients.kept]
+        columns = np.empty((len(self.signals.motion), self.model.robot.n_joints, len(self.coefficients)))
+        for place, rows in self.chunks():
+            columns[place] = rows
         return columns
+
+    def chunks(self) -> Iterator[tuple[slice, Array]]:
+        """Rows and their columns (N', n, r) of the coefficients, some samples at a time."""
+        kept = self.coefficients.kept
+        return ((place, rows.chosen(kept).dense) for place, rows in self.model.felt_chunks(self.signals.motion))
 
     def moments(
         self,
@@ -89,7 +93,8 @@ class Evidence:
         effort, square = signed_effort(self.signals, signs, filtered=False), self.signals.raw_effort**2
         correct = None
         if summed_out and self.nuisance is not None:
-            whitened, correct = self.nuisance.whiten(effort), self._without_nuisance()
+            whitened = self.nuisance.whiten(effort)
+            correct = partial(self.nuisance.without, shared=self.nuisance.of_model)
             square, effort = square - effort**2 + whitened**2, whitened
         if orientation is not None:
             effort = effort * np.where(self.signals.signed, 1.0, orientation)
@@ -103,9 +108,3 @@ class Evidence:
             square=square,
             correct=correct,
         )
-
-    def _without_nuisance(self) -> Callable[[slice, Array], Array]:
-        nuisance, kept = self.nuisance, self.coefficients.kept
-        assert nuisance is not None
-        chunks = ((place, rows[:, :, kept]) for place, rows in self.model.chunks(self.signals.motion))
-        return partial(nuisance.without, shared=nuisance.shared(chunks))

@@ -22,6 +22,7 @@ from bayesid.arrays import Array, Integers, Mask
 from bayesid.fit.hessians import Hessians, HessianSums
 from bayesid.log.segments import Segments
 from bayesid.model.coefficients import BaseCoefficients
+from bayesid.model.felt import FeltColumns
 from bayesid.model.model import Model
 from bayesid.motion import Motion
 
@@ -188,12 +189,12 @@ def moments(
     joint = np.zeros(part.max(initial=-1) + 1, dtype=np.int64)
     joint[part] = segments.joint
     hessian, gradient = HessianSums(r, joint), np.zeros((size, r))
-    for rows, columns in model.chunks(motion):
-        columns = columns[:, :, coefficients.kept]
-        columns = columns if correct is None else correct(rows, columns)
+    for rows, every in model.felt_chunks(motion):
+        columns = every.chosen(coefficients.kept)
+        columns = columns if correct is None else FeltColumns.of(correct(rows, columns.dense))
         here = np.flatnonzero((segments.start < rows.stop) & (segments.end > rows.start))
-        felt = {j: hessian.feel(j, _felt(columns[:, j])) for j in np.unique(segments.joint[here])}
-        of_joint = {j: np.ascontiguousarray(columns[:, j, those]) for j, those in felt.items()}
+        felt = {j: hessian.feel(j, columns.felt[j]) for j in np.unique(segments.joint[here])}
+        of_joint = {j: columns.of_joint(j, those) for j, those in felt.items()}
         for k in here:
             j, a, b = ranges[k]
             inside = slice(max(a, rows.start), min(b, rows.stop))
@@ -221,11 +222,6 @@ def join_moments(pieces: Iterable[Moments], most_individual: int) -> Moments:
             held = len(waiting[0].hessian)
             bound = 2 * held
     return waiting[0].join(*waiting[1:]).compact(most_individual)
-
-
-def _felt(columns: Array) -> Integers:
-    """Which of the columns (N, r) are not zero."""
-    return np.flatnonzero(np.any(columns != 0.0, axis=0))
 
 
 def _summed(values: Array, into: Integers, size: int) -> Array:

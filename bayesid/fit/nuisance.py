@@ -16,7 +16,7 @@ so moments, covariance and posterior go on as they did, with M Y and M e in plac
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,8 +29,9 @@ _SEEN = 1e-6
 _FAINT = 1e-3
 """D below which a direction changes nothing: the spread grows by D^2 / 2."""
 _LONG = 20_000
-"""Samples that are scaled at a time, and from which on directions are kept in single precision, as memory grows with
-them. A round number."""
+"""Samples from which on directions are kept in single precision, as memory grows with them. A round number."""
+Chunks = Iterable[tuple[slice, Array]]
+"""Rows (N', n, ...) of a log and where they stand in it; all of its rows, one after the other."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +44,7 @@ class Nuisance:
         weight: (n,) sd of the error, N m, its autocorrelation included.
         directions: (N, n, m) U, zero where a sample is not used.
         shrinkage: (m,) 1 - (1 + D^2)^-1/2.
+        of_model: (m, r) U' times the model's columns.
     """
 
     names: tuple[str, ...]
@@ -50,12 +52,13 @@ class Nuisance:
     weight: Array
     directions: Array
     shrinkage: Array
+    of_model: Array
 
     def whiten(self, rows: Array) -> Array:
         """(N, n, ...) M times rows, in their own units."""
         return self.without(slice(0, len(rows)), rows, self.shared([(slice(0, len(rows)), rows)]))
 
-    def shared(self, chunks: Iterable[tuple[slice, Array]]) -> Array:
+    def shared(self, chunks: Chunks) -> Array:
         """(m, ...) U' times rows, which come in chunks (N', n, ...)."""
         total: Array | float = 0.0
         for place, rows in chunks:
@@ -75,24 +78,29 @@ class Nuisance:
 
 
 def make_nuisance(
-    columns: Array, model: Array, used: Mask, weight: Array, names: tuple[str, ...], scales: Array, moments: Array
+    columns: Callable[[slice], Array],
+    model: Callable[[], Chunks],
+    used: Mask,
+    weight: Array,
+    names: tuple[str, ...],
+    scales: Array,
+    moments: Array,
 ) -> Nuisance | None:
     """What columns of unknown amplitudes do to coefficients; None where they do nothing.
 
     Args:
-        columns: (N, n, p) Z, N m per unit of each amplitude.
-        model: (N, n, r) Y, N m per unit of each coefficient.
+        columns: (N', n, p) Z of some rows, N m per unit of each amplitude.
+        model: all (N, n, r) Y in chunks, N m per unit of each coefficient; asked for twice.
         used: (N, n) samples that a fit rests on.
         weight: (n,) sd of the error, N m, its autocorrelation included.
         names: of the effects.
         scales: of each effect, relative to what was believed of it before.
         moments: (p, p) A, second moments of the amplitudes.
     """
-    chunks = [slice(start, start + _LONG) for start in range(0, len(columns), _LONG)]
     products: Array | float = 0.0
     shared: Array | float = 0.0
-    for rows in chunks:
-        of_model, of_effects = (_scaled(values[rows], used[rows], weight) for values in (model, columns))
+    for place, rows in model():
+        of_model, of_effects = (_scaled(values, used[place], weight) for values in (rows, columns(place)))
         products, shared = products + of_model.T @ of_model, shared + of_model.T @ of_effects
     projected = inverse_of(np.asarray(products)) @ shared @ _root(moments)  # coefficients that stand for the effects
     gram = projected.T @ products @ projected
@@ -102,12 +110,13 @@ def make_nuisance(
     if not seen.any():
         return None
     stretched = projected @ (vectors[:, seen] / spread[seen])
-    kept_as = np.float32 if len(columns) > _LONG else np.float64
+    kept_as = np.float32 if len(used) > _LONG else np.float64
     directions = np.empty((*used.shape, stretched.shape[1]), dtype=kept_as)
-    for rows in chunks:
-        of_model = _scaled(model[rows], used[rows], weight)
-        directions[rows] = (of_model @ stretched).reshape(*used[rows].shape, -1)
-    return Nuisance(names, scales, weight, directions, 1.0 - 1.0 / np.sqrt(1.0 + spread[seen] ** 2))
+    for place, rows in model():
+        of_model = _scaled(rows, used[place], weight)
+        directions[place] = (of_model @ stretched).reshape(*used[place].shape, -1)
+    shrinkage = 1.0 - 1.0 / np.sqrt(1.0 + spread[seen] ** 2)
+    return Nuisance(names, scales, weight, directions, shrinkage, stretched.T @ products)
 
 
 def _scaled(values: Array, used: Mask, weight: Array) -> Array:

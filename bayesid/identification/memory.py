@@ -11,12 +11,12 @@ from bayesid.log.log import Log
 
 _AT_LEAST = 0.4e9
 """Bytes, whatever the log: what is loaded, and one block of `bayesid.signs.smoothing`. As measured."""
-_A_VALUE = 40.0
+_A_VALUE = 30.0
 """Bytes for each value of |effort| on the log's even grid, which is read and filtered joint by joint."""
-_A_KEPT_VALUE, _KEPT = 1200.0, 100_000
+_A_KEPT_VALUE, _KEPT = 800.0, 100_000
 """Bytes more for each that is left when a long log has been thinned to about so many instants: columns of all terms,
-and what a fit makes of them. As measured on a UR10e's logs: 1.0 GB in all for 100,000 rows, 1.2 GB for 1,000,000,
-1.8 GB for 3,600,000."""
+and what a fit makes of them. As measured on a UR10e's logs: 0.6 GB in all for 100,000 rows, 1.0 GB for 360,000, 1.4 GB
+for 3,600,000."""
 _USUAL_SHARE = 0.8
 """Of the machine's memory, which an identification may have unless another limit is asked for. A round number."""
 

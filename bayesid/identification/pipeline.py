@@ -267,6 +267,8 @@ def _identification(run: _Run, log: Log, signals: Signals, model: Model, average
     run.progress("other readings", 0, 1)
     reading = suspected_reading(asked.evidence, averaged.fit, probability)
     run.lap("other readings")
+    for seen in (asked.model, settled.model):
+        seen.forget()
     doubt = structural_doubt(settled)
     probability = (1.0 - doubt) * probability + 0.5 * doubt
     segments = settled.signs.segments.split(_sign_changes(signals))

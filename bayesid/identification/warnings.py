@@ -154,7 +154,8 @@ def _reading_warning(reading: BetterReading | None) -> list[str]:
 
 
 def _hardly_negative(log: Log) -> list[str]:
-    least, largest = log.effort.min(axis=0), np.abs(log.effort).max(axis=0)
+    least, most = log.effort.min(axis=0), log.effort.max(axis=0)
+    largest = np.maximum(most, -least)
     return [
         f"the effort of joint {j + 1} is hardly ever negative; if it was rectified and then filtered, say "
         f"--unsigned {j + 1}"

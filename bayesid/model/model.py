@@ -12,10 +12,12 @@ import numpy as np
 from bayesid.arrays import Array, Mask
 from bayesid.model.distortions.base import Distortion
 from bayesid.model.effects import Effect, Scene
+from bayesid.model.felt import FeltColumns
 from bayesid.model.parameters import Cone, Parameter
 from bayesid.model.robot import Robot
 from bayesid.model.terms.base import Term
 from bayesid.motion import Motion
+from bayesid.process import in_parallel
 
 CHUNK = 4096
 """Samples whose columns are in memory at once."""
@@ -23,10 +25,13 @@ LOOK_BACK = 4096
 """Samples before a chunk that effects with a memory see: presliding is forgotten after a few strokes, 4 s at 1 kHz."""
 LOOK_AHEAD = 16
 """Samples behind a chunk: the end of a cubic spline is felt 0.27 times less with every sample, 1e-9 after these."""
-_REMEMBERED = 2
-"""Chunks up to which a model remembers the columns of the motion that it saw last: some 30 MB of six joints and 80
+_REMEMBERED = 256_000_000
+"""Bytes of columns that a model remembers of the motion that it saw last: those of 150,000 samples of six joints and 84
 parameters. One log is looked at ten times under a model, and making its columns costs more than all that is done with
-them."""
+them. A round number."""
+_TOGETHER = 8
+"""Chunks that processors make together: a copy of the process hands over what it has made, and memory stays bounded. A
+round number."""
 
 
 @dataclass(frozen=True)
@@ -164,22 +169,41 @@ class Model:
             >>> sum(len(columns) for _, columns in model.chunks(motion)) == len(motion)
             True
         """
-        return (
-            self._made(motion) if len(motion) > _REMEMBERED * CHUNK else iter(self._latest.chunks(motion, self._made))
-        )
+        return ((rows, columns.dense) for rows, columns in self.felt_chunks(motion))
+
+    def felt_chunks(self, motion: Motion) -> Iterator[tuple[slice, FeltColumns]]:
+        """The same, of each joint the columns alone that it feels; remembered, as far as memory goes.
+
+        Example:
+            >>> sum(len(columns) for _, columns in model.felt_chunks(motion)) == len(motion)
+            True
+        """
+        return self._latest.chunks(motion, self._made)
+
+    def forget(self) -> None:
+        """Frees the columns that are remembered.
+
+        Example:
+            >>> model.forget()
+        """
+        self._latest.forget()
 
     @cached_property
     def _latest(self) -> _Latest:
         return _Latest()
 
-    def _made(self, motion: Motion) -> Iterator[tuple[slice, Array]]:
-        """The chunks, made."""
+    def _made(self, motion: Motion, first: int) -> Iterator[tuple[slice, FeltColumns]]:
+        """The chunks from one on, made."""
+        chunks = [slice(start, min(start + CHUNK, len(motion))) for start in range(0, len(motion), CHUNK)]
+        for k in range(first, len(chunks), _TOGETHER):
+            some = chunks[k : k + _TOGETHER]
+            yield from zip(some, in_parallel([partial(self._chunk, motion, rows) for rows in some]), strict=True)
+
+    def _chunk(self, motion: Motion, rows: slice) -> FeltColumns:
         memory = any(effect.memory for effect in self.effects)
-        for start in range(0, len(motion), CHUNK):
-            rows = slice(start, min(start + CHUNK, len(motion)))
-            first = max(0, start - LOOK_BACK) if memory else start
-            last = min(len(motion), rows.stop + LOOK_AHEAD) if memory else rows.stop
-            yield rows, self.columns(motion[first:last])[start - first : rows.stop - first]
+        first = max(0, rows.start - LOOK_BACK) if memory else rows.start
+        last = min(len(motion), rows.stop + LOOK_AHEAD) if memory else rows.stop
+        return FeltColumns.of(self.columns(motion[first:last])[rows.start - first : rows.stop - first])
 
     def effort(self, motion: Motion, theta: Array) -> Array:
         """(N, n) actuator efforts as they are read, N m, of the parameters theta (P,).
@@ -223,20 +247,30 @@ class _Latest:
     """The columns of the motion that was asked for last, while that lives; a copy or a pickle begins without any."""
 
     def __init__(self) -> None:
-        self._seen: tuple[ref[Motion], list[tuple[slice, Array]]] | None = None
+        self.forget()
 
     def __reduce__(self) -> tuple[type[_Latest], tuple[()]]:
         return _Latest, ()
 
+    def forget(self) -> None:
+        """Begins without any."""
+        self._motion: Callable[[], Motion | None] = lambda: None
+        self._chunks: list[tuple[slice, FeltColumns]] = []
+        self._bytes = 0
+
     def chunks(
-        self, motion: Motion, make: Callable[[Motion], Iterator[tuple[slice, Array]]]
-    ) -> list[tuple[slice, Array]]:
-        """Rows and read-only columns of a motion."""
-        seen = self._seen
-        if seen is not None and seen[0]() is motion:
-            return seen[1]
-        chunks = list(make(motion))
-        for _, columns in chunks:
-            columns.setflags(write=False)
-        self._seen = ref(motion), chunks
-        return chunks
+        self, motion: Motion, make: Callable[[Motion, int], Iterator[tuple[slice, FeltColumns]]]
+    ) -> Iterator[tuple[slice, FeltColumns]]:
+        """Rows and columns of a motion: those that are remembered, then others, made from a number on."""
+        if self._motion() is not motion:
+            self.forget()
+            self._motion = ref(motion)
+        known, first = self._chunks, 0
+        while first < len(known):
+            yield known[first]
+            first += 1
+        for k, (rows, columns) in enumerate(make(motion, first), start=first):
+            if k == len(known) and known is self._chunks and self._bytes + columns.nbytes <= _REMEMBERED:
+                known.append((rows, columns))
+                self._bytes += columns.nbytes
+            yield rows, columns

@@ -23,6 +23,12 @@ EXACT = 1e-6
 """Directions whose spread is a thousandth of the error are left out: they change a variance by 1e-6 of itself."""
 
 
+def in_chunks(rows, cut=7):
+    """Rows in chunks of uneven length, each time anew."""
+    places = [slice(a, b) for a, b in pairwise([0, cut, 5 * cut, len(rows)])]
+    return lambda: ((place, rows[place]) for place in places)
+
+
 class Case:
     """Columns of a model in mixed units and of effects that partly look like them, joints of different noise."""
 
@@ -42,8 +48,8 @@ class Case:
 
     def made(self, **changes):
         arguments = {
-            "columns": self.columns,
-            "model": self.model,
+            "columns": self.columns.__getitem__,
+            "model": in_chunks(self.model),
             "used": self.used,
             "weight": self.weight,
             "names": ("a", "b"),
@@ -120,7 +126,7 @@ def test_samples_that_are_not_used_stay_and_say_nothing():
     np.testing.assert_array_equal(found[~case.used], case.effort[~case.used])
     assert np.all(found[case.used] != case.effort[case.used])
     spoiled = [np.where(case.used[:, :, None], values, 1e6) for values in (case.columns, case.model)]
-    again = case.made(columns=spoiled[0], model=spoiled[1])
+    again = case.made(columns=spoiled[0].__getitem__, model=in_chunks(spoiled[1]))
     np.testing.assert_allclose(again.whiten(case.effort)[case.used], found[case.used], rtol=1e-9)
 
 
@@ -133,6 +139,18 @@ def test_chunks_together_are_the_whole(cuts, what):
     shared = nuisance.shared((place, values[place]) for place in places)
     parts = [nuisance.without(place, values[place], shared) for place in places]
     np.testing.assert_allclose(np.concatenate(parts), nuisance.whiten(values), rtol=1e-11, atol=1e-12)
+
+
+@pytest.mark.parametrize("long", [False, True])
+def test_what_columns_of_the_model_share_is_told(long, monkeypatch):
+    case = Case(seed=4)
+    if long:
+        monkeypatch.setattr(module, "_LONG", COUNT - 1)
+    nuisance = case.made()
+    expected = nuisance.shared(in_chunks(case.model, 11)())
+    np.testing.assert_allclose(
+        nuisance.of_model, expected, rtol=0, atol=(1e-5 if long else 1e-11) * np.abs(expected).max()
+    )
 
 
 def test_names_and_scales_are_kept():
@@ -149,7 +167,7 @@ def test_effects_that_the_model_does_not_see_do_nothing():
     apart = np.zeros_like(case.columns)
     apart[case.used] = z - y @ np.linalg.lstsq(y, z, rcond=None)[0]
     apart *= case.weight[:, None]
-    assert case.made(columns=apart) is None
+    assert case.made(columns=apart.__getitem__) is None
     assert case.made(moments=np.zeros((SUMMED, SUMMED))) is None
     assert case.made(moments=1e-12 * case.moments) is None
 
@@ -198,7 +216,7 @@ class Arm:
         weight = fit.noise.sigma * np.sqrt(fit.noise.autocorrelation)
         names = ("tanh", "cube", "sine")
         return make_nuisance(
-            self.columns, evidence.columns, evidence.used, weight, names, np.ones(3), self.moments
+            self.columns.__getitem__, evidence.chunks, evidence.used, weight, names, np.ones(3), self.moments
         ), weight
 
 

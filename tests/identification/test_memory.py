@@ -30,7 +30,7 @@ def test_stamps_in_bursts_count_by_their_even_grid():
 def test_a_limit_is_kept_and_the_line_says_how_to_go_on():
     log = log_of(np.arange(1e5) / 500)
     check_memory(log, 100.0)
-    with pytest.raises(InputError, match=r"100000 rows of 2 joints need about 0\.6\d GB of memory, 0\.5 are allowed"):
+    with pytest.raises(InputError, match=r"100000 rows of 2 joints need about 0\.5\d GB of memory, 0\.5 are allowed"):
         check_memory(log, 0.5)
 
 

@@ -340,6 +340,7 @@ def test_chunks_have_the_columns_of_the_whole(monkeypatch, arm, distortion):
     monkeypatch.setattr("bayesid.model.model.LOOK_BACK", 16)
 
     def pieces():
+        model.forget()
         return np.concatenate([columns for _, columns in model.chunks(arm.motion)])
 
     error = DECAY**16 * 10 * (FASTEST / RATE) ** 4 if distortion.memory else 0.0

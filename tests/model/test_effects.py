@@ -9,6 +9,7 @@ from conftest import small_robot, smooth_motion
 
 from bayesid.model.catalogue import forms, make_effect, make_terms
 from bayesid.model.effects import Effect
+from bayesid.model.felt import FeltColumns
 from bayesid.model.model import Model
 from bayesid.model.terms import STANDARD
 from bayesid.simulation.parameters import random_parameters
@@ -112,6 +113,7 @@ def test_a_model_remembers_the_columns_of_the_motion_it_saw_last(monkeypatch):
     robot = small_robot(JOINTS)
     motions = [smooth_motion(JOINTS, 1.0, 50.0, seed=seed) for seed in (3, 4)]
     made, model = [], Model(robot, make_terms(STANDARD, robot, motions[0]))
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")  # what a copy of the process makes is not counted
     plain = Model._plain_columns
     monkeypatch.setattr(Model, "_plain_columns", lambda *args: made.append(args) or plain(*args))
     for motion, calls in ((motions[0], 1), (motions[0], 1), (motions[1], 2), (motions[0], 3)):
@@ -119,11 +121,40 @@ def test_a_model_remembers_the_columns_of_the_motion_it_saw_last(monkeypatch):
         assert len(made) == calls
         assert rows == slice(0, len(motion))
         np.testing.assert_array_equal(columns, plain(model, robot, motion))
-        assert not columns.flags.writeable, "or a caller might change what the next one gets"
+        columns[:] = np.nan  # a caller's own
     same = pickle.loads(pickle.dumps(model))
     assert next(iter(same.chunks(motions[0])))[1].shape == columns.shape
     assert len(made) == 4
-    monkeypatch.setattr("bayesid.model.model.CHUNK", len(motions[0]) // 3)
-    for _ in range(2):
+    model.forget()
+    assert len(list(model.chunks(motions[0]))) == 1
+    assert len(made) == 5
+
+
+@pytest.mark.parametrize("kept", [0, 2, 4])
+def test_a_model_remembers_as_many_chunks_as_memory_goes(monkeypatch, kept):
+    robot, motion = small_robot(JOINTS), smooth_motion(JOINTS, 1.0, 50.0, seed=3)
+    made, model = [], Model(robot, make_terms(STANDARD, robot, motion))
+    plain, whole = Model._plain_columns, model.columns(motion)
+    monkeypatch.setattr(Model, "_plain_columns", lambda *args: made.append(args) or plain(*args))
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    monkeypatch.setattr("bayesid.model.model.CHUNK", 13)  # of 50 samples
+    size = FeltColumns.of(whole[:13]).nbytes
+    monkeypatch.setattr("bayesid.model.model._REMEMBERED", kept * size + size // 2)
+    next(model.felt_chunks(motion))  # somebody who asks for a part leaves it to the others
+    for calls in (4 - min(kept, 1), 4 - kept, 4 - kept):
         made.clear()
-        assert len(list(model.chunks(motions[0]))) == len(made) > 2, "a long log is not kept"
+        chunks = list(model.chunks(motion))
+        assert [rows for rows, _ in chunks] == [slice(0, 13), slice(13, 26), slice(26, 39), slice(39, 50)]
+        np.testing.assert_allclose(np.concatenate([columns for _, columns in chunks]), whole, rtol=1e-13)
+        assert len(made) == calls
+
+
+def test_copies_of_the_process_make_the_same_columns(monkeypatch):
+    robot, motion = small_robot(JOINTS), smooth_motion(JOINTS, 1.0, 50.0, seed=3)
+    model, found = Model(robot, make_terms(STANDARD, robot, motion)), []
+    monkeypatch.setattr("bayesid.model.model.CHUNK", 5)
+    for processors in ("1", "2"):
+        monkeypatch.setenv("OMP_NUM_THREADS", processors)
+        model.forget()
+        found.append(np.concatenate([columns for _, columns in model.chunks(motion)]))
+    np.testing.assert_array_equal(*found)

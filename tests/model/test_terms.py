@@ -613,6 +613,7 @@ def test_model_efforts_do_not_depend_on_the_chunks(monkeypatch, robot, motion):
     theta = np.random.default_rng(0).normal(size=len(model.parameters))
     whole = model.effort(motion, theta)
     monkeypatch.setattr("bayesid.model.model.CHUNK", 5)
+    model.forget()
     assert [len(columns) for _, columns in model.chunks(motion)] == [5, 5, 2]
     assert_close(model.effort(motion, theta), whole, 1e-14)
 

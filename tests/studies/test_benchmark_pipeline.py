@@ -13,6 +13,15 @@ def test_many_logs_are_timed(capsys, tmp_path):
     assert "target >= 1.9 x" in shown
 
 
+@pytest.mark.long
+def test_memory_is_that_of_the_whole_command(capsys, tmp_path):
+    pipeline.main(["--parts", "memory", "--short", "--data", str(tmp_path)])
+    shown = capsys.readouterr().out
+    assert "a minute at 1 kHz" in shown
+    assert "target <= 1.5 GB" in shown
+    assert "MISSED" not in shown
+
+
 def test_a_command_that_fails_is_named(tmp_path):
     place = pipeline.Place(tmp_path, tmp_path, short=True)
     with pytest.raises(RuntimeError, match=r"bayesid identify missing\.csv .* ended with 2"):

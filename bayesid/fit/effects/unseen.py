@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import scipy
@@ -100,13 +101,14 @@ def _nuisance(
     relevance: Relevance,
 ) -> Nuisance | None:
     """Groups that are there, with their directions, on all rows."""
-    motion, shape = evidence.signals.motion, evidence.used.shape
+    motion = evidence.signals.motion
     scene = evidence.model.scene(motion, fit.theta, fit.predicted, evidence.signals.magnitude)
     counts = [turn.shape[1] for turn in relevance.turns]
     kept = np.repeat(relevance.scales > 0.0, counts)
+    parts = [_on_all_rows(group, turn, case, scene) for group, turn in there]
     return make_nuisance(
-        columns=np.concatenate([_on_all_rows(group, case, scene, shape) @ turn for group, turn in there], axis=2),
-        model=evidence.columns,
+        columns=lambda place: np.concatenate([part(place) for part in parts], axis=2),
+        model=evidence.chunks,
         used=evidence.used,
         weight=fit.noise.sigma * np.sqrt(fit.noise.autocorrelation),
         names=tuple(" ".join([group.key[0], *(str(j) for j in group.key[1])]) for group, _ in there),
@@ -123,14 +125,29 @@ def _geometry(case: SignedLog, tolerance: KinematicTolerance) -> _Geometry:
     return _Geometry(Columns(rows, {}, np.ones(count), np.zeros(count, dtype=bool)))
 
 
-def _on_all_rows(group: Hypothesis | _Geometry, case: SignedLog, scene: Scene, shape: tuple[int, ...]) -> Array:
-    """(N, n, p) efforts per unit of each amplitude, N m."""
-    columns = np.zeros((*shape, len(group.columns.sd)))
-    if isinstance(group, _Geometry):  # smooth, and dear: what lies between the thinned rows is read off a spline
-        t = scene.motion.t
+def _on_all_rows(group: Hypothesis | _Geometry, turn: Array, case: SignedLog, scene: Scene) -> Callable[[slice], Array]:
+    """(N', n, p) efforts of some rows per unit of each turned amplitude, N m; in the joints alone where there are any.
+
+    The geometry's are smooth, and dear: what lies between the thinned rows is read off a spline.
+    """
+    n, t = scene.robot.n_joints, scene.motion.t
+    of_joint: dict[int, Callable[[slice], Array]] = {}
+    if isinstance(group, _Geometry):
         for j, rows in group.columns.rows.items():
-            columns[:, j] = scipy.interpolate.CubicSpline(t[case.rows], rows)(t)
-        return columns
-    for j, rows in group.source.change_by_joint(scene)[1].items():
-        columns[:, j] = rows
+            spline = scipy.interpolate.CubicSpline(t[case.rows], rows @ turn)
+            of_joint[j] = partial(_at, spline, t)
+    else:
+        for j, rows in group.source.change_by_joint(scene)[1].items():
+            of_joint[j] = (rows @ turn).__getitem__
+
+    def columns(place: slice) -> Array:
+        some = np.zeros((len(t[place]), n, turn.shape[1]))
+        for j, make in of_joint.items():
+            some[:, j] = make(place)
+        return some
+
     return columns
+
+
+def _at(spline: Callable[[Array], Array], t: Array, place: slice) -> Array:
+    return spline(t[place])
