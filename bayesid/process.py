@@ -11,6 +11,7 @@ all tasks by itself: results are the same.
 
 from __future__ import annotations
 
+import io
 import os
 import pickle
 import signal
@@ -20,7 +21,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ContextDecorator, contextmanager, suppress
 from functools import wraps
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar, cast
 
 from threadpoolctl import threadpool_limits
 
@@ -93,7 +94,11 @@ _sharing = False
 
 
 def in_parallel(
-    tasks: Sequence[Callable[[], Result]], done: Steps = no_steps, *, worth_it: bool = True
+    tasks: Sequence[Callable[[], Result]],
+    done: Steps = no_steps,
+    *,
+    known: Sequence[object] = (),
+    worth_it: bool = True,
 ) -> list[Result]:
     """What every task returns, in their order.
 
@@ -103,6 +108,7 @@ def in_parallel(
     Args:
         tasks: that change nothing; what they return is pickled. Each should take far longer than 10 ms.
         done: called as done(tasks done, tasks), as far as this process sees.
+        known: objects that results may hold: they are not pickled, but are the same ones again.
         worth_it: whether the tasks are long enough; else they are done one by one.
 
     Raises:
@@ -116,18 +122,37 @@ def in_parallel(
     copies = min(len(tasks), processors()) - 1 if worth_it and len(tasks) <= _MOST and _may_be_copied() else 0
     if copies < 1:
         return _one_by_one(tasks, done)
-    with _numbers(len(tasks)) as numbers, _Copies() as others:
+    with _numbers(len(tasks)) as numbers, _Copies(known) as others:
         for _ in range(copies):
             others.start(tasks, numbers)
         answers = _work(tasks, numbers, done)
         answers |= others.answers()
-    results = []
-    for k, task in enumerate(tasks):
-        result, error = answers[k] if k in answers else (task(), None)  # of a copy that was ended from outside
-        if error is not None:
-            raise error
-        results.append(result)
-    return results
+    return [_result(task, answers.get(k)) for k, task in enumerate(tasks)]
+
+
+@contextmanager
+def beside(task: Callable[[], Result], known: Sequence[object] = ()) -> Iterator[Callable[[], Result]]:
+    """A copy of the process does a task while the block goes on; what is yielded waits for what the task returns.
+
+    Where the process must not be copied, or has one processor, the task is done when it is asked for.
+
+    Args:
+        task: as one of `in_parallel`; one that is never asked for is given up where the block ends.
+        known: see `in_parallel`.
+
+    Example:
+        >>> from functools import partial
+        >>> with beside(partial(pow, 2, 3)) as power:
+        ...     other = pow(3, 2)
+        ...     power(), other
+        (8, 9)
+    """
+    if processors() < 2 or not _may_be_copied():
+        yield task
+        return
+    with _numbers(1) as numbers, _Copies(known) as others:
+        others.start([task], numbers)
+        yield lambda: _result(task, others.answers().get(0))
 
 
 def processors() -> int:
@@ -179,8 +204,19 @@ def _numbers(count: int) -> Iterator[int]:
         os.close(numbers)
 
 
-Answers = dict[int, tuple[Any, Exception | None]]
+Answer = tuple[Any, Exception | None]
+Answers = dict[int, Answer]
 """By a task's number, what it returned or raised."""
+
+
+def _result(task: Callable[[], Result], answer: Answer | None) -> Result:
+    """What a task returned, or returns now: the copy that had it was ended from outside."""
+    if answer is None:
+        return task()
+    result, error = answer
+    if error is not None:
+        raise error
+    return cast(Result, result)
 
 
 def _work(tasks: Sequence[Callable[[], Any]], numbers: int, done: Steps = no_steps) -> Answers:
@@ -197,9 +233,14 @@ def _work(tasks: Sequence[Callable[[], Any]], numbers: int, done: Steps = no_ste
 
 
 class _Copies:
-    """Copies of this process at work; none is left behind."""
+    """Copies of this process at work; none is left behind.
 
-    def __init__(self) -> None:
+    Args:
+        known: see `in_parallel`.
+    """
+
+    def __init__(self, known: Sequence[object]) -> None:
+        self._known = known
         self._ends: dict[int, int] = {}
         """By process, the descriptor that its answers come from."""
 
@@ -224,7 +265,7 @@ class _Copies:
             process = os.fork()
         if process == 0:
             os.close(end)
-            _be_a_copy(tasks, numbers, entrance)
+            _be_a_copy(tasks, numbers, entrance, self._known)
         os.close(entrance)
         self._ends[process] = end
 
@@ -233,18 +274,43 @@ class _Copies:
         answers: Answers = {}
         for end in self._ends.values():
             with os.fdopen(os.dup(end), "rb") as file, suppress(EOFError, pickle.UnpicklingError):
-                answers |= pickle.loads(file.read())
+                answers |= _Known(io.BytesIO(file.read()), self._known).load()
         return answers
 
 
-def _be_a_copy(tasks: Sequence[Callable[[], Any]], numbers: int, entrance: int) -> None:
+class _ByPlace(pickle.Pickler):
+    """Writes places instead of objects that are known."""
+
+    def __init__(self, file: io.BytesIO, known: Sequence[object]) -> None:
+        super().__init__(file, protocol=pickle.HIGHEST_PROTOCOL)
+        self._places = {id(one): place for place, one in enumerate(known)}
+
+    def persistent_id(self, one: object) -> int | None:
+        """Its place, of one that is known."""
+        return self._places.get(id(one))
+
+
+class _Known(pickle.Unpickler):
+    """Reads them."""
+
+    def __init__(self, file: io.BytesIO, known: Sequence[object]) -> None:
+        super().__init__(file)
+        self._known = known
+
+    def persistent_load(self, place: int) -> object:
+        """The one at a place."""
+        return self._known[place]
+
+
+def _be_a_copy(tasks: Sequence[Callable[[], Any]], numbers: int, entrance: int, known: Sequence[object]) -> None:
     """Works, hands over, ends: nothing that the process does when it ends is done twice."""
     try:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process, which then ends its copies
         for number in (signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, signal.SIG_DFL)
-        answers = pickle.dumps(_work(tasks, numbers), protocol=pickle.HIGHEST_PROTOCOL)
+        answers = io.BytesIO()
+        _ByPlace(answers, known).dump(_work(tasks, numbers))
         with os.fdopen(entrance, "wb") as file:
-            file.write(answers)
+            file.write(answers.getbuffer())
     finally:
         os._exit(0)

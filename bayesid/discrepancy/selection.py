@@ -34,32 +34,6 @@ or identifying the model again has made it larger there."""
 
 
 @dataclass(frozen=True)
-class Selection:
-    """Effects that explain a log and are borne out by held-back data.
-
-    Attributes:
-        hypotheses: in the order in which they were added.
-        explanation: by all of them.
-        before: without any.
-        scores: of the whole catalogue, before anything was added.
-        data: that they were selected on, signs settled under them.
-        library: all hypotheses.
-        extension: the extended model.
-        refused: effects that had passed by their evidence, but that held-back data did not bear out or that were no
-            more than stand-ins; each as it was weighed when it was chosen.
-    """
-
-    hypotheses: tuple[Hypothesis, ...]
-    explanation: Explanation
-    before: Explanation
-    scores: tuple[Score, ...]
-    data: Observations
-    library: Library
-    extension: Extension
-    refused: tuple[AddedEffect, ...]
-
-
-@dataclass(frozen=True)
 class _Chosen:
     """Effects, the explanation by them, and the log with its signs settled under it."""
 
@@ -79,6 +53,62 @@ class _Chosen:
     def without(self, *gone: Hypothesis) -> tuple[Hypothesis, ...]:
         """The effects but some."""
         return tuple(effect for effect in self.effects if all(effect is not other for other in gone))
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Effects that explain a log and are borne out by held-back data.
+
+    Attributes:
+        hypotheses: in the order in which they were added.
+        explanation: by all of them.
+        before: without any, and
+        data_before: the data that it explains.
+        data: that they were selected on, signs settled under them.
+        library: all hypotheses.
+        extension: the extended model.
+        rejected: effects that had passed by their evidence, but that held-back data did not bear out or that were no
+            more than stand-ins; each with the set that it was chosen in.
+    """
+
+    hypotheses: tuple[Hypothesis, ...]
+    explanation: Explanation
+    before: Explanation
+    data_before: Observations
+    data: Observations
+    library: Library
+    extension: Extension
+    rejected: tuple[tuple[_Chosen, Hypothesis], ...]
+
+    @property
+    def known(self) -> list[object]:
+        """What those who weigh in a copy of the process need not hand back."""
+        return [*_parts(self.library), *self.hypotheses, *(effect for _, effect in self.rejected)]
+
+    def weighed(self, case: Case) -> Weighed:
+        """Its effects, and those that were rejected, against all that could stand in their places."""
+        chosen = _Chosen(self.hypotheses, self.explanation, self.data)
+        regression, before = explain_with(self.data_before, ())
+        return Weighed(
+            scores=tuple(assess(regression, before, self.library)),
+            added=tuple(chosen.weighed(case, self.library, effect) for effect in self.hypotheses),
+            refused=tuple(chosen.weighed(case, self.library, effect) for chosen, effect in self.rejected),
+        )
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """What the choice was between.
+
+    Attributes:
+        scores: of the whole catalogue, before anything was added.
+        added: the effects of the selection.
+        refused: those that were rejected, each as it was weighed when it was chosen.
+    """
+
+    scores: tuple[Score, ...]
+    added: tuple[AddedEffect, ...]
+    refused: tuple[AddedEffect, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,21 +164,20 @@ class _Ranking:
 def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
     """Effects that explain the log and are borne out by the data that are held back."""
     data, library = _begin(case)
-    regression, before = explain_with(data, ())
-    scores = assess(regression, before, library)
-    chosen, refused = _Chosen((), before, data), dict[EffectKey, AddedEffect]()
+    _, before = explain_with(data, ())
+    chosen, rejected = _Chosen((), before, data), dict[EffectKey, tuple[_Chosen, Hypothesis]]()
     sets, most = _Sets(case, library), case.thresholds.max_vetoes
     for done in range(most + 1):
         progress("naming effects", done, most + 1)
-        chosen = _selected(sets, chosen, set(refused))
+        chosen = _selected(sets, chosen, set(rejected))
         failed = _failed(case, chosen)
         if failed is None:
             break
-        refused[failed.key] = chosen.weighed(case, library, failed)
+        rejected[failed.key] = chosen, failed
         chosen = sets.settled(chosen.without(failed), chosen.data)
     else:  # no more is added, what fails goes
         while (failed := _failed(case, chosen)) is not None:
-            refused[failed.key] = chosen.weighed(case, library, failed)
+            rejected[failed.key] = chosen, failed
             chosen = sets.settled(chosen.without(failed), chosen.data)
     chosen, stand_ins = _without_stand_ins(sets, chosen)
     effects, explanation = sharpened(chosen.data, chosen.effects, case.columns, case.scene)
@@ -156,11 +185,11 @@ def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
         hypotheses=tuple(effects),
         explanation=explanation,
         before=before,
-        scores=tuple(scores),
+        data_before=data,
         data=chosen.data,
         library=library,
         extension=extend(case.knowledge, case.coefficients, effects, explanation),
-        refused=tuple(sorted((refused | stand_ins).values(), key=lambda effect: effect.hypothesis.key)),
+        rejected=tuple((rejected | stand_ins)[key] for key in sorted(rejected | stand_ins)),
     )
 
 
@@ -173,6 +202,12 @@ def _begin(case: Case) -> tuple[Observations, Library]:
     library = list(hypotheses(case.model, case.scene(predicted), case.trial.used))
     refit = case.standard_refit
     return case.data(predicted, None if refit is None else refit.probability), library
+
+
+def _parts(library: Library) -> list[object]:
+    """Hypotheses, and what makes others."""
+    together = [hypothesis for group in library for hypothesis in group]
+    return [*together, *{id(hypothesis.make): hypothesis.make for hypothesis in together}.values()]
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -240,9 +275,9 @@ def _held_back(case: Case, effects: Sequence[Hypothesis], explanation: Explanati
 # ---------------------------------------------------------------------------------------------------------------
 # What stays unexplained
 # ---------------------------------------------------------------------------------------------------------------
-def _without_stand_ins(sets: _Sets, chosen: _Chosen) -> tuple[_Chosen, dict[EffectKey, AddedEffect]]:
+def _without_stand_ins(sets: _Sets, chosen: _Chosen) -> tuple[_Chosen, dict[EffectKey, tuple[_Chosen, Hypothesis]]]:
     """Leaves out effects of joints that stay unexplained, unless they explain most of what was to be explained."""
-    gone, case = dict[EffectKey, AddedEffect](), sets.case
+    gone, case = dict[EffectKey, tuple[_Chosen, Hypothesis]](), sets.case
     predicted = case.predicted(chosen.effects, chosen.explanation)
     for joint, _ in unexplained(case.trial, predicted, case.floor(predicted), chosen.explanation, case.thresholds):
         of_joint = [effect for effect in chosen.effects if effect.columns.joints == {joint - 1}]
@@ -251,7 +286,7 @@ def _without_stand_ins(sets: _Sets, chosen: _Chosen) -> tuple[_Chosen, dict[Effe
         before = _held_back(case, others, without).rms[joint - 1] ** 2
         after = _held_back(case, chosen.effects, chosen.explanation).rms[joint - 1] ** 2
         if of_joint and before - after < case.thresholds.explained_share * (before - chosen.data.floor[joint - 1] ** 2):
-            gone |= {effect.key: chosen.weighed(case, sets.library, effect) for effect in of_joint}
+            gone |= {effect.key: (chosen, effect) for effect in of_joint}
             chosen = sets.settled(others, chosen.data)
     return chosen, gone
 

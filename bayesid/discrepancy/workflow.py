@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -13,8 +14,8 @@ from bayesid.discrepancy.case import Case, divide
 from bayesid.discrepancy.compare import Excess, NoiseFloor, Trial, make_trial, shortened, where_it_shows
 from bayesid.discrepancy.log_checks import check_log, check_same_robot, check_unseen
 from bayesid.discrepancy.numbers import Numbers
-from bayesid.discrepancy.selection import Selection, select_effects, unexplained, unexplained_anywhere
-from bayesid.fit.effects.added_effect import AddedEffect, Quantity, not_testable, weigh
+from bayesid.discrepancy.selection import Selection, Weighed, select_effects, unexplained, unexplained_anywhere
+from bayesid.fit.effects.added_effect import AddedEffect, Quantity, not_testable
 from bayesid.fit.effects.explanation import Explanation
 from bayesid.fit.effects.held_back import HeldBackErrors
 from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
@@ -28,7 +29,7 @@ from bayesid.log.log import Log, LogSource, as_log
 from bayesid.log.signals import prepare
 from bayesid.model.coefficients import base_coefficients
 from bayesid.posterior.sampler import Sampling
-from bayesid.process import one_blas_thread
+from bayesid.process import beside, one_blas_thread
 from bayesid.progress import SILENT, Progress
 from bayesid.signs.search.protocol import Search
 
@@ -164,18 +165,20 @@ def find_discrepancy(
     check_same_robot(case.before, selecting, log, thresholds)
     selection = select_effects(case, progress)
     extension = selection.extension
-    again = identify_again(
-        extension.model,
-        log,
-        extension.knowledge,
-        extension.theta,
-        search=search,
-        posterior=posterior,
-        preparation=preparation,
-        progress=progress,
-    )
-    again = _with_origin(again, known, log, later)
-    return replace(_discrepancy(case, selection, again), seconds=time.perf_counter() - began)
+    with beside(partial(selection.weighed, case), selection.known) as weighed:
+        again = identify_again(
+            extension.model,
+            log,
+            extension.knowledge,
+            extension.theta,
+            search=search,
+            posterior=posterior,
+            preparation=preparation,
+            progress=progress,
+        )
+        again = _with_origin(again, known, log, later)
+        result = _discrepancy(case, selection, weighed(), again)
+    return replace(result, seconds=time.perf_counter() - began)
 
 
 def _with_origin(again: Identification, known: IdentifiedModel, log: Log, later: Log | None) -> Identification:
@@ -191,14 +194,14 @@ def _with_origin(again: Identification, known: IdentifiedModel, log: Log, later:
 # ---------------------------------------------------------------------------------------------------------------
 # The result
 # ---------------------------------------------------------------------------------------------------------------
-def _discrepancy(case: Case, selection: Selection, again: Identification) -> Discrepancy:
+def _discrepancy(case: Case, selection: Selection, weighed: Weighed, again: Identification) -> Discrepancy:
     trial, scoring = case.trial, case.held_back.trial
     before, after = _gaps(case, selection, again)
     predicted = again.model.effort(trial.signals.motion, again.theta)
     floor = case.floor(predicted)
     on_log = unexplained(trial, predicted, floor, selection.explanation, case.thresholds)
     ratios, says = unexplained_anywhere(on_log, before, after, floor, case.thresholds)
-    added = _added(case, selection, again)
+    added = _with_numbers(case, weighed.added, selection.explanation, again)
     return Discrepancy(
         status=_status(bool(added), bool(ratios)),
         where=tuple(_where(case, selection.before, floor)),
@@ -209,9 +212,9 @@ def _discrepancy(case: Case, selection: Selection, again: Identification) -> Dis
         holdout=case.held_back.name,
         unexplained=ratios,
         unexplained_on=says,
-        scores=tuple(score.alone for score in selection.scores),
-        refused=tuple(effect.alone for effect in selection.refused),
-        not_testable=tuple(not_testable(selection.scores, len(floor.rms), case.thresholds)),
+        scores=tuple(score.alone for score in weighed.scores),
+        refused=tuple(effect.alone for effect in weighed.refused),
+        not_testable=tuple(not_testable(weighed.scores, len(floor.rms), case.thresholds)),
         identification=again,
         trial=trial,
         held_back=scoring,
@@ -263,12 +266,10 @@ def _warnings(case: Case, floor: NoiseFloor) -> list[str]:
     return warnings
 
 
-def _added(case: Case, selection: Selection, again: Identification) -> tuple[AddedEffect, ...]:
-    """The effects of the selection, each weighed against its rivals, with its parameters."""
-    weighed = [
-        weigh(selection.data, selection.library, selection.hypotheses, selection.explanation, effect, case.uncertain)
-        for effect in selection.hypotheses
-    ]
+def _with_numbers(
+    case: Case, weighed: Sequence[AddedEffect], explanation: Explanation, again: Identification
+) -> tuple[AddedEffect, ...]:
+    """Effects that were added, with their parameters."""
     numbers = Numbers(case.model, case.knowledge.theta, again)
     return tuple(
         replace(
@@ -276,7 +277,7 @@ def _added(case: Case, selection: Selection, again: Identification) -> tuple[Add
             parameters={**numbers.parameters(effect.hypothesis), **_own_numbers(case, effect.hypothesis, sd)},
             readable=numbers.readable(effect.hypothesis),
         )
-        for effect, sd in zip(weighed, selection.explanation.sd, strict=True)
+        for effect, sd in zip(weighed, explanation.sd, strict=True)
     )
 
 

@@ -37,6 +37,7 @@ from bayesid.identification.identification import Identification
 from bayesid.identification.validation import Validation
 from bayesid.log.log import Log, write_log
 from bayesid.log.signals import Signals
+from bayesid.process import one_blas_thread
 from bayesid.progress import SILENT, Progress
 from bayesid.report.findings import FILE as FINDINGS
 from bayesid.report.findings import Findings, as_json, find_findings, read_findings, write_findings
@@ -129,6 +130,7 @@ class _NotWritten:
 VALIDATION_FILES = frozenset({"summary.json", "signed_log.csv", "prediction.csv"})
 
 
+@one_blas_thread
 def save_identification(
     identification: Identification,
     folder: str | Path,
@@ -243,6 +245,7 @@ def _write_report(findings: Findings, path: Path, progress: Progress) -> None:
     path.write_text(identification_page(findings, progress), encoding="utf-8")
 
 
+@one_blas_thread
 def save_discrepancy(
     discrepancy: Discrepancy, folder: str | Path, report: bool = True, progress: Progress = SILENT
 ) -> Path:
