@@ -15,6 +15,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import islice
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
@@ -26,13 +28,17 @@ from bayesid.fit.effects.error_model import ErrorModel, bridged, fit_error
 from bayesid.fit.effects.explanation import Observations
 from bayesid.fit.effects.held_back import FOLDS, HeldBackErrors, bears_out, blocks_of, harmed
 from bayesid.fit.effects.hypotheses import EffectKey
-from bayesid.fit.effects.relevance import inverse_of
+from bayesid.fit.effects.relevance import RIDGE, inverse_of
 
 Kind = TypeVar("Kind", bound="Explaining")
 
 
 EQUIVALENT = float(np.log(10.0))
 """Log Bayes factor below which two effects cannot be told apart (Jeffreys 1961, appendix B)."""
+
+
+_AT_ONCE = 16
+"""Candidates at most whose predictions of held-back blocks are made together; a round number."""
 
 
 class Explaining(Protocol):
@@ -60,6 +66,52 @@ class Candidate(Generic[Kind]):
     hypothesis: Kind
     place: slice
     change: int = -1
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """The least squares of some columns, for given G and g.
+
+    Attributes:
+        hessian: (m, m) G of all columns.
+        precision: (m,) of what is known of each before.
+        slope: (m,) g, what is known added, and what changes take away.
+        index: (s,) of the columns that are solved for.
+        changes: of the changes that are made.
+        inverse: (s, s) P.
+    """
+
+    hessian: Array
+    precision: Array
+    slope: Array
+    index: Integers
+    changes: Integers
+    inverse: Array
+
+    @cached_property
+    def best(self) -> Array:
+        """(m,) coefficients and amplitudes, one for changes, zero for what is not chosen."""
+        best = np.zeros(len(self.slope))
+        best[self.changes] = 1.0
+        best[self.index] = self.inverse @ self.slope[self.index]
+        return best
+
+    def best_with(self, more: Candidate[Kind]) -> Array:
+        """(m,) the same with one more candidate: its own few columns are all that is solved for anew."""
+        own, slope, best = np.arange(more.place.start, more.place.stop), self.slope, self.best.copy()
+        if more.change >= 0:
+            slope = slope - self.hessian[:, more.change]
+            best[self.index] = self.inverse @ slope[self.index]
+            best[more.change] = 1.0
+        if not len(own):
+            return best
+        across = self.hessian[np.ix_(own, self.index)]
+        moved = across @ self.inverse
+        inner = self.hessian[np.ix_(own, own)] + np.diag(self.precision[own])
+        inner += RIDGE * np.diag(np.diag(inner)) - moved @ across.T
+        best[own] = np.linalg.solve(inner, slope[own] - across @ best[self.index])
+        best[self.index] -= moved.T @ best[own]
+        return best
 
 
 @dataclass(eq=False)
@@ -98,7 +150,7 @@ class Products(Generic[Kind]):
     _gradient: list[Array] = field(init=False)
     _by_others: tuple[Array, Array] = field(init=False)
     _starts: Integers = field(init=False)
-    _columns: list[tuple[Array, Array]] = field(init=False)
+    _columns: list[tuple[Integers, Array]] = field(init=False)
 
     def __post_init__(self) -> None:
         r = self.data.columns.shape[2]
@@ -132,7 +184,7 @@ class Products(Generic[Kind]):
     def _rows(self, block: int) -> slice:
         return slice(self._starts[block], self._starts[block + 1])
 
-    def _of_joint(self, joint: int) -> tuple[Array, Array]:
+    def _of_joint(self, joint: int) -> tuple[Integers, Array]:
         """Indices (m,) of the columns that show in a joint, and (N, m) these columns."""
         r, used, own = self.data.columns.shape[2], self.data.used[:, joint, None], self.data.columns[:, joint]
         shows = np.flatnonzero(own.any(axis=0))  # no link shows in the joints behind it
@@ -174,41 +226,82 @@ class Products(Generic[Kind]):
 
     def best(self, chosen: Sequence[Candidate[Kind]]) -> Array:
         """(m,) coefficients and amplitudes, one for changes, zero for what is not chosen."""
-        return self._solved(self.hessian, self.gradient, chosen)[0]
+        return self._solved(self.hessian, self.gradient, chosen).best
 
     def _solved(
         self, hessian: Array, gradient: Array, chosen: Sequence[Candidate[Kind]], *, uncertain: bool = True
-    ) -> tuple[Array, Array]:
+    ) -> _Solved:
         """The same for given G and g, and P."""
-        index, best = self.indices(chosen, uncertain=uncertain), np.zeros(len(self._known))
+        index = self.indices(chosen, uncertain=uncertain)
         changes = np.array([c.change for c in chosen if c.change >= 0], dtype=np.int64)
         inverse = inverse_of(hessian[np.ix_(index, index)] + self._precision[np.ix_(index, index)])
-        best[changes] = 1.0
-        best[index] = inverse @ ((gradient + self._known)[index] - hessian[np.ix_(index, changes)].sum(axis=1))
-        return best, inverse
+        slope = gradient + self._known - hessian[:, changes].sum(axis=1)
+        return _Solved(hessian, np.diag(self._precision), slope, index, changes, inverse)
 
     def residual(self, chosen: Sequence[Candidate[Kind]]) -> Array:
         """(N, n) what these leave, N m."""
-        return self._without(self.best(chosen)[:, None])[:, :, 0]
+        best, left = self.best(chosen)[:, None], np.empty_like(self.data.effort)
+        for j in range(left.shape[1]):
+            index, columns = self._showing(j, best)
+            left[:, j] = self.data.effort[:, j] - columns[0] @ best[index[0], 0] - columns[1] @ best[index[1], 0]
+        return left * self.data.used
 
-    def _without(self, best: Array) -> Array:
-        """(N, n, k) what k sets of coefficients and amplitudes (m, k) leave."""
-        residual = np.empty((best.shape[1], *self.data.effort.shape))
-        counts: Mask = np.any(best, axis=1)
-        for j, (index, columns) in enumerate(self._columns):
-            shows = counts[index]
-            residual[:, :, j] = self.data.effort[:, j] - best[index[shows]].T @ columns[:, shows].T
-        residual *= self.data.used
-        return residual.transpose(1, 2, 0)
+    def _showing(self, joint: int, best: Array) -> tuple[list[Integers], list[Array]]:
+        """Which columns count in a joint, those that are always there and others, and both kinds of columns.
+
+        Args:
+            joint: 0-based.
+            best: (m, ...) coefficients and amplitudes; what is zero in all of them is left out.
+        """
+        index, columns = self._columns[joint]
+        counts: Mask = np.any(best.reshape(len(best), -1), axis=1)[index]
+        always = int(np.searchsorted(index, self._always))
+        last = int(np.flatnonzero(counts[:always]).max(initial=-1)) + 1
+        others = np.asarray(always + np.flatnonzero(counts[always:]), dtype=np.int64)
+        return [index[:last], index[others]], [columns[:, :last], columns[:, others]]
 
     def held_back(self, chosen: Sequence[Candidate[Kind]]) -> HeldBackErrors:
         """Every block predicted by a fit of some candidates to the folds that it is not in."""
-        folds = zip(*self._by_others, strict=True)
-        best = [self._solved(*others, chosen, uncertain=self.predicting)[0] for others in folds]
-        residual = self._without(np.stack(best, axis=1))
-        squares = [(residual[self._rows(b), :, b % FOLDS] ** 2).sum(axis=0) for b in range(self.blocks)]
-        counts = [self.data.used[self._rows(b)].sum(axis=0) for b in range(self.blocks)]
-        return HeldBackErrors(np.stack(squares), np.stack(counts))
+        return self.held_back_each([chosen])[0]
+
+    def held_back_each(
+        self, sets: Sequence[Sequence[Candidate[Kind]]], base: Sequence[Candidate[Kind]] | None = None
+    ) -> list[HeldBackErrors]:
+        """The same of k sets of candidates, which takes far less time than one by one.
+
+        Args:
+            sets: of candidates.
+            base: what most of the sets are but for one more at the end, if so.
+        """
+        best = np.stack([self._without_fold(*others, sets, base) for others in zip(*self._by_others, strict=True)])
+        squares = np.empty((self.blocks, self.data.effort.shape[1], len(sets)))
+        for j in range(squares.shape[1]):
+            index, columns = self._showing(j, best.transpose(1, 0, 2))
+            used = self.data.used[:, j]
+            for b in range(self.blocks):
+                rows, fold = self._rows(b), best[b % FOLDS]
+                left = self.data.effort[rows, j, None] - columns[0][rows] @ fold[index[0]]
+                left = (left - columns[1][rows] @ fold[index[1]]) * used[rows, None]
+                squares[b, j] = np.einsum("ik,ik->k", left, left)
+        counts = np.stack([self.data.used[self._rows(b)].sum(axis=0) for b in range(self.blocks)])
+        return [HeldBackErrors(squares[:, :, k].copy(), counts) for k in range(len(sets))]
+
+    def _without_fold(
+        self,
+        hessian: Array,
+        gradient: Array,
+        sets: Sequence[Sequence[Candidate[Kind]]],
+        base: Sequence[Candidate[Kind]] | None,
+    ) -> Array:
+        """(m, k) coefficients and amplitudes of k sets of candidates, from given G and g."""
+        of_base = None if base is None else self._solved(hessian, gradient, base, uncertain=self.predicting)
+        best = np.empty((len(gradient), len(sets)))
+        for k, some in enumerate(sets):
+            if of_base is not None and base is not None and _is_one_more(some, base):
+                best[:, k] = of_base.best_with(some[-1])
+            else:
+                best[:, k] = self._solved(hessian, gradient, some, uncertain=self.predicting).best
+        return best
 
     def with_forms(
         self, forms: Mapping[int, Kind], chosen: Sequence[Candidate[Kind]]
@@ -234,7 +327,8 @@ class Products(Generic[Kind]):
     def gains(self, chosen: Sequence[Candidate[Kind]], tried: Sequence[Candidate[Kind]]) -> Array:
         """Log Bayes factors of candidates on top of a set (:eq:`forward-gain`)."""
         index, hessian, gradient = self.indices(chosen), self.hessian, self.gradient
-        best, inverse = self._solved(hessian, gradient, chosen)
+        solved = self._solved(hessian, gradient, chosen)
+        best, inverse = solved.best, solved.inverse
         gains = np.empty(len(tried))
         for k, candidate in enumerate(tried):
             own = np.arange(candidate.place.start, candidate.place.stop)
@@ -315,13 +409,35 @@ def _grown(
         tried = [c for c in products.candidates if c.hypothesis.key not in _keys(chosen) | refused]
         gains = products.gains(chosen, tried)
         before = products.held_back(chosen)
-        promising = (_with(chosen, tried[k]) for k in np.argsort(-gains) if gains[k] > rules.needed)
-        more = next((more for more in promising if _borne_out(products.held_back(more), before, more[-1])), None)
+        promising = [_with(chosen, tried[k]) for k in np.argsort(-gains) if gains[k] > rules.needed]
+        more = _first_borne_out(products, promising, before, chosen)
         if more is None:
             break
         products, chosen = _settled(products, _exchanged(products, more), rules)
         refused |= _keys(more) - _keys(chosen)  # or it would come and go for ever
     return products, chosen
+
+
+def _first_borne_out(
+    products: Products[Kind],
+    sets: Sequence[list[Candidate[Kind]]],
+    before: HeldBackErrors,
+    chosen: Sequence[Candidate[Kind]],
+) -> list[Candidate[Kind]] | None:
+    """The first set whose last candidate is borne out; None if there is none. More and more are looked at at once."""
+    left, count = iter(sets), 1
+    while some := list(islice(left, count)):
+        after = products.held_back_each(some, chosen)
+        for more, errors in zip(some, after, strict=True):
+            if _borne_out(errors, before, more[-1]):
+                return more
+        count = min(2 * count, _AT_ONCE)
+    return None
+
+
+def _is_one_more(some: Sequence[Candidate[Kind]], base: Sequence[Candidate[Kind]]) -> bool:
+    """Whether candidates are those of a base, and one more at the end."""
+    return len(some) == len(base) + 1 and all(one is other for one, other in zip(some, base, strict=False))
 
 
 def _exchanged(products: Products[Kind], chosen: list[Candidate[Kind]]) -> list[Candidate[Kind]]:
@@ -341,7 +457,8 @@ def _exchanged(products: Products[Kind], chosen: list[Candidate[Kind]]) -> list[
         equal = [k for k in np.argsort(-gains) if gains[k] > gains.max() - EQUIVALENT]
         winner = rivals[min(equal, key=lambda k: len(rivals[k].hypothesis.columns.sd))]
         exchanged = [winner if other is candidate else other for other in chosen]
-        if _borne_out(products.held_back(exchanged), products.held_back(others), winner):
+        after, before = products.held_back_each([exchanged, others])
+        if _borne_out(after, before, winner):
             chosen = exchanged
     return chosen
 
@@ -380,8 +497,8 @@ def _worth_it(products: Products[Kind], chosen: list[Candidate[Kind]], needed: f
     """The chosen without those that others make needless, or that held-back data do not bear out beside these."""
     chosen = _needed(products, chosen, needed)
     while chosen:
-        after = products.held_back(chosen)
-        idle = [c for c in chosen if not _borne_out(after, products.held_back(_without(chosen, c)), c)]
+        after, *before = products.held_back_each([chosen, *(_without(chosen, c) for c in chosen)])
+        idle = [c for c, errors in zip(chosen, before, strict=True) if not _borne_out(after, errors, c)]
         if not idle:
             break
         least = min(idle, key=lambda c: float(products.gains(_without(chosen, c), [c])[0]))
@@ -393,7 +510,8 @@ def _harmless(products: Products[Kind], chosen: list[Candidate[Kind]]) -> list[C
     """The chosen without those that harm a joint, the most harmful first."""
     nothing = products.held_back(())
     while (joints := harmed(products.held_back(chosen), nothing)).any():
-        relative = [(products.held_back(_without(chosen, c)).rms / nothing.rms)[joints].sum() for c in chosen]
+        others = products.held_back_each([_without(chosen, c) for c in chosen])
+        relative = [(errors.rms / nothing.rms)[joints].sum() for errors in others]
         chosen = _without(chosen, chosen[int(np.argmin(relative))])
     return chosen
 

@@ -35,7 +35,7 @@ _OWN = 1e-2
 """Share of a direction's square that the model's columns must not explain. A round number; not studied."""
 _GONE = 1e-3
 """Of s, below which a group is left out."""
-_RIDGE = 1e-10
+RIDGE = 1e-10
 """Of a scaled matrix, against rounding."""
 
 
@@ -155,7 +155,7 @@ def inverse_of(matrix: Array) -> Array:
     diagonal = np.diag(matrix)
     seen = diagonal > np.finfo(float).tiny
     scale = np.where(seen, 1.0 / np.sqrt(np.where(seen, diagonal, 1.0)), 0.0)
-    scaled = matrix * np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
+    scaled = matrix * np.outer(scale, scale) + RIDGE * np.eye(len(scale))
     factor, failed = dpotrf(scaled, lower=True)
     if failed:  # by rounding
         return np.asarray(np.linalg.pinv(scaled, hermitian=True) * np.outer(scale, scale))

@@ -273,6 +273,25 @@ def test_held_back_blocks_are_predicted_by_fits_without_them(which):
     assert np.abs(found.rms / within - 1.0).max() > 0.01
 
 
+@pytest.mark.parametrize("base", [[], [0], [1, 4], [5]])
+def test_sets_are_predicted_together_as_one_by_one(base):
+    """One more candidate on top of a base, with and without a change, and a set that is none of these."""
+    first, rng = made_case(), np.random.default_rng(8)
+    changing = [
+        replace(first.hypotheses[1], columns=replace(first.hypotheses[1].columns, shift={0: rng.normal(size=SMALL)})),
+        made("change", {}, [], shift={1: rng.normal(size=SMALL)}),
+    ]
+    products = Products(replace(first.data, rate=LONG), [*first.hypotheses, *changing], list(ERRORS))
+    assert [candidate.change >= 0 for candidate in products.candidates] == [False] * 4 + [True] * 2
+    chosen = [products.candidates[k] for k in base]
+    more = [candidate for candidate in products.candidates if candidate not in chosen]
+    sets = [*([*chosen, candidate] for candidate in more), more]
+    found = products.held_back_each(sets, chosen)
+    for errors, one in zip(found, sets, strict=True):
+        np.testing.assert_allclose(errors.squares, products.held_back(one).squares, rtol=1e-9)
+        np.testing.assert_array_equal(errors.counts, products.held_back(one).counts)
+
+
 def test_any_number_of_samples_is_cut_into_blocks():
     products = made_case()
     shorter = slice(0, 157)
