@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals, signed_effort
 from bayesid.model.coefficients import BaseCoefficients, base_coefficients
 from bayesid.model.model import Model
+from bayesid.process import in_parallel
 from bayesid.progress import SILENT, Progress
 from bayesid.signs.rounds import SegmentSigns, SignSearch
 from bayesid.signs.search.protocol import Search
@@ -100,9 +102,7 @@ def settle_signs(
     information = earlier.knowledge.information(model, coefficients)
     evidence = replace(evidence, coefficients=coefficients, information=information)
     start = model.effort(signals.motion, earlier.theta)
-    candidates = [
-        _agreed(evidence, signs) for signs in (probability, _smoothed(evidence, start, signals.nearest(start)))
-    ]
+    candidates = in_parallel([partial(_agreed, evidence, probability), partial(_agreed_about, evidence, start)])
     time = np.max([fit.residual.autocorrelation for _, fit in candidates], axis=0)
     count = fitted.sum(axis=0) / time  # the same for both: wrong signs last, and would count for little
     probability, fit = min(candidates, key=lambda candidate: _disagreement(candidate[1], count, information))
@@ -158,6 +158,11 @@ def _agreed(evidence: Evidence, probability: Array) -> tuple[Array, Fit]:
     predicted = fit_signed(evidence, 2.0 * probability - 1.0, most_corrected=0).predicted
     probability = _smoothed(evidence, predicted, evidence.signals.nearest(predicted))
     return probability, fit_signed(evidence, 2.0 * probability - 1.0)
+
+
+def _agreed_about(evidence: Evidence, predicted: Array) -> tuple[Array, Fit]:
+    """The same from the signs under a model's efforts (N, n), N m."""
+    return _agreed(evidence, _smoothed(evidence, predicted, evidence.signals.nearest(predicted)))
 
 
 def _disagreement(fit: Fit, count: Array, information: Information) -> float:
