@@ -130,31 +130,6 @@ def in_parallel(
     return [_result(task, answers.get(k)) for k, task in enumerate(tasks)]
 
 
-@contextmanager
-def beside(task: Callable[[], Result], known: Sequence[object] = ()) -> Iterator[Callable[[], Result]]:
-    """A copy of the process does a task while the block goes on; what is yielded waits for what the task returns.
-
-    Where the process must not be copied, or has one processor, the task is done when it is asked for.
-
-    Args:
-        task: as one of `in_parallel`; one that is never asked for is given up where the block ends.
-        known: see `in_parallel`.
-
-    Example:
-        >>> from functools import partial
-        >>> with beside(partial(pow, 2, 3)) as power:
-        ...     other = pow(3, 2)
-        ...     power(), other
-        (8, 9)
-    """
-    if processors() < 2 or not _may_be_copied():
-        yield task
-        return
-    with _numbers(1) as numbers, _Copies(known) as others:
-        others.start([task], numbers)
-        yield lambda: _result(task, others.answers().get(0))
-
-
 def processors() -> int:
     """Processors that this process may use: those it is bound to, at most `OMP_NUM_THREADS` of them.
 

@@ -123,6 +123,22 @@ def test_what_a_copy_cannot_hand_over_is_done_again():
 
 
 @copies_only
+def test_what_is_known_is_not_pickled_but_the_same_again():
+    assert said("""
+        class Thing:
+            def __init__(self):
+                self.make = lambda: self  # not to be pickled
+        things = [Thing() for _ in range(8)]
+        def task(k):
+            time.sleep(0.05)
+            return os.getpid(), things[k], {"twice": [things[k], things[0]]}
+        found = in_parallel([partial(task, k) for k in range(8)], known=things)
+        print(all(one is things[k] is held["twice"][0] for k, (_, one, held) in enumerate(found)))
+        print(all(held["twice"][1] is things[0] for _, _, held in found), len({pid for pid, _, _ in found}))
+    """)[:2] == ["True", "True"]
+
+
+@copies_only
 def test_tasks_of_tasks_are_not_shared():
     inside = said("print(*{pid for _, pid in sum(in_parallel([lambda: in_parallel(EIGHT)] * 2), [])})")
     assert len(inside) == 2

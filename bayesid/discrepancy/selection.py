@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from bayesid.fit.effects.relinearisation import sharpened
 from bayesid.fit.effects.scores import Library, Score, assess, at_blunt_floor, best_forms, explain_with
 from bayesid.fit.effects.screening import Screening
 from bayesid.fit.effects.thresholds import Thresholds
+from bayesid.process import in_parallel
 from bayesid.progress import SILENT, Progress
 
 _SETTLINGS = 2
@@ -80,20 +82,20 @@ class Selection:
     extension: Extension
     rejected: tuple[tuple[_Chosen, Hypothesis], ...]
 
-    @property
-    def known(self) -> list[object]:
-        """What those who weigh in a copy of the process need not hand back."""
-        return [*_parts(self.library), *self.hypotheses, *(effect for _, effect in self.rejected)]
-
     def weighed(self, case: Case) -> Weighed:
         """Its effects, and those that were rejected, against all that could stand in their places."""
         chosen = _Chosen(self.hypotheses, self.explanation, self.data)
+        those = [*((chosen, effect) for effect in self.hypotheses), *self.rejected]
+        weigh_all: list[Callable[[], Any]] = [partial(some.weighed, case, self.library, one) for some, one in those]
+        known = [*_parts(self.library), *self.hypotheses, *(effect for _, effect in self.rejected)]
+        scores, *weighed = in_parallel([self._scores, *weigh_all], known=known)
+        added = len(self.hypotheses)
+        return Weighed(tuple(scores), tuple(weighed[:added]), tuple(weighed[added:]))
+
+    def _scores(self) -> list[Score]:
+        """Of the whole catalogue, before anything was added."""
         regression, before = explain_with(self.data_before, ())
-        return Weighed(
-            scores=tuple(assess(regression, before, self.library)),
-            added=tuple(chosen.weighed(case, self.library, effect) for effect in self.hypotheses),
-            refused=tuple(chosen.weighed(case, self.library, effect) for chosen, effect in self.rejected),
-        )
+        return assess(regression, before, self.library)
 
 
 @dataclass(frozen=True)

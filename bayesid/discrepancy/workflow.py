@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from bayesid.discrepancy.case import Case, divide
 from bayesid.discrepancy.compare import Excess, NoiseFloor, Trial, make_trial, shortened, where_it_shows
 from bayesid.discrepancy.log_checks import check_log, check_same_robot, check_unseen
 from bayesid.discrepancy.numbers import Numbers
-from bayesid.discrepancy.selection import Selection, Weighed, select_effects, unexplained, unexplained_anywhere
+from bayesid.discrepancy.selection import Selection, select_effects, unexplained, unexplained_anywhere
 from bayesid.fit.effects.added_effect import AddedEffect, Quantity, not_testable
 from bayesid.fit.effects.explanation import Explanation
 from bayesid.fit.effects.held_back import HeldBackErrors
@@ -29,7 +28,7 @@ from bayesid.log.log import Log, LogSource, as_log
 from bayesid.log.signals import prepare
 from bayesid.model.coefficients import base_coefficients
 from bayesid.posterior.sampler import Sampling
-from bayesid.process import beside, one_blas_thread
+from bayesid.process import one_blas_thread
 from bayesid.progress import SILENT, Progress
 from bayesid.signs.search.protocol import Search
 
@@ -165,20 +164,18 @@ def find_discrepancy(
     check_same_robot(case.before, selecting, log, thresholds)
     selection = select_effects(case, progress)
     extension = selection.extension
-    with beside(partial(selection.weighed, case), selection.known) as weighed:
-        again = identify_again(
-            extension.model,
-            log,
-            extension.knowledge,
-            extension.theta,
-            search=search,
-            posterior=posterior,
-            preparation=preparation,
-            progress=progress,
-        )
-        again = _with_origin(again, known, log, later)
-        result = _discrepancy(case, selection, weighed(), again)
-    return replace(result, seconds=time.perf_counter() - began)
+    again = identify_again(
+        extension.model,
+        log,
+        extension.knowledge,
+        extension.theta,
+        search=search,
+        posterior=posterior,
+        preparation=preparation,
+        progress=progress,
+    )
+    again = _with_origin(again, known, log, later)
+    return replace(_discrepancy(case, selection, again), seconds=time.perf_counter() - began)
 
 
 def _with_origin(again: Identification, known: IdentifiedModel, log: Log, later: Log | None) -> Identification:
@@ -194,8 +191,8 @@ def _with_origin(again: Identification, known: IdentifiedModel, log: Log, later:
 # ---------------------------------------------------------------------------------------------------------------
 # The result
 # ---------------------------------------------------------------------------------------------------------------
-def _discrepancy(case: Case, selection: Selection, weighed: Weighed, again: Identification) -> Discrepancy:
-    trial, scoring = case.trial, case.held_back.trial
+def _discrepancy(case: Case, selection: Selection, again: Identification) -> Discrepancy:
+    trial, scoring, weighed = case.trial, case.held_back.trial, selection.weighed(case)
     before, after = _gaps(case, selection, again)
     predicted = again.model.effort(trial.signals.motion, again.theta)
     floor = case.floor(predicted)
