@@ -10,6 +10,7 @@ symmetric about zero or in favour of the first if there is no low-pass behind th
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -268,6 +269,11 @@ class _Crossings:
         """(C, G) errors of the model."""
         return self.sd[:, None] * _BIAS
 
+    @cached_property
+    def _mean(self) -> Array:
+        """(L + 2 M, C, G) mean |effort| as a rectifier gives it, by every error of the model."""
+        return mean_magnitude(self.predicted[..., None] + self._bias, self.white[:, None])
+
     def _inner(self, values: Array) -> Array:
         settling = (len(self.predicted) - len(self.read)) // 2
         return values[settling : settling + len(self.read)]
@@ -282,8 +288,7 @@ class _Crossings:
 
     def after(self, low_pass: LowPass) -> Array:
         """(C,) sums of squares that a low-pass after the rectifier leaves, (N m)^2."""
-        mean = mean_magnitude(self.predicted[..., None] + self._bias, self.white[:, None])
-        return self._left(self._inner(low_pass.apply(mean, self.rate)))
+        return self._left(self._inner(low_pass.apply(self._mean, self.rate)))
 
     def before(self, low_pass: LowPass | None) -> Array:
         """(C,) the same of one before the rectifier, or of none."""
