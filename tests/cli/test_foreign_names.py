@@ -22,11 +22,22 @@ QUICK = ("--robot", "arm.toml", "--no-posterior", "--complete", "off")
 ASCII = {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"}
 
 
+@pytest.fixture(scope="module")
+def shop(tmp_path_factory):
+    """Robot and log."""
+    place = tmp_path_factory.mktemp("shop")
+    (place / "arm.toml").write_text(ARM.format(name="é中"), encoding="utf-8")
+    files = ("--robot", str(place / "arm.toml"), "--out", str(place / "log.csv"))
+    assert main(["simulate", *files, "--duration", "6", "--quiet"]) == 0
+    return place
+
+
 @pytest.fixture
-def place(tmp_path, monkeypatch):
+def place(shop, tmp_path, monkeypatch):
+    """A folder of one's own with both in it."""
+    for name in ("arm.toml", "log.csv"):
+        (tmp_path / name).write_bytes((shop / name).read_bytes())
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "arm.toml").write_text(ARM.format(name="é中"), encoding="utf-8")
-    assert main(["simulate", "--robot", "arm.toml", "--duration", "6", "--out", "log.csv", "--quiet"]) == 0
     return tmp_path
 
 

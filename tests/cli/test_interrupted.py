@@ -15,6 +15,8 @@ from bayesid.files import reserved
 from bayesid.results import several_logs
 from bayesid.results.several_logs import identify_separately
 
+pytestmark = pytest.mark.usefixtures("any_motion")
+
 ARM = """convention = "standard"
 name = "arm"
 joints = [

@@ -56,10 +56,11 @@ def reading_of(robot, signed, rectified=True):
     segments = find_segments(signals, robot.actuators(signals.motion))
     moving = segments.per_sample(segments.moving, *signals.effort.shape) > 0
     evidence = Evidence.of(model, signals, moving)
-    rows, used, effort = evidence.columns, evidence.used, true
+    used, effort = evidence.used, true
+    rows = evidence.columns / np.linalg.norm(evidence.columns, axis=(0, 1))
     weight = used / np.sqrt((effort**2 * used).sum(axis=0))
-    basis, mixed = np.linalg.qr((rows * weight[:, :, None]).reshape(effort.size, -1))
-    inverse = np.linalg.pinv(mixed, rcond=1e-9) @ basis.T
+    flat = (rows * weight[:, :, None]).reshape(effort.size, -1)
+    inverse = np.linalg.pinv(flat.T @ flat, rcond=1e-12, hermitian=True) @ flat.T
     for _ in range(10):
         predicted = rows @ (inverse @ (effort * weight).ravel())
         effort = np.where(signals.signed, effort, np.where(predicted >= 0.0, 1.0, -1.0) * np.abs(effort))

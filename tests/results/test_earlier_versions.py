@@ -15,6 +15,8 @@ from bayesid.cli import main
 from bayesid.errors import InputError
 from bayesid.motion import Motion
 
+pytestmark = pytest.mark.usefixtures("any_motion")
+
 FOLDERS = sorted((Path(__file__).parent / "earlier").iterdir())
 OTHER = """convention = "standard"
 name = "another"
