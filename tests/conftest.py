@@ -13,6 +13,8 @@ import source_tree  # noqa: F401
 
 from bayesid.model.robot import Robot, robot_from_table
 from bayesid.motion import Motion
+from bayesid.simulation import logs
+from bayesid.simulation.trajectories import random_trajectory
 
 DATA = Path(os.environ.get("BAYESID_DATA", Path(__file__).parents[2] / "shared" / "data"))
 
@@ -53,6 +55,18 @@ def smooth_motion(n: int, duration: float, rate: float, seed: int = 0) -> Motion
             dq[:, j] += a * w * np.cos(w * t + phase)
             ddq[:, j] -= a * w**2 * np.sin(w * t + phase)
     return Motion(t, q, dq, ddq)
+
+
+@pytest.fixture(scope="module")
+def any_motion():
+    """Simulated logs are of random motions: for tests to which good ones do not matter, which take a second."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            logs,
+            "exciting_trajectory",
+            lambda model, _, duration, seed: random_trajectory(model.robot.n_joints, duration, seed=seed),
+        )
+        yield
 
 
 @pytest.fixture

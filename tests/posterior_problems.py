@@ -87,12 +87,19 @@ def target_in(region, inside, prior_sd=1.0, log_scale_sd=0.3):
 def quadrature(target, axes):
     """Log of the integral, means and sds of the coordinates on the product grid of axes (evenly spaced)."""
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
-    logs = np.concatenate([target.log_density(part) for part in np.array_split(grid, 1 + len(grid) // 100_000)])
+    region = target.prior.region
+    grid = np.concatenate([part[region.contains(part[:, : region.size].T)] for part in _parts(grid)])  # else no density
+    logs = np.concatenate([target.log_density(part) for part in _parts(grid)])
     weight = np.exp(logs - logs.max())
     cell = np.prod([axis[1] - axis[0] for axis in axes])
     mean = weight @ grid / weight.sum()
     sd = np.sqrt(weight @ (grid - mean) ** 2 / weight.sum())
     return np.log(weight.sum() * cell) + logs.max(), mean, sd
+
+
+def _parts(grid):
+    """Points that fit a processor's cache."""
+    return np.array_split(grid, 1 + len(grid) // 10_000)
 
 
 def samples_of(moves, coordinates, sweeps, random, burn=50):

@@ -22,17 +22,15 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import numpy as np
-from scipy.linalg import solve_triangular
-from scipy.linalg.lapack import dpstrf
+from scipy.linalg.lapack import dpstrf, dtrtri
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.fit.evidence import Evidence
 from bayesid.fit.least_squares import Fit
 from bayesid.fit.noise import autocovariance, integrated_time
-from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
 from bayesid.model.robot import BUILT_IN, Joint, Robot, load_robot
-from bayesid.model.terms import STANDARD
+from bayesid.model.terms import CATALOGUE, STANDARD
 from bayesid.motion import Motion
 
 SUSPICIOUS = 0.1
@@ -118,6 +116,18 @@ class _Reading:
         others = (np.abs(self.factor) != 1.0) | (self.units != 1.0)
         return len(others) > 1 and int(others.sum()) == 1
 
+    @property
+    def columns_key(self) -> tuple[int, bytes, bytes]:
+        """The same for readings of one log that have the same columns."""
+        return id(self.robot), self.order.tobytes(), self.factor.tobytes()
+
+    def columns(self, recorded: Motion) -> Array:
+        """(N, n, P) of the standard terms."""
+        motion = self.motion(recorded)
+        actuators = self.robot.actuators(motion)
+        terms = tuple(CATALOGUE[name].for_motion(actuators) for name in STANDARD)
+        return Model(self.robot, terms).columns(motion)
+
     def motion(self, recorded: Motion) -> Motion:
         """The motion by this reading."""
         q, dq, ddq = (part[:, self.order] * self.factor for part in (recorded.q, recorded.dq, recorded.ddq))
@@ -171,8 +181,7 @@ def better_reading(evidence: Evidence, signs: Array, time: Array) -> BetterReadi
     count = np.maximum(evidence.used.sum(axis=0) / time, 1.0)
     every = list(_readings(robot))
     readings = _promising(every, _as_given(robot), excerpt[::_FIRST])
-    given = _leaves(_as_given(robot), excerpt)
-    left = [_leaves(reading, excerpt) for reading in readings]
+    given, *left = _left_by([_as_given(robot), *readings], excerpt)
     count = _of_the_least(given, count, left)
     best, found = 2.0 * (_DECISIVE + np.log(len(every))), None
     for reading, other in zip(readings, left, strict=True):
@@ -187,9 +196,8 @@ def better_reading(evidence: Evidence, signs: Array, time: Array) -> BetterReadi
 
 def _promising(readings: Sequence[_Reading], as_given: _Reading, some: _Excerpt) -> list[_Reading]:
     """Those that leave less of some instants than the given one, or of a joint if one alone is read in other units."""
-    given, promising = _leaves(as_given, some), []
-    for reading in readings:
-        other = _leaves(reading, some)
+    (given, *left), promising = _left_by([as_given, *readings], some), []
+    for reading, other in zip(readings, left, strict=True):
         less = other.share / given.share if reading.of_one_joint else other.rms / given.rms
         if np.min(less) < _PROMISING:
             promising.append(reading)
@@ -232,52 +240,94 @@ def _of_the_least(given: _Left, count: Array, others: Sequence[_Left]) -> Array:
     return np.array([others[k - 1].count(j) if k else max(count[j], given.count(j)) for j, k in enumerate(least)])
 
 
-def _leaves(reading: _Reading, excerpt: _Excerpt) -> _Left:
+def _left_by(readings: Sequence[_Reading], excerpt: _Excerpt) -> list[_Left]:
+    """What each reading leaves; those with the same columns are looked at together."""
+    alike: dict[tuple[int, bytes, bytes], list[int]] = {}
+    for k, reading in enumerate(readings):
+        alike.setdefault(reading.columns_key, []).append(k)
+    left: dict[int, _Left] = {}
+    for some in alike.values():
+        columns = readings[some[0]].columns(excerpt.motion)
+        left |= {k: _leaves(readings[k], excerpt, columns) for k in some}
+    return [left[k] for k in range(len(readings))]
+
+
+def _leaves(reading: _Reading, excerpt: _Excerpt, columns: Array) -> _Left:
     """The least residual of the reading's coefficients, from several signs to begin with."""
-    motion, order = reading.motion(excerpt.motion), reading.efforts
-    columns = Model(reading.robot, make_terms(STANDARD, reading.robot, motion)).columns(motion)
+    order = reading.efforts
     used, signed = excerpt.used[:, reading.order], excerpt.signed[order]
     effort = excerpt.effort[:, order] * np.where(signed, reading.turned, 1.0) * reading.units
     energy = np.maximum((effort**2 * used).sum(axis=0), np.finfo(float).tiny)
     weight = used / np.sqrt(energy)
-    rows = (columns * weight[:, :, None]).reshape(effort.size, -1)
-    lengths = np.linalg.norm(rows, axis=0)
-    rows = rows[:, lengths > _BLIND * lengths.max()] / lengths[lengths > _BLIND * lengths.max()]
-    rows = _orthonormal(rows)
-    against_friction = np.where(signed, effort, np.sign(motion.dq) * np.abs(effort))
+    basis = _orthonormal((columns * weight[:, :, None]).reshape(effort.size, -1))
+    speed = excerpt.motion.dq[:, reading.order] * reading.factor
+    against_friction = np.where(signed, effort, np.sign(speed) * np.abs(effort))
     starts, odd = [effort * weight, against_friction * weight], reading.units != 1.0
     if odd.any():  # the signs that were found are those of the given units: what the other joints tell
-        starts += [_settled(rows, start, signed, ~odd)[0] for start in starts]
-    residuals = [np.subtract(*_settled(rows, start, signed, np.ones_like(odd))) for start in starts]
+        starts += [_settled(basis, start, signed, ~odd)[0] for start in starts]
+    residuals = [np.subtract(*_settled(basis, start, signed, np.ones_like(odd))) for start in starts]
     best = min(residuals, key=np.linalg.norm)
     recorded = np.argsort(order)
-    return _Left(best[:, recorded], used[:, recorded], rows.shape[1])
+    return _Left(best[:, recorded], used[:, recorded], basis.size)
 
 
-def _orthonormal(columns: Array) -> Array:
-    """(R, r) an orthonormal basis of columns (R, c) of length 1, by a Cholesky decomposition with pivots."""
-    factor, pivots, rank, _ = dpstrf(columns.T @ columns, tol=_BLIND)
-    basis: Array = solve_triangular(
-        factor[:rank, :rank], columns[:, pivots[:rank] - 1].T, trans="T", check_finite=False
-    )
-    return np.ascontiguousarray(basis.T)
+@dataclass(frozen=True)
+class _Basis:
+    """An orthonormal basis of r columns with R rows: rows @ mix, which is not formed.
+
+    Attributes:
+        rows: (R, r) independent columns.
+        mix: (r, r).
+    """
+
+    rows: Array
+    mix: Array
+
+    @property
+    def size(self) -> int:
+        """Number of columns r."""
+        return len(self.mix)
+
+    def shares(self, values: Array) -> Array:
+        """(r,) of each basis column in values (R,)."""
+        return self.mix.T @ (self.rows.T @ values)
+
+    def sums(self, shares: Array) -> Array:
+        """(R,) of the basis columns."""
+        return self.rows @ (self.mix @ shares)
+
+    def gram(self, chosen: Mask) -> Array:
+        """(r, r) Gram matrix of some (R,) of the rows."""
+        rows = self.rows[chosen]
+        return self.mix.T @ (rows.T @ rows) @ self.mix
 
 
-def _settled(columns: Array, effort: Array, signed: Mask, believed: Mask) -> tuple[Array, Array]:
+def _orthonormal(columns: Array) -> _Basis:
+    """A basis of columns (R, c) of any length, by a Cholesky decomposition with pivots."""
+    gram = columns.T @ columns
+    lengths = np.sqrt(np.diag(gram))
+    shown = np.flatnonzero(lengths > _BLIND * lengths.max())
+    factor, pivots, rank, _ = dpstrf(gram[np.ix_(shown, shown)] / np.outer(lengths[shown], lengths[shown]), tol=_BLIND)
+    chosen = shown[pivots[:rank] - 1]
+    return _Basis(columns[:, chosen], np.triu(dtrtri(factor[:rank, :rank])[0]) / lengths[chosen][:, None])
+
+
+def _settled(basis: _Basis, effort: Array, signed: Mask, believed: Mask) -> tuple[Array, Array]:
     """(N, n) efforts whose unknown signs follow the prediction, and the prediction.
 
     Args:
-        columns: (N n, r) orthonormal ones.
+        basis: of N n rows.
         effort: (N, n) to begin with.
         signed: (n,) whose signs are known.
-        believed: (n,) the joints to which columns are fitted.
+        believed: (n,) the joints to which the basis is fitted.
     """
-    rows = np.broadcast_to(believed, effort.shape).ravel()
-    inverse = columns[rows].T
+    inverse = None
     if not believed.all():
-        inverse = np.linalg.pinv(inverse @ columns[rows], rcond=_BLIND, hermitian=True) @ inverse
+        rows = np.broadcast_to(believed, effort.shape).ravel()
+        inverse = np.linalg.pinv(basis.gram(rows), rcond=_BLIND, hermitian=True)
     for _ in range(_ROUNDS):
-        predicted = (columns @ (inverse @ effort.ravel()[rows])).reshape(effort.shape)
+        shares = basis.shares((effort * believed).ravel())
+        predicted = basis.sums(shares if inverse is None else inverse @ shares).reshape(effort.shape)
         followed = np.where(signed, effort, np.where(predicted >= 0.0, 1.0, -1.0) * np.abs(effort))
         if np.array_equal(followed, effort):
             break

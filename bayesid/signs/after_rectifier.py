@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 import scipy
@@ -271,12 +271,18 @@ class _Crossings:
         """(C, G) errors of the model."""
         return self.sd[:, None] * _BIAS
 
+    @cached_property
+    def _mean(self) -> Array:
+        """(L + 2 M, C, G) mean |effort| as a rectifier gives it, by every error of the model."""
+        return mean_magnitude(self.predicted[..., None] + self._bias, self.white[:, None])
+
     def _inner(self, values: Array) -> Array:
         settling = (len(self.predicted) - len(self.read)) // 2
         return values[settling : settling + len(self.read)]
 
     def best_after(self, tried: list[LowPass]) -> LowPass:
         """The low-pass that, after the rectifier, suits most."""
+        _ = self._mean  # once, and not by every copy of the process
         return tried[_best([partial(self.after, low_pass) for low_pass in tried])]
 
     def best_before(self, tried: list[LowPass]) -> LowPass | None:
@@ -286,8 +292,7 @@ class _Crossings:
 
     def after(self, low_pass: LowPass) -> Array:
         """(C,) sums of squares that a low-pass after the rectifier leaves, (N m)^2."""
-        mean = mean_magnitude(self.predicted[..., None] + self._bias, self.white[:, None])
-        return self._left(self._inner(low_pass.apply(mean, self.rate)))
+        return self._left(self._inner(low_pass.apply(self._mean, self.rate)))
 
     def before(self, low_pass: LowPass | None) -> Array:
         """(C,) the same of one before the rectifier, or of none."""

@@ -59,11 +59,21 @@ joints = [
 """
 
 
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    """A log as `simulate` writes it."""
+    place = tmp_path_factory.mktemp("plain")
+    (place / "arm.toml").write_text(ARM)
+    files = ("--robot", str(place / "arm.toml"), "--out", str(place / "plain.csv"))
+    assert main(["simulate", *files, "--duration", "6", "--quiet"]) == 0
+    return place / "plain.csv"
+
+
 @pytest.fixture
-def place(tmp_path, monkeypatch):
+def place(plain, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "arm.toml").write_text(ARM)
-    assert main(["simulate", "--robot", "arm.toml", "--duration", "6", "--out", "plain.csv", "--quiet"]) == 0
+    (tmp_path / "plain.csv").write_bytes(plain.read_bytes())
     values = np.loadtxt("plain.csv", delimiter=",", skiprows=1)
     header = "zeit,lage1,lage2,amp1_mA,amp2_mA"
     table(tmp_path / "log.csv", header, values[:, 0], np.rad2deg(values[:, 1:3]), values[:, 3:] * 1e3)

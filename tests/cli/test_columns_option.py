@@ -9,6 +9,8 @@ import bayesid
 from bayesid import cli
 from bayesid.cli.parser import make_parser
 
+pytestmark = pytest.mark.usefixtures("any_motion")
+
 COLUMNS = 't="Zeit [ms]",q="Lage {} [Grad]",i=Strom{}'
 GAINS = "4,3,2,2,1,1"
 

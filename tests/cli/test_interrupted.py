@@ -15,6 +15,8 @@ from bayesid.files import reserved
 from bayesid.results import several_logs
 from bayesid.results.several_logs import identify_separately
 
+pytestmark = pytest.mark.usefixtures("any_motion")
+
 ARM = """convention = "standard"
 name = "arm"
 joints = [
@@ -25,13 +27,23 @@ joints = [
 OPTIONS = ("--robot", "arm.toml", "--no-posterior", "--no-report", "--quiet")
 
 
-@pytest.fixture
-def place(tmp_path, monkeypatch):
+@pytest.fixture(scope="module")
+def shop(tmp_path_factory):
     """Robot and two logs."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "arm.toml").write_text(ARM)
+    place = tmp_path_factory.mktemp("shop")
+    (place / "arm.toml").write_text(ARM)
     for seed, name in enumerate(("a.csv", "b.csv")):
-        assert main(f"simulate --robot arm.toml --duration 6 --seed {seed} --out {name} --quiet".split()) == 0
+        files = ("--robot", str(place / "arm.toml"), "--out", str(place / name))
+        assert main(["simulate", *files, "--duration", "6", "--seed", str(seed), "--quiet"]) == 0
+    return place
+
+
+@pytest.fixture
+def place(shop, tmp_path, monkeypatch):
+    """A folder of one's own with robot and logs in it."""
+    for name in ("arm.toml", "a.csv", "b.csv"):
+        (tmp_path / name).write_bytes((shop / name).read_bytes())
+    monkeypatch.chdir(tmp_path)
     return tmp_path
 
 

@@ -5,6 +5,7 @@ import pty
 import re
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -75,8 +76,17 @@ def test_who_wants_no_colour_gets_none(environment):
     assert "\x1b" not in on_terminal(MESSAGES, **environment)
 
 
-def test_bars_of_what_takes_long():
-    written = on_terminal(BARS.format(quiet=False))
+@pytest.fixture(scope="module")
+def bars():
+    """What bars write to a terminal, to one where they are to be quiet, and to a pipe; they sleep at the same time."""
+    shown, quiet = BARS.format(quiet=False), BARS.format(quiet=True)
+    with ThreadPoolExecutor() as together:
+        written = [together.submit(*what) for what in ((on_terminal, shown), (on_terminal, quiet), (in_pipe, shown))]
+    return [one.result() for one in written]
+
+
+def test_bars_of_what_takes_long(bars):
+    written, _, _ = bars
     assert "long" in written
     assert "0/7" in written
     assert "3/7" in written
@@ -87,6 +97,7 @@ def test_bars_of_what_takes_long():
     assert written.rstrip().endswith("done")
 
 
-def test_no_bars_where_nobody_watches():
-    assert "/7" not in on_terminal(BARS.format(quiet=True))
-    assert in_pipe(BARS.format(quiet=False)) == ("done\n", "")
+def test_no_bars_where_nobody_watches(bars):
+    _, quiet, piped = bars
+    assert "/7" not in quiet
+    assert piped == ("done\n", "")

@@ -9,6 +9,7 @@ import pytest
 from conftest import real_log
 
 from bayesid.fit.evidence import Evidence
+from bayesid.identification import other_readings
 from bayesid.identification.other_readings import better_reading
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log, read_log
@@ -48,20 +49,45 @@ def moved(log, order=None, factor=1.0):
 
 def reading_of(robot, signed, rectified=True):
     """What is found at the signs that best suit the robot given, settled from the true ones: no search is needed."""
-    robot, log = load_robot(robot) if isinstance(robot, str) else robot, signed.rectified() if rectified else signed
-    true, signals = prepare(signed).effort, prepare(log)
+    robot = load_robot(robot) if isinstance(robot, str) else robot
+    as_signed = prepare(signed)
+    true, signals = as_signed.effort, prepare(signed.rectified()) if rectified else as_signed
     model = Model(robot, make_terms(STANDARD, robot, signals.motion))
     segments = find_segments(signals, robot.actuators(signals.motion))
     moving = segments.per_sample(segments.moving, *signals.effort.shape) > 0
     evidence = Evidence.of(model, signals, moving)
-    rows, used, effort = evidence.columns, evidence.used, true
+    used, effort = evidence.used, true
+    rows = evidence.columns / np.linalg.norm(evidence.columns, axis=(0, 1))
     weight = used / np.sqrt((effort**2 * used).sum(axis=0))
-    inverse = np.linalg.pinv((rows * weight[:, :, None]).reshape(effort.size, -1), rcond=1e-9)
+    flat = (rows * weight[:, :, None]).reshape(effort.size, -1)
+    inverse = np.linalg.pinv(flat.T @ flat, rcond=1e-12, hermitian=True) @ flat.T
     for _ in range(10):
         predicted = rows @ (inverse @ (effort * weight).ravel())
         effort = np.where(signals.signed, effort, np.where(predicted >= 0.0, 1.0, -1.0) * np.abs(effort))
     time = evidence.residual_noise(predicted).autocorrelation
     return better_reading(evidence, np.where(effort >= 0.0, 1.0, -1.0), time)
+
+
+def test_a_reading_leaves_what_least_squares_leave():
+    """Where all signs are known; tables of other robots have columns of which rounding says whether they count."""
+    robot, signals = load_robot("kr5"), prepare(signed_log())
+    model = Model(robot, make_terms(STANDARD, robot, signals.motion))
+    evidence = Evidence.of(model, signals, np.ones(signals.effort.shape, dtype=bool))
+    some = other_readings._Excerpt.of(evidence, np.sign(signals.effort))[::7]
+    readings = [one for one in other_readings._readings(robot) if one.kind != "robot"][::5]
+    assert {one.kind for one in readings} == {"joint order", "direction", "units", "mounting"}
+    assert any(one.of_one_joint for one in readings)
+    for reading, left in zip(readings, other_readings._left_by(readings, some), strict=True):
+        motion = reading.motion(some.motion)
+        columns = Model(reading.robot, make_terms(STANDARD, reading.robot, motion)).columns(motion)
+        effort = some.effort[:, reading.efforts] * reading.turned * reading.units
+        weight = some.used[:, reading.order] / np.linalg.norm(effort * some.used[:, reading.order], axis=0)
+        rows, target = (columns * weight[:, :, None]).reshape(effort.size, -1), (effort * weight).ravel()
+        rows = rows[:, rows.any(axis=0)]
+        rows /= np.linalg.norm(rows, axis=0)
+        residual = (target - rows @ np.linalg.lstsq(rows, target, rcond=1e-5)[0]).reshape(effort.shape)
+        share = np.linalg.norm(residual, axis=0)[np.argsort(reading.efforts)]
+        np.testing.assert_allclose(left.share, share, rtol=1e-6, err_msg=reading.change)
 
 
 # ---------------------------------------------------------------------------------------------------------------

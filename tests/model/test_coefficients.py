@@ -1,5 +1,6 @@
 import re
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -58,10 +59,27 @@ def evaluate(expression, model, theta):
     return eval(python, {"__builtins__": {}}, values | dict(model.robot.lengths))
 
 
+@cache
+def standard(name):
+    """The robot with all standard effects, and its coefficients."""
+    robot = ROBOTS[name]
+    model = Model(robot, make_terms(STANDARD, robot, random_motion(robot.n_joints)))
+    return model, base_coefficients(model)
+
+
 @pytest.fixture(params=ROBOTS)
-def model(request):
-    robot = ROBOTS[request.param]
-    return Model(robot, make_terms(STANDARD, robot, random_motion(robot.n_joints)))
+def name(request):
+    return request.param
+
+
+@pytest.fixture
+def model(name):
+    return standard(name)[0]
+
+
+@pytest.fixture
+def coefficients(name):
+    return standard(name)[1]
 
 
 def torque_rows(robot, samples, seed):
@@ -111,8 +129,7 @@ def test_expressions_say_what_is_computed(name):
     assert_close(found, coefficients.project(theta), 1e-9 if exact else 1e-5)
 
 
-def test_efforts_depend_on_the_coefficients_alone(model):
-    coefficients = base_coefficients(model)
+def test_efforts_depend_on_the_coefficients_alone(model, coefficients):
     rng = np.random.default_rng(1)
     theta, motion = rng.normal(size=(3, len(model.parameters))), random_motion(model.robot.n_joints, 20, seed=8)
     columns = model.columns(motion)
@@ -121,15 +138,13 @@ def test_efforts_depend_on_the_coefficients_alone(model):
     assert_close(columns @ coefficients.lift(coefficients.project(theta)).T, expected, 1e-10)
 
 
-def test_lift_then_project_changes_nothing(model):
-    coefficients = base_coefficients(model)
+def test_lift_then_project_changes_nothing(coefficients):
     beta = np.random.default_rng(2).normal(size=(3, len(coefficients)))
     np.testing.assert_allclose(coefficients.project(coefficients.lift(beta)), beta, rtol=0, atol=1e-11)
     np.testing.assert_allclose(coefficients.project(coefficients.lift(beta[0])), beta[0], rtol=0, atol=1e-11)
 
 
-def test_coefficients_are_named_after_what_they_are_built_on(model):
-    coefficients = base_coefficients(model)
+def test_coefficients_are_named_after_what_they_are_built_on(model, coefficients):
     r = len(coefficients)
     assert len(set(coefficients.names)) == len(set(coefficients.expressions)) == len(coefficients.units) == r
     assert list(coefficients.names) == [model.parameters[k].name for k in coefficients.kept]
@@ -137,8 +152,8 @@ def test_coefficients_are_named_after_what_they_are_built_on(model):
     assert all(np.diff(coefficients.kept) > 0)
 
 
-def test_another_seed_finds_the_same(model):
-    first, second = base_coefficients(model, seed=0), base_coefficients(model, seed=11)
+def test_another_seed_finds_the_same(model, coefficients):
+    first, second = coefficients, base_coefficients(model, seed=11)
     assert first.expressions == second.expressions
     np.testing.assert_allclose(first.projection, second.projection, rtol=0, atol=1e-9)
 
@@ -187,8 +202,8 @@ def test_efforts_of_both_models_depend_on_the_coefficients_of_both(name):
         assert_close(columns[:, :, both.kept] @ both.project(theta), columns @ theta, 1e-9)
 
 
-def test_an_earlier_model_of_the_same_structure_changes_nothing(model):
-    alone, both = base_coefficients(model), base_coefficients(model, earlier=model)
+def test_an_earlier_model_of_the_same_structure_changes_nothing(model, coefficients):
+    alone, both = coefficients, base_coefficients(model, earlier=model)
     assert alone.names == both.names
     np.testing.assert_allclose(alone.projection, both.projection, rtol=0, atol=1e-8)
 

@@ -34,7 +34,7 @@ def test_one_dimension_matches_quadrature(theta, rng):
 @pytest.mark.parametrize("theta", [(0.5, 0.2), (1.5, -1.0)])
 def test_two_dimensions_match_quadrature(theta, rng):
     target = simulate(target_in(disc(), np.zeros(2)), np.array(theta), np.zeros(1), rng, rows=20, segments=5)
-    axes = [np.linspace(-1, 1, 800), np.linspace(-0.3, 1, 520), np.linspace(-1.2, 1.2, 40)]
+    axes = [np.linspace(-1, 1, 800), np.linspace(-0.3, 1, 520), np.linspace(-1.2, 1.2, 20)]
     exact = quadrature(target, axes)[0]
     draws = sample(target, np.array(theta), Sampling(walkers=32))
     mass = integrate(target, draws, MANY)

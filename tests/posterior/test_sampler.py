@@ -26,7 +26,7 @@ def test_runs_until_converged(rng):
     assert draws.theta.shape == (draws.sweeps, 4, 16, 2)
     assert draws.log_density.shape == draws.theta.shape[:3]
     assert np.allclose(target.log_density(draws.coordinates), draws.log_density.ravel())
-    axes = [np.linspace(-1, 1, 80), np.linspace(-0.3, 1, 80), np.linspace(-1, 1, 41), np.linspace(-1, 1, 41)]
+    axes = [np.linspace(-1, 1, 80), np.linspace(-0.3, 1, 80), np.linspace(-1, 1, 21), np.linspace(-1, 1, 21)]
     _, mean, sd = quadrature(target, axes)
     assert np.all(np.abs(draws.coordinates.mean(axis=0) - mean) < 0.2 * sd)
 

@@ -15,7 +15,16 @@ from bayesid.cli import main
 from bayesid.errors import InputError
 from bayesid.motion import Motion
 
+pytestmark = pytest.mark.usefixtures("any_motion")
+
 FOLDERS = sorted((Path(__file__).parent / "earlier").iterdir())
+OTHER = """convention = "standard"
+name = "another"
+joints = [
+  {a = 0.0, alpha = 1.2, d = 0.4, theta = 0.0},
+  {a = 0.35, alpha = 0.0, d = 0.1, theta = 0.3},
+]
+"""
 
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
@@ -46,9 +55,9 @@ def test_findings_load_or_say_how_to_write_them_anew():
 def test_an_earlier_result_makes_room_for_a_new_one(folder, tmp_path, monkeypatch):
     shutil.copytree(folder, tmp_path / "result")
     monkeypatch.chdir(tmp_path)
-    simulate = "simulate --robot kr5 --duration 4 --out log.csv --quiet"
-    assert main(simulate.split()) == 0
-    run = "identify log.csv --robot kr5 --no-posterior --no-report --complete off --search beam --quiet --out result"
-    assert main(run.split()) == 0
-    assert bayesid.load_model("result").model.robot.name == "kuka_kr5_sixx_r650"
+    (tmp_path / "other.toml").write_text(OTHER)
+    assert main(["simulate", "--robot", "other.toml", "--duration", "4", "--out", "log.csv", "--quiet"]) == 0
+    run = "identify log.csv --robot other.toml --no-posterior --no-report --complete off --search beam --out result"
+    assert main([*run.split(), "--quiet"]) == 0
+    assert bayesid.load_model("result").model.robot.name == "another"
     assert not (tmp_path / "result" / "posterior.nc").exists()

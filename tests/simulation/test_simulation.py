@@ -19,6 +19,8 @@ from bayesid.simulation.paper import nominal_parameters, paper_model
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import HARMONICS, random_trajectory
 
+pytestmark = pytest.mark.usefixtures("any_motion")
+
 ROBOTS = ("kr5", "ur10e", "panda", "tx40")
 
 
@@ -249,18 +251,6 @@ OUT_OF_REACH = {
     ("base_tilt", 4, 0.3),
     ("base_tilt", 6, 0.3),  # the wrist is light
 }
-
-
-@pytest.fixture(autouse=True, scope="module")
-def any_motion():
-    """No search for a good trajectory."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            simulation,
-            "exciting_trajectory",
-            lambda model, _, duration, seed: random_trajectory(model.robot.n_joints, duration, seed=seed),
-        )
-        yield
 
 
 @cache

@@ -1,10 +1,12 @@
 """Relevance: against densities worked out on a grid, and directions that the model stands for itself."""
 
+from functools import cached_property
+
 import numpy as np
 import pytest
-from scipy.linalg import null_space
+from scipy.linalg import null_space, solve_triangular
 from scipy.optimize import approx_fprime
-from scipy.stats import multivariate_normal, t
+from scipy.stats import t
 
 from bayesid.fit.effects.relevance import Group, inverse_of, learn_scales
 
@@ -34,19 +36,22 @@ class Case:
             start += len(sd)
         return learn_scales(columns.T @ columns, columns.T @ self.effort, groups, FREE)
 
+    @cached_property
+    def left(self):
+        """What the model's columns cannot make."""
+        return null_space(self.model.T)
+
     def log_density(self, scales):
-        """Of what of the efforts the model's columns cannot make."""
-        left = null_space(self.model.T)
-        rows = (
-            left.T
-            @ np.hstack(self.rows)
-            * np.concatenate([sd * scale for sd, scale in zip(self.sds, scales, strict=True)])
-        )
-        return multivariate_normal(None, np.eye(len(rows)) + rows @ rows.T).logpdf(left.T @ self.effort)
+        """Of what of the efforts the model's columns cannot make: a normal one, by its covariance's triangular root."""
+        sd = np.concatenate([sd * scale for sd, scale in zip(self.sds, scales, strict=True)])
+        rows, effort = self.left.T @ np.hstack(self.rows) * sd, self.left.T @ self.effort
+        root = np.linalg.cholesky(np.eye(len(rows)) + rows @ rows.T)
+        white = solve_triangular(root, effort, lower=True)
+        return -0.5 * (white @ white) - np.log(np.diag(root)).sum() - 0.5 * len(rows) * np.log(2.0 * np.pi)
 
     def posterior(self, scales):
         """Mean and covariance of all amplitudes, given their scales."""
-        left = null_space(self.model.T)
+        left = self.left
         rows = left.T @ np.hstack(self.rows)
         sd = np.concatenate([sd * scale for sd, scale in zip(self.sds, scales, strict=True)])
         covariance = np.linalg.inv(rows.T @ rows + np.diag(sd**-2.0))
@@ -129,7 +134,8 @@ def test_what_is_there_in_any_case_has_the_mean_square_that_belief_and_log_leave
     case = Case([[1.0, 0.5, 2.0], [0.5]], [amplitude * np.array([0.9, -0.6, 1.7]), [1.3]], seed=6, there=[True, False])
     found = case.learned()
     grid = np.linspace(0.005, 20.0, 2000)
-    densities = np.array([case.log_density([s, found.scales[1]]) + t(4, scale=np.sqrt(0.5)).logpdf(s) for s in grid])
+    densities = np.array([case.log_density([s, found.scales[1]]) for s in grid])
+    densities += t(4, scale=np.sqrt(0.5)).logpdf(grid)
     weight = np.exp(densities - densities.max())
     assert found.scales[0] == pytest.approx(np.sqrt(weight @ grid**2 / weight.sum()), rel=0.02)
     assert (found.scales[0] < 1.0) == (amplitude < 1.0)
