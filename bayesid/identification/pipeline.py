@@ -378,7 +378,7 @@ def _average_over_draws(averaged: AveragedSigns, posterior: Posterior, progress:
     evidence = averaged.asked.evidence
     signals = evidence.signals
     draws, log_scale = posterior.spread(_SMOOTHED)
-    predicted = np.stack([evidence.model.effort(signals.motion, theta) for theta in draws], axis=2)
+    predicted = evidence.model.effort(signals.motion, draws.T)
     noise = averaged.asked.fit.noise.scaled(np.exp(log_scale.mean(axis=0)))
     known = evidence.moving & signals.inner  # accelerations at both ends are no better known than friction at rest
     return sign_probabilities(signals, predicted, known, noise, progress.steps("signs of samples"))

@@ -206,14 +206,15 @@ class Model:
         return FeltColumns.of(self.columns(motion[first:last])[rows.start - first : rows.stop - first])
 
     def effort(self, motion: Motion, theta: Array) -> Array:
-        """(N, n) actuator efforts as they are read, N m, of the parameters theta (P,).
+        """(N, n) actuator efforts as they are read, N m, of the parameters theta (P,); (N, n, K) of K of them (P, K).
 
         Example:
             >>> effort = model.effort(motion, theta)
             >>> effort.shape  # N m
             (201, 3)
         """
-        return self.read(np.concatenate([columns @ theta for _, columns in self.chunks(motion)]))
+        effort = np.concatenate([columns @ theta for _, columns in self.chunks(motion)])
+        return self.read(effort) if theta.ndim == 1 else np.stack([*map(self.read, np.moveaxis(effort, 2, 0))], axis=2)
 
     def read(self, effort: Array) -> Array:
         """(N, n) what sensors read of efforts (N, n), N m.

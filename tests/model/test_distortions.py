@@ -332,6 +332,15 @@ def test_distortions_of_rows_come_before_those_of_readings(arm):
     assert_close(found, expected, 20 * 5 / 384 * (FASTEST / RATE) ** 4)
 
 
+def test_several_parameters_have_the_efforts_of_each(arm, distortion):
+    model = arm.model.extend(distortion)
+    several = np.stack([arm.theta, 0.5 * arm.theta, -arm.theta[::-1]], axis=1)
+    efforts = model.effort(arm.motion, several)
+    assert efforts.shape == (*arm.effort.shape, 3)
+    for k, theta in enumerate(several.T):
+        assert_close(efforts[..., k], model.effort(arm.motion, theta), 1e-13)
+
+
 def test_chunks_have_the_columns_of_the_whole(monkeypatch, arm, distortion):
     """A spline feels its end less by `DECAY` with every knot from there; the error at the end is of fourth order."""
     model = arm.model.extend(distortion)
