@@ -57,7 +57,7 @@ from bayesid.model.robot import load_robot
 from bayesid.posterior.diagnostics import Diagnostics, diagnose
 from bayesid.posterior.moves import Conditional
 from bayesid.posterior.sampler import Sampling, sample
-from bayesid.posterior.start import body_blocks, find_centre, spread_walkers
+from bayesid.posterior.start import HOT_SWEEPS, body_blocks, find_centre, spread_walkers
 from bayesid.posterior.target import Target
 from bayesid.simulation.logs import simulate_log
 from bayesid.studies.benchmarks.problems import Check, Table
@@ -219,13 +219,11 @@ def _outcome(name: str, target: Target, coordinates: Array, clock: tuple[float, 
 # ---------------------------------------------------------------------------------------------------------------
 def bayesid_sampler(problem: Problem, seconds: float, seed: int) -> Outcome:
     """The sampler of `bayesid.posterior`, until it has converged."""
-    ends: list[float] = []
-    clock = Clock()
-    draws = sample(
-        problem.target, problem.theta, Sampling(budget=seconds, seed=seed), lambda *_: ends.append(clock.wall)
-    )
-    spent = clock.wall, clock.cpu
-    warm = max(0.0, 2.0 * ends[0] - ends[1])  # the first sweep that counts takes as long as the second
+    told: list[tuple[int, float]] = []
+    clock, sampling = Clock(), Sampling(budget=seconds, seed=seed)
+    draws = sample(problem.target, problem.theta, sampling, lambda done, _: told.append((done, clock.wall)))
+    spent, before, (done, wall) = (clock.wall, clock.cpu), HOT_SWEEPS + sampling.warm_up, told[0]
+    warm = wall * before / (before + done)  # sweeps of the warm-up take as long as those that count
     coordinates = np.concatenate([draws.theta, draws.log_scale], axis=-1)
     return _outcome("bayesid", problem.target, coordinates, (warm, *spent), f"{draws.sweeps} sweeps")
 

@@ -122,7 +122,7 @@ def identification_page(findings: Findings, progress: Progress = SILENT) -> str:
         "effect_headings": [heading[0].upper() + heading[1:] for heading in EFFECT_HEADINGS],
     }
     parts = (_torques, _doubts, _coefficients, _posterior, _residuals, _proof, _validation, _run)
-    for more in in_parallel([partial(part, findings) for part in parts], progress.steps("report")):
+    for more in in_parallel([partial(part, findings) for part in parts], partial(progress, "report")):
         content |= more
     subject = f"{summary.robot}, {summary.log}"
     return render("identification.html.jinja", "Identification", subject, script="zoom.js", **content)
