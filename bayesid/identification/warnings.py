@@ -188,7 +188,8 @@ def _edge_warning(fit: Fit, n_links: int) -> list[str]:
     if not on_edge:
         return []
     links, carried = [k for k in on_edge if k <= n_links], on_edge[-1] > n_links
-    parts = [f"masses, centres of mass and inertias of link {', '.join(map(str, links))}"] if links else []
+    named = f"link{'s' * (len(links) > 1)} {', '.join(map(str, links))}"
+    parts = [f"masses, centres of mass and inertias of {named}"] if links else []
     parts += ["inertias of what the last link carries"] if carried else []
     return [
         f"single {', and '.join(parts)} cannot be trusted one by one: the "
@@ -203,7 +204,8 @@ def _search_warnings(signs: SegmentSigns) -> list[str]:
         gap = f"{not_ruled_out(search.cost - search.lower_bound, search.cost)}; give more --search-budget"
         warnings.append(f"the signs are not proven to be the best: {WITHHELD.get(search.withheld, gap)}")
     if signs.unsplit:
-        warnings.append(f"{signs.unsplit} segments still cross zero after {signs.rounds} searches")
+        segments = "1 segment still crosses" if signs.unsplit == 1 else f"{signs.unsplit} segments still cross"
+        warnings.append(f"{segments} zero after {signs.rounds} searches")
     return warnings
 
 

@@ -93,7 +93,7 @@ def test_nothing_wrong_is_nothing_said(log):
         ({"fit": fit_with(sd=(0.3, np.inf, np.inf))}, "the log does not excite 2 coefficients"),
         (
             {"fit": fit_with(on_edge=(True, True, False))},
-            "single masses, centres of mass and inertias of link 1, 2 cannot be trusted one by one: the fit pressed "
+            "single masses, centres of mass and inertias of links 1, 2 cannot be trusted one by one: the fit pressed "
             "them to the edge of what is physically possible (coefficients and predicted efforts are not touched); "
             "state what is known of them by --nominal",
         ),
@@ -113,6 +113,7 @@ def test_nothing_wrong_is_nothing_said(log):
         ),
         ({"posterior": posterior_with(excluded=0.83)}, "the search excludes signs of up to 83% of a joint's effort"),
         ({"settled": SimpleNamespace(signs=signs_with(unsplit=3))}, "3 segments still cross zero after 4 searches"),
+        ({"settled": SimpleNamespace(signs=signs_with(unsplit=1))}, "1 segment still crosses zero after 4 searches"),
         ({"doubt": (0.0, 0.3)}, "confidences of joint 2 are lowered, to 0.85 at worst"),
         (
             {"posterior": posterior_with(weights=(0.7, 0.3))},
