@@ -29,6 +29,8 @@ _WHOSE = {MODELS_RESIDUAL: "earlier model's", REFIT: "refitted model's"}
 """Own error a floor may be, by where it was taken from."""
 _CHANGE = "change of "
 """Begins the names of what a parameter has changed by."""
+_SURELY = 1.96
+"""Standard deviations by which a parameter has surely changed: outside of its 95 % interval."""
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -243,12 +245,19 @@ def _plainly(added: AddedEffect, numbers: Mapping[str, str]) -> str:
 
 
 def _change(discrepancy: Discrepancy, added: AddedEffect) -> str:
-    """Joint 3's Coulomb friction has changed: 9.1 -> 7.3 +- 0.5 N m."""
+    """Joint 3's Coulomb friction has changed: 9.1 -> 7.3 +- 0.5 N m.
+
+    Free to change, it explains the log; identified again beside all else it may still be what it was.
+    """
     source, numbers = added.hypothesis.source, _numbers(discrepancy, added)
     whose = f"{upper(joints_in_words(added.joints))}'s" if len(added.joints) == 1 else "The"
     where = f" of {joints_in_words(added.joints)}" if len(added.joints) > 1 else ""
     chosen = {source.phrase.size: numbers[source.phrase.size]} if source.phrase.size in numbers else numbers
     parts = [f"{symbol} " * (len(chosen) > 1) + text for symbol, text in chosen.items()]
+    changes = [number for name, number in added.parameters.items() if name.startswith(_CHANGE)]
+    if changes and all(abs(change) < _SURELY * sd for change, sd, _ in changes):  # False where the sd is not known
+        unsure = f"was free to change, and has not surely done so ({listed(parts)}): what resembles it may have"
+        return f"{whose} {label(source.name)}{where} {unsure}."
     return f"{whose} {label(source.name)}{where} has changed{f': {listed(parts)}' if parts else ''}."
 
 

@@ -287,6 +287,12 @@ def test_changes_of_what_the_model_had_are_told_as_changes():
     parameters = {"Fc2": (2.3, 0.1, "N m"), "change of Fc2": (0.4, 0.1, "N m")}
     said = paragraph(make(added=(found(friction(), parameters, changes=("Fc2",)),)))
     assert said.startswith("Joint 2's Coulomb friction has changed: 1.90 -> 2.30 +- 0.10 N m.")
+    parameters = {"Fc2": (2.3, 0.1, "N m"), "change of Fc2": (-0.19, 0.1, "N m")}
+    said = paragraph(make(added=(found(friction(), parameters, changes=("Fc2",)),)))
+    assert said.startswith(
+        "Joint 2's Coulomb friction was free to change, and has not surely done so (2.49 -> 2.30 +- "
+    )
+    assert "has changed" not in said
     sizes = ("", 2.5), ("change of ", -0.5)
     body = {f"{sign}{name}p3": (value, np.nan, "kg") for sign, value in sizes for name in ("Jxx", "mcx", "m")}
     said = paragraph(make(added=(found(Payload(), body, changes=("mp3",)),)))
