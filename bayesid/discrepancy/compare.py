@@ -34,7 +34,13 @@ _SHORTEST_PERIOD = 1.0
 """s; a repeated motion lasts longer than this: whatever is shorter is a pause."""
 REPEATED, MODELS_RESIDUAL = "repeated periods", "earlier model's residual"
 REFIT, FAST_PART = "refit with standard effects", "fast part of the residual"
+SMOOTHED = "fast part of the residual of a log that was low-passed"
 """Where a noise floor is taken from."""
+_SMOOTH = 1.5
+"""Exponent of the lag by which squared differences grow, from which on something is smoother than model errors are: 0
+for white noise, 1 for a random walk, 2 for what has passed a low-pass and is looked at more finely than that."""
+_LONGEST_LAG = 0.1
+"""s; what changes more slowly is model error, however smooth: friction turns round within a tenth of a second."""
 _BINS = 12
 """Of a variable, with equally many samples each; a round number, for display."""
 _MOST_SHARE = 0.25
@@ -163,12 +169,13 @@ def noise_floor(
     """
     repeated = _between_periods(trial) if trial.repeated is None else trial.repeated
     sharp = earlier.sigma < thresholds.good_fit * trial.rms(trial.magnitude)
-    fast = np.maximum(_fast_part(residual, trial.used), _LEAST_FLOOR * earlier.sigma)
+    lag = _lag_of_noise(residual, trial.used, trial.signals.rate)
+    fast = np.maximum(np.sqrt(_half_square(residual, trial.used, lag)), _LEAST_FLOOR * earlier.sigma)
     largest = thresholds.white_growth * earlier.white
     white = np.where(sharp, np.maximum(earlier.white, np.minimum(fast, largest)), fast)
     coloured = np.where(sharp, earlier.coloured, fast)
     rms = np.where(sharp, np.hypot(white, earlier.coloured), fast if refit is None else refit)
-    blunt = FAST_PART if refit is None else REFIT
+    blunt = REFIT if refit is not None else FAST_PART if lag == 1 else SMOOTHED
     origin = tuple(MODELS_RESIDUAL if good else blunt for good in sharp)
     lasting = rms > thresholds.above_floor * white  # over the white noise alone it would be a finding itself
     if repeated is not None:
@@ -181,11 +188,37 @@ def noise_floor(
     return NoiseFloor(rms, origin, limits, sharp, np.minimum(white, rms), lasting)
 
 
-def _fast_part(residual: Array, used: Mask) -> Array:
-    """(n,) sd of what changes from sample to sample: the root of half the mean squared difference of neighbours."""
-    pairs = used[1:] & used[:-1]
-    square = (np.diff(residual, axis=0) ** 2 * pairs).sum(axis=0) / np.maximum(pairs.sum(axis=0), 1)
-    return np.sqrt(0.5 * square)
+def _lag_of_noise(residual: Array, used: Mask, rate: float) -> int:
+    """Samples over which noise changes: 1, but more where somebody has low-passed the log.
+
+    There neighbours differ by what the filter has left, a small part of the noise. Whatever is smooth at a lag, as by
+    the exponent of its squared differences, is looked at over a longer one. They are told by their medians, for where a
+    hidden sign is taken for the other one the residual jumps; a filter is one for all joints.
+    """
+    lag = 1
+    while lag < int(_LONGEST_LAG * rate):
+        near, far = _typical_square(residual, used, lag), _typical_square(residual, used, 2 * lag)
+        moved = near > 0.0
+        if not moved.any() or np.median(np.log2(np.maximum(far[moved], _TINY) / near[moved])) <= _SMOOTH:
+            break
+        lag += 1
+    return lag
+
+
+def _typical_square(residual: Array, used: Mask, lag: int) -> Array:
+    """(n,) median squared difference of samples so far apart, (N m)^2; 0 where there are none."""
+    squares, pairs = (residual[lag:] - residual[:-lag]) ** 2, used[lag:] & used[:-lag]
+    return np.array(
+        [np.median(square[pair]) if pair.any() else 0.0 for square, pair in zip(squares.T, pairs.T, strict=True)]
+    )
+
+
+def _half_square(residual: Array, used: Mask, lag: int) -> Array:
+    """(n,) half the mean squared difference of samples so far apart, (N m)^2: the variance of white noise."""
+    pairs = used[lag:] & used[:-lag]
+    square = ((residual[lag:] - residual[:-lag]) ** 2 * pairs).sum(axis=0)
+    half: Array = 0.5 * square / np.maximum(pairs.sum(axis=0), 1)
+    return half
 
 
 def _between_periods(trial: Trial) -> Array | None:

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from conftest import small_robot, smooth_motion
+from scipy.signal import butter, sosfiltfilt
 
 from bayesid.discrepancy import compare
 from bayesid.discrepancy.compare import Trial, make_trial, noise_floor, shortened, where_it_shows
@@ -209,6 +210,32 @@ def test_the_fast_part_is_that_of_white_noise_whatever_lasts():
         noise_of((99.0, 99.0), (99.0, 99.0)),
     )
     np.testing.assert_allclose(floor.rms, [0.3, 2.0], rtol=0.06)
+
+
+@pytest.mark.parametrize(("cutoff", "order"), [(8.0, 2), (4.0, 2), (8.0, 4)])
+def test_of_a_low_passed_log_neighbours_do_not_tell_the_noise(cutoff, order):
+    """Half the mean squared difference of filtered noise is sd^2 (1 - r), r its correlation at the lag: next to nothing
+    between neighbours, where it grows as lag^2. A hidden sign that is taken for the other one is a jump."""
+    trial, _ = other_trial(noise_of((0.3, 2.0), (0.5, 0.2)))
+    rng = np.random.default_rng(6)
+    white = np.array([0.3, 2.0]) * rng.standard_normal((len(trial.used), 2))
+    passed = sosfiltfilt(butter(order, cutoff, fs=RATE, output="sos"), white, axis=0)
+    passed[rng.random(len(passed)) < 0.02] *= -1.0
+    floor = noise_floor(trial, passed, noise_of(*[0.6 * rms(trial.signals.raw_effort)] * 2))
+    assert floor.origin == ("fast part of the residual of a log that was low-passed",) * 2
+    share = floor.rms / passed.std(axis=0)
+    assert np.all((share > 0.4) & (share < 1.0))
+
+
+def test_slow_model_errors_are_no_low_pass():
+    """A slow residual of 20 times the noise, a random walk beside it: neighbours still tell the noise."""
+    trial, _ = other_trial(noise_of((0.3, 2.0), (0.5, 0.2)))
+    t, rng = trial.signals.motion.t, np.random.default_rng(3)
+    white = np.array([0.3, 2.0]) * rng.standard_normal((len(t), 2))
+    walk = 0.3 * np.cumsum(white, axis=0)
+    floor = noise_floor(trial, 20.0 * np.sin(t)[:, None] + walk + white, noise_of((99.0, 99.0), (99.0, 99.0)))
+    assert floor.origin == ("fast part of the residual",) * 2
+    np.testing.assert_allclose(floor.rms, np.array([0.3, 2.0]) * np.sqrt(1.0 + 0.5 * 0.3**2 + 0.3), rtol=0.1)
 
 
 def test_a_floor_most_of_which_lasts_is_a_models_residual():
