@@ -44,8 +44,8 @@ _HERE = re.sub(r"\W", "_", socket.gethostname())
 
 _BLOCK = 10_000
 """Rows that are made at once of a table that is written: it costs memory alone."""
-_TOGETHER = 16
-"""Such blocks that processors make together, some 40 MB of text. A round number."""
+_TOGETHER = 8
+"""Such blocks that processors make together, some 20 MB of text. A round number."""
 
 
 def replace_file(path: Path, write: Callable[[Path], object]) -> None:

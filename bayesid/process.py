@@ -94,11 +94,7 @@ _sharing = False
 
 
 def in_parallel(
-    tasks: Sequence[Callable[[], Result]],
-    done: Steps = no_steps,
-    *,
-    known: Sequence[object] = (),
-    worth_it: bool = True,
+    tasks: Sequence[Callable[[], Result]], done: Steps = no_steps, *, known: Sequence[object] = ()
 ) -> list[Result]:
     """What every task returns, in their order.
 
@@ -109,7 +105,6 @@ def in_parallel(
         tasks: that change nothing; what they return is pickled. Each should take far longer than 10 ms.
         done: called as done(tasks done, tasks), as far as this process sees.
         known: objects that results may hold: they are not pickled, but are the same ones again.
-        worth_it: whether the tasks are long enough; else they are done one by one.
 
     Raises:
         Exception: whatever the first task that failed has raised.
@@ -119,7 +114,7 @@ def in_parallel(
         >>> in_parallel([partial(pow, 2, 3), partial(pow, 3, 2)])
         [8, 9]
     """
-    copies = min(len(tasks), processors()) - 1 if worth_it and len(tasks) <= _MOST and _may_be_copied() else 0
+    copies = min(len(tasks), processors()) - 1 if len(tasks) <= _MOST and _may_be_copied() else 0
     if copies < 1:
         return _one_by_one(tasks, done)
     with _numbers(len(tasks)) as numbers, _Copies(known) as others:

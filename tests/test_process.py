@@ -1,6 +1,5 @@
 """Threads of one process: what they share stays as it was, and each computes what it would alone."""
 
-import os
 import re
 import threading
 import warnings
@@ -16,7 +15,7 @@ import bayesid
 from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
 from bayesid.posterior.sampler import Sampling
-from bayesid.process import in_parallel, one_blas_thread, quiet
+from bayesid.process import one_blas_thread, quiet
 from bayesid.report.findings import find_findings
 from bayesid.report.pages.identification_page import identification_page
 from bayesid.simulation.logs import simulate
@@ -108,8 +107,3 @@ def test_threads_give_what_one_gives(seeds):
         assert len(found[-1]) > 3
         assert found[-1] == alone[seed][-1]
     assert shared() == before
-
-
-def test_short_tasks_are_done_here(monkeypatch):
-    monkeypatch.setenv("OMP_NUM_THREADS", "2")
-    assert in_parallel([os.getpid] * 6, worth_it=False) == [os.getpid()] * 6

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -20,7 +19,6 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.motion import STANDSTILL
-from bayesid.process import in_parallel
 
 _TIMES = 5.0
 """An effort or a velocity this many times all but one of its neighbours is an outlier. The brake at the end of a log of
@@ -54,8 +52,6 @@ _PAST_BLIND = 3.0
 not studied."""
 _BLOCK = 1 << 14
 """Readings that are compared with their neighbours at once, in a processor's cache. It costs time and memory alone."""
-WORTH_SHARING = 100_000
-"""Rows from which on processors share a log's joints: each takes 50 ms and more. A round number."""
 _NAMED = 3
 """Instants that a line names."""
 
@@ -140,20 +136,17 @@ def find_faults(t: Array, q: Array, effort: Array, dq: Array | None = None) -> t
         effort: (N, n) efforts, or their absolute values.
         dq: (N, n) measured velocities, or None.
     """
-
-    def of_joint(j: int) -> list[Fault]:
+    faults: list[Fault] = []
+    for j in range(q.shape[1]):
         jumps = _jumps(t, q[:, j])
         stopped = _stopped(t, without(t, q[:, j], _all_but(len(t), jumps)))
-        faults = _named(t, j, "position", {"outlier": jumps, "held": stopped})
+        faults += _named(t, j, "position", {"outlier": jumps, "held": stopped})
         position = without(t, q[:, j], _all_but(len(t), np.concatenate([jumps, stopped])))
         speed = np.abs(np.gradient(position, t))
         if dq is not None:
             faults += _named(t, j, "velocity", {"outlier": _peaks(t, dq[:, j])})
-        outliers = {"outlier": _peaks(t, effort[:, j])}
-        return faults + _named(t, j, "effort", {**outliers, **_dropouts(t, effort[:, j], speed)})
-
-    joints = in_parallel([partial(of_joint, j) for j in range(q.shape[1])], worth_it=len(t) > WORTH_SHARING)
-    return tuple(fault for faults in joints for fault in faults)
+        faults += _named(t, j, "effort", {"outlier": _peaks(t, effort[:, j]), **_dropouts(t, effort[:, j], speed)})
+    return tuple(faults)
 
 
 def lost_rows(t: Array, q: Array, effort: Array, dq: Array | None = None) -> tuple[Integers, tuple[Fault, ...]]:

@@ -7,27 +7,23 @@ does need quiet accelerations. So the motion passes a zero-phase low-pass at the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import partial
 from itertools import repeat
-from typing import TypeVar
 
 import numpy as np
 import scipy
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.errors import InputError
-from bayesid.log.faults import WORTH_SHARING, Fault, find_faults, lost_rows, without
+from bayesid.log.faults import Fault, find_faults, lost_rows, without
 from bayesid.log.formats.table import FEWEST_ROWS
 from bayesid.log.log import Log
 from bayesid.log.low_pass import AfterRectifier
 from bayesid.log.motions import RecordedMotion
 from bayesid.log.repeats import HELD, distinct_rows
 from bayesid.motion import Motion
-from bayesid.process import in_parallel
 
-Result = TypeVar("Result")
 _ORDER = 4
 """Butterworth order; run forwards and backwards, so the attenuation is that of twice the order. The field's custom."""
 _ENCODER = 1e-3
@@ -160,14 +156,12 @@ def prepare(log: Log, cutoff: float | None = None) -> Signals:
 
 def _efforts(even: _EvenMotion, recorded: Array, signed: Mask, cutoff: float, kept: slice) -> tuple[Array, Array]:
     """(N, n) kept efforts on the even grid, N m, as they are and after the light low-pass, from those of K rows."""
-
-    def of_joint(reading: Array, has_sign: bool) -> tuple[Array, Array]:
+    raw, filtered = [], []
+    for reading, has_sign in zip(recorded.T, signed, strict=True):  # one joint at a time, for memory
         effort = scipy.interpolate.PchipInterpolator(even.t, reading)(even.grid)
         effort = effort if has_sign else np.maximum(effort, 0.0)
-        return effort[kept].copy(), lowpass(effort, _effort_cutoff(cutoff, even.rate), even.rate)[kept].copy()
-
-    joints = [partial(of_joint, *joint) for joint in zip(recorded.T, signed.tolist(), strict=True)]
-    raw, filtered = zip(*in_parallel(joints, worth_it=len(even.grid) > WORTH_SHARING), strict=True)
+        raw.append(effort[kept].copy())
+        filtered.append(lowpass(effort, _effort_cutoff(cutoff, even.rate), even.rate)[kept].copy())
     return np.stack(raw, axis=1), np.stack(filtered, axis=1)
 
 
@@ -294,16 +288,12 @@ class _EvenMotion:
     grid: Array
     rate: float
 
-    def of_joints(self, what: Callable[[Array, Array | None], Result]) -> list[Result]:
-        """What becomes of (N,) positions of each joint, rad, and (N,) velocities, rad/s, or None; not filtered."""
-
-        def of_joint(q: Array, dq: Array | None) -> Result:
-            even = None if dq is None else scipy.interpolate.PchipInterpolator(self.t, dq)(self.grid)
-            return what(scipy.interpolate.CubicSpline(self.t, q)(self.grid), even)
-
+    def joints(self) -> Iterator[tuple[Array, Array | None]]:
+        """(N,) positions of each joint, rad, and (N,) its measured velocities, rad/s, or None; not filtered."""
         measured = repeat(None) if self.recorded.dq is None else self.recorded.dq.T
-        joints = [partial(of_joint, *joint) for joint in zip(self.recorded.q.T, measured, strict=False)]
-        return in_parallel(joints, worth_it=len(self.grid) > WORTH_SHARING)
+        for q, dq in zip(self.recorded.q.T, measured, strict=False):
+            even = None if dq is None else scipy.interpolate.PchipInterpolator(self.t, dq)(self.grid)
+            yield scipy.interpolate.CubicSpline(self.t, q)(self.grid), even
 
     def cutoff(self, asked: float | None) -> float:
         """The one asked for, or one by the data.
@@ -311,9 +301,7 @@ class _EvenMotion:
         Raises:
             InputError: it lies beyond the Nyquist frequency.
         """
-        cutoff = asked
-        if cutoff is None:
-            cutoff = _cutoff_for(self.of_joints(partial(_bandwidth, rate=self.rate)), self.rate)
+        cutoff = _choose_cutoff(self.joints(), self.rate) if asked is None else asked
         if not 0.0 < cutoff < self.rate / 2:
             remedy = f"give a value between 0 and {self.rate / 2:g} Hz, half the log's rate"
             raise InputError(f"a cut-off of {cutoff:g} Hz does not suit a log of {self.rate:g} Hz", "--cutoff", remedy)
@@ -321,11 +309,7 @@ class _EvenMotion:
 
     def smooth(self, cutoff: float, kept: slice = slice(None)) -> Motion:
         """The low-passed motion at the instants that are kept, differentiated."""
-
-        def smooth(q: Array, dq: Array | None) -> list[Array]:
-            return [part[kept].copy() for part in self._smooth(q, dq, cutoff)]
-
-        columns = self.of_joints(smooth)
+        columns = [[part[kept].copy() for part in self._smooth(*joint, cutoff)] for joint in self.joints()]
         q, dq, ddq = (np.stack(part, axis=1) for part in zip(*columns, strict=True))
         return Motion(self.grid[kept], q, dq, ddq)
 
@@ -415,19 +399,17 @@ def choose_cutoff(q: Array, dq: Array | None, rate: float) -> float:
     That is :eq:`motion-cutoff`. Torques hold harmonics of the motion (products of velocities), hence a filter well
     above the motion's own bandwidth (Gautier, Khalil, "Exciting trajectories", 1992, take five to ten times).
     """
-    joints = zip(q.T, repeat(None) if dq is None else dq.T, strict=False)
-    return _cutoff_for([_bandwidth(*joint, rate) for joint in joints], rate)
+    return _choose_cutoff(zip(q.T, repeat(None) if dq is None else dq.T, strict=False), rate)
 
 
-def _cutoff_for(bandwidths: Sequence[float], rate: float) -> float:
-    """By the bandwidth of each joint, Hz."""
+def _choose_cutoff(joints: Iterable[tuple[Array, Array | None]], rate: float) -> float:
+    """By (N,) positions of each joint, rad, and (N,) velocities, rad/s, or None."""
+    bandwidths = [_bandwidth(q, dq, rate) for q, dq in joints if not still_joints(q)]
     return float(np.clip(10.0 * max(bandwidths, default=0.0), min(_SLOWEST, 0.4 * rate), 0.4 * rate))
 
 
 def _bandwidth(q: Array, dq: Array | None, rate: float) -> float:
-    """Hz; the frequency below which 95 % of the energy of a joint's speed lies; 0 if it never moves."""
-    if still_joints(q):
-        return 0.0
+    """Hz; the frequency below which 95 % of the energy of a joint's speed lies."""
     velocity = np.gradient(q, 1.0 / rate) if dq is None else dq
     frequency, power = scipy.signal.periodogram(velocity - velocity.mean(), fs=rate)
     share = np.cumsum(power) / max(power.sum(), 1e-300)

@@ -223,23 +223,3 @@ def test_a_long_log_is_thinned_once_it_is_filtered(monkeypatch):
     np.testing.assert_array_equal(thin.raw_effort, whole.raw_effort[::7])
     assert thin.measured.shape == thin.effort.shape
     assert prepare(log, cutoff=40.0).rate == 250.0, "six samples a period of the cut-off stay"
-
-
-@pytest.mark.parametrize("measured", [False, True])
-def test_joints_of_long_logs_are_shared_between_processors(monkeypatch, measured):
-    motion = smooth_motion(3, 12.0, 100.0, seed=1)
-    effort = np.abs(motion.ddq) + 0.1
-    effort[400, 1] *= 300.0  # an outlier
-    log, found = make_log(motion, effort, dq=motion.dq if measured else None), []
-    for processors, worth in (("1", 100_000), ("2", 100)):
-        monkeypatch.setenv("OMP_NUM_THREADS", processors)
-        for module in ("signals", "faults"):
-            monkeypatch.setattr(f"bayesid.log.{module}.WORTH_SHARING", worth)
-        found.append(prepare(log))
-    alone, shared = found
-    assert [(fault.joint, fault.rows.tolist()) for fault in shared.faults] == [(1, [400])]
-    assert (shared.cutoff, str(shared.faults)) == (alone.cutoff, str(alone.faults))
-    for name in ("effort", "raw_effort", "measured"):
-        np.testing.assert_array_equal(getattr(shared, name), getattr(alone, name))
-    for name in ("q", "dq", "ddq"):
-        np.testing.assert_array_equal(getattr(shared.motion, name), getattr(alone.motion, name))
