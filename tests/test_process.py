@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import matplotlib as mpl
 import numpy as np
 import pytest
+import scipy.sparse  # noqa: F401, it changes the warnings where it is imported first
 from conftest import small_robot
 from threadpoolctl import threadpool_info
 
