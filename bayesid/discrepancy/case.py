@@ -64,14 +64,13 @@ class HeldBack:
 
     def errors(self, predicted: Array) -> HeldBackErrors:
         """What efforts (N, n), N m, leave of blocks of these data."""
-        used = self.trial.used
-        rows = np.flatnonzero(used.any(axis=1))
+        return HeldBackErrors(self.by_block(self.trial.residual(predicted) ** 2), self.by_block(self.trial.used))
+
+    def by_block(self, values: Array) -> Array:
+        """(blocks, ...) sums of values (N, ...) over blocks of these data."""
+        rows = np.flatnonzero(self.trial.used.any(axis=1))
         blocks = np.array_split(rows, blocks_of(len(rows) / self.trial.signals.rate))
-        squares = self.trial.residual(predicted) ** 2
-        return HeldBackErrors(
-            np.stack([squares[block].sum(axis=0) for block in blocks]),
-            np.stack([used[block].sum(axis=0) for block in blocks]),
-        )
+        return np.stack([values[block].sum(axis=0) for block in blocks])
 
 
 def divide(
@@ -85,6 +84,8 @@ def divide(
     if later is not None:
         check_holdout(model.robot, log, later)
         other = shortened(make_trial(model, prepare(later, cutoff), thresholds))
+        slowest = thresholds.clearly_moving * trial.actuators.standstill_speed  # of friction's form on the log
+        other = replace(other, used=other.used & (np.abs(other.actuators.dq) > slowest))
         return trial, HeldBack(other, later.source, another_log=True)
     block = np.minimum(np.arange(len(trial.used)) * BLOCKS // len(trial.used), BLOCKS - 1)
     held, signals = np.isin(block, HELD_BACK_BLOCKS)[:, None], trial.signals

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -12,13 +14,15 @@ import numpy as np
 from bayesid.arrays import Array, Mask
 from bayesid.discrepancy.case import Case
 from bayesid.discrepancy.compare import NoiseFloor, Trial
+from bayesid.discrepancy.sets import EffectSet, EffectSets, Forms
 from bayesid.fit.effects.added_effect import AddedEffect, weigh
 from bayesid.fit.effects.error_model import ErrorModel
 from bayesid.fit.effects.explanation import LN10, Explanation, Observations
 from bayesid.fit.effects.extension import Extension, extend
 from bayesid.fit.effects.forward import Candidate, Products, Rules, select_forward
-from bayesid.fit.effects.held_back import HeldBackErrors, bears_out
+from bayesid.fit.effects.held_back import HeldBackErrors, log_density, surely_better
 from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis, hypotheses
+from bayesid.fit.effects.joint_sets import joint_sets
 from bayesid.fit.effects.refinement import refined
 from bayesid.fit.effects.relinearisation import sharpened
 from bayesid.fit.effects.scores import Library, Score, assess, at_blunt_floor, best_forms, explain_with
@@ -27,34 +31,22 @@ from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.process import in_parallel
 from bayesid.progress import SILENT, Progress
 
+_POLISHED = 4
+"""Sets of one joint's effects that are looked at closely; a round number."""
+_BASES = 2
+"""Distortions that other effects are looked for beside, those that explain most by themselves; a round number."""
+_WHOLE = 3
+"""Effects of the whole robot, or rivals of an effect, that are looked at closely; a round number."""
+_NEARLY = 3.0 * LN10
+"""Log Bayes factor by which a rival may be behind, in the quick look, to be looked at closely; a round number."""
+_NOTICED = 0.5
+"""Nats by which other forms must be likelier to be worth another turn; a round number."""
 _SETTLINGS = 2
 """Times that signs and coefficients take turns before effects are looked for; a round number, not studied."""
 
 ON_LOG, HELD_BACK, GROWN = "log", "held-back data", "gap grew on held-back data"
 """Which data say that a joint stays unexplained: its residual on the log is above the floor, or that on held-back data;
 or identifying the model again has made it larger there."""
-
-
-@dataclass(frozen=True)
-class _Chosen:
-    """Effects, the explanation by them, and the log with its signs settled under it."""
-
-    effects: tuple[Hypothesis, ...]
-    explanation: Explanation
-    data: Observations
-
-    @property
-    def keys(self) -> set[EffectKey]:
-        """Effects and joints."""
-        return {effect.key for effect in self.effects}
-
-    def weighed(self, case: Case, library: Library, effect: Hypothesis) -> AddedEffect:
-        """One of the effects against all that could stand in its place."""
-        return weigh(self.data, library, self.effects, self.explanation, effect, case.uncertain)
-
-    def without(self, *gone: Hypothesis) -> tuple[Hypothesis, ...]:
-        """The effects but some."""
-        return tuple(effect for effect in self.effects if all(effect is not other for other in gone))
 
 
 @dataclass(frozen=True)
@@ -80,13 +72,17 @@ class Selection:
     data: Observations
     library: Library
     extension: Extension
-    rejected: tuple[tuple[_Chosen, Hypothesis], ...]
+    rejected: tuple[tuple[EffectSet, Hypothesis], ...]
 
     def weighed(self, case: Case) -> Weighed:
         """Its effects, and those that were rejected, against all that could stand in their places."""
-        chosen = _Chosen(self.hypotheses, self.explanation, self.data)
-        those = [*((chosen, effect) for effect in self.hypotheses), *self.rejected]
-        weigh_all: list[Callable[[], Any]] = [partial(some.weighed, case, self.library, one) for some, one in those]
+        data, explanation = self.data, self.explanation
+        of_chosen = [(data, self.hypotheses, explanation, effect) for effect in self.hypotheses]
+        of_others = [(some.data, some.effects, some.explanation, effect) for some, effect in self.rejected]
+        weigh_all: list[Callable[[], Any]] = [
+            partial(weigh, data, self.library, effects, explanation, effect, case.uncertain)
+            for data, effects, explanation, effect in [*of_chosen, *of_others]
+        ]
         known = [*_parts(self.library), *self.hypotheses, *(effect for _, effect in self.rejected)]
         scores, *weighed = in_parallel([self._scores, *weigh_all], known=known)
         added = len(self.hypotheses)
@@ -113,85 +109,24 @@ class Weighed:
     refused: tuple[AddedEffect, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class _Sets:
-    """Sets of effects that come up again and again, once for every effect that fails: each is settled and ranked once.
-
-    Attributes:
-        case: what stays the same.
-        library: all hypotheses.
-        settled_sets: by the ids of their effects.
-        rankings: by the id of a set, and which joints are closed.
-    """
-
-    case: Case
-    library: Library
-    settled_sets: dict[tuple[int, ...], _Chosen] = field(default_factory=dict)
-    rankings: dict[tuple[int, bytes], _Ranking] = field(default_factory=dict)
-
-    def settled(self, effects: Sequence[Hypothesis], data: Observations) -> _Chosen:
-        """Some effects, signs settled under them, from data that are settled under nearly the same."""
-        key = tuple(id(effect) for effect in effects)
-        if key not in self.settled_sets:
-            _, explanation = explain_with(data, effects)
-            data = self.case.settled(effects, explanation)
-            _, explanation = explain_with(data, effects, explanation)
-            self.settled_sets[key] = _Chosen(tuple(effects), explanation, data)
-        return self.settled_sets[key]
-
-    def ranked(self, chosen: _Chosen, closed: Mask) -> _Ranking:
-        """All other effects on top of a set: the standard ones alone in joints that are closed (n,)."""
-        key = id(chosen), closed.tobytes()
-        if key not in self.rankings:
-            regression, explanation = explain_with(chosen.data, chosen.effects, chosen.explanation)
-            allowed = [
-                [h for h in group if h.standard or not all(closed[j] for j in h.columns.joints)]
-                for group in self.library
-                if group[0].key not in chosen.keys
-            ]
-            scores = best_forms(Screening(regression, explanation.errors), allowed)
-            self.rankings[key] = _Ranking(chosen, explanation.errors, [score.hypothesis for score, _ in scores])
-        return self.rankings[key]
-
-
-@dataclass(frozen=True)
-class _Ranking:
-    """Other effects on top of a set, in their best forms, best first, and the errors that they were judged by."""
-
-    chosen: _Chosen
-    errors: tuple[ErrorModel, ...]
-    effects: list[Hypothesis]
-
-
 def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
     """Effects that explain the log and are borne out by the data that are held back."""
     data, library = _begin(case)
     _, before = explain_with(data, ())
-    chosen, rejected = _Chosen((), before, data), dict[EffectKey, tuple[_Chosen, Hypothesis]]()
-    sets, most = _Sets(case, library), case.thresholds.max_vetoes
-    for done in range(most + 1):
-        progress("naming effects", done, most + 1)
-        chosen = _selected(sets, chosen, set(rejected))
-        failed = _failed(case, chosen)
-        if failed is None:
-            break
-        rejected[failed.key] = chosen, failed
-        chosen = sets.settled(chosen.without(failed), chosen.data)
-    else:  # no more is added, what fails goes
-        while (failed := _failed(case, chosen)) is not None:
-            rejected[failed.key] = chosen, failed
-            chosen = sets.settled(chosen.without(failed), chosen.data)
-    chosen, stand_ins = _without_stand_ins(sets, chosen)
-    effects, explanation = sharpened(chosen.data, chosen.effects, case.columns, case.scene)
+    sets = EffectSets(case, library)
+    likeliest = _likeliest(sets, sets.settled((), data), progress)
+    chosen = _borne_out(sets, likeliest)
+    effects, explanation = chosen.effects, chosen.explanation
+    rejected = {effect.key: (likeliest, effect) for effect in likeliest.effects if effect.key not in chosen.keys}
     return Selection(
-        hypotheses=tuple(effects),
+        hypotheses=effects,
         explanation=explanation,
         before=before,
         data_before=data,
         data=chosen.data,
         library=library,
         extension=extend(case.knowledge, case.coefficients, effects, explanation),
-        rejected=tuple((rejected | stand_ins)[key] for key in sorted(rejected | stand_ins)),
+        rejected=tuple(rejected[key] for key in sorted(rejected)),
     )
 
 
@@ -215,8 +150,21 @@ def _parts(library: Library) -> list[object]:
 # ---------------------------------------------------------------------------------------------------------------
 # On the log
 # ---------------------------------------------------------------------------------------------------------------
-def _selected(sets: _Sets, chosen: _Chosen, vetoed: set[EffectKey]) -> _Chosen:
-    """Selected by evidence, the signs settled and the numbers refined under what was found, until no more is found.
+def _likeliest(sets: EffectSets, nothing: EffectSet, progress: Progress) -> EffectSet:
+    """The likeliest set: from what one effect after the other leads to, and from effects of the whole robot."""
+    progress("naming effects", 0, 3)
+    best = _improved(sets, _one_by_one(sets, nothing))
+    progress("naming effects", 1, 3)
+    for effect in _of_whole_robot(sets, nothing):
+        if effect.key not in best.keys:
+            other = _improved(sets, sets.settled([effect], nothing.data))
+            best = max(best, other, key=lambda one: one.log_posterior)
+    progress("naming effects", 2, 3)
+    return best
+
+
+def _one_by_one(sets: EffectSets, chosen: EffectSet) -> EffectSet:
+    """One effect after the other, the signs settled and the numbers refined under what was found, until no more is.
 
     Where the floor is blunt, for the earlier model was a poor one, standard effects come first, and nothing else where
     they reach it: the friction of a real joint is never exactly what a term says.
@@ -224,20 +172,36 @@ def _selected(sets: _Sets, chosen: _Chosen, vetoed: set[EffectKey]) -> _Chosen:
     case, limits = sets.case, sets.case.thresholds
     rules = Rules(limits.log10_bayes_factor * LN10, limits.max_effects, partial(_sharper, case))
     seen = [chosen.keys]
-    standard = not chosen.data.sharp.all() and not chosen.effects
+    standard = not chosen.data.sharp.all()
     while True:
-        done = at_blunt_floor(chosen.data, chosen.data.mean_square(chosen.explanation.residual))
-        ranking = sets.ranked(chosen, ~chosen.data.sharp if standard else done)
-        others = [effect for effect in ranking.effects if effect.key not in vetoed][: limits.short_list]
-        tried = [*chosen.effects, *others]
-        products = Products(chosen.data, tried, list(ranking.errors), case.uncertain, predicting=False)
-        _, found = select_forward(products, rules, frozenset(chosen.keys))
+        errors, others = _ranked(sets, chosen, standard)
+        tried = [*chosen.effects, *others[: limits.short_list]]
+        products = Products(chosen.data, tried, list(errors), case.uncertain, predicting=False)
+        _, found = select_forward(products, rules, chosen.keys)
         effects = refined(chosen.data, [candidate.hypothesis for candidate in found], sets.library)
-        chosen = sets.settled(effects, chosen.data)
+        chosen = sets.settled(effects, chosen.data, polish=False)
         if not standard and chosen.keys in seen:
             return chosen
         seen.append(chosen.keys)
         standard = False
+
+
+def _ranked(sets: EffectSets, chosen: EffectSet, standard: bool) -> tuple[tuple[ErrorModel, ...], list[Hypothesis]]:
+    """All other effects on top of a set, best first: the standard ones alone where nothing else is looked for."""
+    regression, explanation = explain_with(chosen.data, chosen.effects, chosen.explanation)
+    closed = ~chosen.data.sharp if standard else _at_floor(chosen)
+    allowed = [
+        [h for h in group if h.standard or not all(closed[j] for j in h.columns.joints)]
+        for group in sets.library
+        if group[0].key not in chosen.keys
+    ]
+    scores = best_forms(Screening(regression, explanation.errors), allowed)
+    return explanation.errors, [score.hypothesis for score, _ in scores]
+
+
+def _at_floor(chosen: EffectSet) -> Mask:
+    """(n,) joints that are as small as a blunt floor asks for."""
+    return at_blunt_floor(chosen.data, chosen.data.mean_square(chosen.explanation.residual))
 
 
 def _sharper(
@@ -251,48 +215,169 @@ def _sharper(
     return {id(old): form for old, form in zip(effects, new, strict=True)}
 
 
+def _improved(sets: EffectSets, best: EffectSet) -> EffectSet:
+    """The likeliest of what whole sets of effects in one joint lead to, joint by joint, until none is likelier."""
+    done = set[Forms]()
+    while best.forms not in done:
+        done.add(best.forms)
+        for joint in _unsettled(sets.case, best):
+            best = _improved_in(sets, best, joint)
+        best = _polished(sets, best)
+    return best
+
+
+def _unsettled(case: Case, chosen: EffectSet) -> list[int]:
+    """Joints (0-based) that are above the floor, or have several effects of their own, the worst first."""
+    ratio = np.sqrt(chosen.data.mean_square(chosen.explanation.residual))
+    own = Counter(j for effect in chosen.effects for j in effect.columns.joints if len(effect.columns.joints) == 1)
+    above = {j for j, x in enumerate(ratio.tolist()) if x > case.thresholds.above_floor}
+    several = {j for j, count in own.items() if count > 1}
+    return sorted((j for j in above | several if chosen.data.sharp[j]), key=lambda j: -ratio[j])
+
+
+def _improved_in(sets: EffectSets, best: EffectSet, joint: int) -> EffectSet:
+    """The likeliest with other effects of one joint's own.
+
+    Distortions are linear near what they act on alone: where nothing else reaches the floor, each is settled by itself
+    first, and other effects are looked for beside it.
+    """
+    forms = [form for group in sets.library for form in group if form.columns.joints == {joint}]
+    others = [effect for effect in best.effects if effect.columns.joints != {joint}]
+    tried = [best, *_with_some_of(sets, others, best, joint, forms)]
+    best = max(tried, key=lambda one: one.log_posterior)
+    if joint in _unsettled(sets.case, best):
+        linear = [form for form in forms if form.source.linear]
+        distortions = {form.key: form for form in forms if not form.source.linear}.values()
+        alone = [sets.settled([*others, distortion], best.data) for distortion in distortions]
+        for one in sorted(alone, key=lambda one: _left(one, joint))[:_BASES]:
+            tried += [one, *_with_some_of(sets, one.effects, one, joint, linear)]
+    return max(tried, key=lambda one: one.log_posterior)
+
+
+def _left(chosen: EffectSet, joint: int) -> float:
+    """Mean square of what a set leaves of a joint, in units of the floor's."""
+    return float(chosen.data.mean_square(chosen.explanation.residual)[joint])
+
+
+def _with_some_of(
+    sets: EffectSets, others: Sequence[Hypothesis], chosen: EffectSet, joint: int, forms: Sequence[Hypothesis]
+) -> list[EffectSet]:
+    """Some of a chosen set's effects, with others of one joint's own beside: the likeliest few, looked at closely."""
+    data = chosen.data
+    effort = data.effort[:, joint].copy()
+    for effect, amplitude in zip(chosen.effects, chosen.explanation.amplitudes, strict=True):
+        if any(effect is other for other in others):
+            effort -= _part(effect, amplitude, joint, len(effort))
+    proposed = joint_sets(data, joint, effort * data.used[:, joint], forms, sets.log_prior)
+    quick = [sets.quick([*others, *some], data) for some in proposed]
+    return [sets.settled([*others, *proposed[k]], data) for k in np.argsort(quick)[::-1][:_POLISHED]]
+
+
+def _part(effect: Hypothesis, amplitude: Array, joint: int, count: int) -> Array:
+    """(N,) what an effect adds to a joint, N m."""
+    columns, part = effect.columns, np.zeros(count)
+    if joint in columns.rows:
+        part += columns.rows[joint] @ amplitude
+    if joint in columns.shift:
+        part += columns.shift[joint]
+    return part
+
+
+def _polished(sets: EffectSets, best: EffectSet) -> EffectSet:
+    """The same in better forms, as long as that makes it likelier; without what is not needed."""
+    while best.effects:
+        better = sets.settled(best.effects, best.data)
+        fewer = [sets.settled(best.without(effect), best.data) for effect in best.effects]
+        needed = sets.case.thresholds.log10_bayes_factor * LN10
+        likeliest = max(fewer, key=lambda one: one.log_posterior)
+        if likeliest.log_posterior > max(better.log_posterior, best.log_posterior) - needed:
+            best = likeliest
+        elif better.log_posterior > best.log_posterior + _NOTICED:
+            best = better
+        else:
+            break
+    return best
+
+
+def _of_whole_robot(sets: EffectSets, nothing: EffectSet) -> list[Hypothesis]:
+    """Effects of the whole robot that may explain what is missing in several joints, best first."""
+    needed = sets.case.thresholds.log10_bayes_factor * LN10
+    regression, explanation = explain_with(nothing.data, (), nothing.explanation)
+    groups = [group for group in sets.library if group and not group[0].joints]
+    scores = best_forms(Screening(regression, explanation.errors), groups)
+    return [score.hypothesis for score, _ in scores[:_WHOLE] if score.gain > needed]
+
+
 # ---------------------------------------------------------------------------------------------------------------
 # On held-back data
 # ---------------------------------------------------------------------------------------------------------------
-def _failed(case: Case, chosen: _Chosen) -> Hypothesis | None:
-    """The last effect that does not help on held-back data, beside the others."""
-    after = _held_back(case, chosen.effects, chosen.explanation)
-    for effect in reversed(chosen.effects):
-        others = chosen.without(effect)
-        _, explanation = explain_with(chosen.data, others, chosen.explanation)
-        before = _held_back(case, others, explanation)
-        if not bears_out(after, before, effect.columns.joints, case.thresholds.held_back_improvement):
-            return effect
-    return None
+def _borne_out(sets: EffectSets, chosen: EffectSet) -> EffectSet:
+    """The smallest set that predicts held-back data as well as any, within the error; of these the likeliest.
+
+    Beside those that were looked at, all that lack an effect of it, or have a rival in its place, are. The log itself
+    must bear out each effect of a set beside the others.
+    """
+    seen = set[Forms]()
+    while chosen.forms not in seen:
+        seen.add(chosen.forms)
+        _look_around(sets, chosen)
+        chosen = _smallest(sets)
+    return chosen
 
 
-def _held_back(case: Case, effects: Sequence[Hypothesis], explanation: Explanation) -> HeldBackErrors:
-    """Errors on blocks of the held-back data."""
-    extension = extend(case.knowledge, case.coefficients, effects, explanation)
-    if any(effect.source.reveals for effect in effects):
-        extension = case.refitted(extension, case.predicted(effects, explanation))
-    return case.held_back.errors(case.held_back.effort(case.model, extension.model, extension.theta))
+def _look_around(sets: EffectSets, chosen: EffectSet) -> None:
+    """Adds the sets that lack an effect of a chosen one, or have a rival in its place, or in that of two."""
+    for effect in chosen.effects:
+        sets.settled(chosen.without(effect), chosen.data)
+    pairs = [(a, b) for a, b in combinations(chosen.effects, 2) if a.columns.joints == b.columns.joints]
+    for gone in [*((effect,) for effect in chosen.effects), *pairs]:
+        for rival in _rivals(sets, chosen, gone):
+            sets.settled([*chosen.without(*gone), rival], chosen.data, kept=rival)
+
+
+def _smallest(sets: EffectSets) -> EffectSet:
+    """The smallest of all sets that predicts held-back data as well as any; of these the likeliest.
+
+    Errors are judged by what the best set leaves of each joint: it is no less than the noise.
+    """
+    candidates = [one for one in sets.found.values() if not _needless(sets, one)]
+    held_back, limits = sets.case.held_back, sets.case.thresholds
+    sd = np.min([np.maximum(held_back.trial.rms(one.held_back), one.data.floor) for one in candidates], axis=0)
+    used = held_back.trial.used
+    density = [held_back.by_block(log_density(one.held_back, used, sd)) for one in candidates]
+    top = max(density, key=lambda of_blocks: float(of_blocks.sum()))
+    least = 0.5 * limits.held_back_improvement * float(used.sum(axis=0).max())
+    pairs = zip(candidates, density, strict=True)
+    within = [one for one, of_blocks in pairs if not surely_better(top, of_blocks, least)]
+    fewest = min(len(one.effects) for one in within)
+    return max((one for one in within if len(one.effects) == fewest), key=lambda one: one.log_posterior)
+
+
+def _needless(sets: EffectSets, chosen: EffectSet) -> bool:
+    """Whether a set that was looked at and lacks one of the effects is about as likely."""
+    needed = sets.case.thresholds.log10_bayes_factor * LN10
+    fewer = (sets.found.get(chosen.forms - {form}) for form in chosen.forms)
+    return any(one is not None and one.log_posterior > chosen.log_posterior - needed for one in fewer)
+
+
+def _rivals(sets: EffectSets, chosen: EffectSet, gone: tuple[Hypothesis, ...]) -> list[Hypothesis]:
+    """Other effects, or other forms, that explain nearly as much in the place of one; or the most, in that of two."""
+    regression, explanation = explain_with(chosen.data, chosen.without(*gone), chosen.explanation)
+    screening, keys = Screening(regression, explanation.errors), {effect.key for effect in gone}
+    joints, forms = gone[0].columns.joints, {(effect.source.name, effect.joints) for effect in gone}
+    by_form: dict[EffectKey, list[list[Hypothesis]]] = {}
+    for group in sets.library:
+        if group and group[0].columns.joints & joints and group[0].key not in chosen.keys - keys:
+            by_form.setdefault((group[0].source.name, group[0].joints), []).append(group)
+    scores = {form: best_forms(screening, some)[0][0] for form, some in by_form.items()}
+    own = max(scores[form].gain for form in forms & set(scores))
+    rivals = sorted((scores[form] for form in set(scores) - forms), key=lambda one: -one.gain)
+    return [score.hypothesis for score in rivals[:_WHOLE] if score.gain > own - _NEARLY]
 
 
 # ---------------------------------------------------------------------------------------------------------------
 # What stays unexplained
 # ---------------------------------------------------------------------------------------------------------------
-def _without_stand_ins(sets: _Sets, chosen: _Chosen) -> tuple[_Chosen, dict[EffectKey, tuple[_Chosen, Hypothesis]]]:
-    """Leaves out effects of joints that stay unexplained, unless they explain most of what was to be explained."""
-    gone, case = dict[EffectKey, tuple[_Chosen, Hypothesis]](), sets.case
-    predicted = case.predicted(chosen.effects, chosen.explanation)
-    for joint, _ in unexplained(case.trial, predicted, case.floor(predicted), chosen.explanation, case.thresholds):
-        of_joint = [effect for effect in chosen.effects if effect.columns.joints == {joint - 1}]
-        others = chosen.without(*of_joint)
-        _, without = explain_with(chosen.data, others, chosen.explanation)
-        before = _held_back(case, others, without).rms[joint - 1] ** 2
-        after = _held_back(case, chosen.effects, chosen.explanation).rms[joint - 1] ** 2
-        if of_joint and before - after < case.thresholds.explained_share * (before - chosen.data.floor[joint - 1] ** 2):
-            gone |= {effect.key: (chosen, effect) for effect in of_joint}
-            chosen = sets.settled(others, chosen.data)
-    return chosen, gone
-
-
 def unexplained(
     trial: Trial, predicted: Array, floor: NoiseFloor, explanation: Explanation, thresholds: Thresholds
 ) -> tuple[tuple[int, float], ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 from bayesid.arrays import Array, Mask
 from bayesid.fit.effects.columns import NO_COLUMNS, Columns, stacked
 from bayesid.model import catalogue, terms
-from bayesid.model.effects import Effect, Scene
+from bayesid.model.effects import Effect, Scene, effect_of
 from bayesid.model.model import Model
 
 _USUAL = 0.3
@@ -74,6 +74,10 @@ class Hypothesis:
         return self.make(replace(self.source, **numbers))
 
 
+Library = Sequence[list[Hypothesis]]
+"""Groups of forms that act in the same joints with as many amplitudes."""
+
+
 def hypotheses(model: Model, scene: Scene, used: Mask, *, refinements: bool = False) -> Iterator[list[Hypothesis]]:
     """Lists of forms that act in the same joints with as many amplitudes, for one call of `Screening.gains` each.
 
@@ -93,10 +97,30 @@ def kinds_of_forms(*, refinements: bool = False) -> list[type[Effect]]:
     return [kind for kind in catalogue.forms().values() if refinements or not kind.refines]
 
 
-def hypotheses_of(kind: type[Effect], make: Callable[[Effect], Hypothesis], scene: Scene) -> Iterator[list[Hypothesis]]:
-    """The forms of one kind alone, as `hypotheses` has them, by what makes hypotheses of effects."""
+def forms_of(effect: str, joints: tuple[int, ...], make: Callable[[Effect], Hypothesis], scene: Scene) -> Library:
+    """The forms of one effect in some joints (from 1) alone, where a scene is: distortions are linear near it."""
+    kinds = [kind for kind in kinds_of_forms() if effect_of(kind.name) == effect]
+    return [group for kind in kinds for group in hypotheses_of(kind, make, scene, joints)]
+
+
+def hypotheses_of(
+    kind: type[Effect],
+    make: Callable[[Effect], Hypothesis],
+    scene: Scene,
+    joints: tuple[int, ...] | None = None,
+) -> Iterator[list[Hypothesis]]:
+    """The forms of one kind alone, as `hypotheses` has them, by what makes hypotheses of effects.
+
+    Args:
+        kind: of effect.
+        make: of an effect a hypothesis.
+        scene: the log.
+        joints: (from 1) those that alone are asked for, if any.
+    """
     groups: dict[tuple[object, ...], list[Hypothesis]] = {}
     for source in kind.variants(scene):
+        if joints is not None and source.joints != joints:
+            continue
         for hypothesis in _scaled(make(source)):
             columns = hypothesis.columns
             key = source.joints, len(columns.sd), tuple(sorted(columns.joints)), bool(columns.rows)

@@ -12,7 +12,7 @@ from bayesid.arrays import Array, Mask
 from bayesid.fit.effects.columns import NO_COLUMNS, Columns
 from bayesid.fit.effects.error_model import ErrorModel, alike
 from bayesid.fit.effects.explanation import LN10, Explanation, Observations, Regression
-from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
+from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis, Library
 from bayesid.fit.effects.screening import Screening
 from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.model.effects import Effect
@@ -21,8 +21,6 @@ _SETTLINGS = 2
 """Times that an explanation is found again with the error models it has left; a round number, not studied."""
 _INITIAL_COLOURED, _INITIAL_CORRELATION = 0.05, 0.1
 """Coloured part over the white one, and s, of the error model to begin with; it weighs the first fit alone."""
-Library = Sequence[list[Hypothesis]]
-"""Groups of forms that act in the same joints with as many amplitudes."""
 
 
 @dataclass(frozen=True)

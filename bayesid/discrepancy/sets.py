@@ -1,0 +1,161 @@
+"""Sets of effects: each settled with signs of its own, weighed by the log, and scored by held-back data."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.discrepancy.case import Case
+from bayesid.fit.effects.explanation import Explanation, Observations
+from bayesid.fit.effects.extension import extend
+from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis, Library, forms_of, maker
+from bayesid.fit.effects.refinement import refined
+from bayesid.fit.effects.relinearisation import effort_of_terms, sharpened
+from bayesid.fit.effects.scores import best_forms, explain_with
+from bayesid.fit.effects.screening import Screening
+from bayesid.model.catalogue import main_forms
+
+Forms = frozenset[EffectKey]
+"""Names of the forms of a set's effects, and their joints."""
+
+
+@dataclass(frozen=True, eq=False)
+class EffectSet:
+    """Effects, the explanation by them, and the log with its signs settled under it.
+
+    Attributes:
+        case: what stays the same.
+        effects: in the order in which they were added.
+        explanation: by them.
+        data: that it explains.
+        log_prior: of these effects in these forms.
+    """
+
+    case: Case
+    effects: tuple[Hypothesis, ...]
+    explanation: Explanation
+    data: Observations
+    log_prior: float
+
+    @cached_property
+    def keys(self) -> frozenset[EffectKey]:
+        """Effects and joints, whatever the form."""
+        return frozenset(effect.key for effect in self.effects)
+
+    @cached_property
+    def forms(self) -> Forms:
+        """Names of the forms, and their joints."""
+        return frozenset((effect.source.name, effect.joints) for effect in self.effects)
+
+    @cached_property
+    def log_posterior(self) -> float:
+        """Log evidence and prior, up to a constant: beside what the geometry may be wrong by in any case."""
+        _, explanation = explain_with(self.data, self.effects, self.explanation, self.case.uncertain)
+        return explanation.log_evidence + self.log_prior
+
+    @cached_property
+    def held_back(self) -> Array:
+        """(N, n) what it leaves of the held-back data, N m, zero where they do not count."""
+        case = self.case
+        extension = extend(case.knowledge, case.coefficients, self.effects, self.explanation)
+        if any(effect.source.reveals for effect in self.effects):
+            extension = case.refitted(extension, case.predicted(self.effects, self.explanation))
+        return case.held_back.trial.residual(case.held_back.effort(case.model, extension.model, extension.theta))
+
+    def without(self, *gone: Hypothesis) -> tuple[Hypothesis, ...]:
+        """The effects but some."""
+        return tuple(effect for effect in self.effects if all(effect is not other for other in gone))
+
+
+@dataclass(frozen=True, eq=False)
+class EffectSets:
+    """Sets that were looked at: of the same forms with different numbers the likeliest.
+
+    Attributes:
+        case: what stays the same.
+        library: all hypotheses.
+        found: the sets.
+    """
+
+    case: Case
+    library: Library
+    found: dict[Forms, EffectSet] = field(default_factory=dict)
+    _settled: dict[tuple[int, ...], tuple[EffectSet, Sequence[Hypothesis]]] = field(default_factory=dict)
+
+    def settled(
+        self, effects: Sequence[Hypothesis], data: Observations, *, polish: bool = True, kept: Hypothesis | None = None
+    ) -> EffectSet:
+        """Effects in their best forms and with their best numbers, signs settled under them.
+
+        Args:
+            effects: in some forms.
+            data: settled under nearly the same.
+            polish: whether forms and numbers are looked for, or kept.
+            kept: one of the effects, whose form stays while its numbers may change.
+        """
+        key = (polish, id(kept), *(id(effect) for effect in effects))
+        if key not in self._settled:
+            asked = tuple(effects)
+            if polish and effects:
+                effects = refined(data, self._in_best_forms(effects, data, kept), self.library)
+                effects, explanation = sharpened(data, effects, self.case.columns, self.case.scene)
+            else:
+                _, explanation = explain_with(data, effects)
+            data = self.case.settled(effects, explanation)
+            _, explanation = explain_with(data, effects, explanation)
+            made = EffectSet(self.case, tuple(effects), explanation, data, sum(map(self.log_prior, effects)))
+            self._settled[key] = made, asked  # lest others take their ids
+            other = self.found.get(made.forms)
+            if other is None or made.log_posterior > other.log_posterior:
+                self.found[made.forms] = made
+        return self._settled[key][0]
+
+    def quick(self, effects: Sequence[Hypothesis], data: Observations) -> float:
+        """Log posterior of effects in these forms, with signs as they are."""
+        return explain_with(data, effects)[1].log_evidence + sum(map(self.log_prior, effects))
+
+    def log_prior(self, effect: Hypothesis) -> float:
+        """Of an effect in one form to be missing, over nothing to be missing in its place."""
+        limits = self.case.thresholds
+        share = (1.0 - limits.nothing_missing - limits.something_else) / len(main_forms())
+        places = self.data_width if effect.joints else 1
+        return float(np.log(share / places / limits.nothing_missing / max(self._forms[effect.key], 1)))
+
+    @property
+    def data_width(self) -> int:
+        """Joints."""
+        return self.case.trial.used.shape[1]
+
+    @cached_property
+    def _forms(self) -> Counter[EffectKey]:
+        """How many forms an effect has."""
+        return Counter(form.key for group in self.library for form in group)
+
+    def _in_best_forms(
+        self, effects: Sequence[Hypothesis], data: Observations, kept: Hypothesis | None
+    ) -> list[Hypothesis]:
+        """Each effect in the form that is likeliest beside the others."""
+        effects = list(effects)
+        for k, effect in enumerate(effects):
+            regression, others = explain_with(data, [*effects[:k], *effects[k + 1 :]])
+            groups = self._forms_of(effect, effects, data)
+            if effect is kept:
+                groups = [group for group in groups if group[0].source.name == effect.source.name]
+            best = best_forms(Screening(regression, others.errors), groups)
+            effects[k] = best[0][0].hypothesis if best else effect
+        return effects
+
+    def _forms_of(self, effect: Hypothesis, effects: Sequence[Hypothesis], data: Observations) -> Library:
+        """The library's forms of an effect; of a distortion those about what all effects together make."""
+        if effect.source.linear:
+            return [group for group in self.library if group and group[0].key == effect.key]
+        _, explanation = explain_with(data, effects)
+        terms = effort_of_terms(effects, explanation.amplitudes, data.effort.shape)
+        scene = self.case.scene(self.case.columns @ explanation.beta + terms)
+        make = maker(self.case.model, scene, data.used)
+        return forms_of(*effect.key, make, scene)
