@@ -31,6 +31,7 @@ DURATION = SAMPLES / RATE
 RIGID, STANDARD = "rigid_body", "rigid_body,viscous_friction,coulomb_friction,torque_offset,rotor_inertia"
 FILES = ("baseline.csv", "holdout.csv", "log.csv", "robot.toml", "terms.txt")
 TOLERANCE = 0.01  # of the size
+NOISE = 0.01, 0.03  # of each joint's RMS effort in the baseline
 SHOWN = 0.3  # of the size, in the hold-out log, if that can be had
 
 EFFECTS = (
@@ -113,7 +114,10 @@ def numbers(values):
 
 @dataclass(frozen=True)
 class Robot:
-    """DH table, links, and what a healthy joint adds to the rigid bodies: fv dq + fc sign(dq) + offset + ia ddq."""
+    """DH table, links, and what a healthy joint adds to the rigid bodies: fv dq + fc sign(dq) + offset + ia ddq.
+
+    Stribeck friction adds fc bump exp(-(dq / bump_speed)^2) sign(dq).
+    """
 
     table: dict
     links: tuple[Body, ...]
@@ -121,6 +125,8 @@ class Robot:
     coulomb: np.ndarray
     offset: np.ndarray
     rotor: np.ndarray
+    bump: float = 0.0
+    bump_speed: float = 0.1  # rad/s
 
     @property
     def n(self):
@@ -158,8 +164,7 @@ class Robot:
 
     def loaded(self, body):
         """The robot with a body held by its last link."""
-        links = (*self.links[:-1], combined(self.links[-1], body))
-        return Robot(self.table, links, self.viscous, self.coulomb, self.offset, self.rotor)
+        return replace(self, links=(*self.links[:-1], combined(self.links[-1], body)))
 
 
 def random_row(rng, parallel, last):
@@ -225,7 +230,8 @@ def with_joints(rng, robot, play):
     friction /= rms(share * play.dq / speed + (1 - share) * np.sign(play.dq))
     offset = scale * rng.uniform(-0.02, 0.02, n)
     rotor = scale * rng.uniform(0.03, 0.12, n) / rms(play.ddq)
-    return Robot(robot.table, robot.links, friction * share / speed, friction * (1 - share), offset, rotor)
+    viscous, coulomb = friction * share / speed, friction * (1 - share)
+    return replace(robot, viscous=viscous, coulomb=coulomb, offset=offset, rotor=rotor)
 
 
 # --- Trouble that is no effect ---------------------------------------------------------------------------------------
@@ -233,13 +239,17 @@ class Trouble(NamedTuple):
     """What is wrong in all three logs alike, and nothing to be found: the model, or the noise.
 
     sd by which a and d (length, m) and alpha and theta (angle, rad) are off the table; the noise's correlation from
-    sample to sample (memory); a low-pass that efforts went through before their signs were lost (cutoff, Hz; 0: none).
+    sample to sample (memory); a low-pass that efforts went through before their signs were lost (cutoff, Hz; 0: none);
+    readings of so many bits, from minus the joint's largest healthy effort to plus, in place of noise (bits; 0: none);
+    static friction over Coulomb friction, less one (stribeck), to be seen in slow parts.
     """
 
     length: float = 0.0
     angle: float = 0.0
     memory: float = 0.0
     cutoff: float = 0.0
+    bits: int = 0
+    stribeck: float = 0.0
 
 
 NO_TROUBLE = Trouble()
@@ -352,7 +362,8 @@ class Play:
 
     def healthy(self):
         robot = self.robot
-        friction = robot.viscous * self.dq + robot.coulomb * np.sign(self.dq)
+        dry = 1 + robot.bump * np.exp(-((self.dq / robot.bump_speed) ** 2))
+        friction = robot.viscous * self.dq + robot.coulomb * dry * np.sign(self.dq)
         return self.rigid + friction + robot.offset + robot.rotor * self.ddq
 
     def under(self, robot):
@@ -749,6 +760,15 @@ class Hidden:
         return self.draft.act(play, efforts, self.magnitude)
 
 
+def sized(name, draft, plays, efforts, sd, size):
+    """The effect at this size in the first of the plays; None if it cannot be had."""
+    x = magnitude_for(draft, plays[0], efforts[0], sd, size)
+    if x is None:
+        return None
+    found, later = (ratio_of(draft.act(p, e, x), e, sd) for p, e in zip(plays, efforts, strict=True))
+    return Hidden(name, draft, float(x), later) if abs(found / size - 1) < TOLERANCE else None
+
+
 def hide(name, rng, plays, efforts, sd, size, joint):
     """The effect at this size, on the joint if it can be had there and shows in the hold-out log too.
 
@@ -756,13 +776,9 @@ def hide(name, rng, plays, efforts, sd, size, joint):
     """
     for attempt in range(100):
         j = joint if attempt < 20 else int(rng.integers(plays[0].robot.n))
-        draft = DRAFTS[name](rng, plays[0], j)
-        x = magnitude_for(draft, plays[0], efforts[0], sd, size)
-        if x is None:
-            continue
-        found, later = (ratio_of(draft.act(p, e, x), e, sd) for p, e in zip(plays, efforts, strict=True))
-        if abs(found / size - 1) < TOLERANCE and (later > SHOWN * size or attempt >= 60):
-            return Hidden(name, draft, float(x), later)
+        effect = sized(name, DRAFTS[name](rng, plays[0], j), plays, efforts, sd, size)
+        if effect is not None and (effect.holdout_size > SHOWN * size or attempt >= 60):
+            return effect
     raise RuntimeError(f"{name}: no magnitude gives the size {size}")
 
 
@@ -838,17 +854,80 @@ class Simulation:
     plays: tuple[Play, ...]
 
 
-def played(play, hidden, sd, rng, noise_first, trouble):
-    """The log of a motion with what is hidden in it."""
+@dataclass(frozen=True)
+class Scene:
+    """A robot's three motions, before anything is hidden: of the baseline, the log and the hold-out log.
+
+    Told is the robot with the table that is told; the steps (n,) are those of the readings, 0 without.
+    """
+
+    seed: int
+    told: Robot
+    plays: tuple[Play, Play, Play]
+    noise: np.ndarray
+    steps: np.ndarray
+    trouble: Trouble
+    parameters: dict
+
+    @property
+    def robot(self):
+        return self.plays[0].robot
+
+
+def drawn_scene(seed, robot=None, style=None, slow=None, slow_baseline=None, trouble=NO_TROUBLE, noise=NOISE):
+    """Robot, motions and noise; robot is "kr5" or "random", style "bare" or "standard", all drawn unless told.
+
+    Slow parts are those of the log and the hold-out log. The table is the one that is told, whatever the trouble.
+    """
+    rng = stream(seed, 0)
+    drawn = "kr5" if rng.random() < 0.4 else "random", "standard" if rng.random() < 0.5 else "bare", rng.random() < 0.2
+    robot, style, slow = (d if x is None else x for x, d in zip((robot, style, slow), drawn, strict=True))
+    drawn_baseline = rng.random() < 0.2
+    slow_baseline = drawn_baseline if slow_baseline is None else slow_baseline
+    told = bare_robot(rng, robot)
+    arm = replace(told, table=built_off(told.table, trouble, stream(seed, 11)), bump=trouble.stribeck)
+    series = [random_series(stream(seed, 1 + i), arm.n, x) for i, x in enumerate((slow_baseline, slow, slow))]
+    plays = [Play(arm, s) for s in series]
+    if style == "standard":
+        arm = with_joints(stream(seed, 4), arm, plays[0])
+        plays = [play.under(arm) for play in plays]
+    healthy = [play.healthy()[BEFORE:] for play in plays]
+    peaks, sd = np.max(np.abs(healthy), axis=(0, 1)), stream(seed, 6).uniform(*noise, arm.n) * rms(healthy[0])
+    steps = 2 * peaks / 2**trouble.bits if trouble.bits else np.zeros(arm.n)
+    sd = steps / np.sqrt(12) if trouble.bits else sd
+    parameters = {"robot": robot, "style": style, "slow": bool(slow)}
+    return Scene(seed, told, tuple(plays), sd, steps, trouble, parameters)
+
+
+def played(scene, number, hidden, noise_first):
+    """The log of one of the scene's motions with what is hidden in it."""
+    play, trouble = scene.plays[number], scene.trouble
     efforts = play.healthy()
-    noise = sd * noise_like(rng.standard_normal((SAMPLES, play.robot.n)), trouble.memory)
+    noise = scene.noise * noise_like(
+        stream(scene.seed, 8 + number).standard_normal((SAMPLES, play.robot.n)), trouble.memory
+    )
+    noise = 0.0 * noise if trouble.bits else noise
     measured = efforts[BEFORE:] + noise
     for effect in hidden:
         efforts = effect.act(play, efforts)
         of_noise = noise_first and effect.name in READERS
         measured = effect.act(play, measured) if of_noise else efforts[BEFORE:] + noise
+    measured = np.rint(measured / scene.steps) * scene.steps if trouble.bits else measured
     t, q, dq, clean = (x[BEFORE:] for x in (play.t, play.q, play.dq, efforts))
     return Log(t - t[0], q, dq, clean, low_passed(measured, trouble.cutoff))
+
+
+def simulation(scene, in_log, in_holdout):
+    """The logs of a scene with effects hidden in the log and in the hold-out log."""
+    noise_first = bool(stream(scene.seed, 7).random() < 0.5)
+    logs = [played(scene, i, hidden, noise_first) for i, hidden in enumerate(((), in_log, in_holdout))]
+    effects = tuple(in_log) or tuple(in_holdout)
+    parameters = scene.parameters | {"noise_before_sensor": noise_first}
+    parameters["effects"] = [
+        h.draft.parameters | {"magnitude": h.magnitude, "holdout_size": h.holdout_size} for h in effects
+    ]
+    terms = STANDARD if parameters["style"] == "standard" else RIGID
+    return Simulation(scene.robot, scene.told.table, terms, *logs, scene.noise, effects, parameters, scene.plays)
 
 
 def first_torques(names):
@@ -871,36 +950,12 @@ def all_hidden(names, seed, plays, sd, size):
 
 
 def simulate(seed, effect, size, robot=None, style=None, slow=None, trouble=NO_TROUBLE):
-    """A case's three logs; robot is "kr5" or "random", style "bare" or "standard", all drawn unless told.
-
-    Slow parts are those of the log and the hold-out log. The table is the one that is told, whatever the trouble.
-    """
+    """A case's three logs; see drawn_scene."""
     names = () if effect is None else (effect,) if isinstance(effect, str) else tuple(effect)
-    rng = stream(seed, 0)
-    drawn = "kr5" if rng.random() < 0.4 else "random", "standard" if rng.random() < 0.5 else "bare", rng.random() < 0.2
-    robot, style, slow = (d if x is None else x for x, d in zip((robot, style, slow), drawn, strict=True))
-    slow = bool(slow or "stribeck_friction" in names)
-    slow_baseline = rng.random() < 0.2
-    told = bare_robot(rng, robot)
-    arm = replace(told, table=built_off(told.table, trouble, stream(seed, 11)))
-    series = [random_series(stream(seed, 1 + i), arm.n, x) for i, x in enumerate((slow_baseline, slow, slow))]
-    plays = [Play(arm, s) for s in series]
-    if style == "standard":
-        arm = with_joints(stream(seed, 4), arm, plays[0])
-        plays = [play.under(arm) for play in plays]
-    sd = stream(seed, 6).uniform(0.01, 0.03, arm.n) * rms(plays[0].healthy()[BEFORE:])
-    hidden = all_hidden(names, seed, plays[1:], sd, size)
-    noise_first = bool(stream(seed, 7).random() < 0.5)
-    logs = [
-        played(play, h, sd, stream(seed, 8 + i), noise_first, trouble)
-        for i, (play, h) in enumerate(zip(plays, ((), hidden, hidden), strict=True))
-    ]
-    parameters = {"robot": robot, "style": style, "slow": slow, "noise_before_sensor": noise_first}
-    parameters["effects"] = [
-        h.draft.parameters | {"magnitude": h.magnitude, "holdout_size": h.holdout_size} for h in hidden
-    ]
-    terms = STANDARD if style == "standard" else RIGID
-    return Simulation(arm, told.table, terms, *logs, sd, hidden, parameters, tuple(plays))
+    slow = True if "stribeck_friction" in names else slow
+    scene = drawn_scene(seed, robot, style, slow, trouble=trouble)
+    hidden = all_hidden(names, seed, scene.plays[1:], scene.noise, size)
+    return simulation(scene, hidden, hidden)
 
 
 def write_log(path, log):
@@ -921,14 +976,20 @@ def truth_of(case, size):
     return Truth(names, joints, case.parameters, float(size) if names else 0.0, case.noise, *efforts, floor)
 
 
-def make_case(folder, seed, effect, size, robot=None, style=None, slow=None, trouble=NO_TROUBLE):
-    """Write FILES into the folder and return what they hide; an effect is a name, two names, "outside" or None."""
-    case, folder = simulate(seed, effect, size, robot, style, slow, trouble), Path(folder)
+def write_case(folder, case):
+    """Write a simulated case's FILES into the folder."""
+    folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "robot.toml").write_text(tomli_w.dumps(case.table))
     (folder / "terms.txt").write_text(case.terms + "\n")
     for name in ("baseline", "log", "holdout"):
         write_log(folder / f"{name}.csv", getattr(case, name))
+
+
+def make_case(folder, seed, effect, size, robot=None, style=None, slow=None, trouble=NO_TROUBLE):
+    """Write FILES into the folder and return what they hide; an effect is a name, two names, "outside" or None."""
+    case = simulate(seed, effect, size, robot, style, slow, trouble)
+    write_case(folder, case)
     return truth_of(case, size)
 
 

@@ -1,0 +1,187 @@
+"""The blind cases by kind: forms of torque by hand, sets in their joints, tables that are off, trouble all along."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bayesid.studies import blind, blind_forms, blind_sets
+from bayesid.studies.blind import BEFORE
+from bayesid.studies.blind_sets import KINDS, NOTHING, TABLE, TROUBLES
+
+T = np.array([0.0, 2.5, 9.0])
+Q = np.array([[0.3, -0.7, 1.1], [-0.4, 0.5, 0.2], [0.9, -1.2, -0.6]])
+DQ = np.array([[1.5, -0.6, 0.4], [-0.8, 1.1, -0.3], [0.2, 0.5, -2.0]])
+DDQ = np.array([[-3.0, 0.4, 1.0], [2.0, -5.0, 0.7], [0.1, 0.2, -0.9]])
+RIGID = np.array([[-12.0, 7.0, 1.0], [9.0, -3.0, 0.5], [4.0, 5.0, -0.2]])
+
+
+def play_of(**arrays):
+    """A play with these samples, and others ahead of the log."""
+    before = {
+        name: np.concatenate([np.full_like(x, 7.7, shape=(BEFORE, *x.shape[1:])), x]) for name, x in arrays.items()
+    }
+    return SimpleNamespace(**before, robot=SimpleNamespace(n=3))
+
+
+PLAY = play_of(t=T, q=Q, dq=DQ, ddq=DDQ, rigid=RIGID)
+BY_HAND = {
+    "worn_region": lambda x, q, p, dq, dp: np.exp(-0.5 * (q - x["centre"]) ** 2 / x["width"] ** 2) * np.sign(dq),
+    "quadratic_drag": lambda x, q, p, dq, dp: np.sign(dq) * dq**2,
+    "cubic_drag": lambda x, q, p, dq, dp: dq * dq * dq,
+    "eccentric_gear": lambda x, q, p, dq, dp: dq + dq * np.cos(2 * q + x["phase"] - np.pi / 2),
+    "detent": lambda x, q, p, dq, dp: np.sin(2 * q + x["phase"] + np.pi / 2),
+    "crossed_detent": lambda x, q, p, dq, dp: np.sin(3 * p + x["phase"]) * (1 - 2 * np.sin(q) ** 2),
+    "friction_by_other_speed": lambda x, q, p, dq, dp: np.sign(dq) * np.sqrt(dp**2),
+    "soft_stop": lambda x, q, p, dq, dp: x["side"] * np.exp(-abs(x["end"] - x["side"] * q) / x["width"]),
+    "hose": lambda x, q, p, dq, dp: np.sign(q + p - x["rest"]) * (q + p - x["rest"]) ** 2,
+    "cable_past_other": lambda x, q, p, dq, dp: (p > x["taut"]) * (p - x["taut"]) * np.sin(q - x["middle"]),
+    "wind_of_other": lambda x, q, p, dq, dp: np.sign(dp) * dp**2,
+}
+
+
+def drawn(form, seed=4, j=1):
+    """Shape and parameters of a form in joint j, and the other joint."""
+    draft = blind_forms.draft_of(form, np.random.default_rng(seed), PLAY, j)
+    torque = draft.act(PLAY, np.zeros_like(PLAY.q), 1.0)[BEFORE:]
+    assert not np.delete(torque, j, axis=1).any(), "in this joint only"
+    return torque[:, j] * draft.parameters["sign"], draft.parameters, draft.parameters["other_joint"] - 1
+
+
+@pytest.mark.parametrize("form", sorted(BY_HAND))
+def test_shape_of_a_form_by_hand(form):
+    shape, parameters, k = drawn(form)
+    expected = BY_HAND[form](parameters, Q[:, 1], Q[:, k], DQ[:, 1], DQ[:, k])
+    np.testing.assert_allclose(shape, expected, rtol=1e-12, atol=1e-15)
+
+
+def test_shapes_by_load_acceleration_and_time_by_hand():
+    np.testing.assert_allclose(drawn("loaded_drag")[0], [-7.0 * 0.6, 3.0 * 1.1, 5.0 * 0.5])
+    np.testing.assert_allclose(drawn("accelerating_only")[0], [0.4, 5.0, 0.2])
+    shape, x, _ = drawn("slow_wave")
+    np.testing.assert_allclose(shape, np.imag(np.exp(1j * (2 * np.pi * x["frequency"] * T + x["phase"]))))
+    shape, x, _ = drawn("beat")
+    beat = 2 * np.sin(2 * np.pi * x["frequency"] * T) * np.cos(2 * np.pi * x["apart"] * T)
+    np.testing.assert_allclose(shape, beat, atol=1e-12)
+    shape, x, _ = drawn("slipped_once")
+    grown = [(t - x["start"]) / x["length"] for t in T]
+    np.testing.assert_allclose(shape, [g if 0 <= g < 1 else 0.0 for g in grown])
+
+
+@pytest.mark.parametrize("form", sorted(blind_forms.ONCE))
+def test_a_form_changes_with_its_variables_and_with_no_other(form):
+    """Every number of the play is replaced in turn."""
+    draft = blind_forms.draft_of(form, np.random.default_rng(7), PLAY, 2)
+    rng, moved = np.random.default_rng(0), set()
+    efforts = np.zeros((400, 3))
+    base = {name: rng.uniform(-2, 2, (400, 3)) for name in ("q", "dq", "ddq", "rigid")} | {"t": rng.uniform(0, 24, 400)}
+    before = draft.act(SimpleNamespace(**base), efforts, 1.0)
+    for name, array in base.items():
+        for column in range(1 if name == "t" else 3):
+            other = array.copy()
+            part = other if name == "t" else other[:, column]
+            part[:] = rng.permutation(part)
+            after = draft.act(SimpleNamespace(**base | {name: other}), efforts, 1.0)
+            if not np.allclose(after, before):
+                moved.add({"t": "t", "rigid": f"tau{column + 1}"}.get(name, f"{name}{column + 1}"))
+    assert sorted(moved) == draft.parameters["variables"]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Kinds
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("kind", KINDS)
+def test_more_cases_of_a_kind_begin_with_fewer(kind):
+    assert blind_sets.of_kind(kind, 30, 5)[:7] == blind_sets.of_kind(kind, 7, 5)
+
+
+def test_effects_come_about_equally_often():
+    cases = blind_sets.of_kind(blind_sets.PAIRS_TOGETHER, 34, 2)
+    times = {name: sum(name in case.effects for case in cases) for name in blind_sets.OF_JOINT}
+    assert sum(times.values()) == 68
+    assert max(times.values()) - min(times.values()) <= 2
+    assert all(len(set(case.effects)) == 2 for case in cases)
+
+
+def test_what_is_one_effect_is_never_hidden_as_two_in_one_joint():
+    assert not blind_sets.allowed(("coulomb_friction", "hysteresis"), (2, 2))
+    assert blind_sets.allowed(("coulomb_friction", "hysteresis"), (2, 3))
+    assert blind_sets.allowed(("coulomb_friction", "viscous_friction"), (2, 2))
+    pairs = {frozenset(pair) for pair in blind_sets.possible(blind_sets.PAIRS_TOGETHER)}
+    assert not pairs & blind_sets.ONE_EFFECT
+    assert frozenset(("coulomb_friction", "viscous_friction")) in pairs
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("turn", range(2))
+def test_cases_of_a_kind_hide_what_they_say(kind, turn):
+    case = blind_sets.of_kind(kind, 2, 11)[turn]
+    logs, size = blind_sets.simulate(case)
+    assert tuple(effect.name for effect in logs.hidden) == case.effects
+    joints = [effect.draft.joint for effect in logs.hidden]
+    if kind in (blind_sets.PAIRS_TOGETHER, blind_sets.SENSOR):
+        assert joints[0] == joints[1] is not None
+    if kind == blind_sets.PAIRS_APART:
+        assert joints[0] != joints[1]
+    changes = {}
+    for number, name in enumerate(("baseline", "log", "holdout")):
+        change = getattr(logs, name).clean - logs.plays[number].healthy()[BEFORE:]
+        changes[name] = blind.rms(change) / logs.noise
+    assert not changes["baseline"].any()
+    assert changes["log"].any() == (bool(case.effects) and kind != blind_sets.HOLDOUT_ONLY)
+    assert changes["holdout"].any() == (bool(case.effects) and kind != blind_sets.LOG_ONLY)
+    if len(case.effects) == 1:
+        seen = changes["holdout" if kind == blind_sets.HOLDOUT_ONLY else "log"]
+        assert seen.max() == pytest.approx(size, rel=blind.TOLERANCE)
+        assert size >= 3.0
+    if case.effects and kind not in (blind_sets.LOG_ONLY, blind_sets.HOLDOUT_ONLY):
+        assert all(effect.holdout_size >= blind_sets.WANTED / 2 * size for effect in logs.hidden)
+
+
+def test_the_table_that_is_off_is_that_of_log_and_holdout():
+    """Against MuJoCo's efforts of the robot built by the changed table; the table told is the baseline's."""
+    logs, _ = blind_sets.simulate(blind_sets.of_kind(TABLE, 1, 4)[0])
+    (effect,) = logs.hidden
+    x, play = effect.draft.parameters, logs.plays[1]
+    joints = [dict(row) for row in logs.table["joints"]]
+    assert joints == logs.robot.table["joints"]
+    joints[x["row"] - 1][x["number"]] += x["value"]
+    assert abs(x["value"]) == pytest.approx(0.005 if x["number"] in "ad" else np.deg2rad(0.5))
+    other = replace(logs.robot, table={**logs.table, "joints": joints})
+    expected = play.under(other).healthy() - play.rigid + other.rigid_efforts(play.q, play.dq, play.ddq)
+    np.testing.assert_allclose(logs.log.clean, expected[BEFORE:], atol=1e-9)
+
+
+def test_readings_of_eight_bits_have_256_steps_all_along():
+    (case,) = blind_sets.of_kind("8-bit readings all along", 1, 3)
+    logs, _ = blind_sets.simulate(case)
+    measured = np.concatenate([log.measured for log in (logs.baseline, logs.log, logs.holdout)])
+    clean = np.concatenate([log.clean for log in (logs.baseline, logs.log, logs.holdout)])
+    for joint in range(measured.shape[1]):
+        levels = np.unique(measured[:, joint])
+        steps = levels / np.diff(levels).min()
+        np.testing.assert_allclose(steps, np.rint(steps), atol=1e-6)
+        assert np.abs(steps).max() == pytest.approx(128)
+        assert np.abs(measured - clean)[:, joint].max() <= np.diff(levels).min() / 2 * (1 + 1e-9)
+
+
+def test_stribeck_friction_all_along_rises_towards_standstill():
+    trouble = TROUBLES["Stribeck all along"]
+    scene = blind.drawn_scene(5, "kr5", "standard", True, True, trouble)
+    smooth = replace(scene.robot, bump=0.0)
+    for play in scene.plays:
+        share = (play.healthy() - play.under(smooth).healthy()) / (scene.robot.coulomb * np.sign(play.dq))
+        slow, fast = np.abs(play.dq) < 0.01, np.abs(play.dq) > 0.4
+        assert slow.any()
+        np.testing.assert_allclose(share[slow], trouble.stribeck, rtol=0.011)
+        np.testing.assert_allclose(share[fast], 0.0, atol=1e-5)
+
+
+def test_nothing_is_nothing(tmp_path):
+    (case,) = blind_sets.of_kind(NOTHING, 1, 1)
+    truth = blind_sets.make_case(tmp_path, case)
+    assert truth.effects == ()
+    assert truth.size == 0.0
+    assert truth.parameters["kind"] == NOTHING
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(blind.FILES)
