@@ -37,12 +37,13 @@ PAIRS_APART, PAIRS_TOGETHER, TRIPLES = "pairs, different joints", "pairs, same j
 SINGLE, NOTHING, BEYOND = "single", "nothing", "outside"
 LOG_ONLY, HOLDOUT_ONLY = "outside, log only", "outside, holdout only"
 TABLE, SENSOR = "DH error", "sensor, same joint"
+STRIBECK = "Stribeck all along"
 TROUBLES = {
     "AR(1) 0.9 all along": Trouble(memory=0.9),
     "AR(1) 0.97 all along": Trouble(memory=0.97),
     "DH off by 5 mm all along": Trouble(length=5e-3),
     "8-bit readings all along": Trouble(bits=8),
-    "Stribeck all along": Trouble(stribeck=1.0),
+    STRIBECK: Trouble(stribeck=0.5),
 }
 KINDS = (
     *(PAIRS_APART, PAIRS_TOGETHER, TRIPLES, SINGLE, NOTHING, *TROUBLES),

@@ -19,6 +19,7 @@ STUDIES = {
     "sbc": "does the sampler sample the posterior?",
     "complete": "what does the catalogue give an identification that names no effects?",
     "discrepancy": "is the missing effect named? Blind cases played by MuJoCo",
+    "discrepancy_sets": "the same by kind: sets of effects, fresh forms, a table that is off, beside their targets",
     "discrepancy_misfit": "the same where the model or the noise is wrong in all logs alike",
     "real_discrepancy": "the same on real logs of a UR10e",
 }

@@ -1,0 +1,173 @@
+"""The study of sets of effects: scores by hand, its plan by kind, a report and a figure of rows made up."""
+
+import json
+from dataclasses import asdict
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from bayesid.studies import blind, discrepancy, discrepancy_sets
+from bayesid.studies.discrepancy import is_right, weighed
+from bayesid.studies.discrepancy_sets import more_scores, number_error
+
+
+def effect(name, joints, equivalent=(), **more):
+    more = {"parameters": {}, "readable": {}, "gain": 50.0} | more
+    return SimpleNamespace(effect=name, joints=joints, equivalent=equivalent, **more)
+
+
+def truth_of(effects, joints, parameters=()):
+    """A truth of two joints; parameters by effect."""
+    more = list(parameters) or [{} for _ in effects]
+    efforts = np.array([[1.0, -2.0], [-3.0, 4.0]])
+    return blind.Truth(effects, joints, {"effects": more}, 5.0, np.ones(2), efforts, efforts, np.array([0.5, 0.25]))
+
+
+def scores(added, truth):
+    result = SimpleNamespace(
+        added=added,
+        refused=(),
+        status="explained",
+        unexplained=((1, 3.0),),
+        before=np.array([2.0, 1.0]),
+        after=np.array([0.6, 0.5]),
+        thresholds=SimpleNamespace(log10_bayes_factor=2.0),
+        identification=SimpleNamespace(sample_signs=np.sign(truth.log_efforts) * [[1, 1], [1, -1]]),
+    )
+    return {**discrepancy.score(result, truth), **more_scores(result, truth)}
+
+
+def test_a_set_is_right_if_each_effect_has_one_of_its_own():
+    truth = truth_of(("coulomb_friction", "joint_spring"), ((2,), (2,)))
+    both = [effect("hysteresis", (2,), ("coulomb_friction",)), effect("joint_spring", (2,))]
+    row = scores(both, truth)
+    assert row["each"]
+    assert row["all"]
+    assert row["false"] == 0
+    assert row["after"] == pytest.approx(2.0), "of the touched joint"
+    assert row["signs"] == pytest.approx(0.75)
+    one_for_both = scores([effect("hysteresis", (2,), ("coulomb_friction", "joint_spring"))], truth)
+    assert one_for_both["all"]
+    assert not one_for_both["each"]
+    elsewhere = scores([*both, effect("joint_spring", (1,))], truth)
+    assert elsewhere["each"]
+    assert elsewhere["false"] == 1
+
+
+def test_nothing_hidden_makes_all_that_is_added_false():
+    row = scores([effect("delay", ()), effect("learned_effect", (1,), variables=["q1"])], truth_of((), ()))
+    assert row["false"] == 2
+    assert not row["each"]
+    assert not row["right_variables"]
+
+
+@pytest.mark.parametrize(
+    ("found", "joints", "right"),
+    [
+        (["q1", "dq2"], (1,), True),
+        (["dq2", "q1"], (1,), True),
+        (["q1"], (1,), False),
+        (["q1", "dq2", "t"], (1,), False),
+        (["q1", "dq2"], (2,), False),
+        (None, (1,), False),
+    ],
+)
+def test_variables_of_what_was_learned(found, joints, right):
+    truth = truth_of(("outside",), ((1,),), [{"variables": ["dq2", "q1"]}])
+    learned = effect("learned_effect", joints) if found is None else effect("learned_effect", joints, variables=found)
+    row = scores([learned], truth)
+    assert row["right_variables"] is right
+    assert row["each"] is (joints == (1,))
+    assert row["false"] == (joints != (1,))
+
+
+@pytest.mark.parametrize(
+    ("parameters", "joints", "number", "error"),
+    [
+        ({"d3": (0.004, 1e-4, "m")}, (3,), "d", 0.2),
+        ({"d3": (4.0, 0.1, "mm")}, (), "d", 0.2),
+        ({"d2": (0.005, 1e-4, "m")}, (), "d", np.nan),
+        ({"alpha3": (0.005, 1e-4, "m")}, (), "a", np.nan),
+        ({"a": (-0.005, 1e-4, "m")}, (3,), "a", 2.0),
+        ({"zero_3": (0.0075, 1e-4, "rad")}, (3,), "theta", 0.5),
+    ],
+)
+def test_number_of_the_table(parameters, joints, number, error):
+    off = {"row": 3, "number": number, "value": 0.005}
+    added = [effect("coulomb_friction", (3,), parameters={number: (0.005, 0.0, "m")})]
+    assert np.isnan(number_error(added, off)), "of another effect"
+    added.append(effect("joint_zero" if number == "theta" else "kinematic_error", joints, parameters=parameters))
+    assert number_error(added, off) == pytest.approx(error, nan_ok=True)
+    row = scores(added[1:], truth_of(("kinematic_error",), ((),), [off]))
+    assert row["each"]
+    assert row["number_error"] == pytest.approx(error, nan_ok=True)
+
+
+def test_what_passes_by_its_evidence_is_judged_like_what_is_added():
+    hidden = [["kinematic_error", []], ["viscous_friction", [2]]]
+    passed = [
+        ["joint_zero", [3], [], 9.0],
+        ["viscous_friction", [1], [], 8.0],
+        ["delay", [2], ["viscous_friction"], 7.0],
+    ]
+    assert weighed({"hidden": hidden, "passed": passed}) == [(9.0, False), (8.0, True), (7.0, False)]
+    assert is_right(("learned_effect", (4,), ()), "outside", [4])
+    assert not is_right(("learned_effect", (4,), ()), "joint_spring", [4])
+
+
+def test_plan_takes_kinds_in_turn_and_one_alone_is_its_part():
+    kinds = discrepancy_sets.sets().KINDS
+    assert discrepancy_sets.STUDY.trials >= 25 * len(kinds)
+    whole = discrepancy_sets.plan(3 * len(kinds), 4)
+    assert [scenario.kind for scenario, _ in whole[: len(kinds)]] == list(kinds)
+    alone = discrepancy_sets.only("triples").plan(3, 4)
+    assert alone == [(scenario, seed) for scenario, seed in whole if scenario.kind == "triples"]
+
+
+def made_up_rows(count):
+    """Rows of right answers."""
+    rows = []
+    for trial, (scenario, seed) in enumerate(discrepancy_sets.plan(count, 0)):
+        names = tuple(scenario.effects.split("+")) if scenario.effects else ()
+        silent = "only" in scenario.kind
+        added = [] if silent else [effect({"outside": "learned_effect"}.get(name, name), (1,)) for name in names]
+        off = {"row": 1, "number": "a", "value": 0.005}
+        row = scores(added, truth_of(names, tuple((1,) for _ in names), [off | {"variables": []} for _ in names]))
+        timings = {"timings": {"discrepancy": 4.0 + trial, "cpu": 3.0}}
+        rows.append({**asdict(scenario), **row, "number_error": 0.1, "seed": seed, "trial": trial, **timings})
+    return rows
+
+
+def test_report_has_a_line_for_each_target_and_one_for_each_miss():
+    rows = made_up_rows(15)
+    text = discrepancy_sets.report(rows)
+    for target in discrepancy_sets.targets():
+        (line,) = [line for line in text.splitlines() if line.startswith(f"{target.said:<58}")]
+        if not target.said.startswith("outside: right"):
+            assert f"({1:.1%})" in line, line
+    assert "seconds a log, median" in text
+    wrong = [{**rows[0], "false": 1, "named": json.dumps([["delay", [2], []]])}, *rows[1:]]
+    assert "two effects, different joints: set named                  0 of 1" in discrepancy_sets.report(wrong)
+    assert "-> delay 2; gap" in discrepancy_sets.report(wrong)
+
+
+def test_stribeck_friction_that_is_there_all_along_is_not_false():
+    kind = discrepancy_sets.sets().STRIBECK
+    (row,) = [row for row in made_up_rows(15) if row["kind"] == kind]
+    found = [["stribeck_friction", [3], []], ["hysteresis", [2], ["stribeck_friction"]]]
+    text = discrepancy_sets.report(
+        [row | {"named": json.dumps(found), "passed": json.dumps([[*x, 9.0] for x in found])}]
+    )
+    assert f"{kind + ': nothing named':<58}0 of 1" in text
+    assert f"{kind + ': nothing else named':<58}1 of 1" in text
+    assert "false before the holdout speaks  0 of 2" in text
+
+
+def test_figure_of_a_short_run():
+    figure = Figure()
+    FigureCanvasAgg(figure)
+    discrepancy_sets.draw(made_up_rows(4), figure)
+    figure.canvas.draw()
