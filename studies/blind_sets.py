@@ -159,12 +159,10 @@ def shown(case, name, rng, plays, efforts, sd, joint):
 
 
 def places(case, rng, n):
-    """A joint for each effect."""
+    """A joint for each effect; three are not all in one."""
     if case.kind in (PAIRS_TOGETHER, SENSOR):
         return [int(rng.integers(n))] * 2
-    if case.kind == PAIRS_APART:
-        return rng.permutation(n)[:2].tolist()
-    return rng.integers(0, n, len(case.effects)).tolist()
+    return [*rng.permutation(n)[:2].tolist(), int(rng.integers(n))][: len(case.effects)]
 
 
 def all_shown(case, scene):

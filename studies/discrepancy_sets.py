@@ -116,9 +116,9 @@ def trial(scenario: Scenario, seed: int) -> Row:
 def more_scores(result: Discrepancy, truth: Any) -> Row:
     """What the kinds ask for beside `bayesid.studies.discrepancy.score`.
 
-    "each": every hidden effect has one of its own among those that were added; "true_size"; "variables": of what was
-    learned; "right_variables": they are all those that the hidden form depends on, and no others; "number_error": of
-    the table's number, as a share of what is hidden, NaN if it was not named.
+    "each": every hidden effect has one of its own among those that were added; "true_size"; "truth": numbers of what is
+    hidden; "variables": of what was learned; "right_variables": they are all those that the hidden form depends on, and
+    no others; "number_error": of the table's number, as a share of what is hidden, NaN if it was not named.
     """
     named = [(effect.effect, effect.joints, effect.equivalent) for effect in result.added]
     hidden = list(zip(truth.effects, truth.joints, strict=True))
@@ -133,6 +133,7 @@ def more_scores(result: Discrepancy, truth: Any) -> Row:
             for order in permutations(named, len(hidden))
         ),
         "true_size": truth.size,
+        "truth": json.dumps(true),
         "variables": json.dumps(learned),
         "right_variables": bool(true) and in_joint == [sorted(true[0].get("variables", ("none",)))],
         "number_error": np.nan if off is None else number_error(result.added, off),
