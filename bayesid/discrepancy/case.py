@@ -142,7 +142,7 @@ class Case:
         columns = kinematic_columns(self.model.robot, motion, links, self.tolerance, known=True)
         count = columns.shape[2]
         rows = {j: columns[:, j] for j in range(columns.shape[1])}
-        return Columns(rows, {}, np.ones(count), np.zeros(count, dtype=bool))
+        return Columns(rows, {}, np.ones(count), np.zeros(count, dtype=bool), slight=True)
 
     @cached_property
     def information(self) -> Information:

@@ -31,8 +31,8 @@ from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.process import in_parallel
 from bayesid.progress import SILENT, Progress
 
-_POLISHED = 4
-"""Sets of one joint's effects that are looked at closely; a round number."""
+_POLISHED = 2
+"""Sets of one joint's effects, of each size, that are looked at closely; a round number."""
 _BASES = 2
 """Distortions that other effects are looked for beside, those that explain most by themselves; a round number."""
 _WHOLE = 3
@@ -113,7 +113,7 @@ def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
     """Effects that explain the log and are borne out by the data that are held back."""
     data, library = _begin(case)
     _, before = explain_with(data, ())
-    sets = EffectSets(case, library)
+    sets = EffectSets(case, library, before)
     likeliest = _likeliest(sets, sets.settled((), data), progress)
     chosen = _borne_out(sets, likeliest)
     effects, explanation = chosen.effects, chosen.explanation
@@ -157,8 +157,9 @@ def _likeliest(sets: EffectSets, nothing: EffectSet, progress: Progress) -> Effe
     progress("naming effects", 1, 3)
     for effect in _of_whole_robot(sets, nothing):
         if effect.key not in best.keys:
-            other = _improved(sets, sets.settled([effect], nothing.data))
-            best = max(best, other, key=lambda one: one.log_posterior)
+            tried = [sets.settled([*some, effect], best.data) for some in ((), best.effects)]
+            other = _polished(sets, max(tried, key=lambda one: one.log_posterior))
+            best = _improved(sets, other) if other.log_posterior > best.log_posterior else best
     progress("naming effects", 2, 3)
     return best
 
@@ -217,13 +218,17 @@ def _sharper(
 
 def _improved(sets: EffectSets, best: EffectSet) -> EffectSet:
     """The likeliest of what whole sets of effects in one joint lead to, joint by joint, until none is likelier."""
-    done = set[Forms]()
-    while best.forms not in done:
-        done.add(best.forms)
-        for joint in _unsettled(sets.case, best):
-            best = _improved_in(sets, best, joint)
-        best = _polished(sets, best)
-    return best
+    looked = set[tuple[int, Forms]]()  # at a joint beside these effects elsewhere
+    while True:
+        beside = {
+            j: frozenset((e.source.name, e.joints) for e in best.effects if e.columns.joints != {j})
+            for j in _unsettled(sets.case, best)
+        }
+        left = [(j, forms) for j, forms in beside.items() if (j, forms) not in looked]
+        if not left:
+            return _polished(sets, best)
+        looked.add(left[0])
+        best = _improved_in(sets, best, left[0][0])
 
 
 def _unsettled(case: Case, chosen: EffectSet) -> list[int]:
@@ -247,8 +252,8 @@ def _improved_in(sets: EffectSets, best: EffectSet, joint: int) -> EffectSet:
     best = max(tried, key=lambda one: one.log_posterior)
     if joint in _unsettled(sets.case, best):
         linear = [form for form in forms if form.source.linear]
-        distortions = {form.key: form for form in forms if not form.source.linear}.values()
-        alone = [sets.settled([*others, distortion], best.data) for distortion in distortions]
+        distortions = {form.source.name: form for form in forms if not form.source.linear}.values()
+        alone = [sets.settled([*others, one], best.data, kept=one) for one in distortions]
         for one in sorted(alone, key=lambda one: _left(one, joint))[:_BASES]:
             tried += [one, *_with_some_of(sets, one.effects, one, joint, linear)]
     return max(tried, key=lambda one: one.log_posterior)
@@ -264,23 +269,12 @@ def _with_some_of(
 ) -> list[EffectSet]:
     """Some of a chosen set's effects, with others of one joint's own beside: the likeliest few, looked at closely."""
     data = chosen.data
-    effort = data.effort[:, joint].copy()
-    for effect, amplitude in zip(chosen.effects, chosen.explanation.amplitudes, strict=True):
-        if any(effect is other for other in others):
-            effort -= _part(effect, amplitude, joint, len(effort))
-    proposed = joint_sets(data, joint, effort * data.used[:, joint], forms, sets.log_prior)
-    quick = [sets.quick([*others, *some], data) for some in proposed]
-    return [sets.settled([*others, *proposed[k]], data) for k in np.argsort(quick)[::-1][:_POLISHED]]
-
-
-def _part(effect: Hypothesis, amplitude: Array, joint: int, count: int) -> Array:
-    """(N,) what an effect adds to a joint, N m."""
-    columns, part = effect.columns, np.zeros(count)
-    if joint in columns.rows:
-        part += columns.rows[joint] @ amplitude
-    if joint in columns.shift:
-        part += columns.shift[joint]
-    return part
+    proposed = joint_sets(data, joint, [effect.columns for effect in others], forms, sets.log_prior)
+    by_size: dict[int, list[tuple[float, tuple[Hypothesis, ...]]]] = {}
+    for some in proposed:
+        by_size.setdefault(len(some), []).append((sets.quick([*others, *some], data), some))
+    leading = [sorted(of_size, key=lambda one: -one[0])[:_POLISHED] for of_size in by_size.values()]
+    return [sets.settled([*others, *some], data) for of_size in leading for _, some in of_size]
 
 
 def _polished(sets: EffectSets, best: EffectSet) -> EffectSet:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -79,11 +79,13 @@ class EffectSets:
     Attributes:
         case: what stays the same.
         library: all hypotheses.
+        nothing: the explanation without any.
         found: the sets.
     """
 
     case: Case
     library: Library
+    nothing: Explanation
     found: dict[Forms, EffectSet] = field(default_factory=dict)
     _settled: dict[tuple[int, ...], tuple[EffectSet, Sequence[Hypothesis]]] = field(default_factory=dict)
 
@@ -106,7 +108,7 @@ class EffectSets:
                 effects, explanation = sharpened(data, effects, self.case.columns, self.case.scene)
             else:
                 _, explanation = explain_with(data, effects)
-            data = self.case.settled(effects, explanation)
+            data = replace(self.case.settled(effects, explanation), reference=self.nothing)
             _, explanation = explain_with(data, effects, explanation)
             made = EffectSet(self.case, tuple(effects), explanation, data, sum(map(self.log_prior, effects)))
             self._settled[key] = made, asked  # lest others take their ids

@@ -28,12 +28,14 @@ class Columns:
         shift: joint to (N,) change, N m.
         sd: (p,) prior standard deviations of the amplitudes.
         positive: (p,) which of them cannot be negative.
+        slight: whether it changes no joint so much that what is left there would be judged otherwise.
     """
 
     rows: dict[int, Array]
     shift: dict[int, Array]
     sd: Array
     positive: Mask
+    slight: bool = False
 
     @property
     def joints(self) -> set[int]:

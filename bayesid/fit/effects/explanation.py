@@ -52,6 +52,7 @@ class Observations:
         rate: Hz.
         thresholds: that decide.
         whitening: of the columns; shared by all observations with the same columns and samples that count.
+        reference: an explanation of nearly the same data without effects: where none acts, its error models are kept.
     """
 
     columns: Array
@@ -64,6 +65,7 @@ class Observations:
     rate: float
     thresholds: Thresholds = Thresholds()
     whitening: Whitening = field(default=NOT_YET, repr=False, compare=False)
+    reference: Explanation | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if self.whitening.columns is not self.columns or self.whitening.used is not self.used:
@@ -277,7 +279,7 @@ class Regression:
         precision = np.concatenate([np.zeros(r), *(1.0 / effect.sd**2 for effect in effects)])
         best, root, volume = _solve(*self._normal_equations(errors, precision, extra))
         residual = self._residual(best, extra)
-        judged = _judge(self.data, residual, None if extra is None else extra.joints, previous)
+        judged = self._judged(residual, extra, previous)
         sd = np.sqrt(np.sum(root[:, r:] ** 2, axis=0))
         prior = self._log_prior(best, sd, precision[r:], effects)
         bounds = np.cumsum([0, *(len(effect.sd) for effect in effects)]).tolist()
@@ -291,6 +293,23 @@ class Regression:
             log_prior=prior - volume,
             root=root,
         )
+
+    def _judged(self, residual: Array, extra: Columns | None, previous: Explanation | None) -> tuple[JudgedJoint, ...]:
+        """What is left in each joint; error models are kept where nothing has changed since another explanation."""
+        acting = (
+            set().union(*(effect.joints for effect in self.effects if not effect.slight))
+            if previous is None
+            else set[int]()
+        )
+        acting |= set() if extra is None else extra.joints
+        before = self.data.reference if previous is None or extra is None else previous
+        judged = []
+        for j, limits in enumerate(self.data.limits):
+            kept = None if before is None or j in acting else before.judged[j]
+            judged.append(
+                JudgedJoint(residual[:, j], self.data.used[:, j], self.data.rate, (limits[0], limits[1]), kept)
+            )
+        return tuple(judged)
 
     def settle(self, start: Explanation, extra: Columns | None = None) -> Explanation:
         """`explain` once more with the error models that it has found, unless they are as they were."""
@@ -367,14 +386,3 @@ def _solve(hessian: Array, gradient: Array) -> tuple[Array, Array, float]:
     root = solve_triangular(factor, np.diag(1.0 / lengths), lower=True)
     volume = float(np.log(np.diag(factor)).sum() + np.log(lengths).sum())
     return root.T @ (root @ gradient), root, volume
-
-
-def _judge(
-    data: Observations, residual: Array, changed: set[int] | None, previous: Explanation | None
-) -> tuple[JudgedJoint, ...]:
-    """What is left in each joint; error models are kept where nothing has changed since a previous explanation."""
-    judged = []
-    for j, limits in enumerate(data.limits):
-        kept = None if previous is None or changed is None or j in changed else previous.judged[j]
-        judged.append(JudgedJoint(residual[:, j], data.used[:, j], data.rate, (limits[0], limits[1]), kept))
-    return tuple(judged)

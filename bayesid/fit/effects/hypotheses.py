@@ -104,10 +104,7 @@ def forms_of(effect: str, joints: tuple[int, ...], make: Callable[[Effect], Hypo
 
 
 def hypotheses_of(
-    kind: type[Effect],
-    make: Callable[[Effect], Hypothesis],
-    scene: Scene,
-    joints: tuple[int, ...] | None = None,
+    kind: type[Effect], make: Callable[[Effect], Hypothesis], scene: Scene, joints: tuple[int, ...] | None = None
 ) -> Iterator[list[Hypothesis]]:
     """The forms of one kind alone, as `hypotheses` has them, by what makes hypotheses of effects.
 

@@ -22,6 +22,7 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from bayesid.arrays import Array, Integers, Mask
+from bayesid.fit.effects.columns import Columns
 from bayesid.fit.effects.explanation import Observations
 from bayesid.fit.effects.hypotheses import Hypothesis
 from bayesid.fit.effects.relevance import inverse_of
@@ -42,7 +43,7 @@ _TINY = 1e-300
 def joint_sets(
     data: Observations,
     joint: int,
-    effort: Array,
+    others: Sequence[Columns],
     forms: Sequence[Hypothesis],
     log_prior: Callable[[Hypothesis], float],
 ) -> list[tuple[Hypothesis, ...]]:
@@ -53,16 +54,16 @@ def joint_sets(
     Args:
         data: the log.
         joint: 0-based.
-        effort: (N,) what is left to explain there by what acts elsewhere too, N m.
+        others: what is added in any case.
         forms: that act in this joint alone.
         log_prior: of a form to be there.
     """
     if not forms:
         return []
     priors = np.array([log_prior(form) for form in forms])
-    whole = _JointForms(data, joint, effort, forms)
+    whole = _JointForms(data, joint, others, forms)
     kept = _spread(forms, whole.scores(np.arange(len(forms))[:, None]) + priors)
-    search = _JointForms(data, joint, effort, [forms[k] for k in kept])
+    search = _JointForms(data, joint, others, [forms[k] for k in kept])
     return search.best(priors[kept])
 
 
@@ -85,13 +86,13 @@ class _JointForms:
     Attributes:
         data: the log.
         joint: 0-based.
-        effort: (N,) N m.
+        others: what is added in any case.
         forms: F of them.
     """
 
     data: Observations
     joint: int
-    effort: Array
+    others: Sequence[Columns]
     forms: Sequence[Hypothesis]
 
     def best(self, priors: Array) -> list[tuple[Hypothesis, ...]]:
@@ -146,18 +147,29 @@ class _JointForms:
             if self.joint in own.shift:
                 columns[k, p] = own.shift[self.joint][used]
             sd[k, : len(own.sd)], positive[k, : len(own.sd)] = own.sd, own.positive
-        floor, known = self.data.floor[self.joint], self.data.information
-        model = self.data.columns[used, self.joint] / floor
-        expected = inverse_of(known.hessian) @ known.gradient
-        effort = self.effort[used] / floor - model @ expected
-        flat = columns.reshape(-1, columns.shape[2]) / floor
-        inverse = inverse_of(known.hessian + model.T @ model)
+        model, effort, inverse = self._without(used)
+        flat = columns.reshape(-1, columns.shape[2]) / self.data.floor[self.joint]
         across, of_effort = flat @ model, model.T @ effort
         products = flat @ flat.T - across @ inverse @ across.T
         with_effort = flat @ effort - across @ (inverse @ of_effort)
         left = float(effort @ effort - of_effort @ inverse @ of_effort)
         size = columns.shape[:2]
         return products.reshape(*size, *size), with_effort.reshape(size), left, sd, positive, len(effort)
+
+    def _without(self, used: Mask) -> tuple[Array, Array, Array]:
+        """(M, m) columns of the model and of others, (M,) the effort less what is expected of them, and (m, m) P."""
+        floor, known = self.data.floor[self.joint], self.data.information
+        here = [columns for columns in self.others if self.joint in columns.rows]
+        model = np.hstack([self.data.columns[used, self.joint], *(columns.rows[self.joint][used] for columns in here)])
+        expected = inverse_of(known.hessian) @ known.gradient
+        effort = self.data.effort[used, self.joint] - model[:, : len(expected)] @ expected
+        for columns in self.others:
+            if self.joint in columns.shift:
+                effort = effort - columns.shift[self.joint][used]
+        hessian = np.diag(np.concatenate([np.zeros(len(expected)), *(columns.sd**-2.0 for columns in here)]))
+        hessian[: len(expected), : len(expected)] += known.hessian
+        model, effort = model / floor, effort / floor
+        return model, effort, inverse_of(hessian + model.T @ model)
 
 
 def _explained(matrix: Array, slope: Array) -> Array:

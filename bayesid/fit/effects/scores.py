@@ -91,7 +91,9 @@ def explain_with(
 
 
 def initial_errors(data: Observations) -> tuple[ErrorModel, ...]:
-    """Error models to begin with: white noise at its limit."""
+    """Error models to begin with: those of the reference, or white noise at its limit."""
+    if data.reference is not None:
+        return data.reference.errors
     return tuple(
         ErrorModel(white, _INITIAL_COLOURED * white, _INITIAL_CORRELATION, data.rate) for white in data.limits[:, 0]
     )
