@@ -8,7 +8,7 @@ from rich.console import RenderableType
 from bayesid.cli.tables import line_of
 from bayesid.cli.terminal import table
 from bayesid.discrepancy.workflow import Discrepancy
-from bayesid.report.discrepancy_verdicts import discrepancy_checks, lead
+from bayesid.report.discrepancy_verdicts import discrepancy_checks, lead, listed_sets, set_in_words
 
 
 def discrepancy_parts(result: Discrepancy) -> list[RenderableType]:
@@ -31,4 +31,6 @@ def discrepancy_parts(result: Discrepancy) -> list[RenderableType]:
         for added in result.added
     ]
     headings = ["effect", "joints", "log10 Bayes factor", "probability", "equivalent"]
-    return [*parts, "", table(headings, effects, left=["effect", "joints", "equivalent"])]
+    parts += ["", table(headings, effects, left=["effect", "joints", "equivalent"])]
+    sets = [[set_in_words(one), f"{one.probability:.2f}"] for one in listed_sets(result)]
+    return [*parts, "", table(["set", "probability"], sets, left=["set"])] if len(sets) > 1 else parts

@@ -64,7 +64,9 @@ class HeldBack:
 
     def errors(self, predicted: Array) -> HeldBackErrors:
         """What efforts (N, n), N m, leave of blocks of these data."""
-        return HeldBackErrors(self.by_block(self.trial.residual(predicted) ** 2), self.by_block(self.trial.used))
+        return HeldBackErrors(
+            self.by_block(self.trial.residual(predicted) ** 2), self.by_block(self.trial.used.astype(np.float64))
+        )
 
     def by_block(self, values: Array) -> Array:
         """(blocks, ...) sums of values (N, ...) over blocks of these data."""

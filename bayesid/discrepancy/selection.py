@@ -4,28 +4,29 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
 from typing import Any
 
 import numpy as np
+from scipy.special import logsumexp
 
 from bayesid.arrays import Array, Mask
 from bayesid.discrepancy.case import Case
 from bayesid.discrepancy.compare import NoiseFloor, Trial
-from bayesid.discrepancy.sets import EffectSet, EffectSets, Forms
+from bayesid.discrepancy.sets import EQUIVALENT_ODDS, EffectSet, EffectSets, Forms, WeighedSet, weighed
 from bayesid.fit.effects.added_effect import AddedEffect, weigh
 from bayesid.fit.effects.error_model import ErrorModel
 from bayesid.fit.effects.explanation import LN10, Explanation, Observations
 from bayesid.fit.effects.extension import Extension, extend
 from bayesid.fit.effects.forward import Candidate, Products, Rules, select_forward
 from bayesid.fit.effects.held_back import HeldBackErrors, log_density, surely_better
-from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis, hypotheses
+from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis, Library, hypotheses
 from bayesid.fit.effects.joint_sets import joint_sets
 from bayesid.fit.effects.refinement import refined
 from bayesid.fit.effects.relinearisation import sharpened
-from bayesid.fit.effects.scores import Library, Score, assess, at_blunt_floor, best_forms, explain_with
+from bayesid.fit.effects.scores import Score, assess, at_blunt_floor, best_forms, explain_with
 from bayesid.fit.effects.screening import Screening
 from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.process import in_parallel
@@ -36,7 +37,7 @@ _POLISHED = 2
 _BASES = 2
 """Distortions that other effects are looked for beside, those that explain most by themselves; a round number."""
 _WHOLE = 3
-"""Effects of the whole robot, or rivals of an effect, that are looked at closely; a round number."""
+"""Effects of several joints, or rivals of an effect, that are looked at closely; a round number."""
 _NEARLY = 3.0 * LN10
 """Log Bayes factor by which a rival may be behind, in the quick look, to be looked at closely; a round number."""
 _NOTICED = 0.5
@@ -61,6 +62,7 @@ class Selection:
         data: that they were selected on, signs settled under them.
         library: all hypotheses.
         extension: the extended model.
+        sets: the smallest that predict held-back data as well as any, likeliest first; the first one is this.
         rejected: effects that had passed by their evidence, but that held-back data did not bear out or that were no
             more than stand-ins; each with the set that it was chosen in.
     """
@@ -72,6 +74,7 @@ class Selection:
     data: Observations
     library: Library
     extension: Extension
+    sets: tuple[WeighedSet, ...]
     rejected: tuple[tuple[EffectSet, Hypothesis], ...]
 
     def weighed(self, case: Case) -> Weighed:
@@ -85,8 +88,16 @@ class Selection:
         ]
         known = [*_parts(self.library), *self.hypotheses, *(effect for _, effect in self.rejected)]
         scores, *weighed = in_parallel([self._scores, *weigh_all], known=known)
-        added = len(self.hypotheses)
-        return Weighed(tuple(scores), tuple(weighed[:added]), tuple(weighed[added:]))
+        added, refused = weighed[: len(self.hypotheses)], weighed[len(self.hypotheses) :]
+        return Weighed(tuple(scores), tuple(map(self._with_sets, added)), tuple(refused))
+
+    def _with_sets(self, added: AddedEffect) -> AddedEffect:
+        """An effect with its probability over all sets, and what stands in its place in sets about as likely."""
+        key, chosen = added.hypothesis.key, self.sets[0]
+        likely = [one for one in self.sets if one.probability > chosen.probability / EQUIVALENT_ODDS]
+        others = {name for one in likely for name, joints in one.without(key, chosen) if joints == key[1]}
+        included = sum(one.probability for one in self.sets if key in one.effects)
+        return replace(added, included=included, equivalent=tuple(sorted({*added.equivalent, *others} - {key[0]})))
 
     def _scores(self) -> list[Score]:
         """Of the whole catalogue, before anything was added."""
@@ -115,9 +126,11 @@ def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
     _, before = explain_with(data, ())
     sets = EffectSets(case, library, before)
     likeliest = _likeliest(sets, sets.settled((), data), progress)
-    chosen = _borne_out(sets, likeliest)
+    smallest = _borne_out(sets, likeliest)
+    chosen = _without_stand_ins(sets, smallest[0])
     effects, explanation = chosen.effects, chosen.explanation
-    rejected = {effect.key: (likeliest, effect) for effect in likeliest.effects if effect.key not in chosen.keys}
+    passed = [(one, effect) for one in (likeliest, smallest[0]) for effect in one.effects]
+    rejected = {effect.key: (one, effect) for one, effect in passed if effect.key not in chosen.keys}
     return Selection(
         hypotheses=effects,
         explanation=explanation,
@@ -126,6 +139,7 @@ def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
         data=chosen.data,
         library=library,
         extension=extend(case.knowledge, case.coefficients, effects, explanation),
+        sets=weighed(smallest, chosen),
         rejected=tuple(rejected[key] for key in sorted(rejected)),
     )
 
@@ -155,7 +169,7 @@ def _likeliest(sets: EffectSets, nothing: EffectSet, progress: Progress) -> Effe
     progress("naming effects", 0, 3)
     best = _improved(sets, _one_by_one(sets, nothing))
     progress("naming effects", 1, 3)
-    for effect in _of_whole_robot(sets, nothing):
+    for effect in _of_several_joints(sets, nothing):
         if effect.key not in best.keys:
             tried = [sets.settled([*some, effect], best.data) for some in ((), best.effects)]
             other = _polished(sets, max(tried, key=lambda one: one.log_posterior))
@@ -293,11 +307,11 @@ def _polished(sets: EffectSets, best: EffectSet) -> EffectSet:
     return best
 
 
-def _of_whole_robot(sets: EffectSets, nothing: EffectSet) -> list[Hypothesis]:
-    """Effects of the whole robot that may explain what is missing in several joints, best first."""
+def _of_several_joints(sets: EffectSets, nothing: EffectSet) -> list[Hypothesis]:
+    """Effects that may explain what is missing in several joints, best first."""
     needed = sets.case.thresholds.log10_bayes_factor * LN10
     regression, explanation = explain_with(nothing.data, (), nothing.explanation)
-    groups = [group for group in sets.library if group and not group[0].joints]
+    groups = [group for group in sets.library if group and len(group[0].columns.joints) > 1]
     scores = best_forms(Screening(regression, explanation.errors), groups)
     return [score.hypothesis for score, _ in scores[:_WHOLE] if score.gain > needed]
 
@@ -305,18 +319,19 @@ def _of_whole_robot(sets: EffectSets, nothing: EffectSet) -> list[Hypothesis]:
 # ---------------------------------------------------------------------------------------------------------------
 # On held-back data
 # ---------------------------------------------------------------------------------------------------------------
-def _borne_out(sets: EffectSets, chosen: EffectSet) -> EffectSet:
-    """The smallest set that predicts held-back data as well as any, within the error; of these the likeliest.
+def _borne_out(sets: EffectSets, chosen: EffectSet) -> list[EffectSet]:
+    """The smallest sets that predict held-back data as well as any, within the error; the likeliest first.
 
     Beside those that were looked at, all that lack an effect of it, or have a rival in its place, are. The log itself
     must bear out each effect of a set beside the others.
     """
-    seen = set[Forms]()
+    seen, smallest = set[Forms](), [chosen]
     while chosen.forms not in seen:
         seen.add(chosen.forms)
         _look_around(sets, chosen)
-        chosen = _smallest(sets)
-    return chosen
+        smallest = _smallest(sets)
+        chosen = smallest[0]
+    return smallest
 
 
 def _look_around(sets: EffectSets, chosen: EffectSet) -> None:
@@ -329,8 +344,8 @@ def _look_around(sets: EffectSets, chosen: EffectSet) -> None:
             sets.settled([*chosen.without(*gone), rival], chosen.data, kept=rival)
 
 
-def _smallest(sets: EffectSets) -> EffectSet:
-    """The smallest of all sets that predicts held-back data as well as any; of these the likeliest.
+def _smallest(sets: EffectSets) -> list[EffectSet]:
+    """The smallest of all sets that predict held-back data as well as any, within the error; likeliest first.
 
     Errors are judged by what the best set leaves of each joint: it is no less than the noise.
     """
@@ -344,7 +359,12 @@ def _smallest(sets: EffectSets) -> EffectSet:
     pairs = zip(candidates, density, strict=True)
     within = [one for one, of_blocks in pairs if not surely_better(top, of_blocks, least)]
     fewest = min(len(one.effects) for one in within)
-    return max((one for one in within if len(one.effects) == fewest), key=lambda one: one.log_posterior)
+    of_keys: dict[frozenset[EffectKey], list[float]] = {}
+    for one in within:
+        of_keys.setdefault(one.keys, []).append(one.log_posterior)
+    whatever_form = {keys: float(logsumexp(logs)) for keys, logs in of_keys.items()}
+    smallest = [one for one in within if len(one.effects) == fewest]
+    return sorted(smallest, key=lambda one: (-whatever_form[one.keys], -one.log_posterior))
 
 
 def _needless(sets: EffectSets, chosen: EffectSet) -> bool:
@@ -372,6 +392,19 @@ def _rivals(sets: EffectSets, chosen: EffectSet, gone: tuple[Hypothesis, ...]) -
 # ---------------------------------------------------------------------------------------------------------------
 # What stays unexplained
 # ---------------------------------------------------------------------------------------------------------------
+def _without_stand_ins(sets: EffectSets, chosen: EffectSet) -> EffectSet:
+    """Without effects of joints that stay unexplained, unless they explain most of what was to be explained."""
+    case, limits = sets.case, sets.case.thresholds
+    predicted = case.predicted(chosen.effects, chosen.explanation)
+    for joint, _ in unexplained(case.trial, predicted, case.floor(predicted), chosen.explanation, limits):
+        of_joint = [effect for effect in chosen.effects if effect.columns.joints == {joint - 1}]
+        others = sets.settled(chosen.without(*of_joint), chosen.data, polish=False)
+        before, after = (case.held_back.trial.rms(one.held_back)[joint - 1] ** 2 for one in (others, chosen))
+        if of_joint and before - after < limits.explained_share * (before - chosen.data.floor[joint - 1] ** 2):
+            chosen = others
+    return chosen
+
+
 def unexplained(
     trial: Trial, predicted: Array, floor: NoiseFloor, explanation: Explanation, thresholds: Thresholds
 ) -> tuple[tuple[int, float], ...]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.special import logsumexp
 
 from bayesid.arrays import Array
 from bayesid.discrepancy.case import Case
@@ -20,8 +21,29 @@ from bayesid.fit.effects.scores import best_forms, explain_with
 from bayesid.fit.effects.screening import Screening
 from bayesid.model.catalogue import main_forms
 
+EQUIVALENT_ODDS = 10.0
+"""Odds up to which one set is about as likely as another: "strong" begins there (Jeffreys 1961, appendix B)."""
 Forms = frozenset[EffectKey]
 """Names of the forms of a set's effects, and their joints."""
+
+
+@dataclass(frozen=True)
+class WeighedSet:
+    """A set of effects and how probable it is.
+
+    Attributes:
+        effects: names and joints.
+        probability: given the log, among the smallest sets that predict the held-back data as well as any.
+    """
+
+    effects: tuple[EffectKey, ...]
+    probability: float
+
+    def without(self, key: EffectKey, chosen: WeighedSet) -> tuple[EffectKey, ...]:
+        """What stands in the place of one effect of a chosen set; nothing where that is here as well."""
+        if key in self.effects:
+            return ()
+        return tuple(other for other in self.effects if other not in chosen.effects and set(other[1]) & set(key[1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,3 +183,25 @@ class EffectSets:
         scene = self.case.scene(self.case.columns @ explanation.beta + terms)
         make = maker(self.case.model, scene, data.used)
         return forms_of(*effect.key, make, scene)
+
+
+def weighed(smallest: Sequence[EffectSet], chosen: EffectSet) -> tuple[WeighedSet, ...]:
+    """Sets and their probabilities, those of the same effects in other forms as one; likeliest first.
+
+    Args:
+        smallest: as `WeighedSet` has it, likeliest first.
+        chosen: what has become of the first: what was added to it or left out of it later, was so of all.
+    """
+    logs = np.array([one.log_posterior for one in smallest])
+    probability: dict[frozenset[EffectKey], float] = {}
+    for one, share in zip(smallest, np.exp(logs - logsumexp(logs)).tolist(), strict=True):
+        keys = (one.keys - (smallest[0].keys - chosen.keys)) | (chosen.keys - smallest[0].keys)
+        probability[keys] = probability.get(keys, 0.0) + share
+    order = sorted(probability, key=lambda keys: -probability[keys])
+    return tuple(WeighedSet(_in_order(keys, chosen), probability[keys]) for keys in order)
+
+
+def _in_order(keys: frozenset[EffectKey], chosen: EffectSet) -> tuple[EffectKey, ...]:
+    """Those of the chosen set as they are there, then others."""
+    known = [effect.key for effect in chosen.effects if effect.key in keys]
+    return (*known, *sorted(keys - set(known)))

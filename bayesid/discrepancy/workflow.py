@@ -14,6 +14,7 @@ from bayesid.discrepancy.compare import Excess, NoiseFloor, Trial, make_trial, s
 from bayesid.discrepancy.log_checks import check_log, check_same_robot, check_unseen
 from bayesid.discrepancy.numbers import Numbers
 from bayesid.discrepancy.selection import Selection, select_effects, unexplained, unexplained_anywhere
+from bayesid.discrepancy.sets import WeighedSet
 from bayesid.fit.effects.added_effect import AddedEffect, Quantity, not_testable
 from bayesid.fit.effects.explanation import Explanation
 from bayesid.fit.effects.held_back import HeldBackErrors
@@ -42,7 +43,8 @@ class Discrepancy:
             "unexplained".
         where: where the model before exceeds the floor, its parameters moved as far as the earlier log allows.
         added: effects, in this order.
-        before: (n,) gap of the model as it was, on data that chose nothing, RMS in N m.
+        sets: that may be what is missing, as far as held-back data leave them, and their probabilities, best first.
+        before: (n,) gap of the model as it was, on data that it was not fitted to, RMS in N m.
         after: (n,) gap of the extended model on them.
         floor: their noise floor.
         holdout: which data these are.
@@ -69,6 +71,7 @@ class Discrepancy:
     status: str
     where: tuple[Excess, ...]
     added: tuple[AddedEffect, ...]
+    sets: tuple[WeighedSet, ...]
     before: Array
     after: Array
     floor: NoiseFloor
@@ -203,6 +206,7 @@ def _discrepancy(case: Case, selection: Selection, again: Identification) -> Dis
         status=_status(bool(added), bool(ratios)),
         where=tuple(_where(case, selection.before, floor)),
         added=tuple(effect.alone for effect in added),
+        sets=selection.sets,
         before=before.rms,
         after=after.rms,
         floor=floor,

@@ -10,6 +10,7 @@ import numpy as np
 
 from bayesid.discrepancy.compare import MODELS_RESIDUAL, REFIT, Excess
 from bayesid.discrepancy.selection import GROWN, HELD_BACK, ON_LOG
+from bayesid.discrepancy.sets import WeighedSet
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.fit.effects.added_effect import AddedEffect, Quantity
 from bayesid.model.catalogue import forms, noun, owner
@@ -21,6 +22,8 @@ _MOST = 3
 """Joints whose gaps are named one by one: more make a sentence that nobody reads."""
 _SURE = 0.9
 """Probability below which it is mentioned; a round number."""
+_LISTED = 0.01
+"""Probability from which on a set of effects is listed; for display."""
 _SAME = 0.98
 """Share of a gap from which on it has not fallen: 2 % hardly show in two digits."""
 _MOSTLY = 0.5
@@ -66,6 +69,16 @@ def _in_brief(discrepancy: Discrepancy) -> Iterator[str]:
             yield brief.format(**{name: _known_digits(number) for name, number in alike[0].readable.items()})
         else:
             yield f"{'changed ' if changed else ''}{label(effect)}{where}"
+
+
+def listed_sets(discrepancy: Discrepancy) -> list[WeighedSet]:
+    """The sets that are worth a line."""
+    return [one for one in discrepancy.sets if one.probability >= _LISTED]
+
+
+def set_in_words(some: WeighedSet) -> str:
+    """Coulomb friction (joint 2) + joint spring (joint 2)."""
+    return " + ".join(label(effect, joints) for effect, joints in some.effects) or "nothing"
 
 
 def _known_digits(number: Quantity) -> str:

@@ -24,6 +24,13 @@ def discrepancy_summary(discrepancy: Discrepancy) -> dict[str, Any]:
             for at in discrepancy.where
         ],
         "found": [_added(effect) for effect in discrepancy.added],
+        "sets": [
+            {
+                "effects": [{"effect": name, "joints": list(joints)} for name, joints in one.effects],
+                "probability": one.probability,
+            }
+            for one in discrepancy.sets
+        ],
         "gap": {
             "before": discrepancy.before.tolist(),
             "after": discrepancy.after.tolist(),
@@ -69,6 +76,7 @@ def _added(effect: AddedEffect) -> dict[str, Any]:
         else {},
         "log10_bayes_factor": effect.log10_bayes_factor,
         "probability": effect.probability,
+        "inclusion_probability": effect.included,
         "probability_nothing_missing": effect.nothing_missing,
         "probability_something_else": effect.something_else,
         "parameters": _quantities(effect.parameters),

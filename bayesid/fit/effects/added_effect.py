@@ -10,8 +10,8 @@ from scipy.special import logsumexp
 
 from bayesid.fit.effects.columns import NO_COLUMNS, Columns
 from bayesid.fit.effects.explanation import LN10, Explanation, Observations
-from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
-from bayesid.fit.effects.scores import Library, Score, assess, explain_with, plain_first
+from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis, Library
+from bayesid.fit.effects.scores import Score, assess, explain_with, plain_first
 from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.model.catalogue import main_forms
 
@@ -32,6 +32,7 @@ class AddedEffect:
         something_else: probability that it is something outside of the catalogue.
         rivals: scores of the alternatives, best first, itself included.
         equivalent: names of the effects that the log cannot tell from it.
+        included: probability of this effect over all sets that are weighed (`bayesid.discrepancy.sets.WeighedSet`).
         parameters: by their names; of what the earlier model has too, the new value and the change.
         readable: what people read in place of parameters (`bayesid.model.effects.Effect.readable`), by its names.
     """
@@ -43,6 +44,7 @@ class AddedEffect:
     something_else: float
     rivals: tuple[Score, ...]
     equivalent: tuple[str, ...]
+    included: float = 1.0
     parameters: dict[str, Quantity] = field(default_factory=dict)
     readable: dict[str, Quantity] = field(default_factory=dict)
 

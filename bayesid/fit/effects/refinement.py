@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import scipy
 
 from bayesid.fit.effects.explanation import Observations, Regression
-from bayesid.fit.effects.hypotheses import Hypothesis
-from bayesid.fit.effects.scores import Library, explain_with
+from bayesid.fit.effects.hypotheses import Hypothesis, Library
+from bayesid.fit.effects.scores import explain_with
 from bayesid.fit.effects.screening import Screening
 
 _EVALUATIONS = 12

@@ -20,7 +20,9 @@ from bayesid.report.discrepancy_verdicts import (
     discrepancy_checks,
     distinguishing_motions,
     lead,
+    listed_sets,
     nothing_missing,
+    set_in_words,
     testable_groups,
     told,
 )
@@ -79,6 +81,7 @@ def discrepancy_page(discrepancy: Discrepancy) -> str:
         gaps=[_gap(discrepancy, j) for j in range(len(discrepancy.before))],
         gap_pictures=[_gap_picture(discrepancy)],
         added=[_added(effect) for effect in discrepancy.added],
+        sets=[(set_in_words(one), one.probability) for one in listed_sets(discrepancy)],
         where=[_where(discrepancy, excess) for excess in discrepancy.where],
         residual_pictures=[_residual_picture(discrepancy, excess) for excess in discrepancy.where],
         unsigned=_unsigned(discrepancy),
