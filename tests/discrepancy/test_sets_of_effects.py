@@ -1,61 +1,104 @@
+"""Which of several sets is taken, and how probable each is; the sets are made up, their numbers as hand-made."""
+
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from bayesid.discrepancy import selection
-from bayesid.discrepancy.selection import _Sets
+from bayesid.discrepancy.sets import WeighedSet, weighed
+from bayesid.fit.effects.held_back import log_density, surely_better
+from bayesid.fit.effects.thresholds import Thresholds
+
+ROWS, BLOCKS = 1600, 16
 
 
-@pytest.fixture
-def counted(monkeypatch):
-    """A case whose data name what they were settled under, and how often effects were explained and ranked."""
-    counts = {"explained": 0, "ranked": 0}
-
-    def explain_with(data, effects, start=None):
-        counts["explained"] += 1
-        return SimpleNamespace(data=data), SimpleNamespace(by=tuple(effects), errors=("errors", data))
-
-    def best_forms(screening, library):
-        counts["ranked"] += 1
-        return [(SimpleNamespace(hypothesis=group[0]), 0.0) for group in library if group]
-
-    monkeypatch.setattr(selection, "explain_with", explain_with)
-    monkeypatch.setattr(selection, "best_forms", best_forms)
-    monkeypatch.setattr(selection, "Screening", lambda regression, errors: None)
-    case = SimpleNamespace(settled=lambda effects, explanation: f"under {[e.key for e in effects]}")
-    return case, counts
-
-
-def effect(name, joint, standard=False):
-    return SimpleNamespace(key=(name, (joint + 1,)), standard=standard, columns=SimpleNamespace(joints={joint}))
-
-
-def test_a_set_of_effects_is_settled_once(counted):
-    case, counts = counted
-    one, other = effect("payload", 0), effect("delay", 1)
-    sets = _Sets(case, [[one], [other]])
-    first = sets.settled([one, other], "data")
-    assert first.data == f"under {[one.key, other.key]}"
-    assert sets.settled((one, other), "other data") is first
-    assert counts["explained"] == 2
-    assert sets.settled([one], first.data) is not first
-    assert sets.settled([effect("payload", 0), other], "data") is not first  # another form of the same effect
-    assert counts["explained"] == 6
-
-
-def test_a_set_is_ranked_once_for_the_same_closed_joints(counted):
-    case, counts = counted
-    taken, plain, odd, elsewhere = (
-        effect("payload", 0),
-        effect("viscous_friction", 1, standard=True),
-        effect("cable_drag", 1),
-        effect("cable_drag", 0),
+def made(keys, log_posterior, error, form=""):
+    """A set whose residual on held-back data is the noise of all, and an error of its own."""
+    noise = np.random.default_rng(1).normal(size=(ROWS, 2))
+    noise[:, 0] += error * np.sin(np.arange(ROWS))
+    keys = frozenset(keys)
+    return SimpleNamespace(
+        keys=keys,
+        forms=frozenset((name + form, joints) for name, joints in keys),
+        effects=[SimpleNamespace(key=key) for key in sorted(keys)],
+        log_posterior=log_posterior,
+        held_back=noise,
+        data=SimpleNamespace(floor=np.array([0.9, 0.8])),
     )
-    sets = _Sets(case, [[taken], [plain], [odd], [elsewhere]])
-    chosen = sets.settled([taken], "data")
-    ranking = sets.ranked(chosen, np.array([False, False]))
-    assert ranking.effects == [plain, odd, elsewhere]
-    assert sets.ranked(chosen, np.array([False, False])) is ranking
-    assert sets.ranked(chosen, np.array([False, True])).effects == [plain, elsewhere]
-    assert counts["ranked"] == 2
+
+
+def smallest(*found):
+    used = np.ones((ROWS, 2), dtype=bool)
+    trial = SimpleNamespace(used=used, rms=lambda values: np.sqrt((values**2).mean(axis=0)))
+    held_back = SimpleNamespace(
+        trial=trial, by_block=lambda values: np.stack([x.sum(axis=0) for x in np.array_split(values, BLOCKS)])
+    )
+    case = SimpleNamespace(held_back=held_back, thresholds=Thresholds())
+    sets = SimpleNamespace(found={one.forms: one for one in found}, case=case)
+    return selection._smallest(sets)
+
+
+DRY, SPRING, DRAG, SKEW = (("dry", (2,)), ("spring", (2,)), ("drag", (2,)), ("skew", (2,)))
+
+
+def test_the_smallest_that_predicts_as_well_is_taken_and_the_likeliest_of_these():
+    nothing = made([], 0.0, 5.0)
+    pair = made([DRY, SPRING], 400.0, 0.0)
+    skewed = made([SKEW, SPRING], 397.0, 0.01)
+    drag = made([DRAG], 450.0, 2.0)  # likelier by the log, and worse on held-back data
+    three = made([DRY, SPRING, DRAG], 460.0, 0.0)
+    found = smallest(nothing, pair, skewed, drag, three)
+    assert found == [pair, skewed]
+
+
+def test_an_effect_that_the_log_does_not_need_is_not_taken_however_well_it_predicts():
+    nothing, one = made([], 0.0, 5.0), made([DRY], 300.0, 1.0)
+    both = made([DRY, DRAG], 302.0, 0.0)
+    assert smallest(nothing, one, both)[0] is one
+    assert smallest(nothing, one, made([DRY, DRAG], 310.0, 0.0))[0].keys == {DRY, DRAG}
+
+
+def test_nothing_is_taken_that_held_back_data_do_not_bear_out():
+    nothing, drag = made([], 0.0, 0.0), made([DRAG], 80.0, 0.3)
+    assert smallest(nothing, drag) == [nothing]
+
+
+def test_probabilities_are_of_effects_whatever_their_form():
+    pair, other = made([DRY, SPRING], 10.0, 0.0), made([DRY, SPRING], 9.0, 0.0, form=".two")
+    skewed = made([SKEW, SPRING], 8.0, 0.0)
+    found = weighed([pair, other, skewed], pair)
+    total = 1.0 + np.exp(-1.0) + np.exp(-2.0)
+    assert [set(one.effects) for one in found] == [{DRY, SPRING}, {SKEW, SPRING}]
+    assert [one.probability for one in found] == pytest.approx([(1.0 + np.exp(-1.0)) / total, np.exp(-2.0) / total])
+
+
+def test_what_is_added_or_left_out_later_is_so_of_all_sets():
+    learned = ("learned_effect", (3,))
+    pair, skewed = made([DRY, SPRING], 10.0, 0.0), made([SKEW, SPRING], 8.0, 0.0)
+    found = weighed([pair, skewed], made([DRY, learned], 30.0, 0.0))
+    assert [set(one.effects) for one in found] == [{DRY, learned}, {SKEW, learned}]
+
+
+def test_what_stands_in_the_place_of_an_effect():
+    chosen, other = WeighedSet((DRY, SPRING), 0.8), WeighedSet((SKEW, SPRING, ("delay", (4,))), 0.2)
+    assert other.without(DRY, chosen) == (SKEW,)
+    assert other.without(SPRING, chosen) == ()
+
+
+def test_log_densities_are_students():
+    from scipy.stats import t
+
+    residual, sd = np.array([[0.3, -2.0], [7.0, 0.1]]), np.array([0.5, 1.5])
+    used = np.array([[True, True], [True, False]])
+    expected = (t(4, scale=sd).logpdf(residual) - t(4, scale=sd).logpdf(0.0)) * used
+    np.testing.assert_allclose(log_density(residual, used, sd), expected.sum(axis=1), rtol=1e-12)
+
+
+def test_better_in_a_few_blocks_and_no_worse_in_others_is_sure():
+    few = np.where(np.arange(16) < 3, 12.0, 0.0)
+    scattered = 12.0 * np.where(np.arange(16) % 2, 1.0, -0.6)
+    assert surely_better(few, np.zeros(16), 30.0)
+    assert not surely_better(few, np.zeros(16), 40.0)
+    assert scattered.sum() > 30.0
+    assert not surely_better(scattered, np.zeros(16), 30.0)
