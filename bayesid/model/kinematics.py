@@ -68,7 +68,7 @@ class Pose:
         for i, joint in enumerate(self.robot.joints):
             start = np.zeros(3) if joint.parent < 0 else origins[joint.parent]
             along = self.axes[i if joint.parent < 0 else joint.parent]
-            lines.append(np.stack([start, *_nearest(start, along, origins[i], self.axes[i]), origins[i]]))
+            lines.append(np.stack([start, *nearest_points(start, along, origins[i], self.axes[i]), origins[i]]))
         end, flange = origins[-1], self.flange[:3, 3]
         return (*lines, np.stack([end, end + self.axes[-1] * (self.axes[-1] @ (flange - end)), flange]))
 
@@ -78,7 +78,7 @@ class Pose:
         return np.stack([line[2] for line in self.lines[:-1]])
 
 
-def _nearest(start: Array, along: Array, end: Array, axis: Array) -> tuple[Array, Array]:
+def nearest_points(start: Array, along: Array, end: Array, axis: Array) -> tuple[Array, Array]:
     """The points of two lines that are nearest to each other; of parallel lines the first one's own point."""
     normal = np.cross(along, axis)
     size, between = float(normal @ normal), end - start

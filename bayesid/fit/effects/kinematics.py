@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-import scipy
 
 from bayesid.arrays import Array
-from bayesid.model.robot import Joint, Robot
+from bayesid.model.displacement import is_distal, shift, turn, with_joint, with_link
+from bayesid.model.robot import Robot
 from bayesid.motion import Motion
 from bayesid.process import in_parallel
 
@@ -18,8 +18,6 @@ KINEMATICS: tuple[str, tuple[int, ...]] = ("kinematics", ())
 """Where effects are named: the robot's geometry."""
 _STEP = 1e-5
 """m and rad, of the central differences: their error is its square, and rounding 1e-10 of the effort."""
-_SAME = 1e-9
-"""m and rad up to which two frames are one: rounding."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +65,7 @@ def kinematic_columns(
         there, back = (moved(move(axis, step)).inverse_dynamics(motion, links) for step in (_STEP, -_STEP))
         return sd * (there - back) / (2.0 * _STEP)
 
-    sds: dict[_Move, float] = {_shift: tolerance.length, _turn: tolerance.angle}
+    sds: dict[_Move, float] = {shift: tolerance.length, turn: tolerance.angle}
     places = [place for place in _displacements(robot, known=known) if sds[place[0]] > 0.0]
     columns = in_parallel([partial(column, *place, sds[place[0]]) for place in places])
     return np.stack(columns, axis=2) if columns else np.zeros((len(motion), robot.n_joints, 0))
@@ -79,53 +77,12 @@ _Move = Callable[[Array, float], Array]
 
 def _displacements(robot: Robot, *, known: bool) -> Iterator[tuple[_Move, Array, Callable[[Array], Robot]]]:
     """Shifts and turns, their axes, and the robot of which one part is moved so."""
-    distal = not known and any(_ends_at_frame(robot, i) for i in range(robot.n_joints))
+    distal = not known and is_distal(robot)
     for i in range(1 if known else 0, 1 if distal else robot.n_joints):
-        for move in (_shift, _turn):
+        for move in (shift, turn):
             for axis in np.eye(3):
-                yield move, axis, partial(_with_joint, robot, i)
+                yield move, axis, partial(with_joint, robot, i)
     for i in range(robot.n_joints if distal else 0):
         for axis, first in ((robot.joints[i].axis, True), (np.array([1.0, 0.0, 0.0]), False)):
-            for move in (_shift, _turn):
-                yield move, axis, partial(_with_link, robot, i, first=first)
-
-
-def _ends_at_frame(robot: Robot, link: int) -> bool:
-    """Whether a link's frame is not its joint's, but where the next joint stands, if there is one."""
-    frame = robot.joints[link].link_frame
-    return not np.array_equal(frame, np.eye(4)) and all(np.allclose(frame, p, atol=_SAME) for p in _next(robot, link))
-
-
-def _next(robot: Robot, link: int) -> list[Array]:
-    return [joint.placement for joint in robot.joints if joint.parent == link]
-
-
-def _shift(along: Array, step: float) -> Array:
-    move = np.eye(4)
-    move[:3, 3] = step * along
-    return move
-
-
-def _turn(about: Array, step: float) -> Array:
-    move = np.eye(4)
-    move[:3, :3] = scipy.spatial.transform.Rotation.from_rotvec(step * about).as_matrix()
-    return move
-
-
-def _with_joint(robot: Robot, joint: int, move: Array) -> Robot:
-    """The robot with one joint moved in its own frame."""
-    joints: list[Joint] = list(robot.joints)
-    joints[joint] = replace(joints[joint], placement=joints[joint].placement @ move)
-    return replace(robot, joints=tuple(joints))
-
-
-def _with_link(robot: Robot, link: int, move: Array, *, first: bool) -> Robot:
-    """The robot with a link's frame moved, in its joint's frame (first) or its own; and with it what stands there."""
-    frame = robot.joints[link].link_frame
-    moved = move @ frame if first else frame @ move
-    joints = [
-        replace(joint, placement=moved @ np.linalg.solve(frame, joint.placement)) if joint.parent == link else joint
-        for joint in robot.joints
-    ]
-    joints[link] = replace(joints[link], link_frame=moved)
-    return replace(robot, joints=tuple(joints))
+            for move in (shift, turn):
+                yield move, axis, partial(with_link, robot, i, first=first)
