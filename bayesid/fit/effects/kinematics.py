@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.model.displacement import is_distal, shift, turn, with_joint, with_link
+from bayesid.model.displaced import is_distal, shift, turn, with_joint, with_link
 from bayesid.model.robot import Robot
 from bayesid.motion import Motion
 from bayesid.process import in_parallel

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from bayesid.model.displacement import Displacement, along_axis
+from bayesid.model.displaced import along_axis
+from bayesid.model.distortions.displacement import Displacement
 from bayesid.model.effects import Phrase, ReadableUnit
 from bayesid.model.robot import Robot
 

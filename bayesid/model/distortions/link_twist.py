@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from bayesid.model.displacement import Displacement, along_normal, is_distal
+from bayesid.model.displaced import along_normal, is_distal
+from bayesid.model.distortions.displacement import Displacement
 from bayesid.model.effects import Phrase, ReadableUnit
 from bayesid.model.robot import Robot
 
