@@ -8,7 +8,7 @@ from rich.console import RenderableType
 from bayesid.cli.tables import line_of
 from bayesid.cli.terminal import table
 from bayesid.discrepancy.workflow import Discrepancy
-from bayesid.report.discrepancy_verdicts import discrepancy_checks, lead, listed_sets, set_in_words
+from bayesid.report.discrepancy_verdicts import discrepancy_checks, equivalents, lead, listed_sets, set_in_words
 
 
 def discrepancy_parts(result: Discrepancy) -> list[RenderableType]:
@@ -26,7 +26,7 @@ def discrepancy_parts(result: Discrepancy) -> list[RenderableType]:
             ",".join(map(str, added.joints)) or "all",
             f"{added.gain / np.log(10.0):.1f}",
             f"{added.probability:.3f}",
-            ", ".join(added.equivalent),
+            ", ".join(equivalents(added, str)),
         ]
         for added in result.added
     ]

@@ -17,6 +17,7 @@ from bayesid.discrepancy.case import Case
 from bayesid.discrepancy.compare import NoiseFloor, Trial
 from bayesid.discrepancy.sets import EQUIVALENT_ODDS, EffectSet, EffectSets, Forms, WeighedSet, weighed
 from bayesid.fit.effects.added_effect import AddedEffect, weigh
+from bayesid.fit.effects.all_along import all_along
 from bayesid.fit.effects.error_model import ErrorModel
 from bayesid.fit.effects.explanation import LN10, Explanation, Observations
 from bayesid.fit.effects.extension import Extension, extend
@@ -124,6 +125,8 @@ def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
     """Effects that explain the log and are borne out by the data that are held back."""
     data, library = _begin(case)
     _, before = explain_with(data, ())
+    old = all_along(data, before, library)
+    library = [group for group in library if group and group[0].key not in old]
     sets = EffectSets(case, library, before)
     likeliest = _likeliest(sets, sets.settled((), data), progress)
     smallest = _borne_out(sets, likeliest)

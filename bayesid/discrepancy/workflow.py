@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from bayesid.arrays import Array
 from bayesid.discrepancy.case import Case, divide
 from bayesid.discrepancy.compare import Excess, NoiseFloor, Trial, make_trial, shortened, where_it_shows
 from bayesid.discrepancy.log_checks import check_log, check_same_robot, check_unseen
+from bayesid.discrepancy.mixed_up import check_columns
 from bayesid.discrepancy.numbers import Numbers
 from bayesid.discrepancy.selection import Selection, select_effects, unexplained, unexplained_anywhere
 from bayesid.discrepancy.sets import WeighedSet
@@ -164,6 +166,7 @@ def find_discrepancy(
     selecting, held_back = divide(model, log, later, trial, cutoff, thresholds)
     coefficients = base_coefficients(model)
     case = Case(earlier.knowledge, coefficients, earlier.noise, selecting, held_back, search, thresholds)
+    check_columns(partial(model.effort, theta=earlier.knowledge.theta), selecting, log)
     check_same_robot(case.before, selecting, log, thresholds)
     selection = select_effects(case, progress)
     extension = selection.extension

@@ -33,7 +33,8 @@ class Scene:
         effort: (N, n) the current model's effort, N m.
         measured: (N, n) absolute values of the measured efforts, N m.
         links: (10 n,) the current model's link parameters, with what the links carry.
-        effort_with: the current model's effort (N, n) of a robot that is mounted otherwise.
+        effort_with: the effort (N, n), N m, of the current model without effects that were found since, of a robot that
+            is built or mounted otherwise, or moves otherwise.
     """
 
     robot: Robot
@@ -42,11 +43,16 @@ class Scene:
     effort: Array
     measured: Array
     links: Array
-    effort_with: Callable[[Robot], Array]
+    effort_with: Callable[[Robot, Motion], Array]
 
     def actuator(self, joint: int) -> Motion:
         """The motion of one (0-based) actuator alone."""
         return self._each[joint]
+
+    @cached_property
+    def effort_as_told(self) -> Array:
+        """(N, n) the same effort of the robot and the motion as they are told, N m."""
+        return self.effort_with(self.robot, self.motion)
 
     @cached_property
     def _each(self) -> list[Motion]:
@@ -128,6 +134,8 @@ class Effect:
     """Whether it is but a finer form of a standard term: completes a model, but is nothing that could be missing."""
     of_sensor: ClassVar[bool] = False
     """Whether it changes what is read of the efforts, not what makes them."""
+    of_table: ClassVar[bool] = False
+    """Whether it is an error of the robot's table, which one of another row may look like."""
     shape_units: ClassVar[Mapping[str, str]] = {}
     """Of the fields with nonlinear numbers that people want to know."""
     given: ClassVar[tuple[str, ...]] = ()

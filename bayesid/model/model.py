@@ -143,7 +143,7 @@ class Model:
             (30,)
         """
 
-        def effort_with(robot: Robot) -> Array:
+        def effort_with(robot: Robot, motion: Motion) -> Array:
             return replace(self, robot=robot).effort(motion, theta)
 
         actuators, links = self.robot.actuators(motion), self.links(theta).ravel()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import groupby
 
 import numpy as np
@@ -149,10 +149,10 @@ def _found(discrepancy: Discrepancy, added: AddedEffect) -> Check:
             f"{_percent(added.nothing_missing)}, that it is something outside of the catalogue, "
             f"{_percent(added.something_else)}."
         )
-    if added.equivalent:
-        parts.append(f"This log cannot tell it from {listed([noun(name) for name in added.equivalent], 'or')}.")
+    if alike := equivalents(added, noun):
+        parts.append(f"This log cannot tell it from {listed(alike, 'or')}.")
         remedy = f"{distinguishing_motions(added)} would tell"
-    doubtful = bool(added.equivalent) or added.probability < _SURE
+    doubtful = bool(alike) or added.probability < _SURE
     return Check(name, "look" if doubtful else "good", " ".join(parts).removesuffix("."), remedy)
 
 
@@ -168,9 +168,21 @@ def _below_zero(added: AddedEffect) -> list[str]:
     return impossible
 
 
+def equivalents(added: AddedEffect, called: Callable[[str], str]) -> list[str]:
+    """What the log cannot tell from an effect, errors of other rows of the table with their joints.
+
+    Args:
+        added: the effect.
+        called: what an effect is called.
+    """
+    rows = [f"{called(name)} ({joints_in_words(joints)})" for name, joints in added.elsewhere]
+    return [*map(called, added.equivalent), *rows]
+
+
 def distinguishing_motions(added: AddedEffect) -> str:
     """The motions that would tell an effect from its equivalents."""
-    kinds = [added.hypothesis.source.shown_by, *(forms()[name].shown_by for name in added.equivalent)]
+    names = (*added.equivalent, *(name for name, _ in added.elsewhere))
+    kinds = [added.hypothesis.source.shown_by, *(forms()[name].shown_by for name in names)]
     return ", or ".join(dict.fromkeys(kinds))
 
 

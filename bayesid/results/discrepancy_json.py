@@ -65,15 +65,15 @@ def discrepancy_summary(discrepancy: Discrepancy) -> dict[str, Any]:
 
 
 def _added(effect: AddedEffect) -> dict[str, Any]:
+    alike = [*effect.equivalent, *(name for name, _ in effect.elsewhere)]
     return {
         "effect": effect.effect,
         "form": effect.hypothesis.source.name,
         "joints": list(effect.joints),
         "change_of_what_was_there": bool(effect.hypothesis.changes),
         "equivalent": list(effect.equivalent),
-        "told_apart_by": {name: forms()[name].shown_by for name in (effect.effect, *effect.equivalent)}
-        if effect.equivalent
-        else {},
+        "equivalent_elsewhere": [{"effect": name, "joints": list(joints)} for name, joints in effect.elsewhere],
+        "told_apart_by": {name: forms()[name].shown_by for name in sorted({effect.effect, *alike})} if alike else {},
         "log10_bayes_factor": effect.log10_bayes_factor,
         "probability": effect.probability,
         "inclusion_probability": effect.included,

@@ -65,6 +65,12 @@ def turned(gravity, first_angle, second_angle):
     return turn(vector / angle, angle) @ gravity if angle else gravity
 
 
+def off(table, number, error):
+    """The table with this number of each row larger by an error."""
+    rows = [{**row, number: row[number] + step} for row, step in zip(table["joints"], error, strict=True)]
+    return {**table, "joints": rows}
+
+
 READ = {
     "gain_error": Entry(
         lambda healthy, table, t, gain: healthy(table, t) * gain,
@@ -74,6 +80,26 @@ READ = {
     "base_tilt": Entry(
         lambda healthy, table, t, angle: healthy({**table, "gravity": turned(table["gravity"], *angle)}, t),
         lambda size: {"angle": (0.2, -0.35)},
+    ),
+    "link_length": Entry(
+        lambda healthy, table, t, error: healthy(off(table, "a", error), t),
+        lambda size: {"error": np.linspace(0.03, -0.05, len(size))},
+    ),
+    "link_twist": Entry(
+        lambda healthy, table, t, error: healthy(off(table, "alpha", error), t),
+        lambda size: {"error": np.linspace(-0.1, 0.15, len(size))},
+    ),
+    "link_offset": Entry(
+        lambda healthy, table, t, error: healthy(off(table, "d", error), t),
+        lambda size: {"error": np.linspace(0.05, -0.04, len(size))},
+    ),
+    "joint_zero": Entry(
+        lambda healthy, table, t, error: healthy(off(table, "theta", error), t),
+        lambda size: {"error": np.linspace(0.1, -0.15, len(size))},
+    ),
+    "gear_ratio": Entry(
+        lambda healthy, table, t, error: healthy(table, t, 1.0 + np.array(error)),
+        lambda size: {"error": np.linspace(0.08, -0.12, len(size))},
     ),
     "clipping": Entry(
         lambda healthy, table, t, limit: healthy(table, t) / np.maximum(1.0, np.abs(healthy(table, t)) / limit),
@@ -90,6 +116,8 @@ READ = {
 }
 """Of each distortion of the catalogue; a new one needs an entry here."""
 READINGS = [name for name in CATALOGUE if CATALOGUE[name].of_sensor]  # change what is read; the others change rows
+OF_TABLE = {"link_length": "a", "link_twist": "alpha", "link_offset": "d", "joint_zero": "zero"}
+OF_ROBOT = ("base_tilt", "gear_ratio", *OF_TABLE)  # what changes the robot or its motion acts in all joints
 TUNED = [name for name in CATALOGUE if np.any(np.greater(CATALOGUE[name].typical, 0.0))]
 VARIABLES = ("velocity", "position", "acceleration", "load", "time")
 
@@ -127,8 +155,12 @@ class Arm:
         self.t = BEGIN + np.arange(int(1.8 * rate) + 1) / rate
         self.motion = self.motion_at(self.t)
 
-    def healthy(self, table, t):
+    def healthy(self, table, t, further=None):
         motion, gravity = self.motion_at(t), np.array(table["gravity"])
+        if further is not None:  # motors turn by such factors, joints as they are coupled
+            of_motors = np.array(table.get("transmission", np.eye(len(further))))
+            to_joints = np.linalg.solve(of_motors, np.diag(further) @ of_motors).T
+            motion = Motion(t, *(getattr(motion, key) @ to_joints for key in ("q", "dq", "ddq")))
         bodies = actuator_efforts(
             joint_torques(dh_chain(table), self.clouds, gravity, motion), table.get("transmission")
         )
@@ -158,7 +190,7 @@ class Arm:
             effort=effort,
             measured=np.abs(effort),
             links=parameters_of(self.clouds),
-            effort_with=lambda other: replace(self.model, robot=other).effort(motion, self.theta),
+            effort_with=lambda other, moving: replace(self.model, robot=other).effort(moving, self.theta),
         )
 
 
@@ -187,7 +219,7 @@ def test_every_distortion_has_an_entry():
 
 
 def test_catalogue_holds_every_file_of_the_folder():
-    files = {one.name for one in pkgutil.iter_modules(bayesid.model.distortions.__path__)} - {"base"}
+    files = {one.name for one in pkgutil.iter_modules(bayesid.model.distortions.__path__)} - {"base", "displacement"}
     assert {name.split(".")[0] for name in CATALOGUE} == files
 
 
@@ -225,7 +257,7 @@ def test_delay_that_is_none_or_of_a_single_instant_changes_nothing(arm):
         np.testing.assert_array_equal(columns, arm.model.columns(motion))
 
 
-@pytest.mark.parametrize("name", [name for name in CATALOGUE if name != "base_tilt"])
+@pytest.mark.parametrize("name", [name for name in CATALOGUE if name not in OF_ROBOT])
 def test_other_joints_are_left_alone(arm, name):
     distortion, n = arm.distortion(name), arm.robot.n_joints
     for joints in ((2,), (3, 1)):
@@ -392,7 +424,7 @@ def test_slopes_are_those_of_the_efforts_by_hand(arm, name):
             "base_tilt": step * size,  # half a step of bayesid's own differences, of gravity's second derivative
             "delay": 10 * (3 * FASTEST / RATE) ** 3 / 24 * 3 * FASTEST * size,  # h^3/24 of the fourth derivative
         }.get(name, step * size)
-        assert error < 0.02 * np.abs(expected).max()
+        assert error < 0.02 * np.abs(expected).max() or (name in OF_TABLE and np.abs(expected).max() < error)
         np.testing.assert_allclose(slope[NOT_THE_FIRST], expected[NOT_THE_FIRST], rtol=0, atol=error)
 
 
@@ -415,13 +447,20 @@ def test_moved_adds_to_the_numbers(arm, distortion):
 # ---------------------------------------------------------------------------------------------------------------
 # Forms, numbers and names
 # ---------------------------------------------------------------------------------------------------------------
+def business_of_others(arm, name):
+    """In the modified convention the first a and alpha mount the base; of a joint that slides d is the zero."""
+    sliding = {(j,) for j, row in enumerate(arm.table["joints"], start=1) if row.get("type") == "prismatic"}
+    first = {(1,)} if arm.table["convention"] == "modified" else set()
+    return {"link_length": first, "link_twist": first, "joint_zero": sliding}.get(name, set())
+
+
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_variants_are_distortions_of_this_robot(arm, name):
     scene = arm.scene
     scene = replace(scene, measured=np.abs(arm.distortion("clipping").measured(scene.effort)))
     variants = list(CATALOGUE[name].variants(scene))
     each = {(j,) for j in range(1, arm.robot.n_joints + 1)}
-    expected = {"delay": {(), *each}, "base_tilt": {()}}.get(name, each)
+    expected = {"delay": {(), *each}, "base_tilt": {()}}.get(name, each) - business_of_others(arm, name)
     assert {one.joints for one in variants} == expected
     assert len(set(variants)) == len(variants)
     for one in variants:
@@ -481,8 +520,9 @@ def test_numbers_have_names_and_units(arm, distortion):
     """A joint that slides has N, not N m."""
     ((key, values),) = distortion.shape.items()
     numbers, robot = distortion.numbers(arm.robot), arm.robot
-    symbol = {"angle": "tilt"}.get(key, key)
+    symbol = {"angle": "tilt", "error": OF_TABLE.get(distortion.name, "ratio")}.get(key, key)
     unit = {"gain": "1", "lag": "s", "angle": "rad"}.get(key, distortion.shape_units.get(key))
+    unit = {"a": "m", "d": "m", "alpha": "rad", "zero": "rad", "ratio": "1"}.get(symbol, unit)
     units = [unit.replace("N m", "N") if joint.prismatic else unit for joint in robot.joints]
     assert [value for value, _ in numbers.values()] == values
     assert all(name.startswith(symbol) for name in numbers)

@@ -333,7 +333,7 @@ def scene(robot):
         effort=effort,
         measured=np.abs(effort),
         links=theta[: 10 * robot.n_joints],
-        effort_with=lambda other: replace(model, robot=other).effort(motion, theta),
+        effort_with=lambda other, moving: replace(model, robot=other).effort(moving, theta),
     )
 
 

@@ -33,6 +33,7 @@ class AddedEffect:
         rivals: scores of the alternatives, best first, itself included.
         equivalent: names of the effects that the log cannot tell from it.
         included: probability of this effect over all sets that are weighed (`bayesid.discrepancy.sets.WeighedSet`).
+        elsewhere: of an error of the robot's table, those of other joints' rows that the log cannot tell from it.
         parameters: by their names; of what the earlier model has too, the new value and the change.
         readable: what people read in place of parameters (`bayesid.model.effects.Effect.readable`), by its names.
     """
@@ -45,6 +46,7 @@ class AddedEffect:
     rivals: tuple[Score, ...]
     equivalent: tuple[str, ...]
     included: float = 1.0
+    elsewhere: tuple[EffectKey, ...] = ()
     parameters: dict[str, Quantity] = field(default_factory=dict)
     readable: dict[str, Quantity] = field(default_factory=dict)
 
@@ -106,11 +108,13 @@ def weigh(
     logs = [s.gain + np.log(share / (places if s.hypothesis.joints else 1)) for s in scores]
     nothing = without.log_evidence_as_noise - without.log_evidence + np.log(limits.nothing_missing)
     total = float(logsumexp([*logs, nothing, np.log(limits.something_else)]))
-    equivalent = {s.hypothesis.effect for s in scores if s.gain > gain - limits.equivalent * LN10} - {effect.effect}
+    alike = {s.key: s for s in scores if s.gain > gain - limits.equivalent * LN10}
+    elsewhere = {key for key, score in alike.items() if _in_another_row(effect, score.hypothesis)}
+    equivalent = {name for name, _ in set(alike) - elsewhere} - {effect.effect}
     class_logs = [
         value
         for value, score in zip(logs, scores, strict=True)
-        if score.key == effect.key or score.hypothesis.effect in equivalent
+        if score.key in {effect.key, *elsewhere} or score.hypothesis.effect in equivalent
     ]
     return AddedEffect(
         hypothesis=effect,
@@ -120,7 +124,13 @@ def weigh(
         something_else=float(np.exp(np.log(limits.something_else) - total)),
         rivals=tuple(scores),
         equivalent=tuple(sorted(equivalent)),
+        elsewhere=tuple(sorted(elsewhere)),
     )
+
+
+def _in_another_row(one: Hypothesis, other: Hypothesis) -> bool:
+    """Whether both are errors of the robot's table, of different rows."""
+    return one.source.of_table and other.source.of_table and one.joints != other.joints
 
 
 def _rivals(library: Library, effect: Hypothesis, others: Sequence[Hypothesis]) -> list[list[Hypothesis]]:

@@ -66,10 +66,10 @@ class BaseTilt(Distortion):
 
     def change(self, scene: Scene) -> tuple[Array, Array]:
         """By differences."""
-        here = scene.effort_with(self._tilted(scene.robot))
+        here = scene.effort_with(self._tilted(scene.robot), scene.motion)
         tilted = [self.moved(_STEP * axis)._tilted(scene.robot) for axis in np.eye(2)]
-        columns = np.stack([scene.effort_with(robot) - here for robot in tilted], axis=2) / _STEP
-        return here - scene.effort, np.concatenate([columns, _first_link(scene)], axis=2)
+        columns = np.stack([scene.effort_with(robot, scene.motion) - here for robot in tilted], axis=2) / _STEP
+        return here - scene.effort_as_told, np.concatenate([columns, _first_link(scene)], axis=2)
 
     def moved(self, step: Array) -> Self:
         """Another tilt."""

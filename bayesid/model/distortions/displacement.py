@@ -38,8 +38,8 @@ class Displacement(Distortion):
     """Whether it is an angle."""
     reference: ClassVar[str] = "Denavit and Hartenberg, A kinematic notation for lower-pair mechanisms, 1955"
     variable: ClassVar[str] = "position"
-    typical_scales: ClassVar[tuple[float, ...]] = (1.0, 4.0)
     needs_earlier: ClassVar[bool] = True
+    of_table: ClassVar[bool] = True
 
     def displaced(self, robot: Robot, joint: int, step: float) -> Robot:
         """The robot with the number of a (0-based) joint larger by a step, m or rad."""
@@ -64,7 +64,7 @@ class Displacement(Distortion):
         """Of the whole model's effort; slopes by differences of the links' alone."""
         built, moved = self._built(scene.robot), np.zeros_like(scene.effort)
         if any(self.error):
-            moved = scene.effort_with(built) - scene.effort_with(scene.robot)
+            moved = scene.effort_with(built, scene.motion) - scene.effort_as_told
         slopes = [self._slope(scene, built, j) for j in self.acting(scene.robot.n_joints)]
         return moved, np.stack(slopes, axis=2)
 

@@ -27,7 +27,7 @@ class JointZero(Displacement):
         opposite="{whose} zero is off: it stands {zero} less far than its position says.",
         units={"zero": ReadableUnit("degrees", 180.0 / math.pi)},
     )
-    typical: ClassVar[tuple[float, ...]] = (math.radians(0.5),)
+    typical: ClassVar[tuple[float, ...]] = (math.radians(1.0),)
     symbol: ClassVar[str] = "zero"
     of_angle: ClassVar[bool] = True
 

@@ -25,7 +25,7 @@ class LinkLength(Displacement):
         opposite="{whose} link is {a} shorter than the table's a.",
         units={"a": ReadableUnit("mm", 1e3)},
     )
-    typical: ClassVar[tuple[float, ...]] = (5e-3,)
+    typical: ClassVar[tuple[float, ...]] = (0.01,)
     symbol: ClassVar[str] = "a"
     of_angle: ClassVar[bool] = False
 

@@ -25,7 +25,7 @@ class LinkOffset(Displacement):
         opposite="{whose} link sits {d} less far along its axis than the table's d.",
         units={"d": ReadableUnit("mm", 1e3)},
     )
-    typical: ClassVar[tuple[float, ...]] = (5e-3,)
+    typical: ClassVar[tuple[float, ...]] = (0.01,)
     symbol: ClassVar[str] = "d"
     of_angle: ClassVar[bool] = False
 

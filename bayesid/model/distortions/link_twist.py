@@ -26,7 +26,7 @@ class LinkTwist(Displacement):
         opposite="{whose} link is twisted by {alpha} less than the table's alpha.",
         units={"alpha": ReadableUnit("degrees", 180.0 / math.pi)},
     )
-    typical: ClassVar[tuple[float, ...]] = (math.radians(0.5),)
+    typical: ClassVar[tuple[float, ...]] = (math.radians(1.0),)
     symbol: ClassVar[str] = "alpha"
     of_angle: ClassVar[bool] = True
 

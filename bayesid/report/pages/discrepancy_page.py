@@ -19,6 +19,7 @@ from bayesid.process import one_at_a_time
 from bayesid.report.discrepancy_verdicts import (
     discrepancy_checks,
     distinguishing_motions,
+    equivalents,
     lead,
     listed_sets,
     nothing_missing,
@@ -135,7 +136,7 @@ def _added(effect: AddedEffect) -> dict[str, Any]:
         "probability": effect.probability,
         "nothing_missing": effect.nothing_missing,
         "something_else": effect.something_else,
-        "equivalent": ", ".join(label(name) for name in effect.equivalent),
+        "equivalent": ", ".join(equivalents(effect, label)),
         "shown_by": distinguishing_motions(effect),
     }
 

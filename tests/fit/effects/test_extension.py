@@ -43,9 +43,9 @@ class Case:
 
     @property
     def scene(self):
-        def effort_with(robot):
+        def effort_with(robot, motion):
             lifted = self.coefficients.lift(self.beta) + self.traceless
-            return Model(robot, self.model.terms).effort(MOTION, lifted)
+            return Model(robot, self.model.terms).effort(motion, lifted)
 
         links = self.knowledge.theta[: 10 * JOINTS]
         return Scene(ROBOT, MOTION, ROBOT.actuators(MOTION), self.effort, 0.9 * np.abs(self.effort), links, effort_with)

@@ -41,8 +41,8 @@ class Case:
     def scene(self):
         robot = self.model.robot
 
-        def effort_with(other):
-            return replace(self.model, robot=other).effort(self.motion, self.theta)
+        def effort_with(other, moving):
+            return replace(self.model, robot=other).effort(moving, self.theta)
 
         return Scene(
             robot,
@@ -80,10 +80,14 @@ def test_the_catalogue_is_complete():
 
 @pytest.mark.parametrize("name", EFFECTS)
 def test_every_effect_is_tried_wherever_it_may_be(name):
-    """In each joint by itself, or on the whole robot; the delay both."""
+    """In each joint by itself, or on the whole robot; the delay both.
+
+    The first row of a modified table mounts the base: its d leaves no trace, the others are `base_tilt`.
+    """
     found = {one.joints for one in case().all() if one.effect == name}
     alone = {(j,) for j in range(1, JOINTS + 1)}
     expected = {"payload": {()}, "tool_wrench": {()}, "base_tilt": {()}, "delay": {(), *alone}}
+    expected |= {of_link: alone - {(1,)} for of_link in ("link_length", "link_twist", "link_offset")}
     assert found == expected.get(name, alone if name in NAMES.split() or main_forms()[name].by_joint else {()})
     assert main_forms()[name].name == name
 
@@ -124,7 +128,8 @@ def test_distortions_have_shifts_and_slopes_where_they_act():
     for one in smooth.all():
         if one.effect not in distortions.CATALOGUE:
             continue
-        named = {j - 1 for j in one.joints} or set(range(JOINTS))
+        moves_robot = one.source.of_table or one.effect == "gear_ratio"
+        named = set(range(JOINTS)) if moves_robot or not one.joints else {j - 1 for j in one.joints}
         assert one.columns.joints <= named
         p = len(one.columns.sd)
         assert bool(one.columns.rows) == bool(p)
@@ -140,7 +145,8 @@ def test_distortions_have_shifts_and_slopes_where_they_act():
         assert changed[20:].any()
         typical = np.atleast_1d(one.source.typical)
         if p:
-            np.testing.assert_allclose(one.columns.sd, typical[:p] if len(typical) > 1 else typical[0])
+            scaled = [scale * (typical[:p] if len(typical) > 1 else typical[:1]) for scale in one.source.typical_scales]
+            assert any(np.allclose(one.columns.sd, sd) for sd in scaled)
 
 
 def test_what_leaves_no_trace_in_used_samples_is_left_out():

@@ -1,0 +1,36 @@
+"""Errors of the robot's table that were there all along: the earlier log shows them too, and has bent the model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bayesid.fit.effects.explanation import Explanation, Observations
+from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
+
+
+def all_along(
+    data: Observations, without: Explanation, library: Sequence[Sequence[Hypothesis]]
+) -> frozenset[EffectKey]:
+    """Errors of the table that cannot have come since the earlier log: they do not show above the noise floor.
+
+    The floor holds what the earlier model left of its own log. An error that was there already is a part of it, however
+    well it explains what this log leaves; one that is new adds to it, most of all in the joint where it is largest.
+
+    Args:
+        data: what is to be explained.
+        without: the explanation by the model alone.
+        library: all hypotheses.
+    """
+    limits = data.thresholds
+    most = np.where(data.sharp, limits.above_floor, limits.above_blunt_floor)
+    above = data.mean_square(without.residual) > most**2
+    return frozenset(h.key for group in library for h in group if h.source.of_table and not above[_strongest(data, h)])
+
+
+def _strongest(data: Observations, hypothesis: Hypothesis) -> int:
+    """The (0-based) joint in which an effect is largest beside the noise."""
+    rows, used = hypothesis.columns.rows, data.used
+    size = {j: float(np.mean(x[used[:, j]] ** 2)) / data.floor[j] ** 2 for j, x in rows.items() if used[:, j].any()}
+    return max(size, key=lambda j: size[j]) if size else 0

@@ -1,0 +1,59 @@
+"""Errors of the table that the earlier log shows too."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import small_robot
+
+from bayesid.fit.effects.all_along import all_along
+from bayesid.fit.effects.columns import Columns
+from bayesid.fit.effects.explanation import Observations
+from bayesid.fit.effects.hypotheses import Hypothesis
+from bayesid.fit.effects.scores import explain_with
+from bayesid.fit.knowledge import Information
+from bayesid.model.catalogue import make_effect
+
+N, SD = 400, np.array([0.2, 3.0])
+ROBOT = small_robot(2)
+
+
+def data(residual):
+    used = np.ones(residual.shape, dtype=bool)
+    limits = np.stack([1.1 * SD, 0.3 * SD], axis=1)
+    columns = np.zeros((N, 2, 1))
+    columns[:, :, 0] = 1e-6
+    return Observations(columns, residual, used, Information.none(1), SD, used[0], limits, 100.0)
+
+
+def hypothesis(name, shape, rows):
+    return Hypothesis(make_effect(name, shape), Columns(rows, {}, np.ones(1), np.zeros(1, dtype=bool)), lambda _: None)
+
+
+def of_library():
+    """An error of the table that acts most in joint 1 beside its noise, though less in N m; and a spring."""
+    wave = np.sin(np.arange(N) / 7.0)[:, None]
+    error = hypothesis("joint_zero", {"joints": [2], "error": [0.0]}, {0: wave, 1: 5.0 * wave})
+    return [[error], [hypothesis("gain_error", {"joints": [1], "gain": [1.0]}, {0: wave})]]
+
+
+@pytest.mark.parametrize(("above", "old"), [([1.0, 1.0], True), ([1.0, 2.0], True), ([2.0, 1.0], False)])
+def test_error_of_the_table_is_new_where_it_shows_above_the_floor(above, old):
+    residual = np.random.default_rng(1).standard_normal((N, 2)) * SD * above
+    log = data(residual)
+    _, without = explain_with(log, ())
+    assert all_along(log, without, of_library()) == ({("joint_zero", (2,))} if old else set())
+
+
+def test_a_blunt_floor_must_be_exceeded_by_more():
+    residual = np.random.default_rng(2).standard_normal((N, 2)) * SD * [1.45, 1.0]
+    for sharp, old in ((True, False), (False, True)):
+        log = replace(data(residual), sharp=np.full(2, sharp))
+        _, without = explain_with(log, ())
+        assert bool(all_along(log, without, of_library())) == old
+
+
+def test_other_effects_are_never_barred():
+    log = data(0.1 * SD * np.random.default_rng(3).standard_normal((N, 2)))
+    _, without = explain_with(log, ())
+    assert all(smooth != "gain_error" for smooth, _ in all_along(log, without, of_library()))
