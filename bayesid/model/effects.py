@@ -55,6 +55,11 @@ class Scene:
         return self.effort_with(self.robot, self.motion)
 
     @cached_property
+    def link_effort(self) -> Array:
+        """(N, n) effort of the links alone, N m."""
+        return self.robot.inverse_dynamics(self.motion, self.links)
+
+    @cached_property
     def _each(self) -> list[Motion]:
         return [self.actuators.joints([j]) for j in range(self.actuators.n_joints)]
 

@@ -19,7 +19,7 @@ N, RATE = 3, 100.0
 def effort_of(motion):
     """Each joint's own size, gravity of a kind that is not even in the position, and a coupling."""
     q, ddq = motion.q, motion.ddq
-    return np.array([8.0, 3.0, 1.0]) * np.sin(q + [0.4, 0.9, -0.7]) + 0.1 * ddq @ np.triu(np.ones((N, N)))
+    return np.array([8.0, 3.0, 1.0]) * np.sin(q + np.array([0.4, 0.9, -0.7])) + 0.1 * ddq @ np.triu(np.ones((N, N)))
 
 
 MOTION = smooth_motion(N, 20.0, RATE, seed=3)

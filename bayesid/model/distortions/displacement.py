@@ -15,7 +15,7 @@ from bayesid.model.robot import Robot
 from bayesid.motion import Motion
 
 _STEP = 1e-5
-"""m and rad, of the central differences: their error is its square, and rounding 1e-10 of the effort."""
+"""m and rad, of the differences: their error is of this size, relative to the effort, and rounding 1e-11 of it."""
 _ROUNDING = 1e-8
 """Share of the robot's largest effort per m or rad, up to which a slope is rounding."""
 _LONGEST, _WIDEST = 0.1, 0.5
@@ -65,7 +65,8 @@ class Displacement(Distortion):
         built, moved = self._built(scene.robot), np.zeros_like(scene.effort)
         if any(self.error):
             moved = scene.effort_with(built, scene.motion) - scene.effort_as_told
-        slopes = [self._slope(scene, built, j) for j in self.acting(scene.robot.n_joints)]
+        here = built.inverse_dynamics(scene.motion, scene.links) if any(self.error) else scene.link_effort
+        slopes = [self._slope(scene, built, here, j) for j in self.acting(scene.robot.n_joints)]
         return moved, np.stack(slopes, axis=2)
 
     def moved(self, step: Array) -> Self:
@@ -90,11 +91,8 @@ class Displacement(Distortion):
             robot = self.displaced(robot, j, step) if step else robot
         return robot
 
-    def _slope(self, scene: Scene, built: Robot, joint: int) -> Array:
+    def _slope(self, scene: Scene, built: Robot, here: Array, joint: int) -> Array:
         """(N, n) by the number of one joint, N m per m or rad; zero where it is rounding."""
-        there, back = (
-            self.displaced(built, joint, step).inverse_dynamics(scene.motion, scene.links) for step in (_STEP, -_STEP)
-        )
-        slope: Array = (there - back) / (2.0 * _STEP)
+        slope = (self.displaced(built, joint, _STEP).inverse_dynamics(scene.motion, scene.links) - here) / _STEP
         slope[:, np.abs(slope).max(axis=0) < _ROUNDING * np.abs(scene.effort).max()] = 0.0
         return slope
