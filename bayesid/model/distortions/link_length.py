@@ -19,10 +19,10 @@ class LinkLength(Displacement):
     physics: ClassVar[str] = "A length a of the Denavit-Hartenberg table is off: a link is longer or shorter."
     shown_by: ClassVar[str] = "moving the joints behind the link through their ranges, fast, in several postures"
     phrase: ClassVar[Phrase] = Phrase(
-        "{whose} link is {a} longer than the table's a.",
+        "{whose} link is {a} longer than the table's a, by the model's masses.",
         "an error of a length a of the table",
         size="a",
-        opposite="{whose} link is {a} shorter than the table's a.",
+        opposite="{whose} link is {a} shorter than the table's a, by the model's masses.",
         units={"a": ReadableUnit("mm", 1e3)},
     )
     typical: ClassVar[tuple[float, ...]] = (0.01,)

@@ -19,10 +19,10 @@ class LinkOffset(Displacement):
     physics: ClassVar[str] = "A length d of the Denavit-Hartenberg table is off: a link sits further along its axis."
     shown_by: ClassVar[str] = "moving the joints before the link through their ranges, fast, in several postures"
     phrase: ClassVar[Phrase] = Phrase(
-        "{whose} link sits {d} further along its axis than the table's d.",
+        "{whose} link sits {d} further along its axis than the table's d, by the model's masses.",
         "an error of a length d of the table",
         size="d",
-        opposite="{whose} link sits {d} less far along its axis than the table's d.",
+        opposite="{whose} link sits {d} less far along its axis than the table's d, by the model's masses.",
         units={"d": ReadableUnit("mm", 1e3)},
     )
     typical: ClassVar[tuple[float, ...]] = (0.01,)

@@ -20,10 +20,10 @@ class LinkTwist(Displacement):
     physics: ClassVar[str] = "An angle alpha of the Denavit-Hartenberg table is off: two axes stand askew."
     shown_by: ClassVar[str] = "moving the joints on both sides of the link slowly through their ranges"
     phrase: ClassVar[Phrase] = Phrase(
-        "{whose} link is twisted by {alpha} more than the table's alpha.",
+        "{whose} link is twisted by {alpha} more than the table's alpha, by the model's masses.",
         "an error of an angle alpha of the table",
         size="alpha",
-        opposite="{whose} link is twisted by {alpha} less than the table's alpha.",
+        opposite="{whose} link is twisted by {alpha} less than the table's alpha, by the model's masses.",
         units={"alpha": ReadableUnit("degrees", 180.0 / math.pi)},
     )
     typical: ClassVar[tuple[float, ...]] = (math.radians(1.0),)
