@@ -35,6 +35,8 @@ from bayesid.progress import SILENT, Progress
 
 _POLISHED = 2
 """Sets of one joint's effects, of each size, that are looked at closely; a round number."""
+_LOOKS = 2
+"""Times that sets of one joint's effects are looked for, others' effects having changed meanwhile; bounds the time."""
 _BASES = 2
 """Distortions that other effects are looked for beside, those that explain most by themselves; a round number."""
 _WHOLE = 3
@@ -235,17 +237,21 @@ def _sharper(
 
 def _improved(sets: EffectSets, best: EffectSet) -> EffectSet:
     """The likeliest of what whole sets of effects in one joint lead to, joint by joint, until none is likelier."""
+    looks = Counter[int]()
     looked = set[tuple[int, Forms]]()  # at a joint beside these effects elsewhere
     while True:
-        beside = {
-            j: frozenset((e.source.name, e.joints) for e in best.effects if e.columns.joints != {j})
-            for j in _unsettled(sets.case, best)
-        }
+        beside = {j: _elsewhere(best, j) for j in _unsettled(sets.case, best) if looks[j] < _LOOKS}
         left = [(j, forms) for j, forms in beside.items() if (j, forms) not in looked]
         if not left:
             return _polished(sets, best)
         looked.add(left[0])
+        looks[left[0][0]] += 1
         best = _improved_in(sets, best, left[0][0])
+
+
+def _elsewhere(chosen: EffectSet, joint: int) -> Forms:
+    """Forms of the effects that act not in a joint alone."""
+    return frozenset((e.source.name, e.joints) for e in chosen.effects if e.columns.joints != {joint})
 
 
 def _unsettled(case: Case, chosen: EffectSet) -> list[int]:

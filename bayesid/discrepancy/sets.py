@@ -17,7 +17,7 @@ from bayesid.fit.effects.extension import extend
 from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis, Library, forms_of, maker
 from bayesid.fit.effects.refinement import refined
 from bayesid.fit.effects.relinearisation import effort_of_terms, sharpened
-from bayesid.fit.effects.scores import best_forms, explain_with
+from bayesid.fit.effects.scores import best_forms, explain_with, plain_errors
 from bayesid.fit.effects.screening import Screening
 from bayesid.model.catalogue import main_forms
 
@@ -163,14 +163,21 @@ class EffectSets:
     def _in_best_forms(
         self, effects: Sequence[Hypothesis], data: Observations, kept: Hypothesis | None
     ) -> list[Hypothesis]:
-        """Each effect in the form that is likeliest beside the others."""
+        """Each effect in the form that is likeliest beside the others.
+
+        A distortion in the one that explains most: thresholds and lags that are far off leave what looks like slow
+        noise, which they are then judged by.
+        """
         effects = list(effects)
         for k, effect in enumerate(effects):
+            if self._forms[effect.key] == 1:
+                continue  # there is no other, and a distortion's number is better than the library's
             regression, others = explain_with(data, [*effects[:k], *effects[k + 1 :]])
             groups = self._forms_of(effect, effects, data)
             if effect is kept:
                 groups = [group for group in groups if group[0].source.name == effect.source.name]
-            best = best_forms(Screening(regression, others.errors), groups)
+            errors = others.errors if effect.source.linear else plain_errors(data)
+            best = best_forms(Screening(regression, errors), groups)
             effects[k] = best[0][0].hypothesis if best else effect
         return effects
 

@@ -129,6 +129,8 @@ class Effect:
     """Whether a model may lack it."""
     linear: ClassVar[bool] = True
     """Whether the efforts are linear in its amplitudes wherever it is looked at."""
+    of_effort: ClassVar[bool] = False
+    """Whether what it does depends on the whole effort, with that of the terms beside it."""
     reveals: ClassVar[bool] = False
     """Whether its rows show parameters of other effects that no log without it could show."""
     adds_to: ClassVar[Mapping[str, str]] = {}

@@ -34,6 +34,8 @@ _BEAM = 24
 _FORMS = 12
 """Forms of one effect that take part in sets: half of them those that explain most by themselves, half spread evenly
 over its grid, for what explains most beside another effect is not known before. A round number."""
+_SCORED = 16
+"""Forms that are multiplied together where each is scored alone; a round number."""
 _AT_ONCE = 4096
 """Sets whose products are in memory at once; a round number."""
 _TINY = 1e-300
@@ -60,11 +62,12 @@ def joint_sets(
     """
     if not forms:
         return []
+    forms = sorted(forms, key=lambda form: len(form.columns.sd))
     priors = np.array([log_prior(form) for form in forms])
-    whole = _JointForms(data, joint, others, forms)
-    kept = _spread(forms, whole.scores(np.arange(len(forms))[:, None]) + priors)
-    search = _JointForms(data, joint, others, [forms[k] for k in kept])
-    return search.best(priors[kept])
+    parts = [forms[k : k + _SCORED] for k in range(0, len(forms), _SCORED)]
+    alone = [_JointForms(data, joint, others, part).scores(np.arange(len(part))[:, None]) for part in parts]
+    kept = _spread(forms, np.concatenate(alone) + priors)
+    return _JointForms(data, joint, others, [forms[k] for k in kept]).best(priors[kept])
 
 
 def _spread(forms: Sequence[Hypothesis], scores: Array) -> list[int]:

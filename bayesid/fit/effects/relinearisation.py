@@ -16,6 +16,8 @@ from bayesid.model.effects import Scene
 
 _RELINEARISATIONS = 3
 """Of distortions about their own numbers: Newton's method, whose error falls with the square each time."""
+_STILL = 1e-4
+"""Of an amplitude's prior standard deviation, up to which a number does not move: nobody would see it."""
 
 
 def sharpened(
@@ -31,8 +33,9 @@ def sharpened(
     """
     effects = list(effects)
     _, explanation = explain_with(data, effects)
-    linear = all(effect.source.linear for effect in effects)
-    for _ in range(0 if linear else _RELINEARISATIONS):
+    for _ in range(_RELINEARISATIONS):
+        if not _moves(effects, explanation):
+            break
         shifted = moved(effects, explanation)
         scene = scene_of(
             columns @ explanation.beta + effort_of_terms(effects, explanation.amplitudes, data.effort.shape)
@@ -40,6 +43,15 @@ def sharpened(
         effects = about(shifted, scene)
         _, explanation = explain_with(data, effects, explanation)
     return effects, explanation
+
+
+def _moves(effects: Sequence[Hypothesis], explanation: Explanation) -> bool:
+    """Whether a distortion is still on its way, by more than nobody would see, or what it does may be."""
+    pairs = zip(effects, explanation.amplitudes, strict=True)
+    distortions = [(effect, amplitude) for effect, amplitude in pairs if not effect.source.linear]
+    if any(effect.source.of_effort for effect, _ in distortions):
+        return True
+    return any(np.any(np.abs(amplitude) > _STILL * effect.columns.sd) for effect, amplitude in distortions)
 
 
 def about(effects: Sequence[Hypothesis], scene: Scene) -> list[Hypothesis]:

@@ -92,8 +92,11 @@ def explain_with(
 
 def initial_errors(data: Observations) -> tuple[ErrorModel, ...]:
     """Error models to begin with: those of the reference, or white noise at its limit."""
-    if data.reference is not None:
-        return data.reference.errors
+    return plain_errors(data) if data.reference is None else data.reference.errors
+
+
+def plain_errors(data: Observations) -> tuple[ErrorModel, ...]:
+    """Error models of what is nothing but white noise at its limit, or little more."""
     return tuple(
         ErrorModel(white, _INITIAL_COLOURED * white, _INITIAL_CORRELATION, data.rate) for white in data.limits[:, 0]
     )

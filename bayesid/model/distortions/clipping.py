@@ -35,6 +35,7 @@ class Clipping(Distortion):
     reference: ClassVar[str] = "Saturation"
     variable: ClassVar[str] = "load"
     shown_by: ClassVar[str] = "reaching well beyond the limit, with a payload or at high acceleration"
+    of_effort: ClassVar[bool] = True
     phrase: ClassVar[Phrase] = Phrase("{whose} efforts are cut off at {limit}.", "clipping")
     shape_units: ClassVar[Mapping[str, str]] = {"limit": "N m"}
     of_sensor: ClassVar[bool] = True

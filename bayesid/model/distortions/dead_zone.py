@@ -50,6 +50,7 @@ class DeadZone(Distortion):
     reference: ClassVar[str] = "Dead zone without offset; Tao and Kokotovic 1996"
     variable: ClassVar[str] = "load"
     shown_by: ClassVar[str] = "slow changes of the load through zero"
+    of_effort: ClassVar[bool] = True
     phrase: ClassVar[Phrase] = Phrase("{whose} efforts below {width} read as zero.", "a dead zone")
     shape_units: ClassVar[Mapping[str, str]] = {"width": "N m"}
     of_sensor: ClassVar[bool] = True

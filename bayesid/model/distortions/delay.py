@@ -37,6 +37,7 @@ class Delay(Distortion):
     reference: ClassVar[str] = "Swevers, Verdonck, De Schutter, Dynamic model identification for robots, 2007"
     variable: ClassVar[str] = "time"
     shown_by: ClassVar[str] = "fast changes of acceleration"
+    of_effort: ClassVar[bool] = True
     phrase: ClassVar[Phrase] = Phrase(
         "{whose} efforts lag {lag} behind the motion.",
         "a delay",

@@ -33,6 +33,7 @@ class GainError(Distortion):
     reference: ClassVar[str] = "Gautier and Briot, Global identification of joint drive gains, 2014"
     variable: ClassVar[str] = "load"
     shown_by: ClassVar[str] = "the same motion with a known payload"
+    of_effort: ClassVar[bool] = True
     phrase: ClassVar[Phrase] = Phrase(
         "{whose} efforts read {gain} too large.",
         "a gain error",
