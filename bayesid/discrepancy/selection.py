@@ -17,7 +17,7 @@ from bayesid.discrepancy.case import Case
 from bayesid.discrepancy.compare import NoiseFloor, Trial
 from bayesid.discrepancy.sets import EQUIVALENT_ODDS, EffectSet, EffectSets, Forms, WeighedSet, weighed
 from bayesid.fit.effects.added_effect import AddedEffect, weigh
-from bayesid.fit.effects.all_along import all_along
+from bayesid.fit.effects.all_along import all_along, was_there
 from bayesid.fit.effects.error_model import ErrorModel
 from bayesid.fit.effects.explanation import LN10, Explanation, Observations
 from bayesid.fit.effects.extension import Extension, extend

@@ -10,7 +10,7 @@ from bayesid.model.robot import Joint, Robot, robot_from_table
 
 STEP = 0.03
 Q = np.array([0.3, -0.8, 0.5, 1.1])
-MOVES = [(n, along_normal, n == "alpha") for n in ("a", "alpha")] + [(n, along_axis, n == "theta") for n in ("d", "theta")]
+MOVES = [
     ("a", along_normal, False),
     ("alpha", along_normal, True),
     ("d", along_axis, False),

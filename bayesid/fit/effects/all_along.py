@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bayesid.fit.effects.explanation import Explanation, Observations
+from bayesid.fit.effects.explanation import LN10, Explanation, Observations
 from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
 
 
@@ -27,6 +27,21 @@ def all_along(
     most = np.where(data.sharp, limits.above_floor, limits.above_blunt_floor)
     above = data.mean_square(without.residual) > most**2
     return frozenset(h.key for group in library for h in group if h.source.of_table and not above[_strongest(data, h)])
+
+
+def was_there(data: Observations, with_it: Explanation, without: Explanation) -> bool:
+    """Whether the earlier log speaks against an error of the table, as surely as an effect must be found.
+
+    A model that was bent by the error fits it badly: its coefficients have to move far from what that log showed.
+    Those of a model that was right then stay, and without the error they would have to move.
+
+    Args:
+        data: what is explained.
+        with_it: the explanation with the error.
+        without: the same without it.
+    """
+    against = 0.5 * (data.information.misfit(with_it.beta) - data.information.misfit(without.beta))
+    return against > data.thresholds.log10_bayes_factor * LN10
 
 
 def _strongest(data: Observations, hypothesis: Hypothesis) -> int:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import small_robot
 
-from bayesid.fit.effects.all_along import all_along
+from bayesid.fit.effects.all_along import all_along, was_there
 from bayesid.fit.effects.columns import Columns
 from bayesid.fit.effects.explanation import Observations
 from bayesid.fit.effects.hypotheses import Hypothesis
@@ -57,3 +57,14 @@ def test_other_effects_are_never_barred():
     log = data(0.1 * SD * np.random.default_rng(3).standard_normal((N, 2)))
     _, without = explain_with(log, ())
     assert all(smooth != "gain_error" for smooth, _ in all_along(log, without, of_library()))
+
+
+@pytest.mark.parametrize(("moved", "there"), [(2.9, False), (3.2, True)])
+def test_error_that_moves_what_the_earlier_log_has_shown_was_there(moved, there):
+    """Three standard deviations are a likelihood ratio of 100 = exp(9.2 / 2), as an effect needs."""
+    log = data(np.random.default_rng(4).standard_normal((N, 2)) * SD)
+    log = replace(log, information=Information(np.array([[4.0]]), np.array([8.0]), 16.0))  # 2 with an sd of a half
+    _, without = explain_with(log, ())
+    at = replace(without, beta=np.array([2.0]))
+    assert was_there(log, replace(without, beta=np.array([2.0 - 0.5 * moved])), at) == there
+    assert not was_there(log, at, replace(without, beta=np.array([0.0])))
