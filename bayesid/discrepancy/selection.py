@@ -377,10 +377,17 @@ def _smallest(sets: EffectSets) -> list[EffectSet]:
 
 
 def _needless(sets: EffectSets, chosen: EffectSet) -> bool:
-    """Whether a set that was looked at and lacks one of the effects is about as likely."""
+    """Whether a set that was looked at and lacks one of the effects is about as likely, or that was there all along."""
     needed = sets.case.thresholds.log10_bayes_factor * LN10
-    fewer = (sets.found.get(chosen.forms - {form}) for form in chosen.forms)
-    return any(one is not None and one.log_posterior > chosen.log_posterior - needed for one in fewer)
+    for effect in chosen.effects:
+        fewer = sets.found.get(chosen.forms - {(effect.source.name, effect.joints)})
+        if fewer is None:
+            continue
+        if fewer.log_posterior > chosen.log_posterior - needed:
+            return True
+        if effect.source.of_table and was_there(chosen.data, chosen.explanation, fewer.explanation):
+            return True
+    return False
 
 
 def _rivals(sets: EffectSets, chosen: EffectSet, gone: tuple[Hypothesis, ...]) -> list[Hypothesis]:

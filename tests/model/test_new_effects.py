@@ -68,7 +68,7 @@ for name, number in (("fan_drag", ("c2", 6.0, 0.1, "N m s^2/rad^2")), ("crossove
     in_joint_2 = next(one for one in forms if one.joints == (2,))
     effect = SimpleNamespace(
         hypothesis=in_joint_2, effect=name, joints=(2,), parameters={number[0]: number[1:]}, readable={},
-        probability=0.99, equivalent=(),
+        probability=0.99, equivalent=(), elsewhere=(),
     )
     result = SimpleNamespace(
         added=[effect], before=sizes, after=sizes, holdout="later.csv", where=[],

@@ -21,7 +21,7 @@ from bayesid.fit.effects.scores import Score
 from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.log.signals import Signals
 from bayesid.model import distortions, terms
-from bayesid.model.catalogue import forms
+from bayesid.model.catalogue import forms, make_effect
 from bayesid.model.distortions.base_tilt import BaseTilt
 from bayesid.model.distortions.delay import Delay
 from bayesid.model.distortions.gain_error import GainError
@@ -441,6 +441,14 @@ def test_doubt_is_said():
     assert "The probability of this is 72 %; that nothing is missing in its place, under 1 %" in said
 
 
+def test_rows_of_the_table_that_look_alike_are_told_with_their_joints():
+    error = found(make_effect("link_offset", {"joints": [2], "error": [0.0]}), {"d2": (0.0052, 1e-4, "m")})
+    (verdict, *_) = discrepancy_checks(make(added=(replace(error, elsewhere=(("link_offset", (3,)),)),)))
+    assert "sits 5.20 +- 0.10 mm further along its axis" in verdict.message
+    assert verdict.message.endswith("cannot tell it from an error of a length d of the table (joint 3)")
+    assert verdict.state == "look"
+
+
 def test_sliding_joints_have_newtons():
     model = SimpleNamespace(model=SimpleNamespace(robot=make_robot(sliding=(2,))), log=SimpleNamespace(source="x"))
     said = paragraph(make(identification=model, unexplained=((2, 2.0),)))
@@ -451,7 +459,8 @@ def test_sliding_joints_have_newtons():
 def numbers_of(kind):
     """Names, without joints, that a form's numbers have in a result."""
     if issubclass(kind, distortions.Distortion):
-        return {"base_tilt": {"tilt1", "tilt2"}, "delay": {"lag"}}.get(kind.name, set(kind.shape_units))
+        own = {"base_tilt": {"tilt1", "tilt2"}, "delay": {"lag"}, "gear_ratio": {"ratio"}}
+        return {kind.symbol} if kind.of_table else own.get(kind.name, set(kind.shape_units))
     if issubclass(kind, terms.ActuatorTerm):
         return {symbol.rstrip("_") for symbol in kind.symbols} | set(kind.shape_units)
     return {"mp"} if kind is Payload else {f"{kind.symbol}{axis}" for axis, _ in kind.parts}

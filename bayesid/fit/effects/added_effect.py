@@ -36,6 +36,7 @@ class AddedEffect:
         elsewhere: of an error of the robot's table, those of other joints' rows that the log cannot tell from it.
         parameters: by their names; of what the earlier model has too, the new value and the change.
         readable: what people read in place of parameters (`bayesid.model.effects.Effect.readable`), by its names.
+        elsewhere: of an error of the robot's table, those of other joints' rows that the log cannot tell from it.
     """
 
     hypothesis: Hypothesis
@@ -49,6 +50,7 @@ class AddedEffect:
     elsewhere: tuple[EffectKey, ...] = ()
     parameters: dict[str, Quantity] = field(default_factory=dict)
     readable: dict[str, Quantity] = field(default_factory=dict)
+    elsewhere: tuple[EffectKey, ...] = ()
 
     def __repr__(self) -> str:
         where = f"joint {', '.join(map(str, self.joints))}" if self.joints else "the whole robot"
