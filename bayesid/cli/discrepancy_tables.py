@@ -22,7 +22,7 @@ def discrepancy_parts(result: Discrepancy) -> list[RenderableType]:
         return parts
     effects = [
         [
-            added.effect,
+            f"{added.effect} of {', '.join(added.variables)}" if added.variables else added.effect,
             ",".join(map(str, added.joints)) or "all",
             f"{added.gain / np.log(10.0):.1f}",
             f"{added.probability:.3f}",

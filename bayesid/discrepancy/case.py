@@ -68,9 +68,11 @@ class HeldBack:
 
     def errors(self, predicted: Array) -> HeldBackErrors:
         """What efforts (N, n), N m, leave of blocks of these data."""
-        return HeldBackErrors(
-            self.by_block(self.trial.residual(predicted) ** 2), self.by_block(self.trial.used.astype(np.float64))
-        )
+        return self.errors_of(self.trial.residual(predicted))
+
+    def errors_of(self, residual: Array) -> HeldBackErrors:
+        """The same of residuals (N, n), N m."""
+        return HeldBackErrors(self.by_block(residual**2), self.by_block(self.trial.used.astype(np.float64)))
 
     def by_block(self, values: Array) -> Array:
         """(blocks, ...) sums of values (N, ...) over blocks of these data."""

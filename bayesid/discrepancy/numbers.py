@@ -8,6 +8,7 @@ from bayesid.arrays import Array
 from bayesid.fit.effects.added_effect import Quantity
 from bayesid.fit.effects.hypotheses import Hypothesis
 from bayesid.identification.identification import Identification
+from bayesid.model.formula import Description
 from bayesid.model.model import Model
 
 
@@ -49,6 +50,12 @@ class Numbers:
         drawn = {} if self._draws is None else effect.source.readable(self._draws[:, place])
         sd = {name: float(np.std(draws)) for name, (draws, _) in drawn.items()}
         return {name: (float(value), sd.get(name, np.nan), unit) for name, (value, unit) in values.items()}
+
+    def description(self, effect: Hypothesis) -> Description | None:
+        """Of an effect without a name, in words."""
+        robot = self._again.model.robot
+        place = [self._names.index(p.name) for p in effect.source.parameters(robot)]
+        return effect.source.description(robot, self._again.theta[place])
 
     def _sum(self, *names: str) -> tuple[float, float]:
         """Value and standard deviation of the sum of parameters; NaN where that is not known."""

@@ -16,6 +16,7 @@ from bayesid.arrays import Array, Mask
 from bayesid.discrepancy.case import Case
 from bayesid.discrepancy.compare import NoiseFloor, Trial
 from bayesid.discrepancy.sets import EQUIVALENT_ODDS, EffectSet, EffectSets, Forms, WeighedSet, weighed
+from bayesid.discrepancy.unnamed import learn_effects
 from bayesid.fit.effects.added_effect import AddedEffect, weigh
 from bayesid.fit.effects.all_along import all_along, was_there
 from bayesid.fit.effects.error_model import ErrorModel
@@ -132,7 +133,7 @@ def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
     sets = EffectSets(case, library, before)
     likeliest = _likeliest(sets, sets.settled((), data), progress)
     smallest = _borne_out(sets, likeliest)
-    chosen = _without_stand_ins(sets, smallest[0])
+    chosen, not_learned = learn_effects(case, _without_stand_ins(sets, smallest[0]))
     effects, explanation = chosen.effects, chosen.explanation
     passed = [(one, effect) for one in (likeliest, smallest[0]) for effect in one.effects]
     rejected = {effect.key: (one, effect) for one, effect in passed if effect.key not in chosen.keys}
@@ -145,7 +146,7 @@ def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
         library=library,
         extension=extend(case.knowledge, case.coefficients, effects, explanation),
         sets=weighed(smallest, chosen),
-        rejected=tuple(rejected[key] for key in sorted(rejected)),
+        rejected=(*(rejected[key] for key in sorted(rejected)), *not_learned),
     )
 
 

@@ -62,7 +62,7 @@ class EffectSet:
     effects: tuple[Hypothesis, ...]
     explanation: Explanation
     data: Observations
-    log_prior: float
+    log_prior: float = 0.0
 
     @cached_property
     def keys(self) -> frozenset[EffectKey]:

@@ -17,6 +17,7 @@ from bayesid.discrepancy.mixed_up import check_columns
 from bayesid.discrepancy.numbers import Numbers
 from bayesid.discrepancy.selection import Selection, select_effects, unexplained, unexplained_anywhere
 from bayesid.discrepancy.sets import WeighedSet
+from bayesid.discrepancy.unnamed import in_words
 from bayesid.fit.effects.added_effect import AddedEffect, Quantity, not_testable
 from bayesid.fit.effects.explanation import Explanation
 from bayesid.fit.effects.held_back import HeldBackErrors
@@ -217,7 +218,10 @@ def _discrepancy(case: Case, selection: Selection, again: Identification) -> Dis
         unexplained=ratios,
         unexplained_on=says,
         scores=tuple(score.alone for score in weighed.scores),
-        refused=tuple(effect.alone for effect in weighed.refused),
+        refused=tuple(
+            in_words(case.model.robot, effect, chosen.effects, chosen.explanation).alone
+            for effect, (chosen, _) in zip(weighed.refused, selection.rejected, strict=True)
+        ),
         not_testable=tuple(not_testable(weighed.scores, len(floor.rms), case.thresholds)),
         identification=again,
         trial=trial,
@@ -280,6 +284,7 @@ def _with_numbers(
             effect,
             parameters={**numbers.parameters(effect.hypothesis), **_own_numbers(case, effect.hypothesis, sd)},
             readable=numbers.readable(effect.hypothesis),
+            description=numbers.description(effect.hypothesis),
         )
         for effect, sd in zip(weighed, explanation.sd, strict=True)
     )

@@ -17,6 +17,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from bayesid.arrays import Array, Integers
+from bayesid.model.formula import Description
 from bayesid.model.parameters import Parameter
 from bayesid.model.robot import Joint, Robot
 from bayesid.motion import Motion
@@ -219,6 +220,10 @@ class Effect:
     def readable(self, values: Array) -> Mapping[str, tuple[Array, str]]:
         """What people read in place of its parameters (..., p): name to (...) values and unit; by default nothing."""
         return {}
+
+    def description(self, robot: Robot, theta: Array) -> Description | None:
+        """Words for an effect without a name, with parameters theta (p,); None of those that have one."""
+        return None
 
     def one_sided(self, robot: Robot) -> Integers:
         """Indices of the amplitudes that cannot be negative."""

@@ -127,6 +127,7 @@ def discrepancy_checks(discrepancy: Discrepancy) -> tuple[Check, ...]:
         *(_found(discrepancy, added) for added in discrepancy.added),
         *([Check("Gap", "good", _gap(discrepancy))] if discrepancy.added else []),
         *(_unexplained(discrepancy, joint, ratio) for joint, ratio in discrepancy.unexplained),
+        *(_not_learned(discrepancy, refused) for refused in discrepancy.refused if refused.description is not None),
         *_lasting_floor(discrepancy),
         *_not_testable(discrepancy),
     )
@@ -143,6 +144,8 @@ def _found(discrepancy: Discrepancy, added: AddedEffect) -> Check:
     if added.readable and added.hypothesis.source.phrase.detail and not added.hypothesis.changes:
         texts = {symbol: quantity(*number) for symbol, number in added.readable.items()}
         parts.append(added.hypothesis.source.phrase.detail.format(**texts))
+    if added.description is not None:
+        parts[0] = f"{parts[0].removesuffix('.')}: {added.formula}. It {added.description.sentence}."
     if added.probability < _SURE:
         parts.append(
             f"The probability of this is {_percent(added.probability)}; that nothing is missing in its place, "
@@ -154,6 +157,18 @@ def _found(discrepancy: Discrepancy, added: AddedEffect) -> Check:
         remedy = f"{distinguishing_motions(added)} would tell"
     doubtful = bool(alike) or added.probability < _SURE
     return Check(name, "look" if doubtful else "good", " ".join(parts).removesuffix("."), remedy)
+
+
+def _not_learned(discrepancy: Discrepancy, refused: AddedEffect) -> Check:
+    """A function was learned in joint 4, but the holdout does not bear it out."""
+    assert refused.description is not None
+    message = (
+        f"A function was learned in {joints_in_words(refused.joints)} that {refused.description.sentence}, but "
+        f"{_data(discrepancy)} does not bear it out: nothing is added"
+    )
+    return Check(
+        "Effect without a name", "look", message, f"{distinguishing_motions(refused)} would show whether it is there"
+    )
 
 
 def _below_zero(added: AddedEffect) -> list[str]:

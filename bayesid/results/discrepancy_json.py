@@ -51,6 +51,7 @@ def discrepancy_summary(discrepancy: Discrepancy) -> dict[str, Any]:
                 "joints": list(effect.joints),
                 "log10_bayes_factor": effect.log10_bayes_factor,
                 "equivalent": list(effect.equivalent),
+                **_learned(effect),
             }
             for effect in discrepancy.refused
         ],
@@ -82,6 +83,19 @@ def _added(effect: AddedEffect) -> dict[str, Any]:
         "parameters": _quantities(effect.parameters),
         "readable": _quantities(effect.readable),
         "alternatives": [_candidate(rival) for rival in effect.rivals[:5]],
+        **_learned(effect),
+    }
+
+
+def _learned(effect: AddedEffect) -> dict[str, Any]:
+    """Of an effect without a name."""
+    if effect.description is None:
+        return {}
+    return {
+        "variables": list(effect.variables),
+        "formula": effect.formula,
+        "description": effect.description.sentence,
+        "looks_like": list(effect.description.families),
     }
 
 

@@ -68,12 +68,13 @@ for name, number in (("fan_drag", ("c2", 6.0, 0.1, "N m s^2/rad^2")), ("crossove
     in_joint_2 = next(one for one in forms if one.joints == (2,))
     effect = SimpleNamespace(
         hypothesis=in_joint_2, effect=name, joints=(2,), parameters={number[0]: number[1:]}, readable={},
+        description=None,
         probability=0.99, equivalent=(), elsewhere=(),
     )
     result = SimpleNamespace(
         added=[effect], before=sizes, after=sizes, holdout="later.csv", where=[],
         floor=SimpleNamespace(rms=sizes, lasting=sizes > 1.0),
-        unexplained=[], not_testable=[], identification=SimpleNamespace(model=rigid),
+        unexplained=[], not_testable=[], refused=[], identification=SimpleNamespace(model=rigid),
     )
     said[name] = {
         "joints": sorted({one.joints for one in forms}), "noun": noun(name),

@@ -1,3 +1,4 @@
+import math
 import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -202,6 +203,41 @@ def load_dependent_friction(table, motion, theta, smoothing, links):
     return theta * np.abs(rigid_body(table, motion, np.array(links))) * direction(table, motion, smoothing)
 
 
+LEARNED = {
+    "joints": [2],
+    "number": [1.0],
+    "component": [0.0, 0.0, 1.0, 1.0, 2.0, 3.0, 3.0],
+    "quantity": [0.0, 1.0, 3.0, 4.0, 0.0, 2.0, 1.0],
+    "of_joint": [1.0, 2.0, 1.0, 0.0, 3.0, 3.0, 1.0],
+    "family": [0.0, 4.0, 2.0, 5.0, 1.0, 3.0, 6.0],
+    "low": [-0.6, -1.0, -900.0, 0.0, -1.0, -2.0, -1.0],
+    "high": [0.9, 1.0, 900.0, 1.0, 1.0, 2.0, 1.0],
+    "order": [0.0, 0.3, 1.0, 0.07, 2.0, 2.0, 1.0],
+    "count": [3.0, 1.0, 1.0, 2.0, 3.0, 1.0, 1.0],
+    "kept": [2.0, 1.0, 1.0, 1.0],
+    "weights": [0.3, -1.0, 0.7, 0.2, 0.1, 2.0, *(0.01, -0.02), *(0.4, 1.5, -0.6), 0.25],
+}
+"""Four functions: of q1 and the direction of joint 2, of the load of joint 1 and time, of q3, of ddq3 and the speed of
+joint 1. The ranges are shorter than what joints do, but for the load's."""
+
+
+def learned_effect(table, motion, theta, links, **_):
+    """Sample by sample; what is beyond a range is drawn back to it, or to half a range further."""
+    load, efforts = rigid_body(table, motion, np.array(links)), np.zeros(motion.q.shape)
+    u, du, ddu = (gear(table, x) for x in (motion.q, motion.dq, motion.ddq))
+    for i, t in enumerate(motion.t - motion.t[0]):
+        place = (min(max(u[i, 0], -0.6), 0.9) + 0.6 + 0.225) / 1.95  # of 1.5 rad, and 15 % more at either end
+        cosines = [1.0, math.cos(math.pi * place), math.cos(2 * math.pi * place)]
+        first = (0.3 * theta[0] - theta[1]) * cosines[0] + (0.7 * theta[0] + 0.2 * theta[1]) * cosines[1]
+        first += (0.1 * theta[0] + 2.0 * theta[1]) * cosines[2]
+        second = load[i, 0] * (0.01 - 0.02 / math.exp(t / 0.07))
+        third = 0.4 + 1.5 * math.cos(2 * u[i, 2]) - 0.6 * math.sin(2 * u[i, 2])
+        pushed, speed = min(max(ddu[i, 2], -4.0), 4.0), min(max(du[i, 0], -2.0), 2.0)
+        last = 0.25 * pushed * abs(pushed) * abs(speed)
+        efforts[i, 1] = first * math.tanh(du[i, 1] / 0.3) + theta[2] * second + theta[3] * third + theta[4] * last
+    return efforts
+
+
 def places(n):
     return np.linspace(-0.7, 0.9, n)
 
@@ -267,6 +303,9 @@ EFFORTS = {
     "thermal_drift.both": Entry(friction_drift, shape=lambda n: {"smoothing": smoothings(n), "time": times(n)}),
     "thermal_drift.offset": Entry(
         lambda table, motion, theta, time: drifting(motion, theta, time, 1.0), shape=lambda n: {"time": times(n)}
+    ),
+    "learned_effect": Entry(
+        learned_effect, shape=lambda n: {**LEARNED, "links": parameters_of(random_clouds(n, seed=7))}
     ),
     "payload": Entry(payload),
     "tool_wrench": Entry(partial(tool_wrench, turns_with_tool=False)),
@@ -496,7 +535,7 @@ def test_shape_that_no_motion_tells_is_asked_for(name, robot, motion):
 def test_variants_are_terms_of_this_robot(name, robot, scene):
     variants = list(CATALOGUE[name].variants(scene))
     assert len(set(variants)) == len(variants)
-    if name == "rigid_body":
+    if not CATALOGUE[name].can_be_missing:
         assert not variants
         return
     joints = {(j + 1,) for j in range(robot.n_joints)} if name in OF_JOINTS else {()}

@@ -28,6 +28,7 @@ from bayesid.model.distortions.gain_error import GainError
 from bayesid.model.terms.cable_drag import CableDrag
 from bayesid.model.terms.coulomb_friction import CoulombFriction
 from bayesid.model.terms.hysteresis import Hysteresis
+from bayesid.model.terms.learned_effect import LearnedEffect
 from bayesid.model.terms.payload import Payload
 from bayesid.model.terms.thermal_drift import ThermalDrift
 from bayesid.model.terms.torque_offset import TorqueOffset
@@ -463,6 +464,8 @@ def numbers_of(kind):
         return {kind.symbol} if kind.of_table else own.get(kind.name, set(kind.shape_units))
     if issubclass(kind, terms.ActuatorTerm):
         return {symbol.rstrip("_") for symbol in kind.symbols} | set(kind.shape_units)
+    if kind is LearnedEffect:  # its formula holds them
+        return set()
     return {"mp"} if kind is Payload else {f"{kind.symbol}{axis}" for axis, _ in kind.parts}
 
 

@@ -9,11 +9,13 @@ import pytest
 from oracles import assert_close, dh_chain, parameters_of, random_clouds, random_motion, random_table, turn, urdf_text
 from oracles import joint_torques as torques_of_points
 
+from bayesid.model.axes import Axis, Component, Family, Quantity
 from bayesid.model.catalogue import make_effect, make_terms
 from bayesid.model.distortions import CATALOGUE as DISTORTIONS
 from bayesid.model.model import Model
 from bayesid.model.robot import BUILT_IN, Joint, Robot, load_robot, robot_from_table, robot_from_urdf
 from bayesid.model.terms import CATALOGUE, STANDARD, ActuatorTerm, RigidBody, ViscousFriction
+from bayesid.model.terms.learned_effect import LearnedEffect
 from bayesid.motion import Motion
 from bayesid.results.export import urdf
 from bayesid.results.export.urdf_text import roll_pitch_yaw
@@ -217,8 +219,19 @@ def comment_of(text):
     return [line.strip() for line in text[text.index("<!--") : text.index("-->")].splitlines()]
 
 
+def test_what_was_learned_stands_at_the_head_in_words():
+    robot = MOVES["standard"]
+    axis = Axis(Quantity.POSITION, 1, Family.PERIODIC, -1.0, 1.0, 2.0, 2)
+    term = LearnedEffect.of(3, [Component((axis,), np.eye(2))])
+    bodies = parameters_of(random_clouds(robot.n_joints))
+    lines = comment_of(urdf(Model(robot, (RigidBody(), term)), np.concatenate([bodies, [0.0, 0.7]])))
+    unit = "N" if robot.joints[2].prismatic else "N m"
+    assert f"learned_effect of joint 3: 0.7 sin(2 q1) {unit}" in lines
+    assert "depends on the position of joint 1; no part of friction; repeats 2 times in a turn of joint 1" in lines
+
+
 @pytest.mark.parametrize("table", ["standard", "coupled"])
-@pytest.mark.parametrize("name", [name for name, kind in CATALOGUE.items() if kind is not RigidBody])
+@pytest.mark.parametrize("name", [name for name, kind in CATALOGUE.items() if kind not in (RigidBody, LearnedEffect)])
 def test_every_other_term_stands_at_the_head_with_its_numbers(table, name):
     robot, rng = MOVES[table], np.random.default_rng(9)
     shapes = {

@@ -14,6 +14,7 @@ from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis, Library
 from bayesid.fit.effects.scores import Score, assess, explain_with, plain_first
 from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.model.catalogue import main_forms
+from bayesid.model.formula import Description
 
 Quantity = tuple[float, float, str]
 """Value, standard deviation (NaN where none is known) and unit."""
@@ -36,7 +37,7 @@ class AddedEffect:
         elsewhere: of an error of the robot's table, those of other joints' rows that the log cannot tell from it.
         parameters: by their names; of what the earlier model has too, the new value and the change.
         readable: what people read in place of parameters (`bayesid.model.effects.Effect.readable`), by its names.
-        elsewhere: of an error of the robot's table, those of other joints' rows that the log cannot tell from it.
+        description: of an effect without a name: its variables, formula and families.
     """
 
     hypothesis: Hypothesis
@@ -50,7 +51,7 @@ class AddedEffect:
     elsewhere: tuple[EffectKey, ...] = ()
     parameters: dict[str, Quantity] = field(default_factory=dict)
     readable: dict[str, Quantity] = field(default_factory=dict)
-    elsewhere: tuple[EffectKey, ...] = ()
+    description: Description | None = None
 
     def __repr__(self) -> str:
         where = f"joint {', '.join(map(str, self.joints))}" if self.joints else "the whole robot"
@@ -66,6 +67,16 @@ class AddedEffect:
     def log10_bayes_factor(self) -> float:
         """For it, given all others that were added."""
         return float(self.gain / LN10)
+
+    @property
+    def variables(self) -> tuple[str, ...]:
+        """What an effect without a name depends on, such as q4, dq5, tau5 or t; none of those that have one."""
+        return () if self.description is None else self.description.variables
+
+    @property
+    def formula(self) -> str:
+        """Of an effect without a name; empty of those that have one."""
+        return "" if self.description is None else self.description.formula
 
     @property
     def effect(self) -> str:
@@ -88,6 +99,8 @@ def weigh(
 ) -> AddedEffect:
     """An effect against all that could stand in its place, the others that were added given.
 
+    One without a name is what was outside of the catalogue: it shares that prior.
+
     Args:
         data: what is explained.
         library: all hypotheses.
@@ -109,7 +122,8 @@ def weigh(
     places = max(1, data.effort.shape[1])
     logs = [s.gain + np.log(share / (places if s.hypothesis.joints else 1)) for s in scores]
     nothing = without.log_evidence_as_noise - without.log_evidence + np.log(limits.nothing_missing)
-    total = float(logsumexp([*logs, nothing, np.log(limits.something_else)]))
+    unnamed = [] if effect.source.can_be_missing else [gain + np.log(limits.something_else)]
+    total = float(logsumexp([*logs, *unnamed, nothing, np.log(limits.something_else)]))
     alike = {s.key: s for s in scores if s.gain > gain - limits.equivalent * LN10}
     elsewhere = {key for key, score in alike.items() if _in_another_row(effect, score.hypothesis)}
     equivalent = {name for name, _ in set(alike) - elsewhere} - {effect.effect}
@@ -117,7 +131,7 @@ def weigh(
         value
         for value, score in zip(logs, scores, strict=True)
         if score.key in {effect.key, *elsewhere} or score.hypothesis.effect in equivalent
-    ]
+    ] + unnamed
     return AddedEffect(
         hypothesis=effect,
         gain=gain,

@@ -28,6 +28,29 @@ EffectKey = tuple[str, tuple[int, ...]]
 
 
 @dataclass(frozen=True, eq=False)
+class Curve:
+    """A learned function as a log has shown it, for a figure.
+
+    Attributes:
+        variable: q4, dq5, ddq1, tau2 or t.
+        other: of a function of two variables the other one; empty otherwise.
+        turning: the speed with whose direction it turns round; empty where with none.
+        x: (g,) values of the variable over the range seen.
+        levels: (k,) of the other variable, at each of which there is a curve; one where there is none.
+        mean: (k, g) N m, and
+        sd: (k, g) its standard deviation.
+    """
+
+    variable: str
+    other: str
+    turning: str
+    x: Array
+    levels: Array
+    mean: Array
+    sd: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Hypothesis:
     """One form of an effect.
 
@@ -36,12 +59,14 @@ class Hypothesis:
         columns: what it would do to this log.
         make: makes a hypothesis of another form.
         changes: names of parameters of the model that would change, where the model has the effect already.
+        curves: of an effect that was learned, its functions.
     """
 
     source: Effect
     columns: Columns
     make: Callable[[Effect], Hypothesis] = field(repr=False, compare=False)
     changes: tuple[str, ...] = ()
+    curves: tuple[Curve, ...] = ()
 
     @cached_property
     def effect(self) -> str:

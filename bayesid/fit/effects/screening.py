@@ -39,6 +39,18 @@ class Screening:
         Returns:
             (k,) gains, and (k,) gains to be expected of amplitudes of one prior standard deviation.
         """
+        gram, slope = self.products(effects)
+        p = len(effects[0].sd)
+        base = slope[:, p:].sum(axis=1) - 0.5 * gram[:, p:, p:].sum(axis=(1, 2))  # of changes without amplitudes
+        if not p:
+            return base, np.abs(base)
+        return integrated(base, gram[:, :p, :p], slope[:, :p] - gram[:, :p, p:].sum(axis=2), effects)
+
+    def products(self, effects: Sequence[Columns]) -> tuple[Array, Array]:
+        """(k, P, P) second derivatives of k effects' gains by their amplitudes at zero, and (k, P) first ones.
+
+        All else that explains is integrated out; a change is one more amplitude, if any of the effects makes one.
+        """
         root, p = self._explanation.root, len(effects[0].sd)
         k, size = len(effects), p + any(effect.shift for effect in effects)
         across = np.zeros((k, size, root.shape[1]))
@@ -47,10 +59,7 @@ class Screening:
             self._add(effects, j, across, gram, slope)
         seen = across @ root.T
         gram -= seen @ seen.transpose(0, 2, 1)
-        base = slope[:, p:].sum(axis=1) - 0.5 * gram[:, p:, p:].sum(axis=(1, 2))  # of changes without amplitudes
-        if not p:
-            return base, np.abs(base)
-        return _integrated(base, gram[:, :p, :p], slope[:, :p] - gram[:, :p, p:].sum(axis=2), effects)
+        return gram, slope
 
     def _add(self, effects: Sequence[Columns], joint: int, across: Array, gram: Array, slope: Array) -> None:
         """Adds a joint's products of k effects' columns and changes: with all others, each other, and the residual."""
@@ -73,7 +82,7 @@ class Screening:
         return self._pulled[joint]
 
 
-def _integrated(base: Array, gram: Array, slope: Array, effects: Sequence[Columns]) -> tuple[Array, Array]:
+def integrated(base: Array, gram: Array, slope: Array, effects: Sequence[Columns]) -> tuple[Array, Array]:
     """Gains with the amplitudes integrated out over their priors, and those to be expected of usual amplitudes.
 
     Args:

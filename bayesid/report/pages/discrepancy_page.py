@@ -28,7 +28,14 @@ from bayesid.report.discrepancy_verdicts import (
     told,
 )
 from bayesid.report.pages.rendering import Picture, picture, render
-from bayesid.report.plot.discrepancy import BARS, candidate_figure, effort_figure, gap_figure, residual_figure
+from bayesid.report.plot.discrepancy import (
+    BARS,
+    candidate_figure,
+    effort_figure,
+    gap_figure,
+    learned_figure,
+    residual_figure,
+)
 from bayesid.report.plot.paper import Paper
 from bayesid.report.verdicts import State
 from bayesid.report.words import best_first, joints_in_words, label, quantity, rounded, score_label, unit_of
@@ -83,12 +90,15 @@ def discrepancy_page(discrepancy: Discrepancy) -> str:
         gap_pictures=[_gap_picture(discrepancy)],
         added=[_added(effect) for effect in discrepancy.added],
         sets=[(set_in_words(one), one.probability) for one in listed_sets(discrepancy)],
+        learned_pictures=[
+            _learned_picture(discrepancy, effect) for effect in discrepancy.added if effect.hypothesis.curves
+        ],
         where=[_where(discrepancy, excess) for excess in discrepancy.where],
         residual_pictures=[_residual_picture(discrepancy, excess) for excess in discrepancy.where],
         unsigned=_unsigned(discrepancy),
         effort_pictures=[_effort_picture(discrepancy, j + 1) for j in range(len(discrepancy.before))],
         **_candidates(discrepancy),
-        left_out=[label(effect, joints) for effect, joints in discrepancy.vetoed],
+        left_out=[_left_out(effect) for effect in discrepancy.refused],
         not_testable=[
             (label(effect), _joints(joints), forms()[effect].shown_by)
             for effect, joints in testable_groups(discrepancy)
@@ -132,6 +142,8 @@ def _added(effect: AddedEffect) -> dict[str, Any]:
         "name": _name(effect.hypothesis),
         "joints": _joints(effect.joints),
         "parameters": _parameters(effect),
+        "formula": effect.formula,
+        "sentence": "" if effect.description is None else effect.description.sentence,
         "gain": effect.log10_bayes_factor,
         "probability": effect.probability,
         "nothing_missing": effect.nothing_missing,
@@ -142,7 +154,12 @@ def _added(effect: AddedEffect) -> dict[str, Any]:
 
 
 def _parameters(effect: AddedEffect) -> list[tuple[str, float, str]]:
-    """Name, value and text: what people read in place of parameters, if there is such; of changes before and now."""
+    """Name, value and text: what people read in place of parameters, if there is such; of changes before and now.
+
+    None of what has a formula.
+    """
+    if effect.description is not None:
+        return []
     if effect.readable and not effect.hypothesis.changes:
         numbers = effect.readable.items()
         return [(name, value, quantity(value, sd, unit)) for name, (value, sd, unit) in numbers]
@@ -153,6 +170,12 @@ def _parameters(effect: AddedEffect) -> list[tuple[str, float, str]]:
         for name, (value, _, _) in effect.parameters.items()
         if not name.startswith("change of ") and not (in_total and name in added)
     ]
+
+
+def _left_out(effect: AddedEffect) -> str:
+    """Its name and, of one without a name, what was learned."""
+    learned = "" if effect.description is None else f": {effect.formula}, {effect.description.sentence}"
+    return f"{label(effect.effect, effect.joints)}{learned}"
 
 
 def _where(discrepancy: Discrepancy, excess: Excess) -> dict[str, Any]:
@@ -250,6 +273,13 @@ def _residual_picture(discrepancy: Discrepancy, excess: Excess) -> Picture:
 def _effort_picture(discrepancy: Discrepancy, joint: int) -> Picture:
     alt = f"Effort of joint {joint} over time: measured, by the model as it was, and by the extended model."
     return picture(effort_figure(discrepancy, joint, Paper), f"effort{joint}", f"Joint {joint}.", alt)
+
+
+def _learned_picture(discrepancy: Discrepancy, effect: AddedEffect) -> Picture:
+    joint, unit = effect.joints[0], unit_of(discrepancy, effect.joints[0])
+    caption = f"Joint {joint}: what was learned over the range that the log has seen, with its 95 % band."
+    alt = f"The effort learned in joint {joint}: {effect.formula}."
+    return picture(learned_figure(effect, unit, Paper), f"learned{joint}", caption, alt)
 
 
 def _candidate_picture(discrepancy: Discrepancy) -> Picture:

@@ -9,6 +9,7 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.discrepancy.compare import variables
 from bayesid.discrepancy.workflow import Discrepancy
+from bayesid.fit.effects.added_effect import AddedEffect
 from bayesid.fit.effects.explanation import LN10
 from bayesid.report.plot.ink import BLUE as AFTER
 from bayesid.report.plot.ink import INK, SIZE, WIDTH
@@ -26,6 +27,10 @@ _POINTS = 1500
 """Samples of a scatter, at most: more would hide each other."""
 BARS = 12
 """Candidates that are drawn: as many as a figure on a telephone has room for."""
+LEVELS = (AFTER, INK, BEFORE)
+"""Colours of curves at values of another variable, from the least one."""
+_SURELY = 1.96
+"""Standard deviations of a 95 % band."""
 _CURVE = 2000
 """Points of a curve, at most about: some five a pixel."""
 
@@ -98,6 +103,36 @@ def gap_figure(discrepancy: Discrepancy, make: NewFigure = new_figure) -> Figure
     ax.margins(x=0.22)
     dress(ax, "x")
     legend(ax)
+    return figure
+
+
+def learned_figure(added: AddedEffect, unit: str, make: NewFigure = new_figure) -> Figure:
+    """The functions of an effect without a name over the range seen, each with its 95 % band.
+
+    One of two variables is drawn over the first, at three values of the other.
+
+    Args:
+        added: the effect.
+        unit: of its effort.
+        make: makes the figure.
+    """
+    curves = added.hypothesis.curves
+    figure = make(2.6, WIDTH)
+    axes = np.ravel(figure.subplots(1, len(curves), squeeze=False))
+    axes[0].set_ylabel(f"effort, {unit}", fontsize=SIZE, color=INK)
+    for ax, curve in zip(axes, curves, strict=True):
+        for k, level in enumerate(curve.levels):
+            colour = LEVELS[k % len(LEVELS)]
+            label = f"{curve.other} = {rounded(float(level), 2)}" if curve.other else "learned"
+            low, high = (curve.mean[k] + side * _SURELY * curve.sd[k] for side in (-1.0, 1.0))
+            ax.fill_between(curve.x, low, high, color=colour, alpha=0.25, linewidth=0.0)
+            ax.plot(curve.x, curve.mean[k], color=colour, linewidth=1.2, label=label)
+        ax.axhline(0.0, color=INK, linewidth=0.8)
+        ax.set_xlabel(curve.variable, fontsize=SIZE, color=INK)
+        turning = f", times the sign of {curve.turning}" if curve.turning else ""
+        ax.set_title(f"over {curve.variable}{turning}", fontsize=SIZE, color=INK)
+        dress(ax)
+        legend(ax)
     return figure
 
 

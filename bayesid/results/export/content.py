@@ -111,6 +111,10 @@ def left_out(model: Model, parts: Sequence[Part], form: str, placed: Mask) -> li
                 if form not in term.places or not placed[parameter.joint - 1]:
                     lines.append(_remark(term, parameter.name, value, parameter.unit))
             lines += _remarks(term, model.robot)
+            words = term.description(model.robot, values)
+            lines += (
+                [] if words is None else [f"{term.name} of joint {term.joints[0]}: {words.formula}", words.sentence]
+            )
     return lines + [line for distortion in model.distortions for line in _remarks(distortion, model.robot)]
 
 

@@ -1,0 +1,242 @@
+"""Effects without a name: where the catalogue leaves a joint above the noise floor, a function is learned."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.discrepancy.case import Case
+from bayesid.discrepancy.sets import EffectSet
+from bayesid.fit.effects.added_effect import AddedEffect
+from bayesid.fit.effects.explanation import LN10, Explanation
+from bayesid.fit.effects.held_back import HeldBackErrors, bears_out
+from bayesid.fit.effects.hypotheses import Hypothesis, maker
+from bayesid.fit.effects.learned import Finder, Learned
+from bayesid.fit.effects.scores import explain_with
+from bayesid.model.robot import Robot
+from bayesid.model.terms.learned_effect import LearnedEffect
+
+MOST = 3
+"""Functions that are added in one joint; a round number."""
+NEAR = 0.5
+"""Share of the best function's gain from which on another one may turn out better: signs settled without either of them
+hide what they explain. Set by hand."""
+
+
+def learn_effects(case: Case, state: EffectSet) -> tuple[EffectSet, list[tuple[EffectSet, Hypothesis]]]:
+    """Functions for all joints that stay above the floor, and those that held-back data do not bear out.
+
+    Where effects of the catalogue act in such a joint they may be stand-ins: a function is learned beside them and, if
+    none helps, in their place. Those without which held-back data are predicted better, surely, are refused.
+
+    Args:
+        case: what stays the same.
+        state: the catalogue's effects.
+    """
+    refused: list[tuple[EffectSet, Hypothesis]] = []
+    for joint in _left(case, state):
+        learned, gone = _in_joint(case, state, joint)
+        own = [effect for effect in state.effects if effect.columns.joints == {joint - 1}]
+        if own and (learned is state or joint in _left(case, learned)):
+            others = [effect for effect in state.effects if all(effect is not one for one in own)]
+            alone, gone_too = _in_joint(case, _settled(case, others, state), joint)
+            before, after = _held_back(case, learned), _held_back(case, alone)
+            if bears_out(after, before, {joint - 1}, case.thresholds.held_back_improvement):
+                nothing = len(alone.effects) == len(others)
+                learned, gone = alone, [*((state, effect) for effect in own if nothing), *gone_too]
+            elif learned is state:
+                gone = gone or gone_too
+        state, refused = learned, refused + gone
+    return state, refused
+
+
+def _left(case: Case, state: EffectSet) -> list[int]:
+    """Joints (from 1) whose residual is surely above the floor on the log or on held-back data, the worst first."""
+    predicted, explanation = case.predicted(state.effects, state.explanation), state.explanation
+    floor, gap, unseen = case.floor(predicted), case.trial.gap(predicted), _held_back(case, state)
+    sure = explanation.free_evidence - explanation.noise_evidence > case.thresholds.log10_bayes_factor * LN10
+    on_log = sure & floor.exceeded(gap, case.thresholds)
+    held_back = unseen.surely_above(floor.rms) & floor.exceeded(unseen.rms, case.thresholds)
+    ratio = np.maximum(gap, unseen.rms) / floor.rms
+    return [int(j) + 1 for j in np.argsort(-ratio) if on_log[j] or held_back[j]]
+
+
+def _in_joint(case: Case, state: EffectSet, joint: int) -> tuple[EffectSet, list[tuple[EffectSet, Hypothesis]]]:
+    """A learned effect in a joint (from 1), if held-back data bear it out."""
+    found: list[Learned] = []
+    needed, now = case.thresholds.log10_bayes_factor * LN10, state
+    scene = case.scene(case.predicted(now.effects, now.explanation))
+    finder = Finder(scene, case.trial.used, joint, maker(case.model, scene, case.trial.used))
+    passed: list[Learned] = []
+    while len(found) < MOST and not (found and _is_noise(now, joint, needed)):
+        ranked = finder.ranked(now.data, now.effects, uncertain=case.uncertain)
+        passed = [learned for learned in ranked if learned.gain > needed]
+        grown = _borne_out(case, finder, now, passed, needed)
+        if grown is None:
+            break
+        now, found = _fitted_again(case, finder, grown[0], [*found, grown[1]], needed)
+    if not found:
+        refused = [(_settled(case, (*now.effects, one.hypothesis), now), one.hypothesis) for one in passed[:1]]
+        return state, refused
+    others = _others(now, found)
+    number = 1 + sum(isinstance(term, LearnedEffect) and joint in term.joints for term in case.model.terms)
+    amplitudes = [amplitude_of(one.hypothesis, now.effects, now.explanation) for one in found]
+    covariances = [_covariance(one.hypothesis, now) for one in found]
+    merged = finder.merged(found, amplitudes, covariances, number)
+    return _without_stand_ins(case, _settled(case, (*others, merged), now), merged, needed), []
+
+
+def _without_stand_ins(case: Case, state: EffectSet, learned: Hypothesis, needed: float) -> EffectSet:
+    """Without the effects of the same joint that the learned one makes needless, the most needless first."""
+    while own := [e for e in state.effects if e is not learned and e.columns.joints == learned.columns.joints]:
+        whole = explain_with(state.data, state.effects, state.explanation, case.uncertain)[1].log_evidence
+        sets = [tuple(e for e in state.effects if e is not one) for one in own]
+        without = [explain_with(state.data, some, state.explanation, case.uncertain)[1].log_evidence for some in sets]
+        most = int(np.argmax(without))
+        if whole - without[most] > needed:
+            break
+        state = _settled(case, sets[most], state)
+    return state
+
+
+def _is_noise(state: EffectSet, joint: int, needed: float) -> bool:
+    """Whether what is left of a joint (from 1) is nothing but noise."""
+    more = state.explanation.free_evidence - state.explanation.noise_evidence
+    return bool(more[joint - 1] <= needed)
+
+
+def _borne_out(
+    case: Case, finder: Finder, state: EffectSet, passed: Sequence[Learned], needed: float
+) -> tuple[EffectSet, Learned] | None:
+    """The best of some functions, its form chosen again by what it leaves, if held-back data bear it out.
+
+    One that goes on beyond the range seen, and fails, is tried once more as a smooth function; so are others that the
+    log cannot tell from it.
+    """
+    if not passed:
+        return None
+    before = _held_back(case, state)
+    first, _ = _best_of(case, state, passed)
+    for bounded in (False, True):
+        errors = first.explanation.errors
+        ranked = finder.ranked(first.data, state.effects, errors, case.uncertain, bounded=bounded)
+        again = [learned for learned in ranked if learned.gain > needed]
+        if not again:
+            break
+        more, one = _best_of(case, first, again, state.effects)
+        if _helps(case, more, before, one.hypothesis):
+            return more, one
+    return None
+
+
+def _helps(case: Case, state: EffectSet, before: HeldBackErrors, learned: Hypothesis) -> bool:
+    """Whether a function is borne out by held-back data: by itself, not by what the other parameters do beside it.
+
+    What only the log shows pulls at these. A function lets them go, and may do nothing where the held-back data are.
+    """
+    after, joints = _held_back(case, state), learned.columns.joints
+    alone = zip(state.effects, state.explanation.amplitudes, strict=True)
+    amplitudes = tuple(0.0 * amplitude if effect is learned else amplitude for effect, amplitude in alone)
+    without = _held_back(case, replace(state, explanation=replace(state.explanation, amplitudes=amplitudes)))
+    least = case.thresholds.held_back_improvement
+    return all(bears_out(after, other, joints, least) for other in (before, without))
+
+
+def _best_of(
+    case: Case, state: EffectSet, functions: Sequence[Learned], effects: Sequence[Hypothesis] | None = None
+) -> tuple[EffectSet, Learned]:
+    """The function that explains the log best once signs are settled under each: wrong signs hide what is there.
+
+    Args:
+        case: what stays the same.
+        state: with the signs to begin with.
+        functions: the candidates.
+        effects: beside which; those of the state by default.
+    """
+    beside = state.effects if effects is None else effects
+    tried = []
+    for one in (one for one in functions if one.gain > NEAR * functions[0].gain):
+        settled = _settled(case, (*beside, one.hypothesis), state)
+        tried.append((_settled(case, settled.effects, settled), one))
+    return max(tried, key=lambda pair: pair[0].explanation.log_evidence)
+
+
+def _fitted_again(
+    case: Case, finder: Finder, state: EffectSet, found: list[Learned], needed: float
+) -> tuple[EffectSet, list[Learned]]:
+    """Each function chosen again beside the others, now that they are known; what is needless goes."""
+    for one in list(found) if len(found) > 1 else []:
+        others, errors = _others(state, [one]), state.explanation.errors
+        best = next(iter(finder.ranked(state.data, others, errors, case.uncertain)), None)
+        if best is not None and best.gain > needed and best.form.variables != one.form.variables:
+            state = _settled(case, (*others, best.hypothesis), state)
+            found = [best if other is one else other for other in found]
+    return _without_needless(case, state, found, needed)
+
+
+def _others(state: EffectSet, gone: Sequence[Learned]) -> tuple[Hypothesis, ...]:
+    """The effects but for some functions."""
+    return tuple(effect for effect in state.effects if all(effect is not one.hypothesis for one in gone))
+
+
+def _without_needless(
+    case: Case, state: EffectSet, found: list[Learned], needed: float
+) -> tuple[EffectSet, list[Learned]]:
+    """Without the functions that later ones have made needless, the most needless first."""
+    while len(found) > 1:
+        evidence = [explain_with(state.data, _others(state, [one]), state.explanation)[1].log_evidence for one in found]
+        most = int(np.argmax(evidence))
+        if state.explanation.log_evidence - evidence[most] > needed:
+            break
+        state = _settled(case, _others(state, [found[most]]), state)
+        found = [one for one in found if one is not found[most]]
+    return state, found
+
+
+def _settled(case: Case, effects: Sequence[Hypothesis], state: EffectSet) -> EffectSet:
+    """Some effects, signs settled under them."""
+    _, explanation = explain_with(state.data, effects)
+    data = case.settled(effects, explanation)
+    _, explanation = explain_with(data, effects, explanation)
+    return EffectSet(case, tuple(effects), explanation, data)
+
+
+def _held_back(case: Case, state: EffectSet) -> HeldBackErrors:
+    """Errors on blocks of the held-back data."""
+    return case.held_back.errors_of(state.held_back)
+
+
+def _covariance(effect: Hypothesis, state: EffectSet) -> Array:
+    """(p, p) of the amplitudes of one of the effects."""
+    root = state.explanation.root
+    end = root.shape[1]
+    for one in reversed(state.effects):
+        start = end - len(one.columns.sd)
+        if one is effect:
+            return np.asarray(root[:, start:end].T @ root[:, start:end])
+        end = start
+    raise ValueError("no effect of these")
+
+
+def amplitude_of(effect: Hypothesis, effects: Sequence[Hypothesis], explanation: Explanation) -> Array:
+    """(p,) of one of the effects of an explanation."""
+    pairs = zip(effects, explanation.amplitudes, strict=True)
+    return next(amplitude for one, amplitude in pairs if one is effect)
+
+
+def in_words(
+    robot: Robot, weighed: AddedEffect, effects: Sequence[Hypothesis], explanation: Explanation
+) -> AddedEffect:
+    """An effect without a name that was refused, with its words; others as they are.
+
+    Args:
+        robot: the robot.
+        weighed: one of the effects.
+        effects: among which it was chosen.
+        explanation: by these.
+    """
+    amplitude = amplitude_of(weighed.hypothesis, effects, explanation)
+    return replace(weighed, description=weighed.hypothesis.source.description(robot, amplitude))

@@ -1,0 +1,176 @@
+"""Functions of one variable of a motion, as few columns: what a learned effect is a product and sum of.
+
+A smooth function is a Gaussian process by the eigenfunctions of the Laplacian on an interval (Solin and Sarkka,
+Hilbert space methods for reduced-rank Gaussian process regression, 2020), here those that end flat, cosines: the
+constant is one of them. Beside it there are periodic functions of a joint that turns, powers, the direction of motion,
+and what fades with time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from bayesid.arrays import Array, Mask
+
+MARGIN = 0.15
+"""Share of the range by which the interval of the cosines is longer at either end: they end flat there, and functions
+with a longer kernel are flatter near the ends than an exact Gaussian process is. A round number."""
+REACH = 0.5
+"""Share of the range seen by which one power, or a straight line, goes on beyond either end of it before it stays as it
+is. Sums of more powers, which may be any function, stay at the ends."""
+
+
+class Quantity(IntEnum):
+    """What a variable is; the numbers are those that model.toml keeps."""
+
+    POSITION = 0
+    VELOCITY = 1
+    ACCELERATION = 2
+    LOAD = 3
+    TIME = 4
+
+
+class Family(IntEnum):
+    """Which functions an axis has; the numbers are those that model.toml keeps."""
+
+    SMOOTH = 0
+    """Cosines over the range seen, the constant first."""
+    PERIODIC = 1
+    """cos(h x), sin(h x), cos(2 h x) ...; with an odd count the constant comes first."""
+    POWER = 2
+    """x^s, x^(s + 1) ..."""
+    ODD = 3
+    """x |x|^(s - 1)."""
+    DIRECTION = 4
+    """tanh(x / v)."""
+    FADING = 5
+    """1, exp(-x / T)."""
+    EVEN = 6
+    """|x|^s."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A variable, and the functions of it that count.
+
+    Attributes:
+        quantity: what it is.
+        joint: of which joint (from 1); 0 for the time.
+        family: which functions.
+        low: least value that the log has shown, in the variable's unit, and
+        high: the largest.
+        order: h of periodic functions, s of powers, v of a direction, T of what fades, in the variable's unit.
+        count: number of functions.
+    """
+
+    quantity: Quantity
+    joint: int
+    family: Family
+    low: float
+    high: float
+    order: float
+    count: int
+
+    @property
+    def variable(self) -> tuple[Quantity, int]:
+        """The variable alone."""
+        return self.quantity, self.joint
+
+    def columns(self, x: Array) -> Array:
+        """(N, count) the functions at values x (N,).
+
+        Beyond the range seen smooth functions and sums of powers are as at its end; one power goes on by half of it.
+        """
+        match self.family:
+            case Family.SMOOTH:
+                return np.cos(np.outer(np.clip(x, self.low, self.high) - self._start, self.frequencies))
+            case Family.PERIODIC:
+                angle = np.outer(x, self.order * np.arange(1, self.count // 2 + 1))
+                waves = np.stack([np.cos(angle), np.sin(angle)], axis=2).reshape(len(x), -1)
+                return np.column_stack([np.ones(len(x)), waves]) if self.count % 2 else waves
+            case Family.POWER:
+                return self._kept(x)[:, None] ** (self.order + np.arange(self.count))
+            case Family.ODD:
+                kept = self._kept(x)[:, None]
+                return np.sign(kept) * np.abs(kept) ** self.order
+            case Family.EVEN:
+                return np.abs(self._kept(x))[:, None] ** self.order
+            case Family.DIRECTION:
+                return np.tanh(x / self.order)[:, None]
+        return np.column_stack([np.ones(len(x)), np.exp(-np.maximum(x, 0.0) / self.order)])
+
+    @property
+    def frequencies(self) -> Array:
+        """(count,) of cosines, in radians per unit of the variable."""
+        return np.pi * np.arange(self.count, dtype=np.float64) / ((1.0 + 2.0 * MARGIN) * (self.high - self.low))
+
+    def density(self, length: float) -> Array:
+        """(count,) prior variances, adding up to 1.
+
+        Of cosines those of a squared exponential kernel; of waves they fall with the fourth power of the harmonic, as
+        those of a function with kinks do; of others they are equal.
+
+        Args:
+            length: of the kernel, as a share of the range.
+        """
+        if self.family is Family.PERIODIC:
+            waves = np.repeat(np.arange(1.0, self.count // 2 + 1) ** -4.0, 2)
+            variances = np.concatenate([np.ones(self.count % 2), waves])
+            return np.asarray(variances / variances.sum())
+        if self.family is not Family.SMOOTH:
+            return np.full(self.count, 1.0 / self.count)
+        density = np.exp(-0.5 * (self.frequencies * length * (self.high - self.low)) ** 2)
+        density[1:] *= 2.0  # the mean square of a cosine is a half
+        return np.asarray(density / density.sum())
+
+    @property
+    def constant(self) -> bool:
+        """Whether the first of the functions is the constant."""
+        powers = self.family is Family.POWER and self.order == 0.0
+        return self.family in (Family.SMOOTH, Family.FADING) or powers or self._odd_waves
+
+    @property
+    def _odd_waves(self) -> bool:
+        return self.family is Family.PERIODIC and self.count % 2 == 1
+
+    @property
+    def _start(self) -> float:
+        return self.low - MARGIN * (self.high - self.low)
+
+    def _kept(self, x: Array) -> Array:
+        further = REACH * (self.high - self.low) if self.count <= 2 else 0.0
+        return np.clip(x, self.low - further, self.high + further)
+
+
+def products(axes: list[Array]) -> Array:
+    """(N, p) products of one column of each of some arrays (N, p1), (N, p2) ..., the last one's fastest."""
+    product = axes[0]
+    for columns in axes[1:]:
+        product = (product[:, :, None] * columns[:, None, :]).reshape(len(product), -1)
+    return product
+
+
+def scaled_to_one(columns: Array, used: Mask) -> Array:
+    """(p,) RMS of columns (N, p) over the samples that count (N,)."""
+    return np.asarray(np.sqrt(np.mean(columns[used] ** 2, axis=0)))
+
+
+@dataclass(frozen=True)
+class Component:
+    """One of the functions that are added: combinations of the products of its axes' functions.
+
+    Attributes:
+        axes: its variables, each with its functions.
+        weights: (p, k) combinations of the p products that are k columns.
+    """
+
+    axes: tuple[Axis, ...]
+    weights: Array
+
+    def columns(self, values: Callable[[Axis], Array]) -> Array:
+        """(N, k) from the (N,) values of each axis' variable."""
+        return np.asarray(products([axis.columns(values(axis)) for axis in self.axes]) @ self.weights)
