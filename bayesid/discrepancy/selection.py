@@ -38,6 +38,8 @@ _POLISHED = 2
 """Sets of one joint's effects, of each size, that are looked at closely; a round number."""
 _LOOKS = 2
 """Times that sets of one joint's effects are looked for, others' effects having changed meanwhile; bounds the time."""
+_FEW = 2
+"""Numbers up to which one effect in a joint is plain: more may stand for several effects. A round number."""
 _BASES = 2
 """Distortions that other effects are looked for beside, those that explain most by themselves; a round number."""
 _WHOLE = 3
@@ -256,11 +258,14 @@ def _elsewhere(chosen: EffectSet, joint: int) -> Forms:
 
 
 def _unsettled(case: Case, chosen: EffectSet) -> list[int]:
-    """Joints (0-based) that are above the floor, or have several effects of their own, the worst first."""
+    """Joints (0-based) that are above the floor, or have effects of their own with several numbers, the worst first."""
     ratio = np.sqrt(chosen.data.mean_square(chosen.explanation.residual))
-    own = Counter(j for effect in chosen.effects for j in effect.columns.joints if len(effect.columns.joints) == 1)
+    own = Counter[int]()
+    for effect in chosen.effects:
+        if len(effect.columns.joints) == 1:
+            own.update({joint: len(effect.columns.sd) for joint in effect.columns.joints})
     above = {j for j, x in enumerate(ratio.tolist()) if x > case.thresholds.above_floor}
-    several = {j for j, count in own.items() if count > 1}
+    several = {j for j, count in own.items() if count > _FEW}
     return sorted((j for j in above | several if chosen.data.sharp[j]), key=lambda j: -ratio[j])
 
 
@@ -355,7 +360,7 @@ def _look_around(sets: EffectSets, chosen: EffectSet) -> None:
 
 
 def _smallest(sets: EffectSets) -> list[EffectSet]:
-    """The smallest of all sets that predict held-back data as well as any, within the error; likeliest first.
+    """Sets that predict held-back data as well as any, within the error, and no part of which does: likeliest first.
 
     Errors are judged by what the best set leaves of each joint: it is no less than the noise.
     """
@@ -368,13 +373,12 @@ def _smallest(sets: EffectSets) -> list[EffectSet]:
     least = 0.5 * limits.held_back_improvement * float(used.sum(axis=0).max())
     pairs = zip(candidates, density, strict=True)
     within = [one for one, of_blocks in pairs if not surely_better(top, of_blocks, least)]
-    fewest = min(len(one.effects) for one in within)
+    minimal = [one for one in within if not any(other.keys < one.keys for other in within)]
     of_keys: dict[frozenset[EffectKey], list[float]] = {}
-    for one in within:
+    for one in minimal:
         of_keys.setdefault(one.keys, []).append(one.log_posterior)
     whatever_form = {keys: float(logsumexp(logs)) for keys, logs in of_keys.items()}
-    smallest = [one for one in within if len(one.effects) == fewest]
-    return sorted(smallest, key=lambda one: (-whatever_form[one.keys], -one.log_posterior))
+    return sorted(minimal, key=lambda one: (-whatever_form[one.keys], -one.log_posterior))
 
 
 def _needless(sets: EffectSets, chosen: EffectSet) -> bool:

@@ -113,18 +113,18 @@ def weigh(
     others = [other for other in effects if other is not effect]
     regression, without = explain_with(data, others, explanation, uncertain)
     scores = plain_first(assess(regression, without, _rivals(library, effect, others)), data)
-    scored = next((score.gain for score in scores if score.key == effect.key), None)
-    if scored is None:
-        gain = explain_with(data, effects, explanation, uncertain)[1].log_evidence - without.log_evidence
-    else:
-        gain = scored
+    scored = next((score.gain for score in scores if score.key == effect.key), -np.inf)
+    as_added = explain_with(data, effects, explanation, uncertain)[1].log_evidence - without.log_evidence
+    gain = max(scored, as_added)  # averaged over the library's forms, or of the form that was refined
     share = (1.0 - limits.nothing_missing - limits.something_else) / len(main_forms())
     places = max(1, data.effort.shape[1])
+    scores = [replace(one, gain=gain) if one.key == effect.key else one for one in scores]
     logs = [s.gain + np.log(share / (places if s.hypothesis.joints else 1)) for s in scores]
     nothing = without.log_evidence_as_noise - without.log_evidence + np.log(limits.nothing_missing)
     unnamed = [] if effect.source.can_be_missing else [gain + np.log(limits.something_else)]
     total = float(logsumexp([*logs, *unnamed, nothing, np.log(limits.something_else)]))
-    alike = {s.key: s for s in scores if s.gain > gain - limits.equivalent * LN10}
+    level = scored if scored > 0.0 else gain  # others are in the library's forms too
+    alike = {s.key: s for s in scores if s.gain > level - limits.equivalent * LN10}
     elsewhere = {key for key, score in alike.items() if _in_another_row(effect, score.hypothesis)}
     equivalent = {name for name, _ in set(alike) - elsewhere} - {effect.effect}
     class_logs = [
