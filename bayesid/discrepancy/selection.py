@@ -34,15 +34,19 @@ from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.process import in_parallel
 from bayesid.progress import SILENT, Progress
 
+MOST_SETS = 48
+"""Sets of effects that are looked at closely in the search; most logs need fewer. A round number: bounds the time."""
 _POLISHED = 2
 """Sets of one joint's effects, of each size, that are looked at closely; a round number."""
 _LOOKS = 2
 """Times that sets of one joint's effects are looked for, others' effects having changed meanwhile; bounds the time."""
+_ROUNDS = 3
+"""Times that the sets around a chosen one are looked at; it rarely changes more than once. Bounds the time."""
 _FEW = 2
 """Numbers up to which one effect in a joint is plain: more may stand for several effects. A round number."""
 _BASES = 2
 """Distortions that other effects are looked for beside, those that explain most by themselves; a round number."""
-_WHOLE = 3
+_WHOLE = 2
 """Effects of several joints, or rivals of an effect, that are looked at closely; a round number."""
 _NEARLY = 3.0 * LN10
 """Log Bayes factor by which a rival may be behind, in the quick look, to be looked at closely; a round number."""
@@ -69,6 +73,7 @@ class Selection:
         library: all hypotheses.
         extension: the extended model.
         sets: the smallest that predict held-back data as well as any, likeliest first; the first one is this.
+        stopped: whether the search was stopped before all was tried.
         rejected: effects that had passed by their evidence, but that held-back data did not bear out or that were no
             more than stand-ins; each with the set that it was chosen in.
     """
@@ -81,6 +86,7 @@ class Selection:
     library: Library
     extension: Extension
     sets: tuple[WeighedSet, ...]
+    stopped: bool
     rejected: tuple[tuple[EffectSet, Hypothesis], ...]
 
     def weighed(self, case: Case) -> Weighed:
@@ -132,8 +138,9 @@ def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
     _, before = explain_with(data, ())
     old = all_along(data, before, library)
     library = [group for group in library if group and group[0].key not in old]
-    sets = EffectSets(case, library, before)
-    likeliest = _likeliest(sets, sets.settled((), data), progress)
+    sets = EffectSets(case, library)
+    likeliest = _likeliest(sets, sets.anchored(sets.settled((), data)), progress)
+    stopped = sets.looked_at > MOST_SETS
     smallest = _borne_out(sets, likeliest)
     chosen, not_learned = learn_effects(case, _without_stand_ins(sets, smallest[0]))
     effects, explanation = chosen.effects, chosen.explanation
@@ -148,6 +155,7 @@ def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
         library=library,
         extension=extend(case.knowledge, case.coefficients, effects, explanation),
         sets=weighed(smallest, chosen),
+        stopped=stopped,
         rejected=(*(rejected[key] for key in sorted(rejected)), *not_learned),
     )
 
@@ -178,7 +186,7 @@ def _likeliest(sets: EffectSets, nothing: EffectSet, progress: Progress) -> Effe
     best = _improved(sets, _one_by_one(sets, nothing))
     progress("naming effects", 1, 3)
     for effect in _of_several_joints(sets, nothing):
-        if effect.key not in best.keys:
+        if effect.key not in best.keys and sets.looked_at <= MOST_SETS:
             tried = [sets.settled([*some, effect], best.data) for some in ((), best.effects)]
             other = _polished(sets, max(tried, key=lambda one: one.log_posterior))
             best = _improved(sets, other) if other.log_posterior > best.log_posterior else best
@@ -202,7 +210,7 @@ def _one_by_one(sets: EffectSets, chosen: EffectSet) -> EffectSet:
         products = Products(chosen.data, tried, list(errors), case.uncertain, predicting=False)
         _, found = select_forward(products, rules, chosen.keys)
         effects = refined(chosen.data, [candidate.hypothesis for candidate in found], sets.library)
-        chosen = sets.settled(effects, chosen.data, polish=False)
+        chosen = sets.settled(effects, chosen.data, ())
         if not standard and chosen.keys in seen:
             return chosen
         seen.append(chosen.keys)
@@ -245,11 +253,11 @@ def _improved(sets: EffectSets, best: EffectSet) -> EffectSet:
     while True:
         beside = {j: _elsewhere(best, j) for j in _unsettled(sets.case, best) if looks[j] < _LOOKS}
         left = [(j, forms) for j, forms in beside.items() if (j, forms) not in looked]
-        if not left:
+        if not left or sets.looked_at > MOST_SETS:
             return _polished(sets, best)
         looked.add(left[0])
         looks[left[0][0]] += 1
-        best = _improved_in(sets, best, left[0][0])
+        best = _improved_in(sets, sets.anchored(best), left[0][0])
 
 
 def _elsewhere(chosen: EffectSet, joint: int) -> Forms:
@@ -272,17 +280,17 @@ def _unsettled(case: Case, chosen: EffectSet) -> list[int]:
 def _improved_in(sets: EffectSets, best: EffectSet, joint: int) -> EffectSet:
     """The likeliest with other effects of one joint's own.
 
-    Distortions are linear near what they act on alone: where nothing else reaches the floor, each is settled by itself
-    first, and other effects are looked for beside it.
+    Distortions are linear near what they act on alone: where nothing else comes near the floor, each is settled by
+    itself first, and other effects are looked for beside it.
     """
     forms = [form for group in sets.library for form in group if form.columns.joints == {joint}]
     others = [effect for effect in best.effects if effect.columns.joints != {joint}]
     tried = [best, *_with_some_of(sets, others, best, joint, forms)]
     best = max(tried, key=lambda one: one.log_posterior)
-    if joint in _unsettled(sets.case, best):
+    if _left(best, joint) > sets.case.thresholds.above_blunt_floor**2:
         linear = [form for form in forms if form.source.linear]
         distortions = {form.source.name: form for form in forms if not form.source.linear}.values()
-        alone = [sets.settled([*others, one], best.data, kept=one) for one in distortions]
+        alone = [sets.settled([*others, one], best.data, {joint}, one) for one in distortions]
         for one in sorted(alone, key=lambda one: _left(one, joint))[:_BASES]:
             tried += [one, *_with_some_of(sets, one.effects, one, joint, linear)]
     return max(tried, key=lambda one: one.log_posterior)
@@ -303,16 +311,16 @@ def _with_some_of(
     for some in proposed:
         by_size.setdefault(len(some), []).append((sets.quick([*others, *some], data), some))
     leading = [sorted(of_size, key=lambda one: -one[0])[:_POLISHED] for of_size in by_size.values()]
-    return [sets.settled([*others, *some], data) for of_size in leading for _, some in of_size]
+    return [sets.settled([*others, *some], data, {joint}) for of_size in leading for _, some in of_size]
 
 
 def _polished(sets: EffectSets, best: EffectSet) -> EffectSet:
     """The same in better forms, as long as that makes it likelier; without what is not needed."""
     while best.effects:
+        best = sets.anchored(best)
         better = sets.settled(best.effects, best.data)
-        fewer = [sets.settled(best.without(effect), best.data) for effect in best.effects]
+        likeliest = max(_fewer(sets, best), key=lambda one: one.log_posterior)
         needed = sets.case.thresholds.log10_bayes_factor * LN10
-        likeliest = max(fewer, key=lambda one: one.log_posterior)
         if likeliest.log_posterior > max(better.log_posterior, best.log_posterior) - needed:
             best = likeliest
         elif better.log_posterior > best.log_posterior + _NOTICED:
@@ -320,6 +328,11 @@ def _polished(sets: EffectSets, best: EffectSet) -> EffectSet:
         else:
             break
     return best
+
+
+def _fewer(sets: EffectSets, chosen: EffectSet) -> list[EffectSet]:
+    """The sets that lack one of the effects."""
+    return [sets.settled(chosen.without(one), chosen.data, one.columns.joints) for one in chosen.effects]
 
 
 def _of_several_joints(sets: EffectSets, nothing: EffectSet) -> list[Hypothesis]:
@@ -341,7 +354,7 @@ def _borne_out(sets: EffectSets, chosen: EffectSet) -> list[EffectSet]:
     must bear out each effect of a set beside the others.
     """
     seen, smallest = set[Forms](), [chosen]
-    while chosen.forms not in seen:
+    while chosen.forms not in seen and len(seen) < _ROUNDS:
         seen.add(chosen.forms)
         _look_around(sets, chosen)
         smallest = _smallest(sets)
@@ -351,12 +364,12 @@ def _borne_out(sets: EffectSets, chosen: EffectSet) -> list[EffectSet]:
 
 def _look_around(sets: EffectSets, chosen: EffectSet) -> None:
     """Adds the sets that lack an effect of a chosen one, or have a rival in its place, or in that of two."""
-    for effect in chosen.effects:
-        sets.settled(chosen.without(effect), chosen.data)
+    chosen = sets.anchored(chosen)
+    _fewer(sets, chosen)
     pairs = [(a, b) for a, b in combinations(chosen.effects, 2) if a.columns.joints == b.columns.joints]
     for gone in [*((effect,) for effect in chosen.effects), *pairs]:
         for rival in _rivals(sets, chosen, gone):
-            sets.settled([*chosen.without(*gone), rival], chosen.data, kept=rival)
+            sets.settled([*chosen.without(*gone), rival], chosen.data, rival.columns.joints, rival)
 
 
 def _smallest(sets: EffectSets) -> list[EffectSet]:
@@ -419,7 +432,7 @@ def _without_stand_ins(sets: EffectSets, chosen: EffectSet) -> EffectSet:
     predicted = case.predicted(chosen.effects, chosen.explanation)
     for joint, _ in unexplained(case.trial, predicted, case.floor(predicted), chosen.explanation, limits):
         of_joint = [effect for effect in chosen.effects if effect.columns.joints == {joint - 1}]
-        others = sets.settled(chosen.without(*of_joint), chosen.data, polish=False)
+        others = sets.settled(chosen.without(*of_joint), chosen.data, ())
         before, after = (case.held_back.trial.rms(one.held_back)[joint - 1] ** 2 for one in (others, chosen))
         if of_joint and before - after < limits.explained_share * (before - chosen.data.floor[joint - 1] ** 2):
             chosen = others

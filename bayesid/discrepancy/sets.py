@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -101,43 +101,54 @@ class EffectSets:
     Attributes:
         case: what stays the same.
         library: all hypotheses.
-        nothing: the explanation without any.
         found: the sets.
     """
 
     case: Case
     library: Library
-    nothing: Explanation
     found: dict[Forms, EffectSet] = field(default_factory=dict)
-    _settled: dict[tuple[int, ...], tuple[EffectSet, Sequence[Hypothesis]]] = field(default_factory=dict)
+    _settled: dict[tuple[object, ...], tuple[EffectSet, object]] = field(default_factory=dict)
 
     def settled(
-        self, effects: Sequence[Hypothesis], data: Observations, *, polish: bool = True, kept: Hypothesis | None = None
+        self,
+        effects: Sequence[Hypothesis],
+        data: Observations,
+        joints: Collection[int] | None = None,
+        kept: Hypothesis | None = None,
     ) -> EffectSet:
         """Effects in their best forms and with their best numbers, signs settled under them.
 
         Args:
             effects: in some forms.
             data: settled under nearly the same.
-            polish: whether forms and numbers are looked for, or kept.
+            joints: (0-based) effects that act in none of these keep their forms and numbers; by default none does.
             kept: one of the effects, whose form stays while its numbers may change.
         """
-        key = (polish, id(kept), *(id(effect) for effect in effects))
+        key = (*sorted(joints or ()), joints is None, id(kept), *(id(effect) for effect in effects))
         if key not in self._settled:
-            asked = tuple(effects)
-            if polish and effects:
-                effects = refined(data, self._in_best_forms(effects, data, kept), self.library)
-                effects, explanation = sharpened(data, effects, self.case.columns, self.case.scene)
-            else:
-                _, explanation = explain_with(data, effects)
-            data = replace(self.case.settled(effects, explanation), reference=self.nothing)
+            asked = (*effects, kept)  # lest others take their ids
+            effects = refined(data, self._in_best_forms(effects, data, joints, kept), self.library, joints)
+            effects, explanation = sharpened(data, effects, self.case.columns, self.case.scene)
+            settled = self.case.settled(effects, explanation)
+            data = replace(settled, reference=data.reference, of_reference=data.of_reference)
             _, explanation = explain_with(data, effects, explanation)
             made = EffectSet(self.case, tuple(effects), explanation, data, sum(map(self.log_prior, effects)))
-            self._settled[key] = made, asked  # lest others take their ids
+            self._settled[key] = made, asked
             other = self.found.get(made.forms)
             if other is None or made.log_posterior > other.log_posterior:
                 self.found[made.forms] = made
         return self._settled[key][0]
+
+    def anchored(self, chosen: EffectSet) -> EffectSet:
+        """A set that others are compared with: where they have the same effects, what is left is judged alike."""
+        columns = tuple(effect.columns for effect in chosen.effects)
+        _, explanation = explain_with(replace(chosen.data, reference=None, of_reference=()), chosen.effects)
+        return replace(chosen, data=replace(chosen.data, reference=explanation, of_reference=columns))
+
+    @property
+    def looked_at(self) -> int:
+        """Sets that were settled so far."""
+        return len(self._settled)
 
     def quick(self, effects: Sequence[Hypothesis], data: Observations) -> float:
         """Log posterior of effects in these forms, with signs as they are."""
@@ -161,7 +172,7 @@ class EffectSets:
         return Counter(form.key for group in self.library for form in group)
 
     def _in_best_forms(
-        self, effects: Sequence[Hypothesis], data: Observations, kept: Hypothesis | None
+        self, effects: Sequence[Hypothesis], data: Observations, joints: Collection[int] | None, kept: Hypothesis | None
     ) -> list[Hypothesis]:
         """Each effect in the form that is likeliest beside the others.
 
@@ -170,7 +181,8 @@ class EffectSets:
         """
         effects = list(effects)
         for k, effect in enumerate(effects):
-            if self._forms[effect.key] == 1:
+            elsewhere = joints is not None and effect.columns.joints.isdisjoint(joints)
+            if elsewhere or self._forms[effect.key] == 1:
                 continue  # there is no other, and a distortion's number is better than the library's
             regression, others = explain_with(data, [*effects[:k], *effects[k + 1 :]])
             groups = self._forms_of(effect, effects, data)

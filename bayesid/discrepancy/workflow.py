@@ -15,7 +15,7 @@ from bayesid.discrepancy.compare import Excess, NoiseFloor, Trial, make_trial, s
 from bayesid.discrepancy.log_checks import check_log, check_same_robot, check_unseen
 from bayesid.discrepancy.mixed_up import check_columns
 from bayesid.discrepancy.numbers import Numbers
-from bayesid.discrepancy.selection import Selection, select_effects, unexplained, unexplained_anywhere
+from bayesid.discrepancy.selection import MOST_SETS, Selection, select_effects, unexplained, unexplained_anywhere
 from bayesid.discrepancy.sets import WeighedSet
 from bayesid.discrepancy.unnamed import in_words
 from bayesid.fit.effects.added_effect import AddedEffect, Quantity, not_testable
@@ -228,7 +228,7 @@ def _discrepancy(case: Case, selection: Selection, again: Identification) -> Dis
         held_back=scoring,
         predicted_before=case.before,
         predicted_after=predicted,
-        warnings=(*_warnings(case, floor), *again.warnings),
+        warnings=(*_warnings(case, floor), *_stopped(selection), *again.warnings),
         thresholds=case.thresholds,
         seconds=np.nan,
     )
@@ -272,6 +272,12 @@ def _warnings(case: Case, floor: NoiseFloor) -> list[str]:
         share = f"the model left over {case.thresholds.good_fit:.0%} of the effort of joint {joints} in its own log"
         warnings.append(f"{share}: there the noise floor is taken from this log ({floor.origin[blunt[0]]})")
     return warnings
+
+
+def _stopped(selection: Selection) -> list[str]:
+    """That not all sets of effects were tried, if so."""
+    said = f"the search for sets of effects ended after {MOST_SETS} of them: others might explain the log as well"
+    return [said] if selection.stopped else []
 
 
 def _with_numbers(

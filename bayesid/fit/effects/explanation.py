@@ -52,7 +52,8 @@ class Observations:
         rate: Hz.
         thresholds: that decide.
         whitening: of the columns; shared by all observations with the same columns and samples that count.
-        reference: an explanation of nearly the same data without effects: where none acts, its error models are kept.
+        reference: an explanation of nearly the same data, and
+        of_reference: its effects: where none acts that is not among them, nor lacks, its error models are kept.
     """
 
     columns: Array
@@ -66,6 +67,7 @@ class Observations:
     thresholds: Thresholds = Thresholds()
     whitening: Whitening = field(default=NOT_YET, repr=False, compare=False)
     reference: Explanation | None = field(default=None, repr=False, compare=False)
+    of_reference: tuple[Columns, ...] = field(default=(), repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if self.whitening.columns is not self.columns or self.whitening.used is not self.used:
@@ -296,13 +298,12 @@ class Regression:
 
     def _judged(self, residual: Array, extra: Columns | None, previous: Explanation | None) -> tuple[JudgedJoint, ...]:
         """What is left in each joint; error models are kept where nothing has changed since another explanation."""
-        acting = (
-            set().union(*(effect.joints for effect in self.effects if not effect.slight))
-            if previous is None
-            else set[int]()
-        )
-        acting |= set() if extra is None else extra.joints
+        acting = set[int]() if extra is None else set(extra.joints)
         before = self.data.reference if previous is None or extra is None else previous
+        if before is self.data.reference:
+            known, here = ({id(effect): effect for effect in some} for some in (self.data.of_reference, self.effects))
+            changed = (effect for key, effect in (known | here).items() if (key in known) != (key in here))
+            acting |= set().union(*(effect.joints for effect in changed if not effect.slight))
         judged = []
         for j, limits in enumerate(self.data.limits):
             kept = None if before is None or j in acting else before.judged[j]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import scipy
 
@@ -17,16 +17,21 @@ _NOTICED = 0.01
 """Nats by which another number must be likelier to take the place of what it is: less is the search's resolution."""
 
 
-def refined(data: Observations, effects: Sequence[Hypothesis], library: Library) -> list[Hypothesis]:
+def refined(
+    data: Observations, effects: Sequence[Hypothesis], library: Library, joints: Collection[int] | None = None
+) -> list[Hypothesis]:
     """Effects with their nonlinear numbers where they fit best, each given all others.
 
     Args:
         data: what is to be explained.
         effects: that explain it.
         library: all hypotheses; a number stays between its neighbours there.
+        joints: (0-based) effects that act in none of these stay as they are; by default all are looked at.
     """
     effects = list(effects)
     for k, effect in enumerate(effects):
+        if joints is not None and effect.columns.joints.isdisjoint(joints):
+            continue
         grid = _grid(effect, library)
         if grid is not None:
             effects[k] = _fitted(data, effect, effects[:k] + effects[k + 1 :], *grid)
