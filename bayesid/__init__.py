@@ -20,7 +20,7 @@ _load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 def __getattr__(name: str) -> object:
     """A promised name; with what gives identifications comes what notebooks show of them, from rooms above theirs."""
     value = _load(name)
-    if name in ("identify", "find_discrepancy", "Identification"):
+    if name in ("identify", "find_discrepancy", "compare_logs", "Identification"):
         from bayesid.identification.identification import Identification
 
         Identification.notebook_view = _notebook_view

@@ -1,5 +1,7 @@
 """The promised names; `bayesid/__init__.py` loads each from here where it is first used."""
 
+from .discrepancy.comparison import LogComparison as LogComparison
+from .discrepancy.comparison import compare_logs as compare_logs
 from .discrepancy.workflow import Discrepancy as Discrepancy
 from .discrepancy.workflow import find_discrepancy as find_discrepancy
 from .errors import BayesidError as BayesidError
@@ -46,6 +48,7 @@ from .results.designs import save_design as save_design
 from .results.export import mjcf as mjcf
 from .results.export import urdf as urdf
 from .results.folders import make_report as make_report
+from .results.folders import save_comparison as save_comparison
 from .results.folders import save_discrepancy as save_discrepancy
 from .results.folders import save_identification as save_identification
 from .results.folders import save_validation as save_validation

@@ -7,8 +7,11 @@ from rich.console import RenderableType
 
 from bayesid.cli.tables import line_of
 from bayesid.cli.terminal import table
+from bayesid.discrepancy.comparison import ALL_ALONG, CHANGED, LogComparison
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.report.discrepancy_verdicts import discrepancy_checks, equivalents, lead, listed_sets, set_in_words
+from bayesid.report.timeline_text import SECTIONS, columns, log_names, moved_parameters, timeline_rule
+from bayesid.report.words import rounded
 
 
 def discrepancy_parts(result: Discrepancy) -> list[RenderableType]:
@@ -34,3 +37,19 @@ def discrepancy_parts(result: Discrepancy) -> list[RenderableType]:
     parts += ["", table(headings, effects, left=["effect", "joints", "equivalent"])]
     sets = [[set_in_words(one), f"{one.probability:.2f}"] for one in listed_sets(result)]
     return [*parts, "", table(["set", "probability"], sets, left=["set"])] if len(sets) > 1 else parts
+
+
+def comparison_parts(result: LogComparison) -> list[RenderableType]:
+    """What changed, what was missing all along, and the parameters that moved."""
+    parts: list[RenderableType] = []
+    for which, lines in columns(result).items():
+        if lines or which in (CHANGED, ALL_ALONG):
+            parts += [f"{SECTIONS[which]}:", *(f"  {line}" for line in lines or ["nothing that these logs show"]), ""]
+    rows = [
+        [row.name, *map(rounded, row.value), row.unit, row.change, f"{[z for z in row.z if np.isfinite(z)][-1]:.1f}"]
+        for row in moved_parameters(result)
+    ]
+    if rows:
+        headings = ["moved", *log_names(result), "unit", "change", "change / its sd"]
+        parts += [table(headings, rows, left=["moved", "unit"])]
+    return [*parts, timeline_rule(result)]

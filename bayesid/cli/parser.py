@@ -326,18 +326,27 @@ def _add_predict(commands: _Commands) -> None:
 
 
 def _add_discrepancy(commands: _Commands) -> None:
-    examples = ["bayesid discrepancy result another_log.csv --holdout a_third_log.csv --out extended"]
-    parser = _command(commands, "discrepancy", "what a result's model lacks to explain another log", examples)
-    parser.add_argument("result", type=Path, help="folder that `bayesid identify` or `bayesid discrepancy` wrote")
-    parser.add_argument("log", type=Path, help="log of the same robot")
-    holdout = "another log, to score by (default: stretches of the log)"
+    examples = [
+        "bayesid discrepancy result another_log.csv --holdout a_third_log.csv --out extended",
+        "bayesid discrepancy 2026-03-14.csv 2026-05-02.csv 2026-07-30.csv --robot ur10e --out wear",
+    ]
+    purpose = "what a result's model lacks to explain another log, or what changed from log to log"
+    parser = _command(commands, "discrepancy", purpose, examples)
+    result = "folder that `bayesid identify` or `bayesid discrepancy` wrote; or, with --robot, the earliest of the logs"
+    parser.add_argument("result", type=Path, help=result)
+    logs = "log of the same robot; with --robot all later ones, also by a quoted pattern: 'weeks/*.csv'"
+    parser.add_argument("logs", type=Path, nargs="*", metavar="log", help=logs)
+    _share(parser, "--robot", required=False, help=f"of logs without a result: {_SHARED['--robot']['help']}")
+    _share(parser, "--tip", "--hold")
+    _share(parser, "--terms", default=None, help=f"with --robot: what effects are beyond (default: {TERMS})")
+    holdout = "another log, to score by (default: stretches of the log); of several logs, one more like the last"
     parser.add_argument("--holdout", type=Path, metavar="LOG", help=holdout)
     _share(parser, *_READING, "--cutoff")
-    budget = "seconds for the proof of the signs under the extended model (default: %(default)g)"
-    _share(parser, "--search-budget", default=3.0, help=budget)
-    _share(parser, "--no-posterior", help="skip sampling of the extended model")
+    budget = "seconds for the proof of the signs under a result's extended model (default: 3), or in the first log (30)"
+    _share(parser, "--search-budget", help=budget)
+    _share(parser, "--no-posterior", help="skip sampling of the extended model, and of the first log's")
     _share(parser, "--posterior-budget", "--seed", "--repeatable")
-    _share(parser, "--out", help="folder of the extended model (default: bayesid-discrepancy-LOG)")
+    _share(parser, "--out", help="folder of the extended model (default: bayesid-discrepancy-LOG, of the last log)")
     _share(parser, "--quiet")
 
 

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from bayesid.arrays import Array
+from bayesid.discrepancy.all_along import missing_all_along
 from bayesid.discrepancy.case import Case, divide
 from bayesid.discrepancy.compare import Excess, NoiseFloor, Trial, make_trial, shortened, where_it_shows
 from bayesid.discrepancy.log_checks import check_log, check_same_robot, check_unseen
@@ -65,6 +66,7 @@ class Discrepancy:
         warnings: what the user should know.
         thresholds: that decided.
         seconds: of wall time.
+        all_along: effects and joints beyond the standard terms that the model had and this log bears out by itself too.
 
     Example:
         >>> found.status, [(effect.effect, effect.joints) for effect in found.added]
@@ -92,6 +94,7 @@ class Discrepancy:
     warnings: tuple[str, ...]
     thresholds: Thresholds
     seconds: float
+    all_along: tuple[EffectKey, ...] = ()
 
     def __repr__(self) -> str:
         gaps = zip(self.before, self.after, self.floor.rms, strict=True)
@@ -231,6 +234,7 @@ def _discrepancy(case: Case, selection: Selection, again: Identification) -> Dis
         warnings=(*_warnings(case, floor), *_stopped(selection), *again.warnings),
         thresholds=case.thresholds,
         seconds=np.nan,
+        all_along=missing_all_along(case.model, again),
     )
 
 

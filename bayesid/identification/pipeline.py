@@ -57,7 +57,7 @@ from bayesid.signs.completion import complete as complete_model
 from bayesid.signs.search.budget import OneBudget
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
-from bayesid.signs.settling import Earlier, restored
+from bayesid.signs.settling import Earlier, Settled, restored
 from bayesid.signs.smoothing import sign_probabilities
 
 QUICK = Certified(budget=3.0)
@@ -164,19 +164,67 @@ def identify_again(
     Raises:
         SolverError: an optimisation failed.
     """
-    names = [*(term.name for term in model.terms), *(distortion.name for distortion in model.distortions)]
-    run = _Run(search, posterior, preparation, Beliefs(), progress, {"model": names})
-    check_memory(log, preparation.max_memory)
-    as_read = prepare(log, preparation.cutoff)
+    run = _Run(search, posterior, preparation, Beliefs(), progress, {"model": _names_of(model)})
+    asked, _, shown = _settle_again(run, model, log, Earlier(knowledge, theta))
+    return replace(_identification(run, log, asked.evidence.signals, model, AveragedSigns.alone(asked)), signals=shown)
+
+
+@one_blas_thread
+def identify_alone(
+    model: Model,
+    log: Log,
+    theta: Array,
+    *,
+    search: Search = QUICK,
+    preparation: Preparation = Preparation(),
+    progress: Progress = SILENT,
+) -> Identification:
+    """Identifies a given model from a log that is all there is to go by: as a first log is, with `only-uncertainty`.
+
+    No effect enters; what the catalogue holds besides, and the geometry, widen the uncertainty of the coefficients.
+    Nothing is known of these beforehand, and no posterior is sampled: no prior pulls several logs to the same values.
+
+    Args:
+        model: robot, terms and distortions.
+        log: a log.
+        theta: (P,) parameters from which signs are settled too; they have no other say.
+        search: how signs are searched.
+        preparation: how the log is made ready.
+        progress: of long stages.
+
+    Raises:
+        SolverError: an optimisation failed.
+    """
+    run = _Run(search, False, preparation, Beliefs(), progress, {"model": _names_of(model)})
+    rows = model.before_sensors
+    nothing = np.zeros(2 * (len(base_coefficients(rows)),))
+    asked, segments, shown = _settle_again(run, model, log, Earlier(Knowledge(rows, theta, nothing), theta))
+    asked = replace(asked, evidence=replace(asked.evidence, information=None))
+    completing = Completing(False, run.beliefs.kinematics, preparation.cutting)
+    completed = complete_model(AveragedSigns.alone(asked), segments, OneBudget(search), completing, progress)
+    run.lap("complete")
+    result = _identification(run, log, completed.signals, model, completed.averaged)
+    return replace(result, signals=shown, completion=completed.completion)
+
+
+def _settle_again(run: _Run, model: Model, log: Log, earlier: Earlier) -> tuple[Settled, Segments, Signals]:
+    """Signs under a given model, the segments before any search, and the signals to show."""
+    check_memory(log, run.preparation.max_memory)
+    as_read = prepare(log, run.preparation.cutoff)
     signals, rows = restored(model, as_read), model.before_sensors
-    segments = find_segments(signals, model.robot.actuators(signals.motion), preparation.cutting)
+    segments = find_segments(signals, model.robot.actuators(signals.motion), run.preparation.cutting)
     run.lap("prepare")
-    earlier = Earlier(knowledge, theta)
-    asked, _ = settle_unfiltered(rows, signals, segments, OneBudget(search), preparation.cutting, progress, earlier)
+    asked, segments = settle_unfiltered(
+        rows, signals, segments, OneBudget(run.search), run.preparation.cutting, run.progress, earlier
+    )
     run.lap("search")
-    signals = asked.evidence.signals
-    shown = as_read if signals.after_rectifier is None else signals
-    return replace(_identification(run, log, signals, model, AveragedSigns.alone(asked)), signals=shown)
+    settled = asked.evidence.signals
+    return asked, segments, as_read if settled.after_rectifier is None else settled
+
+
+def _names_of(model: Model) -> list[str]:
+    """Of its effects, terms first."""
+    return [effect.name for effect in model.effects]
 
 
 @dataclass

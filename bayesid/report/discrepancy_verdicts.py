@@ -128,6 +128,7 @@ def discrepancy_checks(discrepancy: Discrepancy) -> tuple[Check, ...]:
         *([Check("Gap", "good", _gap(discrepancy))] if discrepancy.added else []),
         *(_unexplained(discrepancy, joint, ratio) for joint, ratio in discrepancy.unexplained),
         *(_not_learned(discrepancy, refused) for refused in discrepancy.refused if refused.description is not None),
+        *_all_along(discrepancy),
         *_lasting_floor(discrepancy),
         *_not_testable(discrepancy),
     )
@@ -415,6 +416,15 @@ def _range(discrepancy: Discrepancy, where: Excess) -> str:
     """Velocity (0.10 to 0.50 rad/s)."""
     (low, high), unit = where.range, unit_of(discrepancy, where.joint, where.variable)
     return f"{where.variable} ({rounded(low, 2)} to {rounded(high, 2)} {unit})"
+
+
+def _all_along(discrepancy: Discrepancy) -> list[Check]:
+    """What the earlier model has beyond the standard terms, and this log shows by itself too."""
+    if not discrepancy.all_along:
+        return []
+    named = listed([label(effect, joints) for effect, joints in discrepancy.all_along])
+    message = f"{named}: the earlier model has it, and this log bears it out by itself"
+    return [Check("Missing all along", "good", f"{message}; it is no change")]
 
 
 def _not_testable(discrepancy: Discrepancy) -> list[Check]:

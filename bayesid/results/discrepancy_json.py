@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from bayesid.discrepancy.comparison import EffectHistory, LogComparison
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.fit.effects.added_effect import AddedEffect, Quantity
 from bayesid.fit.effects.explanation import LN10
 from bayesid.fit.effects.scores import Score
 from bayesid.model.catalogue import forms
+from bayesid.report.timeline_text import Moved, columns, moved_parameters, timeline_rule
 
 
 def discrepancy_summary(discrepancy: Discrepancy) -> dict[str, Any]:
@@ -59,9 +61,91 @@ def discrepancy_summary(discrepancy: Discrepancy) -> dict[str, Any]:
             {"effect": effect, "joints": sorted(j for _, joints in group for j in joints)}
             for effect, group in groupby(discrepancy.not_testable, key=lambda pair: pair[0])
         ],
+        "all_along": [{"effect": effect, "joints": list(joints)} for effect, joints in discrepancy.all_along],
         "log": discrepancy.identification.log.source,
         "seconds": discrepancy.seconds,
         "warnings": list(discrepancy.warnings),
+    }
+
+
+def comparison_summary(comparison: LogComparison) -> dict[str, Any]:
+    """discrepancy.json of several logs: that of the last one, what became of each effect, and the time line."""
+    said = columns(comparison)
+    logs = zip(comparison.logs, comparison.dates.texts, strict=True)
+    return {
+        **discrepancy_summary(comparison.found[-1]),
+        "logs": [{"log": log.source, "date": text if comparison.dates.known else None} for log, text in logs],
+        "dates_from": comparison.dates.basis,
+        "in_words": said,
+        **{which: [_history(comparison, one) for one in comparison.of(which)] for which in said},
+        "moved": [_moved(comparison, row) for row in moved_parameters(comparison)],
+        "moved_rule": timeline_rule(comparison),
+        "warnings": list(comparison.warnings),
+        "seconds": comparison.seconds,
+    }
+
+
+def timeline_rows(comparison: LogComparison) -> list[dict[str, object]]:
+    """timeline.csv: one row a log and parameter, in the parameter's own unit; empty where nothing is known."""
+    line, known = comparison.timeline, comparison.dates.known
+    moved, z = line.moved, line.z
+    return [
+        {
+            "log": log.source,
+            "date": comparison.dates.texts[k] if known else "",
+            "parameter": one.name,
+            "value": _if_known(line.value[k, c]),
+            "sd": _if_known(line.sd[k, c]),
+            "unit": one.unit,
+            "moved": bool(moved[k, c]),
+            "expression": one.expression,
+            "change": _if_known(line.change[k, c]),
+            "change_sd": _if_known(line.change_sd[k, c]),
+            "of_payload": _if_known(line.of_payload[k, c]),
+            "z": _if_known(z[k, c]),
+            "p": _if_known(line.p[k, c]),
+        }
+        for k, log in enumerate(comparison.logs)
+        for c, one in enumerate(line.tracked)
+    ]
+
+
+def _if_known(value: float) -> object:
+    return float(value) if np.isfinite(value) else ""
+
+
+def _history(comparison: LogComparison, history: EffectHistory) -> dict[str, Any]:
+    by_log = zip(comparison.logs, history.by_log, strict=False)
+    return {
+        "effect": history.name,
+        "form": history.effect.name,
+        "joints": list(history.joints),
+        "by_log": [
+            {
+                "log": log.source,
+                "says": what.says,
+                "log10_bayes_factor": what.log10_bayes_factor,
+                "log10_ratio": what.log10_ratio,
+            }
+            for log, what in by_log
+        ],
+        "found": [{"log": comparison.logs[k].source, **_added(effect)} for k, effect in sorted(history.found.items())],
+    }
+
+
+def _moved(comparison: LogComparison, row: Moved) -> dict[str, Any]:
+    line = comparison.timeline
+    return {
+        "parameter": line.tracked[row.place].name,
+        "expression": row.symbol,
+        "in_words": row.text,
+        "unit": line.tracked[row.place].unit,
+        "values": line.value[:, row.place].tolist(),
+        "sds": line.sd[:, row.place].tolist(),
+        "z": line.z[:, row.place].tolist(),
+        "p": line.p[:, row.place].tolist(),
+        "since": comparison.logs[row.since - 1].source,
+        "change_in_words": row.change,
     }
 
 

@@ -47,6 +47,7 @@ from bayesid.results.export import mjcf, urdf
 from bayesid.results.model_file import model_table
 
 if TYPE_CHECKING:
+    from bayesid.discrepancy.comparison import LogComparison
     from bayesid.discrepancy.workflow import Discrepancy
 
 MARKER, _REPORT = "summary.json", "report.html"
@@ -65,6 +66,7 @@ IDENTIFICATION_FILES = frozenset(
         "log.csv",
         "discrepancy.json",
         "discrepancy.html",
+        "timeline.csv",
         FINDINGS,
     }
 )
@@ -270,16 +272,69 @@ def save_discrepancy(
     """
     from bayesid.results.discrepancy_json import discrepancy_summary  # the workflow, for whoever compares alone
 
-    missing, findings = _NotWritten(), _findings(discrepancy.identification, folder)
-
-    def write(place: Path) -> None:
-        write_json(place / "discrepancy.json", discrepancy_summary(discrepancy))
-        _write_identification(place, findings, discrepancy.identification, missing)
-
     def write_page(path: Path) -> None:
         from bayesid.report.pages.discrepancy_page import discrepancy_page  # jinja2, for pages alone
 
         path.write_text(discrepancy_page(discrepancy), encoding="utf-8")
+
+    def write_more(place: Path) -> None:
+        write_json(place / "discrepancy.json", discrepancy_summary(discrepancy))
+
+    return _save_extended(discrepancy.identification, folder, write_more, write_page, report, progress)
+
+
+@one_blas_thread
+def save_comparison(
+    comparison: LogComparison, folder: str | Path, report: bool = True, progress: Progress = SILENT
+) -> Path:
+    """Writes discrepancy.json, timeline.csv, a report of both, and the result folder of the last log's extended model.
+
+    Args:
+        comparison: what to write.
+        folder: where; an earlier result there is replaced as a whole.
+        report: whether the extended model's own report.html is made too, which takes some seconds.
+        progress: called as progress("report", done, total).
+
+    Raises:
+        InputError: the folder cannot be written, or holds other files than an earlier result.
+        KeyboardInterrupt: with a text that says so where the result stands already.
+
+    Warns:
+        IncompleteWarning: an export or a page could not be written; the rest stands.
+
+    Example:
+        >>> both = bayesid.compare_logs(robot, [log, other_log], terms, posterior=False)
+        >>> (bayesid.save_comparison(both, "days", report=False) / "timeline.csv").is_file()
+        True
+    """
+    from bayesid.results.discrepancy_json import comparison_summary, timeline_rows
+
+    def write_page(path: Path) -> None:
+        from bayesid.report.pages.comparison_page import comparison_page  # jinja2, for pages alone
+
+        path.write_text(comparison_page(comparison), encoding="utf-8")
+
+    def write_more(place: Path) -> None:
+        write_json(place / "discrepancy.json", comparison_summary(comparison))
+        write_table(place / "timeline.csv", timeline_rows(comparison))
+
+    return _save_extended(comparison.found[-1].identification, folder, write_more, write_page, report, progress)
+
+
+def _save_extended(
+    identification: Identification,
+    folder: str | Path,
+    write_more: Callable[[Path], None],
+    write_page: Callable[[Path], None],
+    report: bool,
+    progress: Progress,
+) -> Path:
+    """The result folder of an extended model, with what is told of how it was found."""
+    missing, findings = _NotWritten(), _findings(identification, folder)
+
+    def write(place: Path) -> None:
+        write_more(place)
+        _write_identification(place, findings, identification, missing)
 
     save_folder(folder, IDENTIFICATION_FILES, MARKER, write)
     reports = {_REPORT: lambda path: _write_report(findings, path, progress)} if report else {}

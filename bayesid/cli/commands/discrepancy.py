@@ -1,34 +1,67 @@
-"""`bayesid discrepancy`: what the model of a result lacks to explain another log."""
+"""`bayesid discrepancy`: what the model of a result lacks to explain another log, or what changed from log to log."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from bayesid.cli.discrepancy_tables import discrepancy_parts
-from bayesid.cli.options import command_line, end_with, read, reading_options, sampling
+from bayesid.cli.discrepancy_tables import comparison_parts, discrepancy_parts
+from bayesid.cli.options import command_line, end_with, read, reading_options, robot_of, sampling, term_names
+from bayesid.cli.parser import TERMS
 from bayesid.cli.progress import StageBars
 from bayesid.cli.terminal import show, warn
-from bayesid.discrepancy.workflow import find_discrepancy
+from bayesid.discrepancy.comparison import LogComparison, compare_logs
+from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
 from bayesid.errors import InputError
 from bayesid.files import reserved
 from bayesid.identification.options import Preparation
+from bayesid.log.formats import is_log_folder
+from bayesid.log.log import find_logs
 from bayesid.progress import Progress
-from bayesid.results.folders import check_result_folder, collect_incomplete, save_discrepancy, save_or_rescue
+from bayesid.results.folders import (
+    check_result_folder,
+    collect_incomplete,
+    save_comparison,
+    save_discrepancy,
+    save_or_rescue,
+)
 from bayesid.results.model_file import load_model
 from bayesid.signs.search.certified import Certified
+
+_OF_EXTENDED, _OF_FIRST = 3.0, 30.0
+"""s for the proof of the signs where an earlier log helps, and where none does, as `bayesid identify` has them."""
 
 
 def run(options: argparse.Namespace) -> None:
     """A folder with the extended model."""
-    folder = check_result_folder(options.out or Path(f"bayesid-discrepancy-{options.log.stem}"))
-    for path in (options.result, options.log, *([] if options.holdout is None else [options.holdout])):
-        if path.resolve() == folder.resolve() or path.resolve().parent == folder.resolve():
-            said = f"holds {path.name}, which the result would replace"
-            raise InputError(said, str(folder), "give --out a new folder")
+    if _is_log(options):
+        _compare_logs(options)
+    else:
+        _compare_with_result(options)
+
+
+def _is_log(options: argparse.Namespace) -> bool:
+    """Whether the first argument is the earliest of several logs, and no result."""
+    first = options.result
+    if first.is_dir() and not is_log_folder(first):
+        return False
+    return bool(first.is_file() or first.is_dir() or options.robot is not None)
+
+
+def _compare_with_result(options: argparse.Namespace) -> None:
+    if len(options.logs) != 1:
+        given = "no log" if not options.logs else f"{len(options.logs)} logs beside a result"
+        remedy = "give a result and one log, and --holdout for another; or logs alone, with --robot"
+        raise InputError(given, str(options.result), remedy)
+    for name in ("robot", "tip", "hold", "terms"):
+        if getattr(options, name) is not None:
+            raise InputError("a result has its own robot and terms", f"--{name}", "leave it out")
+    (path,) = options.logs
+    folder = _folder(options, [options.result, path])
     identified, reading = load_model(options.result), reading_options(options)
-    logs = [options.log] if options.holdout is None else [options.log, options.holdout]
+    logs = [path] if options.holdout is None else [path, options.holdout]
     with reserved(folder), StageBars(options.quiet) as bars:
         bars.show("read", 0, 1)
         log, *holdout = [read(path, reading) for path in logs]
@@ -36,19 +69,83 @@ def run(options: argparse.Namespace) -> None:
             identified,
             log,
             holdout[0] if holdout else None,
-            search=Certified(budget=options.search_budget, repeatable=options.repeatable),
+            search=_search(options, _OF_EXTENDED),
             posterior=sampling(options),
             preparation=Preparation(cutoff=options.cutoff),
             progress=Progress(bars.show),
         )
-        again = result.identification
-        run_by = replace(again.provenance, command=command_line())
-        result = replace(result, identification=replace(again, provenance=run_by))
+        result = _with_command(result)
         bars.show("write", 0, 1)
-        with collect_incomplete() as incomplete:
-            save_or_rescue(lambda place: save_discrepancy(result, place, progress=Progress(bars.show)), folder)
+        incomplete = _save(lambda place: save_discrepancy(result, place, progress=Progress(bars.show)), folder)
+    _end(options, result, folder, incomplete)
+
+
+def _compare_logs(options: argparse.Namespace) -> None:
+    paths = find_logs([options.result, *options.logs])
+    for path in paths:
+        if path.is_dir() and not is_log_folder(path):
+            raise InputError("is a folder", str(path), "give a result first and one log, or logs alone")
+    if options.robot is None:
+        remedy = "give --robot to compare logs, or a result folder first"
+        raise InputError("is a log, not a result", str(paths[0]), remedy)
+    if len(paths) < 2:
+        remedy = "give a later log of the robot too"
+        raise InputError("is one log; a comparison takes two or more", str(paths[0]), remedy)
+    folder, reading = _folder(options, paths), reading_options(options)
+    terms = term_names(argparse.Namespace(terms=TERMS if options.terms is None else options.terms))
+    robot = robot_of(options)
+    with reserved(folder), StageBars(options.quiet) as bars:
+        bars.show("read", 0, 1)
+        logs = [read(path, reading) for path in paths]
+        result = compare_logs(
+            robot,
+            logs,
+            terms,
+            None if options.holdout is None else read(options.holdout, reading),
+            search=_search(options, _OF_FIRST),
+            posterior=sampling(options),
+            preparation=Preparation(cutoff=options.cutoff),
+            progress=Progress(bars.show),
+        )
+        result = replace(result, found=(*result.found[:-1], _with_command(result.found[-1])))
+        bars.show("write", 0, 1)
+        incomplete = _save(lambda place: save_comparison(result, place, progress=Progress(bars.show)), folder)
+    _end(options, result, folder, incomplete)
+
+
+def _folder(options: argparse.Namespace, given: Sequence[Path]) -> Path:
+    """Where the result goes; it replaces nothing that it is made from."""
+    folder = check_result_folder(options.out or Path(f"bayesid-discrepancy-{given[-1].stem}"))
+    for path in (*given, *([] if options.holdout is None else [options.holdout])):
+        if path.resolve() == folder.resolve() or path.resolve().parent == folder.resolve():
+            said = f"holds {path.name}, which the result would replace"
+            raise InputError(said, str(folder), "give --out a new folder")
+    return folder
+
+
+def _search(options: argparse.Namespace, usual: float) -> Certified:
+    budget = usual if options.search_budget is None else options.search_budget
+    return Certified(budget=budget, repeatable=options.repeatable)
+
+
+def _with_command(result: Discrepancy) -> Discrepancy:
+    """With what was typed."""
+    again = result.identification
+    run_by = replace(again.provenance, command=command_line())
+    return replace(result, identification=replace(again, provenance=run_by))
+
+
+def _save(save: Callable[[Path], object], folder: Path) -> list[str]:
+    """What the folder goes without."""
+    with collect_incomplete() as incomplete:
+        save_or_rescue(save, folder)
+    return incomplete
+
+
+def _end(options: argparse.Namespace, result: Discrepancy | LogComparison, folder: Path, incomplete: list[str]) -> None:
     for warning in result.warnings:
         warn(warning)
     if not options.quiet:
-        show(*discrepancy_parts(result), f"written to {folder}/")
+        parts = discrepancy_parts(result) if isinstance(result, Discrepancy) else comparison_parts(result)
+        show(*parts, f"written to {folder}/")
     end_with(incomplete)

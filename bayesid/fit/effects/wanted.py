@@ -115,16 +115,30 @@ def still_wanted(evidence: Evidence, fit: Fit, probability: Array, wanted: Wante
         probability: (N, n) P(sign = +) of every sample, settled with the effects.
         wanted: the effects that were selected.
     """
-    case = SignedLog.of(evidence, fit, probability)
-    _, alone = explain_with(case.data, ())
-    begun = case.made([effect.source for effect in wanted.effects])
-    motion = evidence.signals.motion[case.rows]
-    uncertain = near_standstill(evidence.model, motion, case.rms_effort, case.data.used)
-    products = Products(case.data, begun, list(alone.errors), uncertain)
-    left = _selected(case, products, frozenset(hypothesis.key for hypothesis in begun), 0)
+    left = borne_out(evidence, fit, probability, [effect.source for effect in wanted.effects])
     equivalent = {(effect.effect, effect.joints): effect.equivalent for effect in wanted.effects}
     effects = (replace(effect, equivalent=equivalent[effect.effect, effect.joints]) for effect in left.effects)
     return replace(left, effects=tuple(effects), screened=wanted.screened)
+
+
+def borne_out(evidence: Evidence, fit: Fit, probability: Array, effects: Sequence[Effect]) -> Wanted:
+    """Those of some effects that a log's evidence and held-back blocks of it bear out, beside each other.
+
+    That is what an effect must pass to stay in a model (`bayesid.signs.completion`), near standstill too.
+
+    Args:
+        evidence: the model without them, the log, and which samples count.
+        fit: of the model to the log.
+        probability: (N, n) P(sign = +) of every sample, settled with the effects.
+        effects: terms and distortions.
+    """
+    case = SignedLog.of(evidence, fit, probability)
+    _, alone = explain_with(case.data, ())
+    begun = case.made(effects)
+    motion = evidence.signals.motion[case.rows]
+    uncertain = near_standstill(evidence.model, motion, case.rms_effort, case.data.used)
+    products = Products(case.data, begun, list(alone.errors), uncertain)
+    return _selected(case, products, frozenset(hypothesis.key for hypothesis in begun), 0)
 
 
 def _selected(case: SignedLog, products: Products[Hypothesis], start: frozenset[EffectKey], most: int) -> Wanted:

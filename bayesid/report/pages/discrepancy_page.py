@@ -73,37 +73,47 @@ _ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", 
 @one_at_a_time
 def discrepancy_page(discrepancy: Discrepancy) -> str:
     """The report of a comparison, in HTML: opens in a browser from anywhere, light or dark, and prints."""
+    return render(
+        "discrepancy.html.jinja", "What the model lacks", subject(discrepancy), **discrepancy_content(discrepancy)
+    )
+
+
+def subject(discrepancy: Discrepancy) -> str:
+    """What the page is about."""
+    identification = discrepancy.identification
+    return f"{identification.model.robot.name}, {identification.log.source}"
+
+
+def discrepancy_content(discrepancy: Discrepancy) -> dict[str, Any]:
+    """What its template needs."""
     identification = discrepancy.identification
     robot, log = identification.model.robot.name, identification.log.source
-    return render(
-        "discrepancy.html.jinja",
-        "What the model lacks",
-        f"{robot}, {log}",
-        status={"colour": discrepancy.status, "text": _STATUS.get(discrepancy.status, nothing_missing(discrepancy))},
-        lead=lead(discrepancy),
-        checks=[(check, _STATES[check.state]) for check in discrepancy_checks(discrepancy)],
-        about=[("Robot", robot), ("Log", log), ("Scored on", discrepancy.holdout)],
-        contents=_contents(discrepancy),
-        warnings=discrepancy.warnings,
-        holdout=discrepancy.holdout,
-        gaps=[_gap(discrepancy, j) for j in range(len(discrepancy.before))],
-        gap_pictures=[_gap_picture(discrepancy)],
-        added=[_added(effect) for effect in discrepancy.added],
-        sets=[(set_in_words(one), one.probability) for one in listed_sets(discrepancy)],
-        learned_pictures=[
+    return {
+        "status": {"colour": discrepancy.status, "text": _STATUS.get(discrepancy.status, nothing_missing(discrepancy))},
+        "lead": lead(discrepancy),
+        "checks": [(check, _STATES[check.state]) for check in discrepancy_checks(discrepancy)],
+        "about": [("Robot", robot), ("Log", log), ("Scored on", discrepancy.holdout)],
+        "contents": _contents(discrepancy),
+        "warnings": discrepancy.warnings,
+        "holdout": discrepancy.holdout,
+        "gaps": [_gap(discrepancy, j) for j in range(len(discrepancy.before))],
+        "gap_pictures": [_gap_picture(discrepancy)],
+        "added": [_added(effect) for effect in discrepancy.added],
+        "sets": [(set_in_words(one), one.probability) for one in listed_sets(discrepancy)],
+        "learned_pictures": [
             _learned_picture(discrepancy, effect) for effect in discrepancy.added if effect.hypothesis.curves
         ],
-        where=[_where(discrepancy, excess) for excess in discrepancy.where],
-        residual_pictures=[_residual_picture(discrepancy, excess) for excess in discrepancy.where],
-        unsigned=_unsigned(discrepancy),
-        effort_pictures=[_effort_picture(discrepancy, j + 1) for j in range(len(discrepancy.before))],
+        "where": [_where(discrepancy, excess) for excess in discrepancy.where],
+        "residual_pictures": [_residual_picture(discrepancy, excess) for excess in discrepancy.where],
+        "unsigned": _unsigned(discrepancy),
+        "effort_pictures": [_effort_picture(discrepancy, j + 1) for j in range(len(discrepancy.before))],
         **_candidates(discrepancy),
-        left_out=[_left_out(effect) for effect in discrepancy.refused],
-        not_testable=[
+        "left_out": [_left_out(effect) for effect in discrepancy.refused],
+        "not_testable": [
             (label(effect), _joints(joints), forms()[effect].shown_by)
             for effect, joints in testable_groups(discrepancy)
         ],
-    )
+    }
 
 
 def _contents(discrepancy: Discrepancy) -> dict[str, str]:

@@ -332,6 +332,10 @@ class Panel:
         """The x axis' ends."""
         return self._x.ends
 
+    def set_xticks(self, places: ArrayLike, texts: Sequence[str] | None = None) -> None:
+        """What stands at the x axis in place of round numbers."""
+        self._x.number(places, texts)
+
     def set_yticks(self, places: ArrayLike, texts: Sequence[str] | None = None) -> None:
         """What stands at the y axis in place of round numbers."""
         self._y.number(places, texts)

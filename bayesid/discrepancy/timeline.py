@@ -1,0 +1,262 @@
+"""A time line: the parameters of one model, identified on each of several logs by itself, and which of them moved.
+
+A parameter is compared with what it was in the first log, in standard deviations of the difference. These are those of
+identifications that share nothing: coloured noise counts by its effective samples, and what the model may lack, which
+logs of other motions show otherwise, widens them (:eq:`nuisance-spread`). A payload cannot be told from the last link
+by a log itself; by the difference of two it can: with d the difference of the coefficients, C its covariance and P the
+columns by which a body on the last link adds to those that it touches::
+
+    payload = (P' C^-1 P)^-1 P' C^-1 d,   rest = d - P payload,   Cov(rest) = C - P (P' C^-1 P)^-1 P'.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import ndtr
+
+from bayesid.arrays import Array, Mask
+from bayesid.identification.identification import Identification
+from bayesid.model.terms import RigidBody
+
+LEVEL = 0.05
+"""Probability that any parameter at all is said to have moved where none has: a usual level."""
+PAYLOAD = "payload mass"
+"""Name of the parameter that no log shows by itself."""
+_SEEN = 1e-6
+"""Share of a variance that must be left once a payload is taken out: less is rounding, and says nothing of the rest. A
+round number; not studied."""
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """A parameter that is followed.
+
+    Attributes:
+        name: of the coefficient, after the parameter that it is built on.
+        expression: the sum of standard parameters that it is.
+        unit: of it.
+        effect: name in the catalogue of the form whose parameter it is built on.
+        joint: from 1.
+    """
+
+    name: str
+    expression: str
+    unit: str
+    effect: str
+    joint: int
+
+    @property
+    def plain(self) -> bool:
+        """Whether it is one parameter, no sum."""
+        return self.expression == self.name
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """C parameters of one model over K logs, each identified by itself; NaN where a log does not show one.
+
+    Attributes:
+        tracked: (C,) what they are.
+        value: (K, C) estimates, each in its unit.
+        sd: (K, C) their standard deviations; inf where a log does not show one.
+        change: (K, C) since the first log, without what a payload explains.
+        change_sd: (K, C) standard deviations of these changes, both logs' uncertainty in them; NaN for the first log.
+        of_payload: (K, C) what a payload that came adds to the estimates; 0 where there is none.
+        p: (K, C) probability of so large a change by chance, after Holm's correction for all that were tested; NaN
+            where none was.
+
+    Example:
+        >>> line = bayesid.compare_logs(robot, [log, other_log], terms, posterior=False).timeline
+        >>> line.value.shape == (2, len(line.tracked))
+        True
+    """
+
+    tracked: tuple[Tracked, ...]
+    value: Array
+    sd: Array
+    change: Array
+    change_sd: Array
+    of_payload: Array
+    p: Array
+
+    @property
+    def z(self) -> Array:
+        """(K, C) changes in units of their standard deviations; NaN where there is none."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.asarray(self.change / self.change_sd)
+
+    @property
+    def moved(self) -> Mask:
+        """(K, C) whether a parameter is another one than in the first log: p below `LEVEL`."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(self.p < LEVEL)
+
+    @property
+    def n_tested(self) -> int:
+        """Number of changes that were tested."""
+        return int(np.isfinite(self.p).sum())
+
+    @property
+    def factor(self) -> float:
+        """How many times its standard deviation the typical parameter differs, 1 where these are right; NaN for none.
+
+        The median of |z| over that of a normal distribution: few parameters that moved hardly change it.
+        """
+        z = np.abs(self.z[np.isfinite(self.p)])
+        return float(np.median(z) / _MEDIAN) if len(z) else np.nan
+
+
+_MEDIAN = 0.6744897501960817
+"""Of the absolute value of a standard normal variable."""
+
+
+def make_timeline(runs: Sequence[Identification], loaded: Sequence[bool]) -> Timeline:
+    """The time line of K identifications of one model, each from its own log.
+
+    Args:
+        runs: without a posterior, whose prior would pull all to the same values.
+        loaded: (K,) whether a payload has come since the first log.
+    """
+    first = runs[0]
+    tracked = _tracked(first)
+    places = [_places(tracked, run) for run in runs]
+    pairs = list(zip(runs, places, strict=True))
+    value = np.stack([np.where(place >= 0, run.fit.beta[place], np.nan) for run, place in pairs])
+    sd = np.stack([np.where(place >= 0, run.fit.sd[place], np.inf) for run, place in pairs])
+    change, change_sd, of_payload = np.zeros_like(value), np.full_like(value, np.nan), np.zeros_like(value)
+    masses = [(0.0, 0.0)]
+    for k in range(1, len(runs)):
+        known = np.isfinite(sd[0]) & np.isfinite(sd[k])
+        covariance = _of(first, places[0][known]) + _of(runs[k], places[k][known])
+        difference = value[k] - value[0]
+        columns = _last_link(first)[places[0][known]] if loaded[k] else np.zeros((int(known.sum()), 0))
+        rest = without_payload(difference[known], covariance, columns)
+        change[k] = np.where(known, 0.0, np.nan)
+        change[k, known], change_sd[k, known], of_payload[k, known] = rest.change, rest.sd, rest.of_payload
+        masses.append(rest.mass)
+    line = Timeline(tracked, value, sd, change, change_sd, of_payload, np.full_like(value, np.nan))
+    line = _with_payload(line, masses, loaded) if any(loaded) else line
+    return replace(line, p=_corrected(line))
+
+
+@dataclass(frozen=True)
+class Rest:
+    """What a payload leaves of the differences of m coefficients.
+
+    Attributes:
+        change: (m,) that it does not explain.
+        sd: (m,) of these; NaN where it would explain any.
+        of_payload: (m,) that it explains.
+        mass: kg, and its standard deviation; NaN without columns.
+    """
+
+    change: Array
+    sd: Array
+    of_payload: Array
+    mass: tuple[float, float]
+
+
+def without_payload(difference: Array, covariance: Array, columns: Array) -> Rest:
+    """Takes a body on the last link out of differences of coefficients, by generalised least squares.
+
+    Coefficients that it does not touch have no say: they may have moved by themselves.
+
+    Args:
+        difference: (m,) of coefficients.
+        covariance: (m, m) of these.
+        columns: (m, 10) by which a body's parameters, the mass last, add to them; (m, 0) for none.
+    """
+    variance, none = np.diag(covariance), np.zeros_like(difference)
+    touched = np.any(columns != 0.0, axis=1)
+    if not touched.any():
+        return Rest(difference, np.sqrt(variance), none, (np.nan, np.nan))
+    scale = 1.0 / np.sqrt(variance[touched])
+    root = np.linalg.cholesky(scale[:, None] * covariance[np.ix_(touched, touched)] * scale)
+    rows = np.linalg.solve(root, scale[:, None] * columns[touched])
+    size = np.linalg.norm(rows, axis=0)
+    size[size == 0.0] = 1.0
+    inverse = np.linalg.pinv(rows / size) / size[:, None]
+    body, spread = inverse @ np.linalg.solve(root, scale * difference[touched]), inverse @ inverse.T
+    left = variance - np.einsum("ip,pq,iq->i", columns, spread, columns)
+    sd = np.where(left > _SEEN * variance, np.sqrt(np.maximum(left, 0.0)), np.nan)
+    mass = (float(body[-1]), float(np.sqrt(spread[-1, -1]))) if spread[-1, -1] > 0.0 else (np.nan, np.nan)
+    return Rest(difference - columns @ body, sd, columns @ body, mass)
+
+
+def _corrected(line: Timeline) -> Array:
+    """(K, C) two-sided p values of the changes, after Holm's correction over all of them."""
+    p = np.full_like(line.value, np.nan)
+    tested = np.isfinite(line.z)
+    tested[0] = False
+    p[tested] = holm(2.0 * ndtr(-np.abs(line.z[tested])))
+    return p
+
+
+def holm(p: Array) -> Array:
+    """(m,) p values, corrected: those below a level are wrong in any of them with no more than that probability.
+
+    Whatever the values' dependence (S. Holm, "A simple sequentially rejective multiple test procedure", Scandinavian
+    Journal of Statistics 6, 65, 1979): all changes here share the first log's errors.
+
+    Args:
+        p: (m,) p values, each of its own test.
+    """
+    order, m = np.argsort(p, kind="stable"), len(p)
+    corrected = np.empty(m)
+    corrected[order] = np.minimum(np.maximum.accumulate((m - np.arange(m)) * p[order]), 1.0)
+    return corrected
+
+
+def _with_payload(line: Timeline, masses: Sequence[tuple[float, float]], loaded: Sequence[bool]) -> Timeline:
+    """With the payload's mass as one more parameter; what it is beyond the first log's."""
+    mass, sd = (np.array(column)[:, None] for column in zip(*masses, strict=True))
+    none = np.array([not one for one in loaded])[:, None]
+    sd = np.where(none, np.inf, sd)
+    change_sd = np.where(none, np.nan, sd)
+    tracked = Tracked(PAYLOAD, PAYLOAD, "kg", "payload", 0)
+    value = np.where(none, np.nan, mass)
+    value[0], sd[0] = 0.0, 0.0
+    columns = {
+        "value": value,
+        "sd": sd,
+        "change": value,
+        "change_sd": change_sd,
+        "of_payload": np.zeros_like(mass),
+        "p": np.full_like(mass, np.nan),
+    }
+    return Timeline(
+        (*line.tracked, tracked), **{name: np.hstack([getattr(line, name), one]) for name, one in columns.items()}
+    )
+
+
+def _tracked(run: Identification) -> tuple[Tracked, ...]:
+    """The coefficients of an identification, with what they are of."""
+    model, table = run.model, run.coefficients
+    owners = [(term.name, p.joint) for term in model.terms for p in term.parameters(model.robot)]
+    rows = zip(table.names, table.expressions, table.units, table.kept.tolist(), strict=True)
+    return tuple(Tracked(name, text, unit, *owners[place]) for name, text, unit, place in rows)
+
+
+def _places(tracked: Sequence[Tracked], run: Identification) -> Array:
+    """(C,) where an identification has each of the parameters; -1 where it has not."""
+    keys = list(zip(run.coefficients.names, run.coefficients.expressions, strict=True))
+    return np.array([keys.index(key) if (key := (one.name, one.expression)) in keys else -1 for one in tracked])
+
+
+def _of(run: Identification, places: Array) -> Array:
+    """(m, m) covariance of some coefficients."""
+    covariance: Array = run.fit.covariance[np.ix_(places, places)]
+    return covariance
+
+
+def _last_link(run: Identification) -> Array:
+    """(r, 10) by which the parameters of the last link add to the coefficients: those of a body that it carries too."""
+    last = 0
+    for term in run.model.terms:
+        last += len(term.parameters(run.model.robot))
+        if term.name == RigidBody.name:
+            break
+    return run.coefficients.projection[:, last - 10 : last]

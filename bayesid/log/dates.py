@@ -1,0 +1,103 @@
+"""When logs were recorded, as far as they say: by absolute time stamps, else by a date in the name of the file.
+
+The time at which a file was last changed is not used: copies and checkouts have another one.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import PurePath
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.log.log import Log
+
+STAMPS, NAMES, ORDER = (
+    "time stamps in the logs",
+    "dates in the names of the files",
+    "the order in which logs were given",
+)
+"""What dates are taken from."""
+_DAY = 86400.0
+_EARLIEST, _LATEST = (datetime(year, 1, 1, tzinfo=UTC).timestamp() for year in (2000, 2100))
+"""s since 1970; a log's clock that stands between them is absolute, for no clock that begins at zero comes so far."""
+_NAMED = re.compile(
+    r"(?<!\d)(20\d\d)([-_.]?)(0[1-9]|1[0-2])\2(0[1-9]|[12]\d|3[01])"
+    r"(?:[T_ -]?([01]\d|2[0-3])[-:h.]?([0-5]\d)(?:[-:m.]?([0-5]\d))?)?(?!\d)"
+)
+"""An ISO date, with or without what stands between its parts, and a time of day right behind it."""
+
+
+@dataclass(frozen=True)
+class Dates:
+    """When K logs were recorded.
+
+    Attributes:
+        texts: (K,) ISO 8601, UTC where a clock says it; "1", "2", .. where nothing is known.
+        days: (K,) since the first; 0, 1, .. where nothing is known.
+        basis: what they are taken from: `STAMPS`, `NAMES` or `ORDER`.
+    """
+
+    texts: tuple[str, ...]
+    days: Array
+    basis: str
+
+    @property
+    def known(self) -> bool:
+        """Whether there are any."""
+        return self.basis != ORDER
+
+    @property
+    def ascending(self) -> bool:
+        """Whether the logs come in the order of their dates."""
+        return bool(np.all(np.diff(self.days) >= 0.0))
+
+
+def dates_of(logs: Sequence[Log]) -> Dates:
+    """The dates of logs: all by the same rule, the first that gives one for each.
+
+    Args:
+        logs: K, in the order in which they were given.
+
+    Example:
+        >>> dates = dates_of([log, other_log])
+        >>> dates.texts, dates.basis
+        (('1', '2'), 'the order in which logs were given')
+    """
+    rules: dict[str, Callable[[Log], datetime | None]] = {STAMPS: _stamped, NAMES: _named}
+    for basis, rule in rules.items():
+        found = [moment for log in logs if (moment := rule(log)) is not None]
+        if len(found) == len(logs):
+            seconds = np.array([moment.timestamp() for moment in found])
+            return Dates(_texts(found), (seconds - seconds[0]) / _DAY, basis)
+    return Dates(tuple(str(k) for k in range(1, len(logs) + 1)), np.arange(len(logs), dtype=float), ORDER)
+
+
+def _stamped(log: Log) -> datetime | None:
+    """When its clock says that it began; None for a clock that begins anywhere."""
+    start = float(log.pieces[0].t[0] if log.pieces else log.t[0])
+    return datetime.fromtimestamp(start, UTC) if _EARLIEST <= start < _LATEST else None
+
+
+def _named(log: Log) -> datetime | None:
+    """The first date in the name of its (first) file that is a day of the calendar."""
+    name = PurePath(log.pieces[0].source if log.pieces else log.source).name
+    for year, _, month, day, hour, minute, second in _NAMED.findall(name):
+        try:
+            date = datetime(int(year), int(month), int(day), tzinfo=UTC)
+            return date.replace(hour=int(hour or 0), minute=int(minute or 0), second=int(second or 0))
+        except ValueError:  # 30 February
+            continue
+    return None
+
+
+def _texts(moments: Sequence[datetime]) -> tuple[str, ...]:
+    """Days or, where two logs are of one day or a time is told, with the time of day."""
+    days = [moment.date().isoformat() for moment in moments]
+    if len(set(days)) == len(days):
+        return tuple(days)
+    return tuple(moment.replace(tzinfo=None).isoformat(timespec="seconds") for moment in moments)

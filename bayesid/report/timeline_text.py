@@ -1,0 +1,293 @@
+"""Several logs one after the other in plain words: two columns of what changed and what lacked, and what moved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesid.discrepancy.all_along import ABSENT, OPEN, SHOWN, Standing
+from bayesid.discrepancy.comparison import ALL_ALONG, CHANGED, GONE, UNDECIDED, EffectHistory, LogComparison, names_of
+from bayesid.discrepancy.timeline import LEVEL, PAYLOAD, Tracked
+from bayesid.identification.identification import KNOWN
+from bayesid.model.catalogue import forms
+from bayesid.model.effects import Effect, ReadableUnit
+from bayesid.model.terms import RigidBody
+from bayesid.report.discrepancy_verdicts import discrepancy_checks
+from bayesid.report.words import joints_in_words, label, listed, quantity, rounded, upper
+
+SECTIONS: Mapping[str, str] = {
+    CHANGED: "Changed since the first log",
+    ALL_ALONG: "Missing all along",
+    GONE: "Gone since the first log",
+    UNDECIDED: "These logs cannot tell",
+}
+"""Headings, in the order in which they are said."""
+_FEW = 4
+"""Of what is listed in one sentence: more make one that nobody reads."""
+_SAYS: Mapping[str, str] = {SHOWN: "shown", ABSENT: "not there", OPEN: "cannot tell"}
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Parameters
+# ---------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Moved:
+    """A parameter that moved, as people read it.
+
+    Attributes:
+        place: among all that are tracked.
+        name: in words, with its joint.
+        symbol: the sum of parameters that it is.
+        unit: in which people read it.
+        value: (K,) in that unit, without a payload.
+        sd: (K,).
+        z: (K,) change since the first log over its sd.
+        since: first log (from 1) in which it is another one.
+        last: last one.
+        change: what it changed by until the last of them, in words.
+        text: all in one line.
+    """
+
+    place: int
+    name: str
+    symbol: str
+    unit: str
+    value: tuple[float, ...]
+    sd: tuple[float, ...]
+    z: tuple[float, ...]
+    since: int
+    last: int
+    change: str
+    text: str
+
+
+def moved_parameters(comparison: LogComparison) -> list[Moved]:
+    """Those that moved in any log, by joint; coefficients of links last."""
+    line = comparison.timeline
+    places = np.flatnonzero(line.moved.any(axis=0)).tolist()
+    rows = [_moved(comparison, place) for place in places]
+    return sorted(rows, key=lambda row: _order(line.tracked[row.place]))
+
+
+def _order(one: Tracked) -> tuple[bool, int]:
+    """Links last, by joint."""
+    return one.effect == RigidBody.name, one.joint
+
+
+def _moved(comparison: LogComparison, place: int) -> Moved:
+    line = comparison.timeline
+    one = line.tracked[place]
+    people = _people(one)
+    value = people.factor * (line.value[:, place] - line.of_payload[:, place] - people.neutral)
+    sd, change = people.factor * line.sd[:, place], people.factor * line.change[:, place]
+    moved = np.flatnonzero(line.moved[:, place])
+    last, name = int(moved[-1]), tracked_name(one)
+    by = _change(change[last], value[0], sd[0], people.unit)
+    where = "" if last + 1 == len(value) else f" in {names_of(comparison.logs)[last]}"
+    return Moved(
+        place=place,
+        name=name,
+        symbol=one.expression,
+        unit=people.unit,
+        value=tuple(value.tolist()),
+        sd=tuple(sd.tolist()),
+        z=tuple(line.z[:, place].tolist()),
+        since=int(moved[0]) + 1,
+        last=last + 1,
+        change=by,
+        text=f"{name} {_together(value[0], value[last])} {people.unit} ({by}){where}",
+    )
+
+
+def tracked_name(one: Tracked) -> str:
+    """As in joint 2: Coulomb friction; links: mc2x + a2 M2; payload mass."""
+    if one.name == PAYLOAD:
+        return PAYLOAD
+    if one.effect == RigidBody.name:
+        return f"links: {one.expression}"
+    effect, _, form = one.effect.partition(".")
+    kind = forms()[one.effect]
+    details = [form.replace("_", " ")] if form else []
+    details += [one.name.rstrip("0123456789")] if len(getattr(kind, "symbols", "")) > 1 else []
+    where = f"joint {one.joint}: " if kind.by_joint else ""
+    return f"{where}{label(effect)}{f' ({listed(details)})' if details else ''}"
+
+
+def _people(one: Tracked) -> ReadableUnit:
+    """The unit in which people read a parameter."""
+    plain = ReadableUnit("" if one.unit == "1" else one.unit)
+    if one.name == PAYLOAD:
+        return plain
+    return forms()[one.effect].phrase.units.get(one.name.rstrip("0123456789").rstrip("_"), plain)
+
+
+def _together(first: float, last: float) -> str:
+    """As in 12.1 -> 15.7: to the digits that the larger one has."""
+    digits = len(rounded(max(abs(first), abs(last))).partition(".")[2])
+    return f"{first:.{digits}f} -> {last:.{digits}f}"
+
+
+def _change(change: float, first: float, sd: float, unit: str) -> str:
+    """As in +30 %, of what the first log knows to a tenth; else how much."""
+    if sd < KNOWN * abs(first):
+        return f"{100.0 * change / first:+.0f} %"
+    return f"{'+' if change >= 0.0 else '-'}{rounded(abs(change))} {unit}".rstrip()
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Two columns
+# ---------------------------------------------------------------------------------------------------------------
+def columns(comparison: LogComparison) -> dict[str, list[str]]:
+    """What to say under `CHANGED`, `ALL_ALONG`, `GONE` and `UNDECIDED`, a line each."""
+    links = [row.symbol for row in _other_changes(comparison) if _of_links(comparison, row)]
+    changed = [_came(comparison, one) for one in _new(comparison)]
+    changed += [upper(row.text) for row in _other_changes(comparison) if not _of_links(comparison, row)]
+    if links:
+        them = f"{len(links)} coefficient{'s' * (len(links) > 1)} of the links"
+        changed.append(
+            f"{them}: {listed(links)}. Links do not wear: a body came elsewhere, or the model lacks something"
+        )
+    return {
+        CHANGED: changed,
+        ALL_ALONG: [f"{upper(effect_name(one.effect))}{_sizes(comparison, one)}" for one in comparison.of(ALL_ALONG)],
+        GONE: [f"{upper(effect_name(one.effect))}: {_why_gone(comparison, one)}" for one in comparison.of(GONE)],
+        UNDECIDED: _undecided(comparison),
+    }
+
+
+def changes_lead(comparison: LogComparison) -> str:
+    """The same in short: as many as a sentence holds."""
+    changed = [effect_name(one.effect) for one in _new(comparison)]
+    changed += [row.text for row in _other_changes(comparison) if not _of_links(comparison, row)]
+    links = sum(_of_links(comparison, row) for row in _other_changes(comparison))
+    changed += [f"{links} coefficient{'s' * (links > 1)} of the links"] if links else []
+    named = {CHANGED: changed} | {
+        which: [effect_name(one.effect) for one in comparison.of(which)] for which in (ALL_ALONG, GONE)
+    }
+    parts = [f"{SECTIONS[which]}: {_first_few(texts)}" for which, texts in named.items() if texts]
+    nothing = "Nothing has changed since the first log, and nothing was missing, as far as these logs show"
+    return f"{'. '.join(parts) or nothing}."
+
+
+def _first_few(texts: Sequence[str]) -> str:
+    more = len(texts) - _FEW
+    return "; ".join([*texts[:_FEW], *([f"{more} more"] if more > 0 else [])])
+
+
+def _new(comparison: LogComparison) -> list[EffectHistory]:
+    """What came; not another size of what the first model has, which the time line's parameters tell."""
+    return [one for one in comparison.of(CHANGED) if not any(e.hypothesis.changes for e in one.found.values())]
+
+
+def _other_changes(comparison: LogComparison) -> list[Moved]:
+    """Parameters that moved, but those of what came or went, which are told with that."""
+    tracked = comparison.timeline.tracked
+    told = [one.effect for one in (*_new(comparison), *comparison.of(GONE))]
+    return [row for row in moved_parameters(comparison) if not any(_owns(one, tracked[row.place]) for one in told)]
+
+
+def _of_links(comparison: LogComparison, row: Moved) -> bool:
+    return comparison.timeline.tracked[row.place].effect == RigidBody.name
+
+
+def _owns(effect: Effect, one: Tracked) -> bool:
+    """Whether a parameter is of an effect, in its own joints."""
+    same = effect.effect == one.effect.partition(".")[0]
+    return same and (not effect.joints or one.joint in effect.joints)
+
+
+def effect_name(effect: Effect) -> str:
+    """As in load-dependent friction, joint 2; cable drag (stiffening), joint 3."""
+    form = effect.name.partition(".")[2].replace("_", " ")
+    where = f", {joints_in_words(effect.joints)}" if effect.joints else ""
+    return f"{label(effect.effect)}{f' ({form})' if form else ''}{where}"
+
+
+def _came(comparison: LogComparison, history: EffectHistory) -> str:
+    """An effect that came, with its size, and the logs that have it."""
+    told = _message(comparison, history) or upper(effect_name(history.effect))
+    return told if len(comparison.logs) == 2 else f"{told.rstrip('.')} ({_in_logs(comparison, history)})"
+
+
+def _why_gone(comparison: LogComparison, history: EffectHistory) -> str:
+    """As in a.csv shows it, b.csv and c.csv do not."""
+    names = names_of(comparison.logs)
+    others = [name for name, what in zip(names, history.by_log, strict=True) if what.says == ABSENT]
+    return f"{names[0]} shows it, {listed(others)} {'do' if len(others) > 1 else 'does'} not"
+
+
+def _undecided(comparison: LogComparison) -> list[str]:
+    """Effects that no two logs agree on, those with one reason together."""
+    reasons: dict[str, list[str]] = {}
+    for history in comparison.of(UNDECIDED):
+        reasons.setdefault(_why_open(comparison, history), []).append(effect_name(history.effect))
+    return [f"{upper('; '.join(names))}: {reason}" for reason, names in reasons.items()]
+
+
+def _message(comparison: LogComparison, history: EffectHistory) -> str:
+    """What the last comparison that found it says of it."""
+    k = max(history.found)
+    found = comparison.found[k - 1]
+    checks = dict(zip((effect.hypothesis for effect in found.added), discrepancy_checks(found), strict=False))
+    return checks[history.found[k].hypothesis].message if history.found[k].hypothesis in checks else ""
+
+
+def _in_logs(comparison: LogComparison, history: EffectHistory) -> str:
+    """In c.csv and d.csv."""
+    names = names_of(comparison.logs)
+    return f"in {listed([names[k] for k in sorted(history.found)])}"
+
+
+def _sizes(comparison: LogComparison, history: EffectHistory) -> str:
+    """(5.9 -> 6.3 %), of an effect's own parameters in the first and the last log; nothing where none is followed."""
+    line = comparison.timeline
+    texts = []
+    for place, one in enumerate(line.tracked):
+        if one.effect != history.effect.name or (history.joints and one.joint not in history.joints):
+            continue
+        people = _people(one)
+        value, sd = people.factor * (line.value[:, place] - people.neutral), people.factor * line.sd[:, place]
+        shown = np.flatnonzero(np.isfinite(sd))
+        if len(shown) > 1:
+            each = [quantity(value[k], sd[k], people.unit) for k in (shown[0], shown[-1])]
+            texts.append(f"{one.name} = {each[0]}, then {each[1]}")
+    return f": {'; '.join(texts)}" if texts else ""
+
+
+def _why_open(comparison: LogComparison, history: EffectHistory) -> str:
+    names = names_of(comparison.logs)
+    if not history.by_log:
+        held = any(effect.hypothesis.changes for effect in history.found.values())
+        what = "of another size" if held else "new"
+        return f"{what} by comparison {_in_logs(comparison, history)}, which no log by itself bears out"
+    shown = [name for name, what in zip(names, history.by_log, strict=True) if what.says == SHOWN]
+    others = [name for name, what in zip(names, history.by_log, strict=True) if what.says == OPEN]
+    if not shown:
+        return f"new by comparison {_in_logs(comparison, history)}, which no log by itself bears out"
+    return f"{listed(shown)} {'show' if len(shown) > 1 else 'shows'} it, {listed(others)} cannot tell"
+
+
+def says(what: Standing) -> str:
+    """As in shown (12.3), not there, cannot tell."""
+    factor = f" ({rounded(what.log10_bayes_factor)})" if np.isfinite(what.log10_bayes_factor) else ""
+    return f"{_SAYS[what.says]}{factor}"
+
+
+def timeline_rule(comparison: LogComparison) -> str:
+    """By which rule a parameter has moved."""
+    line = comparison.timeline
+    return (
+        f"A parameter has moved if its change since the first log, in standard deviations of both, is too large for "
+        f"chance at {LEVEL:.0%} over all {line.n_tested} changes that were tested (Holm's correction)."
+    )
+
+
+def log_names(comparison: LogComparison) -> list[str]:
+    """Short names of the logs, with their dates where these are known."""
+    names, dates = names_of(comparison.logs), comparison.dates
+    told = [
+        f", {text}" if dates.known and text not in name else "" for name, text in zip(names, dates.texts, strict=True)
+    ]
+    return [f"{name}{date}" for name, date in zip(names, told, strict=True)]

@@ -1,0 +1,90 @@
+"""The statistics of a time line: Holm's correction, a payload taken out, and how often nothing is called a change."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bayesid.discrepancy.timeline import LEVEL, Timeline, Tracked, holm, without_payload
+
+
+def timeline(z):
+    """Of (K - 1, C) changes over their sds, those of coefficients with an sd of 2."""
+    value = np.vstack([np.zeros(z.shape[1]), 2.0 * z])
+    sd = np.vstack([np.full(z.shape[1], np.nan), np.full(z.shape, 2.0)])
+    tracked = tuple(Tracked(f"p{c}", f"p{c}", "N m", "coulomb_friction", c + 1) for c in range(z.shape[1]))
+    nothing = np.full_like(value, np.nan)
+    return Timeline(tracked, value, sd, value, sd, np.zeros_like(value), nothing)
+
+
+def test_holm_rejects_one_after_the_other():
+    """Of the textbook: the smallest of m against level / m, the next against level / (m - 1), until one stays."""
+    rng = np.random.default_rng(3)
+    for _ in range(50):
+        p = rng.uniform(size=7) ** 4
+        rejected, left = set(), list(np.argsort(p))
+        while left and p[left[0]] < LEVEL / len(left):
+            rejected.add(int(left.pop(0)))
+        assert set(np.flatnonzero(holm(p) < LEVEL).tolist()) == rejected
+    np.testing.assert_allclose(holm(np.array([0.03, 0.001, 0.4])), [0.06, 0.003, 0.4])
+
+
+def test_the_typical_change_over_its_deviation():
+    z = np.random.default_rng(0).normal(size=(2, 4000)) * 1.7
+    line = timeline(z)
+    told = Timeline(**{**vars(line), "p": np.where(np.isfinite(line.z), 1.0, np.nan)})
+    assert told.factor == pytest.approx(1.7, rel=0.05)
+    assert told.n_tested == 8000
+    assert not told.moved.any()
+
+
+def problem(rng, m=14):
+    """Coefficients, how a body adds to nine of them, and a covariance."""
+    columns = np.zeros((m, 10))
+    columns[:12] = rng.normal(size=(12, 10))
+    root = rng.normal(size=(m, m)) * np.geomspace(0.1, 3.0, m)[:, None]
+    return columns, root @ root.T / m
+
+
+def test_a_payload_is_that_of_least_squares_with_the_covariance():
+    rng = np.random.default_rng(1)
+    columns, covariance = problem(rng)
+    body = rng.normal(size=10)
+    difference = columns @ body + np.linalg.cholesky(covariance) @ rng.normal(size=14)
+    rest = without_payload(difference, covariance, columns)
+    inverse = np.linalg.inv(covariance[:12, :12])
+    information = columns[:12].T @ inverse @ columns[:12]
+    best = np.linalg.solve(information, columns[:12].T @ inverse @ difference[:12])
+    np.testing.assert_allclose(rest.of_payload, columns @ best, atol=1e-8)
+    np.testing.assert_allclose(rest.change + rest.of_payload, difference)
+    assert rest.mass == pytest.approx((best[9], np.sqrt(np.linalg.inv(information)[9, 9])))
+
+
+def test_what_a_payload_does_not_touch_has_no_say_and_stays():
+    rng = np.random.default_rng(2)
+    columns, covariance = problem(rng)
+    difference = rng.normal(size=14)
+    moved = difference + np.where(np.arange(14) >= 12, 50.0, 0.0)
+    before, after = (without_payload(d, covariance, columns) for d in (difference, moved))
+    np.testing.assert_allclose(before.of_payload, after.of_payload)
+    np.testing.assert_allclose(after.change[12:], moved[12:])
+    np.testing.assert_allclose(after.sd[12:], np.sqrt(np.diag(covariance)[12:]))
+
+
+def test_deviations_of_the_rest_are_those_of_many_draws():
+    rng = np.random.default_rng(3)
+    columns, covariance = problem(rng)
+    root = np.linalg.cholesky(covariance)
+    draws = [without_payload(root @ rng.normal(size=14), covariance, columns) for _ in range(3000)]
+    np.testing.assert_allclose(np.std([one.change for one in draws], axis=0), draws[0].sd, rtol=0.1)
+    assert np.std([one.mass[0] for one in draws]) == pytest.approx(draws[0].mass[1], rel=0.1)
+
+
+def test_without_a_payload_nothing_is_taken_out():
+    rng = np.random.default_rng(4)
+    _, covariance = problem(rng)
+    difference = rng.normal(size=14)
+    rest = without_payload(difference, covariance, np.zeros((14, 0)))
+    np.testing.assert_allclose(rest.change, difference)
+    np.testing.assert_allclose(rest.sd, np.sqrt(np.diag(covariance)))
+    assert not rest.of_payload.any()

@@ -1,0 +1,60 @@
+"""When logs were recorded: by stamps, by names, or nobody knows."""
+
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from bayesid.log.dates import NAMES, ORDER, STAMPS, dates_of
+from bayesid.log.log import Log, join_logs
+
+
+def log(source="log", start=0.0):
+    t = start + np.arange(50) / 100.0
+    return Log(t, np.column_stack([t, t]), np.ones((50, 2)), [False, False], source=source)
+
+
+def test_absolute_stamps_come_first():
+    first = datetime(2026, 3, 14, 8, 30, tzinfo=UTC).timestamp()
+    dates = dates_of([log("2020-01-01.csv", first), log("2020-01-02.csv", first + 86400.0 * 1.5)])
+    assert dates.basis == STAMPS
+    assert dates.texts == ("2026-03-14", "2026-03-15")
+    np.testing.assert_allclose(dates.days, [0.0, 1.5])
+
+
+@pytest.mark.parametrize(
+    ("names", "texts"),
+    [
+        (("runs/2026-03-14.csv", "runs/2026-05-02.csv"), ("2026-03-14", "2026-05-02")),
+        (("arm_20260314_b.csv", "arm_20260502_a.csv"), ("2026-03-14", "2026-05-02")),
+        (("2026-03-14T0830.csv", "2026-03-14T1700.csv"), ("2026-03-14T08:30:00", "2026-03-14T17:00:00")),
+        (("x-2026.03.14.csv", "x-2026_05_02.csv"), ("2026-03-14", "2026-05-02")),
+    ],
+)
+def test_dates_in_names(names, texts):
+    dates = dates_of([log(name) for name in names])
+    assert dates.basis == NAMES
+    assert dates.texts == texts
+    assert dates.days[0] == 0.0
+    assert dates.days[1] > 0.0
+
+
+@pytest.mark.parametrize("name", ["a.csv", "20261314.csv", "2026-02-30.csv", "serial120260314.csv", "2026-03-14/a.csv"])
+def test_without_a_date_for_each_the_order_counts(name):
+    dates = dates_of([log("2026-03-14.csv"), log(name), log("2026-05-02.csv")])
+    assert dates.basis == ORDER
+    assert dates.texts == ("1", "2", "3")
+    assert not dates.known
+    np.testing.assert_allclose(dates.days, [0.0, 1.0, 2.0])
+
+
+def test_order_is_told():
+    assert dates_of([log("2026-03-14.csv"), log("2026-05-02.csv")]).ascending
+    assert not dates_of([log("2026-05-02.csv"), log("2026-03-14.csv")]).ascending
+
+
+def test_a_joined_log_is_of_its_first_recording():
+    joined = join_logs([log("2026-03-14.csv"), log("2026-03-15.csv")])
+    dates = dates_of([joined, replace(log("2026-05-02.csv"))])
+    assert dates.texts == ("2026-03-14", "2026-05-02")
