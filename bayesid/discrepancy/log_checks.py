@@ -7,6 +7,7 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.discrepancy.compare import ENCODER_RANGE, Trial
 from bayesid.errors import InputError
+from bayesid.fit.effects.held_back import SHORTEST_LOG
 from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.validation import check_joints
@@ -18,12 +19,17 @@ _PLACES = 20
 
 
 def check_log(robot: Robot, log: Log) -> None:
-    """The log has the robot's joints, and some of them move.
+    """The log has the robot's joints, some of them move, and it lasts long enough to be held against itself.
 
     Raises:
-        InputError: it has not, or they do not.
+        InputError: it has not, they do not, or it does not.
     """
     check_joints(robot, log)
+    duration = float(log.t[-1] - log.t[0])
+    if duration < SHORTEST_LOG:
+        problem = f"lasts {duration:.3g} s: too short to tell what a model lacks from chance"
+        remedy = f"record at least {SHORTEST_LOG:g} s: effects are judged by blocks of a second each, at least four"
+        raise InputError(problem, log.source, remedy)
     if np.all(np.ptp(log.q, axis=0) < ENCODER_RANGE):
         raise InputError("no joint moves", log.source, "record a motion")
 

@@ -17,6 +17,7 @@ from bayesid.discrepancy.case import Case
 from bayesid.discrepancy.compare import NoiseFloor, Trial
 from bayesid.discrepancy.sets import EQUIVALENT_ODDS, EffectSet, EffectSets, Forms, WeighedSet, weighed
 from bayesid.discrepancy.unnamed import learn_effects
+from bayesid.discrepancy.worth import costs
 from bayesid.fit.effects.added_effect import AddedEffect, weigh
 from bayesid.fit.effects.all_along import all_along, was_there
 from bayesid.fit.effects.error_model import ErrorModel
@@ -31,6 +32,7 @@ from bayesid.fit.effects.relinearisation import sharpened
 from bayesid.fit.effects.scores import Score, assess, at_blunt_floor, best_forms, explain_with
 from bayesid.fit.effects.screening import Screening
 from bayesid.fit.effects.thresholds import Thresholds
+from bayesid.fit.effects.worth import Cost
 from bayesid.process import in_parallel
 from bayesid.progress import SILENT, Progress
 
@@ -76,6 +78,7 @@ class Selection:
         stopped: whether the search was stopped before all was tried.
         rejected: effects that had passed by their evidence, but that held-back data did not bear out or that were no
             more than stand-ins; each with the set that it was chosen in.
+        costs: of the hypotheses, if each were ignored.
     """
 
     hypotheses: tuple[Hypothesis, ...]
@@ -88,6 +91,7 @@ class Selection:
     sets: tuple[WeighedSet, ...]
     stopped: bool
     rejected: tuple[tuple[EffectSet, Hypothesis], ...]
+    costs: tuple[Cost, ...]
 
     def weighed(self, case: Case) -> Weighed:
         """Its effects, and those that were rejected, against all that could stand in their places."""
@@ -157,6 +161,7 @@ def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
         sets=weighed(smallest, chosen),
         stopped=stopped,
         rejected=(*(rejected[key] for key in sorted(rejected)), *not_learned),
+        costs=costs(sets, chosen),
     )
 
 

@@ -19,6 +19,7 @@ from bayesid.discrepancy.numbers import Numbers
 from bayesid.discrepancy.selection import MOST_SETS, Selection, select_effects, unexplained, unexplained_anywhere
 from bayesid.discrepancy.sets import WeighedSet
 from bayesid.discrepancy.unnamed import in_words
+from bayesid.discrepancy.worth import effort_size
 from bayesid.fit.effects.added_effect import AddedEffect, Quantity, not_testable
 from bayesid.fit.effects.explanation import Explanation
 from bayesid.fit.effects.held_back import HeldBackErrors
@@ -208,7 +209,7 @@ def _discrepancy(case: Case, selection: Selection, again: Identification) -> Dis
     floor = case.floor(predicted)
     on_log = unexplained(trial, predicted, floor, selection.explanation, case.thresholds)
     ratios, says = unexplained_anywhere(on_log, before, after, floor, case.thresholds)
-    added = _with_numbers(case, weighed.added, selection.explanation, again)
+    added = _with_numbers(case, weighed.added, selection, again)
     return Discrepancy(
         status=_status(bool(added), bool(ratios)),
         where=tuple(_where(case, selection.before, floor)),
@@ -285,9 +286,9 @@ def _stopped(selection: Selection) -> list[str]:
 
 
 def _with_numbers(
-    case: Case, weighed: Sequence[AddedEffect], explanation: Explanation, again: Identification
+    case: Case, weighed: Sequence[AddedEffect], selection: Selection, again: Identification
 ) -> tuple[AddedEffect, ...]:
-    """Effects that were added, with their parameters."""
+    """Effects that were added, with their parameters, sizes and costs."""
     numbers = Numbers(case.model, case.knowledge.theta, again)
     return tuple(
         replace(
@@ -295,8 +296,10 @@ def _with_numbers(
             parameters={**numbers.parameters(effect.hypothesis), **_own_numbers(case, effect.hypothesis, sd)},
             readable=numbers.readable(effect.hypothesis),
             description=numbers.description(effect.hypothesis),
+            size=effort_size(case, effect.hypothesis, again.model, again.theta),
+            cost=cost,
         )
-        for effect, sd in zip(weighed, explanation.sd, strict=True)
+        for effect, sd, cost in zip(weighed, selection.explanation.sd, selection.costs, strict=True)
     )
 
 

@@ -16,7 +16,7 @@ from bayesid.fit.effects.added_effect import AddedEffect, Quantity
 from bayesid.model.catalogue import forms, noun, owner
 from bayesid.model.effects import ReadableUnit
 from bayesid.report.verdicts import Check
-from bayesid.report.words import joints_in_words, label, listed, quantity, rounded, unit_of, upper
+from bayesid.report.words import in_percent, joints_in_words, label, listed, quantity, rounded, unit_of, upper
 
 _MOST = 3
 """Joints whose gaps are named one by one: more make a sentence that nobody reads."""
@@ -147,9 +147,11 @@ def _found(discrepancy: Discrepancy, added: AddedEffect) -> Check:
         parts.append(added.hypothesis.source.phrase.detail.format(**texts))
     if added.description is not None:
         parts[0] = f"{parts[0].removesuffix('.')}: {added.formula}. It {added.description.sentence}."
+    parts += worth(discrepancy, added)
     if added.probability < _SURE:
         parts.append(
-            f"The probability of this is {_percent(added.probability)}; that nothing is missing in its place, "
+            f"The probability of this, the others given, is {_percent(added.probability)}; that nothing is missing in "
+            "its place, "
             f"{_percent(added.nothing_missing)}, that it is something outside of the catalogue, "
             f"{_percent(added.something_else)}."
         )
@@ -170,6 +172,22 @@ def _not_learned(discrepancy: Discrepancy, refused: AddedEffect) -> Check:
     return Check(
         "Effect without a name", "look", message, f"{distinguishing_motions(refused)} would show whether it is there"
     )
+
+
+def worth(discrepancy: Discrepancy, added: AddedEffect) -> list[str]:
+    """How large an effect's own effort is, and what it costs to ignore it, a sentence each."""
+    sentences, size, cost = list[str](), added.size, added.cost
+    if size is not None:
+        largest, rms = (_effort(discrepancy, value, size.joint) for value in (size.largest, size.rms))
+        whole = f"{_effort(discrepancy, size.reference, size.joint)}, joint {size.joint}'s {size.of}"
+        sentences.append(f"Its own effort is at most {largest}, {in_percent(size.share)} of {whole} (RMS {rms}).")
+    if cost is not None:
+        before, after = (_effort(discrepancy, value, cost.joint) for value in (cost.before, cost.after))
+        sentences.append(
+            f"Ignored, it costs {before} on {_data(discrepancy)} ({in_percent(cost.share_before)} of joint "
+            f"{cost.joint}'s RMS effort); with it {after} ({in_percent(cost.share_after)}) is left."
+        )
+    return sentences
 
 
 def _below_zero(added: AddedEffect) -> list[str]:

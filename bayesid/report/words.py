@@ -47,6 +47,11 @@ def quantity(value: float, sd: float, unit: str) -> str:
     return f"({numbers})e{exponent} {unit}".rstrip() if scaled else f"{numbers} {unit}".rstrip()
 
 
+def in_percent(share: float) -> str:
+    """A share to two digits: 43 %, 0.52 %."""
+    return f"{rounded(100.0 * share, 2)} %"
+
+
 def _decimals(value: float, digits: int) -> int:
     """Behind the point, for some significant digits of a number that is rounded to them."""
     return max(0, digits - 1 - int(f"{value:.{digits - 1}e}".split("e")[1]))

@@ -13,6 +13,7 @@ from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.fit.effects.added_effect import AddedEffect, Quantity
 from bayesid.fit.effects.explanation import LN10
 from bayesid.fit.effects.scores import Score
+from bayesid.fit.effects.worth import Cost, EffortSize
 from bayesid.model.catalogue import forms
 from bayesid.report.timeline_text import Moved, columns, moved_parameters, timeline_rule
 
@@ -166,6 +167,8 @@ def _added(effect: AddedEffect) -> dict[str, Any]:
         "probability_something_else": effect.something_else,
         "parameters": _quantities(effect.parameters),
         "readable": _quantities(effect.readable),
+        "effort": _effort(effect.size),
+        "cost_if_ignored": _cost(effect.cost),
         "alternatives": [_candidate(rival) for rival in effect.rivals[:5]],
         **_learned(effect),
     }
@@ -180,6 +183,25 @@ def _learned(effect: AddedEffect) -> dict[str, Any]:
         "formula": effect.formula,
         "description": effect.description.sentence,
         "looks_like": list(effect.description.families),
+    }
+
+
+def _effort(size: EffortSize | None) -> dict[str, Any] | None:
+    if size is None:
+        return None
+    percent = 100.0 * size.share
+    return {"joint": size.joint, "rms": size.rms, "largest": size.largest, "percent": percent, "of": size.of}
+
+
+def _cost(cost: Cost | None) -> dict[str, Any] | None:
+    if cost is None:
+        return None
+    return {
+        "joint": cost.joint,
+        "before": cost.before,
+        "after": cost.after,
+        "percent_before": 100.0 * cost.share_before,
+        "percent_after": 100.0 * cost.share_after,
     }
 
 

@@ -57,6 +57,19 @@ def test_a_log_of_more_or_fewer_joints(n):
     assert "arm2 has 2" in said.what
 
 
+@pytest.mark.parametrize(("rows", "passes"), [(400, False), (401, True)])
+def test_a_log_of_less_than_four_seconds_is_too_short(rows, passes):
+    """Rows at 100 Hz; a holdout is asked for as much."""
+    log = part_of(log_of(), slice(0, rows))
+    if passes:
+        check_log(ROBOT, log)
+        return
+    said = refused(check_log, ROBOT, log)
+    assert (said.what[:13], said.where) == ("lasts 3.99 s:", "part.csv")
+    assert "at least 4 s" in said.remedy
+    assert refused(check_holdout, ROBOT, log_of(seed=2), log).what == said.what
+
+
 def test_a_log_in_which_nothing_moves():
     """But for the encoders' noise."""
     log = log_of()

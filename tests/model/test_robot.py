@@ -124,6 +124,20 @@ def test_robot_table_comes_back_the_same(name):
     assert back.lengths == robot.lengths
 
 
+@pytest.mark.parametrize("convention", ["standard", "modified"])
+def test_a_table_may_tell_rated_efforts(convention):
+    rows = [
+        {"a": 0.3, "alpha": 0.1, "d": 0.2, "theta": 0.0, "rated_effort": 56.0},
+        dict.fromkeys(("a", "alpha", "d", "theta"), 0.1),
+    ]
+    robot = robot_from_table({"convention": convention, "joints": rows}, "test")
+    back = robot_from_table(robot_table(robot), "test")
+    assert [joint.rated_effort for one in (robot, back) for joint in one.joints] == [56.0, None, 56.0, None]
+    for wrong in (0.0, -3.0, "much"):
+        with pytest.raises(InputError, match="rated_effort"):
+            robot_from_table({"convention": convention, "joints": [{**rows[1], "rated_effort": wrong}]}, "test")
+
+
 CHANGES = [("a", 0.1), ("alpha", 0.1), ("d", 0.1), ("theta", 0.1), ("type", "prismatic")]
 
 

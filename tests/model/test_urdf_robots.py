@@ -307,6 +307,27 @@ def test_the_table_of_a_robot_keeps_names_and_notes():
     assert "notes" not in robot_table(load_robot("kr5"))
 
 
+@pytest.mark.parametrize(
+    ("limit", "rated"),
+    [
+        ('<limit effort="87.5" velocity="3"/>', 87.5),
+        ('<limit effort="0" velocity="3"/>', None),
+        ('<limit effort="1000000" velocity="3"/>', None),
+        ('<limit effort="inf"/>', None),
+        ('<limit effort="strong"/>', None),
+        ("<limit/>", None),
+        ("", None),
+    ],
+)
+def test_effort_limits_are_rated_efforts_where_they_can_be_meant(limit, rated):
+    """Of the second joint alone; the table in model.toml keeps it."""
+    text = urdf(joint("a", "revolute", "base", "l1", "0 0 1"), joint("b", "continuous", "l1", "l2", "0 1 0", limit))
+    robot = robot_from_urdf(text, "test")
+    back = robot_from_table(robot_table(robot), "test")
+    for one in (robot, back):
+        assert [joint.rated_effort for joint in one.joints] == [9.0, rated]
+
+
 def test_a_table_is_one_chain():
     for chosen in ({"tip": "l3"}, {"hold": {"j": 0.0}}):
         with pytest.raises(InputError, match=f"built-in robot kr5: .* leave {next(iter(chosen))} out"):

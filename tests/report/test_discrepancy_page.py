@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from conftest import smooth_motion
 from matplotlib.colors import to_hex
+from rich.console import Console
 
+from bayesid.cli.discrepancy_tables import discrepancy_parts
 from bayesid.discrepancy.compare import Excess, NoiseFloor, Trial
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.fit.effects.added_effect import AddedEffect
@@ -19,6 +21,7 @@ from bayesid.fit.effects.explanation import LN10
 from bayesid.fit.effects.hypotheses import Hypothesis
 from bayesid.fit.effects.scores import Score
 from bayesid.fit.effects.thresholds import Thresholds
+from bayesid.fit.effects.worth import Cost, EffortSize
 from bayesid.log.signals import Signals
 from bayesid.model import distortions, terms
 from bayesid.model.catalogue import forms, make_effect
@@ -47,6 +50,7 @@ from bayesid.report.plot.discrepancy import (
 from bayesid.report.plot.paper import Paper
 from bayesid.report.thinning import binned
 from bayesid.report.words import joints_in_words, label, listed, quantity, rounded
+from bayesid.results.discrepancy_json import discrepancy_summary
 
 N_JOINTS, COULOMB, NOISE = 3, 1.9, 0.3
 EMPTY = Columns({}, {}, np.zeros(0), np.zeros(0, dtype=bool))
@@ -57,9 +61,9 @@ def hypothesis(source, changes=()):
     return Hypothesis(source, EMPTY, lambda other: hypothesis(other), changes)
 
 
-def found(source, parameters=None, changes=(), equivalent=(), probability=0.99):
-    what = hypothesis(source, changes)
-    return AddedEffect(what, 40.0 * LN10, probability, 0.004, 0.006, (), tuple(equivalent), parameters or {})
+def found(source, parameters=None, changes=(), equivalent=(), probability=0.99, rivals=(), **more):
+    what, alike = hypothesis(source, changes), tuple(equivalent)
+    return AddedEffect(what, 40.0 * LN10, probability, 0.004, 0.006, rivals, alike, parameters=parameters or {}, **more)
 
 
 def score(source, log10, **more):
@@ -107,6 +111,7 @@ def make(**changes):
         "status": "explained",
         "where": (Excess(2, 1.87, "velocity", (-1.25, 0.75)),),
         "added": (found(friction(), FRICTION),),
+        "sets": (),
         "before": np.array([0.292, 2.41, 0.313]),
         "after": np.array([0.291, 0.312, 0.312]),
         "floor": replace(floor_of(np.array([0.29, 0.30, 0.31])), sharp=np.array([True, True, False])),
@@ -131,6 +136,13 @@ def make(**changes):
     }
     values["unexplained_on"] = {joint: ("log",) for joint, _ in changes.get("unexplained", ())}
     return Discrepancy(**{**{one.name: values.get(one.name) for one in fields(Discrepancy)}, **changes})
+
+
+def table_text(parts):
+    """What a terminal of 200 columns shows."""
+    with (console := Console(width=200)).capture() as caught:
+        console.print(*parts, sep="\n")
+    return caught.get()
 
 
 def paragraph(result):
@@ -344,7 +356,53 @@ BODY = {
     "centre of mass y": (-0.2, 0.002, "m"),
     "centre of mass z": (0.1104, 0.0006, "m"),
     "inertia xx": (0.005, 0.002, "kg m^2"),
+    "inertia xy": (-0.0012, 0.0003, "kg m^2"),
+    "inertia xz": (0.0004, 0.0001, "kg m^2"),
+    "inertia yy": (0.007, 0.001, "kg m^2"),
+    "inertia yz": (0.0003, 0.0002, "kg m^2"),
+    "inertia zz": (0.009, 0.003, "kg m^2"),
 }
+WORTH = {"size": EffortSize(2, 1.5, 2.25, 45.0, "rated effort"), "cost": Cost(3, 3.2, 0.5, 40.0)}
+
+
+def test_a_payload_is_told_with_the_inertia_about_its_centre_of_mass():
+    payload = found(Payload(), {"mp3": (2.8, 0.04, "kg")}, readable=BODY)
+    assert (
+        "Its inertia about that, along this frame's axes, is xx 0.005 +- 0.002 kg m^2, yy 0.0070 +- 0.0010 kg m^2, "
+        "zz 0.009 +- 0.003 kg m^2, xy -0.0012 +- 0.0003 kg m^2, xz 0.00040 +- 0.00010 kg m^2, "
+        "yz 0.0003 +- 0.0002 kg m^2."
+    ) in paragraph(make(added=(payload,)))
+
+
+def test_what_an_effect_is_worth_is_told():
+    """Its size in joint 2, 2.25 of 45 N m; its cost in joint 3, 3.2 and 0.5 of 40 N."""
+    identification = SimpleNamespace(
+        model=SimpleNamespace(robot=make_robot(sliding=(3,))), log=SimpleNamespace(source="log.csv")
+    )
+    result = make(added=(found(friction(), FRICTION, **WORTH),), identification=identification)
+    assert paragraph(result).startswith(
+        "Joint 2 needs Coulomb friction of 1.90 +- 0.10 N m. Its own effort is at most 2.25 N m, 5.0 % of 45.0 N m, "
+        "joint 2's rated effort (RMS 1.50 N m). Ignored, it costs 3.20 N on the holdout (8.0 % of joint 3's RMS "
+        "effort); with it 0.500 N (1.2 %) is left."
+    )
+    (row,) = page_of(result)[0].table("What each is worth")[1:]
+    assert row[2:] == [[2.25], [1.5], [0.05], [3.2], [0.08], [0.5], [0.0125]]
+    printed = table_text(discrepancy_parts(result))
+    assert "3.20 -> 0.500 N (8.0 -> 1.2 %) in joint 3" in printed
+    told = discrepancy_summary(replace(result, unexplained_on={}, floor=make().floor))["found"][0]
+    assert told["effort"] == {"joint": 2, "rms": 1.5, "largest": 2.25, "percent": 5.0, "of": "rated effort"}
+    cost = {"joint": 3, "before": 3.2, "after": 0.5, "percent_before": 8.0, "percent_after": 1.25}
+    assert told["cost_if_ignored"] == pytest.approx(cost)
+
+
+def test_where_nothing_stands_out_on_the_log_it_is_said_what_shows_it():
+    texts = [
+        page_of(make(where=(), **changes))[1]
+        for changes in ({}, {"added": (), "status": "unexplained", "unexplained": ((3, 1.6),)}, {"added": ()})
+    ]
+    assert "could not: on the log the gap alone would not show that anything is missing. What was added" in texts[0]
+    assert "could not. It is the data that score that show that something is missing" in texts[1]
+    assert "could not.</p>" in texts[2]
 
 
 def test_where_all_is_explained_the_lead_says_what_remains():
@@ -427,9 +485,22 @@ def test_what_became_of_each_candidate_is_told():
         r'<tr><th scope="row">(\d+)</th><td>([^<]+)</td><td>[^<]+</td><td>.*?</td><td>([^<]+)</td></tr>', text
     )
     assert rows[0] == ("1", "torque offset", "left out: see below")
-    assert rows[1] == ("2", "payload", "not needed beside those added")
+    assert rows[1] == ("2", "payload", "not needed, given those that were added")
     assert rows[-2:] == [("33", "Coulomb friction", "added first"), ("34", "presliding hysteresis", "added second")]
     assert len(page.table("The best 25 of 34")) == 1 + 25 + 2
+
+
+def test_a_candidate_that_is_not_needed_is_held_against_what_took_its_place():
+    """By itself it has 60; in the place of the friction 12.5 against 40, in that of the payload 3 against 40."""
+    rivals = [(score(TorqueOffset(joints=(2,)), gain),) for gain in (3.0, 12.5)]
+    added = (found(Payload(), {}, rivals=rivals[0]), found(friction(), FRICTION, rivals=rivals[1]))
+    scores = (score(friction(), 40.25), score(TorqueOffset(joints=(2,)), 60.0))
+    _, text = page_of(make(added=added, scores=scores))
+    said = "not needed, given those that were added"
+    assert f"<td>{said}: in place of Coulomb friction, joint 2, it has 12.5, that 40.0</td>" in text
+    stronger = (found(friction(), FRICTION, rivals=(score(TorqueOffset(joints=(2,)), 41.0),)),)
+    _, text = page_of(make(added=stronger, scores=scores))
+    assert f"<td>{said}</td>" in text
 
 
 def test_doubt_is_said():
@@ -439,7 +510,7 @@ def test_doubt_is_said():
     (verdict, *_) = discrepancy_checks(make(added=(found(friction(), FRICTION, equivalent=["torque_offset"]),)))
     assert (verdict.state, verdict.remedy) == ("look", f"{shown_by[0]}, or {shown_by[2]} would tell")
     said = paragraph(make(added=(found(friction(), FRICTION, probability=0.72),)))
-    assert "The probability of this is 72 %; that nothing is missing in its place, under 1 %" in said
+    assert "The probability of this, the others given, is 72 %; that nothing is missing in its place, under 1 %" in said
 
 
 def test_rows_of_the_table_that_look_alike_are_told_with_their_joints():
@@ -462,6 +533,9 @@ def numbers_of(kind):
     if issubclass(kind, distortions.Distortion):
         own = {"base_tilt": {"tilt1", "tilt2"}, "delay": {"lag"}, "gear_ratio": {"ratio"}}
         return {kind.symbol} if kind.of_table else own.get(kind.name, set(kind.shape_units))
+        return {"base_tilt": {"tilt1", "tilt2"}, "delay": {"lag"}}.get(
+            kind.name, set(kind.shape_units) or {kind.phrase.size}
+        )
     if issubclass(kind, terms.ActuatorTerm):
         return {symbol.rstrip("_") for symbol in kind.symbols} | set(kind.shape_units)
     if kind is LearnedEffect:  # its formula holds them

@@ -13,6 +13,7 @@ from bayesid.fit.effects.explanation import LN10, Explanation, Observations
 from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis, Library
 from bayesid.fit.effects.scores import Score, assess, explain_with, plain_first
 from bayesid.fit.effects.thresholds import Thresholds
+from bayesid.fit.effects.worth import Cost, EffortSize
 from bayesid.model.catalogue import main_forms
 from bayesid.model.formula import Description
 
@@ -38,6 +39,8 @@ class AddedEffect:
         parameters: by their names; of what the earlier model has too, the new value and the change.
         readable: what people read in place of parameters (`bayesid.model.effects.Effect.readable`), by its names.
         description: of an effect without a name: its variables, formula and families.
+        size: how large its effort is on held-back data; None while that is not known, as of effects that were refused.
+        cost: what the error there is without it; None likewise.
     """
 
     hypothesis: Hypothesis
@@ -52,6 +55,8 @@ class AddedEffect:
     parameters: dict[str, Quantity] = field(default_factory=dict)
     readable: dict[str, Quantity] = field(default_factory=dict)
     description: Description | None = None
+    size: EffortSize | None = None
+    cost: Cost | None = None
 
     def __repr__(self) -> str:
         where = f"joint {', '.join(map(str, self.joints))}" if self.joints else "the whole robot"

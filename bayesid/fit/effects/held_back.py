@@ -16,6 +16,8 @@ and 16 blocks give a standard error to 18 %. Round numbers; not studied."""
 _SHORTEST = 1.0
 """s, that a block lasts at least: the motion around a shorter one tells what happens in it. A round number; the halves
 of 10 s of Panda's log are what it was found on (study `complete`)."""
+SHORTEST_LOG = FOLDS * _SHORTEST
+"""s: a log that does not fill one such block a fold tells nothing surely."""
 _HARM = 0.04
 """Share of a joint's mean squared error by which it may rise in any case, a fiftieth of the error: nobody would see it.
 A round number."""

@@ -257,6 +257,7 @@ class Joint:
         parent: index of the parent joint, -1 for the base.
         link_frame: (4, 4) the link's frame in the joint's frame; the link's parameters are given in it.
         name: in the URDF; empty for a DH table.
+        rated_effort: the largest that the joint may be driven with, N m (N if it slides); None where no file tells it.
     """
 
     placement: Array
@@ -265,6 +266,7 @@ class Joint:
     parent: int = -1
     link_frame: Array = field(default_factory=lambda: np.eye(4))
     name: str = ""
+    rated_effort: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", printable(self.name))

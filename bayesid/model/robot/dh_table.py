@@ -26,7 +26,8 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
 
     Args:
         table: `name`, `convention` ("standard" or "modified"), `joints` (each with a, alpha, d, theta; m and rad;
-            optional `type` "revolute" or "prismatic"), optional `gravity` (m/s^2) and `transmission`.
+            optional `type` "revolute" or "prismatic" and `rated_effort`, N m or N), optional `gravity` (m/s^2) and
+            `transmission`.
         where: what to name in an error.
 
     Raises:
@@ -74,6 +75,7 @@ def robot_table(robot: Robot) -> dict[str, Any]:
                 "parent": int(joint.parent),
                 "link_frame": joint.link_frame.tolist(),
                 **({"name": joint.name} if joint.name else {}),
+                **({} if joint.rated_effort is None else {"rated_effort": joint.rated_effort}),
             }
             for joint in robot.joints
         ],
@@ -118,7 +120,18 @@ def _chain_joint(row: object, index: int, where: str) -> Joint:
         raise InputError("key 'axis' is no unit vector", where, _AS_WRITTEN)
     if not isinstance(row["parent"], int) or not -1 <= row["parent"] < index:
         raise InputError("key 'parent' names no earlier joint", where, _AS_WRITTEN)
-    return Joint(placement, axis, row["type"] == "prismatic", row["parent"], link_frame, str(row.get("name", "")))
+    slides, name, rated = row["type"] == "prismatic", str(row.get("name", "")), _rated_effort(row, where)
+    return Joint(placement, axis, slides, row["parent"], link_frame, name, rated)
+
+
+def _rated_effort(row: Mapping[str, Any], where: str) -> float | None:
+    """Of a joint's row, N m or N; None where it tells none."""
+    if "rated_effort" not in row:
+        return None
+    effort = float(given_numbers(row["rated_effort"], (), "rated_effort", where))
+    if effort <= 0.0:
+        raise InputError("key 'rated_effort' is not positive", where, "give the joint's rated effort, in N m or N")
+    return effort
 
 
 def _frame(value: object, key: str, where: str) -> Array:
@@ -142,7 +155,7 @@ def _dh_row(row: object, where: str) -> dict[str, Any]:
         if key not in row:
             raise InputError(f"key '{key}' is missing", where, "give a and d in m, alpha and theta in rad")
         values[key] = float(given_numbers(row[key], (), key, where, LONGEST if key in ("a", "d") else LARGEST))
-    return values
+    return {**values, "rated_effort": _rated_effort(row, where)}
 
 
 def _transmission(value: object, n: int, where: str) -> Array | None:
@@ -175,7 +188,8 @@ def _standard_joints(dh: list[dict[str, Any]]) -> tuple[Joint, ...]:
     joints, placement = [], np.eye(4)
     for i, row in enumerate(dh):
         to_link = _rotation("z", row["theta"]) @ _translation(row["a"], row["d"]) @ _rotation("x", row["alpha"])
-        joints.append(Joint(placement, np.array([0.0, 0.0, 1.0]), row["prismatic"], i - 1, to_link))
+        axis, rated = np.array([0.0, 0.0, 1.0]), row["rated_effort"]
+        joints.append(Joint(placement, axis, row["prismatic"], i - 1, to_link, rated_effort=rated))
         placement = to_link
     return tuple(joints)
 
@@ -186,5 +200,6 @@ def _modified_joints(dh: list[dict[str, Any]]) -> tuple[Joint, ...]:
     for i, row in enumerate(dh):
         before = _rotation("x", row["alpha"]) @ _translation(row["a"], 0.0)
         placement = before @ _rotation("z", row["theta"]) @ _translation(0.0, row["d"])
-        joints.append(Joint(placement, np.array([0.0, 0.0, 1.0]), row["prismatic"], i - 1))
+        axis, rated = np.array([0.0, 0.0, 1.0]), row["rated_effort"]
+        joints.append(Joint(placement, axis, row["prismatic"], i - 1, rated_effort=rated))
     return tuple(joints)

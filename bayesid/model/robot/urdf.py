@@ -18,7 +18,7 @@ def robot_from_urdf(text: str, where: str, tip: str | None = None, hold: Mapping
     """A robot from URDF text; `continuous` joints count as revolute, and fixed links belong to their parents.
 
     Args:
-        text: the URDF; inertias, limits and meshes do not matter.
+        text: the URDF; inertias and meshes do not matter, nor limits but those of efforts.
         where: what to name in an error.
         tip: link or joint at the end of the chain that is identified; by default all chains are, but not grippers.
         hold: positions at which more joints are held, rad or m, by name.
@@ -35,7 +35,8 @@ def robot_from_urdf(text: str, where: str, tip: str | None = None, hold: Mapping
         parent, frame = places[one.parent]
         frame = frame @ one.origin
         if one.moves and one.name not in held.positions:
-            joints.append(Joint(frame, one.axis, one.kind == "prismatic", parent, name=one.name))
+            slides, rated = one.kind == "prismatic", one.rated_effort
+            joints.append(Joint(frame, one.axis, slides, parent, name=one.name, rated_effort=rated))
             places[one.child] = len(joints) - 1, np.eye(4)
         else:
             places[one.child] = parent, frame @ _displacement(one, held.positions.get(one.name, 0.0))

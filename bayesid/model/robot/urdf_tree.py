@@ -23,6 +23,8 @@ FREE = ("floating", "planar")
 _KINDS = (*MOVING, *FREE, "fixed")
 MOST_LINKS = 512
 """Of a file; the most of example-robot-data has 120."""
+UNLIMITED = 1e6
+"""N m or N; a limit from here on stands for none: bayesid's own URDFs have it, and no joint is so strong."""
 _SHORTEST_AXIS = 1e-6
 """Of an axis that is written without its unit length."""
 
@@ -41,6 +43,7 @@ class UrdfJoint:
         leader: name of the joint that it follows by <mimic>, fixed or not; None if it follows none.
         multiplier: of the leader's position.
         offset: of its position, rad or m.
+        rated_effort: N m, or N; None where the file names none that a joint may have.
     """
 
     name: str
@@ -52,6 +55,7 @@ class UrdfJoint:
     leader: str | None = None
     multiplier: float = 1.0
     offset: float = 0.0
+    rated_effort: float | None = None
 
     @property
     def moves(self) -> bool:
@@ -203,7 +207,18 @@ def _joint(element: ET.Element, links: list[str], where: str) -> UrdfJoint:
     if mimic is not None:
         numbers = {key: _number(mimic.get(key, value), f"mimic {key}", here) for key, value in numbers.items()}
     leader = None if mimic is None else mimic.get("joint", "")
-    return UrdfJoint(name, kind, parent, child, origin, axis / (np.linalg.norm(axis) or 1.0), leader, **numbers)
+    direction, rated = axis / (np.linalg.norm(axis) or 1.0), _rated_effort(element)
+    return UrdfJoint(name, kind, parent, child, origin, direction, leader, **numbers, rated_effort=rated)
+
+
+def _rated_effort(element: ET.Element) -> float | None:
+    """The effort of a joint's <limit>; no other use is made of it, so that one which cannot be meant is none."""
+    limit = element.find("limit")
+    try:
+        effort = float("nan" if limit is None else limit.get("effort", "nan"))
+    except ValueError:
+        return None
+    return effort if 0.0 < effort < UNLIMITED else None
 
 
 def _link(element: ET.Element, end: str, links: list[str], where: str) -> str:

@@ -37,7 +37,9 @@ class Payload(WholeRobotTerm):
         "a payload",
         size="mp",
         detail="Its centre of mass lies at ({centre of mass x}, {centre of mass y}, {centre of mass z}) in the last "
-        "link's frame. Both are in the scale of the efforts: where gains are 10 % off, so is the mass.",
+        "link's frame. Its inertia about that, along this frame's axes, is xx {inertia xx}, yy {inertia yy}, zz "
+        "{inertia zz}, xy {inertia xy}, xz {inertia xz}, yz {inertia yz}. Mass and inertia are in the scale of the "
+        "efforts: where gains are 10 % off, so are they.",
         brief="a payload of {mass} kg at ({centre of mass x}, {centre of mass y}, {centre of mass z}) m in the last "
         "link's frame",
     )

@@ -98,12 +98,14 @@ def discrepancy_content(discrepancy: Discrepancy) -> dict[str, Any]:
         "holdout": discrepancy.holdout,
         "gaps": [_gap(discrepancy, j) for j in range(len(discrepancy.before))],
         "gap_pictures": [_gap_picture(discrepancy)],
-        "added": [_added(effect) for effect in discrepancy.added],
+        "added": [_added(discrepancy, effect) for effect in discrepancy.added],
+        "known_worth": any(effect.size and effect.cost for effect in discrepancy.added),
         "sets": [(set_in_words(one), one.probability) for one in listed_sets(discrepancy)],
         "learned_pictures": [
             _learned_picture(discrepancy, effect) for effect in discrepancy.added if effect.hypothesis.curves
         ],
         "where": [_where(discrepancy, excess) for excess in discrepancy.where],
+        "nowhere": _nowhere(discrepancy),
         "residual_pictures": [_residual_picture(discrepancy, excess) for excess in discrepancy.where],
         "unsigned": _unsigned(discrepancy),
         "effort_pictures": [_effort_picture(discrepancy, j + 1) for j in range(len(discrepancy.before))],
@@ -147,8 +149,12 @@ def _whose_error(discrepancy: Discrepancy, j: int) -> str:
     return "; most of it lasts: that model's own error, or smoothed noise" if discrepancy.floor.lasting[j] else ""
 
 
-def _added(effect: AddedEffect) -> dict[str, Any]:
+def _added(discrepancy: Discrepancy, effect: AddedEffect) -> dict[str, Any]:
     return {
+        "size": effect.size,
+        "size_unit": effect.size and unit_of(discrepancy, effect.size.joint),
+        "cost": effect.cost,
+        "cost_unit": effect.cost and unit_of(discrepancy, effect.cost.joint),
         "name": _name(effect.hypothesis),
         "joints": _joints(effect.joints),
         "parameters": _parameters(effect),
@@ -201,6 +207,21 @@ def _where(discrepancy: Discrepancy, excess: Excess) -> dict[str, Any]:
     }
 
 
+def _nowhere(discrepancy: Discrepancy) -> str:
+    """What it means that the model as it was exceeds the floor in no joint of the log."""
+    plain = (
+        "In no joint does it leave so much more than the noise floor that chance, or the floor's own error, could not"
+    )
+    if discrepancy.added:
+        return (
+            f"{plain}: on the log the gap alone would not show that anything is missing. What was added shows in the "
+            "shape of what is left, by its Bayes factor, and on the data that score."
+        )
+    if discrepancy.unexplained:
+        return f"{plain}. It is the data that score that show that something is missing: see the gap."
+    return f"{plain}."
+
+
 def _unsigned(discrepancy: Discrepancy) -> str:
     joints = np.flatnonzero(~np.asarray(discrepancy.trial.signals.signed)) + 1
     return joints_in_words(joints.tolist()) if len(joints) else ""
@@ -217,8 +238,8 @@ def _candidates(discrepancy: Discrepancy) -> dict[str, Any]:
     caption = (
         f"The best {min(_CANDIDATES, len(scores))} of {len(scores)} candidates, and all that were added. The log10 "
         "Bayes factor is of each by itself, added to the model as it was; it says where to begin. To be added an "
-        f"effect needs {discrepancy.thresholds.log10_bayes_factor:g} beside those that were added before it: what a "
-        "better one explains it no longer does, and what a larger one hides may show later."
+        f"effect needs {discrepancy.thresholds.log10_bayes_factor:g} given the others that were added: what these "
+        "explain it no longer does, however large its own number is here, and what they hide may show later."
     )
     return {"candidates": rows, "candidates_caption": caption, "candidate_pictures": [_candidate_picture(discrepancy)]}
 
@@ -240,8 +261,19 @@ def _became(discrepancy: Discrepancy, score: Score, place: int | None) -> str:
     if score.key in discrepancy.vetoed:
         return "left out: see below"
     if score.gain >= discrepancy.thresholds.log10_bayes_factor * LN10:
-        return "not needed beside those added" if discrepancy.added else "not worth adding"
+        return _outdone(discrepancy, score) if discrepancy.added else "not worth adding"
     return "this log could not show it" if score.key in discrepancy.not_testable else "too weak"
+
+
+def _outdone(discrepancy: Discrepancy, score: Score) -> str:
+    """By which added effect, the others that were added given, and by how much; as far as that is known."""
+    said = "not needed, given those that were added"
+    pairs = [(rival.gain, added) for added in discrepancy.added for rival in added.rivals if rival.key == score.key]
+    gain, added = max(pairs, key=lambda pair: pair[0], default=(np.inf, None))
+    if added is None or gain >= added.gain:
+        return said
+    place, has = label(added.effect, added.joints), rounded(added.log10_bayes_factor)
+    return f"{said}: in place of {place}, it has {rounded(gain / LN10)}, that {has}"
 
 
 def _joints(joints: Sequence[int]) -> str:

@@ -1,0 +1,143 @@
+"""What effects are worth: on a made-up case whose errors are counted by hand, and on a small model."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import small_robot, smooth_motion
+
+from bayesid.discrepancy import worth
+from bayesid.discrepancy.case import Case, HeldBack
+from bayesid.discrepancy.compare import Trial
+from bayesid.fit.effects.columns import Columns
+from bayesid.fit.effects.hypotheses import Hypothesis
+from bayesid.fit.effects.worth import Cost, EffortSize
+from bayesid.fit.knowledge import Knowledge
+from bayesid.log.signals import Signals
+from bayesid.model.distortions.gain_error import GainError
+from bayesid.model.model import Model
+from bayesid.model.terms.coulomb_friction import CoulombFriction
+from bayesid.model.terms.torque_offset import TorqueOffset
+
+
+def trial_of(effort, used, motion=None):
+    motion = motion or smooth_motion(effort.shape[1], len(effort) / 100.0, 100.0)
+    every = np.ones(effort.shape, dtype=bool)
+    signals = Signals(motion, effort, effort, np.zeros(effort.shape[1], bool), 100.0, 8.0, {}, every)
+    return Trial(signals, motion, used)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Costs
+# ---------------------------------------------------------------------------------------------------------------
+class Acting:
+    """An effect in some (0-based) joints."""
+
+    def __init__(self, *joints):
+        self.columns = SimpleNamespace(joints=set(joints))
+
+
+def test_the_cost_is_the_error_without_an_effect_where_it_matters_most():
+    """Four rows of three joints, the last row not counted. RMS efforts 10, 2, 5; errors with all effects 1, 0.2, 3.
+
+    Without the body the errors are 4, 1.2 and 3: 4 of 10 N m in the first joint is less than 1.2 of 2.
+    Without the friction, which acts in the third joint alone, that has 5, and the second, where it does not act, 2.
+    """
+    used = np.repeat(np.arange(4)[:, None] < 3, 3, axis=1)
+    signs = np.array([1.0, -1.0, 1.0, -1.0])[:, None]
+    effort = np.where(used, np.array([10.0, 2.0, 5.0]), np.nan) * signs
+    body, friction = Acting(0, 1, 2), Acting(2)
+    data = object()
+
+    def set_of(effects, errors):
+        held_back = np.where(used, np.array(errors) * signs, 0.0)
+        return SimpleNamespace(
+            effects=effects,
+            data=data,
+            held_back=held_back,
+            without=lambda gone: tuple(one for one in effects if one is not gone),
+        )
+
+    chosen = set_of((body, friction), (1.0, 0.2, 3.0))
+    fewer = {(friction,): set_of((friction,), (4.0, 1.2, 3.0)), (body,): set_of((body,), (1.0, 2.0, 5.0))}
+    asked = []
+
+    def settled(effects, on):
+        asked.append((tuple(effects), on))
+        return fewer[tuple(effects)]
+
+    sets = SimpleNamespace(
+        case=SimpleNamespace(held_back=SimpleNamespace(trial=trial_of(effort, used))), settled=settled
+    )
+    found = worth.costs(sets, chosen)
+    assert asked == [((friction,), data), ((body,), data)]
+    assert [one.joint for one in found] == [2, 3]
+    assert [(one.before, one.after, one.effort) for one in found] == [
+        pytest.approx((1.2, 0.2, 2.0)),
+        pytest.approx((5.0, 3.0, 5.0)),
+    ]
+    assert [(one.share_before, one.share_after) for one in found] == [
+        pytest.approx((0.6, 0.1)),
+        pytest.approx((1.0, 0.6)),
+    ]
+
+
+def test_shares_of_nothing_are_not_known():
+    assert np.isnan(Cost(1, 1.0, 0.5, 0.0).share_before)
+    assert np.isnan(EffortSize(1, 1.0, 2.0, 0.0, "rated effort").share)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Sizes
+# ---------------------------------------------------------------------------------------------------------------
+FRICTION, OFFSET = CoulombFriction(smoothing=(0.1, 0.1)), TorqueOffset(joints=(2,))
+MOTION = smooth_motion(2, 4.0, 100.0, seed=5)
+USED = np.repeat(np.arange(len(MOTION))[:, None] >= 100, 2, axis=1)
+READ = 3.0 * np.cos(np.arange(len(MOTION)) / 50.0)[:, None] * np.array([1.0, 4.0])
+READ[7] = [-20.0, 30.0]  # in the log, not among the held-back samples
+EARLIER = np.array([2.0, 5.0])
+
+
+def hypothesis(source, changes=()):
+    return Hypothesis(source, Columns({1: np.ones((1, 1))}, {}, np.ones(1), np.zeros(1, bool)), hypothesis, changes)
+
+
+def case_of(rated=None, another_log=False):
+    """A model of Coulomb friction alone, 2 and 5 N m, of a robot whose second joint may be rated."""
+    robot = small_robot(2)
+    object.__setattr__(robot.joints[1], "rated_effort", rated)
+    knowledge = Knowledge(Model(robot, (FRICTION,)), EARLIER, np.zeros((1, 1)))
+    log = trial_of(READ, USED, MOTION)
+    held_back = HeldBack(trial_of(READ * USED, USED, MOTION), "held back", another_log)
+    return Case(knowledge, None, None, log, held_back, None)
+
+
+@pytest.mark.parametrize(
+    ("rated", "of", "reference"), [(None, "largest effort in this log", 30.0), (56.0, "rated effort", 56.0)]
+)
+@pytest.mark.parametrize("another_log", [True, False])
+def test_a_terms_effort_is_held_against_the_rating_or_the_logs_largest(rated, of, reference, another_log):
+    case = case_of(rated, another_log)
+    extended = case.model.extend(OFFSET)
+    found = worth.effort_size(case, hypothesis(OFFSET), extended, np.array([2.0, 5.0, -1.4]))
+    assert (found.joint, found.of, found.reference) == (2, of, reference)
+    assert (found.rms, found.largest) == pytest.approx((1.4, 1.4))
+    assert found.share == pytest.approx(1.4 / reference)
+
+
+def test_the_effort_of_a_change_is_what_the_change_makes():
+    """Coulomb friction of joint 2 from 5 to 8 N m: 3 N m tanh(u' / v), beside joint 1's that has moved by itself."""
+    case = case_of()
+    changed = hypothesis(FRICTION.in_joints((2,), 2), changes=("Fc2",))
+    found = worth.own_effort(case, changed, case.model, np.array([2.6, 8.0]), MOTION)
+    np.testing.assert_array_equal(found[:, 0], 0.0)
+    np.testing.assert_allclose(found[:, 1], 3.0 * np.tanh(MOTION.dq[:, 1] / 0.1), atol=1e-12)
+
+
+def test_the_effort_of_a_distortion_is_what_it_makes_of_all_else():
+    """A gain of 1.3 in joint 2, of efforts of 5 N m tanh(u' / v) and an offset of 2 N m."""
+    case, gain = case_of(), GainError(joints=(2,), gain=(1.3,))
+    extended = case.model.extend(OFFSET).extend(gain)
+    found = worth.own_effort(case, hypothesis(gain), extended, np.array([2.0, 5.0, 2.0]), MOTION)
+    np.testing.assert_array_equal(found[:, 0], 0.0)
+    np.testing.assert_allclose(found[:, 1], 0.3 * (5.0 * np.tanh(MOTION.dq[:, 1] / 0.1) + 2.0), atol=1e-12)
