@@ -48,7 +48,6 @@ class Discrepancy:
             "unexplained".
         where: where the model before exceeds the floor, its parameters moved as far as the earlier log allows.
         added: effects, in this order.
-        sets: that may be what is missing, as far as held-back data leave them, and their probabilities, best first.
         before: (n,) gap of the model as it was, on data that it was not fitted to, RMS in N m.
         after: (n,) gap of the extended model on them.
         floor: their noise floor.
@@ -67,6 +66,7 @@ class Discrepancy:
         warnings: what the user should know.
         thresholds: that decided.
         seconds: of wall time.
+        sets: that may be what is missing, as far as held-back data leave them, and their probabilities, best first.
         all_along: effects and joints beyond the standard terms that the model had and this log bears out by itself too.
 
     Example:
@@ -77,7 +77,6 @@ class Discrepancy:
     status: str
     where: tuple[Excess, ...]
     added: tuple[AddedEffect, ...]
-    sets: tuple[WeighedSet, ...]
     before: Array
     after: Array
     floor: NoiseFloor
@@ -95,6 +94,7 @@ class Discrepancy:
     warnings: tuple[str, ...]
     thresholds: Thresholds
     seconds: float
+    sets: tuple[WeighedSet, ...] = ()
     all_along: tuple[EffectKey, ...] = ()
 
     def __repr__(self) -> str:

@@ -40,9 +40,8 @@ class Thresholds:
         max_effects: that are added; a bound against endless loops, some six a joint.
         short_list: effects among which one selection chooses, in their best forms; a round number.
         close_looks: effects with error models of their own when all are scored; a round number, more of them cost time.
-        held_back_improvement: share by which an effect lowers the mean squared error on held-back data at least. It may
-            show less there than in the log that it was found in.
-        max_vetoes: effects that fail there before the selection goes on without adding any.
+        held_back_improvement: share of a joint's squared errors on held-back data by which a set of effects must
+            predict them better than a smaller one. Effects may show less there than in the log they were found in.
         explained_share: of the excess in a joint that stays unexplained, that its effects must explain to be kept.
 
     Example:
@@ -78,5 +77,4 @@ class Thresholds:
     close_looks: int = 10
     # held-back data
     held_back_improvement: float = 0.025
-    max_vetoes: int = 4
     explained_share: float = 0.75
