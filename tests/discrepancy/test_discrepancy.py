@@ -301,7 +301,7 @@ def test_command_leaves_report_and_extended_model(folder, capsys):
     [
         (lambda f: {"holdout": f / "log.csv"}, "same motion as the log"),
         (lambda f: {"result": f / "nowhere"}, "holds no model.toml"),
-        (lambda f: {"log": f / "short.csv"}, "samples in motion"),
+        (lambda f: {"log": f / "short.csv"}, "too short to tell what a model lacks"),
         (lambda f: {"log": f / "two.csv"}, "the log has 2 joints"),
         (lambda f: {"log": f / "other.csv"}, "the robot that the model was identified from"),
         (lambda f: {"log": f / "still.csv"}, "constant"),
