@@ -19,7 +19,6 @@ from bayesid.discrepancy.sets import EQUIVALENT_ODDS, EffectSet, EffectSets, For
 from bayesid.discrepancy.unnamed import learn_effects
 from bayesid.discrepancy.worth import costs
 from bayesid.fit.effects.added_effect import AddedEffect, weigh
-from bayesid.fit.effects.all_along import all_along, was_there
 from bayesid.fit.effects.error_model import ErrorModel
 from bayesid.fit.effects.explanation import LN10, Explanation, Observations
 from bayesid.fit.effects.extension import Extension, extend
@@ -31,6 +30,7 @@ from bayesid.fit.effects.refinement import refined
 from bayesid.fit.effects.relinearisation import sharpened
 from bayesid.fit.effects.scores import Score, assess, at_blunt_floor, best_forms, explain_with
 from bayesid.fit.effects.screening import Screening
+from bayesid.fit.effects.table_errors import all_along, was_there
 from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.fit.effects.worth import Cost
 from bayesid.process import in_parallel

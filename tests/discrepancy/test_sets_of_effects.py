@@ -1,5 +1,6 @@
 """Which of several sets is taken, and how probable each is; the sets are made up, their numbers as hand-made."""
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,6 +14,14 @@ from bayesid.fit.effects.thresholds import Thresholds
 ROWS, BLOCKS = 1600, 16
 
 
+@dataclass
+class Source:
+    """A form of an effect that is no error of the robot's table."""
+
+    name: str
+    of_table: bool = False
+
+
 def made(keys, log_posterior, error, form=""):
     """A set whose residual on held-back data is the noise of all, and an error of its own."""
     noise = np.random.default_rng(1).normal(size=(ROWS, 2))
@@ -21,7 +30,7 @@ def made(keys, log_posterior, error, form=""):
     return SimpleNamespace(
         keys=keys,
         forms=frozenset((name + form, joints) for name, joints in keys),
-        effects=[SimpleNamespace(key=key) for key in sorted(keys)],
+        effects=[SimpleNamespace(key=key, source=Source(key[0] + form), joints=key[1]) for key in sorted(keys)],
         log_posterior=log_posterior,
         held_back=noise,
         data=SimpleNamespace(floor=np.array([0.9, 0.8])),

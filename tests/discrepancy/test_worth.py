@@ -62,15 +62,15 @@ def test_the_cost_is_the_error_without_an_effect_where_it_matters_most():
     fewer = {(friction,): set_of((friction,), (4.0, 1.2, 3.0)), (body,): set_of((body,), (1.0, 2.0, 5.0))}
     asked = []
 
-    def settled(effects, on):
-        asked.append((tuple(effects), on))
+    def settled(effects, on, joints):
+        asked.append((tuple(effects), on, joints))
         return fewer[tuple(effects)]
 
     sets = SimpleNamespace(
         case=SimpleNamespace(held_back=SimpleNamespace(trial=trial_of(effort, used))), settled=settled
     )
     found = worth.costs(sets, chosen)
-    assert asked == [((friction,), data), ((body,), data)]
+    assert asked == [((friction,), data, body.columns.joints), ((body,), data, friction.columns.joints)]
     assert [one.joint for one in found] == [2, 3]
     assert [(one.before, one.after, one.effort) for one in found] == [
         pytest.approx((1.2, 0.2, 2.0)),

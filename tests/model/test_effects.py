@@ -53,10 +53,12 @@ def test_an_effect_of_one_joint_is_asked_for_there_alone(scene):
         assert list(form.change_by_joint(scene)[1]) == [1]
 
 
-def test_only_gains_and_payloads_need_an_earlier_log():
-    """Both make the same efforts as other parameters of the robot itself."""
+def test_only_gains_payloads_and_tables_need_an_earlier_log():
+    """They make the same efforts as other parameters of the robot itself, or nearly."""
     needing = {kind.name for kind in forms().values() if kind.needs_earlier}
-    assert {name.split(".")[0] for name in needing} == {"gain_error", "payload"}
+    assert {name.split(".")[0] for name in needing} == {
+        *("gain_error", "payload", "gear_ratio", "joint_zero", "link_length", "link_offset", "link_twist")
+    }
 
 
 @pytest.mark.parametrize("name", ["payload", "tool_wrench"])

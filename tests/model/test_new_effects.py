@@ -69,12 +69,12 @@ for name, number in (("fan_drag", ("c2", 6.0, 0.1, "N m s^2/rad^2")), ("crossove
     effect = SimpleNamespace(
         hypothesis=in_joint_2, effect=name, joints=(2,), parameters={number[0]: number[1:]}, readable={},
         description=None,
-        probability=0.99, equivalent=(), elsewhere=(),
+        probability=0.99, equivalent=(), elsewhere=(), size=None, cost=None,
     )
     result = SimpleNamespace(
         added=[effect], before=sizes, after=sizes, holdout="later.csv", where=[],
         floor=SimpleNamespace(rms=sizes, lasting=sizes > 1.0),
-        unexplained=[], not_testable=[], refused=[], identification=SimpleNamespace(model=rigid),
+        unexplained=[], not_testable=[], refused=[], all_along=(), sets=(), identification=SimpleNamespace(model=rigid),
     )
     said[name] = {
         "joints": sorted({one.joints for one in forms}), "noun": noun(name),

@@ -389,7 +389,7 @@ def test_what_an_effect_is_worth_is_told():
     assert row[2:] == [[2.25], [1.5], [0.05], [3.2], [0.08], [0.5], [0.0125]]
     printed = table_text(discrepancy_parts(result))
     assert "3.20 -> 0.500 N (8.0 -> 1.2 %) in joint 3" in printed
-    told = discrepancy_summary(replace(result, unexplained_on={}, floor=make().floor))["found"][0]
+    told = discrepancy_summary(replace(result, unexplained_on={}, all_along=(), floor=make().floor))["found"][0]
     assert told["effort"] == {"joint": 2, "rms": 1.5, "largest": 2.25, "percent": 5.0, "of": "rated effort"}
     cost = {"joint": 3, "before": 3.2, "after": 0.5, "percent_before": 8.0, "percent_after": 1.25}
     assert told["cost_if_ignored"] == pytest.approx(cost)

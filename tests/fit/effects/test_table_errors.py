@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from conftest import small_robot
 
-from bayesid.fit.effects.all_along import all_along, was_there
 from bayesid.fit.effects.columns import Columns
 from bayesid.fit.effects.explanation import Observations
 from bayesid.fit.effects.hypotheses import Hypothesis
 from bayesid.fit.effects.scores import explain_with
+from bayesid.fit.effects.table_errors import all_along, was_there
 from bayesid.fit.knowledge import Information
 from bayesid.model.catalogue import make_effect
 
