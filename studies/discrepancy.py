@@ -62,7 +62,7 @@ def generator(study: str = "discrepancy") -> ModuleType:
 
 LEARNED = "learned_effect"
 """What is added where no member of the catalogue explains a joint."""
-KINEMATIC = ("kinematic_error", "joint_zero")
+KINEMATIC = ("kinematic_error", "joint_zero", "link_length", "link_offset", "link_twist")
 """What a number of the robot's table that is off may be named."""
 _RIGHT_NAMES = {"outside": (LEARNED,), "kinematic_error": KINEMATIC}
 """Of what is hidden and goes by other names where it is found."""
