@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
@@ -23,7 +23,7 @@ from bayesid.fit.effects.error_model import ErrorModel
 from bayesid.fit.effects.explanation import LN10, Explanation, Observations
 from bayesid.fit.effects.extension import Extension, extend
 from bayesid.fit.effects.forward import Candidate, Products, Rules, select_forward
-from bayesid.fit.effects.held_back import HeldBackErrors, log_density, surely_better
+from bayesid.fit.effects.held_back import HeldBackErrors, bears_out, log_density, surely_better
 from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis, Library, hypotheses
 from bayesid.fit.effects.joint_sets import joint_sets
 from bayesid.fit.effects.refinement import refined
@@ -42,6 +42,8 @@ _POLISHED = 2
 """Sets of one joint's effects, of each size, that are looked at closely; a round number."""
 _LOOKS = 2
 """Times that sets of one joint's effects are looked for, others' effects having changed meanwhile; bounds the time."""
+_MOST_IDLE = 4
+"""Effects that do not help before no more are added; a round number."""
 _ROUNDS = 3
 """Times that the sets around a chosen one are looked at; it rarely changes more than once. Bounds the time."""
 _FEW = 2
@@ -142,10 +144,12 @@ def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
     _, before = explain_with(data, ())
     old = all_along(data, before, library)
     library = [group for group in library if group and group[0].key not in old]
-    sets = EffectSets(case, library)
-    likeliest = _likeliest(sets, sets.anchored(sets.settled((), data)), progress)
-    stopped = sets.looked_at > MOST_SETS
-    smallest = _borne_out(sets, likeliest)
+    nothing = EffectSet(case, (), before, data)
+    sets = EffectSets(case, library, {nothing.forms: nothing})
+    sharp = bool(data.sharp.all())
+    likeliest = _likeliest(sets, nothing, progress) if sharp else _helping(sets, nothing)
+    stopped = sharp and sets.looked_at > MOST_SETS
+    smallest = _borne_out(sets, likeliest) if sharp else [likeliest]
     chosen, not_learned = learn_effects(case, _without_stand_ins(sets, smallest[0]))
     effects, explanation = chosen.effects, chosen.explanation
     passed = [(one, effect) for one in (likeliest, smallest[0]) for effect in one.effects]
@@ -199,7 +203,7 @@ def _likeliest(sets: EffectSets, nothing: EffectSet, progress: Progress) -> Effe
     return best
 
 
-def _one_by_one(sets: EffectSets, chosen: EffectSet) -> EffectSet:
+def _one_by_one(sets: EffectSets, chosen: EffectSet, idle: Collection[EffectKey] = ()) -> EffectSet:
     """One effect after the other, the signs settled and the numbers refined under what was found, until no more is.
 
     Where the floor is blunt, for the earlier model was a poor one, standard effects come first, and nothing else where
@@ -208,9 +212,10 @@ def _one_by_one(sets: EffectSets, chosen: EffectSet) -> EffectSet:
     case, limits = sets.case, sets.case.thresholds
     rules = Rules(limits.log10_bayes_factor * LN10, limits.max_effects, partial(_sharper, case))
     seen = [chosen.keys]
-    standard = not chosen.data.sharp.all()
+    standard = not chosen.data.sharp.all() and not chosen.effects
     while True:
         errors, others = _ranked(sets, chosen, standard)
+        others = [effect for effect in others if effect.key not in idle]
         tried = [*chosen.effects, *others[: limits.short_list]]
         products = Products(chosen.data, tried, list(errors), case.uncertain, predicting=False)
         _, found = select_forward(products, rules, chosen.keys)
@@ -367,6 +372,34 @@ def _borne_out(sets: EffectSets, chosen: EffectSet) -> list[EffectSet]:
     return smallest
 
 
+def _helping(sets: EffectSets, nothing: EffectSet) -> EffectSet:
+    """Effects taken one after the other, without those that do not help on held-back data, beside the others.
+
+    Where a floor is blunt, for the earlier model was a poor one, elaborate effects fit real friction a little better
+    than what is missing: sets are not compared.
+    """
+    chosen, idle = nothing, set[EffectKey]()
+    while True:
+        more = len(idle) < _MOST_IDLE
+        chosen = _one_by_one(sets, chosen, idle) if more else chosen
+        one = _idle(sets, chosen)
+        if one is None:
+            return chosen
+        idle.add(one.key)
+        chosen = sets.settled(chosen.without(one), chosen.data, ())
+
+
+def _idle(sets: EffectSets, chosen: EffectSet) -> Hypothesis | None:
+    """The last effect that does not help on held-back data, beside the others."""
+    held_back, least = sets.case.held_back, sets.case.thresholds.held_back_improvement
+    for effect in reversed(chosen.effects):
+        fewer = sets.settled(chosen.without(effect), chosen.data, ())
+        after, before = (held_back.errors_of(one.held_back) for one in (chosen, fewer))
+        if not bears_out(after, before, effect.columns.joints, least):
+            return effect
+    return None
+
+
 def _look_around(sets: EffectSets, chosen: EffectSet) -> None:
     """Adds the sets that lack an effect of a chosen one, or have a rival in its place, or in that of two."""
     chosen = sets.anchored(chosen)
@@ -420,10 +453,10 @@ def _rivals(sets: EffectSets, chosen: EffectSet, gone: tuple[Hypothesis, ...]) -
     joints, forms = gone[0].columns.joints, {(effect.source.name, effect.joints) for effect in gone}
     by_form: dict[EffectKey, list[list[Hypothesis]]] = {}
     for group in sets.library:
-        if group and group[0].columns.joints & joints and group[0].key not in chosen.keys - keys:
+        if group[0].columns.joints & joints and group[0].key not in chosen.keys - keys:
             by_form.setdefault((group[0].source.name, group[0].joints), []).append(group)
     scores = {form: best_forms(screening, some)[0][0] for form, some in by_form.items()}
-    own = max(scores[form].gain for form in forms & set(scores))
+    own = max((scores[form].gain for form in forms & set(scores)), default=np.inf)
     rivals = sorted((scores[form] for form in set(scores) - forms), key=lambda one: -one.gain)
     return [score.hypothesis for score in rivals[:_WHOLE] if score.gain > own - _NEARLY]
 

@@ -54,14 +54,14 @@ def learn_effects(case: Case, state: EffectSet) -> tuple[EffectSet, list[tuple[E
 
 
 def _left(case: Case, state: EffectSet) -> list[int]:
-    """Joints (from 1) whose residual is surely above the floor on the log or on held-back data, the worst first."""
+    """Joints (from 1) whose residual is surely above a sharp floor, on the log or on held-back data, worst first."""
     predicted, explanation = case.predicted(state.effects, state.explanation), state.explanation
     floor, gap, unseen = case.floor(predicted), case.trial.gap(predicted), _held_back(case, state)
     sure = explanation.free_evidence - explanation.noise_evidence > case.thresholds.log10_bayes_factor * LN10
     on_log = sure & floor.exceeded(gap, case.thresholds)
     held_back = unseen.surely_above(floor.rms) & floor.exceeded(unseen.rms, case.thresholds)
     ratio = np.maximum(gap, unseen.rms) / floor.rms
-    return [int(j) + 1 for j in np.argsort(-ratio) if on_log[j] or held_back[j]]
+    return [int(j) + 1 for j in np.argsort(-ratio) if floor.sharp[j] and (on_log[j] or held_back[j])]
 
 
 def _in_joint(case: Case, state: EffectSet, joint: int) -> tuple[EffectSet, list[tuple[EffectSet, Hypothesis]]]:
