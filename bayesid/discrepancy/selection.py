@@ -76,7 +76,7 @@ class Selection:
         data: that they were selected on, signs settled under them.
         library: all hypotheses.
         extension: the extended model.
-        sets: the smallest that predict held-back data as well as any, likeliest first; the first one is this.
+        sets: that predict held-back data as well as any, and no part of which does, likeliest first; this is the first.
         stopped: whether the search was stopped before all was tried.
         rejected: effects that had passed by their evidence, but that held-back data did not bear out or that were no
             more than stand-ins; each with the set that it was chosen in.
@@ -147,12 +147,12 @@ def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
     nothing = EffectSet(case, (), before, data)
     sets = EffectSets(case, library, {nothing.forms: nothing})
     sharp = bool(data.sharp.all())
-    likeliest = _likeliest(sets, nothing, progress) if sharp else _helping(sets, nothing)
+    likeliest, idle = (_likeliest(sets, nothing, progress), []) if sharp else _helping(sets, nothing)
     stopped = sharp and sets.looked_at > MOST_SETS
-    smallest = _borne_out(sets, likeliest) if sharp else [likeliest]
-    chosen, not_learned = learn_effects(case, _without_stand_ins(sets, smallest[0]))
+    minimal = _borne_out(sets, likeliest) if sharp else [likeliest]
+    chosen, not_learned = learn_effects(case, _without_stand_ins(sets, minimal[0]))
     effects, explanation = chosen.effects, chosen.explanation
-    passed = [(one, effect) for one in (likeliest, smallest[0]) for effect in one.effects]
+    passed = [*idle, *((one, effect) for one in (likeliest, minimal[0]) for effect in one.effects)]
     rejected = {effect.key: (one, effect) for one, effect in passed if effect.key not in chosen.keys}
     return Selection(
         hypotheses=effects,
@@ -162,7 +162,7 @@ def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
         data=chosen.data,
         library=library,
         extension=extend(case.knowledge, case.coefficients, effects, explanation),
-        sets=weighed(smallest, chosen),
+        sets=weighed(minimal, chosen),
         stopped=stopped,
         rejected=(*(rejected[key] for key in sorted(rejected)), *not_learned),
         costs=costs(sets, chosen),
@@ -358,34 +358,34 @@ def _of_several_joints(sets: EffectSets, nothing: EffectSet) -> list[Hypothesis]
 # On held-back data
 # ---------------------------------------------------------------------------------------------------------------
 def _borne_out(sets: EffectSets, chosen: EffectSet) -> list[EffectSet]:
-    """The smallest sets that predict held-back data as well as any, within the error; the likeliest first.
+    """The sets that predict held-back data as well as any, and no part of which does; the likeliest first.
 
     Beside those that were looked at, all that lack an effect of it, or have a rival in its place, are. The log itself
     must bear out each effect of a set beside the others.
     """
-    seen, smallest = set[Forms](), [chosen]
+    seen, minimal = set[Forms](), [chosen]
     while chosen.forms not in seen and len(seen) < _ROUNDS:
         seen.add(chosen.forms)
         _look_around(sets, chosen)
-        smallest = _smallest(sets)
-        chosen = smallest[0]
-    return smallest
+        minimal = _minimal(sets)
+        chosen = minimal[0]
+    return minimal
 
 
-def _helping(sets: EffectSets, nothing: EffectSet) -> EffectSet:
-    """Effects taken one after the other, without those that do not help on held-back data, beside the others.
+def _helping(sets: EffectSets, nothing: EffectSet) -> tuple[EffectSet, list[tuple[EffectSet, Hypothesis]]]:
+    """Effects taken one after the other, without those that do not help on held-back data, beside others; and those.
 
     Where a floor is blunt, for the earlier model was a poor one, elaborate effects fit real friction a little better
     than what is missing: sets are not compared.
     """
-    chosen, idle = nothing, set[EffectKey]()
+    chosen, idle = nothing, list[tuple[EffectSet, Hypothesis]]()
     while True:
-        more = len(idle) < _MOST_IDLE
-        chosen = _one_by_one(sets, chosen, idle) if more else chosen
+        if len(idle) < _MOST_IDLE:
+            chosen = _one_by_one(sets, chosen, {effect.key for _, effect in idle})
         one = _idle(sets, chosen)
         if one is None:
-            return chosen
-        idle.add(one.key)
+            return chosen, idle
+        idle.append((chosen, one))
         chosen = sets.settled(chosen.without(one), chosen.data, ())
 
 
@@ -410,7 +410,7 @@ def _look_around(sets: EffectSets, chosen: EffectSet) -> None:
             sets.settled([*chosen.without(*gone), rival], chosen.data, rival.columns.joints, rival)
 
 
-def _smallest(sets: EffectSets) -> list[EffectSet]:
+def _minimal(sets: EffectSets) -> list[EffectSet]:
     """Sets that predict held-back data as well as any, within the error, and no part of which does: likeliest first.
 
     Errors are judged by what the best set leaves of each joint: it is no less than the noise.

@@ -33,7 +33,7 @@ class WeighedSet:
 
     Attributes:
         effects: names and joints.
-        probability: given the log, among the smallest sets that predict the held-back data as well as any.
+        probability: given the log, among sets that predict held-back data as well as any, and no part of which does.
     """
 
     effects: tuple[EffectKey, ...]

@@ -45,7 +45,7 @@ def smallest(*found):
     )
     case = SimpleNamespace(held_back=held_back, thresholds=Thresholds())
     sets = SimpleNamespace(found={one.forms: one for one in found}, case=case)
-    return selection._smallest(sets)
+    return selection._minimal(sets)
 
 
 DRY, SPRING, DRAG, SKEW = (("dry", (2,)), ("spring", (2,)), ("drag", (2,)), ("skew", (2,)))

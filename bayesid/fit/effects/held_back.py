@@ -82,9 +82,7 @@ def bears_out(after: HeldBackErrors, before: HeldBackErrors, joints: Collection[
     """
     relative = (after.squares - before.squares) / np.maximum(before.squares.sum(axis=0), _TINY)
     of_blocks = relative[:, sorted(joints)].sum(axis=1)
-    less = np.maximum(of_blocks - of_blocks.mean(), 0.0)
-    help_needed = max(least, _SURE * float(np.sqrt(2.0 * np.sum(less**2))))
-    return bool(-of_blocks.sum() > help_needed and relative.sum() < 0.0)
+    return bool(_surely_more(-of_blocks, least) and relative.sum() < 0.0)
 
 
 def harmed(after: HeldBackErrors, before: HeldBackErrors) -> Mask:
@@ -117,6 +115,10 @@ def surely_better(one: Array, other: Array, least: float) -> bool:
         other: of the other.
         least: by which they are at least, in sum.
     """
-    better = one - other
-    less = np.minimum(better - better.mean(), 0.0)
-    return bool(better.sum() > max(least, _SURE * float(np.sqrt(2.0 * np.sum(less**2)))))
+    return _surely_more(one - other, least)
+
+
+def _surely_more(of_blocks: Array, least: float) -> bool:
+    """Whether gains of blocks add up to more than `least`, and than their scatter on the side of less explains."""
+    less = np.minimum(of_blocks - of_blocks.mean(), 0.0)
+    return bool(of_blocks.sum() > max(least, _SURE * float(np.sqrt(2.0 * np.sum(less**2)))))
