@@ -325,8 +325,14 @@ def _with_some_of(
 
 
 def _polished(sets: EffectSets, best: EffectSet) -> EffectSet:
-    """The same in better forms, as long as that makes it likelier; without what is not needed."""
-    while best.effects:
+    """The same in better forms, as long as that makes it likelier; without what is not needed.
+
+    Forms that were had before are not tried again: what a set is judged by moves with it, and may make it look likelier
+    for ever.
+    """
+    seen = set[Forms]()
+    while best.effects and best.forms not in seen:
+        seen.add(best.forms)
         best = sets.anchored(best)
         better = sets.settled(best.effects, best.data)
         likeliest = max(_fewer(sets, best), key=lambda one: one.log_posterior)
@@ -335,8 +341,6 @@ def _polished(sets: EffectSets, best: EffectSet) -> EffectSet:
             best = likeliest
         elif better.log_posterior > best.log_posterior + _NOTICED:
             best = better
-        else:
-            break
     return best
 
 

@@ -95,6 +95,23 @@ def test_what_stands_in_the_place_of_an_effect():
     assert other.without(SPRING, chosen) == ()
 
 
+def test_a_set_that_always_looks_likelier_once_it_is_settled_again_is_not_settled_for_ever():
+    """So it was with two errors of the robot's table: what a set is judged by moves with it."""
+    both, dry = made([DRY, SPRING], 10.0, 0.0), made([DRY], 5.0, 0.0)
+    both.without = lambda one: [effect for effect in both.effects if effect is not one]
+    settled = list[int]()
+
+    def settle(effects, *_):
+        assert len(settled) < 20
+        settled.append(len(effects))
+        return SimpleNamespace(**{**vars(both), "log_posterior": 16.0}) if len(effects) == 2 else dry
+
+    for effect in both.effects:
+        effect.columns = SimpleNamespace(joints={1})
+    sets = SimpleNamespace(anchored=lambda one: both, settled=settle, case=SimpleNamespace(thresholds=Thresholds()))
+    assert selection._polished(sets, both).keys == both.keys
+
+
 def test_log_densities_are_students():
     from scipy.stats import t
 
