@@ -53,8 +53,8 @@ KINEMATIC = "kinematic_error"
 """What a table that is off is called in the truth."""
 SIZES = 3.0, 10.0
 """RMS of an effect over that of the noise."""
-WANTED = 0.5
-"""Of the size, in the hold-out log, if that can be had."""
+WANTED, MOST = 0.5, 2.0
+"""Of the size, in the hold-out log: about the same, if that can be had."""
 STEPS = {"a": 5e-3, "d": 5e-3, "alpha": float(np.deg2rad(0.5)), "theta": float(np.deg2rad(0.5))}
 """m and rad by which a number of the table is off."""
 ROBOTS, LITTLE_NOISE = 20, (0.003, 0.01)
@@ -152,8 +152,11 @@ def shown(case, name, rng, plays, efforts, sd, joint):
     for attempt in range(15):
         draft = drawn(case, name, rng, plays[0], joint)
         effect = None if draft is None else sized(name, draft, plays, efforts, sd, case.size)
-        enough = 0.0 if case.kind in (LOG_ONLY, HOLDOUT_ONLY) else WANTED if attempt < 10 else WANTED / 2
-        if effect is not None and effect.holdout_size >= enough * case.size:
+        if effect is None:
+            continue
+        slack = 1.0 if attempt < 10 else 2.0
+        low, high = WANTED / slack * case.size, MOST * slack * case.size
+        if case.kind in (LOG_ONLY, HOLDOUT_ONLY) or low <= effect.holdout_size <= high:
             return effect
     return None
 

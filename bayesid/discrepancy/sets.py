@@ -13,13 +13,14 @@ from scipy.special import logsumexp
 from bayesid.arrays import Array
 from bayesid.discrepancy.case import Case
 from bayesid.fit.effects.explanation import Explanation, Observations
-from bayesid.fit.effects.extension import extend
+from bayesid.fit.effects.extension import Extension, extend
 from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis, Library, forms_of, maker
 from bayesid.fit.effects.refinement import refined
 from bayesid.fit.effects.relinearisation import effort_of_terms, sharpened
 from bayesid.fit.effects.scores import best_forms, explain_with, plain_errors
 from bayesid.fit.effects.screening import Screening
 from bayesid.model.catalogue import main_forms
+from bayesid.model.terms import Term
 
 EQUIVALENT_ODDS = 10.0
 """Odds up to which one set is about as likely as another: "strong" begins there (Jeffreys 1961, appendix B)."""
@@ -81,13 +82,24 @@ class EffectSet:
         return explanation.log_evidence + self.log_prior
 
     @cached_property
+    def extension(self) -> Extension:
+        """The model with them, its parameters feasible: friction that is negative predicts what no model of it will."""
+        extension = extend(self.case.knowledge, self.case.coefficients, self.effects, self.explanation)
+        return self.case.refitted(extension, self.case.predicted(self.effects, self.explanation))
+
+    @cached_property
     def held_back(self) -> Array:
-        """(N, n) what it leaves of the held-back data, N m, zero where they do not count."""
+        """(N, n) what the model with them leaves of the held-back data, N m, zero where they do not count."""
+        return self._held_back(self.extension.theta)
+
+    def held_back_less(self, term: Term) -> Array:
+        """(N, n) the same with a term of it at zero, all else as it is."""
+        parts = [amplitudes * (one != term) for one, amplitudes in self.extension.model.parts(self.extension.theta)]
+        return self._held_back(np.concatenate(parts))
+
+    def _held_back(self, theta: Array) -> Array:
         case = self.case
-        extension = extend(case.knowledge, case.coefficients, self.effects, self.explanation)
-        if any(effect.source.reveals for effect in self.effects):
-            extension = case.refitted(extension, case.predicted(self.effects, self.explanation))
-        return case.held_back.trial.residual(case.held_back.effort(case.model, extension.model, extension.theta))
+        return case.held_back.trial.residual(case.held_back.effort(case.model, self.extension.model, theta))
 
     def without(self, *gone: Hypothesis) -> tuple[Hypothesis, ...]:
         """The effects but some."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -26,15 +27,20 @@ NEAR = 0.5
 hide what they explain. Set by hand."""
 
 
-def learn_effects(case: Case, state: EffectSet) -> tuple[EffectSet, list[tuple[EffectSet, Hypothesis]]]:
+def learn_effects(
+    case: Case, state: EffectSet, log_prior: Callable[[Hypothesis], float]
+) -> tuple[EffectSet, list[tuple[EffectSet, Hypothesis]]]:
     """Functions for all joints that stay above the floor, and those that held-back data do not bear out.
 
     Where effects of the catalogue act in such a joint they may be stand-ins: a function is learned beside them and, if
-    none helps, in their place. Those without which held-back data are predicted better, surely, are refused.
+    none helps, in their place. Those without which held-back data are predicted better, surely, are refused. Several
+    effects of the catalogue that reach the floor in a joint together may be stand-ins too, for one function that is
+    likelier than all of them.
 
     Args:
         case: what stays the same.
         state: the catalogue's effects.
+        log_prior: of an effect of the catalogue to be missing, over nothing to be missing in its place.
     """
     refused: list[tuple[EffectSet, Hypothesis]] = []
     for joint in _left(case, state):
@@ -50,7 +56,44 @@ def learn_effects(case: Case, state: EffectSet) -> tuple[EffectSet, list[tuple[E
             elif learned is state:
                 gone = gone or gone_too
         state, refused = learned, refused + gone
+    for joint in _of_several(state):
+        state = _by_one_function(case, state, joint, log_prior)
     return state, refused
+
+
+def _of_several(state: EffectSet) -> list[int]:
+    """Joints (from 1) in which several effects of the catalogue act alone, and none without a name."""
+    own = [next(iter(effect.columns.joints)) + 1 for effect in state.effects if len(effect.columns.joints) == 1]
+    learned = {joint for effect in state.effects if isinstance(effect.source, LearnedEffect) for joint in effect.joints}
+    return sorted(joint for joint, count in Counter(own).items() if count > 1 and joint not in learned)
+
+
+def _by_one_function(case: Case, state: EffectSet, joint: int, log_prior: Callable[[Hypothesis], float]) -> EffectSet:
+    """One function in the place of several effects in a joint (from 1), where it is likelier and predicts as well."""
+    needed, limits = case.thresholds.log10_bayes_factor * LN10, case.thresholds
+    own = [effect for effect in state.effects if effect.columns.joints == {joint - 1}]
+    others = [effect for effect in state.effects if all(effect is not one for one in own)]
+    bare = _settled(case, others, state)
+    finder = _finder(case, bare, joint)
+    ranked = finder.ranked(bare.data, bare.effects, uncertain=case.uncertain)
+    grown = _borne_out(case, finder, bare, [one for one in ranked if one.gain > needed], needed)
+    if grown is None:
+        return state
+    function = grown[1]
+    prior = np.log(limits.something_else / limits.nothing_missing / state.data.used.shape[1]) - function.price
+    gain = _log_evidence(case, grown[0]) + prior - _log_evidence(case, state) - sum(map(log_prior, own))
+    by_one = _merged(case, finder, grown[0], [function])
+    if gain < needed or bears_out(
+        _held_back(case, state), _held_back(case, by_one), {joint - 1}, limits.held_back_improvement
+    ):
+        return state
+    return by_one
+
+
+def _log_evidence(case: Case, state: EffectSet) -> float:
+    """Of a set, judged by what it leaves itself."""
+    data = replace(state.data, reference=None, of_reference=())
+    return explain_with(data, state.effects, state.explanation, case.uncertain)[1].log_evidence
 
 
 def _left(case: Case, state: EffectSet) -> list[int]:
@@ -67,9 +110,7 @@ def _left(case: Case, state: EffectSet) -> list[int]:
 def _in_joint(case: Case, state: EffectSet, joint: int) -> tuple[EffectSet, list[tuple[EffectSet, Hypothesis]]]:
     """A learned effect in a joint (from 1), if held-back data bear it out."""
     found: list[Learned] = []
-    needed, now = case.thresholds.log10_bayes_factor * LN10, state
-    scene = case.scene(case.predicted(now.effects, now.explanation))
-    finder = Finder(scene, case.trial.used, joint, maker(case.model, scene, case.trial.used))
+    needed, now, finder = case.thresholds.log10_bayes_factor * LN10, state, _finder(case, state, joint)
     passed: list[Learned] = []
     while len(found) < MOST and not (found and _is_noise(now, joint, needed)):
         ranked = finder.ranked(now.data, now.effects, uncertain=case.uncertain)
@@ -81,12 +122,35 @@ def _in_joint(case: Case, state: EffectSet, joint: int) -> tuple[EffectSet, list
     if not found:
         refused = [(_settled(case, (*now.effects, one.hypothesis), now), one.hypothesis) for one in passed[:1]]
         return state, refused
-    others = _others(now, found)
-    number = 1 + sum(isinstance(term, LearnedEffect) and joint in term.joints for term in case.model.terms)
-    amplitudes = [amplitude_of(one.hypothesis, now.effects, now.explanation) for one in found]
-    covariances = [_covariance(one.hypothesis, now) for one in found]
+    merged = _merged(case, finder, now, found)
+    if not _explains_most(case, state, merged, joint):
+        return state, [(merged, merged.effects[-1])]
+    return _without_stand_ins(case, merged, merged.effects[-1], needed), []
+
+
+def _explains_most(case: Case, before: EffectSet, after: EffectSet, joint: int) -> bool:
+    """Whether a function explains most of what held-back data show in a joint (from 1): else it is a stand-in itself.
+
+    Of a table that is off, say: any effect of a joint that stays above the floor is kept by the same share.
+    """
+    without, rest = (_held_back(case, one).rms[joint - 1] ** 2 for one in (before, after))
+    excess = without - before.data.floor[joint - 1] ** 2
+    return bool(without - rest >= case.thresholds.explained_share * excess)
+
+
+def _finder(case: Case, state: EffectSet, joint: int) -> Finder:
+    """Finds functions for a joint (from 1) on top of a set."""
+    scene = case.scene(case.predicted(state.effects, state.explanation))
+    return Finder(scene, case.trial.used, joint, maker(case.model, scene, case.trial.used))
+
+
+def _merged(case: Case, finder: Finder, state: EffectSet, found: Sequence[Learned]) -> EffectSet:
+    """The set with some of its functions as one effect, the last."""
+    number = 1 + sum(isinstance(term, LearnedEffect) and finder.joint in term.joints for term in case.model.terms)
+    amplitudes = [amplitude_of(one.hypothesis, state.effects, state.explanation) for one in found]
+    covariances = [_covariance(one.hypothesis, state) for one in found]
     merged = finder.merged(found, amplitudes, covariances, number)
-    return _without_stand_ins(case, _settled(case, (*others, merged), now), merged, needed), []
+    return _settled(case, (*_others(state, found), merged), state)
 
 
 def _without_stand_ins(case: Case, state: EffectSet, learned: Hypothesis, needed: float) -> EffectSet:
@@ -138,9 +202,7 @@ def _helps(case: Case, state: EffectSet, before: HeldBackErrors, learned: Hypoth
     What only the log shows pulls at these. A function lets them go, and may do nothing where the held-back data are.
     """
     after, joints = _held_back(case, state), learned.columns.joints
-    alone = zip(state.effects, state.explanation.amplitudes, strict=True)
-    amplitudes = tuple(0.0 * amplitude if effect is learned else amplitude for effect, amplitude in alone)
-    without = _held_back(case, replace(state, explanation=replace(state.explanation, amplitudes=amplitudes)))
+    without = case.held_back.errors_of(state.held_back_less(learned.source))
     least = case.thresholds.held_back_improvement
     return all(bears_out(after, other, joints, least) for other in (before, without))
 

@@ -110,11 +110,13 @@ class Learned:
         form: which.
         hypothesis: the effect.
         gain: log Bayes factor for adding it, averaged over its forms, less the price of having looked everywhere.
+        price: what is off the gain for that, and for its other forms.
     """
 
     form: Form
     hypothesis: Hypothesis
     gain: float
+    price: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,8 +323,8 @@ class Finder:
             hypothesis = self.hypothesis(form)
             extended = regression.explain(errors, hypothesis.columns)
             extended = regression.explain(extended.errors, hypothesis.columns)
-            evidence = extended.log_evidence - explanation.log_evidence
-            closer.append(Learned(form, hypothesis, evidence + gain - own - price))
+            evidence, off = extended.log_evidence - explanation.log_evidence, own - gain + price
+            closer.append(Learned(form, hypothesis, evidence - off, off))
         return _plainest_first(closer)
 
     def _best(
