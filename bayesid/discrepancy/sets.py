@@ -20,7 +20,8 @@ from bayesid.fit.effects.relinearisation import effort_of_terms, sharpened
 from bayesid.fit.effects.scores import best_forms, explain_with, plain_errors
 from bayesid.fit.effects.screening import Screening
 from bayesid.model.catalogue import main_forms
-from bayesid.model.terms import Term
+from bayesid.model.effects import Effect
+from bayesid.model.terms.learned_effect import LearnedEffect
 
 EQUIVALENT_ODDS = 10.0
 """Odds up to which one set is about as likely as another: "strong" begins there (Jeffreys 1961, appendix B)."""
@@ -83,8 +84,14 @@ class EffectSet:
 
     @cached_property
     def extension(self) -> Extension:
-        """The model with them, its parameters feasible: friction that is negative predicts what no model of it will."""
+        """The model with them, its parameters feasible: friction that is negative predicts what no model of it will.
+
+        With a learned function they stay those of the explanation: only its prior holds a function's shape.
+        """
         extension = extend(self.case.knowledge, self.case.coefficients, self.effects, self.explanation)
+        learned = any(isinstance(effect.source, LearnedEffect) for effect in self.effects)
+        if learned and not any(effect.source.reveals for effect in self.effects):
+            return extension
         return self.case.refitted(extension, self.case.predicted(self.effects, self.explanation))
 
     @cached_property
@@ -92,7 +99,7 @@ class EffectSet:
         """(N, n) what the model with them leaves of the held-back data, N m, zero where they do not count."""
         return self._held_back(self.extension.theta)
 
-    def held_back_less(self, term: Term) -> Array:
+    def held_back_less(self, term: Effect) -> Array:
         """(N, n) the same with a term of it at zero, all else as it is."""
         parts = [amplitudes * (one != term) for one, amplitudes in self.extension.model.parts(self.extension.theta)]
         return self._held_back(np.concatenate(parts))
