@@ -97,6 +97,20 @@ def test_it_is_told_in_json_and_kept_in_the_model_file(found, tmp_path):
     assert "learned" in (tmp_path / "discrepancy.html").read_text()
 
 
+def churning(motion):
+    """Drag by the square of the speed of joint 2: no effect of the catalogue, and several of them together nearly."""
+    return 3.0 * motion.dq[:, 1] * np.abs(motion.dq[:, 1])
+
+
+def test_one_function_stands_in_the_place_of_several_effects(healthy):
+    """Viscous friction less dry friction reaches the floor of a log, and is no friction that a model could have."""
+    result = bayesid.find_discrepancy(healthy, arm_log(2, churning), arm_log(3, churning), posterior=False)
+    ((effect,), floor) = result.added, result.floor.rms[1]
+    assert (effect.effect, effect.joints, effect.variables) == ("learned_effect", (2,), ("dq2",))
+    assert "dq2 |dq2|" in effect.description.formula
+    assert result.after[1] < 1.1 * floor < result.before[1]
+
+
 def test_it_is_no_candidate_by_name(found):
     """Neither tried, nor among what the log could not show."""
     assert "learned_effect" not in effect_names()
