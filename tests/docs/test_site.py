@@ -203,8 +203,8 @@ def test_the_search_finds_pages_from_a_disk(site):
     with browser.chromium() as driver:
         driver.get(f"{(site / 'search.html').as_uri()}?q=hysteresis")
         results = "return [...document.querySelectorAll('#search-results li a')].map((link) => link.pathname)"
-        wait_for(lambda: driver.execute_script(results), "results")
-        assert any(path.endswith("/discrepancy.html") for path in driver.execute_script(results))
+        said = "the page among the results, which come one after the other"
+        wait_for(lambda: any(path.endswith("/discrepancy.html") for path in driver.execute_script(results)), said)
         assert driver.get_log("browser") == []
 
 
