@@ -19,12 +19,14 @@ from .fit.effects.thresholds import Thresholds as Thresholds
 from .fit.knowledge import Beliefs as Beliefs
 from .fit.knowledge import Links as Links
 from .fit.knowledge import read_nominal as read_nominal
+from .identification.gains import IdentifiedGains as IdentifiedGains
 from .identification.identification import Identification as Identification
 from .identification.identified_model import IdentifiedModel as IdentifiedModel
 from .identification.options import Preparation as Preparation
 from .identification.pipeline import identify as identify
 from .identification.prediction import PredictedEfforts as PredictedEfforts
 from .identification.validation import Validation as Validation
+from .log.gains import Gains as Gains
 from .log.log import Log as Log
 from .log.log import join_logs as join_logs
 from .log.log import read_log as read_log

@@ -16,7 +16,9 @@ from bayesid.cli.terminal import warn
 from bayesid.errors import BayesidError, InputError, printable
 from bayesid.fit.effects.kinematics import KinematicTolerance
 from bayesid.fit.knowledge import Beliefs, Links, read_nominal
+from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.log.formats.stated import parse_columns
+from bayesid.log.gains import Gains
 from bayesid.log.log import Log, read_log
 from bayesid.log.motions import RecordedMotion, read_motion
 from bayesid.model.robot import Robot, load_robot
@@ -47,9 +49,19 @@ def _positions(text: str) -> dict[str, float]:
         raise InputError(f"{text!r} are no positions", "--hold", "give JOINT=POSITION,.. in rad or m") from None
 
 
-def reading_options(options: argparse.Namespace) -> dict[str, Any]:
-    """Keyword arguments of `bayesid.read_log`."""
-    return {"gains": _gains(options.gains), "unsigned": options.unsigned, **motion_options(options)}
+def reading_options(options: argparse.Namespace, identified: IdentifiedModel | None = None) -> dict[str, Any]:
+    """Keyword arguments of `bayesid.read_log`; gains are those of an earlier result, unless others are given.
+
+    Raises:
+        InputError: uncertain gains are given beside a result.
+    """
+    gains = _gains(options.gains)
+    if identified is not None and isinstance(gains, str):
+        remedy = "leave --gains out: the result has its own, or give exact ones"
+        raise InputError("uncertain gains are unknowns of `bayesid identify` alone", "--gains", remedy)
+    if identified is not None and gains is None and identified.gains is not None:
+        gains = identified.gains.found
+    return {"gains": gains, "unsigned": options.unsigned, **motion_options(options)}
 
 
 def motion_options(options: argparse.Namespace) -> dict[str, Any]:
@@ -143,10 +155,9 @@ def sampling(options: argparse.Namespace) -> Sampling | bool:
     return False if options.no_posterior else chosen
 
 
-def _gains(text: str | None) -> list[float] | None:
-    if text is None:
-        return None
+def _gains(text: str | None) -> list[float] | Gains | str | None:
+    """Exact gains as numbers, all others as they were typed."""
     try:
-        return [float(word) for word in text.split(",")]
+        return None if text is None else [float(word) for word in text.split(",")]
     except ValueError:
-        raise InputError(f"{text!r} is not a list of numbers", "--gains", "give K1,K2,.. in N m/A") from None
+        return text

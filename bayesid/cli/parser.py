@@ -145,7 +145,11 @@ _SHARED: dict[str, dict[str, Any]] = {
         "help": "parameters known beforehand, from CAD or a data sheet: name,mean,sd, names as in parameters.csv",
     },
     "--cutoff": {"type": float, "metavar": "HZ", "help": "of the motion's low-pass (default: from the data)"},
-    "--gains": {"metavar": "K1,K2,..", "help": "N m/A of each joint, for a log of currents"},
+    "--gains": {
+        "metavar": "K1,K2,..",
+        "help": "N m/A of each joint, for a log of currents: exact, or uncertain as in 12~20%%,16~1.5,10 (sd), 'unknown' "
+        "for one or all, or a CSV file with the columns gain,sd; uncertain ones are estimated, torques corrected too",
+    },
     "--unsigned": {"metavar": "JOINTS", "help": "all, none, or joints as in 1,3 (default: those never negative)"},
     "--degrees": {
         "action": argparse.BooleanOptionalAction,

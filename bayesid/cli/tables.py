@@ -11,7 +11,18 @@ from bayesid.identification.identification import KNOWN, SURE, Identification
 from bayesid.identification.prediction import PredictedEfforts
 from bayesid.identification.validation import Validation
 from bayesid.report.findings import summarise
-from bayesid.report.verdicts import EFFECT_HEADINGS, Check, beyond_the_terms, effect_rows, intervals, proof, sampling
+from bayesid.report.verdicts import (
+    EFFECT_HEADINGS,
+    GAIN_HEADINGS,
+    Check,
+    beyond_the_terms,
+    effect_rows,
+    gain_rows,
+    gains,
+    intervals,
+    proof,
+    sampling,
+)
 from bayesid.results.agreement import text as agreement_text
 from bayesid.results.several_logs import Separate
 
@@ -43,6 +54,8 @@ def identification_parts(result: Identification) -> list[RenderableType]:
         ),
         *(f"beyond the terms asked for: {check.message}" for check in beyond_the_terms(summary)),
         *([table(list(EFFECT_HEADINGS), [list(row) for row in effects])] if (effects := effect_rows(summary)) else []),
+        *(_verdict("gains: ", check) for check in gains(summary)),
+        *([table(list(GAIN_HEADINGS), [list(row) for row in told])] if (told := gain_rows(summary)) else []),
         _verdict("posterior: ", sampling(summary), _sampling_effort(result)),
         *([_verdict("intervals: ", check)] if (check := intervals(summary)).state == "look" else []),
         table(["joint", "segments", "least sure", f"|effort| sure to {100 * SURE:g} %", "relative residual"], rows),

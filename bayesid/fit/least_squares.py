@@ -103,7 +103,7 @@ def fit_signed(evidence: Evidence, signs: Array, *, most_corrected: int = MOST_C
         SolverError: Clarabel failed.
     """
     model, signals, information = evidence.model, evidence.signals, evidence.information
-    stretches = _stretches(evidence.used)
+    stretches = constant_stretches(evidence.used)
     moments = evidence.moments(signs, stretches, summed_out=False)
     solution, sigma = _solve(evidence, moments)
     theta, moved_inside = _move_inside(evidence, solution.theta)
@@ -143,7 +143,7 @@ def widened(fit: Fit, evidence: Evidence, signs: Array) -> Fit:
         signs: (N, n) expected sign of every sample.
     """
     weights = fit.noise.sigma * np.sqrt(fit.noise.autocorrelation)
-    moments = evidence.moments(signs, _stretches(evidence.used))
+    moments = evidence.moments(signs, constant_stretches(evidence.used))
     return replace(fit, covariance=_covariance(_effective(moments, weights, evidence.information))[0])
 
 
@@ -227,7 +227,7 @@ def _move_inside(evidence: Evidence, theta: Array) -> tuple[Array, bool]:
     return (moved, True) if least >= before else (theta, False)
 
 
-def _stretches(moving: Mask) -> Segments:
+def constant_stretches(moving: Mask) -> Segments:
     """One segment of known sign for every stretch in which a joint moves."""
     joint, start, end = [], [], []
     for j in range(moving.shape[1]):

@@ -13,6 +13,7 @@ from bayesid.errors import in_python
 from bayesid.fit.knowledge import Beliefs, Knowledge
 from bayesid.fit.least_squares import Fit
 from bayesid.fit.noise import Noise
+from bayesid.identification.gains import IdentifiedGains
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.other_readings import BetterReading
 from bayesid.identification.prediction import NORMAL_95, MotionLike, PredictedEfforts
@@ -186,6 +187,16 @@ class Identification:
             True
         """
         return self.identified.theta
+
+    @property
+    def gains(self) -> IdentifiedGains | None:
+        """The gains by which the log's readings were made efforts, where they were unknowns; None where all were exact.
+
+        Example:
+            >>> result.gains is None
+            True
+        """
+        return self.identified.gains
 
     @property
     def noise(self) -> Noise:

@@ -10,6 +10,7 @@ from bayesid.arrays import Array
 from bayesid.errors import InputError
 from bayesid.fit.knowledge import Knowledge
 from bayesid.fit.noise import Noise
+from bayesid.identification.gains import IdentifiedGains
 from bayesid.identification.prediction import (
     BY_INFORMATION,
     BY_POSTERIOR,
@@ -59,6 +60,8 @@ class IdentifiedModel:
             lack something; None where it lacks nothing, or draws show it.
         logs: by which the logs that it was identified from are known again
             (`bayesid.identification.provenance.hashes`); none of a model that was written by hand.
+        gains: by which its log's readings were made efforts, where they were unknowns; other logs are to be read by
+            the same.
 
     Example:
         >>> stored = bayesid.load_model("result")
@@ -73,6 +76,7 @@ class IdentifiedModel:
     draws: ParameterDraws | None = None
     lacking: Array | None = None
     logs: frozenset[str] = frozenset()
+    gains: IdentifiedGains | None = None
 
     def __repr__(self) -> str:
         effects = ", ".join(effect.name for effect in self.model.effects)

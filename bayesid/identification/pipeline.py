@@ -20,6 +20,7 @@ from bayesid.fit.evidence import Evidence
 from bayesid.fit.knowledge import Beliefs, Knowledge, Links, of_base
 from bayesid.fit.least_squares import Fit, fit_signed
 from bayesid.fit.moments import Moments
+from bayesid.identification.gains import IdentifiedGains, UnknownGains, widened_by_gains
 from bayesid.identification.identification import Identification
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
 from bayesid.identification.memory import check_memory
@@ -44,7 +45,7 @@ from bayesid.model.model import Model
 from bayesid.model.robot import Robot, check_joints, load_robot
 from bayesid.model.terms import STANDARD, Term
 from bayesid.posterior.blocks import SegmentBlocks, divide
-from bayesid.posterior.inference import DRAWS, Posterior, infer, widened
+from bayesid.posterior.inference import DRAWS, Posterior, infer, widened, with_gains
 from bayesid.posterior.links import usual_links
 from bayesid.posterior.problem import PosteriorProblem
 from bayesid.posterior.sampler import Sampling
@@ -121,16 +122,30 @@ def identify(
     run = _Run(search, posterior, preparation, beliefs, progress, subject)
     log, model, signals, segments = _prepared(run, robot, log, terms)
     run.call, search = _call(run, robot, log, terms), OneBudget(search)
-    asked, segments = settle_unfiltered(model, signals, segments, search, preparation.cutting, progress)
-    run.lap("search")
-    averaged = average_over_models(asked, segments, search, progress)
-    run.lap("second opinion")
-    if complete == "off":
-        return _identification(run, log, asked.evidence.signals, model, averaged)
+    gains = UnknownGains(log, beliefs)
+    if gains.unknown.any():
+        gains.begin(Evidence.of(model, signals, segments.per_sample(segments.moving, *signals.effort.shape) > 0))
+        signals, segments = _cut(run, model, gains.log)
     completing = Completing(complete == "auto", beliefs.kinematics, preparation.cutting)
-    completed = complete_model(averaged, segments, search, completing, progress)
-    run.lap("complete")
-    result = _identification(run, log, completed.signals, completed.model, completed.averaged)
+    plain = True
+    while True:  # until gains and signs agree, first under the terms asked for, then under the completed model
+        asked, found = settle_unfiltered(model, signals, segments, search, preparation.cutting, progress)
+        run.lap("search")
+        plain = plain and gains.moved(asked.evidence, asked.fit.noise, asked.probability)
+        if plain:
+            signals, segments = _cut(run, model, gains.log)
+            continue
+        averaged = average_over_models(asked, found, search, progress)
+        run.lap("second opinion")
+        completed = None if complete == "off" else complete_model(averaged, found, search, completing, progress)
+        run.lap("complete")
+        last = averaged if completed is None else completed.averaged
+        if not gains.moved(last.asked.evidence, asked.fit.noise, last.probability):
+            break
+        signals, segments = _cut(run, model, gains.log)
+    if completed is None:
+        return _identification(run, log, asked.evidence.signals, model, averaged, gains)
+    result = _identification(run, log, completed.signals, completed.model, completed.averaged, gains)
     return replace(result, signals=asked.evidence.signals, completion=completed.completion)
 
 
@@ -287,6 +302,14 @@ def _prepared(
     return log, model, signals, segments
 
 
+def _cut(run: _Run, model: Model, log: Log) -> tuple[Signals, Segments]:
+    """Signals and segments of the log once its efforts have changed."""
+    signals = prepare(log, run.preparation.cutoff)
+    segments = find_segments(signals, model.robot.actuators(signals.motion), run.preparation.cutting)
+    run.lap("gains")
+    return signals, segments
+
+
 def _call(run: _Run, robot: Robot, log: Log, terms: tuple[str | Term, ...]) -> str:
     """Python that does the run again; `robot` stands for one that was made or changed in Python."""
     return call_of(
@@ -302,8 +325,12 @@ def _call(run: _Run, robot: Robot, log: Log, terms: tuple[str | Term, ...]) -> s
     )
 
 
-def _identification(run: _Run, log: Log, signals: Signals, model: Model, averaged: AveragedSigns) -> Identification:
+def _identification(
+    run: _Run, log: Log, signals: Signals, model: Model, averaged: AveragedSigns, gains: UnknownGains | None = None
+) -> Identification:
     """Posterior, doubts, and the signs of segments; `model` holds the sensors' distortions too."""
+    seen, spread = hashes(log), None if gains is None else gains.fit
+    log = log if gains is None else gains.log
     settled, asked, probability, posterior = averaged.settled, averaged.asked, averaged.probability, None
     if run.sampling is not None:
         posterior = _sample(run, averaged, run.sampling)
@@ -312,17 +339,21 @@ def _identification(run: _Run, log: Log, signals: Signals, model: Model, average
         if averaged.by_asked:
             probability = _average_over_draws(averaged, posterior, run.progress)
         run.lap("smooth")
+    if spread is not None:
+        averaged = replace(averaged, fit=widened_by_gains(averaged.fit, spread, asked.evidence))
+        posterior = None if posterior is None else with_gains(posterior, spread)
     run.progress("other readings", 0, 1)
     reading = suspected_reading(asked.evidence, averaged.fit, probability)
     run.lap("other readings")
-    for seen in (asked.model, settled.model):
-        seen.forget()
+    for one in (asked.model, settled.model):
+        one.forget()
     doubt = structural_doubt(settled)
     probability = (1.0 - doubt) * probability + 0.5 * doubt
+    known = None if gains is None else gains.identified
     segments = settled.signs.segments.split(_sign_changes(signals))
     signs, confidence = segment_signs(segments, probability, signals.raw_effort)
     return Identification(
-        identified=replace(_identified(model, asked.evidence, averaged.fit, posterior), logs=hashes(log)),
+        identified=replace(_identified(model, asked.evidence, averaged.fit, posterior, known), logs=seen | hashes(log)),
         coefficients=asked.evidence.coefficients,
         log=log,
         signals=signals,
@@ -341,14 +372,16 @@ def _identification(run: _Run, log: Log, signals: Signals, model: Model, average
         noise_weights=settled.signs.weights,
         proofs=settled.signs.proofs,
         timings=run.laps,
-        warnings=warnings_of(log, averaged, doubt, posterior, reading),
+        warnings=warnings_of(log, averaged, doubt, posterior, reading, known),
         beliefs=run.beliefs,
         provenance=record_provenance(run.asked, log, run.call),
         better_reading=reading,
     )
 
 
-def _identified(model: Model, evidence: Evidence, fit: Fit, posterior: Posterior | None) -> IdentifiedModel:
+def _identified(
+    model: Model, evidence: Evidence, fit: Fit, posterior: Posterior | None, gains: IdentifiedGains | None
+) -> IdentifiedModel:
     """The model by the posterior or, without one, by least squares.
 
     What the model lacks makes its coefficients less certain, but not what the next log is to show of the same model: so
@@ -356,12 +389,12 @@ def _identified(model: Model, evidence: Evidence, fit: Fit, posterior: Posterior
     """
     if posterior is None:
         precision = of_base(model, evidence.coefficients, fit.information)
-        lacking = None if evidence.nuisance is None else _lacking(fit)
-        return IdentifiedModel(model, fit.theta, fit.noise, precision, lacking=lacking)
+        lacking = None if evidence.nuisance is None and gains is None else _lacking(fit)
+        return IdentifiedModel(model, fit.theta, fit.noise, precision, lacking=lacking, gains=gains)
     precision = of_base(model, evidence.coefficients, _inverse(posterior.covariance_of_log))
     theta, log_scale = posterior.target.split(posterior.uncertain.spread(DRAWS))
     draws = ParameterDraws(theta, posterior.target.likelihood.sigma * np.exp(log_scale))
-    return IdentifiedModel(model, posterior.theta, fit.noise, precision, draws)
+    return IdentifiedModel(model, posterior.theta, fit.noise, precision, draws, gains=gains)
 
 
 def _inverse(covariance: Array) -> Array:

@@ -8,6 +8,7 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.fit.least_squares import POOR_FIT, Fit
+from bayesid.identification.gains import BY_PRIOR, IdentifiedGains
 from bayesid.identification.other_readings import BetterReading
 from bayesid.log.log import Log
 from bayesid.log.low_pass import AfterRectifier
@@ -29,7 +30,12 @@ _GAP = 1e-8
 
 
 def warnings_of(
-    log: Log, averaged: AveragedSigns, doubt: Array, posterior: Posterior | None, reading: BetterReading | None = None
+    log: Log,
+    averaged: AveragedSigns,
+    doubt: Array,
+    posterior: Posterior | None,
+    reading: BetterReading | None = None,
+    gains: IdentifiedGains | None = None,
 ) -> tuple[str, ...]:
     """All warnings of an identification.
 
@@ -39,6 +45,7 @@ def warnings_of(
         doubt: (n,) probability that signs are guesses because the model is not the robot's.
         posterior: draws; None if it was not asked for.
         reading: of the log, that explains it better than the one given; None without one.
+        gains: where they were unknowns.
     """
     return (
         *averaged.asked.model.robot.notes,
@@ -57,6 +64,7 @@ def warnings_of(
         *_window_warning(posterior),
         *_modes_warning(posterior),
         *_excluded_warning(posterior),
+        *_gains_warning(gains),
     )
 
 
@@ -103,6 +111,20 @@ def confidences_lowered(doubt: Sequence[float]) -> str:
     joints = ", ".join(str(j) for j, share in enumerate(doubt, start=1) if share)
     lowered = f"confidences of joint {joints} are lowered, to {1.0 - 0.5 * max(doubt):.2f} at worst"
     return f"the model's own error is large: {lowered}"
+
+
+def factor_by_prior(relative_sd: float) -> str:
+    """That nothing but the gains' prior decides the factor common to all, and so the scale of all efforts."""
+    return (
+        f"the log does not tell the factor common to all gains: the scale of efforts, masses and frictions is known to "
+        f"{relative_sd:.0%} by the prior only"
+    )
+
+
+FACTOR_REMEDY = "add a log with a weighed --payload, or give one gain that you trust as exact"
+"""By which the factor gets known."""
+GAINS_UNSETTLED = "signs and gains had not come to agree when the rounds ended"
+"""That neither is the last word."""
 
 
 def pressed_windows(pressed: Mapping[str, float | None]) -> str:
@@ -260,3 +282,12 @@ def _excluded_warning(posterior: Posterior | None) -> list[str]:
     if posterior is None or posterior.excluded is None or posterior.excluded <= EXCLUDED:
         return []
     return [excluded_yet_likely(posterior.excluded)]
+
+
+def _gains_warning(gains: IdentifiedGains | None) -> list[str]:
+    if gains is None:
+        return []
+    unsettled = [] if gains.settled else [f"{GAINS_UNSETTLED}; give narrower --gains"]
+    if gains.factor_decided_by != BY_PRIOR:
+        return unsettled
+    return [*unsettled, f"{factor_by_prior(gains.factor_sd)}; {FACTOR_REMEDY}"]

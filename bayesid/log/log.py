@@ -28,7 +28,9 @@ from bayesid.log.formats.labels import pattern_of
 from bayesid.log.formats.memory import Variables, read_variables
 from bayesid.log.formats.parts import JOINT, join_parts
 from bayesid.log.formats.stated import parse_columns
-from bayesid.log.formats.table import ABSURD, DEGREE, FEWEST_ROWS, check, far_positions
+from bayesid.log.formats.units import factor_of, split_brackets
+from bayesid.log.formats.table import DEGREE, FEWEST_ROWS, check, far_positions
+from bayesid.log.gains import Gains, gains_of, is_exact
 from bayesid.log.speeds import check_speeds, check_velocities
 
 _MANY_TURNS = 20.0 * pi
@@ -89,6 +91,7 @@ class Log:
         source: where it came from, for messages.
         pieces: the recordings it was joined from, which hold its rows one after the other; empty where it is one.
         read_with: options of `read_log` that it was read with, where they were not the usual ones.
+        gains: by which its readings were made efforts, where some of them are not exact; None where all are.
 
     Example:
         >>> t = np.arange(200) / 100.0
@@ -105,6 +108,7 @@ class Log:
     source: str = "log"
     pieces: tuple[Piece, ...] = ()
     read_with: Mapping[str, object] = field(default_factory=dict, compare=False)
+    gains: Gains | None = None
 
     def __post_init__(self) -> None:
         q = frozen(self.q, (None, None), "q")
@@ -146,6 +150,16 @@ class Log:
             (True, False)
         """
         return replace(self, effort=np.abs(self.effort), signed=np.zeros(self.n_joints, dtype=bool))
+
+    def rescaled(self, factor: Array) -> Log:
+        """The log with each joint's efforts, and the gain behind them, multiplied by its factor (n,).
+
+        Example:
+            >>> bool(np.allclose(log.rescaled([1.0, 2.0, 1.0]).effort[:, 1], 2.0 * log.effort[:, 1]))
+            True
+        """
+        gains = None if self.gains is None else self.gains.times(np.asarray(factor))
+        return replace(self, effort=self.effort * np.asarray(factor), gains=gains)
 
     @property
     def pooled(self) -> bool:
@@ -211,7 +225,7 @@ LogSource: TypeAlias = Log | str | Path | Variables | Parts
 
 def read_log(
     source: str | Path | Variables | Parts,
-    gains: Sequence[float] | None = None,
+    gains: Sequence[float] | Gains | str | None = None,
     unsigned: str | None = None,
     *,
     degrees: bool | None = None,
@@ -228,7 +242,8 @@ def read_log(
             named as in a file, or with `t` (N,), `q` (N, n), `tau` or `i` (N, n), and `dq` (N, n) if measured. Parts of
             one run, such as positions and currents, in a list or as in "positions.csv+currents.csv" are joined by time.
         gains: n drive gains, N m/A, for a log of currents i1..in; efforts that the format leaves open (those of a ROS
-            bag) are then currents.
+            bag) are then currents. Gains that are not exact, as in "12~20%,16~20%,10" or "unknown", a CSV file with
+            the columns gain and sd, or `Gains`, become unknowns of the identification; those may correct torques too.
         unsigned: "all", "none" or 1-based joints as in "1,3"; by default a joint whose effort is never negative.
         degrees: whether positions and velocities are in degrees where the file does not say their unit. All of them
             are taken as angles: give those of prismatic joints a unit in the header, as in `q3[m]`. By default they
@@ -249,14 +264,14 @@ def read_log(
         >>> bayesid.read_log({"t": t, "q": q, "tau": 5.0 * q}).n_joints
         2
     """
-    _check_lists(gains=gains, joints=joints)
+    _check_lists(gains=None if isinstance(gains, Gains | str) else gains, joints=joints)
     stated = parse_columns(str(columns)) if isinstance(columns, str | Path) else columns
     options = Options(topic=topic, joints=joints, currents=gains is not None, columns=stated)
     table = _table_of(source, options)
-    angle, factors = angle_unit(table, degrees), _factors(table, gains)
+    angle, made_with = angle_unit(table, degrees), _gains(table, gains)
     q, effort = table.block("q", angle), table.block("tau" if "tau1" in table.columns else "i")
     signed = _signed(effort, unsigned, table.n_joints)
-    effort *= factors
+    effort *= made_with.value
     dq = table.block("dq", angle) if "dq1" in table.columns else None
     _check_blocks(table, q, effort)
     _check_no_velocities(table, q, effort)
@@ -265,11 +280,26 @@ def read_log(
         warnings.warn(note, stacklevel=2)
     for j in np.flatnonzero(~signed):
         np.abs(effort[:, j], out=effort[:, j])
+    uncertain = None if made_with.exact.all() else made_with
     recordings = [
-        Log(table.t[rows], _part(q, rows), _part(effort, rows), signed, dq if dq is None else _part(dq, rows), name)
+        Log(
+            t=table.t[rows],
+            q=_part(q, rows),
+            effort=_part(effort, rows),
+            signed=signed,
+            dq=dq if dq is None else _part(dq, rows),
+            source=name,
+            gains=uncertain,
+        )
         for name, rows in _recordings(table)
     ]
-    asked = {"gains": gains, "degrees": degrees, "topic": topic, "joints": joints, "columns": stated}
+    asked = {
+        "gains": gains.text if isinstance(gains, Gains) else gains,
+        "degrees": degrees,
+        "topic": topic,
+        "joints": joints,
+        "columns": stated,
+    }
     given = {name: list(value) if isinstance(value, tuple) else value for name, value in asked.items()}
     used = {name: value for name, value in given.items() if value is not None}
     return replace(join_logs(recordings), read_with=used)
@@ -390,6 +420,7 @@ def join_logs(logs: Sequence[Log]) -> Log:
         source=" + ".join(log.source for log in logs),
         pieces=tuple(pieces),
         read_with=first.read_with,
+        gains=first.gains,
     )
 
 
@@ -410,10 +441,17 @@ def _check_fit(first: Log, log: Log) -> None:
     if (log.dq is None) != (first.dq is None):
         said = f"only one of it and {first.source} has measured velocities"
         raise InputError(said, log.source, "leave the columns dq1..dqn out of the other")
+    if _as_text(log.gains) != _as_text(first.gains):
+        said = f"was read with gains {_as_text(log.gains)}, {first.source} with {_as_text(first.gains)}"
+        raise InputError(said, log.source, "read both with the same --gains")
     rate, expected = 1.0 / log.period, 1.0 / first.period
     if abs(rate / expected - 1.0) > _SAME_RATE:
         said = f"{rate:.4g} Hz, {first.source} has {expected:.4g} Hz"
         raise InputError(said, log.source, "bring the logs to the same rate")
+
+
+def _as_text(gains: Gains | None) -> str:
+    return "that are exact" if gains is None else gains.text
 
 
 def write_log(path: str | Path, log: Log) -> None:
@@ -481,24 +519,32 @@ def angle_unit(table: Table, degrees: bool | None) -> float:
     return DEGREE if degrees else 1.0
 
 
-def _factors(table: Table, gains: Sequence[float] | None) -> Array:
-    """(n,) N m per unit of what was measured."""
-    n, where = table.n_joints, table.source
-    if "tau1" in table.columns:
-        if gains is not None:
-            remedy = (
-                f'drop --gains, or give --columns i="{pattern_of(table.columns["tau1"].label)}" if they are currents'
-            )
-            raise InputError("gains are given but the log holds torques tau1..taun", where, remedy)
-        return np.ones(n)
-    if gains is None:
-        raise InputError("the log holds currents but no gains are given", where, "give --gains K1,..,Kn in N m/A")
-    if len(gains) != n:
-        raise InputError(f"{len(gains)} gains for {n} joints", "--gains", "give one gain per joint, N m/A")
-    factors = np.array(gains, dtype=float)
-    if not np.all((np.abs(factors) < ABSURD) & (factors != 0.0)):
-        raise InputError("a gain is zero or not finite", "--gains", "give one gain per joint, N m/A")
-    return factors
+def _gains(table: Table, stated: Sequence[float] | Gains | str | None) -> Gains:
+    """The gains by which a table's readings become efforts."""
+    n, where, torques = table.n_joints, table.source, "tau1" in table.columns
+    if stated is None:
+        if torques:
+            return Gains(np.ones(n), np.zeros(n), of_torques=True)
+        remedy = "give --gains K1,..,Kn in N m/A, as in 12~20%,16,10 where they are uncertain, or --gains unknown"
+        raise InputError("the log holds currents but no gains are given", where, remedy)
+    if isinstance(stated, Gains) and stated.exact.all():  # of an earlier result
+        if torques and not stated.of_torques:
+            warnings.warn(f"{where} holds torques: gains of currents are left out", stacklevel=3)
+            return Gains(np.ones(n), np.zeros(n), of_torques=True)
+        if not torques and stated.of_torques:
+            said = "the log holds currents, the gains are factors on torques"
+            raise InputError(said, where, "give the gains of currents with --gains")
+    elif torques and is_exact(stated):
+        pattern = pattern_of(table.columns["tau1"].label)
+        remedy = f'drop --gains, or give --columns i="{pattern}" if they are currents'
+        raise InputError("gains are given but the log holds torques tau1..taun", where, remedy)
+    return replace(gains_of(stated, n), of_torques=torques, unit="N m" if torques else _unit_of_currents(table))
+
+
+def _unit_of_currents(table: Table) -> str:
+    """A, unless the header says another unit that is none of currents: %, counts."""
+    unit = split_brackets(table.columns["i1"].label)[1]
+    return "A" if unit is None or factor_of("i", unit) is not None else unit
 
 
 def _check_lists(**given: object) -> None:

@@ -22,6 +22,7 @@ import numpy as np
 from scipy.special import log_expit, logsumexp
 
 from bayesid.arrays import Array, Integers, Mask
+from bayesid.fit.gains import GainFit
 from bayesid.fit.moments import Moments
 from bayesid.fit.noise import Noise
 from bayesid.posterior.blocks import SegmentBlocks
@@ -47,6 +48,8 @@ _LAST = 0.9
 _PRESSED = 0.2
 """Share of such draws from which on a window decides: a density that grows in proportion up to the edge has
 1 - 0.9^2 = 0.19 there. On the logs of study `real` it is 0.09 at most."""
+_GAIN_DRAWS = 1
+"""Of the seed's streams, the one that gains are drawn from."""
 OF_PRIOR = 0.1
 """Share of the prior's variance that the data leave at most where they decide a parameter: nine tenths of its precision
 are then theirs. A round number; docs/posterior.md, section 3, states it."""
@@ -68,6 +71,8 @@ class Posterior:
         plus: (S,) P(sign = +) of each segment, averaged over the draws.
         branch_mass: (B,) mass of each assignment that the search lists, in its order; empty without a list.
         elsewhere: mass of all other assignments, by the draws; None without a list.
+        log_gain: (D, E, W, n) logarithms of the gains of each draw, relative to those of the efforts; None where all
+            gains are exact. The draws are moved by them too.
         excluded: share of a joint's squared effort, of the worst one, to which the draws give signs that the search has
             excluded; None where it has excluded none.
         seconds: of wall time.
@@ -87,6 +92,7 @@ class Posterior:
     chosen: int = 0
     shift: Array | None = None
     excluded: float | None = None
+    log_gain: Array | None = None
 
     def __repr__(self) -> str:
         sweeps, ensembles, walkers, size = self.draws.theta.shape
@@ -277,6 +283,17 @@ def widened(posterior: Posterior, information: Array, lacking: Array) -> Posteri
         moved[:, single] = np.maximum(moved[:, single], 0.0)
         shift[here] = moved - draws.theta[here]
     return replace(posterior, shift=shift)
+
+
+def with_gains(posterior: Posterior, gains: GainFit) -> Posterior:
+    """The posterior with the gains drawn from theirs, and each draw as it is with its gains (:eq:`gain-draws`)."""
+    theta, single = posterior.uncertain.theta, posterior.single_nonnegative
+    rng = np.random.default_rng([posterior.sampling.seed, _GAIN_DRAWS])
+    log = gains.draw(int(np.prod(theta.shape[:-1])), rng)
+    moved = gains.scaled(theta.reshape(-1, theta.shape[-1]), log)
+    moved[:, single] = np.maximum(moved[:, single], 0.0)
+    shift = moved.reshape(theta.shape) - posterior.draws.theta
+    return replace(posterior, shift=shift, log_gain=log.reshape(*theta.shape[:-1], -1))
 
 
 def _principal(information: Array, lacking: Array) -> Array:

@@ -14,10 +14,13 @@ from typing import Any, Literal
 import numpy as np
 
 from bayesid.fit.least_squares import POOR_FIT
+from bayesid.identification.gains import BY_DATA, BY_PRIOR, GIVEN
 from bayesid.identification.identification import SURE, sure_share_of
 from bayesid.identification.other_readings import SUSPICIOUS
 from bayesid.identification.warnings import (
     EXCLUDED,
+    FACTOR_REMEDY,
+    GAINS_UNSETTLED,
     OTHER_MODE,
     WITHHELD,
     confidences_lowered,
@@ -35,7 +38,7 @@ from bayesid.model.effects import ReadableUnit
 from bayesid.report import commands
 from bayesid.report.findings import AMBIGUOUS, Findings, Summary
 from bayesid.report.findings.summary import EffectSummary, Numbers
-from bayesid.report.words import joints_in_words, label, listed, quantity
+from bayesid.report.words import in_percent, joints_in_words, label, listed, quantity, rounded
 
 State = Literal["good", "look", "bad", "not done"]
 
@@ -110,6 +113,7 @@ def check_findings(findings: Findings) -> tuple[Check, ...]:
         *modes(findings),
         _fit(findings),
         *beyond_the_terms(summary),
+        *gains(summary),
         intervals(summary),
         _whiteness(findings),
         _decided(findings),
@@ -364,6 +368,55 @@ def beyond_the_terms(summary: Summary) -> tuple[Check, ...]:
     before, after = (_relative(values, errors.effort) for values in (errors.before, errors.after))
     fall = f"held-back torque error {100 * before:.1f} -> {100 * after:.1f} % of the effort"
     return (Check(name, "good", f"{'; '.join(parts)}; {fall}"),)
+
+
+GAIN_HEADINGS = ("gain of joint", "value and sd", "95 % interval", "ratio to the others known to", "decided by")
+"""Of `gain_rows`."""
+
+
+def gain_rows(summary: Summary) -> list[tuple[str, str, str, str, str]]:
+    """Gains that were unknowns: which, its value, its interval, how well its ratio to the others is known, by what."""
+    of_log = summary.gains
+    if of_log is None:
+        return []
+    columns = (of_log.mean, of_log.sd, of_log.lower, of_log.upper, of_log.ratio_sd, of_log.decided_by)
+    return [
+        (
+            str(joint),
+            quantity(mean or 0.0, sd or 0.0, of_log.unit),
+            f"{rounded(lower or 0.0)} to {rounded(upper or 0.0)}",
+            "" if by == GIVEN else in_percent(ratio or 0.0),
+            by,
+        )
+        for joint, (mean, sd, lower, upper, ratio, by) in enumerate(zip(*columns, strict=True), start=1)
+    ]
+
+
+def gains(summary: Summary) -> tuple[Check, ...]:
+    """What the log says of gains; nothing where all were exact."""
+    of_log, name = summary.gains, "Gains"
+    if of_log is None:
+        return ()
+    told, untold = (
+        [j for j, by in enumerate(of_log.decided_by, start=1) if by == kind] for kind in (BY_DATA, BY_PRIOR)
+    )
+    parts = []
+    if told:
+        worst_of = max(of_log.ratio_sd[j - 1] or 0.0 for j in told)
+        parts.append(f"ratios of {joints_in_words(told)} known to {in_percent(worst_of)}")
+    if untold:
+        parts.append(f"{joints_in_words(untold)}: by the prior only")
+    factor = in_percent(of_log.factor_sd or 0.0)
+    by_prior = of_log.factor_decided_by == BY_PRIOR
+    parts.append(f"the factor common to all known to {factor}{' by the prior only' if by_prior else ''}")
+    if of_log.like_friction:
+        whose = joints_in_words(of_log.like_friction)
+        parts.append(f"of {whose} load-dependent friction would explain it as well (a gear's efficiency is no gain)")
+    if not of_log.settled:
+        return (Check(name, "bad", GAINS_UNSETTLED, "give narrower --gains"),)
+    if by_prior:
+        return (Check(name, "look", "; ".join(parts), FACTOR_REMEDY),)
+    return (Check(name, "look" if of_log.like_friction else "good", "; ".join(parts)),)
 
 
 def intervals(summary: Summary) -> Check:

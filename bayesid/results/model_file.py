@@ -16,7 +16,9 @@ from bayesid.bounded import read_source, toml_of
 from bayesid.errors import InputError, printable
 from bayesid.fit.knowledge import scale_of
 from bayesid.fit.noise import Noise
+from bayesid.identification.gains import IdentifiedGains
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
+from bayesid.log.gains import gains_of
 from bayesid.model.catalogue import forms, of_shape
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.distortions import Distortion
@@ -76,7 +78,39 @@ def _stored_model(table: dict[str, Any], where: str, known: Mapping[str, type[Ef
     knowledge = table.get("knowledge")
     logs = frozenset(map(str, (knowledge or {}).get("logs", [])))
     precision, lacking = _stored_precision(knowledge, model), _stored_lacking(knowledge, model)
-    return IdentifiedModel(model, theta, noise, precision, lacking=lacking, logs=logs)
+    gains = _stored_gains(table["gains"], robot.n_joints) if "gains" in table else None
+    return IdentifiedModel(model, theta, noise, precision, lacking=lacking, logs=logs, gains=gains)
+
+
+def _stored_gains(table: Mapping[str, Any], n: int) -> IdentifiedGains:
+    covariances = {key: frozen(table[key], (n, n), f"gains, {key},") for key in ("covariance", "prior")}
+    stated = replace(gains_of(table["stated"], n), of_torques=bool(table["of_torques"]), unit=str(table["unit"]))
+    return IdentifiedGains(
+        value=frozen(table["value"], (n,), "gains, value,"),
+        weights=frozen(table["weights"], (n,), "gains, weights,"),
+        stated=stated,
+        settled=bool(table["settled"]),
+        like_friction=tuple(map(int, table["like_friction"])),
+        **covariances,
+    )
+
+
+def _gains_table(gains: IdentifiedGains | None) -> dict[str, Any]:
+    """What the file says of gains; nothing where all were exact."""
+    if gains is None:
+        return {}
+    table = {
+        "value": gains.value.tolist(),
+        "unit": gains.stated.unit,
+        "of_torques": gains.stated.of_torques,
+        "stated": gains.stated.text,
+        "settled": gains.settled,
+        "like_friction": list(gains.like_friction),
+        "weights": gains.weights.tolist(),
+        "covariance": gains.covariance.tolist(),
+        "prior": gains.prior.tolist(),
+    }
+    return {"gains": table}
 
 
 def _stored_precision(table: dict[str, Any] | None, model: Model) -> Array:
@@ -174,4 +208,5 @@ def model_table(stored: IdentifiedModel) -> dict[str, Any]:
             **({} if stored.lacking is None else {"lacking": stored.lacking.tolist()}),
             "logs": sorted(stored.logs),
         },
+        **_gains_table(stored.gains),
     }

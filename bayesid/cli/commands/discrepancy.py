@@ -60,7 +60,8 @@ def _compare_with_result(options: argparse.Namespace) -> None:
             raise InputError("a result has its own robot and terms", f"--{name}", "leave it out")
     (path,) = options.logs
     folder = _folder(options, [options.result, path])
-    identified, reading = load_model(options.result), reading_options(options)
+    identified = load_model(options.result)
+    reading = reading_options(options, identified)
     logs = [path] if options.holdout is None else [path, options.holdout]
     with reserved(folder), StageBars(options.quiet) as bars:
         bars.show("read", 0, 1)

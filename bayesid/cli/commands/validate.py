@@ -32,6 +32,6 @@ def validation_of(options: argparse.Namespace, path: Path, bars: StageBars) -> V
     """The validation of the model in the folder `options.result` by a log."""
     bars.show("read", 0, 1)
     identified = load_model(options.result)
-    log = read(path, reading_options(options))
+    log = read(path, reading_options(options, identified))
     bars.show("validate", 0, 1)
     return identified.validate(log, options.cutoff)

@@ -283,6 +283,39 @@ class FitSummary:
 
 
 @dataclass(frozen=True)
+class GainsSummary:
+    """The gains by which readings were made efforts, where they were unknowns.
+
+    Attributes:
+        mean: (n,) the likeliest, in `unit`; those by which the result's efforts were made.
+        sd: (n,) their standard deviations.
+        lower: (n,) lower ends of their 95 % intervals.
+        upper: (n,) upper ends.
+        decided_by: (n,) what decides the ratio of each to the others: "data", "prior", or it is "given".
+        ratio_sd: (n,) relative sd of that ratio.
+        factor_sd: relative sd of the factor common to all.
+        factor_decided_by: "data", with what is stated of masses or gains, or "prior".
+        unit: of them.
+        stated: as on the command line.
+        settled: whether signs and gains had come to agree.
+        like_friction: joints, from 1, whose gain the log does not tell from load-dependent friction.
+    """
+
+    mean: Numbers
+    sd: Numbers
+    lower: Numbers
+    upper: Numbers
+    decided_by: tuple[str, ...]
+    ratio_sd: Numbers
+    factor_sd: Number
+    factor_decided_by: str
+    unit: str
+    stated: str
+    settled: bool
+    like_friction: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
 class LowPassSummary:
     """A low-pass that |effort| has passed after the rectifier.
 
@@ -329,6 +362,7 @@ class Summary:
         modes: of the posterior, the heaviest first; empty where it was not sampled.
         better_reading: of the log, than the one given; None where there is none.
         low_pass_after_rectifier: that |effort| has passed; None where none was found.
+        gains: that were unknowns; None where all were exact.
     """
 
     robot: str
@@ -354,6 +388,7 @@ class Summary:
     modes: tuple[ModeSummary, ...] = ()
     better_reading: BetterReading | None = None
     low_pass_after_rectifier: LowPassSummary | None = None
+    gains: GainsSummary | None = None
 
     @property
     def hidden_joints(self) -> int:
@@ -393,6 +428,7 @@ def summarise(identification: Identification) -> Summary:
         modes=_modes(identification),
         better_reading=identification.better_reading,
         low_pass_after_rectifier=_low_pass(identification),
+        gains=_gains(identification),
     )
     return from_json(Summary, as_json(summary))  # so that it is what a file gives: None for what is not finite
 
@@ -413,6 +449,29 @@ def _low_pass(identification: Identification) -> LowPassSummary | None:
         return None
     low_pass, taken = after.low_pass, tuple(after.noise.tolist())
     return LowPassSummary(low_pass.cutoff, low_pass.order, low_pass.zero_phase, taken, str(low_pass))
+
+
+def _gains(identification: Identification) -> GainsSummary | None:
+    gains = identification.gains
+    if gains is None:
+        return None
+    ends = gains.interval()
+    of_joints = (gains.value, gains.sd, *ends, gains.ratio_sd)
+    mean, sd, lower, upper, ratio_sd = (tuple(values.tolist()) for values in of_joints)
+    return GainsSummary(
+        mean=mean,
+        sd=sd,
+        lower=lower,
+        upper=upper,
+        decided_by=gains.decided_by,
+        ratio_sd=ratio_sd,
+        factor_sd=gains.factor_sd,
+        factor_decided_by=gains.factor_decided_by,
+        unit=gains.unit,
+        stated=gains.stated.text,
+        settled=gains.settled,
+        like_friction=gains.like_friction,
+    )
 
 
 def _search(identification: Identification) -> SearchSummary:

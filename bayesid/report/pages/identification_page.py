@@ -23,10 +23,12 @@ from bayesid.report.plot.paper import Paper
 from bayesid.report.plot.remainder import VARIABLES
 from bayesid.report.verdicts import (
     EFFECT_HEADINGS,
+    GAIN_HEADINGS,
     State,
     at_standstill,
     check_findings,
     effect_rows,
+    gain_rows,
     sure_share,
     worst,
 )
@@ -49,6 +51,7 @@ _SECTIONS = {
     "torques": "Efforts and signs",
     "doubts": "Ambiguous segments",
     "effects": "Beyond the terms asked for",
+    "gains": "Gains",
     "coefficients": "Coefficients",
     "posterior": "Posterior",
     "residuals": "Residuals",
@@ -67,6 +70,7 @@ _SECTION_OF = {
     "Modes": "posterior",
     "Fit": "residuals",
     "Beyond the terms": "effects",
+    "Gains": "gains",
     "Intervals": "coefficients",
     "Whiteness of the residual": "residuals",
     "Data or prior": "coefficients",
@@ -106,6 +110,7 @@ def identification_page(findings: Findings, progress: Progress = SILENT) -> str:
     state, effects = worst(checks), effect_rows(summary)
     absent = {
         *([] if effects else ["effects"]),
+        *([] if summary.gains else ["gains"]),
         *([] if summary.hidden_joints else ["proof"]),
         *([] if summary.warnings else ["warnings"]),
     }
@@ -119,7 +124,9 @@ def identification_page(findings: Findings, progress: Progress = SILENT) -> str:
         "sections": {check: name for check, name in _SECTION_OF.items() if name not in absent},
         "hidden": summary.hidden_joints > 0,
         "effects": effects,
-        "effect_headings": [heading[0].upper() + heading[1:] for heading in EFFECT_HEADINGS],
+        "effect_headings": list(map(upper, EFFECT_HEADINGS)),
+        "gains": gain_rows(summary),
+        "gain_headings": list(map(upper, GAIN_HEADINGS)),
     }
     parts = (_torques, _doubts, _coefficients, _posterior, _residuals, _proof, _validation, _run)
     for more in in_parallel([partial(part, findings) for part in parts], partial(progress, "report")):

@@ -1,0 +1,326 @@
+"""Drive gains as unknowns: estimated with the coefficients, in the cone, once the signs are known.
+
+Joint j reads y_j = e_j / k_j of an effort e_j = Y_j theta. With l_j the logarithm of its gain over the one that made
+efforts of the readings, the rows of a joint are  s |tau| = exp(-l_j) Y_j theta + e : their noise is that of what was
+read, and does not grow with the gain. So :eq:`gain-profile`::
+
+    F(l) = min over theta in the cone of
+           sum_j [exp(-2 l_j) theta' B' H_j B theta - 2 exp(-l_j) g_j' B theta + c_j] / 2 + stated(theta)
+           + (l - m)' C^-1 (l - m) / 2,
+
+with the by-joint moments H_j, g_j, c_j, what is stated of parameters, and the gains' prior N(m, C) (Gautier and Briot
+2014 for known signs, without prior or cone). The minimum is found by Newton steps with the curvature of the problem
+linearised in (theta, l), of which theta is eliminated. A common factor of all gains leaves F as it is but for the prior
+and what is stated: scaled with the efforts, every parameter stays feasible.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from bayesid.arrays import TINY, Array, Integers, Mask
+from bayesid.fit.evidence import Evidence
+from bayesid.fit.knowledge import Links, Nominal
+from bayesid.fit.least_squares import constant_stretches
+from bayesid.fit.noise import Noise
+from bayesid.fit.solver import solve_precisely
+from bayesid.log.gains import Gains
+from bayesid.model.coefficients import BaseCoefficients
+from bayesid.model.model import Model
+
+DECIDED = 0.1
+"""Share of the prior's variance that data leave at most where they decide a gain: as for parameters
+(docs/posterior.md, section 3)."""
+_LOST = 1.0
+"""Sd of the logarithm of a gain that nobody knows, about what the robot's masses make likely: a factor of 2.7, for a
+typical link's torque is no better known. Set by hand."""
+_LOST_TOGETHER = 0.75
+"""Sd of the logarithm of the factor common to them: that of an arm's mass at its reach (`_MASS`)."""
+_MASS = 60.0
+"""kg m^-2: mass of an arm over its squared reach, the middle of eleven data sheets from 16 kg at 0.8 m to 1100 kg at
+2.5 m, which spread by a factor of 2.1 (16 to 180)."""
+_MOST_STEPS = 30
+"""Newton steps: an end to rounding, not a limit; some five are needed."""
+_SETTLED = 1e-3
+"""Newton decrement (nats) at which the minimum counts as reached: 3 % of a standard deviation."""
+_SHORTEST = 1e-3
+"""Share of a Newton step at which the line search ends: rounding."""
+_RIDGE = 1e-9
+"""Of a scaled curvature, for parameters that neither data nor prior show."""
+
+
+@dataclass(frozen=True)
+class GainPrior:
+    """A normal distribution of the logarithms of n gains, relative to those that made the efforts.
+
+    Attributes:
+        mean: (n,).
+        covariance: (n, n); zero rows where a gain is exact.
+    """
+
+    mean: Array
+    covariance: Array
+
+    @property
+    def loose(self) -> Integers:
+        """Indices of the gains that are not exact."""
+        return np.flatnonzero(np.diag(self.covariance) > 0.0)
+
+    def moved(self, log_factor: Array) -> GainPrior:
+        """The same relative to efforts that were multiplied by exp(log_factor) (n,)."""
+        return GainPrior(self.mean - log_factor, self.covariance)
+
+
+def prior_of(gains: Gains) -> GainPrior:
+    """What is believed of gains about the values stated; those that nobody knows about their values, with a factor."""
+    sd = np.where(gains.unknown, _LOST, gains.sd)
+    together = gains.unknown * _LOST_TOGETHER
+    return GainPrior(np.zeros(len(sd)), np.diag(sd**2) + np.outer(together, together))
+
+
+def likely_gains(evidence: Evidence, gains: Gains) -> Array:
+    """(n,) factors on gains that nobody knows, so that efforts are as large as a robot of its reach makes them.
+
+    For a robot of `_MASS` times its squared reach, and links as the prior believes them, the efforts of the log's
+    motion have an expected energy in each joint (as in `bayesid.posterior.links`).
+
+    Args:
+        evidence: the model, the log, and which samples count.
+        gains: by which its efforts were made.
+    """
+    robot, cone = evidence.model.robot, evidence.model.cone
+    reach = max(robot.stretched, TINY)
+    links = Links(mass=max(_MASS * reach**2 / (0.3 * robot.n_joints), TINY), reach=0.25 * reach)
+    signs = np.where(evidence.signals.raw_effort >= 0.0, 1.0, -1.0)
+    moments = evidence.moments(signs, constant_stretches(evidence.used), summed_out=False)
+    sd, mean = np.zeros(cone.size), np.zeros(cone.size)
+    for body in cone.bodies:
+        sd[body], mean[body] = links.sd, links.centre
+    projection = evidence.coefficients.projection
+    spread, middle = projection * sd, projection @ mean
+    hessian = moments.hessian.by_joint(robot.n_joints)
+    expected = np.einsum("rp,jrs,sp->j", spread, hessian, spread) + np.einsum("r,jrs,s->j", middle, hessian, middle)
+    measured = np.bincount(moments.joint, weights=moments.energy, minlength=robot.n_joints)
+    told = gains.unknown & (expected > 0.0) & (measured > 0.0)
+    return np.where(told, np.sqrt(np.where(told, expected, 1.0) / np.where(told, measured, 1.0)), 1.0)
+
+
+@dataclass(frozen=True)
+class GainFit:
+    """Gains and parameters, linearised at the best of both.
+
+    Attributes:
+        log: (n,) logarithm of each gain over the one that made the efforts, the best.
+        covariance: (n, n) of these logarithms given data and prior; zero where a gain is exact.
+        prior: what was believed.
+        information: (n, n) what the data alone, all parameters eliminated, say of the logarithms.
+        moves: (P, n) change of the best parameters with each logarithm.
+        body: (P,) whether a parameter is a body's.
+        joint: (P,) 0-based joint of each.
+        theta: (P,) the best parameters.
+        steps: Newton steps taken.
+        settled: whether they led to the minimum.
+    """
+
+    log: Array
+    covariance: Array
+    prior: GainPrior
+    information: Array
+    moves: Array
+    body: Mask
+    joint: Integers
+    theta: Array
+    steps: int
+    settled: bool
+
+    @property
+    def sd(self) -> Array:
+        """(n,) standard deviations of the logarithms."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @cached_property
+    def weights(self) -> Array:
+        """(n,) by which the factor common to all gains is their mean: what the data say of each joint's alone."""
+        own = np.maximum(np.diag(self.information), 0.0)
+        total = own.sum()
+        return own / total if total > 0.0 else np.full(len(own), 1.0 / len(own))
+
+    def draw(self, count: int, rng: np.random.Generator) -> Array:
+        """(count, n) draws of the logarithms about the best."""
+        values, vectors = np.linalg.eigh(self.covariance)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        draws: Array = rng.standard_normal((count, len(values))) @ root.T
+        return draws
+
+    def scaled(self, theta: Array, log: Array) -> Array:
+        """(K, P) parameters as they would be with gains exp(log) (K, n) times as large: a joint's own parameters and,
+        with the common factor, the bodies' scale with it; what ratios change besides is linear.
+        """
+        own, common = np.exp(log)[:, self.joint], np.exp(log @ self.weights)[:, None]
+        scale = np.where(self.body, common, own)
+        slope = np.where(self.body[:, None], self.weights, np.eye(len(self.log))[self.joint]) * self.theta[:, None]
+        moved: Array = scale * (theta + log @ (self.moves - slope).T)
+        return moved
+
+
+def fit_gains(
+    evidence: Evidence, noise: Noise, signs: Array, prior: GainPrior, links: Links, nominal: Nominal | None = None
+) -> GainFit:
+    """The gains that suit a log with known signs best, and how well it shows them.
+
+    Args:
+        evidence: the model, the log, and which samples count.
+        noise: of its efforts, by which rows are weighed.
+        signs: (N, n) expected sign of every sample.
+        prior: of the gains.
+        links: what is believed of any link: it scales with the common factor, and so says nothing of it.
+        nominal: what is stated of the parameters; it does not scale.
+
+    Raises:
+        SolverError: a cone problem could not be solved.
+    """
+    problem = _Problem.of(evidence, noise, signs, links, nominal)
+    loose, n = prior.loose, len(prior.mean)
+    pull = np.zeros((n, n))
+    pull[np.ix_(loose, loose)] = np.linalg.inv(prior.covariance[np.ix_(loose, loose)])
+    log, steps, settled = np.zeros(n), 0, False
+
+    def cost(at: Array) -> tuple[float, Array]:
+        value, theta = problem.profile(at)
+        return value + 0.5 * float((at - prior.mean) @ pull @ (at - prior.mean)), theta
+
+    value, theta = cost(log)
+    for steps in range(1, _MOST_STEPS + 1):
+        information, _ = problem.linearised(theta, log)
+        slope = problem.slope(theta, log) + pull @ (log - prior.mean)
+        step = np.zeros(n)
+        step[loose] = -np.linalg.solve((information + pull)[np.ix_(loose, loose)], slope[loose])
+        decrement = -float(slope @ step)
+        if decrement < _SETTLED:
+            settled = True
+            break
+        length, tried = 1.0, cost(log + step)
+        while tried[0] > value and length > _SHORTEST:
+            length *= 0.5
+            tried = cost(log + length * step)
+        if tried[0] >= value:
+            settled = decrement < 1.0
+            break
+        log, (value, theta) = log + length * step, tried
+    information, moves = problem.linearised(theta, log)
+    covariance = np.zeros((n, n))
+    covariance[np.ix_(loose, loose)] = np.linalg.inv((information + pull)[np.ix_(loose, loose)])
+    joints = np.array([parameter.joint - 1 for parameter in evidence.model.parameters])
+    return GainFit(log, covariance, prior, information, moves, problem.body, joints, theta, steps, settled)
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """By-joint moments in units of the noise, and what is believed of the P parameters.
+
+    Attributes:
+        model: with its cone.
+        coefficients: the r base coefficients.
+        hessian: (n, r, r).
+        gradient: (n, r).
+        energy: c of all.
+        stated: (P,) 1 / sd^2 of what is stated, zero of all else.
+        mean: (P,) what is stated.
+        pull: (P,) 1 / sd^2 of the links' prior, zero where something is stated or nothing is believed.
+        body: (P,) whether a parameter is a body's.
+    """
+
+    model: Model
+    coefficients: BaseCoefficients
+    hessian: Array
+    gradient: Array
+    energy: float
+    stated: Array
+    mean: Array
+    pull: Array
+    body: Mask
+
+    @classmethod
+    def of(cls, evidence: Evidence, noise: Noise, signs: Array, links: Links, nominal: Nominal | None) -> _Problem:
+        """Of a log with known signs."""
+        n, cone = evidence.model.robot.n_joints, evidence.model.cone
+        moments = evidence.moments(signs, constant_stretches(evidence.used), summed_out=False)
+        scaled = moments.scaled(noise.sigma * np.sqrt(noise.autocorrelation))
+        gradient = np.zeros((n, scaled.gradient.shape[1]))
+        np.add.at(gradient, scaled.joint, scaled.gradient)
+        body, pull = np.zeros(cone.size, dtype=bool), np.zeros(cone.size)
+        for part in cone.bodies:
+            body[part], pull[part] = True, links.sd**-2.0
+        stated, mean = np.zeros(cone.size), np.zeros(cone.size)
+        if nominal is not None:
+            known = np.isfinite(nominal.mean)
+            stated[known], mean[known], pull[known] = nominal.sd[known] ** -2.0, nominal.mean[known], 0.0
+        hessian = scaled.hessian.by_joint(n)
+        return cls(
+            evidence.model,
+            evidence.coefficients,
+            hessian,
+            gradient,
+            float(scaled.energy.sum()),
+            stated,
+            mean,
+            pull,
+            body,
+        )
+
+    def profile(self, log: Array) -> tuple[float, Array]:
+        """F without the gains' prior, and the best parameters (P,) in the cone."""
+        hessian = np.einsum("j,jrs->rs", np.exp(-2.0 * log), self.hessian)
+        gradient, energy = np.exp(-log) @ self.gradient, self.energy
+        coefficients, known = self.coefficients, np.flatnonzero(self.stated)
+        if known.size:
+            rows = np.vstack([coefficients.projection, np.eye(len(self.stated))[known]])
+            coefficients = _with_projection(coefficients, rows)
+            weight = self.stated[known]
+            size = len(hessian)
+            both = np.zeros((len(rows), len(rows)))
+            both[:size, :size], both[size:, size:] = hessian, np.diag(weight)
+            hessian, gradient = both, np.concatenate([gradient, weight * self.mean[known]])
+            energy += float(weight @ self.mean[known] ** 2)
+        solution = solve_precisely(self.model.cone, coefficients, hessian, gradient, energy)
+        beta = coefficients.project(solution.theta)
+        return 0.5 * float(beta @ hessian @ beta - 2.0 * gradient @ beta + energy), solution.theta
+
+    def slope(self, theta: Array, log: Array) -> Array:
+        """(n,) of the profile: by the envelope theorem that at fixed parameters."""
+        beta = self.coefficients.project(theta)
+        curvature = np.einsum("r,jrs,s->j", beta, self.hessian, beta)
+        slope: Array = -np.exp(-2.0 * log) * curvature + np.exp(-log) * (self.gradient @ beta)
+        return slope
+
+    def linearised(self, theta: Array, log: Array) -> tuple[Array, Array]:
+        """(n, n) information on the logarithms, parameters eliminated, and (P, n) how these move with them.
+
+        Args:
+            theta: (P,) parameters.
+            log: (n,) logarithms.
+        """
+        projection, n = self.coefficients.projection, len(log)
+        pulled = np.exp(-2.0 * log)[:, None] * (self.hessian @ self.coefficients.project(theta))  # (n, r)
+        own = np.diag(pulled @ self.coefficients.project(theta))
+        hessian = np.einsum("j,jrs->rs", np.exp(-2.0 * log), self.hessian)
+        scaling = np.where(self.body, theta, 0.0) * self.pull
+        common = np.full(n, 1.0 / n)
+        full = projection.T @ hessian @ projection + np.diag(self.pull + self.stated)
+        across = -projection.T @ pulled.T - np.outer(scaling, common)
+        inner = own + float(scaling @ theta) * np.outer(common, common)
+        size = 1.0 / np.sqrt(np.maximum(np.diag(full), TINY))
+        scaled = full * np.outer(size, size) + _RIDGE * np.eye(len(full))
+        moves = -size[:, None] * np.linalg.solve(scaled, size[:, None] * across)
+        information = inner + across.T @ moves
+        return 0.5 * (information + information.T), moves
+
+
+def _with_projection(coefficients: BaseCoefficients, rows: Array) -> BaseCoefficients:
+    """Coefficients with more rows: what is stated of single parameters beside them."""
+    more = len(rows) - len(coefficients)
+    names = (*coefficients.names, *(f"stated {k}" for k in range(more)))
+    return BaseCoefficients(names, names, ("",) * len(names), np.zeros(len(rows), dtype=np.int64), rows)

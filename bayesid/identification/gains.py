@@ -1,0 +1,235 @@
+"""Gains as unknowns of an identification: signs and gains in turn, and what is known of the gains in the end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import norm
+
+from bayesid.arrays import Array, Mask
+from bayesid.fit.effects.relevance import inverse_of
+from bayesid.fit.evidence import Evidence
+from bayesid.fit.gains import DECIDED, GainFit, GainPrior, fit_gains, likely_gains, prior_of
+from bayesid.fit.knowledge import Beliefs
+from bayesid.fit.least_squares import Fit, constant_stretches
+from bayesid.fit.noise import Noise
+from bayesid.log.gains import Gains
+from bayesid.log.log import Log
+from bayesid.model.terms.load_dependent_friction import LoadDependentFriction
+from bayesid.posterior.links import usual_links
+
+_STILL = 0.3
+"""Posterior standard deviations by which gains may still move when they count as settled. A round number."""
+_MOST_MOVES = 6
+"""Times that gains move and signs are searched again; two or three are usual. A round number."""
+_LEFT = 0.1
+"""Share of what a log says of a gain that must be left beside load-dependent friction: as for `DECIDED`."""
+GIVEN, BY_DATA, BY_PRIOR = "given", "data", "prior"
+"""What decides a gain."""
+
+
+@dataclass(frozen=True)
+class IdentifiedGains:
+    """The gains of n joints as an identification left them.
+
+    Attributes:
+        value: (n,) N m (N of a sliding joint) per unit of the reading: those by which the result's efforts are made.
+        covariance: (n, n) of their logarithms; zero where a gain is exact.
+        prior: (n, n) the same before the log.
+        weights: (n,) by which the factor common to all is a mean of the logarithms.
+        stated: the gains as they were stated.
+        settled: whether signs and gains had come to agree.
+        like_friction: joints, from 1, whose gain the log does not tell from friction that depends on the load.
+
+    Example:
+        >>> gains = bayesid.identify(robot, uncertain_log, posterior=False).gains
+        >>> gains.decided_by
+        ('data', 'data', 'prior')
+    """
+
+    value: Array
+    covariance: Array
+    prior: Array
+    weights: Array
+    stated: Gains
+    settled: bool = True
+    like_friction: tuple[int, ...] = ()
+
+    @property
+    def found(self) -> Gains:
+        """As exact gains, by which other logs of the robot are to be read: the result's model is in their scale."""
+        return replace(self.stated, value=self.value, sd=np.zeros(len(self.value)))
+
+    @property
+    def relative_sd(self) -> Array:
+        """(n,) standard deviations of the logarithms: relative ones."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @property
+    def sd(self) -> Array:
+        """(n,) standard deviations, in the gains' unit."""
+        return np.abs(self.value) * self.relative_sd
+
+    def interval(self, mass: float = 0.95) -> tuple[Array, Array]:
+        """(n,) ends of each gain's central interval of this posterior mass."""
+        reach = np.exp(float(norm.ppf(0.5 + 0.5 * mass)) * self.relative_sd)
+        ends = self.value / reach, self.value * reach
+        return np.minimum(*ends), np.maximum(*ends)
+
+    @property
+    def ratio_sd(self) -> Array:
+        """(n,) relative sd of each gain over those of all other joints together, weighted by what the log says."""
+        return np.sqrt(np.maximum(self._of_ratios(self.covariance), 0.0))
+
+    @property
+    def factor_sd(self) -> float:
+        """Relative sd of the factor common to all gains."""
+        return float(np.sqrt(max(self.weights @ self.covariance @ self.weights, 0.0)))
+
+    @property
+    def decided_by(self) -> tuple[str, ...]:
+        """(n,) what decides the ratio of each gain to the others: `data`, `prior`, or it is `given`."""
+        prior, left = self._of_ratios(self.prior), self._of_ratios(self.covariance)
+        return tuple(
+            GIVEN if exact else BY_DATA if after <= DECIDED * before else BY_PRIOR
+            for exact, before, after in zip(self.stated.exact, prior, left, strict=True)
+        )
+
+    @property
+    def factor_decided_by(self) -> str:
+        """What decides the factor common to all: `data`, with what is stated of masses or gains, or the `prior`."""
+        before = float(self.weights @ self.prior @ self.weights)
+        return BY_DATA if self.factor_sd**2 <= DECIDED * before or before == 0.0 else BY_PRIOR
+
+    @property
+    def unit(self) -> str:
+        """Of the gains, in words."""
+        return self.stated.unit_of_gain
+
+    def _of_ratios(self, covariance: Array) -> Array:
+        """(n,) variance of each logarithm about the weighted mean of the others."""
+        variance = np.zeros(len(self.weights))
+        for j in range(len(variance)):
+            others = np.where(np.arange(len(variance)) == j, 0.0, self.weights)
+            total = others.sum()
+            ratio = np.eye(len(variance))[j] - (others / total if total > 0.0 else 0.0)
+            variance[j] = ratio @ covariance @ ratio
+        return variance
+
+
+class UnknownGains:
+    """The gains of a log while signs are searched: they move, and its efforts with them.
+
+    Args:
+        log: with gains of which some are not exact, or without.
+        beliefs: of links and parameters.
+    """
+
+    def __init__(self, log: Log, beliefs: Beliefs) -> None:
+        self.log, self._beliefs = log, beliefs
+        self.fit: GainFit | None = None
+        self._like_friction: tuple[int, ...] = ()
+        self._stated = log.gains
+        self._prior: GainPrior | None = None if log.gains is None else prior_of(log.gains)
+        self._moves = 0
+
+    @property
+    def unknown(self) -> Mask:
+        """(n,) gains that nobody knows, not even about."""
+        n = self.log.n_joints
+        return np.zeros(n, dtype=bool) if self._stated is None else self._stated.unknown
+
+    def begin(self, evidence: Evidence) -> None:
+        """Sets what nobody knows to what the robot's masses make likely."""
+        if self._stated is not None:
+            self.log = self.log.rescaled(likely_gains(evidence, self._stated))
+
+    def moved(self, evidence: Evidence, noise: Noise, probability: Array) -> bool:
+        """Whether gains had to move to suit signs: the log has other efforts then.
+
+        Args:
+            evidence: the model, completed or not, and the log.
+            noise: under the terms asked for, in any case: effects that are chosen on a log explain there what a wrong
+                gain leaves as well, and do not make it better known.
+            probability: (N, n) P(sign = +).
+
+        Raises:
+            SolverError: a cone problem could not be solved.
+        """
+        if self._prior is None:
+            return False
+        signs = 2.0 * probability - 1.0
+        model, signals = evidence.model, evidence.signals
+        moments = evidence.moments(signs, constant_stretches(evidence.used), summed_out=False)
+        links = self._beliefs.links or usual_links(
+            model.robot, signals.motion, evidence.coefficients, model.cone, moments
+        )
+        nominal = self._beliefs.of(model.parameters)
+        self.fit = fit_gains(evidence, noise, signs, self._prior, links, nominal)
+        if self._far(self.fit) and self._moves < _MOST_MOVES:
+            self.log, self._prior = self.log.rescaled(np.exp(self.fit.log)), self._prior.moved(self.fit.log)
+            self._moves += 1
+            return True
+        self._like_friction = _like_friction(evidence, noise, self.fit)
+        return False
+
+    @staticmethod
+    def _far(fit: GainFit) -> bool:
+        """Whether the gains' best values lie away from those of the efforts."""
+        loose = fit.prior.loose
+        shift = fit.log[loose]
+        return bool(shift @ np.linalg.solve(fit.covariance[np.ix_(loose, loose)], shift) > _STILL**2)
+
+    @property
+    def identified(self) -> IdentifiedGains | None:
+        """What is known of them in the end; None where all were exact."""
+        if self._stated is None or self.fit is None or self.log.gains is None:
+            return None
+        return IdentifiedGains(
+            value=self.log.gains.value,
+            covariance=self.fit.covariance,
+            prior=self.fit.prior.covariance,
+            weights=self.fit.weights,
+            stated=self._stated,
+            settled=self.fit.settled and not self._far(self.fit),
+            like_friction=self._like_friction,
+        )
+
+
+def _like_friction(evidence: Evidence, noise: Noise, fit: GainFit) -> tuple[int, ...]:
+    """Joints, from 1, whose gain is told by what friction that depends on the load would explain as well.
+
+    A gear's efficiency is friction in proportion to the load, and no gain: driving it adds, driven it takes away. Where
+    the log moves a joint under load one way only, both look alike. With that friction as an unknown too, less than a
+    tenth of what the log says of the gain is left then.
+    """
+    model, motion, used = evidence.model, evidence.signals.motion, evidence.used
+    weight = noise.sigma * np.sqrt(noise.autocorrelation)
+    rows = evidence.columns / weight[:, None] * used[:, :, None]
+    flat = rows.reshape(-1, rows.shape[2])
+    hessian = flat.T @ flat
+    effort = model.effort(motion, fit.theta)
+    smoothing, links = model.robot.actuators(motion).standstill_speed, tuple(model.links(fit.theta).ravel().tolist())
+    alike = []
+    for j in fit.prior.loose.tolist():
+        friction = LoadDependentFriction(joints=(j + 1,), smoothing=(float(smoothing[j]),), links=links)
+        other = friction.own_columns(model.robot, motion)[:, 0, 0] / weight[j] * used[:, j]
+        own, of_joint = effort[:, j] / weight[j] * used[:, j], rows[:, j]
+        alone = _left(hessian, of_joint.T @ own, own @ own)
+        across = of_joint.T @ other
+        both = np.block([[hessian, across[:, None]], [across[None], np.array([[other @ other]])]])
+        if _left(both, np.append(of_joint.T @ own, other @ own), own @ own) < _LEFT * alone:
+            alike.append(j + 1)
+    return tuple(alike)
+
+
+def _left(hessian: Array, across: Array, own: float) -> float:
+    """What is left of a column's square beside others with these products."""
+    return max(own - float(across @ inverse_of(hessian) @ across), 0.0)
+
+
+def widened_by_gains(fit: Fit, gains: GainFit, evidence: Evidence) -> Fit:
+    """Least squares with the gains' uncertainty in the coefficients' covariance, to the first order."""
+    moves = evidence.coefficients.projection @ gains.moves
+    return replace(fit, covariance=fit.covariance + moves @ gains.covariance @ moves.T)

@@ -1,0 +1,190 @@
+"""Drive gains: what makes efforts of what a controller shows, and how well they are known.
+
+A gain is believed to be log-normal about its value: 12~20% is 12 N m/A with a standard deviation of 0.2 of its
+logarithm. Gains that nobody knows are infinitely uncertain here; what a robot's masses say of them is found where the
+robot is known (`bayesid.fit.gains`).
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from bayesid.arrays import Array, Mask, frozen
+from bayesid.bounded import read_source
+from bayesid.errors import InputError
+from bayesid.log.formats.table import ABSURD
+
+UNKNOWN = "unknown"
+"""In the place of a gain, or of all."""
+_REMEDY = (
+    f"give one gain a joint, as in 12,16~20%,{UNKNOWN}, or '{UNKNOWN}' for all, or a CSV file with the columns gain,sd"
+)
+_MOST = 2.0
+"""Relative standard deviation up to which a gain is uncertain; beyond it, it is unknown. A round number."""
+
+
+@dataclass(frozen=True)
+class Gains:
+    """The gains of n joints by which readings were made efforts.
+
+    Attributes:
+        value: (n,) N m (N of a sliding joint) per unit of the reading.
+        sd: (n,) standard deviation of each one's logarithm: 0 where it is exact, inf where nobody knows it.
+        of_torques: whether the readings were called torques already: the gains then are factors without a unit.
+        unit: of the readings, where the log says it: A, mA, %, whatever it is.
+
+    Example:
+        >>> gains = bayesid.Gains(value=[12.0, 16.0, 10.0], sd=[0.2, 0.2, 0.0])
+        >>> gains.text
+        '12~20%,16~20%,10'
+    """
+
+    value: Array
+    sd: Array
+    of_torques: bool = False
+    unit: str = "A"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "value", frozen(self.value, (None,), "gains"))
+        sd = np.array(self.sd, dtype=float)
+        if sd.shape != self.value.shape or not np.all(sd >= 0.0):
+            raise InputError("the gains' sd are not one number a joint, 0 or more", "--gains", _REMEDY)
+        if not np.all((np.abs(self.value) < ABSURD) & (self.value != 0.0)):
+            raise InputError("a gain is zero or not finite", "--gains", "give one gain per joint, N m/A")
+        sd.setflags(write=False)
+        object.__setattr__(self, "sd", sd)
+
+    @property
+    def exact(self) -> Mask:
+        """(n,) whether a gain is taken as exact.
+
+        Example:
+            >>> bayesid.Gains(value=[12.0, 16.0], sd=[0.2, 0.0]).exact
+            array([False,  True])
+        """
+        exact: Mask = self.sd == 0.0
+        return exact
+
+    @property
+    def unknown(self) -> Mask:
+        """(n,) whether nobody knows a gain.
+
+        Example:
+            >>> bayesid.Gains(value=[1.0, 16.0], sd=[float("inf"), 0.0]).unknown
+            array([ True, False])
+        """
+        return np.isinf(self.sd)
+
+    @property
+    def text(self) -> str:
+        """As on the command line; what `read_log` takes.
+
+        Example:
+            >>> bayesid.Gains(value=[1.0, 16.0], sd=[float("inf"), 0.0]).text
+            'unknown,16'
+        """
+        return ",".join(map(_word, self.value.tolist(), self.sd.tolist()))
+
+    @property
+    def unit_of_gain(self) -> str:
+        """What the values are in.
+
+        Example:
+            >>> bayesid.Gains(value=[12.0], sd=[0.2], unit="%").unit_of_gain
+            'N m/%'
+        """
+        return "N m per N m as logged" if self.of_torques else f"N m/{self.unit}"
+
+    def times(self, factor: Array) -> Gains:
+        """With each value multiplied by its factor (n,)."""
+        return replace(self, value=self.value * factor)
+
+
+def _word(value: float, sd: float) -> str:
+    if math.isinf(sd):
+        return UNKNOWN
+    return f"{value:.12g}" if sd == 0.0 else f"{value:.12g}~{100.0 * sd:.6g}%"
+
+
+def gains_of(stated: Gains | Sequence[float] | str | Path, n: int) -> Gains:
+    """Gains as they were stated, for n joints.
+
+    Args:
+        stated: gains; n exact numbers; or text as on the command line: 12,16~20%,unknown, or `unknown` for all, or the
+            name of a CSV file with the columns gain and sd, one row a joint.
+        n: number of joints.
+
+    Raises:
+        InputError: they are none, or not one a joint.
+    """
+    if isinstance(stated, str | Path):
+        gains = _parsed(str(stated), n)
+    elif isinstance(stated, Gains):
+        gains = stated
+    else:
+        gains = Gains(np.array(stated, dtype=float), np.zeros(len(stated)))
+    if len(gains.value) != n:
+        raise InputError(f"{len(gains.value)} gains for {n} joints", "--gains", "give one gain per joint, N m/A")
+    return gains
+
+
+def is_exact(stated: Gains | Sequence[float] | str | Path) -> bool:
+    """Whether all gains are stated as exact numbers."""
+    if isinstance(stated, Gains):
+        return bool(stated.exact.all())
+    return not isinstance(stated, str | Path)
+
+
+def _parsed(text: str, n: int) -> Gains:
+    if text.strip() == UNKNOWN:
+        return Gains(np.ones(n), np.full(n, np.inf))
+    if Path(text).suffix == ".csv":
+        return _of_file(text)
+    pairs = [_pair(word.strip(), text) for word in text.split(",")]
+    return Gains(np.array([value for value, _ in pairs]), np.array([sd for _, sd in pairs]))
+
+
+def _pair(word: str, text: str) -> tuple[float, float]:
+    """A gain and the sd of its logarithm."""
+    if word == UNKNOWN:
+        return 1.0, math.inf
+    number, _, spread = word.partition("~")
+    try:
+        value = float(number)
+        relative = 0.0
+        if spread:
+            relative = float(spread[:-1]) / 100.0 if spread.endswith("%") else float(spread) / abs(value)
+    except (ValueError, ZeroDivisionError):
+        raise InputError(f"{text!r} is not a list of gains", "--gains", _REMEDY) from None
+    return value, _checked(relative, word)
+
+
+def _checked(relative: float, word: str) -> float:
+    if not 0.0 <= relative <= _MOST:
+        said = f"{word} is uncertain by {100.0 * relative:.3g} %"
+        raise InputError(said, "--gains", f"give 0 to {100.0 * _MOST:.0f} %, or {UNKNOWN}")
+    return relative
+
+
+def _of_file(path: str) -> Gains:
+    text = read_source(path, _REMEDY)
+    rows = list(csv.DictReader(io.StringIO(text, newline="")))
+    if not rows or not {"gain", "sd"} <= set(rows[0]):
+        raise InputError("has no columns gain, sd", path, _REMEDY)
+    values, spreads = [], []
+    for line, row in enumerate(rows, start=2):
+        try:
+            value, sd = float(row["gain"]), float(row["sd"] or 0.0)
+            spreads.append(_checked(sd / abs(value), f"{value:g} +- {sd:g}"))
+        except (TypeError, ValueError, ZeroDivisionError):
+            seen = f"{row['gain']!r}, {row['sd']!r} are no gain with its sd"
+            raise InputError(seen, f"{path}, line {line}", _REMEDY) from None
+        values.append(value)
+    return Gains(np.array(values), np.array(spreads))
