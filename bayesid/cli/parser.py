@@ -147,8 +147,9 @@ _SHARED: dict[str, dict[str, Any]] = {
     "--cutoff": {"type": float, "metavar": "HZ", "help": "of the motion's low-pass (default: from the data)"},
     "--gains": {
         "metavar": "K1,K2,..",
-        "help": "N m/A of each joint, for a log of currents: exact, or uncertain as in 12~20%%,16~1.5,10 (sd), 'unknown' "
-        "for one or all, or a CSV file with the columns gain,sd; uncertain ones are estimated, torques corrected too",
+        "help": "N m/A of each joint, for a log of currents: exact, or to be estimated where uncertain, as in "
+        "12~20%%,16~1.5,10 (sd), 'unknown' for one or all, or a CSV file with the columns gain,sd; uncertain ones may "
+        "correct torques too",
     },
     "--unsigned": {"metavar": "JOINTS", "help": "all, none, or joints as in 1,3 (default: those never negative)"},
     "--degrees": {

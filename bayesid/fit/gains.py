@@ -121,7 +121,6 @@ class GainFit:
         body: (P,) whether a parameter is a body's.
         joint: (P,) 0-based joint of each.
         theta: (P,) the best parameters.
-        steps: Newton steps taken.
         settled: whether they led to the minimum.
     """
 
@@ -133,7 +132,6 @@ class GainFit:
     body: Mask
     joint: Integers
     theta: Array
-    steps: int
     settled: bool
 
     @property
@@ -156,8 +154,10 @@ class GainFit:
         return draws
 
     def scaled(self, theta: Array, log: Array) -> Array:
-        """(K, P) parameters as they would be with gains exp(log) (K, n) times as large: a joint's own parameters and,
-        with the common factor, the bodies' scale with it; what ratios change besides is linear.
+        """(K, P) parameters theta (K, P) as they would be with gains exp(log) (K, n) times as large.
+
+        A joint's own parameters scale with its gain, the bodies' with the common factor; what ratios change besides is
+        taken as linear.
         """
         own, common = np.exp(log)[:, self.joint], np.exp(log @ self.weights)[:, None]
         scale = np.where(self.body, common, own)
@@ -186,14 +186,14 @@ def fit_gains(
     loose, n = prior.loose, len(prior.mean)
     pull = np.zeros((n, n))
     pull[np.ix_(loose, loose)] = np.linalg.inv(prior.covariance[np.ix_(loose, loose)])
-    log, steps, settled = np.zeros(n), 0, False
+    log, settled = np.zeros(n), False
 
     def cost(at: Array) -> tuple[float, Array]:
         value, theta = problem.profile(at)
         return value + 0.5 * float((at - prior.mean) @ pull @ (at - prior.mean)), theta
 
     value, theta = cost(log)
-    for steps in range(1, _MOST_STEPS + 1):
+    for _ in range(_MOST_STEPS):
         information, _ = problem.linearised(theta, log)
         slope = problem.slope(theta, log) + pull @ (log - prior.mean)
         step = np.zeros(n)
@@ -214,7 +214,7 @@ def fit_gains(
     covariance = np.zeros((n, n))
     covariance[np.ix_(loose, loose)] = np.linalg.inv((information + pull)[np.ix_(loose, loose)])
     joints = np.array([parameter.joint - 1 for parameter in evidence.model.parameters])
-    return GainFit(log, covariance, prior, information, moves, problem.body, joints, theta, steps, settled)
+    return GainFit(log, covariance, prior, information, moves, problem.body, joints, theta, settled)
 
 
 @dataclass(frozen=True)

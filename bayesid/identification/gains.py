@@ -74,8 +74,8 @@ class IdentifiedGains:
     def interval(self, mass: float = 0.95) -> tuple[Array, Array]:
         """(n,) ends of each gain's central interval of this posterior mass."""
         reach = np.exp(float(norm.ppf(0.5 + 0.5 * mass)) * self.relative_sd)
-        ends = self.value / reach, self.value * reach
-        return np.minimum(*ends), np.maximum(*ends)
+        nearer, farther = self.value / reach, self.value * reach  # from zero: a gain may be negative
+        return np.minimum(nearer, farther), np.maximum(nearer, farther)
 
     @property
     def ratio_sd(self) -> Array:

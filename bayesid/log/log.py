@@ -28,8 +28,8 @@ from bayesid.log.formats.labels import pattern_of
 from bayesid.log.formats.memory import Variables, read_variables
 from bayesid.log.formats.parts import JOINT, join_parts
 from bayesid.log.formats.stated import parse_columns
-from bayesid.log.formats.units import factor_of, split_brackets
 from bayesid.log.formats.table import DEGREE, FEWEST_ROWS, check, far_positions
+from bayesid.log.formats.units import factor_of, split_brackets
 from bayesid.log.gains import Gains, gains_of, is_exact
 from bayesid.log.speeds import check_speeds, check_velocities
 

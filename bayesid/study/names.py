@@ -16,6 +16,7 @@ STUDIES = {
     "real": "real logs with their signs hidden: which come back right?",
     "calibration": "do confidences and standard deviations mean what they say?",
     "misfit": "the same with an effect that the model does not hold",
+    "gains": "what do |currents| tell of gains that are uncertain?",
     "sbc": "does the sampler sample the posterior?",
     "complete": "what does the catalogue give an identification that names no effects?",
     "discrepancy": "is the missing effect named? Blind cases played by MuJoCo",
