@@ -48,7 +48,7 @@ _SETTLED = 1e-3
 """Newton decrement (nats) at which the minimum counts as reached: 3 % of a standard deviation."""
 _SHORTEST = 1e-3
 """Share of a Newton step at which the line search ends: rounding."""
-_RIDGE = 1e-9
+_RIDGE = 1e-12
 """Of a scaled curvature, for parameters that neither data nor prior show."""
 
 

@@ -229,7 +229,13 @@ def _left(hessian: Array, across: Array, own: float) -> float:
     return max(own - float(across @ inverse_of(hessian) @ across), 0.0)
 
 
-def widened_by_gains(fit: Fit, gains: GainFit, evidence: Evidence) -> Fit:
-    """Least squares with the gains' uncertainty in the coefficients' covariance, to the first order."""
+def spread_by_gains(gains: GainFit, evidence: Evidence) -> Array:
+    """(r, r) covariance of the coefficients for the gains' sake, to the first order."""
     moves = evidence.coefficients.projection @ gains.moves
-    return replace(fit, covariance=fit.covariance + moves @ gains.covariance @ moves.T)
+    covariance: Array = moves @ gains.covariance @ moves.T
+    return covariance
+
+
+def widened_by_gains(fit: Fit, gains: GainFit, evidence: Evidence) -> Fit:
+    """Least squares with the gains' uncertainty in the coefficients' covariance."""
+    return replace(fit, covariance=fit.covariance + spread_by_gains(gains, evidence))

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayesid.arrays import Array
+from bayesid.arrays import Array, Integers
 from bayesid.errors import InputError
 from bayesid.fit.knowledge import Knowledge
 from bayesid.fit.noise import Noise
@@ -40,10 +40,22 @@ class ParameterDraws:
     Attributes:
         theta: (K, P) parameters.
         sigma: (K, n) sd of the noise, N m.
+        log_gain: (K, n) logarithms of the gains over those of the log's efforts, where gains were unknowns.
+        as_read: whether efforts are those that readings make by the log's gains, not by each draw's own.
     """
 
     theta: Array
     sigma: Array
+    log_gain: Array | None = None
+
+    as_read: bool = False
+
+    def efforts(self, columns: Array, chosen: Integers) -> Array:
+        """(N, n, k) efforts of chosen draws (k,), N m, from the model's columns (N, n, P)."""
+        efforts: Array = columns @ self.theta[chosen].T
+        if self.as_read and self.log_gain is not None:
+            efforts /= np.exp(self.log_gain[chosen].T)
+        return efforts
 
 
 @dataclass(frozen=True)
@@ -58,6 +70,8 @@ class IdentifiedModel:
         draws: of the posterior; None if it was not sampled.
         lacking: (r, r) covariance by which the coefficients are less certain than `precision` says, for the model may
             lack something; None where it lacks nothing, or draws show it.
+        by_gains: (r, r) covariance by which they are less certain for the gains' sake, without draws; None where all
+            were exact, or draws show it.
         logs: by which the logs that it was identified from are known again
             (`bayesid.identification.provenance.hashes`); none of a model that was written by hand.
         gains: by which its log's readings were made efforts, where they were unknowns; other logs are to be read by
@@ -75,6 +89,7 @@ class IdentifiedModel:
     precision: Array
     draws: ParameterDraws | None = None
     lacking: Array | None = None
+    by_gains: Array | None = None
     logs: frozenset[str] = frozenset()
     gains: IdentifiedGains | None = None
 
@@ -175,7 +190,16 @@ class IdentifiedModel:
     @property
     def _spread(self) -> Spread:
         """Of the coefficients, without a posterior."""
-        return spread_of(self.model, self.precision, self.lacking)
+        parts = [part for part in (self.lacking, self.by_gains) if part is not None]
+        return spread_of(self.model, self.precision, np.sum(parts, axis=0) if parts else None)
+
+    @property
+    def _as_read(self) -> IdentifiedModel:
+        """The same for efforts that are made of readings by its gains, whatever the true ones are."""
+        draws = self.draws
+        if draws is None or draws.log_gain is None:
+            return replace(self, by_gains=None)
+        return replace(self, draws=replace(draws, as_read=True))
 
     def _sd_of_effort(self, motion: Motion) -> Array:
         """(N, n) of the efforts before sensors read them, N m."""
@@ -184,8 +208,8 @@ class IdentifiedModel:
             spread = self._spread
             return np.concatenate([spread.sd(columns) for columns in chunks])
         count = len(self.draws.theta)
-        drawn = self.draws.theta[np.linspace(0, count - 1, min(_DRAWS, count)).astype(int)]
-        return np.concatenate([(columns @ drawn.T).std(axis=2) for columns in chunks])
+        chosen = np.linspace(0, count - 1, min(_DRAWS, count)).astype(int)
+        return np.concatenate([self.draws.efforts(columns, chosen).std(axis=2) for columns in chunks])
 
     def _drawn_efforts(self, motion: Motion, count: int, noise: bool, rng: np.random.Generator) -> Array:
         """(K, N, n) efforts that might be, N m."""
@@ -193,8 +217,8 @@ class IdentifiedModel:
         if self.draws is not None:
             total = len(self.draws.theta)
             chosen = rng.choice(total, count, replace=count > total)
-            theta, sigma = self.draws.theta[chosen], self.draws.sigma[chosen]
-            parts = [columns @ theta.T for _, columns in self.model.chunks(motion)]
+            sigma = self.draws.sigma[chosen]
+            parts = [self.draws.efforts(columns, chosen) for _, columns in self.model.chunks(motion)]
         elif self._knows_parameters:
             spread = self._spread
             normal = rng.standard_normal((count, spread.root.shape[1]))
@@ -226,5 +250,6 @@ class IdentifiedModel:
         log = as_log(log)
         check_joints(self.model.robot, log)
         signals = prepare(log, cutoff)
-        compared = compare(log, signals, self.model.robot, self.predict(signals.motion), self.noise)
+        predicted = self._as_read.predict(signals.motion)  # the log is read by the same gains
+        compared = compare(log, signals, self.model.robot, predicted, self.noise)
         return replace(compared, seen=self.seen(log))

@@ -17,10 +17,11 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.errors import InputError
 from bayesid.fit.evidence import Evidence
+from bayesid.fit.gains import GainFit
 from bayesid.fit.knowledge import Beliefs, Knowledge, Links, of_base
 from bayesid.fit.least_squares import Fit, fit_signed
 from bayesid.fit.moments import Moments
-from bayesid.identification.gains import IdentifiedGains, UnknownGains, widened_by_gains
+from bayesid.identification.gains import UnknownGains, spread_by_gains, widened_by_gains
 from bayesid.identification.identification import Identification
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
 from bayesid.identification.memory import check_memory
@@ -339,9 +340,8 @@ def _identification(
         if averaged.by_asked:
             probability = _average_over_draws(averaged, posterior, run.progress)
         run.lap("smooth")
-    if spread is not None:
-        averaged = replace(averaged, fit=widened_by_gains(averaged.fit, spread, asked.evidence))
-        posterior = None if posterior is None else with_gains(posterior, spread)
+    if spread is not None and posterior is not None:
+        posterior = with_gains(posterior, spread)
     run.progress("other readings", 0, 1)
     reading = suspected_reading(asked.evidence, averaged.fit, probability)
     run.lap("other readings")
@@ -353,7 +353,9 @@ def _identification(
     segments = settled.signs.segments.split(_sign_changes(signals))
     signs, confidence = segment_signs(segments, probability, signals.raw_effort)
     return Identification(
-        identified=replace(_identified(model, asked.evidence, averaged.fit, posterior, known), logs=seen | hashes(log)),
+        identified=replace(
+            _identified(model, asked.evidence, averaged.fit, posterior, spread), gains=known, logs=seen | hashes(log)
+        ),
         coefficients=asked.evidence.coefficients,
         log=log,
         signals=signals,
@@ -361,7 +363,7 @@ def _identification(
         signs=signs,
         confidence=confidence,
         probability=probability,
-        fit=averaged.fit,
+        fit=averaged.fit if spread is None else widened_by_gains(averaged.fit, spread, asked.evidence),
         posterior=posterior,
         sign_terms=tuple(term.name for term in settled.model.terms),
         sign_weight=averaged.weight,
@@ -380,7 +382,7 @@ def _identification(
 
 
 def _identified(
-    model: Model, evidence: Evidence, fit: Fit, posterior: Posterior | None, gains: IdentifiedGains | None
+    model: Model, evidence: Evidence, fit: Fit, posterior: Posterior | None, gains: GainFit | None
 ) -> IdentifiedModel:
     """The model by the posterior or, without one, by least squares.
 
@@ -389,12 +391,14 @@ def _identified(
     """
     if posterior is None:
         precision = of_base(model, evidence.coefficients, fit.information)
-        lacking = None if evidence.nuisance is None and gains is None else _lacking(fit)
-        return IdentifiedModel(model, fit.theta, fit.noise, precision, lacking=lacking, gains=gains)
+        lacking = None if evidence.nuisance is None else _lacking(fit)
+        by_gains = None if gains is None else spread_by_gains(gains, evidence)
+        return IdentifiedModel(model, fit.theta, fit.noise, precision, lacking=lacking, by_gains=by_gains)
     precision = of_base(model, evidence.coefficients, _inverse(posterior.covariance_of_log))
     theta, log_scale = posterior.target.split(posterior.uncertain.spread(DRAWS))
-    draws = ParameterDraws(theta, posterior.target.likelihood.sigma * np.exp(log_scale))
-    return IdentifiedModel(model, posterior.theta, fit.noise, precision, draws, gains=gains)
+    log_gain = None if gains is None else posterior.gains_of(posterior.uncertain.places(DRAWS))
+    draws = ParameterDraws(theta, posterior.target.likelihood.sigma * np.exp(log_scale), log_gain)
+    return IdentifiedModel(model, posterior.theta, fit.noise, precision, draws)
 
 
 def _inverse(covariance: Array) -> Array:

@@ -52,12 +52,12 @@ class Gains:
     unit: str = "A"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "value", frozen(self.value, (None,), "gains"))
-        sd = np.array(self.sd, dtype=float)
+        value, sd = np.array(self.value, dtype=float), np.array(self.sd, dtype=float)
+        if not np.all((np.abs(value) < ABSURD) & (value != 0.0)):
+            raise InputError("a gain is zero or not finite", "--gains", "give one gain per joint, N m/A")
+        object.__setattr__(self, "value", frozen(value, (None,), "gains"))
         if sd.shape != self.value.shape or not np.all(sd >= 0.0):
             raise InputError("the gains' sd are not one number a joint, 0 or more", "--gains", _REMEDY)
-        if not np.all((np.abs(self.value) < ABSURD) & (self.value != 0.0)):
-            raise InputError("a gain is zero or not finite", "--gains", "give one gain per joint, N m/A")
         sd.setflags(write=False)
         object.__setattr__(self, "sd", sd)
 

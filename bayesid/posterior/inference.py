@@ -252,6 +252,10 @@ class Posterior:
         which: Mask = np.any(projection[self._nonnegative] != 0.0, axis=0) & (np.count_nonzero(projection, axis=0) == 1)
         return which
 
+    def gains_of(self, places: Integers) -> Array | None:
+        """(K, n) logarithms of the gains of draws at (K,) places in a list of all; None where all are exact."""
+        return None if self.log_gain is None else self.log_gain.reshape(-1, self.log_gain.shape[-1])[places]
+
     def spread(self, count: int = DRAWS) -> tuple[Array, Array]:
         """(K, P) parameters and (K, n) noise scales u of at most `count` draws, evenly spread over all of them."""
         return self.target.split(self.draws.spread(count))

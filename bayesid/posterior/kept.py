@@ -138,6 +138,7 @@ def keep(
     most: int = MOST,
     mode: Integers | None = None,
     shift: Array | None = None,
+    log_gain: Array | None = None,
 ) -> Kept:
     """All that is known after sampling.
 
@@ -153,6 +154,8 @@ def keep(
         mode: (D, E, W) index of the mode that each draw is from; by default there is but one.
         shift: (D, E, W, P) by which what the model may lack moves the draws of `theta` and `beta`; `lp` and `effort`
             are theirs before.
+        log_gain: (D, E, W, n) logarithms of the gains of each draw, relative to those of the efforts, where they are
+            unknowns; `shift` holds what they do.
 
     Raises:
         ValueError: if the blocks, labels and target are not of the same segments, joints, coefficients, parameters.
@@ -178,6 +181,8 @@ def keep(
         theta = theta + _walker_major(shift[kept])
         beta = theta @ target.likelihood.projection.T
     variables = {"beta": beta, "theta": theta, "noise": target.likelihood.sigma * np.exp(log_scale)}
+    if log_gain is not None:
+        variables["log_gain"] = _walker_major(log_gain[kept])
     said: dict[str, str | int] = {"long_name": _POINTWISE, "left_out": terms.shape[2] - len(held)}
     effort = {"effort": Variable((*_SAMPLED, "block"), terms)}
     groups = {
@@ -217,14 +222,18 @@ def _sample_stats(density: Array, kept: Integers, walkers: int, drawn: Mapping[s
 
 
 def _posterior(variables: Mapping[str, Array], drawn: Mapping[str, Variable], labels: Labels) -> Group:
-    """The group of draws (E, D W, ...) of coefficients, parameters and noise."""
+    """The group of draws (E, D W, ...) of coefficients, parameters, noise and gains that are unknowns."""
     described = {
         "beta": ("coefficient", {"long_name": "base coefficients"}),
         "theta": ("parameter", {"long_name": "standard parameters"}),
         "noise": ("joint", {"long_name": "sd of the residual", "units": _EFFORT}),
+        "log_gain": ("joint", {"long_name": "logarithm of the gain over that of the efforts"}),
     }
     return Group(
-        {name: Variable((*_SAMPLED, last), variables[name], notes) for name, (last, notes) in described.items()},
+        {
+            name: Variable((*_SAMPLED, described[name][0]), values, described[name][1])
+            for name, values in variables.items()
+        },
         {**drawn, **_names(labels)},
     )
 

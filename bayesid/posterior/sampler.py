@@ -17,7 +17,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from bayesid.arrays import TINY, Array
+from bayesid.arrays import TINY, Array, Integers
 from bayesid.errors import InputError
 from bayesid.posterior.diagnostics import Diagnostics, diagnose
 from bayesid.posterior.moves import Conditional, HitAndRun, InTurn, NoiseScales
@@ -144,12 +144,17 @@ class Draws:
 
         A constant stride through the list would fall into step with the walkers, and take the draws of very few.
         """
+        return self.coordinates[self.places(count)]
+
+    def places(self, count: int) -> Integers:
+        """(K,) where these stand in a list of all draws."""
         chains = int(np.prod(self.log_density.shape[1:]))
         stride = round(_GOLDEN * chains)
         while math.gcd(stride, chains) != 1:
             stride += 1
         k = np.arange(min(count, self.sweeps * chains))
-        return self.coordinates[k * self.sweeps // len(k) * chains + k * stride % chains]
+        places: Integers = k * self.sweeps // len(k) * chains + k * stride % chains
+        return places
 
 
 def sample(

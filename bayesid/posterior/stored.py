@@ -45,6 +45,25 @@ def read_draws(path: Path | str, parameters: Sequence[str] | None = None) -> tup
     return theta.reshape(-1, len(names)), noise.reshape(-1, len(joints))
 
 
+def read_log_gains(path: Path | str) -> Array | None:
+    """(K, n) logarithms of the gains of all draws in a file, as `read_draws` has them; None where gains were exact.
+
+    Raises:
+        InputError: if the file is missing, damaged or not a posterior of bayesid.
+    """
+    try:
+        with h5py.File(path) as file:
+            held = "log_gain" in file["posterior"]
+    except Exception as error:  # HDF5 raises anything at all at a damaged file
+        raise InputError("not the netCDF file of a posterior, or damaged", str(path), _REMEDY) from error
+    if not held:
+        return None
+    log_gain, joints = _read(path, ("log_gain",), ("joint",))
+    if log_gain.shape[2:] != (len(joints),):
+        raise InputError("the posterior of another program", str(path), _REMEDY)
+    return np.asarray(log_gain.reshape(-1, len(joints)))
+
+
 def read_coefficients(path: Path | str) -> Array:
     """(E, D W, r) coefficients of all draws in a file, in the order of sweeps, see `kept_coefficients`.
 

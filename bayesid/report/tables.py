@@ -126,6 +126,7 @@ def kept_draws(identification: Identification) -> Kept:
         attributes,
         mode=posterior.mode_of_draws,
         shift=posterior.shift,
+        log_gain=posterior.log_gain,
     )
 
 

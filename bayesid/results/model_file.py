@@ -77,9 +77,11 @@ def _stored_model(table: dict[str, Any], where: str, known: Mapping[str, type[Ef
     noise = _stored_noise(table["noise"], robot.n_joints)
     knowledge = table.get("knowledge")
     logs = frozenset(map(str, (knowledge or {}).get("logs", [])))
-    precision, lacking = _stored_precision(knowledge, model), _stored_lacking(knowledge, model)
+    precision = _stored_precision(knowledge, model)
+    lacking, by_gains = (_stored_covariance(knowledge, model, key) for key in ("lacking", "by_gains"))
     gains = _stored_gains(table["gains"], robot.n_joints) if "gains" in table else None
-    return IdentifiedModel(model, theta, noise, precision, lacking=lacking, logs=logs, gains=gains)
+    spread = {"lacking": lacking, "by_gains": by_gains}
+    return IdentifiedModel(model, theta, noise, precision, **spread, logs=logs, gains=gains)
 
 
 def _stored_gains(table: Mapping[str, Any], n: int) -> IdentifiedGains:
@@ -130,20 +132,21 @@ def _stored_precision(table: dict[str, Any] | None, model: Model) -> Array:
     return precision
 
 
-def _stored_lacking(table: dict[str, Any] | None, model: Model) -> Array | None:
+def _stored_covariance(table: dict[str, Any] | None, model: Model, key: str) -> Array | None:
     """(r, r); None where the file says nothing."""
-    if table is None or "lacking" not in table:
+    if table is None or key not in table:
         return None
     size = len(base_coefficients(model))
-    return frozen(table["lacking"], (size, size), "knowledge, lacking,")
+    return frozen(table[key], (size, size), f"knowledge, {key},")
 
 
 def _stored_draws(model: Model, path: Path) -> ParameterDraws | None:
     if not path.exists():
         return None
-    from bayesid.posterior.stored import read_draws
+    from bayesid.posterior.stored import read_draws, read_log_gains
 
-    return ParameterDraws(*read_draws(path, [parameter.name for parameter in model.parameters]))
+    theta, sigma = read_draws(path, [parameter.name for parameter in model.parameters])
+    return ParameterDraws(theta, sigma, read_log_gains(path))
 
 
 def _named(
@@ -206,6 +209,7 @@ def model_table(stored: IdentifiedModel) -> dict[str, Any]:
             "coefficients": list(base_coefficients(stored.model).names),
             "precision": stored.precision.tolist(),
             **({} if stored.lacking is None else {"lacking": stored.lacking.tolist()}),
+            **({} if stored.by_gains is None else {"by_gains": stored.by_gains.tolist()}),
             "logs": sorted(stored.logs),
         },
         **_gains_table(stored.gains),

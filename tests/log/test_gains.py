@@ -1,0 +1,112 @@
+"""Gains as they are stated: exact, uncertain, unknown, from a file."""
+
+import numpy as np
+import pytest
+
+import bayesid
+from bayesid.errors import InputError
+from bayesid.log.gains import gains_of
+from bayesid.log.log import join_logs, read_log
+
+T = np.arange(200) / 100.0
+Q = np.column_stack([np.sin(T), np.cos(3.0 * T)])
+CURRENTS = {"t": T, "q": Q, "i": np.abs(Q)}
+TORQUES = {"t": T, "q": Q, "tau": np.abs(Q)}
+
+
+@pytest.mark.parametrize(
+    ("text", "value", "sd"),
+    [
+        ("12~20%,16~4", [12.0, 16.0], [0.2, 0.25]),
+        ("-12~20%, 10", [-12.0, 10.0], [0.2, 0.0]),
+        ("unknown,16~0%", [1.0, 16.0], [np.inf, 0.0]),
+        ("unknown", [1.0, 1.0], [np.inf, np.inf]),
+    ],
+)
+def test_what_is_typed_is_what_is_meant_and_comes_back(text, value, sd):
+    gains = gains_of(text, 2)
+    assert gains.value.tolist() == value
+    assert gains.sd == pytest.approx(sd)
+    again = gains_of(gains.text, 2)
+    assert again.value.tolist() == value
+    assert again.sd == pytest.approx(sd)
+
+
+def test_a_file_has_a_gain_and_its_sd_a_joint(tmp_path):
+    path = tmp_path / "gains.csv"
+    path.write_text("joint,gain,sd\n1,12,2.4\n2,16,\n")
+    assert gains_of(path, 2).sd == pytest.approx([0.2, 0.0])
+    path.write_text("gain,sd\n12,2.4\n")
+    with pytest.raises(InputError, match="1 gains for 2 joints"):
+        gains_of(path, 2)
+    path.write_text("gain,sd\n12,2.4\nsixteen,1\n")
+    with pytest.raises(InputError, match=r"gains.csv, line 3: 'sixteen', '1' are no gain"):
+        gains_of(path, 2)
+    path.write_text("K\n12\n")
+    with pytest.raises(InputError, match="has no columns gain, sd"):
+        gains_of(path, 2)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("12~20%", "1 gains for 2 joints"),
+        ("12~20%,x", "is not a list of gains"),
+        ("12~-5%,3", "is uncertain by -5 %"),
+        ("12~300%,3", "give 0 to 200 %, or unknown"),
+        ("0~20%,3", "a gain is zero or not finite"),
+        ("0~2,3", "is not a list of gains"),
+        ("nan~20%,3", "a gain is zero or not finite"),
+        ("12~nan%,3", "is uncertain by nan %"),
+        ("missing.csv", "missing.csv"),
+    ],
+)
+def test_what_is_no_gain_is_refused(text, says):
+    with pytest.raises(InputError, match=says):
+        gains_of(text, 2)
+
+
+def test_a_log_of_currents_becomes_one_of_efforts_and_keeps_its_gains():
+    log = read_log(CURRENTS, gains="12~20%,16")
+    np.testing.assert_allclose(log.effort, np.abs(Q) * [12.0, 16.0])
+    assert log.gains.text == "12~20%,16"
+    assert log.read_with["gains"] == "12~20%,16"
+    assert read_log(CURRENTS, gains=[12.0, 16.0]).gains is None
+    moved = log.rescaled([2.0, 1.0])
+    np.testing.assert_allclose(moved.effort, np.abs(Q) * [24.0, 16.0])
+    assert moved.gains.value.tolist() == [24.0, 16.0]
+
+
+def test_torques_take_uncertain_factors_but_no_exact_gains():
+    log = read_log(TORQUES, gains="1.1~20%,1")
+    assert log.gains.of_torques
+    assert log.gains.unit_of_gain == "N m per N m as logged"
+    with pytest.raises(InputError, match="gains are given but the log holds torques"):
+        read_log(TORQUES, gains=[1.1, 1.0])
+
+
+def test_gains_of_an_earlier_result_read_what_they_belong_to():
+    of_torques = bayesid.Gains([1.1, 0.9], [0.0, 0.0], of_torques=True)
+    np.testing.assert_allclose(read_log(TORQUES, gains=of_torques).effort, np.abs(Q) * [1.1, 0.9])
+    with pytest.raises(InputError, match="the log holds currents, the gains are factors on torques"):
+        read_log(CURRENTS, gains=of_torques)
+    of_currents = bayesid.Gains([12.0, 16.0], [0.0, 0.0])
+    with pytest.warns(UserWarning, match="holds torques: gains of currents are left out"):
+        assert read_log(TORQUES, gains=of_currents).effort == pytest.approx(np.abs(Q))
+
+
+def test_readings_in_percent_say_so(tmp_path):
+    rows = np.column_stack([T, Q, np.abs(Q)])
+    for unit, said in (("%", "N m/%"), ("mA", "N m/A"), ("counts", "N m/counts")):
+        path = tmp_path / "log.csv"
+        np.savetxt(path, rows, delimiter=",", header=f"t,q1,q2,i1[{unit}],i2[{unit}]", comments="", fmt="%.9g")
+        assert read_log(path, gains="12~20%,16").gains.unit_of_gain == said
+
+
+def test_logs_with_different_gains_are_not_joined():
+    log, other = read_log(CURRENTS, gains="12~20%,16"), read_log(CURRENTS, gains="12~10%,16")
+    assert join_logs([log, log]).gains == log.gains
+    with pytest.raises(InputError, match="read both with the same gains"):
+        join_logs([log, other])
+    with pytest.raises(InputError, match="read both with the same gains"):
+        join_logs([log, read_log(CURRENTS, gains=[12.0, 16.0])])
