@@ -16,7 +16,14 @@ from bayesid.fit.knowledge import scale_of
 from bayesid.fit.noise import Noise
 from bayesid.log.formats.memory import Frame, Variables
 from bayesid.log.log import Log
-from bayesid.log.motions import GIVEN, RecordedMotion, motion_of_arrays, motion_of_variables, read_motion
+from bayesid.log.motions import (
+    GIVEN,
+    RecordedMotion,
+    motion_of_arrays,
+    motion_of_log,
+    motion_of_variables,
+    read_motion,
+)
 from bayesid.log.signals import filtered_motion
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
@@ -213,7 +220,7 @@ def _read(given: MotionLike) -> Motion | RecordedMotion:
     if isinstance(given, Motion | RecordedMotion):
         return given
     if isinstance(given, Log):
-        return RecordedMotion(given.t, given.q, given.dq, given.source)
+        return motion_of_log(given)
     if isinstance(given, str | Path):
         return read_motion(given)
     if isinstance(given, tuple | list):
