@@ -101,8 +101,8 @@ class Motion:
         return STANDSTILL * self.top_speed
 
     def __getitem__(self, rows: slice | Integers | Mask) -> Motion:
-        parts = (part[rows] for part in (self.t, self.q, self.dq, self.ddq))
-        return Motion(*parts, self.origin, self.payload[rows])
+        q, dq, ddq = self.q[rows], self.dq[rows], self.ddq[rows]
+        return Motion(self.t[rows], q, dq, ddq, self.origin, self.payload[rows])
 
     def joints(self, chosen: list[int]) -> Motion:
         """The motion of some (0-based) joints alone."""

@@ -16,14 +16,7 @@ from bayesid.fit.knowledge import scale_of
 from bayesid.fit.noise import Noise
 from bayesid.log.formats.memory import Frame, Variables
 from bayesid.log.log import Log
-from bayesid.log.motions import (
-    GIVEN,
-    RecordedMotion,
-    motion_of_arrays,
-    motion_of_log,
-    motion_of_variables,
-    read_motion,
-)
+from bayesid.log.motions import GIVEN, RecordedMotion, motion_of_arrays, motion_of_log, motion_of_variables, read_motion
 from bayesid.log.signals import filtered_motion
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model

@@ -109,7 +109,7 @@ def embedding(part: Model, whole: Model) -> Array:
 
 
 def _random_columns(model: Model, rng: np.random.Generator) -> Array:
-    """(rows, P) columns on independent random positions, velocities and accelerations, without and with each payload."""
+    """(rows, P) columns on independent random positions, velocities and accelerations, without and with payloads."""
     payload = np.repeat(("", *model.payloads), _SAMPLES)
     shape = (len(payload), model.robot.n_joints)
     q, dq, ddq = (rng.uniform(-limit, limit, shape) for limit in (3.0, 2.0, 5.0))

@@ -115,7 +115,7 @@ class CarriedPayload(BodyOnFlange):
     @classmethod
     def for_motion(cls, actuators: Motion) -> Self:
         """None for all of a motion: logs say what they carry."""
-        remedy = "leave it out and say what a log carries: --payload MASS@LOG, or log.carrying(label)"
+        remedy = "leave it out, and say what a log carries by --payload or --log"
         raise InputError(f"{cls.name} is no term of every log", "--terms", remedy)
 
     @classmethod
@@ -136,7 +136,9 @@ class CarriedPayload(BodyOnFlange):
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """Jxx_tool1 ... m_tool1."""
         (label,) = self.label
-        return tuple(Parameter(f"{name}_{label}", unit, robot.n_joints) for name, unit in zip(NAMES, UNITS, strict=True))
+        return tuple(
+            Parameter(f"{name}_{label}", unit, robot.n_joints) for name, unit in zip(NAMES, UNITS, strict=True)
+        )
 
     def columns(self, robot: Robot, motion: Motion) -> Array:
         """(N, n, 10) those of the last link in the rows of the label, zero in all others."""
