@@ -259,22 +259,7 @@ def _add_identify(commands: _Commands) -> None:
         "bayesid identify left.csv --robot two_arms.urdf --tip left_flange --hold lift=0.2",
     ]
     parser = _command(commands, "identify", "signs, coefficients and feasible parameters from a log", examples)
-    logs = (
-        "t,q1..qn[,dq1..dqn],tau1..taun (or i1..in with --gains) as CSV, Parquet or MATLAB file, a ROS bag or a "
-        "KUKA table; several logs of one robot count as one, also by a quoted pattern: 'runs/*.csv'; "
-        "files of one run with a + between them are joined by time: positions.csv+currents.csv; or a TOML file that "
-        'lists logs: tables [[logs]] with file = "loaded.csv" and, where the flange carries something, payload = '
-        '"tool1" and mass = 2.8 or [2.8, 0.005]'
-    )
-    parser.add_argument("logs", type=Path, nargs="+", metavar="log", help=logs)
-    payload = (
-        "one more log, recorded with a payload of this mass on the flange, whose parameters act in its logs alone; the "
-        f"mass enters the posterior (default sd: {100 * MASS_SD:g} %% of it; default label: payload)"
-    )
-    metavar = "[LABEL:]KG[~SD]@LOG"
-    parser.add_argument("--payload", action="append", default=[], metavar=metavar, help=payload)
-    carried = "one more log, recorded with a payload of unknown mass; logs with the same label carry the same"
-    parser.add_argument("--log", action="append", default=[], metavar="LOG:payload=LABEL", help=carried)
+    _add_logs(parser)
     _share(parser, *_ROBOT, "--terms")
     search = "certified: the best signs with a proof; beam: T-PBPR (default: %(default)s)"
     parser.add_argument("--search", choices=("certified", "beam"), default="certified", help=search)
@@ -309,6 +294,26 @@ def _add_identify(commands: _Commands) -> None:
     parser.add_argument("--no-report", action="store_true", help="do not make report.html, which takes some seconds")
     _share(parser, "--out", help="result folder (default: bayesid-LOG; with --each bayesid-each-LOG)")
     _share(parser, "--quiet")
+
+
+def _add_logs(parser: Parser) -> None:
+    """The logs of an identification, and what the flange carried in them."""
+    logs = (
+        "t,q1..qn[,dq1..dqn],tau1..taun (or i1..in with --gains) as CSV, Parquet or MATLAB file, a ROS bag or a "
+        "KUKA table; several logs of one robot count as one, also by a quoted pattern: 'runs/*.csv'; "
+        "files of one run with a + between them are joined by time: positions.csv+currents.csv; or a TOML file that "
+        'lists logs: tables [[logs]] with file = "loaded.csv" and, where the flange carries something, payload = '
+        '"tool1" and mass = 2.8 or [2.8, 0.005]'
+    )
+    parser.add_argument("logs", type=Path, nargs="+", metavar="log", help=logs)
+    payload = (
+        "one more log, recorded with a payload of this mass on the flange, whose parameters act in its logs alone; the "
+        f"mass enters the posterior (default sd: {100 * MASS_SD:g} %% of it; default label: payload)"
+    )
+    metavar = "[LABEL:]KG[~SD]@LOG"
+    parser.add_argument("--payload", action="append", default=[], metavar=metavar, help=payload)
+    carried = "one more log, recorded with a payload of unknown mass; logs with the same label carry the same"
+    parser.add_argument("--log", action="append", default=[], metavar="LOG:payload=LABEL", help=carried)
 
 
 def _add_validate(commands: _Commands) -> None:

@@ -55,8 +55,8 @@ def _payloads(summary: Summary) -> list[str]:
     payloads = summary.payloads or {}
     carried = [f"{part.source}: {part.n_samples} rows, {part.payload or 'no payload'}" for part in summary.logs]
     found = [
-        f"payload {label}: {one['mass']:.4g} kg, centre of mass at ({', '.join(f'{x:.3g}' for x in one['com'])}) m in the "
-        "last link's frame"
+        f"{label}: {one['mass']:.4g} kg, centre of mass at ({', '.join(f'{x:.3g}' for x in one['com'])}) m in the last "
+        "link's frame"
         for label, one in payloads.items()
     ]
     return [*carried, *found] if payloads else []

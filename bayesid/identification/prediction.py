@@ -208,6 +208,17 @@ def motion_of(given: MotionLike, robot: Robot, cutoff: float | None = None) -> M
     return motion if isinstance(motion, Motion) else filtered_motion(motion, cutoff)
 
 
+def check_payloads(model: Model, motion: Motion) -> None:
+    """A motion carries what a model knows.
+
+    Raises:
+        InputError: it carries something else.
+    """
+    for label in set(motion.payload.tolist()) - {"", *model.payloads}:
+        known = ", ".join(model.payloads) or "none"
+        raise InputError(f"the model knows no payload {label!r}", GIVEN, f"give one that it knows ({known}), or none")
+
+
 def _read(given: MotionLike) -> Motion | RecordedMotion:
     """What was given, checked."""
     if isinstance(given, Motion | RecordedMotion):

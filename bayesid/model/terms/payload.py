@@ -115,7 +115,7 @@ class CarriedPayload(BodyOnFlange):
     @classmethod
     def for_motion(cls, actuators: Motion) -> Self:
         """None for all of a motion: logs say what they carry."""
-        remedy = "leave it out, and say what a log carries by --payload or --log"
+        remedy = "leave it out, and say which log carries something by --payload"
         raise InputError(f"{cls.name} is no term of every log", "--terms", remedy)
 
     @classmethod
@@ -131,7 +131,10 @@ class CarriedPayload(BodyOnFlange):
     def check(self, n_joints: int) -> None:
         """One label."""
         super().check(n_joints)
-        check_label(*self.label)
+        try:
+            check_label(*self.label)
+        except InputError as error:
+            raise ValueError(error.what) from None
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """Jxx_tool1 ... m_tool1."""
