@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Mask = NDArray[np.bool_]
+Labels = NDArray[np.str_]
 
 TINY = 1e-300
 """In place of zero where something is divided by it or its logarithm taken: near the least number of a double."""

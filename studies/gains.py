@@ -1,8 +1,8 @@
 """What do logs of |currents| tell of gains? Simulated logs whose gains are off by up to 30 %, and stated so.
 
-Robots with the standard friction and white noise of 3 % of each joint's RMS effort; every reading is made an effort by a
-gain that is 0.7 to 1.3 times the true one, and stated as uncertain by 20 %. The table gives, of the joints whose ratio
-the data decide, the error of that ratio and how many 95 % intervals hold it; how many joints are decided; the same for
+Robots with the standard friction and white noise of 3 % of each joint's RMS effort; every reading is made an effort by
+a gain that is 0.7 to 1.3 times the true one, and stated as uncertain by 20 %. The table gives, of the joints whose
+ratio the data decide, the error of that ratio and how many 95 % intervals hold it; how many joints are decided; the same for
 the factor common to all gains, which the prior decides; and signs beside those of the same log with the true gains.
 """
 
@@ -53,7 +53,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
     """Identifies a log with wrong gains, and with right ones."""
     truth = make_truth(Made(robot=scenario.robot, noise=0.03, trajectory="random"), seed)
     n = truth.log.n_joints
-    off = np.exp(np.random.default_rng([seed, 1]).uniform(*np.log(_FARTHEST), n))
+    off = np.exp(np.random.default_rng([seed, 1]).uniform(np.log(_FARTHEST[0]), np.log(_FARTHEST[1]), n))
     wrong = replace(truth.log.rescaled(off), gains=Gains(off, np.full(n, _SD)))
     found, known = (
         identify(

@@ -10,6 +10,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 from bayesid.cli.terminal import warn
@@ -108,9 +109,18 @@ def term_names(options: argparse.Namespace) -> list[str]:
     return terms
 
 
-def beliefs(options: argparse.Namespace) -> Beliefs:
-    """What is believed before the log; the geometry's tolerance where a command asks for it."""
+def beliefs(options: argparse.Namespace, known: Mapping[str, tuple[float, float]] = MappingProxyType({})) -> Beliefs:
+    """What is believed before the log; the geometry's tolerance where a command asks for it.
+
+    Args:
+        options: of the command.
+        known: mean and standard deviation of parameters that other options state.
+    """
     nominal = {} if options.nominal is None else read_nominal(options.nominal)
+    for name in known:
+        if name in nominal:
+            raise InputError(f"{name} is stated by --payload too", str(options.nominal), "state it once")
+    nominal |= known
     links, tolerance = getattr(options, "links", None), getattr(options, "kinematic_tolerance", None)
     kinematics = Beliefs().kinematics if tolerance is None else _tolerance(tolerance)
     return Beliefs(links=None if links is None else _links(links), nominal=nominal, kinematics=kinematics)

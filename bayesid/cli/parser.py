@@ -20,6 +20,8 @@ from bayesid.study.names import STUDIES
 SHELLS = ("bash", "zsh", "tcsh")
 TERMS = "rigid_body,viscous_friction,coulomb_friction,torque_offset,rotor_inertia"
 """`bayesid.model.terms.STANDARD`, spelled out: to import the catalogue for a help text takes a second."""
+MASS_SD = 0.001
+"""Standard deviation of a payload's mass where none is given, as a share of it: a common scale's."""
 _NUMBERS = re.compile(r"-[\d.][-+\d.e]*(?:,[-+\d.e]+)+")
 """Several numbers, the first below zero."""
 _EXAMPLES = """examples:
@@ -255,18 +257,14 @@ def _add_identify(commands: _Commands) -> None:
         "bayesid identify currents.csv --robot my_robot.toml --gains 14.9,13.3,11.1,10.6,11.0,11.5",
         "bayesid identify monday.csv tuesday.csv --robot ur10e --search-budget 30",
         "bayesid identify 'week/*.csv' --each --robot ur10e --workers 2 --out week-by-day",
+        "bayesid identify unloaded.csv --robot ur10e --payload 2.8~0.005@loaded.csv",
         "bayesid identify kuka_rsi.csv --robot kr5 --gains 2.1,2.0,1.1,0.6,0.6,0.3",
         "bayesid identify messung.csv --robot kr5 --columns 't=Zeit [ms],q=Achse{} [Grad],tau=Moment{}'",
         "bayesid identify my_bag --robot robot.urdf --topic /joint_states",
         "bayesid identify left.csv --robot two_arms.urdf --tip left_flange --hold lift=0.2",
     ]
     parser = _command(commands, "identify", "signs, coefficients and feasible parameters from a log", examples)
-    logs = (
-        "t,q1..qn[,dq1..dqn],tau1..taun (or i1..in with --gains) as CSV, Parquet or MATLAB file, a ROS bag or a "
-        "KUKA table; several logs of one robot count as one, also by a quoted pattern: 'runs/*.csv'; "
-        "files of one run with a + between them are joined by time: positions.csv+currents.csv"
-    )
-    parser.add_argument("logs", type=Path, nargs="+", metavar="log", help=logs)
+    _add_logs(parser)
     _share(parser, *_ROBOT, "--terms")
     search = "certified: the best signs with a proof; beam: T-PBPR (default: %(default)s)"
     parser.add_argument("--search", choices=("certified", "beam"), default="certified", help=search)
@@ -301,6 +299,26 @@ def _add_identify(commands: _Commands) -> None:
     parser.add_argument("--no-report", action="store_true", help="do not make report.html, which takes some seconds")
     _share(parser, "--out", help="result folder (default: bayesid-LOG; with --each bayesid-each-LOG)")
     _share(parser, "--quiet")
+
+
+def _add_logs(parser: Parser) -> None:
+    """The logs of an identification, and what the flange carried in them."""
+    logs = (
+        "t,q1..qn[,dq1..dqn],tau1..taun (or i1..in with --gains) as CSV, Parquet or MATLAB file, a ROS bag or a "
+        "KUKA table; several logs of one robot count as one, also by a quoted pattern: 'runs/*.csv'; "
+        "files of one run with a + between them are joined by time: positions.csv+currents.csv; or a TOML file that "
+        'lists logs: tables [[logs]] with file = "loaded.csv" and, where the flange carries something, payload = '
+        '"tool1" and mass = 2.8 or [2.8, 0.005]'
+    )
+    parser.add_argument("logs", type=Path, nargs="+", metavar="log", help=logs)
+    payload = (
+        "one more log, recorded with a payload of this mass on the flange, whose parameters act in its logs alone; the "
+        f"mass enters the posterior (default sd: {100 * MASS_SD:g} %% of it; default label: payload)"
+    )
+    metavar = "[LABEL:]KG[~SD]@LOG"
+    parser.add_argument("--payload", action="append", default=[], metavar=metavar, help=payload)
+    carried = "one more log, recorded with a payload of unknown mass; logs with the same label carry the same"
+    parser.add_argument("--log", action="append", default=[], metavar="LOG:payload=LABEL", help=carried)
 
 
 def _add_validate(commands: _Commands) -> None:

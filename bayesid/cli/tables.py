@@ -10,7 +10,7 @@ from bayesid.cli.terminal import table
 from bayesid.identification.identification import KNOWN, SURE, Identification
 from bayesid.identification.prediction import PredictedEfforts
 from bayesid.identification.validation import Validation
-from bayesid.report.findings import summarise
+from bayesid.report.findings import Summary, summarise
 from bayesid.report.verdicts import (
     EFFECT_HEADINGS,
     GAIN_HEADINGS,
@@ -47,6 +47,7 @@ def identification_parts(result: Identification) -> list[RenderableType]:
         f"{summary.robot}: {summary.n_samples} rows, {summary.n_segments} segments ({summary.n_segments_searched} "
         f"searched), {summary.n_coefficients} coefficients ({result.n_known} known to {100 * KNOWN:g} %), condition "
         f"number {fit.condition:.0f}",
+        *_payloads(summary),
         _verdict(
             f"search: {search.method}, {search.solves} cone problems, {result.timings['search']:.1f} s; ",
             proof(summary),
@@ -60,6 +61,18 @@ def identification_parts(result: Identification) -> list[RenderableType]:
         *([_verdict("intervals: ", check)] if (check := intervals(summary)).state == "look" else []),
         table(["joint", "segments", "least sure", f"|effort| sure to {100 * SURE:g} %", "relative residual"], rows),
     ]
+
+
+def _payloads(summary: Summary) -> list[str]:
+    """What each log carried, and what was found of it; nothing where none carried anything."""
+    payloads = summary.payloads or {}
+    carried = [f"{part.source}: {part.n_samples} rows, {part.payload or 'no payload'}" for part in summary.logs]
+    found = [
+        f"{label}: {one['mass']:.4g} kg, centre of mass at ({', '.join(f'{x:.3g}' for x in one['com'])}) m in the last "
+        "link's frame"
+        for label, one in payloads.items()
+    ]
+    return [*carried, *found] if payloads else []
 
 
 def _verdict(head: str, check: Check, tail: str = "") -> Text:

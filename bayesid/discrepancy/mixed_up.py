@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -45,7 +45,7 @@ class _MixUp:
     def motion(self, motion: Motion) -> Motion:
         """Mended."""
         q, dq, ddq = (x[:, self.positions] * self.sides for x in (motion.q, motion.dq, motion.ddq))
-        return Motion(motion.t, q, dq, ddq, motion.origin)
+        return replace(motion, q=q, dq=dq, ddq=ddq)
 
 
 def check_columns(effort_of: Callable[[Motion], Array], trial: Trial, log: Log) -> None:

@@ -249,7 +249,7 @@ class ExcitationDesign:
         lower, upper = np.asarray(self.limits.lower), np.asarray(self.limits.upper)
         motion, centred = self.motion, 2.0 * self.motion.q - lower - upper
         dq, ddq = motion.dq / np.asarray(self.limits.velocity), motion.ddq / np.asarray(self.limits.acceleration)
-        return Motion(motion.t, centred / (upper - lower), dq, ddq)
+        return replace(motion, q=centred / (upper - lower), dq=dq, ddq=ddq)
 
     @property
     def undecided(self) -> tuple[int, ...]:

@@ -18,6 +18,7 @@ from bayesid.identification.prediction import (
     MotionLike,
     PredictedEfforts,
     Spread,
+    check_payloads,
     drawn_noise,
     motion_of,
     spread_of,
@@ -166,6 +167,7 @@ class IdentifiedModel:
             ['t', 'tau1', 'tau2', 'tau3', 'sd1']
         """
         motion = motion_of(motion, self.model.robot, cutoff)
+        check_payloads(self.model, motion)
         known = self._knows_parameters
         if not known and not noise:
             said = "nothing is known of how certain the model's parameters are"

@@ -69,12 +69,15 @@ def plain_options(options: Mapping[str, object]) -> dict[str, object]:
 
 def call_of_log(log: Log) -> str:
     """Python that reads a log again; `log` where it never was a file."""
-    sources = [piece.source for piece in log.pieces] or [log.source]
-    if not all(os.path.isfile(source) or os.path.isdir(source) for source in sources):  # a pipe is read once only
+    carried = {piece.source: piece.payload for piece in log.pieces} or {log.source: ""}
+    if not all(os.path.isfile(source) or os.path.isdir(source) for source in carried):  # a pipe is read once only
         return "log"
     unsigned = ",".join(str(j) for j, signed in enumerate(log.signed, start=1) if not signed) or "none"
     options = "".join(f", {name}={value!r}" for name, value in {"unsigned": unsigned, **log.read_with}.items())
-    read = [f"bayesid.read_log({source!r}{options})" for source in sources]
+    read = [
+        f"bayesid.read_log({source!r}{options})" + (f".carrying({payload!r})" if payload else "")
+        for source, payload in carried.items()
+    ]
     return read[0] if len(read) == 1 else f"bayesid.join_logs([{', '.join(read)}])"
 
 

@@ -31,6 +31,7 @@ from bayesid.fit.noise import autocovariance, integrated_time
 from bayesid.model.model import Model
 from bayesid.model.robot import BUILT_IN, Joint, Robot, load_robot
 from bayesid.model.terms import CATALOGUE, STANDARD
+from bayesid.model.terms.payload import carried_payloads
 from bayesid.motion import Motion
 
 SUSPICIOUS = 0.1
@@ -122,16 +123,16 @@ class _Reading:
         return id(self.robot), self.order.tobytes(), self.factor.tobytes()
 
     def columns(self, recorded: Motion) -> Array:
-        """(N, n, P) of the standard terms."""
+        """(N, n, P) of the standard terms, and of what the flange carries."""
         motion = self.motion(recorded)
         actuators = self.robot.actuators(motion)
         terms = tuple(CATALOGUE[name].for_motion(actuators) for name in STANDARD)
-        return Model(self.robot, terms).columns(motion)
+        return Model(self.robot, (*terms, *carried_payloads(motion))).columns(motion)
 
     def motion(self, recorded: Motion) -> Motion:
         """The motion by this reading."""
         q, dq, ddq = (part[:, self.order] * self.factor for part in (recorded.q, recorded.dq, recorded.ddq))
-        return Motion(recorded.t, q, dq, ddq, recorded.origin)
+        return replace(recorded, q=q, dq=dq, ddq=ddq)
 
 
 @dataclass(frozen=True)

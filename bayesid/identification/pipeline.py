@@ -8,7 +8,7 @@ efforts -> posterior -> signs of all samples, averaged over its draws.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -45,6 +45,7 @@ from bayesid.model.coefficients import BaseCoefficients, base_coefficients
 from bayesid.model.model import Model
 from bayesid.model.robot import Robot, check_joints, load_robot
 from bayesid.model.terms import STANDARD, Term
+from bayesid.model.terms.payload import carried_payloads
 from bayesid.posterior.blocks import SegmentBlocks, divide
 from bayesid.posterior.inference import DRAWS, Posterior, infer, widened, with_gains
 from bayesid.posterior.links import usual_links
@@ -287,7 +288,7 @@ class _Run:
 
 
 def _prepared(
-    run: _Run, robot: Robot, log: LogSource, terms: Iterable[str | Term]
+    run: _Run, robot: Robot, log: LogSource, terms: Sequence[str | Term]
 ) -> tuple[Log, Model, Signals, Segments]:
     """Log, model, signals and segments; what cannot be used is refused before the search."""
     run.progress("prepare", 0, 1)
@@ -295,7 +296,8 @@ def _prepared(
     _check(robot, log)
     check_memory(log, run.preparation.max_memory)
     signals = prepare(log, run.preparation.cutoff)
-    model = Model(robot, catalogue.make_terms(terms, robot, signals.motion))
+    payloads = (one for one in carried_payloads(signals.motion) if one not in terms)
+    model = Model(robot, catalogue.make_terms((*terms, *payloads), robot, signals.motion))
     segments = find_segments(signals, robot.actuators(signals.motion), run.preparation.cutting)
     _check_amount(segments, base_coefficients(model), log)
     run.beliefs.of(model.parameters)
@@ -495,6 +497,9 @@ def _check(robot: Robot, log: Log) -> None:
     check_joints(robot, log.n_joints, log.source)
     if still_joints(log.q).all():
         raise InputError("no joint moves", log.source, "record a motion in which joints move")
+    if (log.payload != "").all():
+        remedy = "add a log without payload, or name none: it is then a part of the last link"
+        raise InputError("no log without a payload, which alone tells it from the last link", log.source, remedy)
 
 
 def _check_amount(segments: Segments, coefficients: BaseCoefficients, log: Log) -> None:

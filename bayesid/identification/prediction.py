@@ -16,7 +16,7 @@ from bayesid.fit.knowledge import scale_of
 from bayesid.fit.noise import Noise
 from bayesid.log.formats.memory import Frame, Variables
 from bayesid.log.log import Log
-from bayesid.log.motions import GIVEN, RecordedMotion, motion_of_arrays, motion_of_variables, read_motion
+from bayesid.log.motions import GIVEN, RecordedMotion, motion_of_arrays, motion_of_log, motion_of_variables, read_motion
 from bayesid.log.signals import filtered_motion
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
@@ -208,12 +208,23 @@ def motion_of(given: MotionLike, robot: Robot, cutoff: float | None = None) -> M
     return motion if isinstance(motion, Motion) else filtered_motion(motion, cutoff)
 
 
+def check_payloads(model: Model, motion: Motion) -> None:
+    """A motion carries what a model knows.
+
+    Raises:
+        InputError: it carries something else.
+    """
+    for label in set(motion.payload.tolist()) - {"", *model.payloads}:
+        known = ", ".join(model.payloads) or "none"
+        raise InputError(f"the model knows no payload {label!r}", GIVEN, f"give one that it knows ({known}), or none")
+
+
 def _read(given: MotionLike) -> Motion | RecordedMotion:
     """What was given, checked."""
     if isinstance(given, Motion | RecordedMotion):
         return given
     if isinstance(given, Log):
-        return RecordedMotion(given.t, given.q, given.dq, given.source)
+        return motion_of_log(given)
     if isinstance(given, str | Path):
         return read_motion(given)
     if isinstance(given, tuple | list):

@@ -19,7 +19,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from bayesid.arrays import Array, Integers, Mask, frozen
+from bayesid.arrays import Array, Integers, Labels, Mask, frozen
 from bayesid.bounded import whole_number
 from bayesid.errors import InputError, printable
 from bayesid.files import numbered, replace_file, write_columns
@@ -32,6 +32,7 @@ from bayesid.log.formats.table import DEGREE, FEWEST_ROWS, check, far_positions
 from bayesid.log.formats.units import factor_of, split_brackets
 from bayesid.log.gains import Gains, gains_of, is_exact
 from bayesid.log.speeds import check_speeds, check_velocities
+from bayesid.motion import check_label, labels
 
 _MANY_TURNS = 20.0 * pi
 """rad; where most joints leave ten turns either way even in degrees, they are in neither. A round number."""
@@ -64,16 +65,20 @@ class Piece:
         start_row: its first row in the log.
         stop_row: the row after its last.
         t: (stop_row - start_row,) its rows' time on its own clock, s, as recorded: shifted times are rounded ones.
+        payload: label of what the flange carried all along; empty where it carried nothing.
     """
 
     source: str
     start_row: int
     stop_row: int
     t: Array
+    payload: str = ""
 
     def __post_init__(self) -> None:
         if not self.start_row < self.stop_row:
             raise ValueError("a piece holds no rows")
+        if self.payload:
+            check_label(self.payload)
         object.__setattr__(self, "source", printable(self.source))
         object.__setattr__(self, "t", frozen(self.t, (self.stop_row - self.start_row,), "a piece's t"))
 
@@ -160,6 +165,38 @@ class Log:
         """
         gains = None if self.gains is None else self.gains.times(np.asarray(factor))
         return replace(self, effort=self.effort * np.asarray(factor), gains=gains)
+
+    def carrying(self, label: str) -> Log:
+        """The log of a flange that carried a payload all along; where nothing is said it carried nothing.
+
+        Identified together with a log without payload, each payload has ten parameters of its own (`m_tool1`,
+        `mcx_tool1`, ..), which act in the logs of its label alone.
+
+        Args:
+            label: of the payload: letters, digits and underscores.
+
+        Raises:
+            InputError: it cannot be one.
+
+        Example:
+            >>> both = bayesid.join_logs([log, other_log.carrying("tool1")])
+            >>> [piece.payload for piece in both.pieces]
+            ['', 'tool1']
+        """
+        pieces = self.pieces or (Piece(self.source, 0, len(self), self.t),)
+        return replace(self, pieces=tuple(replace(piece, payload=check_label(label)) for piece in pieces))
+
+    @property
+    def payload(self) -> Labels:
+        """(N,) label of what the flange carried in each row; empty where it carried nothing.
+
+        Example:
+            >>> np.unique(log.carrying("tool1").payload).tolist()
+            ['tool1']
+        """
+        if not self.pieces:
+            return labels("", len(self))
+        return np.repeat([piece.payload for piece in self.pieces], [len(piece.t) for piece in self.pieces])
 
     @property
     def pooled(self) -> bool:

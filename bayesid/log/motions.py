@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from bayesid.arrays import Array, frozen
+from bayesid.arrays import Array, Integers, Labels, frozen
 from bayesid.errors import InputError
 from bayesid.files import numbered
 from bayesid.log.formats import Column, Options, Table, read_table
 from bayesid.log.formats.memory import Variables, read_variables
 from bayesid.log.formats.table import check, rows_of
-from bayesid.log.log import angle_unit
+from bayesid.log.log import Log, angle_unit
+from bayesid.motion import labels, unlabelled
 
 GIVEN = "the motion"
 """What messages call a motion that is no file."""
@@ -30,12 +31,14 @@ class RecordedMotion:
         q: (N, n) joint positions, rad (m for a prismatic joint).
         dq: (N, n) joint velocities, rad/s, or None.
         source: where it came from, for messages.
+        payload: (N,) label of what the flange carries, or one for all; empty where it carries nothing.
     """
 
     t: Array
     q: Array
     dq: Array | None = None
     source: str = GIVEN
+    payload: Labels = field(default_factory=unlabelled)
 
     def __post_init__(self) -> None:
         q = frozen(self.q, (None, None), "q")
@@ -43,6 +46,14 @@ class RecordedMotion:
         object.__setattr__(self, "t", frozen(self.t, (q.shape[0],), "t"))
         if self.dq is not None:
             object.__setattr__(self, "dq", frozen(self.dq, q.shape, "dq"))
+        object.__setattr__(self, "payload", labels(self.payload, q.shape[0]))
+
+    def rows(self, kept: Integers) -> RecordedMotion:
+        """Some rows, in ascending order; the motion itself where these are all: long ones are not copied."""
+        if len(kept) == len(self.t):
+            return self
+        dq = None if self.dq is None else self.dq[kept]
+        return RecordedMotion(self.t[kept], self.q[kept], dq, self.source, self.payload[kept])
 
 
 def read_motion(
@@ -73,6 +84,11 @@ def read_motion(
     for note in table.notes:
         warnings.warn(note, stacklevel=2)
     return _recorded(table, angle_unit(table, degrees))
+
+
+def motion_of_log(log: Log) -> RecordedMotion:
+    """What a log holds beside efforts."""
+    return RecordedMotion(log.t, log.q, log.dq, log.source, log.payload)
 
 
 def motion_of_variables(source: Variables) -> RecordedMotion:

@@ -8,7 +8,7 @@ does need quiet accelerations. So the motion passes a zero-phase low-pass at the
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import repeat
 
 import numpy as np
@@ -21,7 +21,7 @@ from bayesid.log.formats.table import FEWEST_ROWS
 from bayesid.log.gains import Gains
 from bayesid.log.log import Log
 from bayesid.log.low_pass import AfterRectifier
-from bayesid.log.motions import RecordedMotion
+from bayesid.log.motions import RecordedMotion, motion_of_log
 from bayesid.log.repeats import HELD, distinct_rows
 from bayesid.motion import Motion
 
@@ -198,7 +198,8 @@ def filtered_motion(recorded: RecordedMotion, cutoff: float | None = None) -> Mo
     even = _on_even_grid(_distinct(recorded)[0])
     smooth = even.smooth(even.cutoff(cutoff))
     q, velocity = scipy.interpolate.CubicSpline(smooth.t, smooth.q), scipy.interpolate.CubicSpline(smooth.t, smooth.dq)
-    return Motion(recorded.t, q(recorded.t), velocity(recorded.t), velocity(recorded.t, 1))
+    t = recorded.t
+    return Motion(t, q(t), velocity(t), velocity(t, 1), payload=recorded.payload)
 
 
 @dataclass(frozen=True)
@@ -220,8 +221,7 @@ def _distinct(recorded: RecordedMotion, effort: Array | None = None) -> tuple[Re
     """A motion without repeated rows, and the rows that are kept; (M, n) efforts beside it tell rows apart too."""
     dq = recorded.dq
     keep = distinct_rows(recorded.t, [part for part in (recorded.q, effort, dq) if part is not None])
-    measured = None if dq is None else _rows(dq, keep)
-    return RecordedMotion(_rows(recorded.t, keep), _rows(recorded.q, keep), measured, recorded.source), keep
+    return recorded.rows(keep), keep
 
 
 def _rows(values: Array, kept: Integers) -> Array:
@@ -232,9 +232,7 @@ def _rows(values: Array, kept: Integers) -> Array:
 def _mended(log: Log) -> _Mended:
     lost, lost_faults = lost_rows(log.t, log.q, log.effort, log.dq)
     left = np.delete(np.arange(len(log)), lost)
-    dq = None if log.dq is None else _rows(log.dq, left)
-    all_rows = RecordedMotion(_rows(log.t, left), _rows(log.q, left), dq, log.source)
-    recorded, keep = _distinct(all_rows, _rows(log.effort, left))
+    recorded, keep = _distinct(motion_of_log(log).rows(left), _rows(log.effort, left))
     t, effort = recorded.t, _rows(_rows(log.effort, left), keep)
     faults = (*lost_faults, *find_faults(t, recorded.q, effort, recorded.dq))
     parts = {"position": recorded.q, "effort": effort}
@@ -250,7 +248,7 @@ def _mended(log: Log) -> _Mended:
         parts["position"] = np.where(still, parts["position"].mean(axis=0), parts["position"])
         if recorded.dq is not None:
             parts["velocity"] = np.where(still, 0.0, parts["velocity"])
-    motion = RecordedMotion(t, parts["position"], parts.get("velocity"), recorded.source)
+    motion = replace(recorded, q=parts["position"], dq=parts.get("velocity"))
     return _Mended(motion, parts["effort"], faults)
 
 
@@ -268,7 +266,7 @@ def _unfaulted(grid: Array, t: Array, mended: _Mended, margin: float) -> Mask:
     A position that is missing for less is as good interpolated as that between two rows.
     """
     unfaulted = np.ones((len(grid), mended.effort.shape[1]), dtype=bool)
-    nearest = np.clip(np.searchsorted(t, grid - 0.5 * np.median(np.diff(t))), 0, len(t) - 1)
+    nearest = _nearest(grid, t)
     for (reading, j), known in _known(len(t), mended.faults).items():
         if reading == "effort":
             unfaulted[:, j] &= known[nearest]
@@ -279,6 +277,11 @@ def _unfaulted(grid: Array, t: Array, mended: _Mended, margin: float) -> Mask:
                     last = t[min(stop, len(t) - 1)] + margin * (stop < len(t))
                     unfaulted &= ((grid < t[first] - margin) | (grid > last))[:, None]
     return unfaulted
+
+
+def _nearest(grid: Array, t: Array) -> Integers:
+    """(N,) the row of instants t (K,), s, that is nearest to each of the grid's, s; in a pause, the next."""
+    return np.clip(np.searchsorted(t, grid - 0.5 * np.median(np.diff(t))), 0, len(t) - 1)
 
 
 @dataclass(frozen=True)
@@ -320,7 +323,8 @@ class _EvenMotion:
         """The low-passed motion at the instants that are kept, differentiated."""
         columns = [[part[kept].copy() for part in self._smooth(*joint, cutoff)] for joint in self.joints()]
         q, dq, ddq = (np.stack(part, axis=1) for part in zip(*columns, strict=True))
-        return Motion(self.grid[kept], q, dq, ddq)
+        payload = self.recorded.payload[_nearest(self.grid[kept], self.t)]
+        return Motion(self.grid[kept], q, dq, ddq, payload=payload)
 
     def _smooth(self, q: Array, dq: Array | None, cutoff: float) -> tuple[Array, Array, Array]:
         """(N,) position, velocity and acceleration of a joint.

@@ -109,10 +109,11 @@ def embedding(part: Model, whole: Model) -> Array:
 
 
 def _random_columns(model: Model, rng: np.random.Generator) -> Array:
-    """(rows, P) columns on independent random positions, velocities and accelerations."""
-    shape = (_SAMPLES, model.robot.n_joints)
+    """(rows, P) columns on independent random positions, velocities and accelerations, without and with payloads."""
+    payload = np.repeat(("", *model.payloads), _SAMPLES)
+    shape = (len(payload), model.robot.n_joints)
     q, dq, ddq = (rng.uniform(-limit, limit, shape) for limit in (3.0, 2.0, 5.0))
-    motion = Motion(np.arange(_SAMPLES, dtype=float), q, dq, ddq)
+    motion = Motion(np.arange(len(payload), dtype=float), q, dq, ddq, payload=payload)
     return model.columns(motion).reshape(-1, len(model.parameters))
 
 

@@ -148,6 +148,8 @@ class Effect:
     """Of the fields with nonlinear numbers that people want to know."""
     given: ClassVar[tuple[str, ...]] = ()
     """Fields whose numbers come with the motion or the model; no log is asked for them."""
+    words: ClassVar[tuple[str, ...]] = ()
+    """Fields that hold words in the place of numbers; they are given too."""
     counts: ClassVar[Mapping[str, int]] = {}
     """Numbers in a field, where they are not one an actuator."""
     typical: ClassVar[tuple[float, ...]] = ()
@@ -164,7 +166,7 @@ class Effect:
         return effect_of(self.name)
 
     @property
-    def shape(self) -> Mapping[str, list[float]]:
+    def shape(self) -> Mapping[str, list[Any]]:
         """The fields by name, what model.toml keeps; `joints` only if they are named."""
         values = {entry.name: list(getattr(self, entry.name)) for entry in fields(self)}
         return {key: value for key, value in values.items() if key != "joints" or value}
@@ -172,7 +174,7 @@ class Effect:
     @property
     def sought(self) -> tuple[str, ...]:
         """The fields whose numbers only a comparison with a log can show."""
-        return tuple(key for key in self.shape if key not in ("joints", *self.given))
+        return tuple(key for key in self.shape if key not in ("joints", *self.given, *self.words))
 
     def acting(self, n_joints: int) -> list[int]:
         """The (0-based) actuators in which it acts."""

@@ -99,6 +99,17 @@ class Model:
         return (*self.terms, *self.distortions)
 
     @property
+    def payloads(self) -> tuple[str, ...]:
+        """Labels of the payloads that the model knows, of which a motion may say that it carries one.
+
+        Example:
+            >>> from bayesid.model.terms.payload import CarriedPayload
+            >>> model.extend(CarriedPayload(label=("tool1",))).payloads
+            ('tool1',)
+        """
+        return tuple(dict.fromkeys(label for term in self.terms for label in term.payloads))
+
+    @property
     def before_sensors(self) -> Model:
         """The model of the efforts themselves, without what sensors make of them.
 

@@ -170,6 +170,8 @@ def _check_shapes(model: Model) -> None:
     n = model.robot.n_joints
     for effect in model.effects:
         for key, values in effect.shape.items():
+            if key in effect.words:
+                continue
             sizes = np.abs(frozen(values, (None,), key))
             if np.any((sizes > 0.0) & (sizes < _FAINTEST)):
                 raise ValueError(f"{key} of {effect.name} is too small to divide by")

@@ -46,7 +46,7 @@ def random_parameters(model: Model, rng: np.random.Generator) -> Array:
     for body in cone.bodies:
         link = model.parameters[body[0]].joint - 1
         theta[body] = random_body(ends[link], masses[link], radii[link], rng)
-    columns = model.columns(_random_motion(model.robot.n_joints, rng))
+    columns = model.columns(_random_motion(model.robot.n_joints, rng))  # without payloads, which are all bodies
     others = np.setdiff1d(np.arange(cone.size), cone.bodies)
     shares = rng.uniform(*_OF_EITHER_SIGN, cone.size) * rng.choice([-1.0, 1.0], cone.size)
     shares[cone.nonnegative] = rng.uniform(*_OF_ONE_SIGN, len(cone.nonnegative))

@@ -10,13 +10,14 @@ from typing import Any
 
 from bayesid.cli.options import beliefs, command_line, end_with, read, reading_options, robot_of, sampling, term_names
 from bayesid.cli.progress import CountBar, StageBars
+from bayesid.cli.recordings import Recording, is_list, known_masses, recordings
 from bayesid.cli.tables import identification_parts, separate_parts
 from bayesid.cli.terminal import complain, show, warn
 from bayesid.errors import BayesidError, InputError
 from bayesid.files import reserved
 from bayesid.identification.options import Preparation
 from bayesid.identification.pipeline import identify
-from bayesid.log.log import find_logs, join_logs
+from bayesid.log.log import Log, join_logs
 from bayesid.progress import Progress
 from bayesid.results.folders import check_result_folder, collect_incomplete, save_identification, save_or_rescue
 from bayesid.results.several_logs import identify_separately
@@ -27,20 +28,21 @@ from bayesid.signs.search.protocol import Search
 
 def run(options: argparse.Namespace) -> None:
     """One result folder, or one a log with `--each`."""
-    logs, settings = find_logs(options.logs), _settings(options)
+    logs = recordings(options)
+    settings = _settings(options, logs)
     if options.each:
         _identify_each(options, logs, settings)
         return
     if options.workers is not None or options.scheduler is not None:
         said = "one identification runs in one process"
         raise InputError(said, "--workers or --scheduler", "leave it out, or add --each for one result a log")
-    folder = check_result_folder(options.out or Path(f"bayesid-{logs[0].stem}"))
-    if any(folder.resolve() in (path.resolve(), path.resolve().parent) for path in logs):  # a bag is a folder
+    folder = check_result_folder(options.out or Path(f"bayesid-{_stem(options, logs)}"))
+    if any(folder.resolve() in (one.path.resolve(), one.path.resolve().parent) for one in logs):  # a bag is a folder
         raise InputError("holds the log, which the result would replace", str(folder), "give --out a new folder")
     robot, reading, replaced = robot_of(options), reading_options(options), folder.is_dir() and any(folder.iterdir())
     with reserved(folder), StageBars(options.quiet) as bars:
         bars.show("read", 0, 1)
-        log = join_logs([read(path, reading) for path in logs])
+        log = join_logs([_read(one, reading) for one in logs])
         result = identify(robot, log, **settings, progress=Progress(bars.show))
         result = replace(result, provenance=replace(result.provenance, command=command_line()))
         bars.show("write", 0, 1)
@@ -54,7 +56,17 @@ def run(options: argparse.Namespace) -> None:
     end_with(incomplete)
 
 
-def _settings(options: argparse.Namespace) -> dict[str, Any]:
+def _stem(options: argparse.Namespace, logs: Sequence[Recording]) -> str:
+    """What a folder is named after: the file that lists the logs, or the first log."""
+    return str((options.logs[0] if is_list(options.logs[0]) else logs[0].path).stem)
+
+
+def _read(one: Recording, reading: Mapping[str, Any]) -> Log:
+    log = read(one.path, reading)
+    return log.carrying(one.payload) if one.payload else log
+
+
+def _settings(options: argparse.Namespace, logs: Sequence[Recording]) -> dict[str, Any]:
     """Keyword arguments of `bayesid.identify`."""
     return {
         "terms": term_names(options),
@@ -62,7 +74,7 @@ def _settings(options: argparse.Namespace) -> dict[str, Any]:
         "search": _search(options),
         "posterior": sampling(options),
         "preparation": Preparation(cutoff=options.cutoff, max_memory=options.max_memory),
-        "beliefs": beliefs(options),
+        "beliefs": beliefs(options, known_masses(logs)),
     }
 
 
@@ -73,12 +85,16 @@ def _search(options: argparse.Namespace) -> Search:
     return Certified(budget=options.search_budget, fallback=beam, repeatable=options.repeatable)
 
 
-def _identify_each(options: argparse.Namespace, logs: Sequence[Path], settings: Mapping[str, Any]) -> None:
-    folder, robot = options.out or Path(f"bayesid-each-{logs[0].stem}"), robot_of(options)
+def _identify_each(options: argparse.Namespace, logs: Sequence[Recording], settings: Mapping[str, Any]) -> None:
+    for one in logs:
+        if one.payload:
+            said = f"{one.path} carries a payload, which only a log without it tells from the last link"
+            raise InputError(said, "--each", "leave --each out, or name the log without its payload")
+    folder, robot = options.out or Path(f"bayesid-each-{_stem(options, logs)}"), robot_of(options)
     with reserved(folder), CountBar("logs", options.quiet) as bar:
         settings = {**settings, "reading": reading_options(options), "report": not options.no_report}
         settings |= {"workers": options.workers, "scheduler": options.scheduler, "progress": bar.show}
-        separate = identify_separately(robot, logs, folder, **settings)
+        separate = identify_separately(robot, [one.path for one in logs], folder, **settings)
     failed = [result for result in separate.runs if result.error]
     for result in separate.runs:
         for warning in result.warnings:

@@ -97,4 +97,4 @@ def _shifted(motion: Motion, lag: float) -> Motion:
         return motion
     at = motion.t - lag
     q, dq, ddq = (scipy.interpolate.CubicSpline(motion.t, values)(at) for values in (motion.q, motion.dq, motion.ddq))
-    return Motion(at, q, dq, ddq, motion.origin)
+    return replace(motion, t=at, q=q, dq=dq, ddq=ddq)

@@ -87,4 +87,4 @@ class GearRatio(Distortion):
         factor = np.ones(robot.n_joints)
         factor[self.acting(robot.n_joints)] += self.error
         to_joints = (np.linalg.inv(robot.coupling) @ (factor[:, None] * robot.coupling)).T
-        return Motion(motion.t, motion.q @ to_joints, motion.dq @ to_joints, motion.ddq @ to_joints, motion.origin)
+        return replace(motion, q=motion.q @ to_joints, dq=motion.dq @ to_joints, ddq=motion.ddq @ to_joints)

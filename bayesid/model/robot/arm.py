@@ -11,7 +11,7 @@ e = C^-T tau by the principle of virtual work; without a transmission C is the i
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -105,7 +105,7 @@ class Robot:
         if self.transmission is None:
             return motion
         c = self.coupling.T
-        return Motion(motion.t, motion.q @ c, motion.dq @ c, motion.ddq @ c, motion.origin)
+        return replace(motion, q=motion.q @ c, dq=motion.dq @ c, ddq=motion.ddq @ c)
 
     @property
     def link_ends(self) -> Array:

@@ -45,6 +45,11 @@ class Term(Effect):
         arguments: dict[str, Any] = dict(shape)
         return cls(**arguments)
 
+    @property
+    def payloads(self) -> tuple[str, ...]:
+        """Labels of the payloads in whose rows alone it acts; of most terms none."""
+        return ()
+
     @classmethod
     def shape_of_motion(cls, actuators: Motion) -> Mapping[str, tuple[float, ...]]:
         """The nonlinear numbers that a motion shows, by field, one an actuator."""

@@ -17,6 +17,7 @@ from bayesid.identification.identification import Identification
 from bayesid.identification.other_readings import BetterReading
 from bayesid.identification.provenance import Provenance
 from bayesid.log.log import Log
+from bayesid.model.inertia import about_centre_of_mass
 from bayesid.posterior.inference import Posterior
 
 _MOST_DIFFERENT = 3
@@ -34,10 +35,11 @@ Numbers = tuple[Number, ...]
 
 @dataclass(frozen=True)
 class LogPart:
-    """One of the logs that a log was joined from."""
+    """One of the logs that a log was joined from, and the label of what the flange carried, if anything."""
 
     source: str
     n_samples: int
+    payload: str = ""
 
 
 @dataclass(frozen=True)
@@ -363,6 +365,8 @@ class Summary:
         better_reading: of the log, than the one given; None where there is none.
         low_pass_after_rectifier: that |effort| has passed; None where none was found.
         gains: that were unknowns; None where all were exact.
+        payloads: label of each payload that logs carry to its `mass`, kg, and `com`, centre of mass in the last link's
+            frame, m; None where none is carried.
     """
 
     robot: str
@@ -389,6 +393,7 @@ class Summary:
     better_reading: BetterReading | None = None
     low_pass_after_rectifier: LowPassSummary | None = None
     gains: GainsSummary | None = None
+    payloads: Mapping[str, Mapping[str, Any]] | None = None
 
     @property
     def hidden_joints(self) -> int:
@@ -429,13 +434,23 @@ def summarise(identification: Identification) -> Summary:
         better_reading=identification.better_reading,
         low_pass_after_rectifier=_low_pass(identification),
         gains=_gains(identification),
+        payloads=_payloads(identification),
     )
     return from_json(Summary, as_json(summary))  # so that it is what a file gives: None for what is not finite
 
 
 def log_parts(log: Log) -> tuple[LogPart, ...]:
     """The logs that a log was joined from; none where it is one."""
-    return tuple(LogPart(part.source, part.stop_row - part.start_row) for part in log.pieces) if log.pooled else ()
+    parts = log.pieces if log.pooled else ()
+    return tuple(LogPart(part.source, part.stop_row - part.start_row, part.payload) for part in parts)
+
+
+def _payloads(identification: Identification) -> dict[str, dict[str, Any]] | None:
+    """Of the parameters that the model holds."""
+    parts = identification.model.parts(identification.theta)
+    carried = {label: values for term, values in parts for label in term.payloads}
+    centres = {label: about_centre_of_mass(values)[0].tolist() for label, values in carried.items()}
+    return {label: {"mass": float(carried[label][9]), "com": centre} for label, centre in centres.items()} or None
 
 
 def _joints(chosen: Sequence[bool] | np.ndarray) -> tuple[int, ...]:

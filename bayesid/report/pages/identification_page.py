@@ -156,6 +156,7 @@ def _about(findings: Findings) -> list[tuple[str, str]]:
     return [
         ("Robot", summary.robot),
         ("Log", f"{summary.log}, {summary.n_samples} rows, {findings.samples.t[-1]:.4g} s"),
+        *[("Payload", f"{one.payload}, carried in {one.source}") for one in summary.logs if one.payload],
         ("Terms", ", ".join([*summary.terms, *summary.distortions])),
         ("Run", summary.provenance.date),
     ]

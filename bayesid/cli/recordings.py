@@ -1,0 +1,151 @@
+"""The logs of an identification, with what the flange carried: as options name them, or a file that lists them."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from bayesid.bounded import LARGEST, read_source, toml_of
+from bayesid.cli.parser import MASS_SD
+from bayesid.errors import InputError, near_names, printable
+from bayesid.log.log import find_logs
+from bayesid.motion import check_label
+
+_USUAL = "payload"
+"""Label of a payload that has none."""
+_PAYLOAD = re.compile(r"(?:(?P<label>[^:~@]*):)?(?P<mass>[^:~@]*)(?:~(?P<sd>[^:~@]*))?@(?P<file>.+)")
+_PAYLOAD_REMEDY = "give [LABEL:]KG[~SD]@LOG, as in 2.8~0.005@loaded.csv"
+_LOG_REMEDY = "give LOG:payload=LABEL, as in loaded.csv:payload=tool1"
+_KEYS = ("file", "payload", "mass")
+_FILE_REMEDY = (
+    'give tables [[logs]] with file = "loaded.csv" and, if it carries something, payload = "tool1", mass = 2.8'
+)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One log of an identification.
+
+    Attributes:
+        path: of the log.
+        payload: label of what the flange carried; empty where it carried nothing.
+        mass: of that, kg, and its standard deviation; None where it is not known.
+    """
+
+    path: Path
+    payload: str = ""
+    mass: tuple[float, float] | None = None
+
+
+def is_list(path: Path) -> bool:
+    """Whether an argument is no log but a file that lists logs."""
+    return path.suffix == ".toml"
+
+
+def recordings(options: argparse.Namespace) -> list[Recording]:
+    """All logs that a command names: those without a payload first, unless a file lists them.
+
+    Raises:
+        InputError: an option or a file cannot be understood, no file matches a pattern, or a log is named twice.
+    """
+    named = [one for path in options.logs for one in (_listed(path) if is_list(path) else [Recording(path)])]
+    named += [*map(_of_payload, options.payload), *map(_of_log, options.log)]
+    found = [replace(one, path=path) for one in named for path in find_logs([one.path])]
+    find_logs([one.path for one in found])  # none twice
+    return found
+
+
+def known_masses(logs: Iterable[Recording]) -> dict[str, tuple[float, float]]:
+    """Parameter to mean and standard deviation, kg, of the payloads whose mass is known.
+
+    Raises:
+        InputError: a payload has two masses.
+    """
+    known: dict[str, tuple[float, float]] = {}
+    for one in logs:
+        if one.mass is None:
+            continue
+        first = known.setdefault(f"m_{one.payload}", one.mass)
+        if first != one.mass:
+            said = f"payload {one.payload} has {_said(one.mass)} here, and {_said(first)} in another log"
+            raise InputError(said, str(one.path), "give it one mass, or other payloads other labels")
+    return known
+
+
+def _said(mass: tuple[float, float]) -> str:
+    return f"{mass[0]:g} +- {mass[1]:g} kg"
+
+
+def _of_payload(text: str) -> Recording:
+    """[LABEL:]KG[~SD]@LOG."""
+    found = _PAYLOAD.fullmatch(text)
+    if found is None:
+        raise InputError(f"{text!r} names no mass and log", "--payload", _PAYLOAD_REMEDY)
+    try:
+        numbers = [float(found[part]) for part in ("mass", "sd") if found[part] is not None]
+    except ValueError:
+        raise InputError(f"{text!r} has no mass in kg", "--payload", _PAYLOAD_REMEDY) from None
+    label = _USUAL if found["label"] is None else found["label"]
+    mass = _mass(numbers, f"{text!r}", "--payload", _PAYLOAD_REMEDY)
+    return Recording(Path(found["file"]), _label(label, "--payload", _PAYLOAD_REMEDY), mass)
+
+
+def _of_log(text: str) -> Recording:
+    """LOG:payload=LABEL."""
+    file, _, label = text.rpartition(":payload=")
+    if not file:
+        raise InputError(f"{text!r} names no log and payload", "--log", _LOG_REMEDY)
+    return Recording(Path(file), _label(label, "--log", _LOG_REMEDY))
+
+
+def _listed(path: Path) -> list[Recording]:
+    """The logs of a file, with paths relative to it."""
+    where = printable(str(path))
+    table = toml_of(read_source(path, _FILE_REMEDY), where, _FILE_REMEDY)
+    _check_keys(table, ("logs",), where)
+    rows = table.get("logs")
+    if not isinstance(rows, list) or not rows or not all(isinstance(row, dict) for row in rows):
+        raise InputError("lists no logs", where, _FILE_REMEDY)
+    return [_of_table(row, path.parent, f"{where}, log {k}") for k, row in enumerate(rows, start=1)]
+
+
+def _of_table(row: Mapping[str, Any], folder: Path, where: str) -> Recording:
+    _check_keys(row, _KEYS, where)
+    if not isinstance(row.get("file"), str) or not row["file"]:
+        raise InputError("names no file", where, _FILE_REMEDY)
+    mass = row.get("mass")
+    if mass is not None:
+        mass = _mass(mass if isinstance(mass, list) else [mass], f"mass = {mass!r}", where, _FILE_REMEDY)
+    label = row.get("payload", "" if mass is None else _USUAL)
+    carried = "" if "payload" not in row and not label else _label(label, where, _FILE_REMEDY)
+    return Recording(folder / row["file"], carried, mass)
+
+
+def _check_keys(table: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
+    for key in table:
+        if key not in known:
+            remedy = f"{near_names(key, known)} {_FILE_REMEDY}".strip()
+            raise InputError(f"unknown key {key!r:.60}", where, remedy)
+
+
+def _mass(numbers: list[Any], text: str, where: str, remedy: str) -> tuple[float, float]:
+    """A mass and its sd, kg, of one number or two."""
+    if not 1 <= len(numbers) <= 2 or any(isinstance(one, bool) or not isinstance(one, int | float) for one in numbers):
+        raise InputError(f"{text} is no mass in kg", where, remedy)
+    mass = float(numbers[0])
+    sd = float(numbers[1]) if len(numbers) == 2 else MASS_SD * mass
+    if not (0.0 < mass < LARGEST and 0.0 < sd < math.inf):
+        raise InputError(f"{text} is no mass in kg with its sd, both above 0", where, remedy)
+    return mass, sd
+
+
+def _label(label: object, where: str, remedy: str) -> str:
+    try:
+        return check_label(label)
+    except InputError as error:
+        raise InputError(error.what, where, f"{error.remedy}; {remedy}") from None

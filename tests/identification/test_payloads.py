@@ -1,0 +1,235 @@
+"""Logs with and without payloads in one identification.
+
+The truth is made without any of the code for payloads: a second robot, whose last link holds the payload too.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import small_robot
+from oracles import assert_close
+
+import bayesid
+from bayesid.errors import InputError
+from bayesid.identification.provenance import hashes
+from bayesid.log.log import join_logs, read_log, write_log
+from bayesid.log.signals import prepare
+from bayesid.model.catalogue import make_effect, make_terms
+from bayesid.model.coefficients import base_coefficients
+from bayesid.model.inertia import NAMES
+from bayesid.model.model import Model
+from bayesid.model.terms.payload import CarriedPayload
+from bayesid.results.export import urdf
+from bayesid.results.folders import save_identification
+from bayesid.results.model_file import load_model
+from bayesid.simulation.logs import simulate
+from bayesid.simulation.parameters import random_parameters
+from bayesid.simulation.trajectories import random_trajectory
+
+TERMS = ["rigid_body", "viscous_friction", "coulomb_friction"]
+ROBOT = small_robot(4)
+T = np.arange(1201) / 100.0
+MASS, CENTRE = 2.0, np.array([0.05, -0.08, 0.12])
+ABOUT_CENTRE = np.array([[0.02, 0.003, -0.002], [0.003, 0.03, 0.004], [-0.002, 0.004, 0.015]])
+NOISE = 0.03
+
+
+def ten(mass, centre, about_centre):
+    """(10,) by Steiner's theorem."""
+    inertia = about_centre + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    return np.array([*inertia[np.triu_indices(3)], *(mass * centre), mass])
+
+
+TOOL = ten(MASS, CENTRE, ABOUT_CENTRE)
+OTHER = ten(0.7, np.array([-0.1, 0.06, 0.02]), np.diag([0.004, 0.002, 0.003]))
+
+
+class TwoRobots:
+    """A robot, and the same one whose last link is heavier by what it holds."""
+
+    def __init__(self, carried):
+        motions = [random_trajectory(4, 12.0, seed=seed).motion(T) for seed in (1, 2, 3)]
+        self.model = Model(ROBOT, make_terms(TERMS, ROBOT, motions[0]))
+        self.theta = random_parameters(self.model, np.random.default_rng(3))
+        self.logs = []
+        for k, (motion, extra) in enumerate(zip(motions, carried, strict=False)):
+            theta = self.theta.copy()
+            theta[30:40] += extra
+            log = simulate(self.model, theta, motion, rng=np.random.default_rng(k), noise=NOISE)
+            self.logs.append(replace(log, source=f"log{k}"))
+            effort = self.model.effort(motion, theta)
+            self.signs = [*getattr(self, "signs", []), np.sign(effort)]
+
+
+@pytest.fixture(scope="module")
+def two():
+    return TwoRobots([np.zeros(10), TOOL])
+
+
+@pytest.fixture(scope="module")
+def found(two):
+    log = join_logs([two.logs[0], two.logs[1].carrying("tool1")])
+    return bayesid.identify(ROBOT, log, TERMS, complete="off", posterior=False)
+
+
+def test_payload_and_robot_are_found_together(two, found):
+    names = [parameter.name for parameter in found.model.parameters]
+    truth = np.append(two.theta, TOOL)
+    assert names[-10:] == [f"{part}_tool1" for part in NAMES]
+    error = found.fit.beta - found.coefficients.project(truth)
+    of_tool = [name.endswith("_tool1") for name in found.coefficients.names]
+    assert sum(of_tool) == 10  # four joints show all of a payload
+    assert np.abs(error / found.fit.sd).max() < 5.0
+    mass = found.coefficients.names.index("m_tool1")
+    assert found.fit.sd[mass] < 0.05 * MASS
+    assert abs(found.fit.beta[mass] - MASS) < 5.0 * found.fit.sd[mass]
+    centre = found.fit.theta[-4:-1] / found.fit.theta[-1]
+    np.testing.assert_allclose(centre, CENTRE, atol=0.02)
+
+
+def test_signs_of_both_logs_are_right(two, found):
+    place, _ = found.log.clock(found.signals.motion.t)
+    for k, (sign, log) in enumerate(zip(two.signs, two.logs, strict=True)):
+        rows = np.flatnonzero(place == k)[: len(T)]
+        strong = log.effort[: len(rows)] > 0.05 * log.effort.max(axis=0)
+        right = (found.probability[rows] >= 0.5) == (sign[: len(rows)] > 0.0)
+        assert right[strong].mean() > 0.998
+
+
+def test_without_its_label_the_payload_is_a_misfit(two, found):
+    """The pieces are what makes the difference: the same rows, of which nothing is said, fit badly."""
+    alike = bayesid.identify(ROBOT, join_logs(two.logs), TERMS, complete="off", posterior=False)
+    assert found.fit.relative_residual.max() < 1.5 * NOISE
+    assert alike.fit.relative_residual.max() > 3.0 * NOISE
+    assert alike.model.payloads == ()
+
+
+def test_two_payloads_have_parameters_of_their_own():
+    both = TwoRobots([np.zeros(10), TOOL, OTHER])
+    log = join_logs([both.logs[0], both.logs[1].carrying("tool1"), both.logs[2].carrying("part_2")])
+    found = bayesid.identify(ROBOT, log, TERMS, complete="off", posterior=False)
+    assert found.model.payloads == ("part_2", "tool1")
+    truth = np.concatenate([both.theta, OTHER, TOOL])
+    assert np.abs((found.fit.beta - found.coefficients.project(truth)) / found.fit.sd).max() < 5.0
+
+
+def test_a_known_mass_enters_the_posterior_alone(two):
+    log = join_logs([two.logs[0], two.logs[1].carrying("tool1")])
+    beliefs = bayesid.Beliefs(nominal={"m_tool1": (2.3, 0.001)})
+    sampling = bayesid.Sampling(budget=20.0)
+    found = bayesid.identify(ROBOT, log, TERMS, complete="off", posterior=sampling, beliefs=beliefs)
+    assert abs(found.coefficient("m_tool1").mean - 2.3) < 5.0 * 0.001
+    assert abs(found.fit.theta[-1] - MASS) < 5.0 * found.fit.sd[found.coefficients.names.index("m_tool1")]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# The model
+# ---------------------------------------------------------------------------------------------------------------
+def test_columns_are_what_the_heavier_robot_has_more(two):
+    motion = random_trajectory(4, 5.0, seed=9).motion(np.arange(50) / 10.0)
+    labelled = replace(motion, payload=np.resize(["", "tool1", "tool2"], 50))
+    heavier = two.theta[:40].copy()
+    heavier[30:] += TOOL
+    more = ROBOT.inverse_dynamics(motion, heavier) - ROBOT.inverse_dynamics(motion, two.theta[:40])
+    expected = np.where((labelled.payload == "tool1")[:, None], more, 0.0)
+    assert_close(CarriedPayload(label=("tool1",)).columns(ROBOT, labelled) @ TOOL, expected, 1e-12)
+    assert not CarriedPayload(label=("tool1",)).columns(ROBOT, motion).any()
+
+
+def test_the_robot_alone_stays_what_it_was(two):
+    plain = base_coefficients(two.model)
+    extended = two.model.extend(CarriedPayload(label=("tool1",)))
+    both = base_coefficients(extended)
+    assert both.names[: len(plain)] == plain.names
+    assert both.expressions[: len(plain)] == plain.expressions
+    theta = np.append(two.theta, TOOL)
+    np.testing.assert_array_equal(extended.links(theta), two.model.links(two.theta))
+    motion = random_trajectory(4, 5.0, seed=9).motion(np.arange(50) / 10.0)
+    np.testing.assert_array_equal(extended.effort(motion, theta), two.model.effort(motion, two.theta))
+    inertial = [line for line in urdf(extended, theta).splitlines() if "<" in line and "<!--" not in line]
+    assert inertial == [line for line in urdf(two.model, two.theta).splitlines() if "<" in line and "<!--" not in line]
+
+
+@pytest.mark.parametrize(
+    "effect", [make_effect("delay", {"lag": [0.02]}), make_effect("gear_ratio", {"joints": [2], "error": [0.05]})]
+)
+def test_a_motion_that_is_changed_carries_the_same(two, effect):
+    """A delay and a wrong gear ratio make a motion of a motion; the labels go with it."""
+    model = two.model.extend(CarriedPayload(label=("tool1",))).extend(effect)
+    motion = replace(random_trajectory(4, 5.0, seed=9).motion(np.arange(500) / 100.0), payload="tool1")
+    heavier = two.theta.copy()
+    heavier[30:40] += TOOL
+    expected = two.model.extend(effect).effort(motion, heavier)
+    assert_close(model.effort(motion, np.append(two.theta, TOOL)), expected, 1e-12)
+
+
+def test_model_file_brings_the_payload_back(tmp_path, found, two):
+    save_identification(found, tmp_path / "result", report=False)
+    stored = load_model(tmp_path / "result")
+    assert stored.model.payloads == ("tool1",)
+    assert [term.shape for term in stored.model.terms if term.payloads] == [{"label": ["tool1"]}]
+    np.testing.assert_allclose(stored.theta, found.theta, rtol=1e-15)
+    plain, loaded = two.logs
+    good = stored.validate(loaded.carrying("tool1")).relative_residual
+    assert good.max() < 1.5 * NOISE
+    assert stored.validate(loaded).relative_residual.max() > 3.0 * NOISE  # that says nothing carries nothing
+    assert stored.validate(plain).relative_residual.max() < 1.5 * NOISE
+    assert stored.predict(loaded.carrying("tool1")).mean.shape == loaded.q.shape
+    with pytest.raises(InputError, match=r"no payload 'tool2'.*tool1"):
+        stored.predict(loaded.carrying("tool2"))
+    text = (tmp_path / "result" / "model.toml").read_text()
+    for bad in ('["tool 1"]', "[1]", '["a", "b"]', '"tool1"', "[]"):
+        written = text.replace('[\n    "tool1",\n]', bad)
+        assert written != text
+        (tmp_path / "result" / "model.toml").write_text(written)
+        with pytest.raises(InputError, match=r"model\.toml"):
+            load_model(tmp_path / "result")
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# The log
+# ---------------------------------------------------------------------------------------------------------------
+def test_rows_on_the_even_grid_keep_their_labels(two):
+    log = join_logs([two.logs[0], two.logs[1].carrying("tool1"), two.logs[0]])
+    signals = prepare(log)
+    place, _ = log.clock(signals.motion.t)
+    for k, label in enumerate(["", "tool1", ""]):
+        assert set(signals.motion.payload[place == k]) == {label}
+    assert set(signals.motion[place == 1].payload) == {"tool1"}
+    assert set(ROBOT.actuators(signals.motion).joints([2])[place == 1].payload) == {"tool1"}
+
+
+def test_a_log_is_known_again_whatever_it_carries(two, tmp_path):
+    log = two.logs[1]
+    assert hashes(log.carrying("tool1")) == hashes(log)
+    assert log.carrying("a").rectified().payload.tolist() == ["a"] * len(log)
+    write_log(tmp_path / "log.csv", log)
+    back = read_log(tmp_path / "log.csv")
+    joined = join_logs([two.logs[0], back.carrying("tool1")])
+    assert hashes(back) <= hashes(joined)
+    assert [piece.payload for piece in joined.carrying("b").pieces] == ["b", "b"]
+
+
+def test_the_call_says_what_is_carried(two, tmp_path):
+    for name, log in zip(("plain.csv", "loaded.csv"), two.logs, strict=True):
+        write_log(tmp_path / name, log)
+    plain, loaded = (read_log(tmp_path / name) for name in ("plain.csv", "loaded.csv"))
+    log = join_logs([plain, loaded.carrying("tool1")])
+    found = bayesid.identify(ROBOT, log, TERMS, complete="off", posterior=False)
+    assert f"bayesid.read_log({str(tmp_path / 'loaded.csv')!r}, unsigned='1,2,3,4').carrying('tool1')" in (
+        found.provenance.call
+    )
+    assert found.provenance.call.count("carrying") == 1
+
+
+@pytest.mark.parametrize("label", ["", "tool 1", "größe", "a-b", "m.1", "x" * 41, None, 3])
+def test_labels_are_letters_digits_and_underscores(two, label):
+    with pytest.raises(InputError, match="no label of a payload"):
+        two.logs[0].carrying(label)
+
+
+def test_payloads_without_a_log_of_the_robot_alone_are_refused(two):
+    log = join_logs([two.logs[0].carrying("a"), two.logs[1].carrying("b")])
+    with pytest.raises(InputError, match=r"no log without a payload.*add a log without payload"):
+        bayesid.identify(ROBOT, log, TERMS)
