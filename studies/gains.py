@@ -2,8 +2,9 @@
 
 Robots with the standard friction and white noise of 3 % of each joint's RMS effort; every reading is made an effort by
 a gain that is 0.7 to 1.3 times the true one, and stated as uncertain by 20 %. The table gives, of the joints whose
-ratio the data decide, the error of that ratio and how many 95 % intervals hold it; how many joints are decided; the same for
-the factor common to all gains, which the prior decides; and signs beside those of the same log with the true gains.
+ratio the data decide, the error of that ratio and how many 95 % intervals hold it; how many joints are decided; the
+same for the factor common to all gains, which the prior decides; and signs beside those of the same log with true
+gains.
 """
 
 from __future__ import annotations

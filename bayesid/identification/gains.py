@@ -73,7 +73,7 @@ class IdentifiedGains:
 
     def interval(self, mass: float = 0.95) -> tuple[Array, Array]:
         """(n,) ends of each gain's central interval of this posterior mass."""
-        reach = np.exp(float(norm.ppf(0.5 + 0.5 * mass)) * self.relative_sd)
+        reach: Array = np.exp(float(norm.ppf(0.5 + 0.5 * mass)) * self.relative_sd)
         nearer, farther = self.value / reach, self.value * reach  # from zero: a gain may be negative
         return np.minimum(nearer, farther), np.maximum(nearer, farther)
 
@@ -88,12 +88,18 @@ class IdentifiedGains:
         return float(np.sqrt(max(self.weights @ self.covariance @ self.weights, 0.0)))
 
     @property
+    def factor(self) -> float:
+        """The factor common to all, over that of the gains stated: what they are to be multiplied by together."""
+        return float(np.exp(self.weights @ np.log(self.value / self.stated.value)))
+
+    @property
     def decided_by(self) -> tuple[str, ...]:
         """(n,) what decides the ratio of each gain to the others: `data`, `prior`, or it is `given`."""
         prior, left = self._of_ratios(self.prior), self._of_ratios(self.covariance)
+        by_data = (left <= DECIDED * prior).tolist()
         return tuple(
-            GIVEN if exact else BY_DATA if after <= DECIDED * before else BY_PRIOR
-            for exact, before, after in zip(self.stated.exact, prior, left, strict=True)
+            GIVEN if exact else BY_DATA if told else BY_PRIOR
+            for exact, told in zip(self.stated.exact.tolist(), by_data, strict=True)
         )
 
     @property

@@ -409,6 +409,8 @@ def gains(summary: Summary) -> tuple[Check, ...]:
     factor = in_percent(of_log.factor_sd or 0.0)
     by_prior = of_log.factor_decided_by == BY_PRIOR
     parts.append(f"the factor common to all known to {factor}{' by the prior only' if by_prior else ''}")
+    if not by_prior and of_log.factor is not None:
+        parts[-1] += f": {rounded(of_log.factor)} times that of the gains stated"
     if of_log.like_friction:
         whose = joints_in_words(of_log.like_friction)
         parts.append(f"of {whose} load-dependent friction would explain it as well (a gear's efficiency is no gain)")

@@ -80,8 +80,7 @@ def _stored_model(table: dict[str, Any], where: str, known: Mapping[str, type[Ef
     precision = _stored_precision(knowledge, model)
     lacking, by_gains = (_stored_covariance(knowledge, model, key) for key in ("lacking", "by_gains"))
     gains = _stored_gains(table["gains"], robot.n_joints) if "gains" in table else None
-    spread = {"lacking": lacking, "by_gains": by_gains}
-    return IdentifiedModel(model, theta, noise, precision, **spread, logs=logs, gains=gains)
+    return IdentifiedModel(model, theta, noise, precision, lacking=lacking, by_gains=by_gains, logs=logs, gains=gains)
 
 
 def _stored_gains(table: Mapping[str, Any], n: int) -> IdentifiedGains:

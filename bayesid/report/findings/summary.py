@@ -295,7 +295,8 @@ class GainsSummary:
         upper: (n,) upper ends.
         decided_by: (n,) what decides the ratio of each to the others: "data", "prior", or it is "given".
         ratio_sd: (n,) relative sd of that ratio.
-        factor_sd: relative sd of the factor common to all.
+        factor: common to all, over that of the gains stated; None where none was stated.
+        factor_sd: its relative sd.
         factor_decided_by: "data", with what is stated of masses or gains, or "prior".
         unit: of them.
         stated: as on the command line.
@@ -309,6 +310,7 @@ class GainsSummary:
     upper: Numbers
     decided_by: tuple[str, ...]
     ratio_sd: Numbers
+    factor: Number
     factor_sd: Number
     factor_decided_by: str
     unit: str
@@ -480,6 +482,7 @@ def _gains(identification: Identification) -> GainsSummary | None:
         upper=upper,
         decided_by=gains.decided_by,
         ratio_sd=ratio_sd,
+        factor=None if gains.stated.unknown.any() else gains.factor,
         factor_sd=gains.factor_sd,
         factor_decided_by=gains.factor_decided_by,
         unit=gains.unit,
