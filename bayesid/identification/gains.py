@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -85,7 +86,7 @@ class IdentifiedGains:
     @property
     def factor_sd(self) -> float:
         """Relative sd of the factor common to all gains."""
-        return float(np.sqrt(max(self.weights @ self.covariance @ self.weights, 0.0)))
+        return math.sqrt(max(float(self.weights @ self.covariance @ self.weights), 0.0))
 
     @property
     def factor(self) -> float:

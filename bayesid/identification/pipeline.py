@@ -123,7 +123,7 @@ def identify(
     subject = {**loaded, "terms": [str(one) for one in terms], "complete": check_completeness(complete)}
     run = _Run(search, posterior, preparation, beliefs, progress, subject)
     log, model, signals, segments = _prepared(run, robot, log, terms)
-    run.call, search = _call(run, robot, log, terms), OneBudget(search)
+    run.call = _call(run, robot, log, terms)
     gains = UnknownGains(log, beliefs)
     if gains.unknown.any():
         gains.begin(Evidence.of(model, signals, segments.per_sample(segments.moving, *signals.effort.shape) > 0))
@@ -131,6 +131,7 @@ def identify(
     completing = Completing(complete == "auto", beliefs.kinematics, preparation.cutting)
     plain = True
     while True:  # until gains and signs agree, first under the terms asked for, then under the completed model
+        search = OneBudget(run.search)  # what was spent on signs by other gains proves nothing of these
         asked, found = settle_unfiltered(model, signals, segments, search, preparation.cutting, progress)
         run.lap("search")
         plain = plain and gains.moved(asked.evidence, asked.fit.noise, asked.probability)
