@@ -10,20 +10,20 @@ from bayesid.cli.progress import StageBars
 from bayesid.cli.tables import payload_parts
 from bayesid.cli.terminal import show, warn
 from bayesid.errors import InputError
-from bayesid.files import reserved
+from bayesid.files import check_folder, reserved
 from bayesid.identification.options import Preparation
 from bayesid.identification.payload import PayloadReading, identify_payload
 from bayesid.identification.pipeline import QUICK
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import Progress
-from bayesid.results.folders import PAYLOAD_FILES, check_result_folder, save_payload
+from bayesid.results.folders import PAYLOAD, PAYLOAD_FILES, save_payload
 from bayesid.results.model_file import load_model
 from bayesid.signs.search.certified import Certified
 
 
 def run(options: argparse.Namespace) -> None:
     """A table, and a folder where one is asked for."""
-    folder = None if options.out is None else check_result_folder(options.out, PAYLOAD_FILES)
+    folder = None if options.out is None else check_folder(options.out, PAYLOAD_FILES, PAYLOAD)
     with nullcontext() if folder is None else reserved(folder):
         with StageBars(options.quiet) as bars:
             result = _payload(options, bars)
