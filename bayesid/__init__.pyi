@@ -22,7 +22,6 @@ from .fit.knowledge import read_nominal as read_nominal
 from .identification.identification import Identification as Identification
 from .identification.identified_model import IdentifiedModel as IdentifiedModel
 from .identification.options import Preparation as Preparation
-from .identification.payload import Estimate as Estimate
 from .identification.payload import PayloadBody as PayloadBody
 from .identification.payload import PayloadReading as PayloadReading
 from .identification.payload import identify_payload as identify_payload

@@ -85,12 +85,17 @@ class Estimate:
 
 @dataclass(frozen=True)
 class PayloadBody:
-    """A body on the last link, in that link's frame; in the scale of the efforts, as mass and inertia always are.
+    """A body on the last link, in that link's frame; mass and inertia in the scale of the efforts.
 
     Attributes:
         mass: kg; where there is no body to be seen, the interval begins at zero.
         centre: its centre of mass x, y, z, m; None where there is no body to be seen.
-        inertia: about the centre of mass, along the frame's axes, in the order of `AXES`, kg m^2; None alike.
+        inertia: about the centre of mass, along the frame's axes, xx, yy, zz, xy, xz, yz, kg m^2; None alike.
+
+    Example:
+        >>> body = reading.body  # of 2 kg
+        >>> abs(body.mass.value - 2.0) < 4.0 * body.mass.sd
+        True
     """
 
     mass: Estimate
@@ -99,7 +104,12 @@ class PayloadBody:
 
     @property
     def shown(self) -> bool:
-        """Whether its mass can be told from zero."""
+        """Whether its mass can be told from zero.
+
+        Example:
+            >>> reading.body.shown
+            True
+        """
         return self.centre is not None
 
     @classmethod
@@ -113,8 +123,8 @@ class PayloadBody:
 
         Example:
             >>> draws = np.tile([0.1, 0.0, 0.0, 0.6, 0.0, 0.6, 1.0, 0.0, 0.0, 2.0], (100, 1))
-            >>> body = PayloadBody.of_draws(draws)
-            >>> body.mass.value, [one.value for one in body.centre], body.inertia[1].value.__round__(3)
+            >>> body = bayesid.PayloadBody.of_draws(draws)
+            >>> body.mass.value, [one.value for one in body.centre], round(body.inertia[1].value, 3)
             (2.0, [0.5, 0.0, 0.0], 0.1)
         """
         draws = with_common_factor(evenly_sized(draws), common_sd)
@@ -177,7 +187,7 @@ def gain_factor(mass: Array, known: float, known_sd: float = 0.0, seed: int = 0)
         seed: of the draws of the known mass.
 
     Example:
-        >>> gain_factor(np.full(1000, 2.2), 2.0).value.__round__(3)
+        >>> round(gain_factor(np.full(1000, 2.2), 2.0).value, 3)
         0.909
     """
     levels = np.random.default_rng(seed).permutation((np.arange(len(mass)) + 0.5) / len(mass))
@@ -199,9 +209,8 @@ class PayloadReading:
         seconds: of wall time.
 
     Example:
-        >>> reading = bayesid.identify_payload(result, "another_log.csv")
-        >>> reading.body.shown, reading.check.passed  # nothing was put on the flange
-        (False, True)
+        >>> reading.body.shown, reading.check.joints  # nothing else has changed in any joint
+        (True, ())
     """
 
     body: PayloadBody
@@ -231,7 +240,7 @@ class PayloadReading:
         flange; of a URDF that of the last joint that moves. Frames fixed to that link beyond it are no part of a model.
 
         Example:
-            >>> bayesid.identify_payload(result, "another_log.csv").frame
+            >>> reading.frame
             'link 3'
         """
         return f"link {self.identification.model.robot.n_joints}"
@@ -241,14 +250,20 @@ class PayloadReading:
         """Draws of robot and payload.
 
         Example:
-            >>> bayesid.identify_payload(result, "another_log.csv").posterior.converged
+            >>> reading.posterior.min_ess > 400.0
             True
         """
         return _posterior_of(self.identification)
 
     @property
     def gains(self) -> tuple[Array, Array] | None:
-        """(n,) gains that the log was read with, N m/A, and these by the factor; None without gains or factor."""
+        """(n,) gains that the log was read with, N m/A, and these by the factor; None without gains or factor.
+
+        Example:
+            >>> given, corrected = reading.gains
+            >>> bool(np.allclose(corrected, reading.gain_factor.value * given))
+            True
+        """
         read_with = self.identification.log.read_with.get("gains")
         if self.gain_factor is None or not isinstance(read_with, Sequence):
             return None
@@ -286,9 +301,9 @@ def identify_payload(
         SolverError: an optimisation failed.
 
     Example:
-        >>> reading = bayesid.identify_payload(result, "another_log.csv")
-        >>> reading.body.mass.value < 0.1  # kg
-        True
+        >>> empty = bayesid.identify_payload(result, other_log)  # nothing on the flange
+        >>> empty.body.shown, empty.body.centre
+        (False, None)
     """
     began = time.perf_counter()
     known = earlier.identified if isinstance(earlier, Identification) else earlier

@@ -407,7 +407,6 @@ def save_payload(reading: PayloadReading, folder: str | Path) -> Path:
         InputError: the folder cannot be written, or holds other files than an earlier payload.
 
     Example:
-        >>> reading = bayesid.identify_payload(result, "another_log.csv")
         >>> (bayesid.save_payload(reading, "payload") / "payload.json").is_file()
         True
     """
