@@ -265,9 +265,9 @@ class PayloadReading:
             True
         """
         read_with = self.identification.log.read_with.get("gains")
-        if self.gain_factor is None or not isinstance(read_with, Sequence):
+        if self.gain_factor is None or not isinstance(read_with, Sequence | np.ndarray):
             return None
-        gains = np.array(read_with, dtype=np.float64)
+        gains = np.asarray(read_with, dtype=np.float64)
         return gains, self.gain_factor.value * gains
 
 
