@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2, norm
+from scipy.special import chdtri, ndtri
 
 from bayesid.arrays import Array
 from bayesid.bounded import LARGEST
@@ -173,7 +173,7 @@ def with_common_factor(draws: Array, common_sd: float, seed: int = 0) -> Array:
         return draws
     count = len(draws)
     levels = np.random.default_rng(seed).permutation((np.arange(count) + 0.5) / count)
-    factor = np.exp(common_sd * norm.ppf(levels))
+    factor = np.exp(common_sd * ndtri(levels))
     return draws * factor.reshape(-1, *(1,) * (draws.ndim - 1))
 
 
@@ -191,7 +191,7 @@ def gain_factor(mass: Array, known: float, known_sd: float = 0.0, seed: int = 0)
         0.909
     """
     levels = np.random.default_rng(seed).permutation((np.arange(len(mass)) + 0.5) / len(mass))
-    return Estimate.of_draws((known + known_sd * norm.ppf(levels)) / mass)
+    return Estimate.of_draws((known + known_sd * ndtri(levels)) / mass)
 
 
 @dataclass(frozen=True)
@@ -329,7 +329,7 @@ def identify_payload(
         provenance=replace(again.provenance, call=call),
     )
     draws, evidence = _payload_draws(again), _evidence(again)
-    shown = evidence > chi2.isf(NO_PAYLOAD, 10)
+    shown = evidence > float(chdtri(10, NO_PAYLOAD))
     return PayloadReading(
         body=PayloadBody.of_draws(draws, shown, common_sd),
         check=check_unchanged(known.knowledge, known.noise, again),

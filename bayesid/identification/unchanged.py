@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.fit.effects.thresholds import Thresholds
@@ -48,13 +48,13 @@ class UnchangedCheck:
     @property
     def moved_limits(self) -> Array:
         """(n,) largest chi-square of a joint that chance explains: all of them have half of the false alarms."""
-        limits: Array = chi2.isf(0.5 * self.FALSE_ALARM / len(self.moved), np.maximum(self.moved_freedom, 1))
+        limits: Array = chdtri(np.maximum(self.moved_freedom, 1), 0.5 * self.FALSE_ALARM / len(self.moved))
         return limits
 
     @property
     def limit(self) -> float:
         """Largest chi-square of all coefficients that chance explains: it has the other half."""
-        return float(chi2.isf(0.5 * self.FALSE_ALARM, max(self.freedom, 1)))
+        return float(chdtri(max(self.freedom, 1), 0.5 * self.FALSE_ALARM))
 
     @property
     def joints(self) -> tuple[int, ...]:

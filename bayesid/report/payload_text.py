@@ -84,4 +84,13 @@ def _gains(reading: PayloadReading) -> list[Check]:
         said += ", which cannot be told from 1"
     gains = reading.gains
     corrected = "" if gains is None else f"--gains {','.join(f'{gain:.4g}' for gain in gains[1])}"
-    return [Check("Gains", "good", said, f"read logs with {corrected}" if corrected else "")]
+    if not reading.check.passed:
+        said += ", if nothing else has changed"
+    return [
+        Check(
+            "Gains",
+            "good" if reading.check.passed else "look",
+            said,
+            f"read logs with {corrected}" if corrected else "",
+        )
+    ]
