@@ -23,6 +23,9 @@ from .identification.gains import IdentifiedGains as IdentifiedGains
 from .identification.identification import Identification as Identification
 from .identification.identified_model import IdentifiedModel as IdentifiedModel
 from .identification.options import Preparation as Preparation
+from .identification.payload import PayloadBody as PayloadBody
+from .identification.payload import PayloadReading as PayloadReading
+from .identification.payload import identify_payload as identify_payload
 from .identification.pipeline import identify as identify
 from .identification.prediction import PredictedEfforts as PredictedEfforts
 from .identification.validation import Validation as Validation
@@ -53,6 +56,7 @@ from .results.folders import make_report as make_report
 from .results.folders import save_comparison as save_comparison
 from .results.folders import save_discrepancy as save_discrepancy
 from .results.folders import save_identification as save_identification
+from .results.folders import save_payload as save_payload
 from .results.folders import save_validation as save_validation
 from .results.model_file import load_model as load_model
 from .results.several_logs import Separate as Separate

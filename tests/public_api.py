@@ -32,6 +32,7 @@ from bayesid.cli import main
 from bayesid.cli.parser import Parser, make_parser
 from bayesid.report.findings import Summary
 from bayesid.results.discrepancy_json import discrepancy_summary
+from bayesid.results.payload_json import payload_summary
 
 FILE = Path(__file__).with_suffix(".txt")
 MARKS = {"+ ": "added", "- ": "removed", "  ": "kept"}
@@ -169,17 +170,31 @@ def result_files() -> Iterator[str]:
     """Files of results, keys of the JSON among them, columns of the tables: those of a small robot."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        found = _make_results(folder)
+        found, reading = _make_results(folder)
         for result in ("result", "check"):
             for path in sorted((folder / result).iterdir()):
                 yield from _file(path, f"{result}/{path.name}")
         yield from _columns(folder / "predicted.csv", "predicted.csv")
     every = replace(found, unexplained=((1, 2.0),), unexplained_on={1: ("log",)}, refused=found.added)
     yield from (f"discrepancy.json: {key}" for key in _keys(discrepancy_summary(every)))
+    yield from (f"payload.json: {key}" for key in _keys(payload_summary(_full(reading))))
     yield from (f"result/summary.json: {key}" for key in _typed_keys(Summary))
 
 
-def _make_results(folder: Path) -> bayesid.Discrepancy:
+def _full(reading: bayesid.PayloadReading) -> bayesid.PayloadReading:
+    """The same with all that a reading can hold."""
+    mass = reading.body.mass
+    log = replace(reading.identification.log, read_with={"gains": [1.0, 1.0]})
+    return replace(
+        reading,
+        body=bayesid.PayloadBody(mass, (mass,), (mass,)),
+        gain_factor=mass,
+        known_mass=(1.0, 0.0),
+        identification=replace(reading.identification, log=log),
+    )
+
+
+def _make_results(folder: Path) -> tuple[bayesid.Discrepancy, bayesid.PayloadReading]:
     robot, log, other, result = (str(folder / name) for name in ("arm.toml", "log.csv", "other.csv", "result"))
     identify = ["identify", log, "--robot", robot, "--terms", "rigid_body", "--posterior-budget", "0", "--no-report"]
     Path(robot).write_text(ROBOT, encoding="utf-8")
@@ -193,7 +208,9 @@ def _make_results(folder: Path) -> bayesid.Discrepancy:
     ):
         if main(command):
             raise RuntimeError(f"bayesid {' '.join(command)} failed")
-    return bayesid.find_discrepancy(bayesid.load_model(result), other, posterior=False)
+    stored, log = bayesid.load_model(result), bayesid.read_log(other)
+    reading = bayesid.identify_payload(stored, log, posterior=bayesid.Sampling(budget=0.0))
+    return bayesid.find_discrepancy(stored, log, posterior=False), reading
 
 
 def _file(path: Path, name: str) -> Iterator[str]:

@@ -32,6 +32,7 @@ _EXAMPLES = """examples:
   bayesid validate result another_log.csv
   bayesid predict result motion.csv --out torques.csv
   bayesid discrepancy result another_log.csv --holdout a_third_log.csv --out extended
+  bayesid payload result loaded.csv --out payload
   bayesid simulate --robot panda --duration 20 --noise 0.05 --out log.csv
   bayesid robot show kr6r900 --q 0,-90,90,0,0,0 --degrees --out skeleton.png
   bayesid study noise --trials 64 --workers 2
@@ -220,6 +221,7 @@ def make_parser() -> Parser:
         _add_validate,
         _add_predict,
         _add_discrepancy,
+        _add_payload,
         _add_report,
         _add_excite,
         _add_simulate,
@@ -370,6 +372,27 @@ def _add_discrepancy(commands: _Commands) -> None:
     _share(parser, "--no-posterior", help="skip sampling of the extended model, and of the first log's")
     _share(parser, "--posterior-budget", "--seed", "--repeatable")
     _share(parser, "--out", help="folder of the extended model (default: bayesid-discrepancy-LOG, of the last log)")
+    _share(parser, "--quiet")
+
+
+def _add_payload(commands: _Commands) -> None:
+    examples = [
+        "bayesid payload result loaded.csv --out payload",
+        "bayesid payload result loaded.csv --known-mass 2.805~0.005",
+    ]
+    purpose = "mass, centre of mass and inertia of what the robot carries"
+    parser = _command(commands, "payload", purpose, examples)
+    result = "folder that `bayesid identify` wrote, of the robot without the payload"
+    parser.add_argument("result", type=Path, help=result)
+    parser.add_argument("log", type=Path, help="log of the same robot with the payload")
+    mass = "of the payload, if it is known, and its standard deviation: tells how far off all efforts are"
+    parser.add_argument("--known-mass", metavar="KG[~SD]", help=mass)
+    _share(parser, *_READING, "--cutoff")
+    _share(parser, "--search-budget", help="seconds for the proof of the signs (default: 3)")
+    budget = "seconds that sampling may take; it ends when it has converged (default: %(default)g)"
+    _share(parser, "--posterior-budget", default=10.0, help=budget)
+    _share(parser, "--seed", "--repeatable")
+    _share(parser, "--out", help="folder for payload.json (default: none)")
     _share(parser, "--quiet")
 
 

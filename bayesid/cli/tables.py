@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
 from bayesid.cli.terminal import table
 from bayesid.identification.identification import KNOWN, SURE, Identification
+from bayesid.identification.payload import PayloadReading
 from bayesid.identification.prediction import PredictedEfforts
 from bayesid.identification.validation import Validation
 from bayesid.report.findings import Summary, summarise
+from bayesid.report.payload_text import HEADINGS, payload_checks, payload_rows
 from bayesid.report.verdicts import (
     EFFECT_HEADINGS,
     GAIN_HEADINGS,
@@ -129,6 +133,18 @@ def validation_parts(result: Validation) -> list[RenderableType]:
         *([Text(seen, _COLOURS["bad"])] if result.seen else []),
         table(headings, rows),
         f"the band holds {result.band}",
+    ]
+
+
+def payload_parts(result: PayloadReading, folder: Path) -> list[RenderableType]:
+    """What ends `bayesid payload`; the folder is that of the earlier log's result."""
+    rows = [list(row) for row in payload_rows(result)]
+    return [
+        *map(line_of, payload_checks(result, str(folder))),
+        "",
+        table(list(HEADINGS), rows, left=["payload", "unit"]),
+        f"centre of mass and inertia are in the frame of {result.frame}, inertia about the centre of mass; mass and "
+        "inertia are in the scale of the efforts",
     ]
 
 

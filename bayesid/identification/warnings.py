@@ -55,7 +55,7 @@ def warnings_of(
         *_hardly_negative(log),
         *_low_pass_warning(averaged.asked.evidence.signals.after_rectifier),
         *_fit_warnings(averaged.fit),
-        *_edge_warning(averaged.fit, log.n_joints),
+        *edge_warning(averaged.fit, log.n_joints),
         *_search_warnings(averaged.settled.signs),
         *_tolerance_warning(averaged.fit),
         *_missing_terms(averaged),
@@ -204,7 +204,7 @@ def _fit_warnings(fit: Fit) -> list[str]:
     return warnings
 
 
-def _edge_warning(fit: Fit, n_links: int) -> list[str]:
+def edge_warning(fit: Fit, n_links: int) -> list[str]:
     """Bodies beyond the links are what the last one carries: gravity shows its mass and centre of mass."""
     on_edge = (np.flatnonzero(fit.on_edge) + 1).tolist()
     if not on_edge:

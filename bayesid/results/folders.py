@@ -34,6 +34,7 @@ from bayesid.files import (
     write_table,
 )
 from bayesid.identification.identification import Identification
+from bayesid.identification.payload import PayloadReading
 from bayesid.identification.validation import Validation
 from bayesid.log.log import Log, write_log
 from bayesid.log.signals import Signals
@@ -45,6 +46,7 @@ from bayesid.report.tables import coefficient_rows, kept_draws, parameter_rows, 
 from bayesid.report.verdicts import check_findings, verdict
 from bayesid.results.export import mjcf, urdf
 from bayesid.results.model_file import model_table
+from bayesid.results.payload_json import payload_summary
 
 if TYPE_CHECKING:
     from bayesid.discrepancy.comparison import LogComparison
@@ -130,6 +132,8 @@ class _NotWritten:
 
 
 VALIDATION_FILES = frozenset({"summary.json", "signed_log.csv", "prediction.csv"})
+PAYLOAD = "payload.json"
+PAYLOAD_FILES = frozenset({PAYLOAD})
 
 
 @one_blas_thread
@@ -394,6 +398,20 @@ def save_validation(validation: Validation, folder: str | Path) -> Path:
         write_columns(place / "prediction.csv", names, t[kept], efforts[kept], ".8g", sources)
 
     return save_folder(folder, VALIDATION_FILES, MARKER, write)
+
+
+def save_payload(reading: PayloadReading, folder: str | Path) -> Path:
+    """Writes payload.json: mass, centre of mass, inertia, the check, and the efforts' factor.
+
+    Raises:
+        InputError: the folder cannot be written, or holds other files than an earlier payload.
+
+    Example:
+        >>> (bayesid.save_payload(reading, "payload") / "payload.json").is_file()
+        True
+    """
+    summary = payload_summary(reading)
+    return save_folder(folder, PAYLOAD_FILES, PAYLOAD, lambda place: write_json(place / PAYLOAD, summary))
 
 
 def _write_signed_log(path: Path, log: Log, signals: Signals, probability: Array) -> None:

@@ -885,7 +885,7 @@ def test_demo_with_a_bad_seed(refused):
 # ---------------------------------------------------------------------------------------------------------------
 # report, completion, and what all commands share
 # ---------------------------------------------------------------------------------------------------------------
-EVERY = (*COMMANDS, "predict", "discrepancy", "report", "excite", "study", "completion")
+EVERY = (*COMMANDS, "predict", "discrepancy", "payload", "report", "excite", "study", "completion")
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pytest
-from test_docs import FEW, assert_alike, write_files, write_logs
+from test_docs import FEW, GAINS, assert_alike, write_files, write_logs
 
 import bayesid
 from bayesid.fit.moments import moments
@@ -57,6 +57,9 @@ def make_namespace(folder: Path) -> dict[str, object]:
         "check": result.validate(other_log),
         "predicted": result.predict(motion),
         "findings": bayesid.find_findings(result),
+        "reading": bayesid.identify_payload(
+            result, bayesid.read_log("loaded.csv", gains=GAINS.tolist()), known_mass=2.0
+        ),
         "found": bayesid.find_discrepancy(result, other_log, posterior=False),
         "design": bayesid.design_excitation(robot, TERMS, shape=shape, objective=objective),
         "problem": sign_problem(result),

@@ -1,0 +1,424 @@
+"""What a robot carries: mass, centre of mass and inertia of a payload from a log with it.
+
+An earlier log of the robot without it tells the payload from the last link; the posterior of both logs holds ten
+parameters of the payload, and each draw of them is a body with a mass, a centre of mass h / m and an inertia about it.
+What is reported are the means over draws: a mean of bodies' inertias about their centres of mass is that of a body too
+(they form a convex cone), while numbers taken one by one, such as medians, need not be. The centre of mass is the mean
+of h / m, not the ratio of the means.
+
+The posterior's prior is as good as flat in the ten parameters, and so not in a body's sizes: of second moments
+S_xx, S_yy, S_zz of its mass about the centre there are in proportion to S_xx S_yy S_zz as many feasible products
+(|S_xy| <= sqrt(S_xx S_yy), ...), and large bodies would be favoured where a log says little of their size. Draws are
+weighed by the inverse, so that second moments are as likely whatever they are, and correlations apart from them (the
+separation of Barnard, McCulloch and Meng, Modeling covariance matrices, Statistica Sinica 2000).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import chdtri, ndtri
+
+from bayesid.arrays import Array
+from bayesid.bounded import LARGEST
+from bayesid.errors import InputError
+from bayesid.fit.effects.thresholds import Thresholds
+from bayesid.identification.identification import Identification
+from bayesid.identification.identified_model import IdentifiedModel
+from bayesid.identification.options import Preparation, call_of, call_of_log
+from bayesid.identification.pipeline import QUICK, identify_again
+from bayesid.identification.unchanged import UnchangedCheck, check_unchanged
+from bayesid.identification.validation import check_joints
+from bayesid.identification.warnings import edge_warning
+from bayesid.log.log import Log, LogSource, as_log
+from bayesid.log.signals import still_joints
+from bayesid.model.inertia import about_centre_of_mass
+from bayesid.model.terms.payload import Payload
+from bayesid.posterior.inference import Posterior
+from bayesid.posterior.sampler import Sampling
+from bayesid.process import one_blas_thread
+from bayesid.progress import SILENT, Progress
+from bayesid.signs.search.protocol import Search
+
+AXES = ("xx", "yy", "zz", "xy", "xz", "yz")
+"""Order of the six numbers of an inertia matrix."""
+_PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+"""Of them in the matrix."""
+NO_PAYLOAD = 0.01
+"""Largest rate at which a robot that carries nothing is said to carry something, where noise is all that differs."""
+BRIEF = Sampling(budget=10.0)
+"""Of a payload's posterior: one of six joints has converged after some 5 s of two processors."""
+_MASS = 0.95
+"""Of the intervals."""
+_THIN = 0.01
+"""m, of the root mean square along an axis, below which bodies are not told apart: a guard of a division, thinner than
+any gripper or workpiece."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number and how certain it is.
+
+    Attributes:
+        value: mean of the posterior.
+        sd: its standard deviation.
+        interval: ends of its central 95 % interval.
+
+    Example:
+        >>> Estimate.of_draws(np.linspace(0.0, 1.0, 101)).interval
+        (0.025, 0.975)
+    """
+
+    value: float
+    sd: float
+    interval: tuple[float, float]
+
+    @classmethod
+    def of_draws(cls, draws: Array) -> Estimate:
+        """From draws (K,)."""
+        low, high = np.quantile(draws, [0.5 - 0.5 * _MASS, 0.5 + 0.5 * _MASS])
+        return cls(float(draws.mean()), float(draws.std()), (float(low), float(high)))
+
+
+@dataclass(frozen=True)
+class PayloadBody:
+    """A body on the last link, in that link's frame; mass and inertia in the scale of the efforts.
+
+    Attributes:
+        mass: kg; where there is no body to be seen, the interval begins at zero.
+        centre: its centre of mass x, y, z, m; None where there is no body to be seen.
+        inertia: about the centre of mass, along the frame's axes, xx, yy, zz, xy, xz, yz, kg m^2; None alike.
+
+    Example:
+        >>> body = reading.body  # of 2 kg
+        >>> abs(body.mass.value - 2.0) < 4.0 * body.mass.sd
+        True
+    """
+
+    mass: Estimate
+    centre: tuple[Estimate, ...] | None
+    inertia: tuple[Estimate, ...] | None
+
+    @property
+    def shown(self) -> bool:
+        """Whether its mass can be told from zero.
+
+        Example:
+            >>> reading.body.shown
+            True
+        """
+        return self.centre is not None
+
+    @classmethod
+    def of_draws(cls, draws: Array, shown: bool = True, common_sd: float = 0.0) -> PayloadBody:
+        """From draws of its ten parameters.
+
+        Args:
+            draws: (K, 10) as in `bayesid.model.inertia`, with masses > 0.
+            shown: whether the body can be told from none. Draws cannot say so: no mass is ever below zero.
+            common_sd: relative sd of the factor that all efforts have in common (see `with_common_factor`).
+
+        Example:
+            >>> draws = np.tile([0.1, 0.0, 0.0, 0.6, 0.0, 0.6, 1.0, 0.0, 0.0, 2.0], (100, 1))
+            >>> body = bayesid.PayloadBody.of_draws(draws)
+            >>> body.mass.value, [one.value for one in body.centre], round(body.inertia[1].value, 3)
+            (2.0, [0.5, 0.0, 0.0], 0.1)
+        """
+        draws = with_common_factor(evenly_sized(draws), common_sd)
+        mass = Estimate.of_draws(draws[:, 9])
+        if not shown:
+            return cls(replace(mass, interval=(0.0, float(np.quantile(draws[:, 9], _MASS)))), None, None)
+        centre, inertia = about_centre_of_mass(draws)
+        return cls(
+            mass,
+            tuple(Estimate.of_draws(axis) for axis in centre.T),
+            tuple(Estimate.of_draws(inertia[:, i, j]) for i, j in _PLACES),
+        )
+
+
+def evenly_sized(draws: Array) -> Array:
+    """Draws (K, 10) of a flat prior, resampled so that the second moments about the centre of mass have one.
+
+    Systematic resampling, so nothing is random; a draw may come several times.
+
+    Example:
+        >>> ball = lambda second: [2.0 * second, 0.0, 0.0, 2.0 * second, 0.0, 2.0 * second, 0.0, 0.0, 0.0, 1.0]
+        >>> draws = np.array([ball(0.01)] * 90 + [ball(0.02)] * 90)  # the larger one has 8 times the volume
+        >>> int((evenly_sized(draws)[:, 0] == 0.04).sum())
+        20
+    """
+    mass = draws[:, 9]
+    _, inertia = about_centre_of_mass(draws)
+    diagonal = np.diagonal(inertia, axis1=1, axis2=2)
+    moments = 0.5 * diagonal.sum(axis=1, keepdims=True) - diagonal
+    weights = 1.0 / np.prod(np.maximum(moments / mass[:, None], _THIN**2) * mass[:, None], axis=1)
+    shares = np.cumsum(weights) / weights.sum()
+    resampled: Array = draws[np.searchsorted(shares, (np.arange(len(draws)) + 0.5) / len(draws))]
+    return resampled
+
+
+def with_common_factor(draws: Array, common_sd: float, seed: int = 0) -> Array:
+    """Draws (K, ...) with the uncertainty of a factor that all efforts have in common: ln of it is N(0, common_sd^2).
+
+    Gains that are 10 % too high make a body seem 10 % heavier, its inertia too; its centre of mass stays.
+
+    Example:
+        >>> bool(np.isclose(with_common_factor(np.full((1000, 1), 3.0), 0.1).std(), 0.3, rtol=0.02))
+        True
+    """
+    if common_sd == 0.0:
+        return draws
+    count = len(draws)
+    levels = np.random.default_rng(seed).permutation((np.arange(count) + 0.5) / count)
+    factor = np.exp(common_sd * ndtri(levels))
+    return draws * factor.reshape(-1, *(1,) * (draws.ndim - 1))
+
+
+def gain_factor(mass: Array, known: float, known_sd: float = 0.0, seed: int = 0) -> Estimate:
+    """What efforts are to be multiplied by so that a body weighs what it does: known mass over the one read.
+
+    Args:
+        mass: (K,) draws of the mass in the scale of the efforts, kg.
+        known: the mass, kg.
+        known_sd: its standard deviation, kg.
+        seed: of the draws of the known mass.
+
+    Example:
+        >>> round(gain_factor(np.full(1000, 2.2), 2.0).value, 3)
+        0.909
+    """
+    levels = np.random.default_rng(seed).permutation((np.arange(len(mass)) + 0.5) / len(mass))
+    return Estimate.of_draws((known + known_sd * ndtri(levels)) / mass)
+
+
+@dataclass(frozen=True)
+class PayloadReading:
+    """What a log says about a payload.
+
+    Attributes:
+        body: mass, centre of mass and inertia, in the frame of the last link.
+        check: whether nothing but the payload has changed since the earlier log.
+        evidence: chi-square of the payload against none, with ten degrees of freedom.
+        gain_factor: what the efforts are to be multiplied by, by a known mass; None without one, or without a payload.
+        known_mass: kg, with its sd; None where none was given.
+        identification: of the model with the payload from the log.
+        warnings: what the user should know.
+        seconds: of wall time.
+
+    Example:
+        >>> reading.body.shown, reading.check.joints  # nothing else has changed in any joint
+        (True, ())
+    """
+
+    body: PayloadBody
+    check: UnchangedCheck
+    evidence: float
+    gain_factor: Estimate | None
+    known_mass: tuple[float, float] | None
+    identification: Identification
+    warnings: tuple[str, ...]
+    seconds: float
+
+    def __repr__(self) -> str:
+        mass, changed = self.body.mass, ", ".join(map(str, self.check.joints)) or "the links"
+        lines = [
+            f"Payload from {self.identification.log.source}: {mass.value:.4g} +- {mass.sd:.2g} kg on {self.frame}"
+            f"{'' if self.body.shown else ', which cannot be told from none'}",
+            f"else         {'nothing has changed' if self.check.passed else f'CHANGED: joint {changed}'}",
+            "go on with   .body.mass, .body.centre, .body.inertia, .check, bayesid.save_payload(this, folder)",
+        ]
+        return "\n  ".join(lines)
+
+    @property
+    def frame(self) -> str:
+        """The link in whose frame the body is: the last one of the robot.
+
+        Of a Denavit-Hartenberg table that is the frame of its last row, which the standard convention puts at the
+        flange; of a URDF that of the last joint that moves. Frames fixed to that link beyond it are no part of a model.
+
+        Example:
+            >>> reading.frame
+            'link 3'
+        """
+        return f"link {self.identification.model.robot.n_joints}"
+
+    @property
+    def posterior(self) -> Posterior:
+        """Draws of robot and payload.
+
+        Example:
+            >>> reading.posterior.min_ess > 400.0
+            True
+        """
+        return _posterior_of(self.identification)
+
+    @property
+    def gains(self) -> tuple[Array, Array] | None:
+        """(n,) gains that the log was read with, N m/A, and these by the factor; None without gains or factor.
+
+        Example:
+            >>> given, corrected = reading.gains
+            >>> bool(np.allclose(corrected, reading.gain_factor.value * given))
+            True
+        """
+        read_with = self.identification.log.read_with.get("gains")
+        if self.gain_factor is None or not isinstance(read_with, Sequence | np.ndarray):
+            return None
+        gains = np.asarray(read_with, dtype=np.float64)
+        return gains, self.gain_factor.value * gains
+
+
+@one_blas_thread
+def identify_payload(
+    earlier: IdentifiedModel | Identification,
+    log: LogSource,
+    *,
+    known_mass: float | tuple[float, float] | None = None,
+    common_sd: float = 0.0,
+    search: Search = QUICK,
+    posterior: Sampling = BRIEF,
+    preparation: Preparation = Preparation(),
+    progress: Progress = SILENT,
+) -> PayloadReading:
+    """Reads mass, centre of mass and inertia of a payload from a log.
+
+    Args:
+        earlier: an identification of the robot without the payload, or a stored one.
+        log: a log of the robot with the payload, or anything that `bayesid.read_log` reads.
+        known_mass: of the payload, kg, or that with its standard deviation: it tells the efforts' common factor.
+        common_sd: relative sd of the efforts' common factor, which mass and inertia share.
+        search: how signs are searched.
+        posterior: how it is sampled.
+        preparation: how the log is made ready.
+        progress: of long stages.
+
+    Raises:
+        InputError: the log is of another robot, one that the model was identified from, or does not show a mass; the
+            model knows nothing, or holds a payload already; the known mass is none.
+        SolverError: an optimisation failed.
+
+    Example:
+        >>> empty = bayesid.identify_payload(result, other_log)  # nothing on the flange
+        >>> empty.body.shown, empty.body.centre
+        (False, None)
+    """
+    began = time.perf_counter()
+    known = earlier.identified if isinstance(earlier, Identification) else earlier
+    stated = None if known_mass is None else _stated(known_mass)
+    log = as_log(log)
+    _check_model(known)
+    _check_log(known, log)
+    again = identify_again(
+        known.model.extend(Payload()),
+        log,
+        known.knowledge,
+        np.concatenate([known.theta, np.zeros(10)]),
+        search=search,
+        posterior=posterior,
+        preparation=preparation,
+        progress=progress,
+    )
+    _check_shown(again)
+    call = call_of("identify_payload", "earlier", call_of_log(log), known_mass=(known_mass, None))
+    again = replace(
+        again,
+        identified=replace(again.identified, logs=again.identified.logs | known.logs),
+        provenance=replace(again.provenance, call=call),
+    )
+    draws, evidence = _payload_draws(again), _evidence(again)
+    shown = evidence > float(chdtri(10, NO_PAYLOAD))
+    return PayloadReading(
+        body=PayloadBody.of_draws(draws, shown, common_sd),
+        check=check_unchanged(known.knowledge, known.noise, again),
+        evidence=evidence,
+        gain_factor=gain_factor(evenly_sized(draws)[:, 9], *stated) if stated is not None and shown else None,
+        known_mass=stated,
+        identification=again,
+        warnings=tuple(said for said in again.warnings if said not in edge_warning(again.fit, log.n_joints)),
+        seconds=time.perf_counter() - began,
+    )
+
+
+def _payload_draws(again: Identification) -> Array:
+    """(K, 10) of all modes together."""
+    theta = _posterior_of(again).uncertain.theta
+    drawn: Array = theta.reshape(-1, theta.shape[-1])[:, -10:]
+    return drawn
+
+
+def _posterior_of(again: Identification) -> Posterior:
+    if again.posterior is None:
+        raise ValueError("a payload's posterior is always sampled")
+    return again.posterior
+
+
+def _evidence(again: Identification) -> float:
+    """Chi-square of the payload against none.
+
+    At the least of a quadratic form over a cone what the form loses against the cone's tip is the squared length of the
+    estimate itself (Moreau 1962), here with the other parameters summed out. Without a payload it is less than one with
+    ten degrees of freedom.
+    """
+    coefficients = again.coefficients
+    own = len(again.model.before_sensors.parameters) - 10
+    here = coefficients.kept >= own
+    information, body = again.fit.information, again.fit.beta[here]
+    across, rest = information[np.ix_(here, ~here)], information[np.ix_(~here, ~here)]
+    scale = np.sqrt(np.maximum(np.diag(rest), np.diag(rest).max() * np.finfo(float).eps))
+    inverse = np.linalg.pinv(rest / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
+    return float(body @ (information[np.ix_(here, here)] - across @ inverse @ across.T) @ body)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Checks
+# ---------------------------------------------------------------------------------------------------------------
+def _stated(known_mass: float | tuple[float, float]) -> tuple[float, float]:
+    """Mass and sd, kg."""
+    try:
+        mass, sd = (float(known_mass), 0.0) if np.ndim(known_mass) == 0 else map(float, known_mass)  # type: ignore
+    except (TypeError, ValueError):
+        raise InputError(f"{known_mass!r} is no mass", "--known-mass", _REMEDY_OF_MASS) from None
+    if not (0.0 < mass <= LARGEST and 0.0 <= sd < mass / 3.0):
+        raise InputError(f"a mass of {mass:g} kg, give or take {sd:g}", "--known-mass", _REMEDY_OF_MASS)
+    return mass, sd
+
+
+_REMEDY_OF_MASS = "give kg above 0, with an sd of less than a third of it or none, as in 2.805~0.005"
+
+
+def _check_model(known: IdentifiedModel) -> None:
+    where, remedy = "model.toml", "give a result of `bayesid identify` from a log without the payload"
+    if any(term.name == Payload.name for term in known.model.terms):
+        raise InputError("the model holds a payload already", where, remedy)
+    if not known.precision.any():
+        raise InputError("the model knows nothing of its own parameters: a payload cannot be told", where, remedy)
+
+
+def _check_log(known: IdentifiedModel, log: Log) -> None:
+    check_joints(known.model.robot, log)
+    if known.seen(log):
+        remedy = "give a log with the payload"
+        raise InputError("is a log that the model was identified from", log.source, remedy)
+    if still_joints(log.q).all():
+        raise InputError("no joint moves", log.source, "record a motion in which joints move")
+
+
+def _check_shown(again: Identification) -> None:
+    """The log shows a payload's mass, and is of the robot."""
+    log, effort = again.log.source, again.signals.magnitude
+    moving = again.segments.per_sample(again.segments.moving, *effort.shape) > 0
+    count = moving.sum(axis=0)
+    least = Thresholds().min_samples
+    if count.max() < least:
+        said = f"only {int(count.max())} samples in motion"
+        raise InputError(said, log, f"record at least {least} samples in which joints move")
+    spread = np.array([one[which].std() if which.any() else 0.0 for one, which in zip(effort.T, moving.T, strict=True)])
+    if np.all(again.fit.residual.sigma > spread):
+        said = "the model with a payload explains no joint's efforts better than a constant would"
+        raise InputError(said, log, "give a log of the robot that the model was identified from")
+    if not _posterior_of(again).decided_by_data[-1]:
+        remedy = "record a motion that turns the payload against gravity, with all joints"
+        raise InputError("does not show the mass of a payload", log, remedy)

@@ -1,0 +1,154 @@
+"""`bayesid payload`: the table, payload.json, and what is refused."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+from payload_cases import MASS, PAYLOAD, PayloadCase
+
+import bayesid
+from bayesid import cli
+from bayesid.log.log import write_log
+
+GAINS = [10.0, 20.0, 5.0]
+
+
+def run(*arguments):
+    try:
+        return cli.main([str(argument) for argument in arguments])
+    except SystemExit as end:
+        return end.code
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A result, logs with a payload, without one, and of currents."""
+    place, arm = tmp_path_factory.mktemp("made"), PayloadCase(0)
+    bayesid.save_identification(arm.result, place / "result", report=False)
+    loaded = arm.later(PAYLOAD)
+    write_log(place / "loaded.csv", loaded)
+    write_log(place / "empty.csv", arm.later())
+    write_log(place / "worn.csv", arm.later(PAYLOAD, friction=(2, 1.4)))
+    write_log(place / "first.csv", arm.first)
+    write_log(place / "currents.csv", bayesid.Log(loaded.t, loaded.q, loaded.effort / GAINS, loaded.signed))
+    path = place / "currents.csv"
+    path.write_text(path.read_text().replace("tau", "i", 3))
+    return place
+
+
+@pytest.fixture
+def place(made, tmp_path, monkeypatch):
+    for path in made.iterdir():
+        (shutil.copytree if path.is_dir() else shutil.copy)(path, tmp_path / path.name)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def written(place, folder="out"):
+    assert [path.name for path in (place / folder).iterdir()] == ["payload.json"]
+    return json.loads((place / folder / "payload.json").read_text())
+
+
+def test_a_payload_is_shown_and_written(place, capfd):
+    assert run("payload", "result", "loaded.csv", "--out", "out") == 0
+    out, err = capfd.readouterr()
+    assert err == ""
+    for said in (
+        "Payload: 2.0",
+        "link 3",
+        "Nothing else changed",
+        "converged",
+        "centre of mass x",
+        "inertia yz",
+        "kg m^2",
+    ):
+        assert said in out
+    assert out.endswith("written to out/\n")
+    read = written(place)
+    assert abs(read["mass"]["value"] - MASS) < 3.0 * read["mass"]["sd"]
+    assert (len(read["com"]), len(read["inertia"])) == (3, 6)
+    for one in (read["mass"], *read["com"], *read["inertia"]):
+        assert set(one) == {"value", "sd", "interval"}
+        assert one["interval"][0] <= one["value"] <= one["interval"][1]
+        assert one["sd"] > 0.0
+    assert read["frame"] == "link 3"
+    assert (read["check"]["passed"], read["check"]["joints"]) == (True, [])
+    assert read["gain_factor"] is read["gains"] is read["known_mass"] is None
+    assert read["log"] == "loaded.csv"
+
+
+def test_a_known_mass_corrects_the_gains(place, capfd):
+    gains = ",".join(map(str, GAINS))
+    command = "payload", "result", "currents.csv", "--gains", gains, "--known-mass", "2~0.01", "--out", "out", "--quiet"
+    assert run(*command) == 0
+    assert capfd.readouterr().out == ""
+    read = written(place)
+    factor = read["gain_factor"]
+    assert read["known_mass"] == {"value": 2.0, "sd": 0.01}
+    assert abs(factor["value"] * read["mass"]["value"] - 2.0) < 0.01
+    assert factor["interval"][0] < factor["value"] < factor["interval"][1]
+    np.testing.assert_allclose(read["gains"]["read_with"], GAINS)
+    np.testing.assert_allclose(read["gains"]["corrected"], factor["value"] * np.array(GAINS))
+    assert run("payload", "result", "currents.csv", "--gains", gains, "--known-mass", "2") == 0
+    out = capfd.readouterr().out
+    assert "multiply them by" in out
+    assert "which cannot be told from 1" in out
+    assert "--gains " in out
+
+
+def test_without_a_payload_null_stands_in_place_of_numbers(place, capfd):
+    assert run("payload", "result", "empty.csv", "--known-mass", 2, "--out", "out") == 0
+    out = capfd.readouterr().out
+    assert "none that can be told from zero" in out
+    assert "centre of mass x" not in out
+    assert "says nothing of them" in out
+    read = written(place)
+    assert read["com"] is read["inertia"] is read["gain_factor"] is None
+    assert read["mass"]["interval"][0] == 0.0
+    assert read["shown"] is False
+
+
+def test_what_else_has_changed_is_one_line_with_the_command(place, capfd):
+    assert run("payload", "result", "worn.csv", "--out", "out") == 0
+    (line,) = [line for line in capfd.readouterr().out.splitlines() if "something else has changed" in line]
+    assert "in joint 2" in line
+    assert "`bayesid discrepancy result worn.csv`" in line
+    read = written(place)
+    assert (read["check"]["passed"], read["check"]["joints"]) == (False, [2])
+    assert read["mass"]["value"] > 1.0
+
+
+def test_an_earlier_folder_is_replaced_and_no_other(place, capfd):
+    quick = "--posterior-budget", 0, "--quiet"
+    for _ in range(2):
+        assert run("payload", "result", "loaded.csv", "--out", "out", *quick) == 0
+    capfd.readouterr()
+    assert run("payload", "result", "loaded.csv", "--out", "result", *quick) == 2
+    assert "holds other files" in capfd.readouterr().err
+
+
+BAD = {
+    "no result": (("absent", "loaded.csv"), ["absent", "holds no model.toml"]),
+    "no log": (("result", "absent.csv"), ["absent.csv", "no such file"]),
+    "its own log": (("result", "first.csv"), ["first.csv", "identified from"]),
+    "no gains": (("result", "currents.csv"), ["currents.csv"]),
+    "mass": (("result", "loaded.csv", "--known-mass", "heavy"), ["--known-mass", "'heavy'"]),
+    "sd": (("result", "loaded.csv", "--known-mass", "2~x"), ["--known-mass", "'2~x'"]),
+    "no mass": (("result", "loaded.csv", "--known-mass", "0"), ["--known-mass", "0 kg"]),
+    "all sd": (("result", "loaded.csv", "--known-mass", "2~2"), ["--known-mass", "2 kg"]),
+    "cutoff": (("result", "loaded.csv", "--cutoff", 80), ["--cutoff", "80 Hz"]),
+    "budget": (("result", "loaded.csv", "--posterior-budget", -1), ["--posterior-budget"]),
+    "option": (("result", "loaded.csv", "--known-massive", "2"), ["--known-mass"]),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input_is_one_line_and_nothing_is_written(place, capfd, name):
+    arguments, says = BAD[name]
+    before = {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
+    assert run("payload", *arguments, *([] if name == "option" else ["--out", "out"])) == 2
+    out, err = capfd.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert all(word in err for word in says), err
+    assert {path: path.read_bytes() for path in place.rglob("*") if path.is_file()} == before

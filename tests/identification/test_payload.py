@@ -1,0 +1,317 @@
+"""Payloads: bodies from draws, what a log says of one, and whether nothing else has changed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from conftest import real_log, smooth_motion
+from payload_cases import CENTRE, INERTIA, MASS, PAYLOAD, TERMS, TRUTH, PayloadCase, ten_parameters
+from scipy.stats import binom
+
+import bayesid
+from bayesid.identification.payload import (
+    AXES,
+    Estimate,
+    PayloadBody,
+    evenly_sized,
+    gain_factor,
+    identify_payload,
+    with_common_factor,
+)
+from bayesid.identification.unchanged import UnchangedCheck
+from bayesid.model.inertia import pseudo_inertia
+
+ALL = range(24)
+"""Seeds of the cases whose rates are counted."""
+
+
+@cache
+def case(seed):
+    return PayloadCase(seed)
+
+
+@cache
+def reading(seed, loaded=True, friction=None):
+    return identify_payload(case(seed).result, case(seed).later(PAYLOAD if loaded else None, friction))
+
+
+def numbers(body):
+    return [body.mass, *body.centre, *body.inertia]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Bodies from draws
+# ---------------------------------------------------------------------------------------------------------------
+def test_a_body_that_is_certain_is_given_back():
+    body = PayloadBody.of_draws(np.tile(PAYLOAD, (50, 1)))
+    np.testing.assert_allclose([one.value for one in numbers(body)], TRUTH, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose([one.sd for one in numbers(body)], 0.0, atol=1e-9)
+
+
+def test_the_means_are_a_body():
+    """With inertias about the centre that obey the triangle inequality, however wide the draws."""
+    rng = np.random.default_rng(1)
+    draws = np.array([ten_parameters(*random_body(rng)) for _ in range(400)])
+    body = PayloadBody.of_draws(draws)
+    xx, yy, zz, xy, xz, yz = (one.value for one in body.inertia)
+    matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    moments = np.linalg.eigvalsh(matrix)
+    assert moments[0] > 0.0
+    assert moments[2] <= moments[0] + moments[1]
+
+
+def random_body(rng):
+    """Of eight mass points."""
+    points, masses = rng.normal(0.0, 0.1, (8, 3)), rng.uniform(0.1, 1.0, 8)
+    centre = masses @ points / masses.sum()
+    arms = points - centre
+    inertia = sum(m * (a @ a * np.eye(3) - np.outer(a, a)) for m, a in zip(masses, arms, strict=True))
+    return masses.sum(), centre, inertia
+
+
+def test_mean_of_ratios():
+    """The centre of mass is that of each draw, not the first moment's mean over the mass's."""
+    draws = np.array([ten_parameters(m, np.array([0.1 * m, 0.0, 0.0]), INERTIA) for m in (1.0, 2.0, 3.0, 4.0)])
+    draws = np.repeat(draws, 50, axis=0)
+    kept = evenly_sized(draws)
+    assert PayloadBody.of_draws(draws).centre[0].value == pytest.approx(np.mean(kept[:, 6] / kept[:, 9]))
+
+
+def test_sizes_of_a_flat_posterior_become_flat():
+    """Draws flat in the cone of second moments, by rejection: their diagonals become uniform, correlations stay so."""
+    rng = np.random.default_rng(2)
+    diagonal = rng.uniform(0.01, 0.04, (400_000, 3))
+    across = rng.uniform(-0.04, 0.04, (400_000, 3))
+    second = np.zeros((400_000, 3, 3))
+    second[:, range(3), range(3)] = diagonal
+    for k, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
+        second[:, i, j] = second[:, j, i] = across[:, k]
+    second = second[np.linalg.eigvalsh(second)[:, 0] > 0.0]
+    inertia = np.trace(second, axis1=1, axis2=2)[:, None, None] * np.eye(3) - second
+    draws = np.array([ten_parameters(1.0, CENTRE, one) for one in inertia[:20_000]])
+    kept = pseudo_inertia(evenly_sized(draws))
+    moments = (kept[:, :3, :3] - np.einsum("i,j->ij", CENTRE, CENTRE))[:, range(3), range(3)]
+    assert len(np.unique(kept[:, 0, 0])) > 5_000
+    np.testing.assert_allclose(
+        np.quantile(moments, [0.25, 0.5, 0.75], axis=0).T, [[0.0175, 0.025, 0.0325]] * 3, atol=6e-4
+    )
+
+
+def test_a_common_factor_moves_mass_and_inertia_alike_and_no_centre():
+    rng = np.random.default_rng(3)
+    draws = PAYLOAD * (1.0 + 0.01 * rng.standard_normal((4000, 1)))
+    plain, wide = PayloadBody.of_draws(draws), PayloadBody.of_draws(draws, common_sd=0.05)
+    for before, after in zip((plain.mass, *plain.inertia), (wide.mass, *wide.inertia), strict=True):
+        assert after.value == pytest.approx(before.value, rel=0.005)
+        assert after.sd / abs(after.value) == pytest.approx(np.hypot(0.01, 0.05), rel=0.05)
+    assert [one.sd for one in wide.centre] == pytest.approx([0.0] * 3, abs=1e-12)
+    assert with_common_factor(draws, 0.0) is draws
+
+
+def test_the_factor_combines_both_uncertainties():
+    mass = 2.2 + 0.022 * np.random.default_rng(4).standard_normal(20_000)
+    factor = gain_factor(mass, 2.0, 0.04)
+    assert factor.value == pytest.approx(2.0 / 2.2, rel=1e-3)
+    assert factor.sd / factor.value == pytest.approx(np.hypot(0.01, 0.02), rel=0.03)
+    half = 0.5 * (factor.interval[1] - factor.interval[0])
+    assert half == pytest.approx(1.96 * factor.sd, rel=0.03)
+
+
+def test_no_body_has_no_centre():
+    body = PayloadBody.of_draws(
+        np.abs(1e-3 * np.random.default_rng(5).standard_normal((200, 1))) * PAYLOAD, shown=False
+    )
+    assert body.centre is body.inertia is None
+    assert not body.shown
+    assert body.mass.interval[0] == 0.0
+    assert isinstance(body.mass, Estimate)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# One log
+# ---------------------------------------------------------------------------------------------------------------
+def test_a_payload_is_read():
+    read = reading(0)
+    errors = np.array([(one.value - true) / one.sd for one, true in zip(numbers(read.body), TRUTH, strict=True)])
+    assert read.body.shown
+    assert read.check.passed
+    assert read.posterior.converged
+    np.testing.assert_array_less(np.abs(errors), 3.0)
+    assert read.body.mass.sd < 0.1
+    assert max(one.sd for one in read.body.centre) < 0.01
+    assert read.frame == "link 3"
+    assert "2.0" in repr(read)
+    assert AXES == ("xx", "yy", "zz", "xy", "xz", "yz")
+
+
+def test_without_a_payload_there_is_none():
+    read = reading(0, loaded=False)
+    assert not read.body.shown
+    assert read.check.passed
+    assert read.body.mass.interval[0] == 0.0
+    assert read.body.mass.interval[1] < 0.2
+
+
+@pytest.mark.parametrize("loaded", [True, False])
+def test_changed_friction_is_marked(loaded):
+    read = reading(0, loaded, friction=(2, 1.4))
+    assert not read.check.passed
+    assert read.check.joints == (2,)
+    assert "CHANGED: joint 2" in repr(read)
+
+
+def test_gains_that_are_off_by_a_tenth():
+    """Both logs in efforts that are a tenth too large: the factor is what takes them back."""
+    arm = PayloadCase(1)
+    first = arm.log(arm.before, gain=1.1)
+    result = bayesid.identify(arm.robot, first, TERMS, complete="off", posterior=False)
+    log = replace(arm.log(arm.after, PAYLOAD, gain=1.1), read_with={"gains": [1.1, 2.2, 3.3]})
+    read = identify_payload(result, log, known_mass=(MASS, 0.01), common_sd=0.1)
+    assert read.body.mass.value == pytest.approx(1.1 * MASS, rel=0.05)
+    assert read.body.mass.sd / read.body.mass.value == pytest.approx(0.1, rel=0.1)
+    assert abs(read.gain_factor.value - 1.0 / 1.1) < 3.0 * read.gain_factor.sd
+    assert read.gain_factor.sd < 0.03
+    given, corrected = read.gains
+    np.testing.assert_allclose(corrected, read.gain_factor.value * given)
+    assert identify_payload(result, log).gain_factor is None
+
+
+def test_an_earlier_log_with_a_posterior_serves_as_well():
+    arm = case(0)
+    result = bayesid.identify(arm.robot, arm.first, TERMS, complete="off", posterior=bayesid.Sampling(budget=3.0))
+    read = identify_payload(result.identified, arm.later(PAYLOAD))
+    assert read.check.passed
+    assert abs(read.body.mass.value - MASS) < 3.0 * read.body.mass.sd
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# The check
+# ---------------------------------------------------------------------------------------------------------------
+def check(residual=(1.0, 1.0), moved=(0.0, 0.0), chi_square=5.0):
+    return UnchangedCheck(np.array(residual), np.array(moved), np.array([2, 2]), chi_square, 10)
+
+
+def test_what_has_changed_is_named():
+    most = UnchangedCheck.MOST_RESIDUAL
+    assert check().passed
+    assert check(residual=(most, most)).passed
+    assert check(residual=(1.0, 1.01 * most)).joints == (2,)
+    assert check(moved=(30.0, 0.0)).joints == (1,)
+    links = check(chi_square=40.0)
+    assert links.joints == ()
+    assert not links.passed
+
+
+def test_limits_keep_the_false_alarms():
+    """Chi-squares of a normal distribution, the joints' own part of the whole."""
+    rng, one = np.random.default_rng(6), check()
+    whole = rng.chisquare(10, 200_000) > one.limit
+    joints = (rng.chisquare(2, (200_000, 2)) > one.moved_limits).any(axis=1)
+    assert np.mean(whole | joints) == pytest.approx(UnchangedCheck.FALSE_ALARM, rel=0.1)
+
+
+def test_links_that_moved_far_are_seen():
+    """Knowledge that is off in the last link's first moment; the robot has to move back against it."""
+    arm = case(0)
+    off = arm.result.theta.copy()
+    off[26:29] += 0.2 * MASS
+    found = identify_payload(replace(arm.result.identified, theta=off), arm.later()).check
+    assert not found.passed
+    assert found.chi_square > found.limit
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What is refused
+# ---------------------------------------------------------------------------------------------------------------
+def test_what_cannot_be_used_is_refused():
+    arm = case(0)
+    result, log = arm.result, arm.later(PAYLOAD)
+    loaded = reading(0).identification
+    still = replace(log, q=np.zeros_like(log.q))
+    short = bayesid.Log(log.t[:90], log.q[:90], log.effort[:90], log.signed)
+    two = bayesid.Log(log.t, log.q[:, :2], log.effort[:, :2], log.signed[:2])
+    blank = replace(result.identified, precision=np.zeros_like(result.identified.precision))
+    noise = replace(log, effort=np.abs(np.random.default_rng(7).standard_normal(log.effort.shape)) * log.effort.mean())
+    for earlier, given, says in (
+        (result, arm.first, "identified from"),
+        (loaded, arm.later(PAYLOAD), "a payload already"),
+        (blank, log, "knows nothing"),
+        (result, two, "2 joints"),
+        (result, still, "no joint moves"),
+        (result, short, "samples in motion"),
+        (result, noise, "no joint's efforts better"),
+    ):
+        with pytest.raises(bayesid.InputError, match=says):
+            identify_payload(earlier, given)
+
+
+@pytest.mark.parametrize("mass", [0.0, -1.0, np.nan, np.inf, (1.0, -0.1), (1.0, 0.5), (1.0, 2.0, 3.0), "heavy"])
+def test_no_mass(mass):
+    with pytest.raises(bayesid.InputError, match="mass"):
+        identify_payload(case(0).result, case(0).later(), known_mass=mass)
+
+
+def test_a_mass_that_no_motion_shows_is_refused():
+    """One joint about the vertical: gravity never shows a mass."""
+    robot = bayesid.robot_from_table(
+        {"name": "turntable", "convention": "standard", "joints": [{"a": 0.3, "alpha": 0.0, "d": 0.1, "theta": 0.0}]},
+        "test",
+    )
+    motions = [smooth_motion(1, 8.0, 50.0, seed=k) for k in (1, 2)]
+    model = bayesid.Model(robot, bayesid.make_terms(TERMS, robot, motions[0]))
+    rng = np.random.default_rng(0)
+    theta = bayesid.random_parameters(model, rng)
+    first, second = (bayesid.simulate(model, theta, motion, rng=rng, noise=0.03) for motion in motions)
+    result = bayesid.identify(robot, first, TERMS, complete="off", posterior=False)
+    with pytest.raises(bayesid.InputError, match="does not show the mass"):
+        identify_payload(result, second)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Rates
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.long
+def test_intervals_cover():
+    """Of 24 cases and ten numbers each: no number is covered less often than one in 10,000 such studies would."""
+    inside = np.array(
+        [
+            [
+                one.interval[0] <= true <= one.interval[1]
+                for one, true in zip(numbers(reading(k).body), TRUTH, strict=True)
+            ]
+            for k in ALL
+        ]
+    )
+    least = binom.ppf(1e-4 / 10, len(ALL), 0.95)
+    assert (inside.sum(axis=0) >= least).all(), inside.sum(axis=0)
+    assert inside.mean() >= 0.9
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("loaded", [True, False])
+def test_false_alarms_and_changes_that_are_seen(loaded):
+    passed = [reading(k, loaded).check.passed for k in ALL]
+    shown = [reading(k, loaded).body.shown for k in ALL]
+    changed = [reading(k, loaded, friction=(k % 3 + 1, 1.4)).check for k in ALL]
+    assert sum(passed) >= binom.ppf(1e-3, len(ALL), 1.0 - UnchangedCheck.FALSE_ALARM)
+    assert sum(shown) == (len(ALL) if loaded else 0)
+    assert [one.passed for one in changed] == [False] * len(ALL)
+    assert all(k % 3 + 1 in one.joints for k, one in zip(ALL, changed, strict=True))
+
+
+@pytest.mark.long
+def test_a_real_payload():
+    """2.805 kg on a UR10e, the gains of these logs some 10 % high; and nothing where there is nothing."""
+    robot = real_log("ur10e/robot.toml")
+    first = bayesid.read_log(real_log("ur10e/c_unloaded.csv"), unsigned="all")
+    result = bayesid.identify(robot, first)
+    read = identify_payload(result, bayesid.read_log(real_log("ur10e/c_loaded.csv"), unsigned="all"), known_mass=2.805)
+    none = identify_payload(result, bayesid.read_log(real_log("ur10e/a_50s.csv"), unsigned="all"))
+    assert read.body.mass.value == pytest.approx(3.07, abs=0.1)
+    assert read.gain_factor.value == pytest.approx(0.91, abs=0.03)
+    assert read.check.passed
+    assert not none.body.shown
+    assert none.check.passed
