@@ -16,7 +16,6 @@ separation of Barnard, McCulloch and Meng, Modeling covariance matrices, Statist
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,6 +32,7 @@ from bayesid.identification.pipeline import QUICK, identify_again
 from bayesid.identification.unchanged import UnchangedCheck, check_unchanged
 from bayesid.identification.validation import check_joints
 from bayesid.identification.warnings import edge_warning
+from bayesid.log.gains import gains_of
 from bayesid.log.log import Log, LogSource, as_log
 from bayesid.log.signals import still_joints
 from bayesid.model.inertia import about_centre_of_mass
@@ -265,9 +265,9 @@ class PayloadReading:
             True
         """
         read_with = self.identification.log.read_with.get("gains")
-        if self.gain_factor is None or not isinstance(read_with, Sequence | np.ndarray):
+        if self.gain_factor is None or read_with is None:
             return None
-        gains = np.asarray(read_with, dtype=np.float64)
+        gains = gains_of(read_with, self.identification.log.n_joints).value  # type: ignore[arg-type]
         return gains, self.gain_factor.value * gains
 
 
@@ -277,7 +277,7 @@ def identify_payload(
     log: LogSource,
     *,
     known_mass: float | tuple[float, float] | None = None,
-    common_sd: float = 0.0,
+    common_sd: float | None = None,
     search: Search = QUICK,
     posterior: Sampling = BRIEF,
     preparation: Preparation = Preparation(),
@@ -289,7 +289,8 @@ def identify_payload(
         earlier: an identification of the robot without the payload, or a stored one.
         log: a log of the robot with the payload, or anything that `bayesid.read_log` reads.
         known_mass: of the payload, kg, or that with its standard deviation: it tells the efforts' common factor.
-        common_sd: relative sd of the efforts' common factor, which mass and inertia share.
+        common_sd: relative sd of the efforts' common factor, which mass and inertia share; by default that of the
+            earlier result's gains, where these were unknowns, and 0 else.
         search: how signs are searched.
         posterior: how it is sampled.
         preparation: how the log is made ready.
@@ -307,6 +308,8 @@ def identify_payload(
     """
     began = time.perf_counter()
     known = earlier.identified if isinstance(earlier, Identification) else earlier
+    if common_sd is None:
+        common_sd = 0.0 if known.gains is None else known.gains.factor_sd
     stated = None if known_mass is None else _stated(known_mass)
     log = as_log(log)
     _check_model(known)

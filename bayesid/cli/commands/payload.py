@@ -45,7 +45,7 @@ def _payload(options: argparse.Namespace, bars: StageBars) -> PayloadReading:
     identified = load_model(options.result)
     return identify_payload(
         identified,
-        read(options.log, reading_options(options)),
+        read(options.log, reading_options(options, identified)),
         known_mass=known_mass,
         search=search,
         posterior=posterior,
