@@ -29,7 +29,7 @@ from bayesid.identification.pipeline import identify, identify_alone
 from bayesid.identification.provenance import hashes
 from bayesid.identification.validation import check_joints
 from bayesid.log.dates import Dates, dates_of
-from bayesid.log.log import Log, LogSource, as_log
+from bayesid.log.log import Log, LogSource, as_log, check_exact_gains
 from bayesid.model.catalogue import of_shape
 from bayesid.model.distortions import Distortion
 from bayesid.model.effects import Effect
@@ -181,6 +181,8 @@ def compare_logs(
     robot = robot if isinstance(robot, Robot) else load_robot(robot)
     read = [as_log(log) for log in logs]
     later = None if holdout is None else as_log(holdout)
+    for log in read:
+        check_exact_gains(log)
     _check(robot, read)
     dates = dates_of(read)
     headings = [progress.under(name) for name in names_of(read)]

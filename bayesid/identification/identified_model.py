@@ -25,7 +25,7 @@ from bayesid.identification.prediction import (
 )
 from bayesid.identification.provenance import hashes
 from bayesid.identification.validation import Validation, check_joints, compare
-from bayesid.log.log import Log, LogSource, as_log
+from bayesid.log.log import Log, LogSource, as_log, check_exact_gains
 from bayesid.log.signals import prepare
 from bayesid.model.model import Model
 from bayesid.motion import Motion
@@ -250,6 +250,7 @@ class IdentifiedModel:
             array([0.93, 0.97, 0.99])
         """
         log = as_log(log)
+        check_exact_gains(log)
         check_joints(self.model.robot, log)
         signals = prepare(log, cutoff)
         predicted = self._as_read.predict(signals.motion)  # the log is read by the same gains

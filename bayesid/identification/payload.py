@@ -328,7 +328,7 @@ def identify_payload(
     call = call_of("identify_payload", "earlier", call_of_log(log), known_mass=(known_mass, None))
     again = replace(
         again,
-        identified=replace(again.identified, logs=again.identified.logs | known.logs),
+        identified=replace(again.identified, logs=again.identified.logs | known.logs, gains=known.gains),
         provenance=replace(again.provenance, call=call),
     )
     draws, evidence = _payload_draws(again), _evidence(again)

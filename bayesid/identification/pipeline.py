@@ -37,7 +37,7 @@ from bayesid.identification.other_readings import suspected_reading
 from bayesid.identification.provenance import hashes, record_provenance
 from bayesid.identification.recorded import segment_signs
 from bayesid.identification.warnings import warnings_of
-from bayesid.log.log import Log, LogSource, as_log
+from bayesid.log.log import Log, LogSource, as_log, check_exact_gains
 from bayesid.log.segments import Segments, find_segments
 from bayesid.log.signals import Signals, prepare, still_joints
 from bayesid.model import catalogue
@@ -227,6 +227,7 @@ def identify_alone(
 
 def _settle_again(run: _Run, model: Model, log: Log, earlier: Earlier) -> tuple[Settled, Segments, Signals]:
     """Signs under a given model, the segments before any search, and the signals to show."""
+    check_exact_gains(log)
     check_memory(log, run.preparation.max_memory)
     as_read = prepare(log, run.preparation.cutoff)
     signals, rows = restored(model, as_read), model.before_sensors

@@ -487,6 +487,17 @@ def _check_fit(first: Log, log: Log) -> None:
         raise InputError(said, log.source, "bring the logs to the same rate")
 
 
+def check_exact_gains(log: Log) -> None:
+    """Beside an earlier result no gain is an unknown: its model is in the scale of its own.
+
+    Raises:
+        InputError: the log was read with uncertain gains.
+    """
+    if log.gains is not None:
+        remedy = "read it with the earlier result's own, as in bayesid.read_log(file, gains=result.gains.found)"
+        raise InputError(f"was read with uncertain gains {log.gains.text}", log.source, remedy)
+
+
 def _as_text(gains: Gains | None) -> str:
     return "that are exact" if gains is None else gains.text
 

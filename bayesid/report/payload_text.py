@@ -84,6 +84,9 @@ def _gains(reading: PayloadReading) -> list[Check]:
         said += ", which cannot be told from 1"
     gains = reading.gains
     corrected = "" if gains is None else f"--gains {','.join(f'{gain:.4g}' for gain in gains[1])}"
+    known = reading.identification.identified.gains
+    if corrected and known is not None and known.stated.of_torques:
+        corrected += ' --columns i="tau{}"'  # exact gains are for currents
     if not reading.check.passed:
         said += ", if nothing else has changed"
     return [

@@ -1,0 +1,193 @@
+"""Gains as unknowns from log to result: simulated arms whose readings were made efforts by wrong gains."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import real_log
+from simulated_arms import Simulated, T
+
+import bayesid
+from bayesid.errors import InputError
+from bayesid.fit.knowledge import Beliefs
+from bayesid.identification.gains import BY_DATA, BY_PRIOR, GIVEN, IdentifiedGains
+from bayesid.identification.pipeline import identify, identify_again
+from bayesid.log.gains import Gains
+from bayesid.model.terms import STANDARD
+from bayesid.posterior.sampler import Sampling
+from bayesid.results.folders import save_identification
+from bayesid.results.model_file import load_model
+from bayesid.signs.search.certified import Certified
+from bayesid.simulation.trajectories import random_trajectory
+
+OFF = np.array([1.25, 0.8, 1.1])
+SEARCH = Certified(budget=2.0, repeatable=True)
+
+
+def wrong(log, off=OFF, sd=0.2):
+    """The log as wrong gains make it."""
+    return replace(log.rescaled(off), gains=Gains(off, np.broadcast_to(sd, (3,))))
+
+
+def settle(arm, log, posterior=False, **options):
+    return identify(arm.robot, log, STANDARD, complete="off", search=SEARCH, posterior=posterior, **options)
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return Simulated(coulomb=0.5)
+
+
+@pytest.fixture(scope="module")
+def known(arm):
+    return settle(arm, arm.log(noise=0.03))
+
+
+@pytest.fixture(scope="module")
+def found(arm):
+    return settle(arm, wrong(arm.log(noise=0.03)), Sampling(budget=20.0, repeatable=True))
+
+
+def ratio_errors(gains, true):
+    """(n,) of each gain over the others, in standard deviations of it."""
+    log = np.log(gains.value / true)
+    others = np.where(np.eye(len(log), dtype=bool), 0.0, gains.weights)
+    return (log - (others / others.sum(axis=1, keepdims=True)) @ log) / gains.ratio_sd
+
+
+def test_signs_do_not_suffer_from_wrong_gains(arm, known, found):
+    with_true, with_wrong = arm.right_share(known), arm.right_share(found)
+    assert with_true > 0.99
+    assert with_wrong >= with_true - 0.002
+
+
+def test_ratios_that_the_log_shows_come_out_and_the_rest_says_prior(found):
+    gains = found.gains
+    assert gains.settled
+    assert gains.decided_by == (BY_DATA, BY_DATA, BY_PRIOR)  # the last link hardly loads its joint
+    assert np.abs(ratio_errors(gains, 1.0)).max() < 3.5
+    assert gains.ratio_sd[:2].max() < 0.05
+    assert gains.factor_decided_by == BY_PRIOR
+    assert gains.factor_sd > 0.1
+    assert any("factor common to all gains" in warning for warning in found.warnings)
+
+
+def test_efforts_are_those_of_the_gains_found(arm, found):
+    log = arm.log(noise=0.03)
+    np.testing.assert_allclose(found.log.effort, log.effort * found.gains.value, rtol=1e-9)
+
+
+def test_every_coefficient_carries_the_gains(known, found):
+    """No coefficient is known better than the common factor, and draws keep parameters and gains together."""
+    relative = found.sd / np.abs(found.beta)
+    assert relative.min() > 0.9 * found.gains.factor_sd
+    posterior = found.posterior
+    log_gain = posterior.log_gain.reshape(-1, 3)
+    np.testing.assert_allclose(np.cov(log_gain.T), found.gains.covariance, atol=0.1 * found.gains.covariance.max())
+    names = [parameter.name for parameter in found.model.parameters]
+    friction = posterior.uncertain.theta.reshape(-1, len(names))[:, names.index("Fc3")]
+    alone = posterior.draws.theta.reshape(-1, len(names))[:, names.index("Fc3")]
+    assert np.corrcoef(np.log(friction / alone), log_gain[:, 2])[0, 1] > 0.99, (
+        "friction of a joint scales with its gain"
+    )
+
+
+def test_without_a_posterior_they_are_in_the_covariance_too(arm, found):
+    plain = settle(arm, wrong(arm.log(noise=0.03)))
+    assert (plain.sd / np.abs(plain.beta)).min() > 0.9 * plain.gains.factor_sd
+    np.testing.assert_allclose(plain.gains.value, found.gains.value, rtol=1e-6)
+
+
+def test_a_validation_is_in_the_scale_of_the_gains_and_a_prediction_is_not(arm, found):
+    other = Simulated(coulomb=0.5)
+    other.motion = another_motion(9)
+    log = other.log(noise=0.03).rescaled(found.gains.value)
+    model = found.identified
+    coverage = model.validate(log).coverage
+    assert coverage.min() > 0.85
+    assert coverage[:2].max() < 0.98, "bands hold no uncertainty of the gains"
+    band = model.predict(other.motion, noise=False).sd
+    narrow = model._as_read.predict(other.motion, noise=False).sd
+    assert np.median(band / narrow) > 3.0
+
+
+def another_motion(seed):
+    return random_trajectory(3, 8.0, seed=seed).motion(T)
+
+
+def test_one_trusted_gain_fixes_the_factor(arm):
+    off = np.array([1.0, 0.8, 1.1])
+    gains = settle(arm, wrong(arm.log(noise=0.03), off, np.array([0.0, 0.2, 0.2]))).gains
+    assert gains.value[0] == 1.0
+    assert gains.decided_by[0] == GIVEN
+    assert gains.factor_decided_by == BY_DATA
+    assert abs(np.log(gains.value[1])) < 3.5 * gains.relative_sd[1]
+    assert gains.relative_sd[1] < 0.05
+
+
+def test_a_payload_of_known_mass_fixes_the_factor(arm):
+    """The other log is of the same arm with a body on its last link, made by a heavier last link."""
+    loaded = Simulated(coulomb=0.5)
+    loaded.motion = another_motion(11)
+    body = np.array([0.09, 0.01, -0.02, 0.11, 0.015, 0.07, 0.2, -0.1, 0.3, 2.0])
+    loaded.theta = loaded.theta.copy()
+    loaded.theta[20:30] += body
+    logs = [wrong(arm.log(noise=0.03)), wrong(loaded.log(noise=0.03)).carrying("tool")]
+    beliefs = Beliefs(nominal={"m_tool": (2.0, 0.004)})
+    gains = settle(arm, bayesid.join_logs(logs), beliefs=beliefs).gains
+    assert gains.factor_decided_by == BY_DATA
+    assert gains.factor_sd < 0.05, "a fifth of what is stated of each"
+    assert abs(gains.weights @ np.log(gains.value)) < 3.5 * gains.factor_sd
+    assert gains.factor == pytest.approx(np.exp(gains.weights @ np.log(gains.value / OFF)))
+
+
+def test_gains_that_nobody_knows_are_found_from_readings_in_other_units(arm, known):
+    """Readings in per mille of something: efforts come out in the size of a robot of its reach."""
+    scale = np.array([0.02, 0.005, 0.03])
+    log = replace(arm.log(noise=0.03).rescaled(scale), gains=Gains(np.ones(3), np.full(3, np.inf)))
+    result = settle(arm, log)
+    assert arm.right_share(result) >= arm.right_share(known) - 0.002
+    gains = result.gains
+    assert gains.stated.text == "unknown,unknown,unknown"
+    assert np.abs(ratio_errors(gains, 1.0 / scale)[:2]).max() < 3.5
+    assert gains.factor_decided_by == BY_PRIOR
+    assert gains.factor_sd > 0.5
+    off = np.abs(np.log(gains.value * scale))[:2]
+    assert off.max() < 3.0 * gains.factor_sd, "the masses of arms of its reach spread that far"
+
+
+def test_the_result_folder_keeps_them(found, tmp_path):
+    save_identification(found, tmp_path / "result", report=False)
+    again = load_model(tmp_path / "result").gains
+    assert isinstance(again, IdentifiedGains)
+    np.testing.assert_allclose(again.value, found.gains.value)
+    np.testing.assert_allclose(again.covariance, found.gains.covariance)
+    assert again.decided_by == found.gains.decided_by
+    assert again.found.exact.all()
+    draws = load_model(tmp_path / "result").draws
+    assert draws.log_gain.std(axis=0) == pytest.approx(found.gains.relative_sd, rel=0.1)
+
+
+def test_beside_an_earlier_result_no_gain_is_an_unknown(arm, found):
+    log = wrong(arm.log(noise=0.04))
+    for use in (
+        found.validate,
+        lambda log: bayesid.find_discrepancy(found, log),
+        lambda log: identify_again(found.model, log, found.knowledge, found.theta),
+    ):
+        with pytest.raises(InputError, match="was read with uncertain gains"):
+            use(log)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["a_50s", "c_unloaded"])
+def test_hidden_factors_on_a_real_log_come_out(name):
+    """Joints 2 to 5 of a UR10e load their motors; the sixth does not, and says so."""
+    log = bayesid.read_log(real_log(f"ur10e/{name}.csv")).rectified()
+    hidden = np.array([1.31, 0.78, 1.12, 0.93, 1.22, 0.85])
+    scrambled = replace(log.rescaled(hidden), gains=Gains(np.ones(6), np.full(6, 0.25)))
+    gains = identify(str(real_log("ur10e/robot.toml")), scrambled, posterior=False).gains
+    error = np.log(gains.value * hidden)
+    error -= gains.weights @ error
+    assert np.all((np.abs(error[:5]) < 0.05) | (np.abs(error[:5]) < 1.96 * gains.ratio_sd[:5])), error
+    assert gains.decided_by[5] == BY_PRIOR
