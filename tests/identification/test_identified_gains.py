@@ -14,6 +14,7 @@ from bayesid.identification.gains import BY_DATA, BY_PRIOR, GIVEN, IdentifiedGai
 from bayesid.identification.pipeline import identify, identify_again
 from bayesid.log.gains import Gains
 from bayesid.model.terms import STANDARD
+from bayesid.motion import Motion
 from bayesid.posterior.sampler import Sampling
 from bayesid.results.folders import save_identification
 from bayesid.results.model_file import load_model
@@ -191,3 +192,19 @@ def test_hidden_factors_on_a_real_log_come_out(name):
     error -= gains.weights @ error
     assert np.all((np.abs(error[:5]) < 0.05) | (np.abs(error[:5]) < 1.96 * gains.ratio_sd[:5])), error
     assert gains.decided_by[5] == BY_PRIOR
+
+
+def test_friction_in_proportion_to_the_load_is_named_where_a_log_cannot_tell_it_from_a_gain(arm, found):
+    """A joint that is driven one way only, by a load of one sign: what it drives is larger by a share for either."""
+    assert found.gains.like_friction == (), "all joints move both ways"
+    one_way = Simulated(coulomb=0.5)
+    q, dq, ddq = 0.3 * arm.motion.q, 0.3 * arm.motion.dq, 0.3 * arm.motion.ddq
+    q[:, 1], dq[:, 1], ddq[:, 1] = 1.7 + 0.1 * arm.motion.t, 0.1, 0.0
+    one_way.motion = Motion(arm.motion.t, q, dq, ddq)
+    links = np.where(np.arange(len(one_way.theta)) < 30, one_way.theta, 0.0)
+    load = one_way.model.effort(one_way.motion, links)[:, 1]
+    assert np.abs(load.mean()) > 2.0 * load.std(), "the case: a load of one sign"
+    assert np.all(load > 0.0) or np.all(load < 0.0)
+    gains = settle(one_way, wrong(one_way.log(noise=0.01, signed=True))).gains
+    assert 2 in gains.like_friction
+    assert 3 not in gains.like_friction
