@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -25,6 +26,8 @@ EXCLUDED = 0.01
 """Share of a joint's effort from which on search and posterior contradict each other: as for modes."""
 OTHER_MODE = 0.01
 """Weight beyond which another mode of the posterior is spoken of: one in a hundred, a round number."""
+_WIDE = 0.5
+"""Standard deviation of a logarithm from which on it is told as a factor: symmetric about no value any more."""
 _GAP = 1e-8
 """Relative gap of the solver above which there is a warning: a hundred times what is tried first."""
 
@@ -113,12 +116,18 @@ def confidences_lowered(doubt: Sequence[float]) -> str:
     return f"the model's own error is large: {lowered}"
 
 
-def factor_by_prior(relative_sd: float) -> str:
+def factor_by_prior(relative_sd: float, unknown: bool) -> str:
     """That nothing but the gains' prior decides the factor common to all, and so the scale of all efforts."""
+    source = "by what arms of its length weigh only" if unknown else "by the prior only"
     return (
-        f"the log does not tell the factor common to all gains: the scale of efforts, masses and frictions is known to "
-        f"{relative_sd:.0%} by the prior only"
+        "the log does not tell the factor common to all gains: the scale of efforts, masses and frictions is known to "
+        f"{spread_in_words(relative_sd)}, {source}"
     )
+
+
+def spread_in_words(relative_sd: float) -> str:
+    """A relative standard deviation: 12 %; a factor of 3.7."""
+    return f"a factor of {math.exp(relative_sd):.2g}" if relative_sd > _WIDE else f"{100.0 * relative_sd:.2g} %"
 
 
 FACTOR_REMEDY = "add a log with a weighed --payload, or give one gain that you trust as exact"
@@ -290,4 +299,5 @@ def _gains_warning(gains: IdentifiedGains | None) -> list[str]:
     unsettled = [] if gains.settled else [f"{GAINS_UNSETTLED}; give narrower --gains"]
     if gains.factor_decided_by != BY_PRIOR:
         return unsettled
-    return [*unsettled, f"{factor_by_prior(gains.factor_sd)}; {FACTOR_REMEDY}"]
+    said = factor_by_prior(gains.factor_sd, bool(gains.stated.unknown.any()))
+    return [*unsettled, f"{said}; {FACTOR_REMEDY}"]

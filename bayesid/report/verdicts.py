@@ -32,6 +32,7 @@ from bayesid.identification.warnings import (
     other_modes,
     other_reading,
     pressed_windows,
+    spread_in_words,
 )
 from bayesid.model.catalogue import noun, phrase_of
 from bayesid.model.effects import ReadableUnit
@@ -370,7 +371,7 @@ def beyond_the_terms(summary: Summary) -> tuple[Check, ...]:
     return (Check(name, "good", f"{'; '.join(parts)}; {fall}"),)
 
 
-GAIN_HEADINGS = ("gain of joint", "value and sd", "95 % interval", "ratio to the others known to", "decided by")
+GAIN_HEADINGS = ("gain of joint", "value and sd", "95 % interval", "ratio to others known to", "decided by")
 """Of `gain_rows`."""
 
 
@@ -406,7 +407,7 @@ def gains(summary: Summary) -> tuple[Check, ...]:
         parts.append(f"ratios of {joints_in_words(told)} known to {in_percent(worst_of)}")
     if untold:
         parts.append(f"{joints_in_words(untold)}: by the prior only")
-    factor = in_percent(of_log.factor_sd or 0.0)
+    factor = spread_in_words(of_log.factor_sd or 0.0)
     by_prior = of_log.factor_decided_by == BY_PRIOR
     parts.append(f"the factor common to all known to {factor}{' by the prior only' if by_prior else ''}")
     if not by_prior and of_log.factor is not None:
