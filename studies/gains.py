@@ -4,26 +4,31 @@ Robots with the standard friction and white noise of 3 % of each joint's RMS eff
 a gain that is 0.7 to 1.3 times the true one, and stated as uncertain by 20 %. The table gives, of the joints whose
 ratio the data decide, the error of that ratio and how many 95 % intervals hold it; how many joints are decided; the
 same for the factor common to all gains, which the prior decides; and signs beside those of the same log with true
-gains.
+gains. In half of the trials there is another log of the robot with a payload of known mass, which fixes the factor.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bayesid.arrays import Array
+from bayesid.fit.knowledge import Beliefs
 from bayesid.identification.gains import BY_DATA, IdentifiedGains
 from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
 from bayesid.identification.prediction import NORMAL_95
 from bayesid.log.gains import Gains
+from bayesid.log.log import Log, join_logs
+from bayesid.model.inertia import from_pseudo_inertia
 from bayesid.model.terms import STANDARD
 from bayesid.report.plot.trials import Figure
 from bayesid.signs.search.certified import Certified
-from bayesid.studies.simulated import STRONG, Truth, make_truth
+from bayesid.simulation.logs import simulate
+from bayesid.simulation.trajectories import random_trajectory
+from bayesid.studies.simulated import PERIOD, RATE, STRONG, Truth, make_truth
 from bayesid.studies.simulated import Scenario as Made
 from bayesid.study.record import Row
 from bayesid.study.study import Study, in_turn
@@ -32,6 +37,13 @@ _FARTHEST = (0.7, 1.3)
 """Stated gains over true ones."""
 _SD = 0.2
 """Relative sd that is stated of them: about that of a uniform logarithm between these."""
+_NOISE = 0.03
+"""Of the efforts, relative to each joint's RMS effort."""
+_WEIGHED, _SCALES = 3.0, 0.005
+"""kg, of the payload, and the sd by which it is known."""
+_LABEL = "weighed"
+_ANOTHER = 2_000_000
+"""Added to the seed for the motion with it."""
 _BUDGET = 3.0
 """Nominal seconds of a search's proof, as in `bayesid.studies.simulated`."""
 
@@ -42,34 +54,56 @@ class Scenario:
 
     Attributes:
         robot: built-in name.
+        payload: whether there is a log with a weighed payload beside it.
     """
 
     robot: str
+    payload: bool
 
 
-SCENARIOS = [Scenario(robot) for robot in ("kr5", "ur10e", "tx40")]
+ROBOTS = ("kr5", "ur10e", "tx40")
+SCENARIOS = [Scenario(robot, payload) for payload in (False, True) for robot in ROBOTS]
 
 
 def trial(scenario: Scenario, seed: int) -> Row:
     """Identifies a log with wrong gains, and with right ones."""
-    truth = make_truth(Made(robot=scenario.robot, noise=0.03, trajectory="random"), seed)
-    n = truth.log.n_joints
+    truth = make_truth(Made(robot=scenario.robot, noise=_NOISE, trajectory="random"), seed)
+    robot, n = truth.model.robot, truth.log.n_joints
+    logs, beliefs = [truth.log], Beliefs()
+    if scenario.payload:
+        logs.append(_loaded(truth, seed).carrying(_LABEL))
+        beliefs = Beliefs(nominal={f"m_{_LABEL}": (_WEIGHED, _SCALES)})
     off = np.exp(np.random.default_rng([seed, 1]).uniform(np.log(_FARTHEST[0]), np.log(_FARTHEST[1]), n))
-    wrong = replace(truth.log.rescaled(off), gains=Gains(off, np.full(n, _SD)))
+    wrong = [replace(log.rescaled(off), gains=Gains(off, np.full(n, _SD))) for log in logs]
     found, known = (
         identify(
-            truth.model.robot,
-            log,
+            robot,
+            join_logs(some),
             STANDARD,
             complete="off",
             search=Certified(budget=_BUDGET, repeatable=True),
             posterior=False,
+            beliefs=beliefs,
         )
-        for log in (wrong, truth.log)
+        for some in (wrong, logs)
     )
     if found.gains is None:
         raise ValueError("gains were no unknowns")
     return {**_of_gains(found.gains), "right": _right(truth, found), "right_with_true": _right(truth, known)}
+
+
+def _loaded(truth: Truth, seed: int) -> Log:
+    """Another log of the robot, whose last link is heavier by a body."""
+    rng = np.random.default_rng([seed, 2])
+    n, last = truth.log.n_joints, truth.model.cone.bodies[-1]
+    motion = random_trajectory(n, PERIOD, seed=seed + _ANOTHER).motion(np.arange(round(PERIOD * RATE) + 1) / RATE)
+    centre, spread = rng.uniform(-0.15, 0.15, 3), np.diag(rng.uniform(0.02, 0.06, 3) ** 2)
+    pseudo = np.zeros((4, 4))
+    pseudo[:3, :3], pseudo[3, :3], pseudo[:3, 3] = spread + np.outer(centre, centre), centre, centre
+    pseudo[3, 3] = 1.0
+    theta = truth.theta.copy()
+    theta[last] += from_pseudo_inertia(_WEIGHED * pseudo)
+    return simulate(truth.model, theta, motion, rng=rng, noise=_NOISE)
 
 
 def _of_gains(gains: IdentifiedGains) -> Row:
@@ -98,50 +132,73 @@ def _of_gains(gains: IdentifiedGains) -> Row:
 
 
 def _right(truth: Truth, result: Identification) -> float:
-    """Share of the samples with a strong effort whose sign is right."""
+    """Share of the first log's samples with a strong effort whose sign is right."""
+    rows = slice(0, len(truth.effort))
     strong: Array = np.abs(truth.effort) >= STRONG * np.abs(truth.effort).max(axis=0)
-    return float((result.sample_signs == np.sign(truth.effort))[strong].mean())
+    return float((result.sample_signs[rows] == np.sign(truth.effort))[strong].mean())
 
 
 def report(rows: Sequence[Row]) -> str:
-    """A table by robot."""
-    head = (
-        "robot   logs  told by data   ratio error  median  in 95 %   not told: in 95 %   single gain in 95 %   factor"
-    )
-    lines = [head + "   in 95 %   signs right   with true gains   not settled"]
-    for robot in (*(scenario.robot for scenario in SCENARIOS), "all"):
-        some = [row for row in rows if robot in (row["robot"], "all")]
-        if not some:
-            continue
-
-        def total(name: str, some: Sequence[Row] = some) -> float:
-            return float(sum(row[name] for row in some))
-
-        told, untold = total("told"), total("untold")
+    """A table by robot and, with a payload, one of the factor."""
+    lines = [
+        "robot   logs  told  ratio error  in 95 %  not told: in 95 %  single gain in 95 %  signs right  with true gains"
+    ]
+    for robot, some in _groups(rows, payload=False):
+        told, untold = _total(some, "told"), _total(some, "untold")
         errors = [row["ratio_error"] for row in some if row["ratio_error"] is not None]
-        middle = f"{np.median(errors):.2%}" if errors else "none"
         lines.append(
-            f"{robot:<8}{len(some):4d}{told / total('joints'):13.1%}{'':10}{middle:>12}"
-            f"{total('inside') / max(told, 1.0):12.1%}{total('untold_inside') / max(untold, 1.0):17.1%}"
-            f"{total('single_inside') / total('joints'):19.1%}{total('factor_error') / len(some):14.1%}"
-            f"{total('factor_inside') / len(some):10.1%}{total('right') / len(some):13.3%}"
-            f"{total('right_with_true') / len(some):16.3%}{sum(not row['settled'] for row in some):10d}"
+            f"{robot:<8}{len(some):4d}{told / _total(some, 'joints'):6.0%}{_middle(errors):>13}"
+            f"{_share(_total(some, 'inside'), told):>9}{_share(_total(some, 'untold_inside'), untold):>19}"
+            f"{_share(_total(some, 'single_inside'), _total(some, 'joints')):>21}"
+            f"{_total(some, 'right') / len(some):13.3%}{_total(some, 'right_with_true') / len(some):17.3%}"
         )
-    return "\n".join(lines)
+    lines += [
+        "",
+        "with a payload of known mass",
+        "robot   logs  factor by data  factor error  in 95 %  ratio error  in 95 %",
+    ]
+    for robot, some in _groups(rows, payload=True):
+        errors = [row["ratio_error"] for row in some if row["ratio_error"] is not None]
+        lines.append(
+            f"{robot:<8}{len(some):4d}{_total(some, 'factor_by_data') / len(some):16.0%}"
+            f"{_middle([row['factor_error'] for row in some]):>14}{_total(some, 'factor_inside') / len(some):9.1%}"
+            f"{_middle(errors):>13}{_share(_total(some, 'inside'), _total(some, 'told')):>9}"
+        )
+    unsettled = sum(not row["settled"] for row in rows)
+    return "\n".join([*lines, "", f"signs and gains had not come to agree in {unsettled} of {len(rows)} logs"])
+
+
+def _groups(rows: Sequence[Row], *, payload: bool) -> Iterator[tuple[str, list[Row]]]:
+    """Robots, and all of them, with their rows; none without any."""
+    chosen = [row for row in rows if row["payload"] == payload]
+    for robot in (*ROBOTS, "all"):
+        some = [row for row in chosen if robot in (row["robot"], "all")]
+        if some:
+            yield robot, some
+
+
+def _total(rows: Sequence[Row], name: str) -> float:
+    return float(sum(row[name] for row in rows))
+
+
+def _middle(errors: Sequence[float]) -> str:
+    return f"{np.median(errors):.2%}" if errors else "none"
+
+
+def _share(part: float, of: float) -> str:
+    return f"{part / of:.1%}" if of else "none"
 
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
-    """Ratio errors by robot."""
+    """Errors of ratios and, with a payload, of the factor, by robot."""
     axes = figure.add_subplot()
-    for place, scenario in enumerate(SCENARIOS):
-        errors = [
-            100.0 * row["ratio_error"]
-            for row in rows
-            if row["robot"] == scenario.robot and row["ratio_error"] is not None
-        ]
-        axes.plot(np.full(len(errors), place), errors, "o", alpha=0.5)
-    axes.set_xticks(range(len(SCENARIOS)), [scenario.robot for scenario in SCENARIOS])
-    axes.set_ylabel("error of the ratios that data decide, %")
+    for place, robot in enumerate(ROBOTS):
+        for payload, name, marker in ((False, "ratio_error", "o"), (True, "factor_error", "s")):
+            some = [row for row in rows if row["robot"] == robot and row["payload"] == payload]
+            errors = [100.0 * row[name] for row in some if row[name] is not None]
+            axes.plot(np.full(len(errors), place + 0.2 * payload - 0.1), errors, marker, alpha=0.5)
+    axes.set_xticks(range(len(ROBOTS)), ROBOTS)
+    axes.set_ylabel("error, %: ratios (round), factor by a payload (square)")
 
 
-STUDY = Study("gains", 102, in_turn(SCENARIOS), trial, report, draw)
+STUDY = Study("gains", 204, in_turn(SCENARIOS), trial, report, draw)
