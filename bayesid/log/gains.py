@@ -103,7 +103,12 @@ class Gains:
         return "N m per N m as logged" if self.of_torques else f"N m/{self.unit}"
 
     def times(self, factor: Array) -> Gains:
-        """With each value multiplied by its factor (n,)."""
+        """With each value multiplied by its factor (n,).
+
+        Example:
+            >>> bayesid.Gains(value=[12.0, 16.0], sd=[0.2, 0.0]).times([2.0, 1.0]).text
+            '24~20%,16'
+        """
         return replace(self, value=self.value * factor)
 
 

@@ -60,6 +60,9 @@ def make_namespace(folder: Path) -> dict[str, object]:
         "reading": bayesid.identify_payload(
             result, bayesid.read_log("loaded.csv", gains=GAINS.tolist()), known_mass=2.0
         ),
+        "gains": bayesid.identify(
+            robot, bayesid.read_log("currents.csv", gains="12~20%,16~20%,10~20%"), complete="off", posterior=False
+        ).gains,
         "found": bayesid.find_discrepancy(result, other_log, posterior=False),
         "design": bayesid.design_excitation(robot, TERMS, shape=shape, objective=objective),
         "problem": sign_problem(result),
