@@ -378,7 +378,9 @@ def _identification(
         noise_weights=settled.signs.weights,
         proofs=settled.signs.proofs,
         timings=run.laps,
-        warnings=warnings_of(log, averaged, doubt, posterior, reading, known),
+        warnings=warnings_of(
+            log, averaged, doubt, posterior, reading, known, run.beliefs.of(asked.evidence.model.parameters)
+        ),
         beliefs=run.beliefs,
         provenance=record_provenance(run.asked, log, run.call),
         better_reading=reading,

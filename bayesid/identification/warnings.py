@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from bayesid.arrays import Array
+from bayesid.fit.evidence import Evidence
+from bayesid.fit.knowledge import Nominal
 from bayesid.fit.least_squares import POOR_FIT, Fit
 from bayesid.identification.gains import BY_PRIOR, IdentifiedGains
 from bayesid.identification.other_readings import BetterReading
@@ -26,6 +28,8 @@ EXCLUDED = 0.01
 """Share of a joint's effort from which on search and posterior contradict each other: as for modes."""
 OTHER_MODE = 0.01
 """Weight beyond which another mode of the posterior is spoken of: one in a hundred, a round number."""
+_CONTRADICTS = 4.0
+"""Standard deviations from which on a stated parameter contradicts the log: once in 16,000 parameters by chance."""
 _WIDE = 0.5
 """Standard deviation of a logarithm from which on it is told as a factor: symmetric about no value any more."""
 _GAP = 1e-8
@@ -39,6 +43,7 @@ def warnings_of(
     posterior: Posterior | None,
     reading: BetterReading | None = None,
     gains: IdentifiedGains | None = None,
+    nominal: Nominal | None = None,
 ) -> tuple[str, ...]:
     """All warnings of an identification.
 
@@ -49,6 +54,7 @@ def warnings_of(
         posterior: draws; None if it was not asked for.
         reading: of the log, that explains it better than the one given; None without one.
         gains: where they were unknowns.
+        nominal: what was stated of the parameters.
     """
     return (
         *averaged.asked.model.robot.notes,
@@ -68,6 +74,7 @@ def warnings_of(
         *_modes_warning(posterior),
         *_excluded_warning(posterior),
         *_gains_warning(gains),
+        *_nominal_warning(averaged.asked.evidence, averaged.fit, nominal),
     )
 
 
@@ -291,6 +298,26 @@ def _excluded_warning(posterior: Posterior | None) -> list[str]:
     if posterior is None or posterior.excluded is None or posterior.excluded <= EXCLUDED:
         return []
     return [excluded_yet_likely(posterior.excluded)]
+
+
+def _nominal_warning(evidence: Evidence, fit: Fit, nominal: Nominal | None) -> list[str]:
+    """Parameters that the log shows by themselves, and not as they were stated."""
+    if nominal is None:
+        return []
+    projection, said = evidence.coefficients.projection, []
+    for row in np.flatnonzero(np.count_nonzero(projection, axis=1) == 1).tolist():
+        place = int(np.flatnonzero(projection[row])[0])
+        value, sd = fit.beta[row] / projection[row, place], fit.sd[row] / abs(projection[row, place])
+        stated, spread = nominal.mean[place], nominal.sd[place]
+        far = abs(value - stated) / np.hypot(sd, spread)
+        if far > _CONTRADICTS:  # not where nothing is stated: NaN
+            name = evidence.model.parameters[place].name
+            said.append(
+                f"{name} was stated as {stated:.4g} +- {spread:.2g}, the log alone says {value:.4g} +- {sd:.2g}: "
+                f"{far:.0f} standard deviations apart; one of the two is wrong, and where gains may be off, state them "
+                "as uncertain, as in --gains 12~20%,.."
+            )
+    return said
 
 
 def _gains_warning(gains: IdentifiedGains | None) -> list[str]:

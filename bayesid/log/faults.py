@@ -9,8 +9,8 @@ All thresholds are ratios within one channel, so units and rates do not matter.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -37,6 +37,8 @@ DROPOUT = 0.05
 its ends would do little harm."""
 _FEWEST = 4
 """Rows of a dropout: equal neighbours are no rarity in slow logs. A round number; not studied."""
+_SHORTEST = 3
+"""Rows of a recording in which faults are looked for: fewer have no step to compare."""
 _UNUSUAL = 4.0
 """A dropout lasts this many times what all but a twentieth of a channel's runs last. A round number; not studied."""
 _ABRUPT = 4.0
@@ -75,6 +77,11 @@ class Fault:
     rows: Integers
     start: Array
     seconds: float
+
+    def joined(self, later: Fault) -> Fault:
+        """The same with that of a later recording."""
+        rows, start = np.concatenate([self.rows, later.rows]), np.concatenate([self.start, later.start])
+        return replace(self, rows=rows, start=start, seconds=self.seconds + later.seconds)
 
     def __str__(self) -> str:
         """A line for the user: joint, what, how much and when."""
@@ -127,7 +134,9 @@ class _Runs:
         return np.flatnonzero((self.seconds >= least) & (np.diff(self.first) >= _FEWEST))
 
 
-def find_faults(t: Array, q: Array, effort: Array, dq: Array | None = None) -> tuple[Fault, ...]:
+def find_faults(
+    t: Array, q: Array, effort: Array, dq: Array | None = None, starts: Sequence[int] = (0,)
+) -> tuple[Fault, ...]:
     """All faults of a log, by joint.
 
     Args:
@@ -135,7 +144,20 @@ def find_faults(t: Array, q: Array, effort: Array, dq: Array | None = None) -> t
         q: (N, n) positions.
         effort: (N, n) efforts, or their absolute values.
         dq: (N, n) measured velocities, or None.
+        starts: first rows of the recordings that it was joined from: none says anything of its neighbour's readings.
     """
+    found: dict[tuple[int, str, str], Fault] = {}
+    for first, stop in zip(starts, [*starts[1:], len(t)], strict=True):
+        rows = slice(first, stop)
+        if stop - first < _SHORTEST:
+            continue
+        for fault in _of_recording(t[rows], q[rows], effort[rows], None if dq is None else dq[rows]):
+            key, here = (fault.joint, fault.reading, fault.kind), replace(fault, rows=fault.rows + first)
+            found[key] = found[key].joined(here) if key in found else here
+    return tuple(sorted(found.values(), key=lambda fault: fault.joint))
+
+
+def _of_recording(t: Array, q: Array, effort: Array, dq: Array | None) -> list[Fault]:
     faults: list[Fault] = []
     for j in range(q.shape[1]):
         jumps = _jumps(t, q[:, j])
@@ -146,7 +168,7 @@ def find_faults(t: Array, q: Array, effort: Array, dq: Array | None = None) -> t
         if dq is not None:
             faults += _named(t, j, "velocity", {"outlier": _peaks(t, dq[:, j])})
         faults += _named(t, j, "effort", {"outlier": _peaks(t, effort[:, j]), **_dropouts(t, effort[:, j], speed)})
-    return tuple(faults)
+    return faults
 
 
 def lost_rows(t: Array, q: Array, effort: Array, dq: Array | None = None) -> tuple[Integers, tuple[Fault, ...]]:

@@ -234,7 +234,8 @@ def _mended(log: Log) -> _Mended:
     left = np.delete(np.arange(len(log)), lost)
     recorded, keep = _distinct(motion_of_log(log).rows(left), _rows(log.effort, left))
     t, effort = recorded.t, _rows(_rows(log.effort, left), keep)
-    faults = (*lost_faults, *find_faults(t, recorded.q, effort, recorded.dq))
+    starts = np.unique([0, *np.searchsorted(t, log.t[[piece.start_row for piece in log.pieces]])]).tolist()
+    faults = (*lost_faults, *find_faults(t, recorded.q, effort, recorded.dq, [k for k in starts if k < len(t)]))
     parts = {"position": recorded.q, "effort": effort}
     if recorded.dq is not None:
         parts["velocity"] = recorded.dq

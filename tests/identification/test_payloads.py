@@ -123,6 +123,14 @@ def test_a_known_mass_enters_the_posterior_alone(two):
     assert abs(found.fit.theta[-1] - MASS) < 5.0 * found.fit.sd[found.coefficients.names.index("m_tool1")]
 
 
+@pytest.mark.parametrize(("stated", "contradicts"), [(MASS, False), (1.3 * MASS, True)])
+def test_a_stated_mass_that_the_log_contradicts_is_told(two, stated, contradicts):
+    log = join_logs([two.logs[0], two.logs[1].carrying("tool1")])
+    beliefs = bayesid.Beliefs(nominal={"m_tool1": (stated, 0.001)})
+    found = bayesid.identify(ROBOT, log, TERMS, complete="off", posterior=False, beliefs=beliefs)
+    assert any("m_tool1 was stated as" in warning for warning in found.warnings) == contradicts
+
+
 # ---------------------------------------------------------------------------------------------------------------
 # The model
 # ---------------------------------------------------------------------------------------------------------------
