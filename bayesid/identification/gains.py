@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from bayesid.arrays import Array, Mask
 from bayesid.fit.effects.relevance import inverse_of
@@ -96,7 +96,7 @@ class IdentifiedGains:
             >>> low.round(1), high.round(1)
             (array([11.2, 10.2,  8.5]), array([17.7, 16.1, 13.4]))
         """
-        reach: Array = np.exp(float(norm.ppf(0.5 + 0.5 * mass)) * self.relative_sd)
+        reach: Array = np.exp(float(ndtri(0.5 + 0.5 * mass)) * self.relative_sd)
         nearer, farther = self.value / reach, self.value * reach  # from zero: a gain may be negative
         return np.minimum(nearer, farther), np.maximum(nearer, farther)
 

@@ -140,8 +140,10 @@ def identify(
             continue
         averaged = average_over_models(asked, found, search, progress)
         run.lap("second opinion")
-        completed = None if complete == "off" else complete_model(averaged, found, search, completing, progress)
-        run.lap("complete")
+        completed = None
+        if complete != "off":
+            completed = complete_model(averaged, found, search, completing, progress)
+            run.lap("complete")
         last = averaged if completed is None else completed.averaged
         if not gains.moved(last.asked.evidence, asked.fit.noise, last.probability):
             break
@@ -334,16 +336,10 @@ def _identification(
     run: _Run, log: Log, signals: Signals, model: Model, averaged: AveragedSigns, gains: UnknownGains | None = None
 ) -> Identification:
     """Posterior, doubts, and the signs of segments; `model` holds the sensors' distortions too."""
-    seen, spread = hashes(log), None if gains is None else gains.fit
+    seen, spread, known = hashes(log), *((None, None) if gains is None else (gains.fit, gains.identified))
     log = log if gains is None else gains.log
-    settled, asked, probability, posterior = averaged.settled, averaged.asked, averaged.probability, None
-    if run.sampling is not None:
-        posterior = _sample(run, averaged, run.sampling)
-        run.lap("posterior")
-        averaged = replace(averaged, fit=_fit_of_mode(averaged, posterior, posterior.chosen))
-        if averaged.by_asked:
-            probability = _average_over_draws(averaged, posterior, run.progress)
-        run.lap("smooth")
+    settled, asked = averaged.settled, averaged.asked
+    averaged, posterior, probability = _sampled(run, averaged)
     if spread is not None and posterior is not None:
         posterior = with_gains(posterior, spread)
     run.progress("other readings", 0, 1)
@@ -353,7 +349,6 @@ def _identification(
         one.forget()
     doubt = structural_doubt(settled)
     probability = (1.0 - doubt) * probability + 0.5 * doubt
-    known = None if gains is None else gains.identified
     segments = settled.signs.segments.split(_sign_changes(signals))
     signs, confidence = segment_signs(segments, probability, signals.raw_effort)
     return Identification(
@@ -378,13 +373,27 @@ def _identification(
         noise_weights=settled.signs.weights,
         proofs=settled.signs.proofs,
         timings=run.laps,
-        warnings=warnings_of(
-            log, averaged, doubt, posterior, reading, known, run.beliefs.of(asked.evidence.model.parameters)
-        ),
+        warnings=warnings_of(log, averaged, doubt, posterior, reading, known, run.beliefs.of(asked.model.parameters)),
         beliefs=run.beliefs,
         provenance=record_provenance(run.asked, log, run.call),
         better_reading=reading,
     )
+
+
+def _sampled(run: _Run, averaged: AveragedSigns) -> tuple[AveragedSigns, Posterior | None, Array]:
+    """With the fit of the chosen mode, the posterior if it is sampled, and (N, n) P(sign = +), averaged over it."""
+    if run.sampling is None:
+        return averaged, None, averaged.probability
+    posterior = _sample(run, averaged, run.sampling)
+    run.lap("posterior")
+    averaged, probability = (
+        replace(averaged, fit=_fit_of_mode(averaged, posterior, posterior.chosen)),
+        averaged.probability,
+    )
+    if averaged.by_asked:
+        probability = _average_over_draws(averaged, posterior, run.progress)
+    run.lap("smooth")
+    return averaged, posterior, probability
 
 
 def _identified(

@@ -129,6 +129,18 @@ class Kept:
     attributes: Mapping[str, str | int | float]
 
 
+class Moved(NamedTuple):
+    """What moves draws beyond the sampling.
+
+    Attributes:
+        shift: (D, E, W, P) of the parameters: by what the model may lack, and by gains that are unknowns.
+        log_gain: (D, E, W, n) logarithms of these gains, relative to those of the efforts; None where all are exact.
+    """
+
+    shift: Array
+    log_gain: Array | None = None
+
+
 def keep(
     draws: Draws,
     target: Target,
@@ -137,8 +149,7 @@ def keep(
     attributes: Mapping[str, object],
     most: int = MOST,
     mode: Integers | None = None,
-    shift: Array | None = None,
-    log_gain: Array | None = None,
+    moved: Moved | None = None,
 ) -> Kept:
     """All that is known after sampling.
 
@@ -152,10 +163,7 @@ def keep(
             what is neither text nor a number becomes JSON.
         most: draws to keep in all. Whole sweeps are left out, evenly, but never all of them.
         mode: (D, E, W) index of the mode that each draw is from; by default there is but one.
-        shift: (D, E, W, P) by which what the model may lack moves the draws of `theta` and `beta`; `lp` and `effort`
-            are theirs before.
-        log_gain: (D, E, W, n) logarithms of the gains of each draw, relative to those of the efforts, where they are
-            unknowns; `shift` holds what they do.
+        moved: what moves the draws of `theta` and `beta` besides; `lp` and `effort` are theirs before.
 
     Raises:
         ValueError: if the blocks, labels and target are not of the same segments, joints, coefficients, parameters.
@@ -177,12 +185,12 @@ def keep(
     block = _block_coordinates(likelihood, blocks, labels)
     terms = pointwise(likelihood, blocks.moments, *flat).reshape(chains, size, -1).astype(np.float32)
     held = np.flatnonzero(np.ptp(terms, axis=(0, 1)))  # segments at a log's ends may have no samples
-    if shift is not None:
-        theta = theta + _walker_major(shift[kept])
+    if moved is not None:
+        theta = theta + _walker_major(moved.shift[kept])
         beta = theta @ target.likelihood.projection.T
     variables = {"beta": beta, "theta": theta, "noise": target.likelihood.sigma * np.exp(log_scale)}
-    if log_gain is not None:
-        variables["log_gain"] = _walker_major(log_gain[kept])
+    if moved is not None and moved.log_gain is not None:
+        variables["log_gain"] = _walker_major(moved.log_gain[kept])
     said: dict[str, str | int] = {"long_name": _POINTWISE, "left_out": terms.shape[2] - len(held)}
     effort = {"effort": Variable((*_SAMPLED, "block"), terms)}
     groups = {

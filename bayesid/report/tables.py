@@ -103,7 +103,7 @@ def kept_draws(identification: Identification) -> Kept:
     posterior = identification.posterior
     if posterior is None:
         raise ValueError("no posterior was sampled")
-    from bayesid.posterior.kept import Labels, keep  # and what writes files, for a posterior alone
+    from bayesid.posterior.kept import Labels, Moved, keep  # and what writes files, for a posterior alone
 
     completion = identification.completion
     labels = Labels(
@@ -125,8 +125,7 @@ def kept_draws(identification: Identification) -> Kept:
         labels,
         attributes,
         mode=posterior.mode_of_draws,
-        shift=posterior.shift,
-        log_gain=posterior.log_gain,
+        moved=None if posterior.shift is None else Moved(posterior.shift, posterior.log_gain),
     )
 
 

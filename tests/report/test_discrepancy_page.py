@@ -32,7 +32,7 @@ from bayesid.model.terms.cable_drag import CableDrag
 from bayesid.model.terms.coulomb_friction import CoulombFriction
 from bayesid.model.terms.hysteresis import Hysteresis
 from bayesid.model.terms.learned_effect import LearnedEffect
-from bayesid.model.terms.payload import Payload
+from bayesid.model.terms.payload import CarriedPayload, Payload
 from bayesid.model.terms.thermal_drift import ThermalDrift
 from bayesid.model.terms.torque_offset import TorqueOffset
 from bayesid.report.discrepancy_verdicts import discrepancy_checks, lead
@@ -540,6 +540,8 @@ def numbers_of(kind):
         return {symbol.rstrip("_") for symbol in kind.symbols} | set(kind.shape_units)
     if kind is LearnedEffect:  # its formula holds them
         return set()
+    if kind is CarriedPayload:
+        return {"m"}
     return {"mp"} if kind is Payload else {f"{kind.symbol}{axis}" for axis, _ in kind.parts}
 
 
