@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.console import RenderableType
@@ -27,6 +29,7 @@ from bayesid.report.verdicts import (
     proof,
     sampling,
 )
+from bayesid.report.words import quantity
 from bayesid.results.agreement import text as agreement_text
 from bayesid.results.several_logs import Separate
 
@@ -72,11 +75,15 @@ def _payloads(summary: Summary) -> list[str]:
     payloads = summary.payloads or {}
     carried = [f"{part.source}: {part.n_samples} rows, {part.payload or 'no payload'}" for part in summary.logs]
     found = [
-        f"{label}: {one['mass']:.4g} kg, centre of mass at ({', '.join(f'{x:.3g}' for x in one['com'])}) m in the last "
-        "link's frame"
+        f"{label}: {_with_sd(one['mass'], 'kg')}, centre of mass at ({', '.join(map(_with_sd, one['com']))}) m in the "
+        "last link's frame"
         for label, one in payloads.items()
     ]
     return [*carried, *found] if payloads else []
+
+
+def _with_sd(one: Mapping[str, Any], unit: str = "") -> str:
+    return quantity(one["value"], one["sd"] or 0.0, unit)
 
 
 def _verdict(head: str, check: Check, tail: str = "") -> Text:

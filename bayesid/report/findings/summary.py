@@ -15,9 +15,9 @@ from bayesid.fit.effects.confounded import TooNarrow
 from bayesid.fit.effects.wanted import EnteredEffect
 from bayesid.identification.identification import Identification
 from bayesid.identification.other_readings import BetterReading
+from bayesid.identification.payload import Estimate, PayloadBody
 from bayesid.identification.provenance import Provenance
 from bayesid.log.log import Log
-from bayesid.model.inertia import about_centre_of_mass
 from bayesid.posterior.inference import Posterior
 
 _MOST_DIFFERENT = 3
@@ -367,8 +367,9 @@ class Summary:
         better_reading: of the log, than the one given; None where there is none.
         low_pass_after_rectifier: that |effort| has passed; None where none was found.
         gains: that were unknowns; None where all were exact.
-        payloads: label of each payload that logs carry to its `mass`, kg, and `com`, centre of mass in the last link's
-            frame, m; None where none is carried.
+        payloads: label of each payload that logs carry to its `mass`, kg, `com`, centre of mass in the last link's
+            frame, m, and `inertia` about it, xx, yy, zz, xy, xz, yz, kg m^2, each with `value`, `sd`, `interval`; None
+            where none is carried.
     """
 
     robot: str
@@ -448,11 +449,29 @@ def log_parts(log: Log) -> tuple[LogPart, ...]:
 
 
 def _payloads(identification: Identification) -> dict[str, dict[str, Any]] | None:
-    """Of the parameters that the model holds."""
-    parts = identification.model.parts(identification.theta)
-    carried = {label: values for term, values in parts for label in term.payloads}
-    centres = {label: about_centre_of_mass(values)[0].tolist() for label, values in carried.items()}
-    return {label: {"mass": float(carried[label][9]), "com": centre} for label, centre in centres.items()} or None
+    """Bodies by the posterior's draws; without a posterior those of the model's parameters, of unknown sd."""
+    model, posterior, theta = identification.model, identification.posterior, identification.theta
+    every = theta[None] if posterior is None else posterior.uncertain.theta.reshape(-1, len(theta))
+    carried: dict[str, dict[str, Any]] = {}
+    first = 0
+    for term in model.terms:
+        stop = first + len(term.parameters(model.robot))
+        if term.payloads:
+            draws = every[:, first:stop]
+            carried |= dict.fromkeys(term.payloads, _body(PayloadBody.of_draws(draws[draws[:, 9] > 0.0])))
+        first = stop
+    return carried or None
+
+
+def _body(body: PayloadBody) -> dict[str, Any]:
+    """As in payload.json."""
+    of_axes = {"com": body.centre or (), "inertia": body.inertia or ()}
+    return {"mass": _estimate(body.mass), **{name: [_estimate(one) for one in ones] for name, ones in of_axes.items()}}
+
+
+def _estimate(one: Estimate) -> dict[str, Any]:
+    known = one.sd > 0.0
+    return {"value": one.value, "sd": one.sd if known else None, "interval": list(one.interval) if known else None}
 
 
 def _joints(chosen: Sequence[bool] | np.ndarray) -> tuple[int, ...]:
