@@ -6,12 +6,13 @@ read, and does not grow with the gain. So :eq:`gain-profile`::
 
     F(l) = min over theta in the cone of
            sum_j [exp(-2 l_j) theta' B' H_j B theta - 2 exp(-l_j) g_j' B theta + c_j] / 2 + stated(theta)
-           + (l - m)' C^-1 (l - m) / 2,
+           + links(theta) + (l - m)' C^-1 (l - m) / 2,
 
-with the by-joint moments H_j, g_j, c_j, what is stated of parameters, and the gains' prior N(m, C) (Gautier and Briot
-2014 for known signs, without prior or cone). The minimum is found by Newton steps with the curvature of the problem
-linearised in (theta, l), of which theta is eliminated. A common factor of all gains leaves F as it is but for the prior
-and what is stated: scaled with the efforts, every parameter stays feasible.
+with the by-joint moments H_j, g_j, c_j, what is stated of parameters and believed of links, and the gains' prior
+N(m, C) (Gautier and Briot 2014 for known signs, without prior or cone). The minimum is found by Newton steps with the
+curvature of the problem linearised in (theta, l), of which theta is eliminated. A common factor of all gains leaves F
+as it is but for the prior and what is stated: scaled with the efforts, every parameter stays feasible, and what is
+believed of links scales with them.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from bayesid.arrays import TINY, Array, Integers, Mask
 from bayesid.fit.evidence import Evidence
@@ -236,8 +238,8 @@ class _Problem:
         gradient: (n, r).
         energy: c of all.
         stated: (P,) 1 / sd^2 of what is stated, zero of all else.
-        mean: (P,) what is stated.
         pull: (P,) 1 / sd^2 of the links' prior, zero where something is stated or nothing is believed.
+        mean: (P,) of both.
         body: (P,) whether a parameter is a body's.
     """
 
@@ -247,8 +249,8 @@ class _Problem:
     gradient: Array
     energy: float
     stated: Array
-    mean: Array
     pull: Array
+    mean: Array
     body: Mask
 
     @classmethod
@@ -260,48 +262,52 @@ class _Problem:
         gradient = np.zeros((n, scaled.gradient.shape[1]))
         np.add.at(gradient, scaled.joint, scaled.gradient)
         body, pull = np.zeros(cone.size, dtype=bool), np.zeros(cone.size)
-        for part in cone.bodies:
-            body[part], pull[part] = True, links.sd**-2.0
         stated, mean = np.zeros(cone.size), np.zeros(cone.size)
+        for part in cone.bodies:
+            body[part], pull[part], mean[part] = True, links.sd**-2.0, links.centre
         if nominal is not None:
             known = np.isfinite(nominal.mean)
             stated[known], mean[known], pull[known] = nominal.sd[known] ** -2.0, nominal.mean[known], 0.0
-        hessian = scaled.hessian.by_joint(n)
         return cls(
-            evidence.model,
-            evidence.coefficients,
-            hessian,
-            gradient,
-            float(scaled.energy.sum()),
-            stated,
-            mean,
-            pull,
-            body,
+            model=evidence.model,
+            coefficients=evidence.coefficients,
+            hessian=scaled.hessian.by_joint(n),
+            gradient=gradient,
+            energy=float(scaled.energy.sum()),
+            stated=stated,
+            pull=pull,
+            mean=mean,
+            body=body,
         )
 
     def profile(self, log: Array) -> tuple[float, Array]:
         """F without the gains' prior, and the best parameters (P,) in the cone."""
-        hessian = np.einsum("j,jrs->rs", np.exp(-2.0 * log), self.hessian)
-        gradient, energy = np.exp(-log) @ self.gradient, self.energy
-        coefficients, known = self.coefficients, np.flatnonzero(self.stated)
-        if known.size:
-            rows = np.vstack([coefficients.projection, np.eye(len(self.stated))[known]])
-            coefficients = _with_projection(coefficients, rows)
-            weight = self.stated[known]
-            size = len(hessian)
-            both = np.zeros((len(rows), len(rows)))
-            both[:size, :size], both[size:, size:] = hessian, np.diag(weight)
-            hessian, gradient = both, np.concatenate([gradient, weight * self.mean[known]])
-            energy += float(weight @ self.mean[known] ** 2)
-        solution = solve_precisely(self.model.cone, coefficients, hessian, gradient, energy)
-        beta = coefficients.project(solution.theta)
+        data = np.einsum("j,jrs->rs", np.exp(-2.0 * log), self.hessian)
+        coefficients, known = self.coefficients, np.flatnonzero(self.stated + self.pull)
+        scale = self._scale(log)[known]
+        weight, mean = (self.stated + self.pull)[known] * scale**2, self.mean[known] / scale
+        hessian = block_diag(data, np.diag(weight))
+        gradient = np.concatenate([np.exp(-log) @ self.gradient, weight * mean])
+        energy = self.energy + float(weight @ mean**2)
+        rows = np.vstack([coefficients.projection, np.eye(len(self.stated))[known]])
+        both = _with_projection(coefficients, rows)
+        solution = solve_precisely(self.model.cone, both, hessian, gradient, energy)
+        beta = both.project(solution.theta)
         return 0.5 * float(beta @ hessian @ beta - 2.0 * gradient @ beta + energy), solution.theta
+
+    def _scale(self, log: Array) -> Array:
+        """(P,) by which parameters are multiplied before they are held against what is believed.
+
+        Links scale with the mean of the logarithms, what is stated does not.
+        """
+        return np.where(self.pull > 0.0, np.exp(-log.mean()), 1.0)
 
     def slope(self, theta: Array, log: Array) -> Array:
         """(n,) of the profile: by the envelope theorem that at fixed parameters."""
-        beta = self.coefficients.project(theta)
+        beta, scaled = self.coefficients.project(theta), theta * self._scale(log)
         curvature = np.einsum("r,jrs,s->j", beta, self.hessian, beta)
-        slope: Array = -np.exp(-2.0 * log) * curvature + np.exp(-log) * (self.gradient @ beta)
+        common = float(np.sum(self.pull * (scaled - self.mean) * scaled)) / len(log)
+        slope: Array = -np.exp(-2.0 * log) * curvature + np.exp(-log) * (self.gradient @ beta) - common
         return slope
 
     def linearised(self, theta: Array, log: Array) -> tuple[Array, Array]:
@@ -315,11 +321,10 @@ class _Problem:
         pulled = np.exp(-2.0 * log)[:, None] * (self.hessian @ self.coefficients.project(theta))  # (n, r)
         own = np.diag(pulled @ self.coefficients.project(theta))
         hessian = np.einsum("j,jrs->rs", np.exp(-2.0 * log), self.hessian)
-        scaling = np.where(self.body, theta, 0.0) * self.pull
-        common = np.full(n, 1.0 / n)
-        full = projection.T @ hessian @ projection + np.diag(self.pull + self.stated)
-        across = -projection.T @ pulled.T - np.outer(scaling, common)
-        inner = own + float(scaling @ theta) * np.outer(common, common)
+        pull, common = self.pull * self._scale(log) ** 2, np.full(n, 1.0 / n)
+        full = projection.T @ hessian @ projection + np.diag(pull + self.stated)
+        across = -projection.T @ pulled.T - np.outer(pull * theta, common)
+        inner = own + float(pull @ theta**2) * np.outer(common, common)
         size = 1.0 / np.sqrt(np.maximum(np.diag(full), TINY))
         scaled = full * np.outer(size, size) + _RIDGE * np.eye(len(full))
         moves = -size[:, None] * np.linalg.solve(scaled, size[:, None] * across)
