@@ -26,6 +26,8 @@ _MOST_MOVES = 6
 """Times that gains move and signs are searched again; two or three are usual. A round number."""
 _LEFT = 0.1
 """Share of what a log says of a gain that must be left beside load-dependent friction: as for `DECIDED`."""
+_ROUNDING = 1e-9
+"""Of a column's square, below which what is left of it beside others is rounding: the ridge of `inverse_of`, tenfold."""
 GIVEN, BY_DATA, BY_PRIOR = "given", "data", "prior"
 """What decides a gain."""
 
@@ -263,29 +265,28 @@ def _like_friction(evidence: Evidence, noise: Noise, fit: GainFit) -> tuple[int,
     the log moves a joint under load one way only, both look alike. With that friction as an unknown too, less than a
     tenth of what the log says of the gain is left then.
     """
-    model, motion, used = evidence.model, evidence.signals.motion, evidence.used
+    model, motion = evidence.model, evidence.signals.motion
     weight = noise.sigma * np.sqrt(noise.autocorrelation)
-    rows = evidence.columns / weight[:, None] * used[:, :, None]
-    flat = rows.reshape(-1, rows.shape[2])
-    hessian = flat.T @ flat
-    effort = model.effort(motion, fit.theta)
     smoothing, links = model.robot.actuators(motion).standstill_speed, tuple(model.links(fit.theta).ravel().tolist())
-    alike = []
-    for j in fit.prior.loose.tolist():
-        friction = LoadDependentFriction(joints=(j + 1,), smoothing=(float(smoothing[j]),), links=links)
-        other = friction.own_columns(model.robot, motion)[:, 0, 0] / weight[j] * used[:, j]
-        own, of_joint = effort[:, j] / weight[j] * used[:, j], rows[:, j]
-        alone = _left(hessian, of_joint.T @ own, own @ own)
-        across = of_joint.T @ other
-        both = np.block([[hessian, across[:, None]], [across[None], np.array([[other @ other]])]])
-        if _left(both, np.append(of_joint.T @ own, other @ own), own @ own) < _LEFT * alone:
-            alike.append(j + 1)
-    return tuple(alike)
-
-
-def _left(hessian: Array, across: Array, own: float) -> float:
-    """What is left of a column's square beside others with these products."""
-    return max(own - float(across @ inverse_of(hessian) @ across), 0.0)
+    loose = fit.prior.loose.tolist()
+    terms = [LoadDependentFriction(joints=(j + 1,), smoothing=(float(smoothing[j]),), links=links) for j in loose]
+    size = len(evidence.coefficients)
+    hessian, across, squares = np.zeros((size, size)), np.zeros((len(loose), size, 2)), np.zeros((len(loose), 2, 2))
+    for place, columns in evidence.chunks():
+        rows = columns / weight[:, None] * evidence.used[place][:, :, None]
+        hessian += np.einsum("ijr,ijs->rs", rows, rows, optimize=True)
+        for k, (j, term) in enumerate(zip(loose, terms, strict=True)):
+            effort = evidence.coefficients.project(fit.theta) @ columns[:, j].T
+            pair = np.column_stack([effort, term.own_columns(model.robot, motion[place])[:, 0, 0]])
+            pair *= evidence.used[place][:, j, None] / weight[j]
+            across[k] += rows[:, j].T @ pair
+            squares[k] += pair.T @ pair
+    left = squares - np.swapaxes(across, 1, 2) @ inverse_of(hessian) @ across  # beside the model's columns
+    gain, friction, both = left[:, 0, 0], left[:, 1, 1], left[:, 0, 1]
+    new = friction > _ROUNDING * squares[:, 1, 1]  # the model may hold that friction already
+    beside = gain - np.where(new, both**2 / np.where(new, friction, 1.0), 0.0)
+    told = gain > 1.0 / np.diag(fit.prior.covariance)[loose]
+    return tuple((np.array(loose, dtype=int)[told & (beside < _LEFT * gain)] + 1).tolist())
 
 
 def spread_by_gains(gains: GainFit, evidence: Evidence) -> Array:
