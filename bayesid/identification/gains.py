@@ -27,7 +27,7 @@ _MOST_MOVES = 6
 _LEFT = 0.1
 """Share of what a log says of a gain that must be left beside load-dependent friction: as for `DECIDED`."""
 _ROUNDING = 1e-9
-"""Of a column's square, below which what is left of it beside others is rounding: the ridge of `inverse_of`, tenfold."""
+"""Of a column's square, below which what is left of it beside others is rounding: ten ridges of `inverse_of`."""
 GIVEN, BY_DATA, BY_PRIOR = "given", "data", "prior"
 """What decides a gain."""
 
