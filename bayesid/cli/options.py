@@ -60,8 +60,11 @@ def reading_options(options: argparse.Namespace, identified: IdentifiedModel | N
     if identified is not None and isinstance(gains, str):
         remedy = "leave --gains out: the result has its own, or give exact ones"
         raise InputError("uncertain gains are unknowns of `bayesid identify` alone", "--gains", remedy)
-    if identified is not None and gains is None and identified.gains is not None:
-        gains = identified.gains.found
+    if identified is not None and identified.gains is not None:
+        if gains is None:
+            gains = identified.gains.found
+        else:
+            warn("the log is read by --gains, not by those of the result, in whose scale the model is")
     return {"gains": gains, "unsigned": options.unsigned, **motion_options(options)}
 
 

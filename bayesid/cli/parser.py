@@ -152,7 +152,7 @@ _SHARED: dict[str, dict[str, Any]] = {
         "metavar": "K1,K2,..",
         "help": "N m/A of each joint, for a log of currents: exact, or to be estimated where uncertain, as in "
         "12~20%%,16~1.5,10 (sd), 'unknown' for one or all, or a CSV file with the columns gain,sd; uncertain ones may "
-        "correct torques too",
+        "correct torques too; --gains=-12,.. where the first is negative",
     },
     "--unsigned": {"metavar": "JOINTS", "help": "all, none, or joints as in 1,3 (default: those never negative)"},
     "--degrees": {
@@ -196,6 +196,15 @@ _MOTION = "--degrees", "--columns", "--topic", "--joints"
 """How a motion is to be read."""
 _READING = "--gains", "--unsigned", *_MOTION
 """How a log is to be read, see `bayesid.read_log`."""
+
+
+_EXACT = "N m/A of each joint, for a log of currents (default: those of the result, where it has its own)"
+
+
+def _share_reading(parser: Parser, *others: str) -> None:
+    """How a log is to be read beside a result, whose gains are no unknowns any more."""
+    _share(parser, "--gains", help=_EXACT)
+    _share(parser, *_READING[1:], *others)
 
 
 def _share(parser: Parser, *names: str, **changes: Any) -> None:
@@ -328,7 +337,7 @@ def _add_validate(commands: _Commands) -> None:
     parser = _command(commands, "validate", "a result's model against another log", examples)
     parser.add_argument("result", type=Path, help="folder that `bayesid identify` wrote")
     parser.add_argument("log", type=Path, help="log of the same robot")
-    _share(parser, *_READING, "--cutoff")
+    _share_reading(parser, "--cutoff")
     _share(parser, "--out", help="folder for summary, signed log and prediction (default: none)")
     _share(parser, "--quiet")
 
@@ -366,7 +375,7 @@ def _add_discrepancy(commands: _Commands) -> None:
     _share(parser, "--terms", default=None, help=f"with --robot: what effects are beyond (default: {TERMS})")
     holdout = "another log, to score by (default: stretches of the log); of several logs, one more like the last"
     parser.add_argument("--holdout", type=Path, metavar="LOG", help=holdout)
-    _share(parser, *_READING, "--cutoff")
+    _share_reading(parser, "--cutoff")
     budget = "seconds for the proof of the signs under a result's extended model (default: 3), or in the first log (30)"
     _share(parser, "--search-budget", help=budget)
     _share(parser, "--no-posterior", help="skip sampling of the extended model, and of the first log's")
@@ -387,7 +396,7 @@ def _add_payload(commands: _Commands) -> None:
     parser.add_argument("log", type=Path, help="log of the same robot with the payload")
     mass = "of the payload, if it is known, and its standard deviation: tells how far off all efforts are"
     parser.add_argument("--known-mass", metavar="KG[~SD]", help=mass)
-    _share(parser, *_READING, "--cutoff")
+    _share_reading(parser, "--cutoff")
     _share(parser, "--search-budget", help="seconds for the proof of the signs (default: 3)")
     budget = "seconds that sampling may take; it ends when it has converged (default: %(default)g)"
     _share(parser, "--posterior-budget", default=10.0, help=budget)
@@ -402,7 +411,7 @@ def _add_report(commands: _Commands) -> None:
     parser.add_argument("result", type=Path, help="folder that `bayesid identify` wrote")
     validation = "another log of the same robot to try it on"
     parser.add_argument("--validation", type=Path, metavar="LOG", help=validation)
-    _share(parser, *_READING, "--cutoff")
+    _share_reading(parser, "--cutoff")
     _share(parser, "--out", metavar="FILE", help="default: report.html in the folder")
     _share(parser, "--quiet")
 

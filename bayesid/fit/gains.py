@@ -129,6 +129,7 @@ class GainFit:
         information: (n, n) what the data alone, all parameters eliminated, say of the logarithms.
         moves: (P, n) change of the best parameters with each logarithm.
         body: (P,) whether a parameter is a body's.
+        share: (P,) whether a parameter is a share of something that scales, and so does not.
         joint: (P,) 0-based joint of each.
         theta: (P,) the best parameters.
         settled: whether they led to the minimum.
@@ -140,6 +141,7 @@ class GainFit:
     information: Array
     moves: Array
     body: Mask
+    share: Mask
     joint: Integers
     theta: Array
     settled: bool
@@ -173,6 +175,7 @@ class GainFit:
         scale = np.where(self.body, common, own)
         slope = np.where(self.body[:, None], self.weights, np.eye(len(self.log))[self.joint]) * self.theta[:, None]
         moved: Array = scale * (theta + log @ (self.moves - slope).T)
+        moved[:, self.share] = theta[:, self.share]
         return moved
 
 
@@ -224,7 +227,9 @@ def fit_gains(
     covariance = np.zeros((n, n))
     covariance[np.ix_(loose, loose)] = np.linalg.inv((information + pull)[np.ix_(loose, loose)])
     joints = np.array([parameter.joint - 1 for parameter in evidence.model.parameters])
-    return GainFit(log, covariance, prior, information, moves, problem.body, joints, theta, settled)
+    share = np.array([parameter.unit == "1" for parameter in evidence.model.parameters])
+    moves[share] = 0.0  # friction in proportion to the load: the load has the scale of the efforts
+    return GainFit(log, covariance, prior, information, moves, problem.body, share, joints, theta, settled)
 
 
 @dataclass(frozen=True)

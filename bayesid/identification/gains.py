@@ -26,6 +26,8 @@ _MOST_MOVES = 6
 """Times that gains move and signs are searched again; two or three are usual. A round number."""
 _LEFT = 0.1
 """Share of what a log says of a gain that must be left beside load-dependent friction: as for `DECIDED`."""
+_MOST_OF_IT = 0.5
+"""Weight of the exact gains from which on the factor common to all is theirs: a half."""
 _ROUNDING = 1e-9
 """Of a column's square, below which what is left of it beside others is rounding: ten ridges of `inverse_of`."""
 GIVEN, BY_DATA, BY_PRIOR = "given", "data", "prior"
@@ -149,12 +151,16 @@ class IdentifiedGains:
 
     @property
     def factor_decided_by(self) -> str:
-        """What decides the factor common to all: `data`, with what is stated of masses or gains, or the `prior`.
+        """What decides the factor common to all: `data`, with what is stated of masses or of a gain, or the `prior`.
+
+        It is `given` where the joints whose gains are exact say most of what the log says of any.
 
         Example:
             >>> gains.factor_decided_by
             'prior'
         """
+        if self.weights[self.stated.exact].sum() > _MOST_OF_IT:
+            return GIVEN
         before = float(self.weights @ self.prior @ self.weights)
         return BY_DATA if self.factor_sd**2 <= DECIDED * before or before == 0.0 else BY_PRIOR
 

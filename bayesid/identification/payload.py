@@ -25,6 +25,7 @@ from bayesid.arrays import Array
 from bayesid.bounded import LARGEST
 from bayesid.errors import InputError
 from bayesid.fit.effects.thresholds import Thresholds
+from bayesid.identification.gains import BY_PRIOR, IdentifiedGains
 from bayesid.identification.identification import Identification
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.options import Preparation, call_of, call_of_log
@@ -307,6 +308,8 @@ def identify_payload(
         (False, None)
     """
     began = time.perf_counter()
+    if not isinstance(earlier, Identification | IdentifiedModel):
+        raise InputError(f"{earlier!r:.60} is no earlier result", "earlier", "give bayesid.load_model(folder)")
     known = earlier.identified if isinstance(earlier, Identification) else earlier
     if common_sd is None:
         common_sd = 0.0 if known.gains is None else known.gains.factor_sd
@@ -340,9 +343,23 @@ def identify_payload(
         gain_factor=gain_factor(evenly_sized(draws)[:, 9], *stated) if stated is not None and shown else None,
         known_mass=stated,
         identification=again,
-        warnings=tuple(said for said in again.warnings if said not in edge_warning(again.fit, log.n_joints)),
+        warnings=(
+            *(said for said in again.warnings if said not in edge_warning(again.fit, log.n_joints)),
+            *_ratios_warning(known.gains),
+        ),
         seconds=time.perf_counter() - began,
     )
+
+
+def _ratios_warning(gains: IdentifiedGains | None) -> list[str]:
+    """That the earlier log left ratios of gains open: mass and inertia hold the doubt of their factor, not of these."""
+    open_joints = [str(j) for j, by in enumerate(gains.decided_by, start=1) if by == BY_PRIOR] if gains else []
+    if not open_joints:
+        return []
+    return [
+        f"the earlier log left the gains of joint {', '.join(open_joints)} open: what they would change is not in "
+        "these intervals; identify both logs in one, with --log or --payload"
+    ]
 
 
 def _payload_draws(again: Identification) -> Array:

@@ -26,7 +26,7 @@ UNKNOWN = "unknown"
 _REMEDY = (
     f"give one gain a joint, as in 12,16~20%,{UNKNOWN}, or '{UNKNOWN}' for all, or a CSV file with the columns gain,sd"
 )
-_MOST = 2.0
+_MOST = 1.0
 """Relative standard deviation up to which a gain is uncertain; beyond it, it is unknown. A round number."""
 
 
@@ -160,11 +160,11 @@ def _pair(word: str, text: str) -> tuple[float, float]:
     """A gain and the sd of its logarithm."""
     if word == UNKNOWN:
         return 1.0, math.inf
-    number, _, spread = word.partition("~")
+    number, uncertain, spread = word.partition("~")
     try:
         value = float(number)
         relative = 0.0
-        if spread:
+        if uncertain:
             relative = float(spread[:-1]) / 100.0 if spread.endswith("%") else float(spread) / abs(value)
     except (ValueError, ZeroDivisionError):
         raise InputError(f"{text!r} is not a list of gains", "--gains", _REMEDY) from None
@@ -185,11 +185,12 @@ def _of_file(path: str) -> Gains:
         raise InputError("has no columns gain, sd", path, _REMEDY)
     values, spreads = [], []
     for line, row in enumerate(rows, start=2):
+        gain, sd = (str(row[key] or "").strip() for key in ("gain", "sd"))
         try:
-            value, sd = float(row["gain"]), float(row["sd"] or 0.0)
-            spreads.append(_checked(sd / abs(value), f"{value:g} +- {sd:g}"))
-        except (TypeError, ValueError, ZeroDivisionError):
-            seen = f"{row['gain']!r}, {row['sd']!r} are no gain with its sd"
+            value, spread = _pair(f"{gain}~{sd}" if sd else gain, "")
+        except InputError:
+            seen = f"{gain!r}, {sd!r} are no gain with its sd, in its unit or %"
             raise InputError(seen, f"{path}, line {line}", _REMEDY) from None
         values.append(value)
+        spreads.append(spread)
     return Gains(np.array(values), np.array(spreads))

@@ -58,8 +58,9 @@ def again(summary: Summary, added: str = "", without: Sequence[str] = ()) -> str
 def _as_read(summary: Summary) -> str:
     """The options by which the log was read, for another one of the same recorder."""
     words, kept = _words(summary), []
+    own = () if summary.gains is None else ("--gains",)  # a result that has gains reads logs by them
     for k, word in enumerate(words):
-        if (option := word.partition("=")[0]) in _READING:
+        if (option := word.partition("=")[0]) in _READING and option not in own:
             kept += [word] if "=" in word else words[k : k + 1 + _READING[option]]
     return "".join(f" {word}" for word in map(shlex.quote, kept))
 

@@ -53,11 +53,11 @@ def _unchanged(reading: PayloadReading, result: str) -> Check:
     size = f"the residual is at most {check.residual[worst]:.2f} times the earlier log's noise (joint {worst + 1})"
     moved = f"the robot's own coefficients moved by a chi-square of {check.chi_square:.0f} with {check.freedom} degrees"
     if check.passed:
-        return Check("Nothing else changed", "good", f"{size}, {moved}")
+        return Check("Besides the payload", "good", f"nothing has changed: {size}, {moved}")
     which = joints_in_words(check.joints) if check.joints else "the links"
     said = f"something else has changed in {which}, and the payload may be wrong by it: {size}, {moved}"
     command = shlex.join(["bayesid", "discrepancy", result, reading.identification.log.source])
-    return Check("Nothing else changed", "bad", said, f"`{command}` tells what")
+    return Check("Besides the payload", "bad", said, f"`{command}` tells what")
 
 
 def _sampling(reading: PayloadReading) -> Check:

@@ -371,25 +371,27 @@ def beyond_the_terms(summary: Summary) -> tuple[Check, ...]:
     return (Check(name, "good", f"{'; '.join(parts)}; {fall}"),)
 
 
-GAIN_HEADINGS = ("gain of joint", "value and sd", "95 % interval", "ratio to others known to", "decided by")
+GAIN_HEADINGS = ("gain of joint", "stated", "value and sd", "95 % interval", "ratio to others known to", "decided by")
 """Of `gain_rows`."""
 
 
-def gain_rows(summary: Summary) -> list[tuple[str, str, str, str, str]]:
-    """Gains that were unknowns: which, its value, its interval, how well its ratio to the others is known, by what."""
+def gain_rows(summary: Summary) -> list[tuple[str, ...]]:
+    """Gains that were unknowns: as stated, as found, the interval, how well its ratio to others is known, by what."""
     of_log = summary.gains
     if of_log is None:
         return []
-    columns = (of_log.mean, of_log.sd, of_log.lower, of_log.upper, of_log.ratio_sd, of_log.decided_by)
+    stated = of_log.stated.split(",")
+    columns = (stated, of_log.mean, of_log.sd, of_log.lower, of_log.upper, of_log.ratio_sd, of_log.decided_by)
     return [
         (
             str(joint),
+            said,
             quantity(mean or 0.0, sd or 0.0, of_log.unit),
             f"{rounded(lower or 0.0)} to {rounded(upper or 0.0)}",
             "" if by == GIVEN else in_percent(ratio or 0.0),
             by,
         )
-        for joint, (mean, sd, lower, upper, ratio, by) in enumerate(zip(*columns, strict=True), start=1)
+        for joint, (said, mean, sd, lower, upper, ratio, by) in enumerate(zip(*columns, strict=True), start=1)
     ]
 
 
@@ -404,14 +406,17 @@ def gains(summary: Summary) -> tuple[Check, ...]:
     parts = []
     if told:
         worst_of = max(of_log.ratio_sd[j - 1] or 0.0 for j in told)
-        parts.append(f"ratios of {joints_in_words(told)} known to {in_percent(worst_of)}")
+        parts.append(f"ratio{'s' * (len(told) > 1)} of {joints_in_words(told)} known to {in_percent(worst_of)}")
     if untold:
-        parts.append(f"{joints_in_words(untold)}: by the prior only")
-    factor = spread_in_words(of_log.factor_sd or 0.0)
+        parts.append(f"of {joints_in_words(untold)} what was stated still decides (prior)")
     by_prior = of_log.factor_decided_by == BY_PRIOR
-    parts.append(f"the factor common to all known to {factor}{' by the prior only' if by_prior else ''}")
-    if not by_prior and of_log.factor is not None:
-        parts[-1] += f": {rounded(of_log.factor)} times that of the gains stated"
+    if of_log.factor_decided_by == GIVEN:
+        parts.append("the factor common to all is that of the exact ones")
+    else:
+        factor = spread_in_words(of_log.factor_sd or 0.0)
+        parts.append(f"the factor common to all known to {factor}{' by the prior only' if by_prior else ''}")
+        if not by_prior and of_log.factor is not None:
+            parts[-1] += f": {rounded(of_log.factor)} times that of the gains stated"
     if of_log.like_friction:
         whose = joints_in_words(of_log.like_friction)
         parts.append(f"of {whose} load-dependent friction would explain it as well (a gear's efficiency is no gain)")

@@ -86,7 +86,9 @@ def test_interrupted_while_it_computes(place):
     time.sleep(0.5)
     running.send_signal(signal.SIGINT)
     _, err = running.communicate(timeout=20)
-    assert (running.returncode, err) == (130, "bayesid: interrupted; nothing was written\n")
+    # A shell calls both 130: Python ends by the signal itself where it came inside of `exec`, as a dataclass is made.
+    assert running.returncode in (130, -signal.SIGINT)
+    assert err == "bayesid: interrupted; nothing was written\n"
     assert left_in(place) == before
 
 

@@ -57,7 +57,7 @@ def test_a_payload_is_shown_and_written(place, capfd):
     for said in (
         "Payload: 2.0",
         "link 3",
-        "Nothing else changed",
+        "Besides the payload",
         "converged",
         "centre of mass x",
         "inertia yz",

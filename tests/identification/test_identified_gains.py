@@ -121,7 +121,7 @@ def test_one_trusted_gain_fixes_the_factor(arm):
     gains = settle(arm, wrong(arm.log(noise=0.03), off, np.array([0.0, 0.2, 0.2]))).gains
     assert gains.value[0] == 1.0
     assert gains.decided_by[0] == GIVEN
-    assert gains.factor_decided_by == BY_DATA
+    assert gains.factor_decided_by == GIVEN
     assert abs(np.log(gains.value[1])) < 3.5 * gains.relative_sd[1]
     assert gains.relative_sd[1] < 0.05
 

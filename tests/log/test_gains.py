@@ -36,6 +36,8 @@ def test_a_file_has_a_gain_and_its_sd_a_joint(tmp_path):
     path = tmp_path / "gains.csv"
     path.write_text("joint,gain,sd\n1,12,2.4\n2,16,\n")
     assert gains_of(path, 2).sd == pytest.approx([0.2, 0.0])
+    path.write_text("gain,sd\n12,20%\nunknown,\n")
+    assert gains_of(path, 2).sd.tolist() == [0.2, np.inf]
     path.write_text("gain,sd\n12,2.4\n")
     with pytest.raises(InputError, match="1 gains for 2 joints"):
         gains_of(path, 2)
@@ -53,7 +55,9 @@ def test_a_file_has_a_gain_and_its_sd_a_joint(tmp_path):
         ("12~20%", "1 gains for 2 joints"),
         ("12~20%,x", "is not a list of gains"),
         ("12~-5%,3", "is uncertain by -5 %"),
-        ("12~300%,3", "give 0 to 200 %, or unknown"),
+        ("12~300%,3", "give 0 to 100 %, or unknown"),
+        ("12~20,3", "12~20 is uncertain by 167 %"),
+        ("12~,3", "is not a list of gains"),
         ("0~20%,3", "a gain is zero or not finite"),
         ("0~2,3", "is not a list of gains"),
         ("nan~20%,3", "a gain is zero or not finite"),

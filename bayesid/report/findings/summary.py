@@ -449,16 +449,22 @@ def log_parts(log: Log) -> tuple[LogPart, ...]:
 
 
 def _payloads(identification: Identification) -> dict[str, dict[str, Any]] | None:
-    """Bodies by the posterior's draws; without a posterior those of the model's parameters, of unknown sd."""
+    """Bodies by the posterior's draws; without a posterior those of the model's parameters, of unknown sd.
+
+    The draws are those that were sampled, which are bodies: moved by what the model may lack they need not be. A factor
+    common to all gains scales them, unless their mass is stated.
+    """
     model, posterior, theta = identification.model, identification.posterior, identification.theta
-    every = theta[None] if posterior is None else posterior.uncertain.theta.reshape(-1, len(theta))
+    every = theta[None] if posterior is None else posterior.draws.theta.reshape(-1, len(theta))
+    factor_sd = 0.0 if posterior is None or identification.gains is None else identification.gains.factor_sd
     carried: dict[str, dict[str, Any]] = {}
     first = 0
     for term in model.terms:
         stop = first + len(term.parameters(model.robot))
         if term.payloads:
-            draws = every[:, first:stop]
-            carried |= dict.fromkeys(term.payloads, _body(PayloadBody.of_draws(draws[draws[:, 9] > 0.0])))
+            stated = model.parameters[stop - 1].name in identification.beliefs.nominal  # its mass, the last of ten
+            body = PayloadBody.of_draws(every[:, first:stop], common_sd=0.0 if stated else factor_sd)
+            carried |= dict.fromkeys(term.payloads, _body(body))
         first = stop
     return carried or None
 
