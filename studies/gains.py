@@ -193,12 +193,14 @@ def draw(rows: Sequence[Row], figure: Figure) -> None:
     """Errors of ratios and, with a payload, of the factor, by robot."""
     axes = figure.add_subplot()
     for place, robot in enumerate(ROBOTS):
-        for payload, name, marker in ((False, "ratio_error", "o"), (True, "factor_error", "s")):
+        for payload, name, said in ((False, "ratio_error", "ratios"), (True, "factor_error", "factor, by a payload")):
             some = [row for row in rows if row["robot"] == robot and row["payload"] == payload]
             errors = [100.0 * row[name] for row in some if row[name] is not None]
-            axes.plot(np.full(len(errors), place + 0.2 * payload - 0.1), errors, marker, alpha=0.5)
+            places, label = np.full(len(errors), place + 0.2 * payload - 0.1), None if place else said
+            axes.plot(places, errors, "os"[payload], color=f"C{int(payload)}", alpha=0.5, label=label)
     axes.set_xticks(range(len(ROBOTS)), ROBOTS)
-    axes.set_ylabel("error, %: ratios (round), factor by a payload (square)")
+    axes.set_ylabel("error, %")
+    axes.legend()
 
 
 STUDY = Study("gains", 204, in_turn(SCENARIOS), trial, report, draw)
