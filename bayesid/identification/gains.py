@@ -21,9 +21,12 @@ from bayesid.model.terms.load_dependent_friction import LoadDependentFriction
 from bayesid.posterior.links import usual_links
 
 _STILL = 0.3
-"""Posterior standard deviations by which gains may still move when they count as settled. A round number."""
-_MOST_MOVES = 6
-"""Times that gains move and signs are searched again; two or three are usual. A round number."""
+"""Posterior standard deviations by which gains may still want to move when they are left where they are."""
+_UNSETTLED = 1.0
+"""The same from which on they are said not to have settled: as much as their sd says they may be off."""
+_MOST_MOVES = 4
+"""Times that gains move and signs are searched again; one or two are usual, each takes as long as an identification of
+its own. A round number."""
 _LEFT = 0.1
 """Share of what a log says of a gain that must be left beside load-dependent friction: as for `DECIDED`."""
 _MOST_OF_IT = 0.5
@@ -234,7 +237,7 @@ class UnknownGains:
         )
         nominal = self._beliefs.of(model.parameters)
         self.fit = fit_gains(evidence, noise, signs, self._prior, links, nominal)
-        if self._far(self.fit) and self._moves < _MOST_MOVES:
+        if self._off(self.fit) > _STILL and self._moves < _MOST_MOVES:
             self.log, self._prior = self.log.rescaled(np.exp(self.fit.log)), self._prior.moved(self.fit.log)
             self._moves += 1
             return True
@@ -242,11 +245,11 @@ class UnknownGains:
         return False
 
     @staticmethod
-    def _far(fit: GainFit) -> bool:
-        """Whether the gains' best values lie away from those of the efforts."""
+    def _off(fit: GainFit) -> float:
+        """Standard deviations by which the gains' best values lie away from those of the efforts."""
         loose = fit.prior.loose
         shift = fit.log[loose]
-        return bool(shift @ np.linalg.solve(fit.covariance[np.ix_(loose, loose)], shift) > _STILL**2)
+        return math.sqrt(max(float(shift @ np.linalg.solve(fit.covariance[np.ix_(loose, loose)], shift)), 0.0))
 
     @property
     def identified(self) -> IdentifiedGains | None:
@@ -259,7 +262,7 @@ class UnknownGains:
             prior=self.fit.prior.covariance,
             weights=self.fit.weights,
             stated=self._stated,
-            settled=self.fit.settled and not self._far(self.fit),
+            settled=self.fit.settled and self._off(self.fit) < _UNSETTLED,
             like_friction=self._like_friction,
         )
 

@@ -308,9 +308,7 @@ def identify_payload(
         (False, None)
     """
     began = time.perf_counter()
-    if not isinstance(earlier, Identification | IdentifiedModel):
-        raise InputError(f"{earlier!r:.60} is no earlier result", "earlier", "give bayesid.load_model(folder)")
-    known = earlier.identified if isinstance(earlier, Identification) else earlier
+    known = _known(earlier)
     if common_sd is None:
         common_sd = 0.0 if known.gains is None else known.gains.factor_sd
     stated = None if known_mass is None else _stated(known_mass)
@@ -349,6 +347,14 @@ def identify_payload(
         ),
         seconds=time.perf_counter() - began,
     )
+
+
+def _known(earlier: object) -> IdentifiedModel:
+    if isinstance(earlier, Identification):
+        return earlier.identified
+    if not isinstance(earlier, IdentifiedModel):
+        raise InputError(f"{earlier!r:.60} is no earlier result", "earlier", "give bayesid.load_model(folder)")
+    return earlier
 
 
 def _ratios_warning(gains: IdentifiedGains | None) -> list[str]:
