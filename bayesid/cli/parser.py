@@ -269,6 +269,7 @@ def _add_identify(commands: _Commands) -> None:
         "bayesid identify monday.csv tuesday.csv --robot ur10e --search-budget 30",
         "bayesid identify 'week/*.csv' --each --robot ur10e --workers 2 --out week-by-day",
         "bayesid identify unloaded.csv --robot ur10e --payload 2.8~0.005@loaded.csv",
+        "bayesid identify currents.csv --robot my_robot.toml --gains 12~20%,16~20%,10~20%,unknown,11,11",
         "bayesid identify kuka_rsi.csv --robot kr5 --gains 2.1,2.0,1.1,0.6,0.6,0.3",
         "bayesid identify messung.csv --robot kr5 --columns 't=Zeit [ms],q=Achse{} [Grad],tau=Moment{}'",
         "bayesid identify my_bag --robot robot.urdf --topic /joint_states",
@@ -324,7 +325,7 @@ def _add_logs(parser: Parser) -> None:
     parser.add_argument("logs", type=Path, nargs="+", metavar="log", help=logs)
     payload = (
         "one more log, recorded with a payload of this mass on the flange, whose parameters act in its logs alone; the "
-        f"mass enters the posterior (default sd: {100 * MASS_SD:g} %% of it; default label: payload)"
+        f"mass enters the posterior, and fixes the factor of uncertain gains (default sd: {100 * MASS_SD:g} %% of it; default label: payload)"
     )
     metavar = "[LABEL:]KG[~SD]@LOG"
     parser.add_argument("--payload", action="append", default=[], metavar=metavar, help=payload)
