@@ -325,7 +325,8 @@ def _add_logs(parser: Parser) -> None:
     parser.add_argument("logs", type=Path, nargs="+", metavar="log", help=logs)
     payload = (
         "one more log, recorded with a payload of this mass on the flange, whose parameters act in its logs alone; the "
-        f"mass enters the posterior, and fixes the factor of uncertain gains (default sd: {100 * MASS_SD:g} %% of it; default label: payload)"
+        "mass enters the posterior, and fixes the factor of uncertain gains "
+        f"(default sd: {100 * MASS_SD:g} %% of it; default label: payload)"
     )
     metavar = "[LABEL:]KG[~SD]@LOG"
     parser.add_argument("--payload", action="append", default=[], metavar=metavar, help=payload)
