@@ -66,7 +66,7 @@ nb_merge_streams = True
 # Docstrings
 # ---------------------------------------------------------------------------------------------------------------
 autodoc_default_options = {"members": True, "member-order": "bysource"}
-autodoc_type_aliases = {name: name for name in ("Array", "Integers", "Mask")}
+autodoc_type_aliases = {name: name for name in ("Array", "Integers", "Labels", "Mask")}
 TypeAliasForwardRef.__repr__ = lambda self: str(self.name)  # or `Array | None` would be spelled out
 default_role = "code"
 maximum_signature_line_length = 100
