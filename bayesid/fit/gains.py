@@ -27,6 +27,7 @@ from bayesid.arrays import TINY, Array, Integers, Mask
 from bayesid.fit.evidence import Evidence
 from bayesid.fit.knowledge import Links, Nominal
 from bayesid.fit.least_squares import constant_stretches
+from bayesid.fit.moments import Moments
 from bayesid.fit.noise import Noise
 from bayesid.fit.solver import solve_precisely
 from bayesid.log.gains import Gains
@@ -89,6 +90,11 @@ def prior_of(gains: Gains) -> GainPrior:
     return GainPrior(np.zeros(len(sd)), np.diag(sd**2) + np.outer(together, together))
 
 
+def signed_moments(evidence: Evidence, signs: Array) -> Moments:
+    """Moments of a log in expected signs (N, n), one segment for each stretch in motion."""
+    return evidence.moments(signs, constant_stretches(evidence.used), summed_out=False)
+
+
 def likely_gains(evidence: Evidence, gains: Gains) -> Array:
     """(n,) factors on gains that nobody knows, so that efforts are as large as a robot of its reach makes them.
 
@@ -104,7 +110,7 @@ def likely_gains(evidence: Evidence, gains: Gains) -> Array:
     share = _TAPER ** np.arange(len(cone.bodies))
     masses = _MASS * robot.stretched**2 * share / max(float(share.sum()), TINY)
     signs = np.where(evidence.signals.raw_effort >= 0.0, 1.0, -1.0)
-    moments = evidence.moments(signs, constant_stretches(evidence.used), summed_out=False)
+    moments = signed_moments(evidence, signs)
     sd, mean = np.zeros(cone.size), np.zeros(cone.size)
     for body, mass in zip(cone.bodies, masses.tolist(), strict=True):
         spread = mass * (_REACH * reach) ** 2
@@ -146,11 +152,6 @@ class GainFit:
     theta: Array
     settled: bool
 
-    @property
-    def sd(self) -> Array:
-        """(n,) standard deviations of the logarithms."""
-        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-
     @cached_property
     def weights(self) -> Array:
         """(n,) by which the factor common to all gains is their mean: what the data say of each joint's alone."""
@@ -180,14 +181,14 @@ class GainFit:
 
 
 def fit_gains(
-    evidence: Evidence, noise: Noise, signs: Array, prior: GainPrior, links: Links, nominal: Nominal | None = None
+    evidence: Evidence, moments: Moments, noise: Noise, prior: GainPrior, links: Links, nominal: Nominal | None = None
 ) -> GainFit:
     """The gains that suit a log with known signs best, and how well it shows them.
 
     Args:
         evidence: the model, the log, and which samples count.
+        moments: of the log in its signs, not scaled (`signed_moments`).
         noise: of its efforts, by which rows are weighed.
-        signs: (N, n) expected sign of every sample.
         prior: of the gains.
         links: what is believed of any link: it scales with the common factor, and so says nothing of it.
         nominal: what is stated of the parameters; it does not scale.
@@ -195,7 +196,7 @@ def fit_gains(
     Raises:
         SolverError: a cone problem could not be solved.
     """
-    problem = _Problem.of(evidence, noise, signs, links, nominal)
+    problem = _Problem.of(evidence, moments, noise, links, nominal)
     loose, n = prior.loose, len(prior.mean)
     pull = np.zeros((n, n))
     pull[np.ix_(loose, loose)] = np.linalg.inv(prior.covariance[np.ix_(loose, loose)])
@@ -259,10 +260,9 @@ class _Problem:
     body: Mask
 
     @classmethod
-    def of(cls, evidence: Evidence, noise: Noise, signs: Array, links: Links, nominal: Nominal | None) -> _Problem:
+    def of(cls, evidence: Evidence, moments: Moments, noise: Noise, links: Links, nominal: Nominal | None) -> _Problem:
         """Of a log with known signs."""
         n, cone = evidence.model.robot.n_joints, evidence.model.cone
-        moments = evidence.moments(signs, constant_stretches(evidence.used), summed_out=False)
         scaled = moments.scaled(noise.sigma * np.sqrt(noise.autocorrelation))
         gradient = np.zeros((n, scaled.gradient.shape[1]))
         np.add.at(gradient, scaled.joint, scaled.gradient)

@@ -11,9 +11,9 @@ from scipy.special import ndtri
 from bayesid.arrays import Array, Mask
 from bayesid.fit.effects.relevance import inverse_of
 from bayesid.fit.evidence import Evidence
-from bayesid.fit.gains import DECIDED, GainFit, GainPrior, fit_gains, likely_gains, prior_of
+from bayesid.fit.gains import DECIDED, GainFit, GainPrior, fit_gains, likely_gains, prior_of, signed_moments
 from bayesid.fit.knowledge import Beliefs
-from bayesid.fit.least_squares import Fit, constant_stretches
+from bayesid.fit.least_squares import Fit
 from bayesid.fit.noise import Noise
 from bayesid.log.gains import Gains
 from bayesid.log.log import Log
@@ -229,14 +229,13 @@ class UnknownGains:
         """
         if self._prior is None:
             return False
-        signs = 2.0 * probability - 1.0
         model, signals = evidence.model, evidence.signals
-        moments = evidence.moments(signs, constant_stretches(evidence.used), summed_out=False)
+        moments = signed_moments(evidence, 2.0 * probability - 1.0)
         links = self._beliefs.links or usual_links(
             model.robot, signals.motion, evidence.coefficients, model.cone, moments
         )
         nominal = self._beliefs.of(model.parameters)
-        self.fit = fit_gains(evidence, noise, signs, self._prior, links, nominal)
+        self.fit = fit_gains(evidence, moments, noise, self._prior, links, nominal)
         if self._off(self.fit) > _STILL and self._moves < _MOST_MOVES:
             self.log, self._prior = self.log.rescaled(np.exp(self.fit.log)), self._prior.moved(self.fit.log)
             self._moves += 1

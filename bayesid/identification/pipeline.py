@@ -286,9 +286,9 @@ class _Run:
         return plain_options({**self.subject, **objects, "beliefs": self.beliefs})
 
     def lap(self, stage: str) -> None:
-        """A stage has ended."""
+        """A stage has ended, for the first time or once more."""
         now = time.perf_counter()
-        self.laps[stage], self._last = now - self._last, now
+        self.laps[stage], self._last = self.laps.get(stage, 0.0) + now - self._last, now
 
 
 def _prepared(
