@@ -59,7 +59,8 @@ def reading_options(options: argparse.Namespace, identified: IdentifiedModel | N
     gains = _gains(options.gains)
     if identified is not None and isinstance(gains, str):
         remedy = "leave --gains out: the result has its own, or give exact ones"
-        raise InputError("uncertain gains are unknowns of `bayesid identify` alone", "--gains", remedy)
+        said = f"{gains!r:.60} are no exact numbers: uncertain gains are unknowns of `bayesid identify` alone"
+        raise InputError(said, "--gains", remedy)
     if identified is not None and identified.gains is not None:
         if gains is None:
             gains = identified.gains.found
