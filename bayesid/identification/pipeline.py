@@ -386,10 +386,8 @@ def _sampled(run: _Run, averaged: AveragedSigns) -> tuple[AveragedSigns, Posteri
         return averaged, None, averaged.probability
     posterior = _sample(run, averaged, run.sampling)
     run.lap("posterior")
-    averaged, probability = (
-        replace(averaged, fit=_fit_of_mode(averaged, posterior, posterior.chosen)),
-        averaged.probability,
-    )
+    averaged = replace(averaged, fit=_fit_of_mode(averaged, posterior, posterior.chosen))
+    probability = averaged.probability
     if averaged.by_asked:
         probability = _average_over_draws(averaged, posterior, run.progress)
     run.lap("smooth")

@@ -18,7 +18,6 @@ from bayesid.arrays import Array, Integers, Mask
 from bayesid.errors import InputError
 from bayesid.log.faults import Fault, find_faults, lost_rows, without
 from bayesid.log.formats.table import FEWEST_ROWS
-from bayesid.log.gains import Gains
 from bayesid.log.log import Log
 from bayesid.log.low_pass import AfterRectifier
 from bayesid.log.motions import RecordedMotion, motion_of_log
@@ -67,7 +66,6 @@ class Signals:
         after_rectifier: what |effort| has passed between rectifier and log, of which the efforts here are freed as far
             as a model tells; None where nothing was found.
         faults: readings that no robot gives; what is interpolated in their place is left out like a pause.
-        gains: by which readings were made efforts, where some of them are not exact.
     """
 
     motion: Motion
@@ -80,7 +78,6 @@ class Signals:
     measured: Mask
     after_rectifier: AfterRectifier | None = None
     faults: tuple[Fault, ...] = ()
-    gains: Gains | None = None
 
     def __repr__(self) -> str:
         n = self.motion.n_joints
@@ -90,11 +87,6 @@ class Signals:
     def effort_cutoff(self) -> float:
         """Cut-off of the efforts' light low-pass, Hz."""
         return _effort_cutoff(self.cutoff, self.rate)
-
-    @property
-    def loose_gains(self) -> Mask:
-        """(n,) whether a joint's gain is an unknown."""
-        return np.zeros(len(self.signed), dtype=bool) if self.gains is None else ~self.gains.exact
 
     @property
     def magnitude(self) -> Array:
@@ -159,7 +151,6 @@ def prepare(log: Log, cutoff: float | None = None) -> Signals:
         processing=processing,
         measured=(_measured(grid, t, 0.5 / cutoff)[:, None] & _unfaulted(grid, t, mended, 0.5 / cutoff))[kept],
         faults=mended.faults,
-        gains=log.gains,
     )
 
 
