@@ -42,8 +42,8 @@ _LOST = 1.0
 """Sd of the logarithm of a gain that nobody knows, beside the factor common to all, about what the robot's masses make
 likely: a factor of 2.7. Set by hand."""
 _LOST_TOGETHER = 1.3
-"""Sd of the logarithm of that factor: 3.7. Arms of one reach differ as much in mass (`_MASS`), and in friction, which is
-taken for mass. Set by hand."""
+"""Sd of the logarithm of that factor: 3.7. Arms of one reach differ as much in mass (`_MASS`), and in friction, which
+is taken for mass. Set by hand."""
 _MASS = 40.0
 """kg m^-2: mass of an arm over the square of its stretched length; by data sheets 10 (UR10e), 14 (LWR), 23 (Panda), 99
 (KR300), 133 (TX40)."""
