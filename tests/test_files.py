@@ -10,15 +10,15 @@ import time
 import numpy as np
 import pytest
 
-from bayesid import files
 from bayesid.errors import InputError
-from bayesid.files import check_folder, replace_file, save_folder, write_columns
+from bayesid.files import writing as files
+from bayesid.files.writing import check_folder, replace_file, save_folder, write_columns
 
 NAMES = frozenset({"summary.json", *(f"part{k}.txt" for k in range(20))})
 WRITER = """
 import os, sys, time
 from pathlib import Path
-from bayesid import files
+from bayesid.files import writing as files
 if sys.argv[3] == "two renames":
     files._exchanged = lambda one, other: False
 names = {"summary.json", *(f"part{k}.txt" for k in range(20))}
@@ -134,8 +134,8 @@ def test_a_folder_that_somebody_filled_meanwhile_is_not_touched(tmp_path):
 
 
 def test_blocks_that_copies_of_the_process_make_stand_in_order(tmp_path, monkeypatch):
-    monkeypatch.setattr("bayesid.files._BLOCK", 3)
-    monkeypatch.setattr("bayesid.files._TOGETHER", 4)
+    monkeypatch.setattr("bayesid.files.writing._BLOCK", 3)
+    monkeypatch.setattr("bayesid.files.writing._TOGETHER", 4)
     t, values = 0.1 * np.arange(29), np.random.default_rng(0).normal(size=(29, 2))
     written = []
     for processors in ("1", "2"):

@@ -13,7 +13,7 @@ from statistics import median
 import pytest
 
 ROOT = Path(__file__).parents[1]
-GROUND = ("errors", "bounded", "arrays", "motion", "files", "process", "progress")
+GROUND = ("errors", "arrays", "motion", "files", "process", "progress")
 ROOMS = (
     "model",
     "log",
@@ -24,6 +24,7 @@ ROOMS = (
     "excitation",
     "identification",
     "discrepancy",
+    "monitor",
     "report",
     "study",
     "results",

@@ -13,8 +13,8 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any, NoReturn, TypeAlias
 
-from bayesid.bounded import check_name, whole_number
 from bayesid.errors import near_names
+from bayesid.files.bounded import check_name, whole_number
 from bayesid.study.names import STUDIES
 
 SHELLS = ("bash", "zsh", "tcsh")

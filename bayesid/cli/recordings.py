@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from bayesid.bounded import LARGEST, read_source, toml_of
 from bayesid.cli.parser import MASS_SD
 from bayesid.errors import InputError, near_names, printable
+from bayesid.files.bounded import LARGEST, read_source, toml_of
 from bayesid.log.log import find_logs
 from bayesid.motion import check_label
 

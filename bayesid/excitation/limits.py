@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from bayesid.bounded import LARGEST, read_source, toml_of, xml_of
 from bayesid.errors import InputError
+from bayesid.files.bounded import LARGEST, read_source, toml_of, xml_of
 from bayesid.model.robot import Robot
 from bayesid.model.robot.urdf_tree import check_links
 from bayesid.simulation.trajectories import INDUSTRIAL_ARM, MotionLimits

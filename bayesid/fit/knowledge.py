@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.bounded import LARGEST, read_source
 from bayesid.errors import InputError
+from bayesid.files.bounded import LARGEST, read_source
 from bayesid.fit.effects.kinematics import KinematicTolerance
 from bayesid.model.coefficients import BaseCoefficients, base_coefficients, embedding
 from bayesid.model.inertia import from_pseudo_inertia

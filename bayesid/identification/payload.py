@@ -22,8 +22,8 @@ import numpy as np
 from scipy.special import chdtri, ndtri
 
 from bayesid.arrays import Array
-from bayesid.bounded import LARGEST
 from bayesid.errors import InputError
+from bayesid.files.bounded import LARGEST
 from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.identification.gains import BY_PRIOR, IdentifiedGains
 from bayesid.identification.identification import Identification

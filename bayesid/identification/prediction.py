@@ -11,7 +11,7 @@ import numpy as np
 
 from bayesid.arrays import Array, Integers
 from bayesid.errors import InputError
-from bayesid.files import numbered, replace_file, write_columns
+from bayesid.files.writing import numbered, replace_file, write_columns
 from bayesid.fit.knowledge import scale_of
 from bayesid.fit.noise import Noise
 from bayesid.log.formats.memory import Frame, Variables

@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from bayesid.arrays import Array, Mask, frozen
-from bayesid.bounded import read_source
 from bayesid.errors import InputError
+from bayesid.files.bounded import read_source
 from bayesid.log.formats.table import ABSURD
 
 UNKNOWN = "unknown"

@@ -20,9 +20,9 @@ from typing import TypeAlias
 import numpy as np
 
 from bayesid.arrays import Array, Integers, Labels, Mask, frozen
-from bayesid.bounded import whole_number
 from bayesid.errors import InputError, printable
-from bayesid.files import numbered, replace_file, write_columns
+from bayesid.files.bounded import whole_number
+from bayesid.files.writing import numbered, replace_file, write_columns
 from bayesid.log.formats import Options, Table, is_log_folder, read_table
 from bayesid.log.formats.labels import pattern_of
 from bayesid.log.formats.memory import Variables, read_variables

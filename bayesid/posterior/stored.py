@@ -14,8 +14,8 @@ import h5py
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.bounded import fits_memory
 from bayesid.errors import InputError
+from bayesid.files.bounded import fits_memory
 
 LIBRARY = "bayesid"
 """What such a file names as the library that made its draws."""

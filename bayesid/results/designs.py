@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bayesid.excitation.design import ExcitationDesign, Quality
-from bayesid.files import save_folder, write_rows
+from bayesid.files.writing import save_folder, write_rows
 from bayesid.simulation.trajectories import MotionLimits
 
 DESIGN_FILES = frozenset({"design.json", "trajectory.csv", "excitation.svg"})

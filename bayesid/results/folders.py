@@ -23,7 +23,7 @@ import tomli_w
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError, printable
-from bayesid.files import (
+from bayesid.files.writing import (
     check_folder,
     check_place,
     numbered,
@@ -434,7 +434,7 @@ def _write_signed_log(path: Path, log: Log, signals: Signals, probability: Array
 
 
 def check_result_folder(folder: str | Path, files: Set[str] = IDENTIFICATION_FILES) -> Path:
-    """The folder, if a result may be written there (see `bayesid.files.check_folder`).
+    """The folder, if a result may be written there (see `bayesid.files.writing.check_folder`).
 
     Args:
         folder: where the result is to stand.

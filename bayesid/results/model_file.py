@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from bayesid.arrays import Array, frozen
-from bayesid.bounded import read_source, toml_of
 from bayesid.errors import InputError, printable
+from bayesid.files.bounded import read_source, toml_of
 from bayesid.fit.knowledge import scale_of
 from bayesid.fit.noise import Noise
 from bayesid.identification.gains import IdentifiedGains

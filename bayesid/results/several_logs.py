@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from bayesid.errors import InputError
-from bayesid.files import check_place, save_table
+from bayesid.files.writing import check_place, save_table
 from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
 from bayesid.log.formats.streams import is_stream

@@ -16,7 +16,7 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from bayesid.errors import InputError
-from bayesid.files import check_place
+from bayesid.files.writing import check_place
 
 Row = dict[str, Any]
 KEY = "trial"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from bayesid.errors import InputError
-from bayesid.files import check_place, replace_file
+from bayesid.files.writing import check_place, replace_file
 from bayesid.study.study import Finished
 
 _FILES = {"rows.parquet", "timings.parquet", "report.txt", "figure.svg"}

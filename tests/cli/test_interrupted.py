@@ -11,7 +11,7 @@ import pytest
 
 from bayesid.cli import main
 from bayesid.errors import InputError
-from bayesid.files import reserved
+from bayesid.files.writing import reserved
 from bayesid.results import several_logs
 from bayesid.results.several_logs import identify_separately
 
@@ -161,7 +161,7 @@ def test_a_place_is_free_after_a_kill(place):
     before = left_in(place)
     code = """
 import pathlib, time
-from bayesid.files import reserved
+from bayesid.files.writing import reserved
 from bayesid.results import several_logs
 from bayesid.results.several_logs import identify_separately
 with reserved(pathlib.Path("new/result")):

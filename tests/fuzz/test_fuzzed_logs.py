@@ -21,7 +21,7 @@ from scipy.io import savemat
 
 from bayesid.errors import InputError
 from bayesid.excitation.limits import read_limits
-from bayesid.files import check_folder
+from bayesid.files.writing import check_folder
 from bayesid.fit.knowledge import read_nominal
 from bayesid.identification.options import call_of_log
 from bayesid.identification.provenance import fingerprint, hashes
@@ -230,7 +230,7 @@ def test_names_that_no_system_has(path):
 
 def test_a_parquet_file_that_unpacks_to_too_much(tmp_path, monkeypatch):
     """Equal rows take next to nothing in the file."""
-    monkeypatch.setattr("bayesid.bounded.MOST_UNPACKED", 1 << 20)
+    monkeypatch.setattr("bayesid.files.bounded.MOST_UNPACKED", 1 << 20)
     path = tmp_path / "log.parquet"
     parquet.write_table(pa.table({name: np.ones(60_000) for name in ("t", "q1", "tau1")}), path)
     assert path.stat().st_size < 20_000
@@ -241,7 +241,7 @@ def test_a_parquet_file_that_unpacks_to_too_much(tmp_path, monkeypatch):
 def test_bags_that_unpack_to_too_much(tmp_path, monkeypatch):
     """An MCAP file's chunk, a database's message, and a whole file that was packed."""
     pytest.importorskip("rosbags")
-    monkeypatch.setattr("bayesid.bounded.MOST_UNPACKED", 1 << 20)
+    monkeypatch.setattr("bayesid.files.bounded.MOST_UNPACKED", 1 << 20)
     packed = pa.compress(bytes(5 << 20), "zstd", asbytes=True)
     chunk = struct.pack("<QQQII", 0, 1, 5 << 20, 0, 4) + b"zstd" + struct.pack("<Q", len(packed)) + packed
     magic = b"\x89MCAP0\r\n"

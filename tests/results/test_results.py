@@ -1032,7 +1032,7 @@ def test_a_rename_that_fails_puts_the_earlier_result_back(result, tmp_path, monk
         return rename(path, target)
 
     monkeypatch.setattr(results.Path, "rename", fail_once)
-    monkeypatch.setattr("bayesid.files._exchanged", lambda one, other: False)
+    monkeypatch.setattr("bayesid.files.writing._exchanged", lambda one, other: False)
     with pytest.raises(InputError, match="Permission denied"):
         save(replace(result, warnings=("another result",)), place)
     assert list(tmp_path.iterdir()) == [place]

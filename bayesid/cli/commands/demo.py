@@ -8,7 +8,7 @@ from bayesid.cli.demo import run_demo
 from bayesid.cli.options import end_with
 from bayesid.cli.progress import StageBars
 from bayesid.cli.terminal import show
-from bayesid.files import reserved
+from bayesid.files.writing import reserved
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import Progress
 from bayesid.results.folders import collect_incomplete

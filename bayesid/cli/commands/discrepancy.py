@@ -15,7 +15,7 @@ from bayesid.cli.terminal import show, warn
 from bayesid.discrepancy.comparison import LogComparison, compare_logs
 from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
 from bayesid.errors import InputError
-from bayesid.files import reserved
+from bayesid.files.writing import reserved
 from bayesid.identification.options import Preparation
 from bayesid.log.formats import is_log_folder
 from bayesid.log.log import find_logs

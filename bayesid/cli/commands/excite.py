@@ -10,7 +10,7 @@ from bayesid.cli.terminal import show, warn
 from bayesid.excitation.design import ExcitationDesign, Objective, TrajectoryShape, design_excitation
 from bayesid.excitation.judgement import judge_log
 from bayesid.excitation.limits import read_limits
-from bayesid.files import check_folder, reserved
+from bayesid.files.writing import check_folder, reserved
 from bayesid.model.robot import Robot
 from bayesid.progress import Progress
 from bayesid.report.excitation_text import design_text, judgement_text

@@ -14,7 +14,7 @@ from bayesid.cli.recordings import Recording, is_list, known_masses, recordings
 from bayesid.cli.tables import identification_parts, separate_parts
 from bayesid.cli.terminal import complain, show, warn
 from bayesid.errors import BayesidError, InputError
-from bayesid.files import reserved
+from bayesid.files.writing import reserved
 from bayesid.identification.options import Preparation
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log, join_logs

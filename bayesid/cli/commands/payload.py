@@ -10,7 +10,7 @@ from bayesid.cli.progress import StageBars
 from bayesid.cli.tables import payload_parts
 from bayesid.cli.terminal import show, warn
 from bayesid.errors import InputError
-from bayesid.files import check_folder, reserved
+from bayesid.files.writing import check_folder, reserved
 from bayesid.identification.options import Preparation
 from bayesid.identification.payload import PayloadReading, identify_payload
 from bayesid.identification.pipeline import QUICK

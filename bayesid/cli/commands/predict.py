@@ -10,7 +10,7 @@ from bayesid.cli.progress import StageBars
 from bayesid.cli.tables import prediction_parts
 from bayesid.cli.terminal import show
 from bayesid.errors import InputError
-from bayesid.files import check_place
+from bayesid.files.writing import check_place
 from bayesid.results.model_file import load_model
 
 

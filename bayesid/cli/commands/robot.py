@@ -14,11 +14,11 @@ import numpy as np
 from rich.console import RenderableType
 
 from bayesid.arrays import Array
-from bayesid.bounded import MOST_BYTES
 from bayesid.cli.options import robot_of
 from bayesid.cli.terminal import show, table, warn
 from bayesid.errors import InputError
-from bayesid.files import check_place, replace_file
+from bayesid.files.bounded import MOST_BYTES
+from bayesid.files.writing import check_place, replace_file
 from bayesid.log.formats.text import look
 from bayesid.model.kinematics import Pose, pose, reach
 from bayesid.model.robot import Robot

@@ -7,7 +7,7 @@ import argparse
 from bayesid.cli.options import robot_of
 from bayesid.cli.terminal import show, warn
 from bayesid.errors import InputError
-from bayesid.files import check_place
+from bayesid.files.writing import check_place
 from bayesid.log.log import write_log
 from bayesid.simulation.logs import parse_effect, simulate_log
 

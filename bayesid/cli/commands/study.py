@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bayesid.cli.progress import CountBar
 from bayesid.cli.terminal import show, warn
-from bayesid.files import reserved
+from bayesid.files.writing import reserved
 from bayesid.studies import load
 from bayesid.study.results import check_results, save_results
 from bayesid.study.study import run_study

@@ -10,7 +10,7 @@ from bayesid.cli.options import read, reading_options
 from bayesid.cli.progress import StageBars
 from bayesid.cli.tables import validation_parts
 from bayesid.cli.terminal import show
-from bayesid.files import reserved
+from bayesid.files.writing import reserved
 from bayesid.identification.validation import Validation
 from bayesid.results.folders import VALIDATION_FILES, check_result_folder, save_validation
 from bayesid.results.model_file import load_model

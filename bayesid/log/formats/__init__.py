@@ -14,8 +14,8 @@ from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
 
-from bayesid.bounded import check_name
 from bayesid.errors import InputError
+from bayesid.files.bounded import check_name
 from bayesid.log.formats.base import Format, Options
 from bayesid.log.formats.parts import JOINT, join_parts
 from bayesid.log.formats.streams import is_stream, read_stream

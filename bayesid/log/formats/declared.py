@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import quote
 
-from bayesid.bounded import DEEPEST, MOST_UNPACKED, fits_memory
+from bayesid.files.bounded import DEEPEST, MOST_UNPACKED, fits_memory
 
 if TYPE_CHECKING:
     import h5py

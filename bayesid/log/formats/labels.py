@@ -9,7 +9,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from bayesid.bounded import MOST_DIGITS, whole_number
+from bayesid.files.bounded import MOST_DIGITS, whole_number
 from bayesid.log.formats.units import LONGEST_LABEL, factor_of, split_brackets
 
 _POSITIONS = "q", "actual q", "joint", "axis", "position", "pos", "angle", "joint position", "joint pos", "joint angle"

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.bounded import MOST_UNPACKED, fits_memory
 from bayesid.errors import InputError
+from bayesid.files.bounded import MOST_UNPACKED, fits_memory
 from bayesid.log.formats.base import Format, Options
 from bayesid.log.formats.names import choose
 from bayesid.log.formats.table import Column, Table, rows_of, seconds

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.bounded import MOST_DIGITS
 from bayesid.errors import InputError
+from bayesid.files.bounded import MOST_DIGITS
 from bayesid.log.formats.base import Format, Options
 from bayesid.log.formats.declared import check_bag
 from bayesid.log.formats.table import Column, Table, seconds

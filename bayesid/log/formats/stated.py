@@ -12,8 +12,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from bayesid.bounded import read_source, toml_of
 from bayesid.errors import InputError
+from bayesid.files.bounded import read_source, toml_of
 from bayesid.log.formats.table import SourceColumn
 from bayesid.log.formats.units import UNITS, factor_of, split_brackets
 

@@ -6,7 +6,7 @@ import re
 from math import pi
 from typing import NamedTuple
 
-from bayesid.bounded import MOST_DIGITS
+from bayesid.files.bounded import MOST_DIGITS
 from bayesid.log.formats.table import DEGREE
 
 _ANGLES = {"rad": 1.0, "deg": DEGREE, "°": DEGREE, "Grad": DEGREE, "degree": DEGREE, "degrees": DEGREE, "mrad": 1e-3}

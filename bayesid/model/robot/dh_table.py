@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.bounded import LARGEST
 from bayesid.errors import InputError
+from bayesid.files.bounded import LARGEST
 from bayesid.model.robot.arm import Joint, Robot
 from bayesid.model.robot.numbers import LONGEST, check_count, given_numbers
 

@@ -9,8 +9,8 @@ from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
 
-from bayesid.bounded import read_source, toml_of
 from bayesid.errors import InputError
+from bayesid.files.bounded import read_source, toml_of
 from bayesid.model.robot.arm import Origin, Robot
 from bayesid.model.robot.built_in import BUILT_IN, built_in_text
 from bayesid.model.robot.dh_table import robot_from_table

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from bayesid.arrays import Array, frozen
-from bayesid.bounded import LARGEST
 from bayesid.errors import InputError
+from bayesid.files.bounded import LARGEST
 
 LONGEST = 1e3
 """m; no link is so long. A table in mm is mostly not so far off that this would tell."""

@@ -13,8 +13,8 @@ import numpy as np
 import scipy
 
 from bayesid.arrays import Array
-from bayesid.bounded import LARGEST, xml_of
 from bayesid.errors import InputError
+from bayesid.files.bounded import LARGEST, xml_of
 from bayesid.model.robot.numbers import LONGEST, given_numbers
 
 MOVING = ("revolute", "continuous", "prismatic")

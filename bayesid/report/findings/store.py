@@ -14,8 +14,8 @@ from zipfile import ZipFile
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.bounded import fits_memory, json_of, read_source
 from bayesid.errors import InputError, printable
+from bayesid.files.bounded import fits_memory, json_of, read_source
 from bayesid.report.findings.content import (
     Alternatives,
     CoefficientTable,

@@ -10,7 +10,7 @@ from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.files import plain
+from bayesid.files.writing import plain
 from bayesid.fit.effects.confounded import TooNarrow
 from bayesid.fit.effects.wanted import EnteredEffect
 from bayesid.identification.identification import Identification

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure as Figure
 from matplotlib.ticker import NullLocator
 
 from bayesid.arrays import Array
-from bayesid.files import replace_file
+from bayesid.files.writing import replace_file
 from bayesid.process import ALONE
 
 COLOURS = ("#1b7f79", "#c0392b", "#2c5d9b", "#d08a1d", "#6a4c93", "#555555", "#a0522d")

@@ -31,8 +31,8 @@ except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
 from bayesid.arrays import Array
-from bayesid.bounded import check_name
 from bayesid.errors import InputError
+from bayesid.files.bounded import check_name
 from bayesid.process import in_parallel
 
 _AT_PATH, _EXCHANGE = -100, 2

@@ -1,0 +1,1 @@
+"""What changes while the robot runs: signs, torques, contacts and changes, sample by sample."""
