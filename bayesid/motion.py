@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy
 
 from bayesid.arrays import Array, Integers, Labels, Mask, frozen
 from bayesid.errors import InputError, printable
@@ -107,3 +109,54 @@ class Motion:
     def joints(self, chosen: list[int]) -> Motion:
         """The motion of some (0-based) joints alone."""
         return replace(self, q=self.q[:, chosen], dq=self.dq[:, chosen], ddq=self.ddq[:, chosen])
+
+    def ago(self, lag: float) -> Motion:
+        """The motion `lag` seconds ago; before its beginning it is continued by its first cubic."""
+        if lag == 0.0 or len(self) < 2:
+            return self
+        at = self.t - lag
+        q, dq, ddq = (scipy.interpolate.CubicSpline(self.t, values)(at) for values in (self.q, self.dq, self.ddq))
+        return replace(self, t=at, q=q, dq=dq, ddq=ddq)
+
+    def earlier(self, key: object) -> tuple[Array, Array] | None:
+        """(m,) positions one instant before the first and (m, ..) states that an effect kept there; of a log none."""
+        return None
+
+    def keep(self, key: object, q: Array, state: Array) -> None:
+        """Keeps what `earlier` gives at the next instant; of a log nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Instant(Motion):
+    """One instant of a motion that goes on: its numbers are taken as they are, and effects remember.
+
+    Attributes:
+        past: gives positions, velocities and accelerations, each (n,), so many seconds ago.
+        memory: states of effects by key; None where nothing is to be kept.
+    """
+
+    past: Callable[[float], tuple[Array, Array, Array]] | None = None
+    memory: dict[object, tuple[Array, Array]] | None = None
+
+    def __post_init__(self) -> None:
+        """Nothing is checked: whoever makes instants by the thousand has checked what they are made of."""
+
+    def joints(self, chosen: list[int]) -> Motion:
+        """The motion of some (0-based) joints alone."""
+        return self if len(chosen) == self.n_joints and chosen == list(range(len(chosen))) else super().joints(chosen)
+
+    def ago(self, lag: float) -> Motion:
+        """The motion `lag` seconds ago; what effects remember of it is kept apart."""
+        if lag == 0.0 or self.past is None:
+            return self
+        q, dq, ddq = (values[None] for values in self.past(lag))
+        return replace(self, t=self.t - lag, q=q, dq=dq, ddq=ddq, past=None)
+
+    def earlier(self, key: object) -> tuple[Array, Array] | None:
+        """(m,) positions one instant ago and (m, ..) states that an effect kept there; None at the first instant."""
+        return None if self.memory is None else self.memory.get((key, self.past is None))
+
+    def keep(self, key: object, q: Array, state: Array) -> None:
+        """Keeps what `earlier` gives at the next instant."""
+        if self.memory is not None:
+            self.memory[key, self.past is None] = (q, state)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, partial, reduce
+from itertools import pairwise
 from weakref import ref
 
 import numpy as np
@@ -252,7 +253,16 @@ class Model:
         return magnitude, valid
 
     def _plain_columns(self, robot: Robot, motion: Motion) -> Array:
-        return np.concatenate([term.columns(robot, motion) for term in self.terms], axis=2)
+        columns = np.zeros((len(motion), robot.n_joints, len(self.parameters)))
+        for term, place in zip(self.terms, self._places, strict=True):
+            term.fill(columns[:, :, place], robot, motion)
+        return columns
+
+    @cached_property
+    def _places(self) -> tuple[slice, ...]:
+        """Where the parameters of each term lie among all."""
+        ends = np.cumsum([0, *(len(term.parameters(self.robot)) for term in self.terms)]).tolist()
+        return tuple(slice(start, end) for start, end in pairwise(ends))
 
 
 class _Latest:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar, Self
 
 import numpy as np
@@ -46,6 +47,20 @@ class Distortion(Effect):
     def columns(self, rows: Rows, robot: Robot, motion: Motion) -> Array:
         """(N, n, P) what becomes of the model's columns."""
         return rows(robot, motion)
+
+    def built(self, robot: Robot) -> Robot:
+        """The robot as it is, where the distortion is one of the robot; made once for the same one."""
+        if not self._latest or self._latest[0] is not robot:
+            self._latest[:] = robot, self._built(robot)
+        return self._latest[1]
+
+    @cached_property
+    def _latest(self) -> list[Robot]:
+        """The robot that was asked for last, and that as it is."""
+        return []
+
+    def _built(self, robot: Robot) -> Robot:
+        return robot
 
     def measured(self, effort: Array) -> Array:
         """(N, n) what the sensor reads of efforts (N, n), N m."""

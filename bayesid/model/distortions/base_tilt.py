@@ -62,12 +62,12 @@ class BaseTilt(Distortion):
 
     def columns(self, rows: Rows, robot: Robot, motion: Motion) -> Array:
         """Rows under the gravity that the base sees."""
-        return rows(self._tilted(robot), motion)
+        return rows(self.built(robot), motion)
 
     def change(self, scene: Scene) -> tuple[Array, Array]:
         """By differences."""
-        here = scene.effort_with(self._tilted(scene.robot), scene.motion)
-        tilted = [self.moved(_STEP * axis)._tilted(scene.robot) for axis in np.eye(2)]
+        here = scene.effort_with(self._built(scene.robot), scene.motion)
+        tilted = [self.moved(_STEP * axis)._built(scene.robot) for axis in np.eye(2)]
         columns = np.stack([scene.effort_with(robot, scene.motion) - here for robot in tilted], axis=2) / _STEP
         return here - scene.effort_as_told, np.concatenate([columns, _first_link(scene)], axis=2)
 
@@ -87,7 +87,7 @@ class BaseTilt(Distortion):
         """No base is mounted further off."""
         return _STEEPEST
 
-    def _tilted(self, robot: Robot) -> Robot:
+    def _built(self, robot: Robot) -> Robot:
         turn = scipy.spatial.transform.Rotation.from_rotvec(np.array(self.angle) @ _across(robot.gravity))
         return replace(robot, gravity=turn.as_matrix() @ robot.gravity)
 

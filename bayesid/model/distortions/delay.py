@@ -58,7 +58,7 @@ class Delay(Distortion):
 
     def columns(self, rows: Rows, robot: Robot, motion: Motion) -> Array:
         """Rows of the motion some time ago."""
-        late = rows(robot, _shifted(motion, self.lag[0]))
+        late = rows(robot, motion.ago(self.lag[0]))
         if not self.joints:
             return late
         columns, acting = rows(robot, motion).copy(), self.acting(robot.n_joints)
@@ -89,12 +89,3 @@ class Delay(Distortion):
     def numbers(self, robot: Robot) -> Mapping[str, tuple[float, str]]:
         """The lag."""
         return {f"lag{self.joints[0] if self.joints else ''}": (self.lag[0], "s")}
-
-
-def _shifted(motion: Motion, lag: float) -> Motion:
-    """The motion `lag` seconds ago; before its beginning it is continued by its first cubic."""
-    if lag == 0.0 or len(motion) < 2:
-        return motion
-    at = motion.t - lag
-    q, dq, ddq = (scipy.interpolate.CubicSpline(motion.t, values)(at) for values in (motion.q, motion.dq, motion.ddq))
-    return replace(motion, t=at, q=q, dq=dq, ddq=ddq)

@@ -58,7 +58,7 @@ class Displacement(Distortion):
 
     def columns(self, rows: Rows, robot: Robot, motion: Motion) -> Array:
         """Rows of the robot as it is built."""
-        return rows(self._built(robot), motion)
+        return rows(self.built(robot), motion)
 
     def change(self, scene: Scene) -> tuple[Array, Array]:
         """Of the whole model's effort; slopes by differences of the links' alone."""

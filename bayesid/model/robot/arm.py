@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -146,7 +147,7 @@ class Robot:
         """
         model, data, width = self._pinocchio, self._pinocchio.createData(), 10 * self.n_joints
         regressor = np.empty((len(motion), self.n_joints, width))
-        raw = np.empty((_AT_ONCE, self.n_joints, width))  # small enough for a processor's cache
+        raw = np.empty((min(_AT_ONCE, len(motion)), self.n_joints, width))  # small enough for a processor's cache
         for start in range(0, len(motion), _AT_ONCE):
             some = slice(start, start + _AT_ONCE)
             for row, q, dq, ddq in zip(raw, motion.q[some], motion.dq[some], motion.ddq[some], strict=False):
@@ -171,16 +172,48 @@ class Robot:
             >>> bool(np.allclose(robot.inverse_dynamics(motion, parameters), robot.regressor(motion) @ parameters))
             True
         """
-        model = self._pinocchio.copy()
-        in_joint_frames = (self._link_to_joint @ parameters.reshape(-1, 10, 1))[:, :, 0]
-        mass = in_joint_frames[:, 0]
-        mass[mass == 0.0] = np.finfo(float).tiny  # pinocchio divides by it
-        for i, link in enumerate(in_joint_frames, start=1):
-            model.inertias[i] = pin.Inertia.FromDynamicParameters(link)
-        data = model.createData()
+        model, data = self._bodies.of(self, parameters)
         samples = zip(motion.q, motion.dq, motion.ddq, strict=True)
         torque = np.array([pin.rnea(model, data, q, dq, ddq) for q, dq, ddq in samples])
         return torque if self.transmission is None else torque @ np.linalg.inv(self.coupling)
+
+    def mass_matrix(self, q: Array, parameters: Array) -> Array:
+        """(n, n) of the joints at positions q (n,), kg m^2, by the composite rigid body algorithm (Featherstone 2008).
+
+        Args:
+            q: positions of the joints, rad (m).
+            parameters: (10 n,) link parameters, as in `regressor`.
+
+        Example:
+            >>> mass = robot.mass_matrix(motion.q[0], model.links(theta).ravel())
+            >>> bool((np.linalg.eigvalsh(mass) > 0.0).all())
+            True
+        """
+        upper = np.triu(pin.crba(*self._bodies.of(self, parameters), q))
+        return upper + np.triu(upper, 1).T
+
+    def drift(self, q: Array, dq: Array, parameters: Array) -> Array:
+        """(n,) C(q, dq)' dq - g(q), N m: what moves the momentum of the joints beside their efforts.
+
+        From M' = C + C' (De Luca and Mattone 2003, eq. 7), with the Coriolis matrix of Christoffel symbols.
+
+        Args:
+            q: positions of the joints, rad (m).
+            dq: their velocities, rad/s (m/s).
+            parameters: (10 n,) link parameters, as in `regressor`.
+
+        Example:
+            >>> robot.drift(motion.q[0], motion.dq[0], model.links(theta).ravel()).shape
+            (3,)
+        """
+        model, data = self._bodies.of(self, parameters)
+        coriolis = pin.computeCoriolisMatrix(model, data, q, dq)
+        drift: Array = coriolis.T @ dq - pin.computeGeneralizedGravity(model, data, q)
+        return drift
+
+    @cached_property
+    def _bodies(self) -> _Bodies:
+        return _Bodies()
 
     def tool_jacobian(self, motion: Motion, in_base: bool) -> Array:
         """(N, 6, n) velocity and angular velocity of the last link's frame per unit of actuator speed.
@@ -215,6 +248,34 @@ class Robot:
             return False
         pairs = zip(self.joints, other.joints, strict=True)
         return all(a.matches(b) for a, b in pairs) and np.allclose(self.gravity, other.gravity, atol=1e-6)
+
+
+class _Bodies:
+    """The bodies that were asked for last, as Pinocchio has them; a copy or a pickle begins without any."""
+
+    def __init__(self) -> None:
+        self._asked: Array | None = None
+        self._made: tuple[Any, Any] | None = None
+
+    def __reduce__(self) -> tuple[type[_Bodies], tuple[()]]:
+        return _Bodies, ()
+
+    def of(self, robot: Robot, parameters: Array) -> tuple[Any, Any]:
+        """Model and data of a robot whose links have these parameters (10 n,)."""
+        if self._made is None or (self._asked is not parameters and not np.array_equal(self._asked, parameters)):
+            self._made = self._of(robot, parameters)
+        self._asked = parameters
+        return self._made
+
+    @staticmethod
+    def _of(robot: Robot, parameters: Array) -> tuple[Any, Any]:
+        model = robot._pinocchio.copy()
+        in_joint_frames = (robot._link_to_joint @ parameters.reshape(-1, 10, 1))[:, :, 0]
+        mass = in_joint_frames[:, 0]
+        mass[mass == 0.0] = np.finfo(float).tiny  # pinocchio divides by it
+        for i, link in enumerate(in_joint_frames, start=1):
+            model.inertias[i] = pin.Inertia.FromDynamicParameters(link)
+        return model, model.createData()
 
 
 @dataclass(frozen=True)

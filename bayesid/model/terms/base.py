@@ -63,6 +63,10 @@ class Term(Effect):
         """(N, n, p) columns Y: actuator efforts, N m, per unit of each parameter."""
         raise NotImplementedError
 
+    def fill(self, columns: Array, robot: Robot, motion: Motion) -> None:
+        """Writes `columns` into zeros (N, n, p)."""
+        columns[:] = self.columns(robot, motion)
+
     def link_parameters(self, robot: Robot, theta: Array) -> Array:
         """(n, 10) what its parameters theta (p,) add to those of the links."""
         return np.zeros((robot.n_joints, 10))
@@ -113,12 +117,16 @@ class ActuatorTerm(Term):
 
     def columns(self, robot: Robot, motion: Motion) -> Array:
         """(N, n, m k) columns of its m actuators: k in an actuator's own row."""
-        acting, own = self.acting(robot.n_joints), self.own_columns(robot, motion)
-        k = own.shape[2]
-        columns = np.zeros((len(motion), robot.n_joints, len(acting) * k))
-        for i, j in enumerate(acting):
-            columns[:, j, i * k : (i + 1) * k] = own[:, i]
+        columns = np.zeros((len(motion), robot.n_joints, len(self.acting(robot.n_joints)) * len(self.symbols)))
+        self.fill(columns, robot, motion)
         return columns
+
+    def fill(self, columns: Array, robot: Robot, motion: Motion) -> None:
+        """Writes them into zeros."""
+        own = self.own_columns(robot, motion)
+        k = own.shape[2]
+        for i, j in enumerate(self.acting(robot.n_joints)):
+            columns[:, j, i * k : (i + 1) * k] = own[:, i]
 
     def own_columns(self, robot: Robot, motion: Motion) -> Array:
         """(N, m, k) the same without the rows of other actuators."""

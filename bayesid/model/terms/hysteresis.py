@@ -62,7 +62,7 @@ class Hysteresis(ActuatorTerm):
 
     def unit_efforts(self, actuators: Motion) -> Array:
         """(N, m) the state z, from rest: how an element was strained before the log begins, nobody knows."""
-        return _by_joint(actuators, self.width, _slipping)
+        return _by_joint(self, actuators, 1.0, _slipping)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +80,7 @@ class LayeredHysteresis(Hysteresis):
     def unit_efforts(self, actuators: Motion) -> Array:
         """(N, m, 3) the states."""
         shares = (0.25, 0.5, 1.0)
-        states = [_by_joint(actuators, tuple(share * w for w in self.width), _slipping) for share in shares]
+        states = [_by_joint(self, actuators, share, _slipping) for share in shares]
         return np.stack(states, axis=2)
 
 
@@ -96,7 +96,7 @@ class SmoothHysteresis(Hysteresis):
 
     def unit_efforts(self, actuators: Motion) -> Array:
         """(N, m) the state z, exact between the samples."""
-        return _by_joint(actuators, self.width, _gradual)
+        return _by_joint(self, actuators, 1.0, _gradual)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,19 +114,27 @@ class ElasticHysteresis(Hysteresis):
 
     def unit_efforts(self, actuators: Motion) -> Array:
         """(N, m) the state z."""
-        return _by_joint(actuators, self.width, _elastic)
+        return _by_joint(self, actuators, 1.0, _elastic)
 
 
-def _by_joint(actuators: Motion, width: tuple[float, ...], states: Callable[[list[float]], Iterator[float]]) -> Array:
-    """(N, m) states from rest, one step of the way after another; plain numbers are faster than arrays of one."""
-    state = np.zeros_like(actuators.q)
-    for j, w in enumerate(width):
-        state[1:, j] = list(states((np.diff(actuators.q[:, j]) / w).tolist()))
+def _by_joint(
+    effect: Hysteresis, actuators: Motion, share: float, states: Callable[[list[float], float], Iterator[float]]
+) -> Array:
+    """(N, m) states, one step of the way after another; plain numbers are faster than arrays of one.
+
+    From rest, or from what was kept of the instant before.
+    """
+    width, key = share * np.array(effect.width), (effect.name, effect.joints, share)
+    before = actuators.earlier(key)
+    first, start = (actuators.q[0], np.zeros(len(width))) if before is None else before
+    ways = np.diff(actuators.q, axis=0, prepend=first[None]) / width
+    columns = [list(states(way.tolist(), z)) for way, z in zip(ways.T, start.tolist(), strict=True)]
+    state = np.array(columns).T
+    actuators.keep(key, actuators.q[-1], state[-1])
     return state
 
 
-def _slipping(ways: list[float]) -> Iterator[float]:
-    z = 0.0
+def _slipping(ways: list[float], z: float) -> Iterator[float]:
     for way in ways:
         z += way
         if z > 1.0:
@@ -136,12 +144,12 @@ def _slipping(ways: list[float]) -> Iterator[float]:
         yield z
 
 
-def _gradual(ways: list[float]) -> Iterator[float]:
-    return islice(accumulate(ways, _strained, initial=0.0), 1, None)
+def _gradual(ways: list[float], z: float) -> Iterator[float]:
+    return islice(accumulate(ways, _strained, initial=z), 1, None)
 
 
-def _elastic(ways: list[float]) -> Iterator[float]:
-    return islice(accumulate(ways, _relieved, initial=0.0), 1, None)
+def _elastic(ways: list[float], z: float) -> Iterator[float]:
+    return islice(accumulate(ways, _relieved, initial=z), 1, None)
 
 
 def _strained(z: float, way: float) -> float:
