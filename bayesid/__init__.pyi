@@ -41,6 +41,10 @@ from .model.model import Model as Model
 from .model.robot import Robot as Robot
 from .model.robot import load_robot as load_robot
 from .model.robot import robot_from_table as robot_from_table
+from .monitor.alarms import Alarm as Alarm
+from .monitor.tracked import Tracked as Tracked
+from .monitor.tracker import SignTracker as SignTracker
+from .monitor.tracker import TrackerState as TrackerState
 from .posterior.sampler import Sampling as Sampling
 from .progress import Progress as Progress
 from .report import plot as plot

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from bayesid.identification.prediction import (
     drawn_noise,
     motion_of,
     spread_of,
+    spread_of_draws,
 )
 from bayesid.identification.provenance import hashes
 from bayesid.identification.validation import Validation, check_joints, compare
@@ -189,9 +191,16 @@ class IdentifiedModel:
         """Whether anything is known of how certain they are."""
         return self.draws is not None or bool(self.precision.any())
 
-    @property
-    def _spread(self) -> Spread:
-        """Of the coefficients, without a posterior."""
+    @cached_property
+    def spread(self) -> Spread:
+        """Normal distribution of the coefficients: by the draws' covariance, or without them by the information matrix.
+
+        Example:
+            >>> bayesid.load_model("result").spread.sd(model.columns(motion)).shape  # N m
+            (201, 3)
+        """
+        if self.draws is not None:
+            return spread_of_draws(self.model, self.draws.theta)
         parts = [part for part in (self.lacking, self.by_gains) if part is not None]
         return spread_of(self.model, self.precision, np.sum(parts, axis=0) if parts else None)
 
@@ -207,7 +216,7 @@ class IdentifiedModel:
         """(N, n) of the efforts before sensors read them, N m."""
         chunks = (columns for _, columns in self.model.chunks(motion))
         if self.draws is None:
-            spread = self._spread
+            spread = self.spread
             return np.concatenate([spread.sd(columns) for columns in chunks])
         count = len(self.draws.theta)
         chosen = np.linspace(0, count - 1, min(_DRAWS, count)).astype(int)
@@ -222,7 +231,7 @@ class IdentifiedModel:
             sigma = self.draws.sigma[chosen]
             parts = [self.draws.efforts(columns, chosen) for _, columns in self.model.chunks(motion)]
         elif self._knows_parameters:
-            spread = self._spread
+            spread = self.spread
             normal = rng.standard_normal((count, spread.root.shape[1]))
             chunks = self.model.chunks(motion)
             parts = [(columns @ self.theta)[:, :, None] + spread.moves(columns, normal) for _, columns in chunks]

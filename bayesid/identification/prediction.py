@@ -298,6 +298,14 @@ def spread_of(model: Model, precision: Array, lacking: Array | None) -> Spread:
     return Spread(base_coefficients(model).kept, root, vectors[:, ~known], scale)
 
 
+def spread_of_draws(model: Model, theta: Array) -> Spread:
+    """Of a model's coefficients, from K draws (K, P) of its parameters."""
+    base = base_coefficients(model)
+    sizes, turn = np.linalg.eigh(np.atleast_2d(np.cov((theta @ base.projection.T).T)))
+    root = turn * np.sqrt(np.maximum(sizes, 0.0))
+    return Spread(base.kept, root, np.zeros((len(base), 0)), np.ones(len(base)))
+
+
 def drawn_noise(noise: Noise, sigma: Array, t: Array, rng: np.random.Generator) -> Array:
     """(K, N, n) noise of measured efforts at instants t (N,), of these sd (K, n), N m, with the colour of `noise`."""
     steps = np.diff(t)

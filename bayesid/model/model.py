@@ -120,6 +120,17 @@ class Model:
         """
         return replace(self, distortions=tuple(d for d in self.distortions if not d.of_sensor))
 
+    @property
+    def lag(self) -> float:
+        """By how much the efforts of all joints lag behind the motion, s.
+
+        Example:
+            >>> from bayesid.model.distortions.delay import Delay
+            >>> model.extend(Delay(lag=(0.01,))).lag
+            0.01
+        """
+        return sum(distortion.lag_of_all for distortion in self.distortions)
+
     def parts(self, theta: Array) -> list[tuple[Term, Array]]:
         """The terms, each with its own part of theta (P,).
 
@@ -127,8 +138,7 @@ class Model:
             >>> [(term.name, len(values)) for term, values in model.parts(theta)]
             [('rigid_body', 30), ('viscous_friction', 3), ('coulomb_friction', 3)]
         """
-        sizes = [len(term.parameters(self.robot)) for term in self.terms]
-        return list(zip(self.terms, np.split(theta, np.cumsum(sizes)[:-1]), strict=True))
+        return [(term, theta[place]) for term, place in zip(self.terms, self.places, strict=True)]
 
     def links(self, theta: Array) -> Array:
         """(n, 10) parameters of the links with what they carry, of the parameters theta (P,); zero where none are.
@@ -228,6 +238,25 @@ class Model:
         effort = np.concatenate([columns @ theta for _, columns in self.chunks(motion)])
         return self.read(effort) if theta.ndim == 1 else np.stack([*map(self.read, np.moveaxis(effort, 2, 0))], axis=2)
 
+    def effort_at(self, motion: Motion, theta: Array) -> Array:
+        """(N, n) `effort` of a few instants, N m, term by term and without the columns: many times as fast.
+
+        Example:
+            >>> bool(np.allclose(model.effort_at(motion[:1], theta), model.effort(motion, theta)[:1]))
+            True
+        """
+        parts = self.parts(theta)
+
+        def efforts(robot: Robot, motion: Motion) -> Array:
+            each = [term.effort(robot, motion, values) for term, values in parts]
+            return sum(each[1:], each[0])[:, :, None]
+
+        rows: Callable[[Robot, Motion], Array] = efforts
+        for distortion in self.distortions:
+            rows = partial(distortion.columns, rows)
+        effort = rows(self.robot, motion)[:, :, 0]
+        return self.read(effort) if self.distortions else effort
+
     def read(self, effort: Array) -> Array:
         """(N, n) what sensors read of efforts (N, n), N m.
 
@@ -254,13 +283,18 @@ class Model:
 
     def _plain_columns(self, robot: Robot, motion: Motion) -> Array:
         columns = np.zeros((len(motion), robot.n_joints, len(self.parameters)))
-        for term, place in zip(self.terms, self._places, strict=True):
+        for term, place in zip(self.terms, self.places, strict=True):
             term.fill(columns[:, :, place], robot, motion)
         return columns
 
     @cached_property
-    def _places(self) -> tuple[slice, ...]:
-        """Where the parameters of each term lie among all."""
+    def places(self) -> tuple[slice, ...]:
+        """Where the parameters of each term lie among all.
+
+        Example:
+            >>> model.places
+            (slice(0, 30, None), slice(30, 33, None), slice(33, 36, None))
+        """
         ends = np.cumsum([0, *(len(term.parameters(self.robot)) for term in self.terms)]).tolist()
         return tuple(slice(start, end) for start, end in pairwise(ends))
 

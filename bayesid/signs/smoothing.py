@@ -36,15 +36,8 @@ from bayesid.log.signals import Signals
 from bayesid.process import in_parallel
 from bayesid.progress import Steps, no_steps
 from bayesid.signs.chain import Chain, Single, Space
+from bayesid.signs.model_error import REST_TIME, TAILS, TURNS, error_grid, spread, stationary, transitions
 
-_IMPOSSIBLE = 1e-30
-"""Transition density that no step falls below: far under any likelihood, far over the smallest double."""
-_GRID = 101
-"""Values of b: with `_REACH` a spacing of 0.08 standard deviations, below what transitions can resolve."""
-_FINEST = 0.75
-"""Spacings of the grid: a narrower transition would fall between its points. A round number; not studied."""
-_REACH = 4.0
-"""Half-width of the grid in standard deviations of b."""
 _MIDDLE, _MARGIN = 8.0, 2
 """Half-width of the grid's middle, in standard deviations of b in motion and in spacings: beyond it are 1e-15 of b."""
 _FARTHEST = 1e15
@@ -52,13 +45,6 @@ _FARTHEST = 1e15
 _FINEST_NOISE = 1e-6
 """Of the grid's half-width: finer white noise, as of a joint without efforts, is taken to be as wide. It would fall
 between the grid's values anyway, and singles could not tell which of them is the nearest."""
-_REST_TIME = 0.5
-"""s; how fast static friction may build up. A round number; not studied."""
-_TURNS = 0.5
-"""Probability that friction turns round at once in a standstill, at any of its samples: nothing is known of it."""
-_TAILS = 4.0
-"""Degrees of freedom of the white noise: real residuals have outliers that a normal distribution thinks impossible. A
-round number; not studied."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,22 +177,22 @@ def _process(
 ) -> _Process:
     seen = np.abs(predicted) if after is None else after.readings(predicted, rate)
     rest = np.maximum(_doubt_at_rest(effort - seen, predicted, moving), noise.coloured)
-    grid = (_REACH * rest)[:, None] * np.linspace(-1.0, 1.0, _GRID)
+    grid = error_grid(rest)
     memory = np.exp(-1.0 / (noise.correlation * rate))
-    step = _transitions(grid, noise.coloured, memory)
-    rest_step = _transitions(grid, rest, np.full(len(rest), np.exp(-1.0 / (_REST_TIME * rate))))
-    prior, at_rest = _stationary(grid, noise.coloured), _stationary(grid, rest)
-    reach = _spread(grid, noise.coloured, memory) / np.sqrt(1.0 - memory**2)
+    step = transitions(grid, noise.coloured, memory)
+    rest_step = transitions(grid, rest, np.full(len(rest), np.exp(-1.0 / (REST_TIME * rate))))
+    prior, at_rest = stationary(grid, noise.coloured), stationary(grid, rest)
+    reach = spread(grid, noise.coloured, memory) / np.sqrt(1.0 - memory**2)
     return _Process(grid, noise.white, np.stack([rest_step, step]), prior, at_rest, reach, rate, after)
 
 
 def _turns(moves: Mask) -> Array:
-    """(N, n) probability that friction turns round at once before a sample: over each standstill in all, `_TURNS`."""
+    """(N, n) probability that friction turns round at once before a sample: over each standstill in all, `TURNS`."""
     turns = np.zeros(moves.shape)
     for j in range(moves.shape[1]):
         edges = np.flatnonzero(np.diff(np.concatenate([[True], moves[:, j], [True]]).astype(int)))
         for start, end in edges.reshape(-1, 2).tolist():
-            turns[start:end, j] = 1.0 - (1.0 - _TURNS) ** (1.0 / (end - start))
+            turns[start:end, j] = 1.0 - (1.0 - TURNS) ** (1.0 / (end - start))
     return turns
 
 
@@ -228,27 +214,6 @@ def _doubt_at_rest(mismatch: Array, predicted: Array, moving: Mask) -> Array:
             change = predicted[after[first[pairs]], j] - predicted[before[pairs], j]
             jump[j] = np.sqrt(np.mean(change**2)) if change.size else 0.0
     return np.maximum(seen, 0.5 * jump)
-
-
-def _stationary(grid: Array, sd: Array) -> Array:
-    """(n, G) normal distribution on the grid."""
-    density = np.exp(-0.5 * (grid / sd[:, None]) ** 2)
-    normal: Array = density / density.sum(axis=1, keepdims=True)
-    return normal
-
-
-def _spread(grid: Array, sd: Array, memory: Array) -> Array:
-    """(n,) sd of an Ornstein-Uhlenbeck process's step, no less than the grid can show."""
-    spread: Array = np.maximum(sd * np.sqrt(1.0 - memory**2), _FINEST * (grid[:, 1] - grid[:, 0]))
-    return spread
-
-
-def _transitions(grid: Array, sd: Array, memory: Array) -> Array:
-    """(n, G, G) rows of p(b' | b) of an Ornstein-Uhlenbeck process."""
-    distance = grid[:, None, :] - memory[:, None, None] * grid[:, :, None]
-    density = np.exp(-0.5 * (distance / _spread(grid, sd, memory)[:, None, None]) ** 2)
-    density += _IMPOSSIBLE  # beliefs must not die out where model and effort contradict each other
-    return density / density.sum(axis=2, keepdims=True)
 
 
 def _smooth(effort: Array, predicted: Array, turns: Array, joint: _Joint, blocks: Blocks, space: Space) -> Array:
@@ -306,7 +271,7 @@ class _Readings:
     @classmethod
     def of(cls, effort: Array, predicted: Array, joint: _Joint, length: int) -> _Readings:
         """Of |effort| (N,) and predictions (N, K)."""
-        scale = max(np.sqrt(_TAILS) * joint.white, _FINEST_NOISE * joint.grid[-1])
+        scale = max(np.sqrt(TAILS) * joint.white, _FINEST_NOISE * joint.grid[-1])
         signed = [np.clip((sign * effort[:, None] - predicted) / scale, -_FARTHEST, _FARTHEST) for sign in (1.0, -1.0)]
         up, down = (_cut(values, length) for values in signed)
         return cls(up, down, (joint.grid / scale).astype(np.float32), -len(effort) % length)
@@ -367,8 +332,8 @@ class _FilteredReadings:
         follows = np.clip(np.gradient(readings, axis=2) / spacing, -1.0, 1.0)
         least = max(joint.white, 0.5 * spacing)  # the grid tells no finer
         variance = least**2 + (1.0 - follows**2) * passed.noise**2
-        misfit = 1.0 + (effort[:, None, None] - readings) ** 2 / (_TAILS * variance)
-        log_likelihood = -0.5 * (_TAILS + 1.0) * np.log(misfit) - 0.5 * np.log(variance)
+        misfit = 1.0 + (effort[:, None, None] - readings) ** 2 / (TAILS * variance)
+        log_likelihood = -0.5 * (TAILS + 1.0) * np.log(misfit) - 0.5 * np.log(variance)
         likelihood = np.exp(log_likelihood - log_likelihood.max(axis=2, keepdims=True))
         cut = _cut(likelihood, length)
         cut[length - (-len(effort) % length) :, -1] = 1.0

@@ -48,6 +48,11 @@ class Distortion(Effect):
         """(N, n, P) what becomes of the model's columns."""
         return rows(robot, motion)
 
+    @property
+    def lag_of_all(self) -> float:
+        """By how much it makes the efforts of all joints lag behind the motion, s."""
+        return 0.0
+
     def built(self, robot: Robot) -> Robot:
         """The robot as it is, where the distortion is one of the robot; made once for the same one."""
         if not self._latest or self._latest[0] is not robot:

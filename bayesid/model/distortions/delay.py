@@ -56,6 +56,11 @@ class Delay(Distortion):
         for joints in ((), *((j,) for j in range(1, scene.robot.n_joints + 1))):
             yield from (cls(joints=joints, lag=(lag,)) for lag in _LAGS)
 
+    @property
+    def lag_of_all(self) -> float:
+        """The lag, unless it is that of some joints."""
+        return 0.0 if self.joints else self.lag[0]
+
     def columns(self, rows: Rows, robot: Robot, motion: Motion) -> Array:
         """Rows of the motion some time ago."""
         late = rows(robot, motion.ago(self.lag[0]))

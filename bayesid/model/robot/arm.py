@@ -12,14 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from bayesid.arrays import Array, frozen
+from bayesid.arrays import Array, Mask, frozen
 from bayesid.errors import printable
 from bayesid.model import inertia
 from bayesid.motion import Motion
@@ -29,6 +29,8 @@ _TO_PINOCCHIO = [9, 6, 7, 8, 0, 1, 3, 2, 4, 5]  # pinocchio: m, mc, Ixx, Ixy, Iy
 
 _AT_ONCE = 256
 """Samples of a regressor that are brought into link frames together: most of the time is Pinocchio's then."""
+_REMEMBERED = 4
+"""Sets of bodies that a robot remembers: a model has those of its links, and those that load its gears."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +147,7 @@ class Robot:
             >>> robot.regressor(motion).shape
             (201, 3, 30)
         """
-        model, data, width = self._pinocchio, self._pinocchio.createData(), 10 * self.n_joints
+        model, data, width = self._pinocchio, self._bodies.workspace(self), 10 * self.n_joints
         regressor = np.empty((len(motion), self.n_joints, width))
         raw = np.empty((min(_AT_ONCE, len(motion)), self.n_joints, width))  # small enough for a processor's cache
         for start in range(0, len(motion), _AT_ONCE):
@@ -157,7 +159,7 @@ class Robot:
                 link = slice(first, first + 10)
                 np.matmul(raw.reshape(-1, width)[: len(rows), link], change, out=rows[:, link])
             if self.transmission is not None:
-                regressor[some] = np.linalg.inv(self.coupling).T @ regressor[some]
+                regressor[some] = self._to_actuators.T @ regressor[some]
         return regressor
 
     def inverse_dynamics(self, motion: Motion, parameters: Array) -> Array:
@@ -175,41 +177,36 @@ class Robot:
         model, data = self._bodies.of(self, parameters)
         samples = zip(motion.q, motion.dq, motion.ddq, strict=True)
         torque = np.array([pin.rnea(model, data, q, dq, ddq) for q, dq, ddq in samples])
-        return torque if self.transmission is None else torque @ np.linalg.inv(self.coupling)
+        return torque if self.transmission is None else torque @ self._to_actuators
 
-    def mass_matrix(self, q: Array, parameters: Array) -> Array:
-        """(n, n) of the joints at positions q (n,), kg m^2, by the composite rigid body algorithm (Featherstone 2008).
+    def dynamics(self, motion: Motion, parameters: Array) -> Dynamics:
+        """What the momentum of the joints needs at the first instant of a motion, in coordinates of the joints.
+
+        The mass matrix by the composite rigid body algorithm (Featherstone 2008, chapter 6), the Coriolis matrix of
+        Christoffel symbols.
 
         Args:
-            q: positions of the joints, rad (m).
+            motion: of the joints.
             parameters: (10 n,) link parameters, as in `regressor`.
 
         Example:
-            >>> mass = robot.mass_matrix(motion.q[0], model.links(theta).ravel())
-            >>> bool((np.linalg.eigvalsh(mass) > 0.0).all())
+            >>> here = robot.dynamics(motion, model.links(theta).ravel())
+            >>> bool((np.linalg.eigvalsh(here.mass) > 0.0).all())
             True
         """
-        upper = np.triu(pin.crba(*self._bodies.of(self, parameters), q))
-        return upper + np.triu(upper, 1).T
-
-    def drift(self, q: Array, dq: Array, parameters: Array) -> Array:
-        """(n,) C(q, dq)' dq - g(q), N m: what moves the momentum of the joints beside their efforts.
-
-        From M' = C + C' (De Luca and Mattone 2003, eq. 7), with the Coriolis matrix of Christoffel symbols.
-
-        Args:
-            q: positions of the joints, rad (m).
-            dq: their velocities, rad/s (m/s).
-            parameters: (10 n,) link parameters, as in `regressor`.
-
-        Example:
-            >>> robot.drift(motion.q[0], motion.dq[0], model.links(theta).ravel()).shape
-            (3,)
-        """
         model, data = self._bodies.of(self, parameters)
+        q, dq, ddq = motion.q[0], motion.dq[0], motion.ddq[0]
+        torque = pin.rnea(model, data, q, dq, ddq).copy()
         coriolis = pin.computeCoriolisMatrix(model, data, q, dq)
-        drift: Array = coriolis.T @ dq - pin.computeGeneralizedGravity(model, data, q)
-        return drift
+        drift = coriolis.T @ dq - pin.computeGeneralizedGravity(model, data, q)
+        upper = pin.crba(model, data, q)
+        mass = np.where(_lower(len(q)), upper.T, upper)
+        return Dynamics(mass, drift, torque)
+
+    @cached_property
+    def _to_actuators(self) -> Array:
+        """(n, n) inverse of the coupling."""
+        return np.linalg.inv(self.coupling)
 
     @cached_property
     def _bodies(self) -> _Bodies:
@@ -235,7 +232,7 @@ class Robot:
             tool = data.oMi[last] * flange
             seen_from = pin.SE3(np.eye(3), -tool.translation) if in_base else tool.inverse()
             row[:] = seen_from.action @ pin.getJointJacobian(model, data, last, pin.WORLD).reshape(6, -1)
-        return jacobian @ np.linalg.inv(self.coupling)
+        return jacobian @ self._to_actuators
 
     def same_kinematics(self, other: Robot) -> bool:
         """Whether the two robots move and are geared alike (to 1e-6): a model of one then serves the other.
@@ -250,22 +247,51 @@ class Robot:
         return all(a.matches(b) for a, b in pairs) and np.allclose(self.gravity, other.gravity, atol=1e-6)
 
 
+@cache
+def _lower(n: int) -> Mask:
+    """(n, n) True below the diagonal."""
+    return np.tri(n, k=-1, dtype=bool)
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """Rigid bodies at an instant, in coordinates of the n joints.
+
+    Attributes:
+        mass: (n, n) M(q), kg m^2.
+        drift: (n,) C(q, dq)' dq - g(q), N m: what moves the momentum M dq beside torques (De Luca and Mattone 2003).
+        torque: (n,) M ddq + C dq + g, N m.
+    """
+
+    mass: Array
+    drift: Array
+    torque: Array
+
+
 class _Bodies:
-    """The bodies that were asked for last, as Pinocchio has them; a copy or a pickle begins without any."""
+    """The bodies that were asked for lately, as Pinocchio has them; a copy or a pickle begins without any."""
 
     def __init__(self) -> None:
-        self._asked: Array | None = None
-        self._made: tuple[Any, Any] | None = None
+        self._made: dict[bytes, tuple[Any, Any]] = {}
+        self._workspace: Any = None
 
     def __reduce__(self) -> tuple[type[_Bodies], tuple[()]]:
         return _Bodies, ()
 
     def of(self, robot: Robot, parameters: Array) -> tuple[Any, Any]:
         """Model and data of a robot whose links have these parameters (10 n,)."""
-        if self._made is None or (self._asked is not parameters and not np.array_equal(self._asked, parameters)):
-            self._made = self._of(robot, parameters)
-        self._asked = parameters
-        return self._made
+        asked = parameters.tobytes()
+        if asked not in self._made:
+            if len(self._made) >= _REMEMBERED:
+                self._made.pop(next(iter(self._made)))
+            self._made[asked] = self._of(robot, parameters)
+        return self._made[asked]
+
+    def workspace(self, robot: Robot) -> Any:
+        """Data for what depends on the robot's frames alone."""
+        if self._workspace is None:
+            self._workspace = robot._pinocchio.createData()
+        return self._workspace
 
     @staticmethod
     def _of(robot: Robot, parameters: Array) -> tuple[Any, Any]:

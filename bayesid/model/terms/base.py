@@ -67,6 +67,11 @@ class Term(Effect):
         """Writes `columns` into zeros (N, n, p)."""
         columns[:] = self.columns(robot, motion)
 
+    def effort(self, robot: Robot, motion: Motion, theta: Array) -> Array:
+        """(N, n) efforts by its parameters theta (p,), N m, where columns need not be made."""
+        effort: Array = self.columns(robot, motion) @ theta
+        return effort
+
     def link_parameters(self, robot: Robot, theta: Array) -> Array:
         """(n, 10) what its parameters theta (p,) add to those of the links."""
         return np.zeros((robot.n_joints, 10))
@@ -127,6 +132,18 @@ class ActuatorTerm(Term):
         k = own.shape[2]
         for i, j in enumerate(self.acting(robot.n_joints)):
             columns[:, j, i * k : (i + 1) * k] = own[:, i]
+
+    def effort(self, robot: Robot, motion: Motion, theta: Array) -> Array:
+        """(N, n) efforts: each actuator's own columns."""
+        acting, own = self.acting(robot.n_joints), self.own_columns(robot, motion)
+        k = own.shape[2]
+        efforts = own[:, :, 0] * theta if k == 1 else (own * theta.reshape(-1, k)).sum(axis=2)
+        if len(acting) == robot.n_joints:
+            return efforts
+        every = np.zeros((len(motion), robot.n_joints))
+        for i, j in enumerate(acting):
+            every[:, j] = efforts[:, i]
+        return every
 
     def own_columns(self, robot: Robot, motion: Motion) -> Array:
         """(N, m, k) the same without the rows of other actuators."""

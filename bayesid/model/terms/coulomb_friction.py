@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -38,7 +39,12 @@ class DryTerm(ActuatorTerm):
 
     def direction(self, actuators: Motion) -> Array:
         """(N, m) the smoothed direction of motion, between -1 and 1."""
-        return np.tanh(actuators.dq / np.array(self.smoothing))
+        direction: Array = np.tanh(actuators.dq / self._speeds)
+        return direction
+
+    @cached_property
+    def _speeds(self) -> Array:
+        return np.array(self.smoothing)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar, Self
 
 import numpy as np
@@ -56,8 +57,12 @@ class LoadDependentFriction(DryTerm):
     def own_columns(self, robot: Robot, motion: Motion) -> Array:
         """The size of the load times the direction of motion."""
         acting = self.acting(robot.n_joints)
-        load = np.abs(robot.inverse_dynamics(motion, np.array(self.links)))[:, acting]
+        load = np.abs(robot.inverse_dynamics(motion, self._links)[:, acting])
         return (load * self.direction(robot.actuators(motion).joints(acting)))[:, :, None]
+
+    @cached_property
+    def _links(self) -> Array:
+        return np.array(self.links)
 
     def own_columns_in(self, scene: Scene, joint: int) -> Array:
         """The load comes from all joints."""

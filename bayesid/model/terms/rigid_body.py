@@ -53,6 +53,10 @@ class RigidBody(WholeRobotTerm):
         """(N, n, 10 n) Newton-Euler regressor."""
         return robot.regressor(motion)
 
+    def effort(self, robot: Robot, motion: Motion, theta: Array) -> Array:
+        """(N, n) by recursive Newton-Euler."""
+        return robot.inverse_dynamics(motion, theta)
+
     def link_parameters(self, robot: Robot, theta: Array) -> Array:
         """(n, 10) the parameters themselves."""
         return theta.reshape(-1, 10)

@@ -1,0 +1,135 @@
+"""Alarms: contacts as they begin, changes once they have lasted, and which contact was the beginning of a change."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, replace
+
+import numpy as np
+
+from bayesid.arrays import Array, Mask
+from bayesid.monitor.kinds import CONTACT, PAYLOAD, Kind
+
+_CALM = 2.0
+"""s of motion without a misfit after which a change is over. A round number; not studied."""
+_KEPT = 1000
+"""Alarms that are remembered: a stream may last for weeks."""
+UNITS = {PAYLOAD: "kg", "friction": "N m", "gain": "1"}
+"""Of the amounts."""
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """Something that has happened.
+
+    Attributes:
+        time: when it began, s.
+        joint: (from 1) the outermost that feels a contact, for it lies beyond; of a change the one that shows it most.
+        kind: contact, payload, friction, gain or unknown.
+        joints: all that show it.
+        raised: when it was said, s.
+        duration: s, of a contact that is over; None of what lasts.
+        amount: by how much payload, dry friction or gain have grown, kg, N m or a share; the largest external torque of
+            a contact, N m; None where nothing is known.
+        explained: share of the misfit that the kind explains; None of a contact.
+
+    Example:
+        >>> bayesid.Alarm(time=3.2, joint=2, kind="payload", joints=(2, 3), raised=4.1, amount=2.8).kind
+        'payload'
+    """
+
+    time: float
+    joint: int
+    kind: str
+    joints: tuple[int, ...]
+    raised: float
+    duration: float | None = None
+    amount: float | None = None
+    explained: float | None = None
+
+    def as_dict(self) -> dict[str, object]:
+        """What alarms.json holds of it.
+
+        Example:
+            >>> bayesid.Alarm(time=3.2, joint=2, kind="contact", joints=(1, 2), raised=3.2).as_dict()["joints"]
+            [1, 2]
+        """
+        return {**asdict(self), "joints": list(self.joints), "unit": UNITS.get(self.kind, "N m")}
+
+
+@dataclass
+class Alarms:
+    """State: what was raised, what goes on, and which joints a change has hold of.
+
+    Attributes:
+        raised: the last ones, oldest first; a contact that became a change is not among them.
+        contact: place of the contact that goes on, counted from the end of `raised`, or None.
+        held: (n,) joints of whose misfit a change is known.
+        calm: (n,) s of motion in which they have shown none.
+    """
+
+    held: Mask
+    calm: Array
+    raised: list[Alarm] = field(default_factory=list)
+    contact: Alarm | None = None
+
+    @classmethod
+    def begin(cls, n: int) -> Alarms:
+        """Before the first sample."""
+        return cls(np.zeros(n, dtype=bool), np.zeros(n))
+
+    def touch(self, t: float, pushed: Mask, external: Array) -> Alarm | None:
+        """The contact that begins with this sample, if one does.
+
+        Args:
+            t: the instant, s.
+            pushed: (n,) joints beyond their threshold.
+            external: (n,) external torques, N m.
+        """
+        those = np.flatnonzero(pushed & ~self.held)
+        if not those.size:
+            self.contact = None
+            return None
+        size = float(np.abs(external[those]).max())
+        if self.contact is None:
+            self.contact = Alarm(t, int(those[-1]) + 1, CONTACT, tuple((those + 1).tolist()), t, 0.0, size)
+            self._add(self.contact)
+            return self.contact
+        joints = tuple(sorted({*self.contact.joints, *(those + 1).tolist()}))
+        grown = max(size, self.contact.amount or 0.0)
+        going = replace(self.contact, joint=joints[-1], joints=joints, duration=t - self.contact.time, amount=grown)
+        self.raised[self._place(self.contact)] = going
+        self.contact = going
+        return None
+
+    def change(self, t: float, began: float, kind: Kind, changed: Mask, sums: Array) -> Alarm:
+        """A change, in whose place no contact since it began stands any more.
+
+        Args:
+            t: the instant, s.
+            began: when its first joint left the usual, s.
+            kind: what it looks like.
+            changed: (n,) joints that show it.
+            sums: (n,) how clearly.
+        """
+        self.raised = [one for one in self.raised if one.kind != CONTACT or one.time + (one.duration or 0.0) < began]
+        self.contact = None
+        shown = kind.joints if kind.name != PAYLOAD else tuple((np.flatnonzero(changed) + 1).tolist())
+        joint = max(shown, key=lambda j: sums[j - 1])
+        alarm = Alarm(began, joint, kind.name, shown, t, None, kind.amount, kind.explained)
+        self.held |= changed if kind.name != PAYLOAD else True
+        self.calm[self.held] = 0.0
+        self._add(alarm)
+        return alarm
+
+    def release(self, step: float, sums: Array, moving: Mask) -> None:
+        """Lets go of joints that have been as usual for long enough."""
+        calm = self.held & (sums == 0.0)
+        self.calm = np.where(calm, self.calm + step * moving, 0.0)
+        self.held = self.held & (self.calm < _CALM)
+
+    def _add(self, alarm: Alarm) -> None:
+        self.raised.append(alarm)
+        del self.raised[:-_KEPT]
+
+    def _place(self, alarm: Alarm) -> int:
+        return len(self.raised) - 1 - self.raised[::-1].index(alarm)

@@ -1,0 +1,138 @@
+"""What changes while the robot runs: contacts, which are short, and changes of the robot, which last.
+
+A contact is an external torque beyond its threshold. A change is tested for in each joint by itself, by cumulative sums
+of the log likelihood ratio of residuals that are `_WIDER` times as wide as they should be (Page 1954)::
+
+    S <- max(0, S + (z^2 / 2 (1 - 1 / w^2) - log w) / tau),
+
+z the residual over its sd, and tau the samples that count as one. S reaches h by chance once in e^h such samples, at
+most (Lorden 1971): h follows from the false alarms an hour that are accepted. A sum that is still up after `_LASTING`
+is a change; what pushed for a moment has left it before. Which kind of change it looks like is then said by least
+squares (`bayesid.monitor.kinds`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.special import ndtri
+
+from bayesid.arrays import Array, Mask
+from bayesid.fit.noise import Noise
+from bayesid.monitor.observer import GAIN
+
+_WIDER = 2.0
+"""How many times as wide a residual is that is tested for: one that nobody would overlook. A round number; not
+studied."""
+_OTHER_MOTION = 2.0
+"""Residual on another motion over that of the log a model was identified from: 1.2 to 2.4 in the joints of a UR10e."""
+_LARGEST = 4.0
+"""z beyond which a residual says no more: a single outlier is no change."""
+_LASTING = 0.8
+"""s of motion over which a change has shown, at least: four times as long as a push. A round number; not studied."""
+_SHORTEST = 0.1
+"""s that count as one sample at least: what a model lacks changes with the motion, not from sample to sample."""
+_RELEASE = 0.6
+"""Share of its threshold below which an external torque has ended: it may flicker about it. Not studied."""
+_HOUR = 3600.0
+_HIGHEST = 2.0
+"""Of the sums, in limits: so that they come down again when a change is over."""
+
+
+@dataclass
+class Sums:
+    """State of the tests.
+
+    Attributes:
+        sums: (n,) S.
+        since: (n,) s of motion since S was zero.
+        began: (n,) when S left zero, s.
+        pushed: (n,) whether an external torque is beyond its threshold.
+    """
+
+    sums: Array
+    since: Array
+    began: Array
+    pushed: Mask
+
+    @classmethod
+    def begin(cls, n: int) -> Sums:
+        """Before the first sample."""
+        return cls(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n, dtype=bool))
+
+
+@dataclass(frozen=True)
+class ChangeTest:
+    """The tests, made ready.
+
+    Attributes:
+        noise: of the model's residual, N m.
+        rate: of the samples, Hz.
+        false_alarms: an hour, of the whole robot: contacts and changes each.
+    """
+
+    noise: Noise
+    rate: float
+    false_alarms: float
+
+    @cached_property
+    def lasting(self) -> Array:
+        """(n,) sd of what the model lacks on another motion, N m."""
+        return _OTHER_MOTION * self.noise.coloured
+
+    @cached_property
+    def deviations(self) -> float:
+        """Standard deviations of its threshold beyond which an external torque counts.
+
+        An observer of gain K has about K independent values a second.
+        """
+        values = _HOUR * GAIN * len(self.noise.white)
+        return float(-ndtri(0.5 * min(0.5, self.false_alarms / values)))
+
+    @cached_property
+    def limit(self) -> float:
+        """Of a sum, h."""
+        return float(np.log(_HOUR * (self.rate * self.weight).sum() / self.false_alarms))
+
+    @cached_property
+    def weight(self) -> Array:
+        """(n,) share of an effective sample that a sample of a joint is."""
+        slow = (self.noise.coloured / self.noise.sigma) ** 2
+        seconds = (1.0 - slow) / self.rate + slow * 2.0 * self.noise.correlation
+        return np.minimum(1.0 / (np.maximum(seconds, _SHORTEST) * self.rate), 1.0)
+
+    def width(self, doubt: Array) -> Array:
+        """(n,) sd of the residual on another motion, N m, with what else is in doubt (n,) about it."""
+        width: Array = np.sqrt(self._square + doubt**2)
+        return width
+
+    @cached_property
+    def _square(self) -> Array:
+        return np.asarray((_OTHER_MOTION * self.noise.sigma) ** 2)
+
+    def add(self, state: Sums, t: float, step: float, z: Array, moving: Mask) -> Mask:
+        """(n,) which joints have changed, by one more sample; those at standstill say nothing.
+
+        Args:
+            state: is changed.
+            t: the instant, s.
+            step: since the sample before, s.
+            z: (n,) residuals over their width.
+            moving: (n,) False at standstill.
+        """
+        size = np.minimum(np.abs(z), _LARGEST)
+        ratio = (0.5 * (1.0 - 1.0 / _WIDER**2) * size * size - np.log(_WIDER)) * self.weight
+        sums = np.clip(state.sums + np.where(moving, ratio, 0.0), 0.0, _HIGHEST * self.limit)
+        state.began = np.where(state.sums == 0.0, t, state.began)
+        state.since = np.where(sums == 0.0, 0.0, state.since + step * moving)
+        state.sums = sums
+        changed: Mask = (sums >= self.limit) & (state.since >= _LASTING)
+        return changed
+
+    def push(self, state: Sums, external: Array, threshold: Array) -> Mask:
+        """(n,) which joints feel an external torque (n,), N m."""
+        size = np.abs(external)
+        state.pushed = (size > threshold) | (state.pushed & (size > _RELEASE * threshold))
+        return state.pushed

@@ -1,0 +1,155 @@
+"""An identified model at one instant after the other: its efforts, how certain they are, and the momentum they move."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from bayesid.arrays import Array, Labels, Mask
+from bayesid.identification.identified_model import IdentifiedModel
+from bayesid.model.model import Model
+from bayesid.motion import Instant, labels
+
+_SLOW = 5.0
+"""Speeds of standstill at which dry friction is looked at: fast enough for it to be all there (tanh 5 = 1 - 1e-4)."""
+_NEAR_REST = 4.0
+"""Speeds of standstill up to which the direction of friction is in doubt. A round number; not studied."""
+
+
+@dataclass(frozen=True)
+class AtInstant:
+    """The model at an instant.
+
+    Attributes:
+        effort: (n,) as it is read, N m.
+        momentum: (n,) of the joints, N m s.
+        driving: (n,) what changes the momentum beside the motors: C'dq - g - f, N m.
+        inertia: (n, n) of joints and rotors, kg m^2.
+    """
+
+    effort: Array
+    momentum: Array
+    driving: Array
+    inertia: Array
+
+
+@dataclass(frozen=True)
+class RunningModel:
+    """An identified model, made ready.
+
+    Attributes:
+        identified: model, parameters and their uncertainty.
+        payload: label of what the flange carries; empty where it carries nothing.
+    """
+
+    identified: IdentifiedModel
+    payload: str = ""
+
+    @property
+    def model(self) -> Model:
+        """Robot, terms and distortions."""
+        return self.identified.model
+
+    def instant(self, t: float, q: Array, dq: Array, ddq: Array) -> Instant:
+        """One instant of a motion, each (n,), by itself: effects remember nothing of it."""
+        return Instant(np.array([t]), q[None], dq[None], ddq[None], t, self.label)
+
+    def at(self, instant: Instant) -> AtInstant:
+        """The model at one instant."""
+        effort = self.model.effort_at(instant, self.identified.theta)[0]
+        late = instant.ago(self._lag) if self._lag else instant
+        here = self.model.robot.dynamics(late, self._links)
+        inertia = here.mass + self._rotors
+        friction = self.to_joints @ effort - here.torque - self._rotors @ late.ddq[0]
+        return AtInstant(effort, inertia @ late.dq[0], here.drift - friction, inertia)
+
+    def sd_of(self, columns: Array) -> Array:
+        """(n,) sd of the model's effort by its parameters, N m, of its columns (n, P); inf where nothing is known."""
+        sd: Array = self.identified.spread.sd(columns[None])[0]
+        return sd
+
+    def columns(self, instant: Instant) -> Array:
+        """(n, P) of the model's parameters."""
+        columns: Array = self.model.columns(instant)[0]
+        return columns
+
+    @cached_property
+    def standstill(self) -> Array:
+        """(n,) speeds of the actuators below which friction's direction is not known, rad/s.
+
+        Over which dry friction is smoothed; zero of one that has none.
+        """
+        n, speeds = self.model.robot.n_joints, np.zeros(self.model.robot.n_joints)
+        for effect in self.model.effects:
+            for j, speed in zip(effect.acting(n), getattr(effect, "smoothing", ()), strict=False):
+                speeds[j] = max(speeds[j], speed)
+        return speeds
+
+    def actuator_speeds(self, dq: Array) -> Array:
+        """(n,) of joint speeds dq (n,), rad/s."""
+        return dq if self.model.robot.transmission is None else self.model.robot.coupling @ dq
+
+    def standing(self, speeds: Array) -> Mask:
+        """(n,) True where an actuator stands still, or hardly moves."""
+        slow: Mask = np.abs(speeds) <= self.standstill
+        return slow
+
+    def doubt_near_rest(self, speeds: Array) -> Array:
+        """(n,) between 0 and 1: how much the direction of friction is in doubt."""
+        doubt: Array = np.exp(-((speeds * self._slowness) ** 2))
+        return doubt
+
+    def dry_friction(self, q: Array) -> Array:
+        """(n,) by how much friction's direction changes the efforts at positions q (n,), N m: half of a reversal."""
+        still = np.zeros_like(q)
+        slow = _SLOW * np.linalg.solve(self.model.robot.coupling, self.standstill)
+        forth, back = (self._effort(self.instant(0.0, q, sign * slow, still)) for sign in (1.0, -1.0))
+        return np.asarray(0.5 * np.abs(forth - back))
+
+    @cached_property
+    def body(self) -> slice:
+        """Columns of first moments and mass of the last link, and of what it carries."""
+        pairs = zip(self.model.terms, self.model.places, strict=True)
+        place = next(place for term, place in pairs if term.of_links)
+        return slice(place.stop - 4, place.stop)
+
+    @cached_property
+    def label(self) -> Labels:
+        """(1,) of what the flange carries."""
+        return labels(self.payload, 1)
+
+    @cached_property
+    def to_joints(self) -> Array:
+        """(n, n) from efforts of actuators to torques of joints."""
+        return np.ascontiguousarray(self.model.robot.coupling.T)
+
+    def _effort(self, instant: Instant) -> Array:
+        """(n,) before sensors read it, N m."""
+        effort: Array = self.model.before_sensors.effort_at(instant, self.identified.theta)[0]
+        return effort
+
+    @cached_property
+    def _lag(self) -> float:
+        return self.model.lag
+
+    @cached_property
+    def _slowness(self) -> Array:
+        """(n,) s/rad; infinite of an actuator without dry friction, whose direction is of no account."""
+        with np.errstate(divide="ignore"):
+            return np.where(self.standstill > 0.0, 1.0 / (_NEAR_REST * self.standstill), 1e12)
+
+    @cached_property
+    def _links(self) -> Array:
+        return self.model.links(self.identified.theta).ravel()
+
+    @cached_property
+    def _rotors(self) -> Array:
+        """(n, n) inertia of the joints that is none of the links, kg m^2: the same in every pose."""
+        n = self.model.robot.n_joints
+        zero = np.zeros(n)
+        resting = self._effort(self.instant(0.0, zero, zero, zero))
+        moved = [self._effort(self.instant(0.0, zero, zero, one)) - resting for one in np.eye(n)]
+        here = self.model.robot.dynamics(self.instant(0.0, zero, zero, zero), self._links)
+        return self.to_joints @ np.stack(moved, axis=1) - here.mass

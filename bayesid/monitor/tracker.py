@@ -1,0 +1,504 @@
+"""Signs, torques and changes while the robot runs: one update a sample, no thread and no clock of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bayesid.arrays import Array, Mask
+from bayesid.errors import InputError
+from bayesid.identification.identification import Identification
+from bayesid.identification.identified_model import IdentifiedModel
+from bayesid.log.log import Log
+from bayesid.monitor.alarms import Alarm, Alarms
+from bayesid.monitor.changes import ChangeTest, Sums
+from bayesid.monitor.kinds import kind_of
+from bayesid.monitor.motion_estimate import LocalMotion, MotionEstimator, MotionWindow
+from bayesid.monitor.observer import Observed, observe
+from bayesid.monitor.recent import Recent
+from bayesid.monitor.running_model import AtInstant, RunningModel
+from bayesid.monitor.tracked import MOVING, REST, UNKNOWN, Counts, Tracked
+from bayesid.motion import STANDSTILL, Instant
+from bayesid.signs.filtering import Belief, SignFilter
+
+_SPAN = 0.2
+"""s of the window from which the motion is estimated: one period of the least cut-off by which logs are low-passed. Of
+0.1 to 0.4 s the best on two logs of a UR10e without lag."""
+_GAP = 5.0
+"""Periods without a sample from which on what was before is forgotten: friction may have turned round meanwhile."""
+_LOOKS = 20.0
+"""Hz at which the columns of the model are made: they cost as much as all the rest, and what is made of them, the sd of
+the effort and the look of a change, stays much the same so long."""
+_FASTEST = 2e4
+"""Hz; no controller logs faster: a rate in mHz, or a period in its place, is told."""
+
+
+@dataclass(frozen=True)
+class _Waiting:
+    """An instant whose signs are still looked for: what is known of it without them."""
+
+    reading: Array
+    held: Mask
+    record: Tracked
+
+
+@dataclass
+class TrackerState:
+    """All that a tracker remembers: numbers and arrays, to be copied, pickled and handed to another tracker.
+
+    Attributes:
+        velocities: whether the samples have velocities.
+        accelerations: whether they have accelerations.
+        motion: the samples of the window.
+        observed: the momentum and its observer.
+        sums: of the tests for changes.
+        alarms: what was raised.
+        recent: the last seconds.
+        top_speed: (n,) highest speeds of the actuators so far, rad/s.
+        sd: (n,) of the model's effort by its parameters, N m.
+        origin: when the stream began, s.
+        looked: time of the instant looked at last, s.
+        at_rest: (n,) size of static friction, N m; None before the first instant.
+        belief: about the model's error; None before the first instant.
+        readings: efforts of the newest samples, with their times.
+        memory: states of effects with a memory.
+        waiting: instants whose signs are still looked for.
+        counts: what became of the samples.
+        latest: what was known last.
+    """
+
+    velocities: bool
+    accelerations: bool
+    motion: MotionWindow
+    observed: Observed
+    sums: Sums
+    alarms: Alarms
+    recent: Recent
+    top_speed: Array
+    sd: Array
+    origin: float
+    looked: float = np.nan
+    at_rest: Array | None = None
+    belief: Belief | None = None
+    readings: list[tuple[float, Array]] = field(default_factory=list)
+    memory: dict[object, tuple[Array, Array]] = field(default_factory=dict)
+    waiting: list[_Waiting] = field(default_factory=list)
+    counts: Counts = field(default_factory=Counts)
+    latest: Tracked | None = None
+
+
+class SignTracker:
+    """Reads the signs of |effort| as the robot runs, by an identified model.
+
+    One `update` a sample. The joints' velocities and accelerations are those of a polynomial through the samples of the
+    last 0.2 s (`bayesid.monitor.motion_estimate`); signs come from filtering the model's error
+    (`bayesid.signs.filtering`), external torques from the momentum (`bayesid.monitor.observer`), alarms from tests with
+    a stated rate of false ones (`bayesid.monitor.changes`). There is no thread, no clock and nothing that grows.
+
+    Args:
+        model: an identification, or its model as `bayesid.load_model` gives it.
+        rate: of the samples, Hz; they may jitter, be late or be missing.
+        lag: s that the caller can wait: an instant is judged with the samples up to so much later. Half of it lets the
+            motion be seen from both sides, half the signs.
+        signed: (n,) joints whose effort is signed; by default none, and absolute values are taken.
+        payload: label of what the flange carries, if the model knows payloads.
+        false_alarms: contacts, and changes, an hour that are accepted where nothing happens and the model's error is
+            twice what it was on the log that it was identified from, at most.
+
+    Raises:
+        InputError: the rate, the lag, the rate of false alarms, the label or `signed` cannot be used.
+
+    Example:
+        >>> tracker = bayesid.SignTracker(bayesid.load_model("result"), rate=50.0, lag=0.05)
+        >>> seen = [tracker.update(t, q, e) for t, q, e in zip(log.t, log.q, log.effort)]
+        >>> seen[-1].probability.shape, tracker.counts.updates == len(log)
+        ((3,), True)
+    """
+
+    def __init__(
+        self,
+        model: IdentifiedModel | Identification,
+        rate: float,
+        lag: float = 0.0,
+        signed: Sequence[bool] | None = None,
+        *,
+        payload: str = "",
+        false_alarms: float = 0.01,
+    ) -> None:
+        self._identified = model.identified if isinstance(model, Identification) else model
+        self.n_joints = self._identified.model.robot.n_joints
+        _check(self._identified, rate, lag, payload, false_alarms)
+        self.rate, self.signed = float(rate), _signed(signed, self.n_joints)
+        waited = round(lag * rate)
+        self._behind, self._sign_wait = waited - waited // 2, waited // 2
+        self._running = RunningModel(self._identified, payload)
+        self._test = ChangeTest(self._identified.noise, self.rate, false_alarms)
+        self._look_stride = max(1, round(self.rate / _LOOKS))
+        self._filter: SignFilter | None = None
+        self._state: TrackerState | None = None
+        ready = self._running.instant(
+            0.0, *np.zeros((3, self.n_joints))
+        )  # what is made once is made before the first sample
+        self._running.sd_of(self._running.columns(ready))
+        self._running.at(ready)
+
+    def __repr__(self) -> str:
+        seen = f"{self.counts.updates} samples, {len(self.alarms)} alarms"
+        return f"SignTracker of {self._identified.model.robot.name} at {self.rate:g} Hz, {self.lag:g} s behind: {seen}"
+
+    @property
+    def lag(self) -> float:
+        """By how much the instants lie behind the newest sample, s.
+
+        Example:
+            >>> bayesid.SignTracker(result, rate=100.0, lag=0.05).lag
+            0.05
+        """
+        return (self._behind + self._sign_wait) / self.rate
+
+    @property
+    def alarms(self) -> tuple[Alarm, ...]:
+        """What was raised, the last thousand; a contact that turned out to be a change is not among them.
+
+        Example:
+            >>> bayesid.SignTracker(result, rate=100.0).alarms
+            ()
+        """
+        return () if self._state is None else tuple(self._state.alarms.raised)
+
+    @property
+    def counts(self) -> Counts:
+        """What became of the samples.
+
+        Example:
+            >>> bayesid.SignTracker(result, rate=100.0).counts.gaps
+            0
+        """
+        return Counts() if self._state is None else replace(self._state.counts)
+
+    def state(self) -> TrackerState | None:
+        """A copy of all that the tracker remembers; None before the first sample.
+
+        Example:
+            >>> import pickle
+            >>> one, other = (bayesid.SignTracker(result, rate=50.0) for _ in range(2))
+            >>> for k in range(100):
+            ...     now = one.update(log.t[k], log.q[k], log.effort[k])
+            >>> other.restore(pickle.loads(pickle.dumps(one.state())))
+            >>> at = log.t[100], log.q[100], log.effort[100]
+            >>> bool(np.array_equal(one.update(*at).external, other.update(*at).external))
+            True
+        """
+        return deepcopy(self._state)
+
+    def restore(self, state: TrackerState | None) -> None:
+        """Goes on from a state, to the digit, in a tracker that was made with the same arguments.
+
+        Raises:
+            InputError: the state is of another robot, rate or lag.
+
+        Example:
+            >>> tracker = bayesid.SignTracker(result, rate=50.0)
+            >>> now = tracker.update(log.t[0], log.q[0], log.effort[0])
+            >>> other = bayesid.SignTracker(result, rate=50.0)
+            >>> other.restore(tracker.state())
+            >>> other.counts.updates
+            1
+        """
+        if state is not None:
+            fresh = self._begin(state.origin, state.velocities, state.accelerations)
+            shapes = [(s.motion.values.shape, s.recent.log.rows.shape) for s in (state, fresh)]
+            if shapes[0] != shapes[1] or len(state.readings) > self._behind + 1:
+                remedy = "make the tracker with the model, rate and lag that the state is of"
+                raise InputError("a state of another robot, rate or lag", "state", remedy)
+        self._filter = None if state is None or state.at_rest is None else self._filter_of(state.at_rest)
+        self._state = deepcopy(state)
+
+    def window(self, since: float = -np.inf) -> Log:
+        """The samples of the last 20 s at most, as a log: for `bayesid.find_discrepancy`, or to be kept.
+
+        Args:
+            since: instant from which on, s, as an alarm's `time`.
+
+        Raises:
+            InputError: there are none.
+
+        Example:
+            >>> tracker = bayesid.SignTracker(result, rate=50.0)
+            >>> for k in range(100):
+            ...     now = tracker.update(log.t[k], log.q[k], log.effort[k])
+            >>> len(tracker.window(since=log.t[40]))
+            60
+        """
+        rows = np.empty((0, 1)) if self._state is None else self._state.recent.log.newest()
+        rows = rows[rows[:, 0] >= since]
+        if not len(rows):
+            raise InputError("no samples to make a log of", "window", "update the tracker first")
+        q, effort, dq = np.split(rows[:, 1:], 3, axis=1)
+        measured = self._state is not None and self._state.velocities
+        return Log(rows[:, 0], q, np.nan_to_num(effort), self.signed, dq if measured else None, source="stream")
+
+    def update(
+        self, t: float, q: ArrayLike, effort: ArrayLike, dq: ArrayLike | None = None, ddq: ArrayLike | None = None
+    ) -> Tracked:
+        """What is known after one more sample, of the instant `lag` before it.
+
+        A sample that is late, repeated or not a number is counted, left out, and answered by what was known before
+        (`Tracked.fresh` is False). An effort of one joint that is nan leaves that joint's sign to the model. After a
+        gap of more than five periods the tracker begins anew, but for tests and alarms.
+
+        Args:
+            t: instant of the sample, s, on a clock of the caller's.
+            q: (n,) positions, rad (m).
+            effort: (n,) efforts, N m; their absolute values are taken where they are not signed.
+            dq: (n,) measured velocities, rad/s, in all samples or in none.
+            ddq: (n,) accelerations, rad/s^2, in all samples or in none.
+
+        Raises:
+            InputError: the numbers of joints do not suit the model, or velocities are there in some samples only.
+
+        Example:
+            >>> tracker = bayesid.SignTracker(result, rate=50.0)
+            >>> tracker.update(log.t[0], log.q[0], log.effort[0]).state  # one sample shows no motion
+            ('unknown', 'unknown', 'unknown')
+        """
+        parts = [part for part in (q, dq, ddq) if part is not None]
+        values = np.concatenate([np.asarray(part, dtype=float).ravel() for part in parts])
+        reading = np.array(effort, dtype=float).ravel()
+        if self._state is None:
+            self._state = self._begin(float(t), dq is not None, ddq is not None)
+        state = self._state
+        if values.size != state.motion.values.shape[1] or reading.size != self.n_joints:
+            raise self._misfit(values.size, reading.size)
+        if not self._taken(state, t, values):
+            latest = self._nothing(float(t)) if state.latest is None else state.latest
+            return replace(latest, fresh=False, alarms=())
+        self._estimator.add(state.motion, float(t), values)
+        reading = np.where(self.signed, reading, np.abs(reading))
+        state.counts.unread += int(np.isnan(reading).sum())
+        state.readings.append((float(t), reading))
+        del state.readings[: -self._behind - 1]
+        n = self.n_joints
+        state.recent.log.add(np.array([t]), values[:n], reading, values[n : 2 * n] if state.velocities else values[:0])
+        local = self._estimator.fit(state.motion)
+        if local is None or len(state.readings) <= self._behind or state.readings[0][0] < local.t - local.scale:
+            state.latest = self._nothing(float(t))
+        else:
+            state.latest = self._look(state, local, *state.readings[0])
+        return state.latest
+
+    def _look(self, state: TrackerState, local: LocalMotion, t: float, reading: Array) -> Tracked:
+        """At the instant t, s, of a reading (n,)."""
+        motion = local.at(t)
+        running, instant = self._running, self._instant(state, local, t, motion)
+        here, speeds = running.at(instant), running.actuator_speeds(motion[1])
+        if state.at_rest is None:
+            state.at_rest = running.dry_friction(motion[0])
+            self._filter = self._filter_of(state.at_rest)
+        assert self._filter is not None
+        if state.belief is None:
+            state.belief = self._filter.begin()
+        by_motion = np.sqrt((here.inertia**2) @ local.sd_of_acceleration(t) ** 2)
+        state.top_speed = np.maximum(state.top_speed, np.abs(speeds))
+        moving = np.abs(speeds) > np.where(running.standstill > 0.0, running.standstill, STANDSTILL * state.top_speed)
+        found, now = self._filter.update(state.belief, np.abs(reading), here.effort, by_motion, moving)
+        sign = np.where(self.signed, np.sign(reading), np.where(now >= 0.5, 1.0, -1.0))
+        if state.counts.updates % self._look_stride == 0 or not state.sd.any():
+            columns = running.columns(instant)
+            state.sd = running.sd_of(columns)
+            self._keep_look(state, t, reading, here, speeds, by_motion, columns, moving)
+        doubt = np.sqrt(state.sd**2 + by_motion**2 + (state.at_rest * running.doubt_near_rest(speeds)) ** 2)
+        known = np.where(np.isnan(reading), here.effort, sign * np.abs(reading))
+        threshold = self._observe(state, t, known, here, doubt)
+        alarms, contact = self._alarms(state, t, (known - here.effort) / self._test.width(doubt), threshold, moving)
+        state.looked = t
+        held = state.alarms.held
+        joints = zip(held.tolist(), moving.tolist(), strict=True)
+        record = Tracked(
+            t=t,
+            probability=now,
+            effort=reading,
+            effort_sd=self._identified.noise.white,
+            predicted=here.effort,
+            predicted_sd=np.sqrt(state.sd**2 + by_motion**2),
+            residual=known - here.effort,
+            external=state.observed.external,
+            threshold=threshold,
+            state=tuple(UNKNOWN if changed else MOVING if moves else REST for changed, moves in joints),
+            contact=contact,
+            alarms=(),
+            q=motion[0],
+            dq=motion[1],
+            ddq=motion[2],
+        )
+        state.waiting.append(_Waiting(reading, held, record))
+        if found is None:
+            return replace(self._nothing(t), alarms=alarms)
+        return self._with_signs(state.waiting.pop(0), found, alarms)
+
+    def _with_signs(self, waiting: _Waiting, probability: Array, alarms: tuple[Alarm, ...]) -> Tracked:
+        """A record with P(sign = +) (n,), which is that of a guess where a change has made the model another's."""
+        record, reading = waiting.record, waiting.reading
+        if waiting.held.any():
+            probability = np.where(waiting.held, 0.5 + _TRUST * (probability - 0.5), probability)
+        if self.signed.any():
+            known = self.signed & ~np.isnan(reading)
+            probability = np.where(known, reading >= 0.0, probability)
+        effort = np.where(probability >= 0.5, 1.0, -1.0) * np.abs(reading)
+        wrong = 4.0 * reading**2 * np.minimum(probability, 1.0 - probability)
+        sd = np.sqrt(wrong + record.effort_sd**2)
+        residual = effort - record.predicted
+        return replace(record, probability=probability, effort=effort, effort_sd=sd, residual=residual, alarms=alarms)
+
+    def _observe(self, state: TrackerState, t: float, known: Array, here: AtInstant, doubt: Array) -> Array:
+        """(n,) threshold of the external torque, N m, after one more sample with efforts (n,) whose sign is settled."""
+        to_joints, plain = self._running.to_joints, self._running.model.robot.transmission is None
+        lasting, white = np.sqrt(self._test.lasting**2 + doubt**2), self._identified.noise.white
+        if not plain:
+            lasting, white = (np.sqrt(to_joints**2 @ part**2) for part in (lasting, white))
+        step = 0.0 if np.isnan(state.looked) else t - state.looked
+        torque = known if plain else to_joints @ known
+        observe(state.observed, step, here.momentum, torque + here.driving, lasting, white)
+        return self._test.deviations * np.sqrt(state.observed.lasting**2 + state.observed.fast)
+
+    def _alarms(
+        self, state: TrackerState, t: float, z: Array, threshold: Array, moving: Mask
+    ) -> tuple[tuple[Alarm, ...], tuple[int, ...]]:
+        """What one more sample raises, and the joints (from 1) that feel a contact."""
+        step, test, alarms = (0.0 if np.isnan(state.looked) else t - state.looked), self._test, state.alarms
+        changed = test.add(state.sums, t, step, z, moving)
+        pushed = test.push(state.sums, state.observed.external, threshold)
+        raised = []
+        fresh = changed & ~alarms.held
+        if fresh.any():
+            began = float(state.sums.began[fresh].min())
+            weight = np.minimum(test.weight * self._look_stride, 1.0)
+            kind = kind_of(state.recent.look(began, self.signed, weight), fresh)
+            raised.append(alarms.change(t, began, kind, fresh, state.sums.sums))
+        contact = alarms.touch(t, pushed, state.observed.external)
+        alarms.release(step, state.sums.sums, moving)
+        felt = tuple((np.flatnonzero(pushed & ~alarms.held) + 1).tolist())
+        return (*raised, *([] if contact is None else [contact])), felt
+
+    def _keep_look(
+        self,
+        state: TrackerState,
+        t: float,
+        reading: Array,
+        here: AtInstant,
+        speeds: Array,
+        by_motion: Array,
+        columns: Array,
+        moving: Mask,
+    ) -> None:
+        """Keeps what tells one kind of change from another."""
+        width = np.where(moving & ~np.isnan(reading), self._test.width(np.hypot(state.sd, by_motion)), np.inf)
+        direction = np.tanh(speeds / np.maximum(self._running.standstill, STANDSTILL * state.top_speed + 1e-12))
+        parts = (np.nan_to_num(reading), here.effort, width, columns[:, self._running.body], direction, speeds)
+        state.recent.looks.add(np.array([t]), *parts)
+
+    def _instant(
+        self, state: TrackerState, local: LocalMotion, t: float, motion: tuple[Array, Array, Array]
+    ) -> Instant:
+        q, dq, ddq = (part[None] for part in motion)
+
+        def past(lag: float) -> tuple[Array, Array, Array]:
+            return local.at(t - lag)
+
+        return Instant(np.array([t]), q, dq, ddq, state.origin, self._running.label, past, state.memory)
+
+    def _taken(self, state: TrackerState, t: float, values: Array) -> bool:
+        """Whether a sample can be used; counts what it is."""
+        counts = state.counts
+        if not (np.isfinite(t) and np.isfinite(values).all()):
+            counts.missing += 1
+            return False
+        if state.motion.count and t <= state.motion.t[-1]:
+            counts.repeated += int(t == state.motion.t[-1])
+            counts.late += int(t < state.motion.t[-1])
+            return False
+        if state.motion.count and t - state.motion.t[-1] > _GAP / self.rate:
+            counts.gaps += 1
+            self._forget(state)
+        counts.updates += 1
+        return True
+
+    def _forget(self, state: TrackerState) -> None:
+        """Begins anew after a gap; tests and alarms stay."""
+        state.motion.count, state.belief, state.looked = 0, None, np.nan
+        state.readings.clear()
+        state.waiting.clear()
+        state.memory.clear()
+        state.observed = Observed.begin(self.n_joints)
+
+    def _begin(self, t: float, velocities: bool, accelerations: bool) -> TrackerState:
+        n = self.n_joints
+        motion = MotionEstimator(n, max(_SPAN, 2.0 * self.lag), self.rate, velocities, accelerations)
+        self._estimator = motion
+        return TrackerState(
+            velocities=velocities,
+            accelerations=accelerations,
+            motion=motion.begin(),
+            observed=Observed.begin(n),
+            sums=Sums.begin(n),
+            alarms=Alarms.begin(n),
+            recent=Recent.begin(n, self.rate, self.rate / self._look_stride),
+            top_speed=np.zeros(n),
+            sd=np.zeros(n),
+            origin=t,
+        )
+
+    def _filter_of(self, at_rest: Array) -> SignFilter:
+        return SignFilter.of(self._identified.noise, at_rest, self.rate, self._sign_wait)
+
+    def _nothing(self, t: float) -> Tracked:
+        """What is known without a motion."""
+        unknown, half = np.full(self.n_joints, np.nan), np.full(self.n_joints, 0.5)
+        nothing = dict.fromkeys(("effort", "effort_sd", "predicted", "predicted_sd", "residual"), unknown)
+        motion = dict.fromkeys(("q", "dq", "ddq"), unknown)
+        return Tracked(
+            t=t - self.lag,
+            probability=half,
+            **nothing,
+            external=np.zeros(self.n_joints),
+            threshold=np.full(self.n_joints, np.inf),
+            state=(UNKNOWN,) * self.n_joints,
+            contact=(),
+            alarms=(),
+            **motion,
+        )
+
+    def _misfit(self, values: int, readings: int) -> InputError:
+        assert self._state is not None
+        state, n = self._state, self.n_joints
+        parts = ["q", *["dq"] * state.velocities, *["ddq"] * state.accelerations]
+        seen = f"{readings} efforts and {values} numbers of the motion"
+        expected = f"give {n} efforts and {n} numbers each of {', '.join(parts)}, as in the first sample"
+        return InputError(seen, "update", expected)
+
+
+_TRUST = 0.9
+"""How far a sign is believed whose joint has changed since its model was identified: a round number; not studied."""
+
+
+def _check(identified: IdentifiedModel, rate: float, lag: float, payload: str, false_alarms: float) -> None:
+    if not (np.isfinite(rate) and 1.0 <= rate <= _FASTEST):
+        raise InputError(f"a rate of {rate:g} Hz", "rate", f"give the samples' rate in Hz, 1 to {_FASTEST:g}")
+    if not (np.isfinite(lag) and 0.0 <= lag <= 1.0):
+        raise InputError(f"a lag of {lag:g} s", "--lag", "give 0 to 1, in seconds")
+    if not (np.isfinite(false_alarms) and 0.0 < false_alarms <= 3600.0):
+        raise InputError(f"{false_alarms:g} false alarms an hour", "--false-alarms", "give more than 0")
+    if payload and payload not in identified.model.payloads:
+        known = ", ".join(identified.model.payloads) or "none"
+        raise InputError(f"the model knows no payload {payload!r}", "--payload", f"give one that it knows: {known}")
+
+
+def _signed(signed: Sequence[bool] | None, n: int) -> Mask:
+    mask = np.zeros(n, dtype=bool) if signed is None else np.asarray(signed, dtype=bool)
+    if mask.shape != (n,):
+        raise InputError(f"signed has {mask.size} entries", "signed", f"give {n}, one a joint")
+    return mask

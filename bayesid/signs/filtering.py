@@ -1,0 +1,195 @@
+"""The sign of every sample as it comes, or a few samples later: `bayesid.signs.smoothing` from the past alone.
+
+The model's error b is filtered on its grid: a reading weighs the belief about b (:eq:`sample-likelihood`), a step in
+time spreads it (:eq:`model-error`). P(sign = +) is the share of the positive sign in what a reading weighs. Whoever can
+wait for L samples has their likelihoods too, passed backwards (Rabiner 1989, section III.A; fixed-lag smoothing).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from bayesid.arrays import Array, Mask
+from bayesid.fit.noise import Noise
+from bayesid.signs.chain import Single
+from bayesid.signs.model_error import REST_TIME, TAILS, TURNS, error_grid, stationary, transitions
+
+_FASTEST = 125.0
+"""Hz; steps of b: between them, at higher rates, b is constant, for it lasts longer. A round number; not studied."""
+_LEAST = 1e-30
+"""Of a belief's weight: outliers must not empty it."""
+_FINEST_NOISE = 1e-6
+"""Of the grid's half-width: finer white noise would fall between the grid's values, as in `bayesid.signs.smoothing`."""
+
+
+@dataclass(frozen=True)
+class SignFilter:
+    """The hidden error of n joints on grids of G values; what it makes of readings is kept apart, in `Belief`.
+
+    Attributes:
+        grid: (n, G) values of b, N m.
+        white: (n,) sd of the white noise, N m.
+        forwards: (n, G, G) columns of transition probabilities in motion.
+        backwards: (n, G, G) rows of the same.
+        rest_forwards: (n, G, G) at standstill.
+        rest_backwards: (n, G, G) at standstill.
+        afresh: (n, G) distribution from which b may start afresh at standstill.
+        start: (n, G) and of its first value.
+        turns: probability that it does, a step.
+        stride: samples from one step to the next.
+        look_ahead: L samples that are waited for.
+    """
+
+    grid: Single
+    white: Array
+    forwards: Single
+    backwards: Single
+    rest_forwards: Single
+    rest_backwards: Single
+    afresh: Single
+    start: Single
+    turns: float
+    stride: int
+    look_ahead: int
+
+    @classmethod
+    def of(cls, noise: Noise, at_rest: Array, rate: float, look_ahead: int = 0) -> SignFilter:
+        """Of a model whose residual has a noise, and is (n,) N m wide at standstill, at a rate, Hz."""
+        stride = max(1, int(rate / _FASTEST))
+        steps = rate / stride
+        at_rest = np.maximum(at_rest, noise.coloured)
+        grid = error_grid(at_rest)
+        moving = transitions(grid, noise.coloured, np.exp(-1.0 / (noise.correlation * steps)))
+        resting = transitions(grid, at_rest, np.full(len(at_rest), np.exp(-1.0 / (REST_TIME * steps))))
+        arrays = (
+            moving.swapaxes(1, 2),
+            moving,
+            resting.swapaxes(1, 2),
+            resting,
+            stationary(grid, at_rest),
+            stationary(grid, noise.coloured),
+        )
+        turns = 1.0 - (1.0 - TURNS) ** (1.0 / max(1.0, REST_TIME * steps))
+        parts = [np.ascontiguousarray(part, dtype=np.float32) for part in arrays]
+        return cls(grid.astype(np.float32), noise.white, *parts, turns, stride, look_ahead)
+
+    def begin(self) -> Belief:
+        """Before the first reading."""
+        shape = (self.look_ahead + 1, *self.grid.shape)
+        empty = [np.zeros(shape, dtype=np.float32) for _ in range(3)]
+        moves = np.ones(shape[:2], dtype=bool)
+        return Belief(self.start.copy(), *empty, moves, np.zeros(shape[0], dtype=bool), 0)
+
+    def update(
+        self, belief: Belief, reading: Array, predicted: Array, sd: Array, moves: Mask
+    ) -> tuple[Array | None, Array]:
+        """(n,) P(sign = +) of the reading L samples ago, None before there is one; and of this one, by the past alone.
+
+        Args:
+            belief: is changed.
+            reading: (n,) |effort|, N m; nan where there is none.
+            predicted: (n,) the model's effort, N m.
+            sd: (n,) of the prediction, N m, by what its motion leaves open.
+            moves: (n,) False at standstill.
+        """
+        plus, likelihood = self._weigh(reading, predicted, sd)
+        at = belief.count % (self.look_ahead + 1)
+        belief.before[at], belief.plus[at], belief.likelihood[at] = belief.weights, plus, likelihood
+        belief.moves[at] = moves
+        belief.count += 1
+        belief.steps[at] = belief.count % self.stride == 0
+        after = belief.weights * likelihood
+        now = np.einsum("ng,ng->n", belief.weights, plus) / np.maximum(after.sum(axis=1), _LEAST)
+        now = np.minimum(now.astype(float), 1.0)
+        belief.weights = self._step(after, moves) if belief.steps[at] else after
+        belief.weights /= belief.weights.sum(axis=1, keepdims=True)
+        belief.weights += np.float32(_LEAST)
+        if self.look_ahead == 0:
+            return now, now
+        return self._looked_back(belief) if belief.count > self.look_ahead else None, now
+
+    def _weigh(self, reading: Array, predicted: Array, sd: Array) -> tuple[Single, Single]:
+        """(n, G) likelihoods of b by the positive sign, and by both, up to a factor."""
+        scale = np.maximum(np.sqrt(TAILS * (self.white**2 + sd * sd)), self._finest)
+        known = np.isfinite(reading)
+        size = reading if known.all() else np.where(known, reading, 0.0)
+        signed = (np.array([size - predicted, -size - predicted]) / scale).astype(np.float32)
+        inverse = (1.0 / scale).astype(np.float32)
+        square = signed[:, :, None] - self.grid * inverse[:, None]
+        square *= square
+        square += 1.0
+        share = square.min(axis=2).min(axis=0)[:, None] / square
+        root = np.sqrt(share)
+        share *= share
+        share *= root  # the power (nu + 1) / 2 = 2.5 of four degrees of freedom
+        plus, likelihood = share[0], share[0] + share[1]
+        if not known.all():
+            plus[~known] = (predicted[:, None] + self.grid > 0.0)[~known]
+            likelihood[~known] = 1.0
+        return plus, likelihood
+
+    @cached_property
+    def _finest(self) -> Array:
+        """(n,) least scale of the white noise, N m."""
+        finest: Array = (_FINEST_NOISE * self.grid[:, -1]).astype(float)
+        return finest
+
+    def _step(self, weights: Single, moves: Mask) -> Single:
+        """(n, G) weights one step later."""
+        after: Single = np.matmul(self.forwards, weights[:, :, None])[:, :, 0]
+        if not moves.all():
+            for j in np.flatnonzero(~moves).tolist():
+                stays = self.rest_forwards[j] @ weights[j]
+                after[j] = (1.0 - self.turns) * stays + self.turns * self.afresh[j] * weights[j].sum()
+        return after
+
+    def _looked_back(self, belief: Belief) -> Array:
+        """(n,) P(sign = +) of the oldest reading that is kept."""
+        size = self.look_ahead + 1
+        oldest = belief.count % size if self.look_ahead else 0
+        future: Single | None = None
+        for k in range(self.look_ahead, 0, -1):
+            at, last = (oldest + k) % size, (oldest + k - 1) % size
+            future = belief.likelihood[at] if future is None else belief.likelihood[at] * future
+            if belief.steps[last]:
+                future = self._back(future, belief.moves[last])
+                future = future / future.max(axis=1, keepdims=True)
+        both = belief.before[oldest] if future is None else belief.before[oldest] * future
+        total = np.einsum("ng,ng->n", both, belief.likelihood[oldest])
+        share: Array = np.einsum("ng,ng->n", both, belief.plus[oldest]) / np.maximum(total, _LEAST)
+        return np.clip(share.astype(float), 0.0, 1.0)
+
+    def _back(self, future: Single, moves: Mask) -> Single:
+        """(n, G) what is passed backwards over a step."""
+        before: Single = np.matmul(self.backwards, future[:, :, None])[:, :, 0]
+        if not moves.all():
+            for j in np.flatnonzero(~moves).tolist():
+                stays = self.rest_backwards[j] @ future[j]
+                before[j] = (1.0 - self.turns) * stays + self.turns * (self.afresh[j] @ future[j])
+        return before
+
+
+@dataclass
+class Belief:
+    """What has become of readings: the belief about b, and the last L + 1 of them.
+
+    Attributes:
+        weights: (n, G) of the values of b before the next reading.
+        before: (L + 1, n, G) the same before each reading that is kept.
+        plus: (L + 1, n, G) likelihood of each value with the sign +.
+        likelihood: (L + 1, n, G) with either sign.
+        moves: (L + 1, n) False at standstill.
+        steps: (L + 1,) whether a step in time follows.
+        count: readings so far.
+    """
+
+    weights: Single
+    before: Single
+    plus: Single
+    likelihood: Single
+    moves: Mask
+    steps: Mask
+    count: int
