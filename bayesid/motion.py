@@ -126,20 +126,33 @@ class Motion:
         """Keeps what `earlier` gives at the next instant; of a log nothing."""
 
 
-@dataclass(frozen=True, eq=False)
 class Instant(Motion):
     """One instant of a motion that goes on: its numbers are taken as they are, and effects remember.
+
+    Nothing is checked: whoever makes instants by the thousand has checked what they are made of.
 
     Attributes:
         past: gives positions, velocities and accelerations, each (n,), so many seconds ago.
         memory: states of effects by key; None where nothing is to be kept.
     """
 
-    past: Callable[[float], tuple[Array, Array, Array]] | None = None
-    memory: dict[object, tuple[Array, Array]] | None = None
+    past: Callable[[float], tuple[Array, Array, Array]] | None
+    memory: dict[object, tuple[Array, Array]] | None
 
-    def __post_init__(self) -> None:
-        """Nothing is checked: whoever makes instants by the thousand has checked what they are made of."""
+    def __init__(
+        self,
+        t: Array,
+        q: Array,
+        dq: Array,
+        ddq: Array,
+        origin: float,
+        payload: Labels,
+        past: Callable[[float], tuple[Array, Array, Array]] | None = None,
+        memory: dict[object, tuple[Array, Array]] | None = None,
+    ) -> None:
+        values = self.__dict__  # a frozen dataclass takes as long to make as a product of matrices
+        values["t"], values["q"], values["dq"], values["ddq"] = t, q, dq, ddq
+        values["origin"], values["payload"], values["past"], values["memory"] = origin, payload, past, memory
 
     def joints(self, chosen: list[int]) -> Motion:
         """The motion of some (0-based) joints alone."""

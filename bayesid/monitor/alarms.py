@@ -85,10 +85,10 @@ class Alarms:
             pushed: (n,) joints beyond their threshold.
             external: (n,) external torques, N m.
         """
-        those = np.flatnonzero(pushed & ~self.held)
-        if not those.size:
+        if not pushed.any() or not (pushed & ~self.held).any():
             self.contact = None
             return None
+        those = np.flatnonzero(pushed & ~self.held)
         size = float(np.abs(external[those]).max())
         if self.contact is None:
             self.contact = Alarm(t, int(those[-1]) + 1, CONTACT, tuple((those + 1).tolist()), t, 0.0, size)
@@ -123,6 +123,8 @@ class Alarms:
 
     def release(self, step: float, sums: Array, moving: Mask) -> None:
         """Lets go of joints that have been as usual for long enough."""
+        if not self.held.any():
+            return
         calm = self.held & (sums == 0.0)
         self.calm = np.where(calm, self.calm + step * moving, 0.0)
         self.held = self.held & (self.calm < _CALM)

@@ -26,6 +26,8 @@ from bayesid.monitor.observer import GAIN
 _WIDER = 2.0
 """How many times as wide a residual is that is tested for: one that nobody would overlook. A round number; not
 studied."""
+_SQUARE, _SIZE = 0.5 * (1.0 - 1.0 / _WIDER**2), float(np.log(_WIDER))
+"""What z^2 adds to a sum, and what each sample takes from it."""
 _OTHER_MOTION = 2.0
 """Residual on another motion over that of the log a model was identified from: 1.2 to 2.4 in the joints of a UR10e."""
 _LARGEST = 4.0
@@ -123,13 +125,19 @@ class ChangeTest:
             moving: (n,) False at standstill.
         """
         size = np.minimum(np.abs(z), _LARGEST)
-        ratio = (0.5 * (1.0 - 1.0 / _WIDER**2) * size * size - np.log(_WIDER)) * self.weight
-        sums = np.clip(state.sums + np.where(moving, ratio, 0.0), 0.0, _HIGHEST * self.limit)
+        ratio = (_SQUARE * size * size - _SIZE) * self.weight * moving
+        if (ratio <= 0.0).all() and not state.sums.any():
+            return self._none
+        sums = np.minimum(np.maximum(state.sums + ratio, 0.0), _HIGHEST * self.limit)
         state.began = np.where(state.sums == 0.0, t, state.began)
         state.since = np.where(sums == 0.0, 0.0, state.since + step * moving)
         state.sums = sums
         changed: Mask = (sums >= self.limit) & (state.since >= _LASTING)
         return changed
+
+    @cached_property
+    def _none(self) -> Mask:
+        return np.zeros(len(self.noise.white), dtype=bool)
 
     def push(self, state: Sums, external: Array, threshold: Array) -> Mask:
         """(n,) which joints feel an external torque (n,), N m."""

@@ -10,7 +10,7 @@ import numpy as np
 from bayesid.arrays import Array, Labels, Mask
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.model.model import Model
-from bayesid.motion import Instant, labels
+from bayesid.motion import STANDSTILL, Instant, labels
 
 _SLOW = 5.0
 """Speeds of standstill at which dry friction is looked at: fast enough for it to be all there (tanh 5 = 1 - 1e-4)."""
@@ -86,6 +86,11 @@ class RunningModel:
             for j, speed in zip(effect.acting(n), getattr(effect, "smoothing", ()), strict=False):
                 speeds[j] = max(speeds[j], speed)
         return speeds
+
+    @cached_property
+    def no_friction(self) -> Array:
+        """(n,) share of its highest speed below which an actuator stands still that has no dry friction; else 0."""
+        return np.where(self.standstill > 0.0, 0.0, STANDSTILL)
 
     def actuator_speeds(self, dq: Array) -> Array:
         """(n,) of joint speeds dq (n,), rad/s."""

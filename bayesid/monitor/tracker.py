@@ -133,6 +133,7 @@ class SignTracker:
         self.n_joints = self._identified.model.robot.n_joints
         _check(self._identified, rate, lag, payload, false_alarms)
         self.rate, self.signed = float(rate), _signed(signed, self.n_joints)
+        self._any_signed = bool(self.signed.any())
         waited = round(lag * rate)
         self._behind, self._sign_wait = waited - waited // 2, waited // 2
         self._running = RunningModel(self._identified, payload)
@@ -302,17 +303,20 @@ class SignTracker:
         assert self._filter is not None
         if state.belief is None:
             state.belief = self._filter.begin()
-        by_motion = np.sqrt((here.inertia**2) @ local.sd_of_acceleration(t) ** 2)
-        state.top_speed = np.maximum(state.top_speed, np.abs(speeds))
-        moving = np.abs(speeds) > np.where(running.standstill > 0.0, running.standstill, STANDSTILL * state.top_speed)
-        found, now = self._filter.update(state.belief, np.abs(reading), here.effort, by_motion, moving)
-        sign = np.where(self.signed, np.sign(reading), np.where(now >= 0.5, 1.0, -1.0))
+        by_motion = np.sqrt((here.inertia * here.inertia) @ local.variance_of_acceleration(t))
+        size, fast = np.abs(reading), np.abs(speeds)
+        state.top_speed = np.maximum(state.top_speed, fast)
+        moving = fast > np.maximum(running.standstill, running.no_friction * state.top_speed)
+        found, now = self._filter.update(state.belief, size, here.effort, by_motion, moving)
         if state.counts.updates % self._look_stride == 0 or not state.sd.any():
             columns = running.columns(instant)
             state.sd = running.sd_of(columns)
             self._keep_look(state, t, reading, here, speeds, by_motion, columns, moving)
-        doubt = np.sqrt(state.sd**2 + by_motion**2 + (state.at_rest * running.doubt_near_rest(speeds)) ** 2)
-        known = np.where(np.isnan(reading), here.effort, sign * np.abs(reading))
+        square, near_rest = state.sd**2 + by_motion**2, state.at_rest * running.doubt_near_rest(speeds)
+        doubt = np.sqrt(square + near_rest * near_rest)
+        known = np.where(now >= 0.5, size, -size)
+        if self._any_signed or np.isnan(size.sum()):
+            known = np.where(np.isnan(reading), here.effort, np.where(self.signed, reading, known))
         threshold = self._observe(state, t, known, here, doubt)
         alarms, contact = self._alarms(state, t, (known - here.effort) / self._test.width(doubt), threshold, moving)
         state.looked = t
@@ -324,7 +328,7 @@ class SignTracker:
             effort=reading,
             effort_sd=self._identified.noise.white,
             predicted=here.effort,
-            predicted_sd=np.sqrt(state.sd**2 + by_motion**2),
+            predicted_sd=np.sqrt(square),
             residual=known - here.effort,
             external=state.observed.external,
             threshold=threshold,
@@ -345,12 +349,12 @@ class SignTracker:
         record, reading = waiting.record, waiting.reading
         if waiting.held.any():
             probability = np.where(waiting.held, 0.5 + _TRUST * (probability - 0.5), probability)
-        if self.signed.any():
+        if self._any_signed:
             known = self.signed & ~np.isnan(reading)
             probability = np.where(known, reading >= 0.0, probability)
         effort = np.where(probability >= 0.5, 1.0, -1.0) * np.abs(reading)
-        wrong = 4.0 * reading**2 * np.minimum(probability, 1.0 - probability)
-        sd = np.sqrt(wrong + record.effort_sd**2)
+        wrong = 4.0 * reading * reading * np.minimum(probability, 1.0 - probability)
+        sd = np.sqrt(wrong + record.effort_sd * record.effort_sd)
         residual = effort - record.predicted
         return replace(record, probability=probability, effort=effort, effort_sd=sd, residual=residual, alarms=alarms)
 
@@ -381,7 +385,7 @@ class SignTracker:
             raised.append(alarms.change(t, began, kind, fresh, state.sums.sums))
         contact = alarms.touch(t, pushed, state.observed.external)
         alarms.release(step, state.sums.sums, moving)
-        felt = tuple((np.flatnonzero(pushed & ~alarms.held) + 1).tolist())
+        felt = () if alarms.contact is None else tuple((np.flatnonzero(pushed & ~alarms.held) + 1).tolist())
         return (*raised, *([] if contact is None else [contact])), felt
 
     def _keep_look(

@@ -19,7 +19,8 @@ from bayesid.signs.model_error import REST_TIME, TAILS, TURNS, error_grid, stati
 
 _FASTEST = 125.0
 """Hz; steps of b: between them, at higher rates, b is constant, for it lasts longer. A round number; not studied."""
-_LEAST = 1e-30
+_ONE = np.float32(1.0)
+_LEAST = np.float32(1e-30)
 """Of a belief's weight: outliers must not empty it."""
 _FINEST_NOISE = 1e-6
 """Of the grid's half-width: finer white noise would fall between the grid's values, as in `bayesid.signs.smoothing`."""
@@ -96,19 +97,19 @@ class SignFilter:
             moves: (n,) False at standstill.
         """
         plus, likelihood = self._weigh(reading, predicted, sd)
-        at = belief.count % (self.look_ahead + 1)
-        belief.before[at], belief.plus[at], belief.likelihood[at] = belief.weights, plus, likelihood
-        belief.moves[at] = moves
+        before, at = belief.weights, belief.count % (self.look_ahead + 1)
         belief.count += 1
-        belief.steps[at] = belief.count % self.stride == 0
-        after = belief.weights * likelihood
-        now = np.einsum("ng,ng->n", belief.weights, plus) / np.maximum(after.sum(axis=1), _LEAST)
-        now = np.minimum(now.astype(float), 1.0)
-        belief.weights = self._step(after, moves) if belief.steps[at] else after
-        belief.weights /= belief.weights.sum(axis=1, keepdims=True)
-        belief.weights += np.float32(_LEAST)
+        steps = belief.count % self.stride == 0
+        after = before * likelihood
+        total = after.sum(axis=1)
+        now = np.minimum((before * plus).sum(axis=1) / total, _ONE).astype(float)
+        after /= total[:, None]
+        belief.weights = self._step(after, moves) if steps else after
+        belief.weights += _LEAST
         if self.look_ahead == 0:
             return now, now
+        belief.before[at], belief.plus[at], belief.likelihood[at] = before, plus, likelihood
+        belief.moves[at], belief.steps[at] = moves, steps
         return self._looked_back(belief) if belief.count > self.look_ahead else None, now
 
     def _weigh(self, reading: Array, predicted: Array, sd: Array) -> tuple[Single, Single]:
@@ -149,18 +150,19 @@ class SignFilter:
     def _looked_back(self, belief: Belief) -> Array:
         """(n,) P(sign = +) of the oldest reading that is kept."""
         size = self.look_ahead + 1
-        oldest = belief.count % size if self.look_ahead else 0
-        future: Single | None = None
+        oldest = belief.count % size
+        future = belief.likelihood[(oldest + self.look_ahead) % size]
         for k in range(self.look_ahead, 0, -1):
             at, last = (oldest + k) % size, (oldest + k - 1) % size
-            future = belief.likelihood[at] if future is None else belief.likelihood[at] * future
+            if k < self.look_ahead:
+                future = belief.likelihood[at] * future
             if belief.steps[last]:
                 future = self._back(future, belief.moves[last])
                 future = future / future.max(axis=1, keepdims=True)
-        both = belief.before[oldest] if future is None else belief.before[oldest] * future
-        total = np.einsum("ng,ng->n", both, belief.likelihood[oldest])
-        share: Array = np.einsum("ng,ng->n", both, belief.plus[oldest]) / np.maximum(total, _LEAST)
-        return np.clip(share.astype(float), 0.0, 1.0)
+        both = belief.before[oldest] * future
+        total = (both * belief.likelihood[oldest]).sum(axis=1)
+        share: Array = np.minimum((both * belief.plus[oldest]).sum(axis=1) / total, _ONE).astype(float)
+        return share
 
     def _back(self, future: Single, moves: Mask) -> Single:
         """(n, G) what is passed backwards over a step."""
