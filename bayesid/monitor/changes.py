@@ -52,17 +52,19 @@ class Sums:
         since: (n,) s of motion since S was zero.
         began: (n,) when S left zero, s.
         pushed: (n,) whether an external torque is beyond its threshold.
+        beyond: (n,) whether it was so at the last sample: a single one may be an outlier.
     """
 
     sums: Array
     since: Array
     began: Array
     pushed: Mask
+    beyond: Mask
 
     @classmethod
     def begin(cls, n: int) -> Sums:
         """Before the first sample."""
-        return cls(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n, dtype=bool))
+        return cls(*np.zeros((3, n)), *np.zeros((2, n), dtype=bool))
 
 
 @dataclass(frozen=True)
@@ -80,9 +82,9 @@ class ChangeTest:
     false_alarms: float
 
     @cached_property
-    def lasting(self) -> Array:
-        """(n,) sd of what the model lacks on another motion, N m."""
-        return _OTHER_MOTION * self.noise.coloured
+    def lasting_square(self) -> Array:
+        """(n,) variance of what the model lacks on another motion, (N m)^2."""
+        return np.asarray((_OTHER_MOTION * self.noise.coloured) ** 2)
 
     @cached_property
     def deviations(self) -> float:
@@ -142,5 +144,7 @@ class ChangeTest:
     def push(self, state: Sums, external: Array, threshold: Array) -> Mask:
         """(n,) which joints feel an external torque (n,), N m."""
         size = np.abs(external)
-        state.pushed = (size > threshold) | (state.pushed & (size > _RELEASE * threshold))
+        beyond = size > threshold
+        state.pushed = (beyond & state.beyond) | (state.pushed & (size > _RELEASE * threshold))
+        state.beyond = beyond
         return state.pushed
