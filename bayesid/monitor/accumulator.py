@@ -103,7 +103,8 @@ class Accumulator:
         Args:
             motion: N samples of n joints, later than all before, s, rad, rad/s, rad/s^2.
             effort: (N, n) |effort|, N m, read by the model's gains; with its sign in joints that have one.
-            probability: (N, n) P(sign = +); not looked at in joints that have signs.
+            probability: (N, n) P(sign = +); not looked at in joints that have signs. A sign in doubt though |effort| is
+                far from zero, as before a tracker has found its way, draws coefficients towards zero: leave it out.
             moving: (N, n) samples that count. By default those of actuators faster than a hundredth of their highest
                 speed so far: where a stream begins at a standstill, say so.
 

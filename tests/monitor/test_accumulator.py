@@ -1,5 +1,6 @@
 import pickle
 import re
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -12,6 +13,8 @@ from bayesid.fit.noise import Noise
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.model.catalogue import make_terms
 from bayesid.model.coefficients import base_coefficients
+from bayesid.model.distortions.clipping import Clipping
+from bayesid.model.distortions.delay import Delay
 from bayesid.model.model import LOOK_AHEAD, LOOK_BACK, Model
 from bayesid.model.terms import STANDARD
 from bayesid.monitor import running as running_module
@@ -255,9 +258,30 @@ def test_joints_with_signs_take_their_own():
     np.testing.assert_allclose(sds(signed), sds(plain), rtol=FINE)
 
 
-def test_effects_with_a_memory_see_over_the_borders(monkeypatch):
-    from bayesid.model.distortions.delay import Delay
+def test_what_the_model_may_lack_makes_them_less_certain():
+    case = stream()
+    size = len(case.coefficients)
+    lacking = np.diag(np.arange(1.0, size + 1.0))
+    plain, wider = (
+        fed(case, bayesid.Accumulator(replace(case.identified(), lacking=more))) for more in (None, lacking)
+    )
+    np.testing.assert_allclose(wider.covariance, plain.covariance + lacking)
+    np.testing.assert_array_equal(wider.model().lacking, lacking)
 
+
+def test_readings_that_show_no_effort_do_not_count():
+    case = Stream(duration=8.0)
+    limit = float(np.quantile(np.abs(case.measured[:, 1]), 0.7))
+    case.model = case.model.extend(Clipping(joints=(2,), limit=(limit,)))
+    clipped, moving = case.model.read(case.measured), np.ones(case.effort.shape, dtype=bool)
+    below = case.model.unread(np.abs(clipped))[1]
+    assert 0.6 < below[:, 1].mean() < 0.8
+    running = fed(case, bayesid.Accumulator(case.identified()), 4, effort=np.abs(clipped), moving=moving)
+    told = fed(case, bayesid.Accumulator(case.identified()), 1, moving=below)
+    np.testing.assert_allclose(means(running), means(told), rtol=FINE, atol=FINE)
+
+
+def test_effects_with_a_memory_see_over_the_borders(monkeypatch):
     case = Stream(duration=8.0)
     case.model = case.model.extend(Delay(lag=(0.023,)))
     monkeypatch.setattr(running_module, "LOOK_BACK", 64)  # of a spline's end 0.27^64 is felt
@@ -458,11 +482,12 @@ def test_bad_chunks_are_told_and_change_nothing():
     later = case.motion[50:100]
     broken = effort.copy()
     broken[3, 1] = np.nan
-    backwards = later[np.array([0, 2, 1])]
+    backwards, loaded = later[np.array([0, 2, 1])], replace(later, payload=np.array("box"))
     for message, call in {
         "motion: 2 joints, but the model's robot arm3 has 3": (later.joints([0, 1]), effort[:, :2], sign[:, :2]),
         "motion: begins at 0.2 s, not after the chunk before, which ends at 0.49 s": (case.motion[20:70], effort, sign),
         "motion, sample 2: time goes from 0.52 to 0.51 s": (backwards, effort[:3], sign[:3]),
+        "the model knows no payload 'box'": (loaded, effort, sign),
         "effort, sample 3, joint 2: holds values that are not finite": (later, broken, sign),
         "effort: values of shape (49, 3)": (later, effort[1:], sign),
         "effort: holds something else than numbers": (later, [["a"]], sign),
