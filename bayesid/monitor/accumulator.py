@@ -15,8 +15,8 @@ from bayesid.identification.prediction import NORMAL_95, check_payloads
 from bayesid.identification.records import Coefficient, Records, named
 from bayesid.model.coefficients import base_coefficients
 from bayesid.monitor.estimates import Normal, least_squares
-from bayesid.monitor.running import Running, Setting, advanced, condensed
 from bayesid.monitor.sign_check import SignCheck, check_signs
+from bayesid.monitor.stream_moments import Setting, StreamMoments, advanced, condensed
 from bayesid.monitor.stretches import Samples
 from bayesid.motion import SLOWEST, STANDSTILL, Motion
 from bayesid.posterior.inference import OF_PRIOR
@@ -86,7 +86,7 @@ class Accumulator:
             signed=signs,
             most_individual=most_individual,
         )
-        self._running = Running.begin(self._setting)
+        self._running = StreamMoments.begin(self._setting)
 
     def __repr__(self) -> str:
         robot, running = self._identified.model.robot, self._running
@@ -106,7 +106,7 @@ class Accumulator:
             probability: (N, n) P(sign = +); not looked at in joints that have signs. A sign in doubt though |effort| is
                 far from zero, as before a tracker has found its way, draws coefficients towards zero: leave it out.
             moving: (N, n) samples that count. By default those of actuators faster than a hundredth of their highest
-                speed so far: where a stream begins at a standstill, say so.
+                speed so far: where a stream begins at a standstill, say so. Of a tracker, where its state is "moving".
 
         Raises:
             InputError: joints, shapes or values do not suit, or time does not go on.

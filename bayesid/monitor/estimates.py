@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.monitor.running import Totals
+from bayesid.monitor.stream_moments import Totals
 
 _BLIND = 1e-12
 """Curvature of columns of unit length, relative to the largest one, that is rounding, as in

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayesid.arrays import Array, Integers
-from bayesid.monitor.running import Stretches
+from bayesid.monitor.stream_moments import Stretches
 from bayesid.monitor.stretches import MERGED
 from bayesid.signs.search.protocol import Search, SignProblem
 from bayesid.signs.search.result import SearchResult

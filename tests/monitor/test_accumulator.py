@@ -17,8 +17,8 @@ from bayesid.model.distortions.clipping import Clipping
 from bayesid.model.distortions.delay import Delay
 from bayesid.model.model import LOOK_AHEAD, LOOK_BACK, Model
 from bayesid.model.terms import STANDARD
-from bayesid.monitor import running as running_module
-from bayesid.monitor.running import condensed
+from bayesid.monitor import stream_moments
+from bayesid.monitor.stream_moments import condensed
 from bayesid.monitor.stretches import MERGED, UNUSED, Edge, Samples, numbered
 from bayesid.motion import Motion
 from bayesid.simulation.parameters import random_parameters
@@ -284,7 +284,7 @@ def test_readings_that_show_no_effort_do_not_count():
 def test_effects_with_a_memory_see_over_the_borders(monkeypatch):
     case = Stream(duration=8.0)
     case.model = case.model.extend(Delay(lag=(0.023,)))
-    monkeypatch.setattr(running_module, "LOOK_BACK", 64)  # of a spline's end 0.27^64 is felt
+    monkeypatch.setattr(stream_moments, "LOOK_BACK", 64)  # of a spline's end 0.27^64 is felt
     assert LOOK_BACK > 64
     moving = np.ones(case.effort.shape, dtype=bool)
     whole = fed(case, bayesid.Accumulator(case.identified()), 1, moving=moving)

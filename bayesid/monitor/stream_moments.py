@@ -136,7 +136,7 @@ class Stretches:
 
 
 @dataclass(frozen=True)
-class Running:
+class StreamMoments:
     """What is kept of a stream.
 
     Attributes:
@@ -166,7 +166,7 @@ class Running:
     last: float
 
     @classmethod
-    def begin(cls, setting: Setting) -> Running:
+    def begin(cls, setting: Setting) -> StreamMoments:
         """Before the first sample."""
         n, nothing = setting.model.robot.n_joints, np.zeros((0, setting.model.robot.n_joints))
         still = Motion(np.zeros(0), nothing, nothing, nothing)
@@ -185,7 +185,7 @@ class Running:
         )
 
 
-def advanced(setting: Setting, running: Running, samples: Samples, top_speed: Array) -> Running:
+def advanced(setting: Setting, running: StreamMoments, samples: Samples, top_speed: Array) -> StreamMoments:
     """What is kept once more samples have come.
 
     Args:
@@ -212,7 +212,7 @@ def advanced(setting: Setting, running: Running, samples: Samples, top_speed: Ar
     return replace(running, context=context, waiting=waiting[ready:], top_speed=top_speed, last=last)
 
 
-def _taken(setting: Setting, running: Running, samples: Samples, columns: FeltColumns) -> Running:
+def _taken(setting: Setting, running: StreamMoments, samples: Samples, columns: FeltColumns) -> StreamMoments:
     """What is kept once samples, whose columns (N, n, r) are there, have been added."""
     t, before = samples.motion.t, running.edge
     number, edge = numbered(before, samples, setting.sigma, setting.signed)
