@@ -16,7 +16,7 @@ STANDSTILL = 0.01
 """Share of its highest speed below which an actuator stands still: friction's direction is then
 unknown. A round number; not studied."""
 _LABEL = re.compile(r"[A-Za-z0-9_]{1,40}")
-_SLOWEST = 1e-6
+SLOWEST = 1e-6
 """rad/s; an actuator that is never faster stands still all the time: far below what an encoder resolves."""
 
 
@@ -95,7 +95,7 @@ class Motion:
     @property
     def top_speed(self) -> Array:
         """(n,) highest speed of each joint, rad/s; of one that never moves the slowest that is told from standstill."""
-        return np.maximum(np.abs(self.dq).max(axis=0), _SLOWEST)
+        return np.maximum(np.abs(self.dq).max(axis=0), SLOWEST)
 
     @property
     def standstill_speed(self) -> Array:
