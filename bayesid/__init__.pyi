@@ -41,6 +41,7 @@ from .model.model import Model as Model
 from .model.robot import Robot as Robot
 from .model.robot import load_robot as load_robot
 from .model.robot import robot_from_table as robot_from_table
+from .monitor.accumulator import Accumulator as Accumulator
 from .monitor.alarms import Alarm as Alarm
 from .monitor.tracked import Tracked as Tracked
 from .monitor.tracker import SignTracker as SignTracker

@@ -16,7 +16,7 @@ STANDSTILL = 0.01
 """Share of its highest speed below which an actuator stands still: friction's direction is then
 unknown. A round number; not studied."""
 _LABEL = re.compile(r"[A-Za-z0-9_]{1,40}")
-_SLOWEST = 1e-6
+SLOWEST = 1e-6
 """rad/s; an actuator that is never faster stands still all the time: far below what an encoder resolves."""
 
 
@@ -95,7 +95,7 @@ class Motion:
     @property
     def top_speed(self) -> Array:
         """(n,) highest speed of each joint, rad/s; of one that never moves the slowest that is told from standstill."""
-        return np.maximum(np.abs(self.dq).max(axis=0), _SLOWEST)
+        return np.maximum(np.abs(self.dq).max(axis=0), SLOWEST)
 
     @property
     def standstill_speed(self) -> Array:
@@ -126,20 +126,33 @@ class Motion:
         """Keeps what `earlier` gives at the next instant; of a log nothing."""
 
 
-@dataclass(frozen=True, eq=False)
 class Instant(Motion):
     """One instant of a motion that goes on: its numbers are taken as they are, and effects remember.
+
+    Nothing is checked: whoever makes instants by the thousand has checked what they are made of.
 
     Attributes:
         past: gives positions, velocities and accelerations, each (n,), so many seconds ago.
         memory: states of effects by key; None where nothing is to be kept.
     """
 
-    past: Callable[[float], tuple[Array, Array, Array]] | None = None
-    memory: dict[object, tuple[Array, Array]] | None = None
+    past: Callable[[float], tuple[Array, Array, Array]] | None
+    memory: dict[object, tuple[Array, Array]] | None
 
-    def __post_init__(self) -> None:
-        """Nothing is checked: whoever makes instants by the thousand has checked what they are made of."""
+    def __init__(
+        self,
+        t: Array,
+        q: Array,
+        dq: Array,
+        ddq: Array,
+        origin: float,
+        payload: Labels,
+        past: Callable[[float], tuple[Array, Array, Array]] | None = None,
+        memory: dict[object, tuple[Array, Array]] | None = None,
+    ) -> None:
+        values = self.__dict__  # a frozen dataclass takes as long to make as a product of matrices
+        values["t"], values["q"], values["dq"], values["ddq"] = t, q, dq, ddq
+        values["origin"], values["payload"], values["past"], values["memory"] = origin, payload, past, memory
 
     def joints(self, chosen: list[int]) -> Motion:
         """The motion of some (0-based) joints alone."""

@@ -116,7 +116,7 @@ def fit_signed(evidence: Evidence, signs: Array, *, most_corrected: int = MOST_C
     effort = signed_effort(signals, np.where(signs >= 0.0, 1.0, -1.0))
     weights = noise.sigma * np.sqrt(noise.autocorrelation)
     effective = _effective(moments, weights, information)
-    covariance, condition = _covariance(effective)
+    covariance, condition = covariance_of(effective)
     fit = Fit(
         theta=theta,
         beta=evidence.coefficients.project(theta),
@@ -144,7 +144,7 @@ def widened(fit: Fit, evidence: Evidence, signs: Array) -> Fit:
     """
     weights = fit.noise.sigma * np.sqrt(fit.noise.autocorrelation)
     moments = evidence.moments(signs, constant_stretches(evidence.used))
-    return replace(fit, covariance=_covariance(_effective(moments, weights, evidence.information))[0])
+    return replace(fit, covariance=covariance_of(_effective(moments, weights, evidence.information))[0])
 
 
 def _effective(moments: Moments, weights: Array, earlier: Information | None) -> Array:
@@ -239,8 +239,8 @@ def constant_stretches(moving: Mask) -> Segments:
     return Segments(np.array(joint), np.array(start), np.array(end), ones, ones.astype(bool))
 
 
-def _covariance(information: Array) -> tuple[Array, float]:
-    """Covariance of the coefficients (inf where the data show nothing) and the scaled condition number."""
+def covariance_of(information: Array) -> tuple[Array, float]:
+    """(r, r) of coefficients by their information, inf on the diagonal where it shows nothing; the condition number."""
     lengths = np.sqrt(np.diag(information))
     silent = lengths <= _SILENT * lengths.max()
     scale = np.where(silent, 0.0, 1.0 / np.where(silent, 1.0, lengths))

@@ -9,8 +9,12 @@ import numpy as np
 from bayesid.arrays import Array, Mask
 from bayesid.monitor.kinds import CONTACT, PAYLOAD, Kind
 
+_FLICKER = 0.1
+"""s after which a contact that has ended is another one when it comes back. A round number; not studied."""
 _CALM = 2.0
 """s of motion without a misfit after which a change is over. A round number; not studied."""
+_AGAIN, _LONGEST = 2.0, 20.0
+"""A change is looked at again when it has lasted so many times as long, up to so many s: what is remembered."""
 _KEPT = 1000
 """Alarms that are remembered: a stream may last for weeks."""
 UNITS = {PAYLOAD: "kg", "friction": "N m", "gain": "1"}
@@ -62,15 +66,19 @@ class Alarms:
 
     Attributes:
         raised: the last ones, oldest first; a contact that became a change is not among them.
-        contact: place of the contact that goes on, counted from the end of `raised`, or None.
+        contact: the one that goes on.
         held: (n,) joints of whose misfit a change is known.
         calm: (n,) s of motion in which they have shown none.
+        latest: the latest change.
+        look_again: when it is looked at again, s: what it is shows better the longer it has lasted.
     """
 
     held: Mask
     calm: Array
     raised: list[Alarm] = field(default_factory=list)
     contact: Alarm | None = None
+    latest: Alarm | None = None
+    look_again: float = np.inf
 
     @classmethod
     def begin(cls, n: int) -> Alarms:
@@ -85,10 +93,11 @@ class Alarms:
             pushed: (n,) joints beyond their threshold.
             external: (n,) external torques, N m.
         """
-        those = np.flatnonzero(pushed & ~self.held)
-        if not those.size:
-            self.contact = None
+        if not pushed.any() or not (pushed & ~self.held).any():
+            if self.contact is not None and t - self.contact.time - (self.contact.duration or 0.0) > _FLICKER:
+                self.contact = None
             return None
+        those = np.flatnonzero(pushed & ~self.held)
         size = float(np.abs(external[those]).max())
         if self.contact is None:
             self.contact = Alarm(t, int(those[-1]) + 1, CONTACT, tuple((those + 1).tolist()), t, 0.0, size)
@@ -113,16 +122,27 @@ class Alarms:
         """
         self.raised = [one for one in self.raised if one.kind != CONTACT or one.time + (one.duration or 0.0) < began]
         self.contact = None
-        shown = kind.joints if kind.name != PAYLOAD else tuple((np.flatnonzero(changed) + 1).tolist())
-        joint = max(shown, key=lambda j: sums[j - 1])
-        alarm = Alarm(began, joint, kind.name, shown, t, None, kind.amount, kind.explained)
-        self.held |= changed if kind.name != PAYLOAD else True
-        self.calm[self.held] = 0.0
+        alarm = _of_kind(Alarm(began, 0, kind.name, (), t), kind, changed, sums)
+        self.held = self.held | changed | (kind.name == PAYLOAD)
+        self.calm = np.where(self.held, 0.0, self.calm)
+        self.latest, self.look_again = alarm, began + _AGAIN * (t - began)
         self._add(alarm)
         return alarm
 
+    def look(self, t: float, kind: Kind, changed: Mask, sums: Array) -> None:
+        """Says of the latest change what a longer look at it shows."""
+        assert self.latest is not None
+        better = _of_kind(self.latest, kind, changed, sums)
+        if self.latest in self.raised:
+            self.raised[self._place(self.latest)] = better
+        self.held = self.held | (kind.name == PAYLOAD)
+        again = better.time + _AGAIN * (t - better.time)
+        self.latest, self.look_again = better, again if again < better.time + _LONGEST else np.inf
+
     def release(self, step: float, sums: Array, moving: Mask) -> None:
         """Lets go of joints that have been as usual for long enough."""
+        if not self.held.any():
+            return
         calm = self.held & (sums == 0.0)
         self.calm = np.where(calm, self.calm + step * moving, 0.0)
         self.held = self.held & (self.calm < _CALM)
@@ -133,3 +153,10 @@ class Alarms:
 
     def _place(self, alarm: Alarm) -> int:
         return len(self.raised) - 1 - self.raised[::-1].index(alarm)
+
+
+def _of_kind(alarm: Alarm, kind: Kind, changed: Mask, sums: Array) -> Alarm:
+    """An alarm as what a change looks like, shown by joints (n,), and how clearly (n,)."""
+    shown = kind.joints if kind.name != PAYLOAD else tuple((np.flatnonzero(changed) + 1).tolist())
+    joint = max(shown, key=lambda j: sums[j - 1])
+    return replace(alarm, joint=joint, kind=kind.name, joints=shown, amount=kind.amount, explained=kind.explained)

@@ -26,6 +26,8 @@ from bayesid.monitor.observer import GAIN
 _WIDER = 2.0
 """How many times as wide a residual is that is tested for: one that nobody would overlook. A round number; not
 studied."""
+_SQUARE, _SIZE = 0.5 * (1.0 - 1.0 / _WIDER**2), float(np.log(_WIDER))
+"""What z^2 adds to a sum, and what each sample takes from it."""
 _OTHER_MOTION = 2.0
 """Residual on another motion over that of the log a model was identified from: 1.2 to 2.4 in the joints of a UR10e."""
 _LARGEST = 4.0
@@ -50,17 +52,19 @@ class Sums:
         since: (n,) s of motion since S was zero.
         began: (n,) when S left zero, s.
         pushed: (n,) whether an external torque is beyond its threshold.
+        beyond: (n,) whether it was so at the last sample: a single one may be an outlier.
     """
 
     sums: Array
     since: Array
     began: Array
     pushed: Mask
+    beyond: Mask
 
     @classmethod
     def begin(cls, n: int) -> Sums:
         """Before the first sample."""
-        return cls(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n, dtype=bool))
+        return cls(*np.zeros((3, n)), *np.zeros((2, n), dtype=bool))
 
 
 @dataclass(frozen=True)
@@ -78,9 +82,9 @@ class ChangeTest:
     false_alarms: float
 
     @cached_property
-    def lasting(self) -> Array:
-        """(n,) sd of what the model lacks on another motion, N m."""
-        return _OTHER_MOTION * self.noise.coloured
+    def lasting_square(self) -> Array:
+        """(n,) variance of what the model lacks on another motion, (N m)^2."""
+        return np.asarray((_OTHER_MOTION * self.noise.coloured) ** 2)
 
     @cached_property
     def deviations(self) -> float:
@@ -123,16 +127,24 @@ class ChangeTest:
             moving: (n,) False at standstill.
         """
         size = np.minimum(np.abs(z), _LARGEST)
-        ratio = (0.5 * (1.0 - 1.0 / _WIDER**2) * size * size - np.log(_WIDER)) * self.weight
-        sums = np.clip(state.sums + np.where(moving, ratio, 0.0), 0.0, _HIGHEST * self.limit)
+        ratio = (_SQUARE * size * size - _SIZE) * self.weight * moving
+        if (ratio <= 0.0).all() and not state.sums.any():
+            return self._none
+        sums = np.minimum(np.maximum(state.sums + ratio, 0.0), _HIGHEST * self.limit)
         state.began = np.where(state.sums == 0.0, t, state.began)
         state.since = np.where(sums == 0.0, 0.0, state.since + step * moving)
         state.sums = sums
         changed: Mask = (sums >= self.limit) & (state.since >= _LASTING)
         return changed
 
+    @cached_property
+    def _none(self) -> Mask:
+        return np.zeros(len(self.noise.white), dtype=bool)
+
     def push(self, state: Sums, external: Array, threshold: Array) -> Mask:
         """(n,) which joints feel an external torque (n,), N m."""
         size = np.abs(external)
-        state.pushed = (size > threshold) | (state.pushed & (size > _RELEASE * threshold))
+        beyond = size > threshold
+        state.pushed = (beyond & state.beyond) | (state.pushed & (size > _RELEASE * threshold))
+        state.beyond = beyond
         return state.pushed

@@ -10,7 +10,7 @@ import numpy as np
 from bayesid.arrays import Array, Labels, Mask
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.model.model import Model
-from bayesid.motion import Instant, labels
+from bayesid.motion import STANDSTILL, Instant, labels
 
 _SLOW = 5.0
 """Speeds of standstill at which dry friction is looked at: fast enough for it to be all there (tanh 5 = 1 - 1e-4)."""
@@ -87,6 +87,11 @@ class RunningModel:
                 speeds[j] = max(speeds[j], speed)
         return speeds
 
+    @cached_property
+    def no_friction(self) -> Array:
+        """(n,) share of its highest speed below which an actuator stands still that has no dry friction; else 0."""
+        return np.where(self.standstill > 0.0, 0.0, STANDSTILL)
+
     def actuator_speeds(self, dq: Array) -> Array:
         """(n,) of joint speeds dq (n,), rad/s."""
         return dq if self.model.robot.transmission is None else self.model.robot.coupling @ dq
@@ -104,7 +109,7 @@ class RunningModel:
     def dry_friction(self, q: Array) -> Array:
         """(n,) by how much friction's direction changes the efforts at positions q (n,), N m: half of a reversal."""
         still = np.zeros_like(q)
-        slow = _SLOW * np.linalg.solve(self.model.robot.coupling, self.standstill)
+        slow = _SLOW * np.linalg.solve(self.model.robot.coupling, self.standstill).astype(float)
         forth, back = (self._effort(self.instant(0.0, q, sign * slow, still)) for sign in (1.0, -1.0))
         return np.asarray(0.5 * np.abs(forth - back))
 

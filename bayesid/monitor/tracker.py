@@ -16,9 +16,9 @@ from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.log.log import Log
 from bayesid.monitor.alarms import Alarm, Alarms
 from bayesid.monitor.changes import ChangeTest, Sums
-from bayesid.monitor.kinds import kind_of
+from bayesid.monitor.kinds import Kind, kind_of
 from bayesid.monitor.motion_estimate import LocalMotion, MotionEstimator, MotionWindow
-from bayesid.monitor.observer import Observed, observe
+from bayesid.monitor.observer import Doubt, Observed, observe, threshold
 from bayesid.monitor.recent import Recent
 from bayesid.monitor.running_model import AtInstant, RunningModel
 from bayesid.monitor.tracked import MOVING, REST, UNKNOWN, Counts, Tracked
@@ -133,6 +133,8 @@ class SignTracker:
         self.n_joints = self._identified.model.robot.n_joints
         _check(self._identified, rate, lag, payload, false_alarms)
         self.rate, self.signed = float(rate), _signed(signed, self.n_joints)
+        self._noise = self._identified.noise
+        self._any_signed = bool(self.signed.any())
         waited = round(lag * rate)
         self._behind, self._sign_wait = waited - waited // 2, waited // 2
         self._running = RunningModel(self._identified, payload)
@@ -302,19 +304,22 @@ class SignTracker:
         assert self._filter is not None
         if state.belief is None:
             state.belief = self._filter.begin()
-        by_motion = np.sqrt((here.inertia**2) @ local.sd_of_acceleration(t) ** 2)
-        state.top_speed = np.maximum(state.top_speed, np.abs(speeds))
-        moving = np.abs(speeds) > np.where(running.standstill > 0.0, running.standstill, STANDSTILL * state.top_speed)
-        found, now = self._filter.update(state.belief, np.abs(reading), here.effort, by_motion, moving)
-        sign = np.where(self.signed, np.sign(reading), np.where(now >= 0.5, 1.0, -1.0))
+        by_motion = np.sqrt((here.inertia * here.inertia) @ local.variance_of_acceleration(t))
+        size, fast = np.abs(reading), np.abs(speeds)
+        state.top_speed = np.maximum(state.top_speed, fast)
+        moving = fast > np.maximum(running.standstill, running.no_friction * state.top_speed)
+        found, now = self._filter.update(state.belief, size, here.effort, by_motion, moving)
         if state.counts.updates % self._look_stride == 0 or not state.sd.any():
             columns = running.columns(instant)
             state.sd = running.sd_of(columns)
             self._keep_look(state, t, reading, here, speeds, by_motion, columns, moving)
-        doubt = np.sqrt(state.sd**2 + by_motion**2 + (state.at_rest * running.doubt_near_rest(speeds)) ** 2)
-        known = np.where(np.isnan(reading), here.effort, sign * np.abs(reading))
-        threshold = self._observe(state, t, known, here, doubt)
-        alarms, contact = self._alarms(state, t, (known - here.effort) / self._test.width(doubt), threshold, moving)
+        square, near_rest = state.sd**2 + by_motion**2, 2.0 * state.at_rest * running.doubt_near_rest(speeds)
+        doubt = np.sqrt(square + near_rest * near_rest)
+        known = np.where(now >= 0.5, size, -size)
+        if self._any_signed or np.isnan(size.sum()):
+            known = np.where(np.isnan(reading), here.effort, np.where(self.signed, reading, known))
+        limit = self._observe(state, t, known, here, square, near_rest)
+        alarms, contact = self._alarms(state, t, (known - here.effort) / self._test.width(doubt), limit, moving)
         state.looked = t
         held = state.alarms.held
         joints = zip(held.tolist(), moving.tolist(), strict=True)
@@ -322,12 +327,12 @@ class SignTracker:
             t=t,
             probability=now,
             effort=reading,
-            effort_sd=self._identified.noise.white,
+            effort_sd=self._noise.white,
             predicted=here.effort,
-            predicted_sd=np.sqrt(state.sd**2 + by_motion**2),
+            predicted_sd=np.sqrt(square),
             residual=known - here.effort,
             external=state.observed.external,
-            threshold=threshold,
+            threshold=limit,
             state=tuple(UNKNOWN if changed else MOVING if moves else REST for changed, moves in joints),
             contact=contact,
             alarms=(),
@@ -345,25 +350,26 @@ class SignTracker:
         record, reading = waiting.record, waiting.reading
         if waiting.held.any():
             probability = np.where(waiting.held, 0.5 + _TRUST * (probability - 0.5), probability)
-        if self.signed.any():
+        if self._any_signed:
             known = self.signed & ~np.isnan(reading)
             probability = np.where(known, reading >= 0.0, probability)
         effort = np.where(probability >= 0.5, 1.0, -1.0) * np.abs(reading)
-        wrong = 4.0 * reading**2 * np.minimum(probability, 1.0 - probability)
-        sd = np.sqrt(wrong + record.effort_sd**2)
+        wrong = 4.0 * reading * reading * np.minimum(probability, 1.0 - probability)
+        sd = np.sqrt(wrong + record.effort_sd * record.effort_sd)
         residual = effort - record.predicted
         return replace(record, probability=probability, effort=effort, effort_sd=sd, residual=residual, alarms=alarms)
 
-    def _observe(self, state: TrackerState, t: float, known: Array, here: AtInstant, doubt: Array) -> Array:
+    def _observe(
+        self, state: TrackerState, t: float, known: Array, here: AtInstant, square: Array, near_rest: Array
+    ) -> Array:
         """(n,) threshold of the external torque, N m, after one more sample with efforts (n,) whose sign is settled."""
-        to_joints, plain = self._running.to_joints, self._running.model.robot.transmission is None
-        lasting, white = np.sqrt(self._test.lasting**2 + doubt**2), self._identified.noise.white
-        if not plain:
-            lasting, white = (np.sqrt(to_joints**2 @ part**2) for part in (lasting, white))
+        doubt, torque = Doubt(np.sqrt(self._test.lasting_square + square), self._noise.white, near_rest), known
+        if self._running.model.robot.transmission is not None:
+            to_joints = self._running.to_joints
+            doubt, torque = doubt.in_joints(to_joints), to_joints @ known
         step = 0.0 if np.isnan(state.looked) else t - state.looked
-        torque = known if plain else to_joints @ known
-        observe(state.observed, step, here.momentum, torque + here.driving, lasting, white)
-        return self._test.deviations * np.sqrt(state.observed.lasting**2 + state.observed.fast)
+        observe(state.observed, step, here.momentum, torque + here.driving, doubt)
+        return threshold(state.observed, self._test.deviations)
 
     def _alarms(
         self, state: TrackerState, t: float, z: Array, threshold: Array, moving: Mask
@@ -376,13 +382,18 @@ class SignTracker:
         fresh = changed & ~alarms.held
         if fresh.any():
             began = float(state.sums.began[fresh].min())
-            weight = np.minimum(test.weight * self._look_stride, 1.0)
-            kind = kind_of(state.recent.look(began, self.signed, weight), fresh)
-            raised.append(alarms.change(t, began, kind, fresh, state.sums.sums))
+            raised.append(alarms.change(t, began, self._kind(state, began, fresh), fresh, state.sums.sums))
+        elif t >= alarms.look_again and alarms.latest is not None and changed.any():
+            alarms.look(t, self._kind(state, alarms.latest.time, changed), changed, state.sums.sums)
         contact = alarms.touch(t, pushed, state.observed.external)
         alarms.release(step, state.sums.sums, moving)
-        felt = tuple((np.flatnonzero(pushed & ~alarms.held) + 1).tolist())
+        felt = () if alarms.contact is None else tuple((np.flatnonzero(pushed & ~alarms.held) + 1).tolist())
         return (*raised, *([] if contact is None else [contact])), felt
+
+    def _kind(self, state: TrackerState, since: float, changed: Mask) -> Kind:
+        """What has changed since an instant, s, in joints (n,)."""
+        weight = np.minimum(self._test.weight * self._look_stride, 1.0)
+        return kind_of(state.recent.look(since, self.signed, weight), changed)
 
     def _keep_look(
         self,
@@ -453,23 +464,27 @@ class SignTracker:
         )
 
     def _filter_of(self, at_rest: Array) -> SignFilter:
-        return SignFilter.of(self._identified.noise, at_rest, self.rate, self._sign_wait)
+        return SignFilter.of(self._noise, at_rest, self.rate, self._sign_wait)
 
     def _nothing(self, t: float) -> Tracked:
         """What is known without a motion."""
-        unknown, half = np.full(self.n_joints, np.nan), np.full(self.n_joints, 0.5)
-        nothing = dict.fromkeys(("effort", "effort_sd", "predicted", "predicted_sd", "residual"), unknown)
-        motion = dict.fromkeys(("q", "dq", "ddq"), unknown)
+        unknown = np.full(self.n_joints, np.nan)
         return Tracked(
             t=t - self.lag,
-            probability=half,
-            **nothing,
+            probability=np.full(self.n_joints, 0.5),
+            effort=unknown,
+            effort_sd=unknown,
+            predicted=unknown,
+            predicted_sd=unknown,
+            residual=unknown,
             external=np.zeros(self.n_joints),
             threshold=np.full(self.n_joints, np.inf),
             state=(UNKNOWN,) * self.n_joints,
             contact=(),
             alarms=(),
-            **motion,
+            q=unknown,
+            dq=unknown,
+            ddq=unknown,
         )
 
     def _misfit(self, values: int, readings: int) -> InputError:

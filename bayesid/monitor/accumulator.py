@@ -1,0 +1,352 @@
+"""Identification that goes on while the robot runs: moments add, so every chunk of a stream costs one update."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bayesid.arrays import Array, Integers, Mask
+from bayesid.errors import InputError
+from bayesid.fit.least_squares import covariance_of
+from bayesid.fit.noise import Noise
+from bayesid.fit.solver import solve_precisely
+from bayesid.identification.identification import Identification
+from bayesid.identification.identified_model import IdentifiedModel
+from bayesid.identification.prediction import NORMAL_95, check_payloads
+from bayesid.identification.records import Coefficient, Records, named
+from bayesid.model.coefficients import base_coefficients
+from bayesid.monitor.estimates import Normal, least_squares
+from bayesid.monitor.sign_check import SignCheck, check_signs
+from bayesid.monitor.stream_moments import Setting, StreamMoments, advanced, condensed
+from bayesid.monitor.stretches import Samples
+from bayesid.motion import SLOWEST, STANDSTILL, Motion
+from bayesid.posterior.inference import OF_PRIOR
+from bayesid.signs.search.certified import Certified
+from bayesid.signs.search.protocol import Search, SignProblem
+
+_MOST_INDIVIDUAL = 200
+"""Stretches of each joint that are kept by themselves: some 10 kB each, and what a certified search of a minute has."""
+
+
+class Accumulator:
+    """A running identification: chunks of a stream go in, coefficients with their uncertainty come out at any time.
+
+    The model's terms, its noise and the autocorrelation of that are taken from an identification; rows are weighted and
+    samples counted as its least squares do. A sign need not be certain: its expectation takes its place, and a row then
+    tells less. How the stream is cut into chunks changes nothing. Memory and the work of a chunk stay the same however
+    long the stream is. It can be pickled, and goes on to the digit.
+
+    Args:
+        model: an `IdentifiedModel`, as of `bayesid.load_model`, or an `Identification`.
+        forget: time constant, s, by which what has come counts less and less, exp(-dt / forget), and with it the number
+            of samples: the sd is that of the samples which count, as if nothing had changed while they do. Nothing is
+            forgotten by default.
+        earlier: whether what the model's own log has shown of its coefficients counts too, as if it had come before the
+            first chunk. Without it, coefficients of which the stream shows nothing keep the model's values, with an
+            infinite sd.
+        signed: (n,) joints whose efforts have signs; none by default.
+        most_individual: stretches of constant sign that are kept by themselves in each joint, those whose signs are
+            most in doubt; `check_signs` can turn each of them, and the others of a joint only together.
+
+    Raises:
+        InputError: `forget`, `signed` or `most_individual` cannot be used.
+
+    Example:
+        >>> running = bayesid.Accumulator(result.identified, forget=60.0)
+        >>> sure = result.probability  # or what a tracker says, chunk by chunk
+        >>> for part in (slice(0, 100), slice(100, 301)):
+        ...     running.add(result.signals.motion[part], result.signals.raw_effort[part], sure[part])
+        >>> running.coefficient("Fc2").unit, running.coefficient("Fc2").sd < 0.2
+        ('N m', True)
+    """
+
+    def __init__(
+        self,
+        model: IdentifiedModel | Identification,
+        forget: float | None = None,
+        *,
+        earlier: bool = False,
+        signed: Mask | None = None,
+        most_individual: int = _MOST_INDIVIDUAL,
+    ) -> None:
+        identified = model.identified if isinstance(model, Identification) else model
+        n = identified.model.robot.n_joints
+        if forget is not None and not 0.0 < forget < np.inf:
+            raise InputError(f"a time constant of {forget!r} s", "forget", "give seconds, or None to forget nothing")
+        if most_individual < 0:
+            raise InputError(f"{most_individual} stretches", "most_individual", "give 0 or a whole number above")
+        signs = np.zeros(n, dtype=bool) if signed is None else np.asarray(signed, dtype=bool)
+        if signs.shape != (n,):
+            raise InputError(f"values of shape {signs.shape}", "signed", f"give one for each of the {n} joints")
+        self._identified, self._earlier = identified, earlier
+        self._setting = Setting(
+            model=identified.model,
+            coefficients=base_coefficients(identified.model),
+            sigma=identified.noise.sigma,
+            forget=np.inf if forget is None else float(forget),
+            signed=signs,
+            most_individual=most_individual,
+        )
+        self._running = StreamMoments.begin(self._setting)
+
+    def __repr__(self) -> str:
+        robot, running = self._identified.model.robot, self._running
+        came = f"{running.edge.t - running.began:.6g} s" if np.isfinite(running.edge.t) else "nothing yet"
+        count = ", ".join(f"{count:.0f}" for count in self.effective_samples)
+        return f"Accumulator of {robot.name}: {came}; effective samples of each joint {count}"
+
+    def add(self, motion: Motion, effort: Array, probability: Array, moving: Mask | None = None) -> None:
+        """Takes one more chunk of the stream; where it cannot be used, nothing has changed.
+
+        Of a model whose effects remember (`delay`, `hysteresis`) the last 16 samples wait for the next chunk, and every
+        chunk makes the columns of the 4096 samples before it again: give it long ones.
+
+        Args:
+            motion: N samples of n joints, later than all before, s, rad, rad/s, rad/s^2.
+            effort: (N, n) |effort|, N m, read by the model's gains; with its sign in joints that have one.
+            probability: (N, n) P(sign = +); not looked at in joints that have signs. A sign in doubt though |effort| is
+                far from zero, as before a tracker has found its way, draws coefficients towards zero: leave it out.
+            moving: (N, n) samples that count. By default those of actuators faster than a hundredth of their highest
+                speed so far: where a stream begins at a standstill, say so. Of a tracker, where its state is "moving".
+
+        Raises:
+            InputError: joints, shapes or values do not suit, or time does not go on.
+
+        Example:
+            >>> running = bayesid.Accumulator(result)
+            >>> running.add(result.signals.motion, result.signals.raw_effort, result.probability)
+            >>> try:
+            ...     running.add(result.signals.motion, result.signals.raw_effort, result.probability)
+            ... except bayesid.InputError as error:
+            ...     print(error.what)
+            begins at 0 s, not after the chunk before, which ends at 6 s
+        """
+        setting = self._setting
+        self._check_motion(motion)
+        values = _checked(effort, motion.q.shape, "effort")
+        of_plus = _checked(probability, motion.q.shape, "probability")
+        if np.any((of_plus < 0.0) | (of_plus > 1.0)):
+            raise InputError("holds values outside of 0 to 1", "probability", "give P(sign = +)")
+        if len(motion) == 0:
+            return
+        speed = setting.model.robot.actuators(motion).dq
+        top = np.maximum.accumulate(np.vstack([self._running.top_speed, np.abs(speed)]))[1:]
+        used = (
+            np.abs(speed) > STANDSTILL * np.maximum(top, SLOWEST) if moving is None else _mask(moving, motion.q.shape)
+        )
+        magnitude, readable = setting.model.unread(np.abs(values))
+        sign = np.where(setting.signed, np.where(values >= 0.0, 1.0, -1.0), 2.0 * of_plus - 1.0)
+        samples = Samples(motion, speed, magnitude, sign, used & readable)
+        self._running = advanced(setting, self._running, samples, top[-1])
+
+    def coefficients(self) -> Records[Coefficient]:
+        """The base coefficients from all that came, one record each: to iterate over, or `.to_dataframe()`.
+
+        By weighted least squares without the cone; `model()` has the parameters in it. `sd` counts effective samples,
+        less for signs in doubt, and what the model may lack or its gains leave open.
+
+        Example:
+            >>> running = bayesid.Accumulator(result)
+            >>> running.add(result.signals.motion, result.signals.raw_effort, result.probability)
+            >>> [one.name for one in running.coefficients() if one.unit == "N m"]
+            ['Fc1', 'Fc2', 'Fc3']
+        """
+        known, normal = self._setting.coefficients, self._normal()
+        beta = least_squares(normal.hessian, normal.gradient, known.project(self._identified.theta))
+        sd, before = np.sqrt(np.diag(self.covariance)), np.sqrt(np.diag(covariance_of(self._shown_before())[0]))
+        by_data = np.isfinite(sd) & (sd**2 <= OF_PRIOR * before**2)
+        told = np.where(np.isfinite(before), before, np.nan)
+        words = zip(known.names, known.expressions, known.units, strict=True)
+        ends = beta - NORMAL_95 * sd, beta + NORMAL_95 * sd
+        numbers = np.column_stack([beta, sd, *ends, told]).tolist()
+        rows = (
+            Coefficient(*names, mean, own, lower, upper, "data" if data else "prior", of_prior, np.nan)
+            for names, (mean, own, lower, upper, of_prior), data in zip(words, numbers, by_data, strict=True)
+        )
+        return Records(Coefficient, tuple(rows))
+
+    def coefficient(self, name: str) -> Coefficient:
+        """A base coefficient by its name.
+
+        Raises:
+            InputError: there is none of this name; near names are told.
+
+        Example:
+            >>> running = bayesid.Accumulator(result)
+            >>> running.coefficient("Fc2").sd, round(running.coefficient("Fc2").mean, 1)  # nothing has come yet
+            (inf, 1.5)
+        """
+        return named(self.coefficients(), name, "coefficient")
+
+    @property
+    def covariance(self) -> Array:
+        """(r, r) of the coefficients; inf on the diagonal where nothing shows one.
+
+        Example:
+            >>> running = bayesid.Accumulator(result)
+            >>> running.add(result.signals.motion, result.signals.raw_effort, result.probability)
+            >>> sd = np.array([one.sd for one in running.coefficients()])
+            >>> bool(np.allclose(np.diag(running.covariance), sd**2))
+            True
+        """
+        normal = self._normal()
+        covariance = covariance_of(normal.hessian - normal.lost)[0]
+        more = (self._identified.lacking, self._identified.by_gains)
+        return covariance + sum(part for part in more if part is not None)
+
+    @property
+    def effective_samples(self) -> Array:
+        """(n,) samples in motion of each joint that count: less those forgotten, over their autocorrelation time.
+
+        Example:
+            >>> running = bayesid.Accumulator(result)
+            >>> running.add(result.signals.motion, result.signals.raw_effort, result.probability)
+            >>> bool((running.effective_samples <= len(result.signals.motion)).all())
+            True
+        """
+        return self._running.totals.weight / self._noise.autocorrelation
+
+    def model(self) -> IdentifiedModel:
+        """The model with the best parameters in the cone for all that came: to predict, to validate, or to track on.
+
+        Its noise is still that of the model before.
+
+        Raises:
+            InputError: nothing has come yet.
+            SolverError: Clarabel failed.
+
+        Example:
+            >>> running = bayesid.Accumulator(result)
+            >>> running.add(result.signals.motion, result.signals.raw_effort, result.probability)
+            >>> running.model().predict("motion.csv").mean.shape
+            (201, 3)
+        """
+        self._check_begun()
+        before, normal = self._identified, self._normal()
+        cone, coefficients = before.model.cone, self._setting.coefficients
+        solution = solve_precisely(cone, coefficients, normal.hessian, normal.gradient, normal.energy)
+        return IdentifiedModel(
+            model=before.model,
+            theta=solution.theta,
+            noise=self._noise,
+            precision=normal.hessian - normal.lost,
+            lacking=before.lacking,
+            by_gains=before.by_gains,
+            logs=before.logs,
+            gains=before.gains,
+        )
+
+    def check_signs(self, search: Search = Certified()) -> SignCheck:
+        """Searches the signs of all that came, and says where they differ from those that were taken.
+
+        What the model's own log has shown takes no part.
+
+        Args:
+            search: how to search.
+
+        Raises:
+            InputError: nothing has come yet.
+            SolverError: an optimisation failed.
+
+        Example:
+            >>> running, signals, wrong = bayesid.Accumulator(result), result.signals, result.probability.copy()
+            >>> wrong[100:150, 1] = 1.0 - wrong[100:150, 1]
+            >>> running.add(signals.motion, signals.raw_effort, wrong)
+            >>> check = running.check_signs()
+            >>> check.differ, check.certified, {one.joint for one in check.stretches}
+            (True, True, {2})
+        """
+        self._check_begun()
+        stretches = condensed(self._setting, self._running.pieces, self._running.edge)
+        moments = stretches.moments.scaled(self._weights)
+        problem = SignProblem(moments, self._setting.model.cone, self._setting.coefficients)
+        return check_signs(problem, stretches, search)
+
+    # -----------------------------------------------------------------------------------------------------------
+    # Weights
+    # -----------------------------------------------------------------------------------------------------------
+    @property
+    def _noise(self) -> Noise:
+        """The model's, its autocorrelation time in samples of the stream."""
+        running, noise = self._running, self._identified.noise
+        return noise.with_time_of_model(running.steps / running.span) if running.steps else noise
+
+    @property
+    def _weights(self) -> Array:
+        """(n,) sd of the noise, N m, as if only every effective sample counted."""
+        noise = self._noise
+        weights: Array = noise.sigma * np.sqrt(noise.autocorrelation)
+        return weights
+
+    def _normal(self) -> Normal:
+        """The normal equations of all that came, and of what was known before."""
+        before = self._shown_before()
+        centre = self._setting.coefficients.project(self._identified.theta)
+        return Normal.of(self._running.totals, self._weights) + Normal.around(centre, before)
+
+    def _shown_before(self) -> Array:
+        """(r, r) what the model's own log has shown, if that is to count, as far as it is not forgotten."""
+        precision, running = self._identified.precision, self._running
+        if not self._earlier:
+            return np.zeros_like(precision)
+        passed = running.edge.t - running.began if np.isfinite(running.edge.t) else 0.0
+        return self._setting.fade(passed) * precision
+
+    # -----------------------------------------------------------------------------------------------------------
+    # Checks
+    # -----------------------------------------------------------------------------------------------------------
+    def _check_begun(self) -> None:
+        if not self._running.totals.weight.any():
+            raise InputError("no sample in motion has come yet", "add", "add chunks of the stream first")
+
+    def _check_motion(self, motion: Motion) -> None:
+        """A chunk's motion is of this robot and goes on where the one before has ended."""
+        robot, last = self._setting.model.robot, self._running.last
+        if motion.n_joints != robot.n_joints:
+            counts = f"{motion.n_joints} joints, but the model's robot {robot.name} has {robot.n_joints}"
+            raise InputError(counts, "motion", "give the motion of the same robot")
+        if len(motion) and not motion.t[0] > last:
+            said = f"begins at {motion.t[0]:.6g} s, not after the chunk before, which ends at {last:.6g} s"
+            raise InputError(said, "motion", "give chunks in the order of time, each sample once")
+        back = np.flatnonzero(np.diff(motion.t) <= 0.0)
+        if back.size:
+            said = f"time goes from {motion.t[back[0]]:.6g} to {motion.t[back[0] + 1]:.6g} s"
+            raise InputError(said, f"motion, sample {back[0] + 1}", "give samples in the order of time, each once")
+        check_payloads(self._setting.model, motion)
+
+
+def _checked(values: Array, shape: tuple[int, ...], name: str) -> Array:
+    """Finite values of a shape.
+
+    Raises:
+        InputError: they are something else.
+    """
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError("holds something else than numbers", name, _remedy(shape)) from None
+    if array.shape != shape:
+        raise InputError(f"values of shape {array.shape}", name, _remedy(shape))
+    bad = np.argwhere(~np.isfinite(array))
+    if bad.size:
+        raise InputError("holds values that are not finite", f"{name}, {_place(bad[0])}", "leave these samples out")
+    return array
+
+
+def _mask(values: Mask, shape: tuple[int, ...]) -> Mask:
+    """Truth values of a shape.
+
+    Raises:
+        InputError: they are of another one.
+    """
+    array = np.asarray(values, dtype=bool)
+    if array.shape != shape:
+        raise InputError(f"values of shape {array.shape}", "moving", _remedy(shape))
+    return array
+
+
+def _remedy(shape: tuple[int, ...]) -> str:
+    return f"give {shape[0]} samples of {shape[1]} joints, as the motion has"
+
+
+def _place(where: Integers) -> str:
+    return f"sample {where[0]}, joint {where[1] + 1}"

@@ -1,0 +1,547 @@
+import pickle
+import re
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from conftest import random_motion, real_log, small_robot, smooth_motion
+
+import bayesid
+from bayesid.errors import InputError
+from bayesid.fit.noise import Noise
+from bayesid.identification.identified_model import IdentifiedModel
+from bayesid.model.catalogue import make_terms
+from bayesid.model.coefficients import base_coefficients
+from bayesid.model.distortions.clipping import Clipping
+from bayesid.model.distortions.delay import Delay
+from bayesid.model.model import LOOK_AHEAD, LOOK_BACK, Model
+from bayesid.model.terms import STANDARD
+from bayesid.monitor import stream_moments
+from bayesid.monitor.stream_moments import condensed
+from bayesid.monitor.stretches import MERGED, UNUSED, Edge, Samples, numbered
+from bayesid.motion import Motion
+from bayesid.simulation.parameters import random_parameters
+
+RATE = 100.0
+SIGMA = np.array([0.4, 0.15, 0.02])
+FINE = 1e-8
+"""Normal equations square a condition number of some 100: rounding of 1e-16 grows to 1e-12 of the largest coefficient,
+and more in those that are small."""
+
+
+class Stream:
+    """A simulated robot of three joints: N samples, efforts with noise of known colour, and its true parameters."""
+
+    def __init__(self, duration=12.0, terms=STANDARD, noise=1.0):
+        self.robot, self.motion = small_robot(3), smooth_motion(3, duration, RATE, seed=3)
+        self.model = Model(self.robot, make_terms(terms, self.robot, self.motion))
+        self.theta = random_parameters(self.model, np.random.default_rng(4))
+        self.coefficients = base_coefficients(self.model)
+        self.beta = self.coefficients.project(self.theta)
+        self.noise = noise * SIGMA
+        self.effort = self.model.effort(self.motion, self.theta)
+        rng = np.random.default_rng(5)
+        self.measured = self.effort + self.noise * rng.normal(size=self.effort.shape)
+        self.sign = (self.effort > 0.0).astype(float)
+
+    def identified(self, theta=None, precision=None, correlation=None):
+        n, r = 3, len(self.coefficients)
+        white = np.full(n, 0.999) if correlation is None else np.full(n, 0.6)
+        times = np.full(n, 0.01 if correlation is None else correlation)
+        noise = Noise(self.noise * white, self.noise * np.sqrt(1.0 - white**2), times, np.ones(n))
+        precision = np.zeros((r, r)) if precision is None else precision
+        return IdentifiedModel(self.model, self.theta if theta is None else theta, noise, precision)
+
+    def rows(self, sigma):
+        """(N, n, r) columns over the noise (n,)."""
+        return self.model.columns(self.motion)[:, :, self.coefficients.kept] / sigma[:, None]
+
+
+@cache
+def stream():
+    return Stream()
+
+
+def cuts_of(size, pieces, seed=0):
+    inside = np.sort(np.random.default_rng(seed).choice(np.arange(1, size), pieces - 1, replace=False))
+    return [slice(a, b) for a, b in zip([0, *inside], [*inside, size], strict=True)]
+
+
+def fed(case, accumulator, pieces=1, probability=None, moving=None, seed=0, effort=None):
+    probability = case.sign if probability is None else probability
+    effort = np.abs(case.measured) if effort is None else effort
+    for part in cuts_of(len(case.motion), pieces, seed):
+        here = None if moving is None else moving[part]
+        accumulator.add(case.motion[part], effort[part], probability[part], here)
+    return accumulator
+
+
+def means(accumulator):
+    return np.array([one.mean for one in accumulator.coefficients()])
+
+
+def sds(accumulator):
+    return np.array([one.sd for one in accumulator.coefficients()])
+
+
+def doubted(case, seed=1):
+    """(N, n) probabilities of all kinds, nearer to certainty where the effort is large."""
+    spread = np.random.default_rng(seed).uniform(0.2, 3.0, case.effort.shape)
+    return 1.0 / (1.0 + np.exp(-2.0 * case.effort / (spread * case.effort.std(axis=0))))
+
+
+def some_moving(case):
+    return np.random.default_rng(8).uniform(size=case.effort.shape) < [0.9, 0.5, 0.2]
+
+
+def by_hand(case, sigma, effort, used, weight):
+    """Weighted least squares by all rows: coefficients and information."""
+    rows = case.rows(sigma) * np.sqrt(weight)[:, None, None]
+    effort = effort / sigma * np.sqrt(weight)[:, None]
+    rows, effort = rows[used], effort[used]
+    return np.linalg.lstsq(rows, effort, rcond=None)[0], rows.T @ rows
+
+
+def weights_of(case, accumulator):
+    noise = accumulator.model().noise
+    return noise.sigma * np.sqrt(noise.autocorrelation)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Coefficients
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("pieces", "seed"), [(1, 0), (7, 1), (150, 2)])
+def test_coefficients_are_those_of_one_fit_to_the_whole_however_it_is_cut(pieces, seed):
+    case = stream()
+    probability, moving = doubted(case), some_moving(case)
+    accumulator = fed(case, bayesid.Accumulator(case.identified()), pieces, probability, moving, seed)
+    weights = weights_of(case, accumulator)
+    expected = (2.0 * probability - 1.0) * np.abs(case.measured)
+    beta, information = by_hand(case, weights, expected, moving, np.ones(len(case.motion)))
+    np.testing.assert_allclose(means(accumulator), beta, rtol=FINE, atol=FINE * np.abs(beta).max())
+    known = np.where(moving, (2.0 * probability - 1.0) ** 2, 0.0)
+    rows = case.rows(weights)
+    information = np.einsum("nj,njr,njs->rs", known, rows, rows)
+    np.testing.assert_allclose(sds(accumulator), np.sqrt(np.diag(np.linalg.inv(information))), rtol=FINE)
+
+
+@pytest.mark.parametrize("pieces", [1, 40])
+def test_with_forgetting_they_are_those_of_weighted_least_squares(pieces):
+    case = stream()
+    accumulator = fed(case, bayesid.Accumulator(case.identified(), forget=3.0), pieces, moving=some_moving(case))
+    weight = np.exp((case.motion.t - case.motion.t[-1]) / 3.0)
+    expected, weights = np.where(case.sign > 0.5, 1.0, -1.0) * np.abs(case.measured), weights_of(case, accumulator)
+    beta, information = by_hand(case, weights, expected, some_moving(case), weight)
+    np.testing.assert_allclose(means(accumulator), beta, rtol=FINE, atol=FINE * np.abs(beta).max())
+    np.testing.assert_allclose(sds(accumulator), np.sqrt(np.diag(np.linalg.inv(information))), rtol=FINE)
+    time = accumulator.model().noise.autocorrelation
+    np.testing.assert_allclose(accumulator.effective_samples, weight @ some_moving(case) / time, rtol=FINE)
+
+
+def test_estimates_scatter_as_their_sd_says_where_noise_is_coloured():
+    case, scores = stream(), []
+    identified = case.identified(correlation=0.05)
+    rng = np.random.default_rng(0)
+    for noise in np.moveaxis(identified.noise.draw(len(case.motion), 40, RATE, rng), 2, 0):
+        measured = case.effort + noise
+        running = bayesid.Accumulator(identified, signed=[True] * 3)
+        running.add(case.motion, measured, case.sign, np.ones(measured.shape, dtype=bool))
+        scores.append((means(running) - case.beta) / sds(running))
+    # 40 draws of 20 and more coefficients that hang together: some 10 independent ones, 5 % of a standard deviation.
+    # Counting samples by their integrated time takes the motion to be slow beside the noise, which costs some more.
+    assert 0.8 < np.std(scores) < 1.25
+
+
+def test_an_uncertain_sign_tells_at_least_its_expectation_squared():
+    """Fisher's information of |e|, e ~ N(m, 1), by quadrature: E[(e tanh(e m))^2] - m^2 >= E[tanh(e m)^2]."""
+    e = np.linspace(-12.0, 20.0, 200_001)
+    for m in (0.01, 0.3, 1.0, 2.0, 4.0):
+        density = np.exp(-0.5 * (e - m) ** 2) / np.sqrt(2.0 * np.pi) * (e[1] - e[0])
+        sign = np.tanh(e * m)
+        known, told = density @ sign**2, density @ (e * sign) ** 2 - m**2
+        assert known - 1e-9 <= told <= 1.0
+
+
+def test_they_follow_a_change():
+    case = Stream(duration=40.0)
+    names = [parameter.name for parameter in case.model.parameters]
+    theta = case.theta.copy()
+    theta[names.index("Fv2")] *= 3.0
+    after = case.model.effort(case.motion, theta)
+    change = case.motion.t >= 20.0
+    effort = np.where(change[:, None], after, case.effort)
+    measured = effort + case.noise * np.random.default_rng(1).normal(size=effort.shape)
+    running = bayesid.Accumulator(case.identified(), forget=3.0)
+    for part in (slice(0, 2000), slice(2000, 4000)):
+        running.add(case.motion[part], np.abs(measured[part]), (effort[part] > 0.0).astype(float))
+        viscous = running.coefficient("Fv2")
+        true = (theta if part.start else case.theta)[names.index("Fv2")]
+        assert abs(viscous.mean - true) < 4.0 * viscous.sd + np.exp(-20.0 / 3.0) * 3.0 * true
+    assert theta[names.index("Fv2")] - case.theta[names.index("Fv2")] > 10.0 * viscous.sd  # it is a change
+
+
+def test_what_shows_nothing_stays_as_the_model_has_it():
+    case = stream()
+    running = bayesid.Accumulator(case.identified())
+    np.testing.assert_allclose(means(running), case.beta)
+    assert np.isinf(sds(running)).all()
+    assert {one.decided_by for one in running.coefficients()} == {"prior"}
+    moving = np.zeros(case.effort.shape, dtype=bool)
+    moving[:, 2] = True
+    fed(case, running, moving=moving)
+    unfelt = [k for k, name in enumerate(case.coefficients.names) if name in ("Fc1", "Fv1", "Fc2", "Fv2")]
+    np.testing.assert_allclose(means(running)[unfelt], case.beta[unfelt], rtol=1e-12)
+    assert np.isinf(sds(running)[unfelt]).all()
+    assert running.coefficient("Fc3").decided_by == "data"
+
+
+def test_what_was_known_before_counts_if_it_is_to():
+    case = stream()
+    rows = case.rows(case.noise).reshape(-1, len(case.coefficients))
+    precision = rows.T @ rows
+    identified = case.identified(precision=precision)
+    running = fed(case, bayesid.Accumulator(identified, forget=10.0, earlier=True), moving=some_moving(case))
+    weights = weights_of(case, running)
+    weight = np.exp((case.motion.t - case.motion.t[-1]) / 10.0)
+    beta, information = by_hand(
+        case, weights, np.where(case.sign > 0.5, 1.0, -1.0) * np.abs(case.measured), some_moving(case), weight
+    )
+    left = np.exp(-(case.motion.t[-1] - case.motion.t[0]) / 10.0) * precision
+    expected = np.linalg.solve(information + left, information @ beta + left @ case.beta)
+    np.testing.assert_allclose(means(running), expected, rtol=FINE, atol=FINE * np.abs(beta).max())
+    np.testing.assert_allclose(running.covariance, np.linalg.inv(information + left), rtol=1e-6, atol=1e-12)
+
+
+def test_the_model_is_in_the_cone_and_near_the_coefficients():
+    case = stream()
+    running = fed(case, bayesid.Accumulator(case.identified()), 3, moving=np.ones(case.effort.shape, dtype=bool))
+    model = running.model()
+    assert case.model.cone.contains(model.theta)
+    spread = case.coefficients.project(model.theta) - case.beta
+    assert np.sqrt(spread @ model.precision @ spread) < 2.0 * np.sqrt(len(case.beta))  # chi of as many, 5 sd
+    assert model.predict(case.motion, noise=False).sd_of_mean.shape == case.effort.shape
+
+
+@pytest.mark.parametrize("step", [1, 4])
+def test_samples_count_by_the_streams_own_rate(step):
+    case = stream()
+    running = bayesid.Accumulator(case.identified(correlation=0.1))
+    running.add(case.motion[::step], np.abs(case.measured)[::step], case.sign[::step], case.effort[::step] != 0.0)
+    expected = case.identified(correlation=0.1).noise.with_time_of_model(RATE / step).autocorrelation
+    np.testing.assert_allclose(running.effective_samples, len(case.motion[::step]) / expected, rtol=1e-9)
+
+
+def test_standstill_does_not_count_however_the_stream_is_cut():
+    case = stream()
+    speed = np.abs(case.motion.dq)
+    moving = speed > 0.01 * np.maximum.accumulate(speed)
+    assert 0.0 < np.mean(~moving) < 0.2
+    told = fed(case, bayesid.Accumulator(case.identified()), 1, moving=moving)
+    for pieces in (1, 31):
+        own = fed(case, bayesid.Accumulator(case.identified()), pieces)
+        np.testing.assert_allclose(own.effective_samples, told.effective_samples, rtol=1e-12)
+        np.testing.assert_allclose(means(own), means(told), rtol=FINE, atol=FINE)
+
+
+def test_joints_with_signs_take_their_own():
+    case = stream()
+    mixed = np.abs(case.measured)
+    mixed[:, 1] = case.measured[:, 1]
+    probability = (case.measured > 0.0).astype(float)
+    plain = fed(case, bayesid.Accumulator(case.identified()), 1, probability)
+    probability[:, 1] = 0.3
+    signed = fed(
+        case, bayesid.Accumulator(case.identified(), signed=[False, True, False]), 5, probability, effort=mixed
+    )
+    np.testing.assert_allclose(means(signed), means(plain), rtol=FINE, atol=FINE)
+    np.testing.assert_allclose(sds(signed), sds(plain), rtol=FINE)
+
+
+def test_what_the_model_may_lack_makes_them_less_certain():
+    case = stream()
+    size = len(case.coefficients)
+    lacking = np.diag(np.arange(1.0, size + 1.0))
+    plain, wider = (
+        fed(case, bayesid.Accumulator(replace(case.identified(), lacking=more))) for more in (None, lacking)
+    )
+    np.testing.assert_allclose(wider.covariance, plain.covariance + lacking)
+    np.testing.assert_array_equal(wider.model().lacking, lacking)
+
+
+def test_readings_that_show_no_effort_do_not_count():
+    case = Stream(duration=8.0)
+    limit = float(np.quantile(np.abs(case.measured[:, 1]), 0.7))
+    case.model = case.model.extend(Clipping(joints=(2,), limit=(limit,)))
+    clipped, moving = case.model.read(case.measured), np.ones(case.effort.shape, dtype=bool)
+    below = case.model.unread(np.abs(clipped))[1]
+    assert 0.6 < below[:, 1].mean() < 0.8
+    running = fed(case, bayesid.Accumulator(case.identified()), 4, effort=np.abs(clipped), moving=moving)
+    told = fed(case, bayesid.Accumulator(case.identified()), 1, moving=below)
+    np.testing.assert_allclose(means(running), means(told), rtol=FINE, atol=FINE)
+
+
+def test_effects_with_a_memory_see_over_the_borders(monkeypatch):
+    case = Stream(duration=8.0)
+    case.model = case.model.extend(Delay(lag=(0.023,)))
+    monkeypatch.setattr(stream_moments, "LOOK_BACK", 64)  # of a spline's end 0.27^64 is felt
+    assert LOOK_BACK > 64
+    moving = np.ones(case.effort.shape, dtype=bool)
+    whole = fed(case, bayesid.Accumulator(case.identified()), 1, moving=moving)
+    parts = fed(case, bayesid.Accumulator(case.identified()), 23, moving=moving)
+    columns = case.model.columns(case.motion)[:-LOOK_AHEAD, :, case.coefficients.kept]
+    rows = (columns / weights_of(case, whole)[:, None]).reshape(-1, columns.shape[2])
+    effort = (np.where(case.sign > 0.5, 1.0, -1.0) * np.abs(case.measured))[:-LOOK_AHEAD] / weights_of(case, whole)
+    beta = np.linalg.lstsq(rows, effort.ravel(), rcond=None)[0]
+    for one in (whole, parts):
+        assert one.effective_samples == pytest.approx(whole.effective_samples, rel=1e-12)
+        np.testing.assert_allclose(means(one), beta, rtol=1e-6, atol=1e-6)  # 0.27^16 = 1e-9 at the ends
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Signs
+# ---------------------------------------------------------------------------------------------------------------
+TURNED = ((1, 2.0, 2.6), (0, 5.1, 5.9), (2, 8.0, 8.3))
+"""Joint, start and end, s, of what a tracker has got wrong."""
+
+
+def turned(case):
+    probability = case.sign.copy()
+    for j, start, end in TURNED:
+        rows = (case.motion.t >= start) & (case.motion.t < end)
+        probability[rows, j] = 1.0 - probability[rows, j]
+    return probability
+
+
+@pytest.mark.parametrize("pieces", [1, 60])
+def test_signs_that_were_turned_are_found_and_named(pieces):
+    case = stream()
+    running = fed(case, bayesid.Accumulator(case.identified()), pieces, turned(case))
+    check = running.check_signs()
+    assert check.certified
+    assert check.differ
+    assert check.cost < check.cost_taken
+    for j, start, end in TURNED:
+        found = [one for one in check.stretches if one.joint == j + 1 and one.start < end and one.end > start]
+        rows = (case.motion.t >= start) & (case.motion.t < end)
+        strong = case.motion.t[rows & (np.abs(case.effort[:, j]) > 3.0 * case.noise[j])]
+        covered = [any(one.start <= t <= one.end for one in found) for t in strong]
+        assert np.mean(covered) > 0.9
+    for one in check.stretches:
+        assert any(one.joint == j + 1 and start <= one.start and one.end < end for j, start, end in TURNED)
+        assert (one.settled, one.merged) == (True, False)
+        assert one.cost > 9.0
+    assert f"joint {check.stretches[0].joint}," in repr(check)
+
+
+def test_right_signs_do_not_differ():
+    case = stream()
+    check = fed(case, bayesid.Accumulator(case.identified()), 9).check_signs()
+    assert (check.certified, check.differ) == (True, False)
+
+
+def test_the_check_does_not_depend_on_the_chunks():
+    case = stream()
+    few, many = (
+        fed(case, bayesid.Accumulator(case.identified()), pieces, turned(case)).check_signs() for pieces in (1, 90)
+    )
+    assert few.cost == pytest.approx(many.cost, rel=1e-6)
+    assert [(one.joint, one.start, one.end) for one in few.stretches] == [
+        (one.joint, one.start, one.end) for one in many.stretches
+    ]
+
+
+def test_a_joint_that_is_turned_as_a_whole_is_found_though_its_stretches_were_merged():
+    case = stream()
+    probability = case.sign.copy()
+    probability[:, 1] = 1.0 - probability[:, 1]
+    running = fed(case, bayesid.Accumulator(case.identified(), most_individual=3), 40, probability)
+    check = running.check_signs()
+    assert check.certified
+    merged = [one for one in check.stretches if one.merged]
+    assert [one.joint for one in merged] == [2]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Stretches
+# ---------------------------------------------------------------------------------------------------------------
+def numbers_of(speed, magnitude, sign, used, t=None, edge=None):
+    """(N,) of one joint with noise of 1 N m, and the last sample."""
+    column = [np.array(values, dtype=float)[:, None] for values in (speed, magnitude, sign)]
+    t = np.arange(len(speed)) / RATE if t is None else np.array(t)
+    motion = Motion(t, *(np.zeros((len(t), 1)),) * 3)
+    samples = Samples(motion, *column, np.array(used, dtype=bool)[:, None])
+    number, last = numbered(Edge.none(1) if edge is None else edge, samples, np.ones(1), np.zeros(1, dtype=bool))
+    return number[:, 0].tolist(), last
+
+
+@pytest.mark.parametrize(
+    ("samples", "numbers"),
+    [
+        (([1] * 5, [9] * 5, [1, 0.2, -0.3, -1, 1], [1] * 5), [1, 1, 2, 2, 3]),  # the likelier sign changes
+        (([1, 2, -1, -1, 0], [9] * 5, [1] * 5, [1] * 5), [1, 1, 2, 2, 2]),  # the actuator turns round
+        (([1] * 5, [9, 3, 2, 1, 3], [1] * 5, [1] * 5), [1, 1, 1, 1, 2]),  # |effort| comes out of 2 sd of noise
+        (([1] * 5, [9] * 5, [1] * 5, [0, 1, 0, 1, 1]), [UNUSED, 1, UNUSED, 2, 2]),
+        (([1] * 5, [9] * 5, [1] * 5, [1] * 5, [0.0, 0.1, 0.6, 1.2, 1.3]), [1, 1, 1, 2, 2]),  # a pause
+    ],
+)
+def test_stretches_end_where_signs_may_change_in_one_chunk_or_in_many(samples, numbers):
+    assert numbers_of(*samples)[0] == numbers
+    found, edge = [], None
+    for k in range(5):
+        t = samples[4] if len(samples) > 4 else np.arange(5) / RATE
+        number, edge = numbers_of(*([values[k]] for values in samples[:4]), [t[k]], edge)
+        found += number
+    assert found == numbers
+
+
+def kept_stretches(case, pieces, most, forget=None):
+    running = fed(case, bayesid.Accumulator(case.identified(), forget, most_individual=most), pieces, doubted(case))
+    return running._running, condensed(running._setting, running._running.pieces, running._running.edge)
+
+
+@pytest.mark.parametrize("pieces", [1, 90])
+@pytest.mark.parametrize("forget", [None, 4.0])
+def test_stretches_add_up_to_the_whole(pieces, forget):
+    running, stretches = kept_stretches(stream(), pieces, 2, forget)
+    moments, totals = stretches.moments, running.totals
+    np.testing.assert_allclose(moments.gradient.sum(axis=0), totals.gradient.sum(axis=0), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(moments.hessian.total(), totals.hessian.sum(axis=0), rtol=1e-9, atol=1e-9)
+    assert moments.energy.sum() == pytest.approx(totals.energy.sum(), rel=1e-12)
+
+
+def test_stretches_most_in_doubt_stay_by_themselves_however_the_stream_is_cut():
+    case, most = stream(), 4
+    running, every = kept_stretches(case, 1, 10_000)
+    kept = {
+        (int(j), int(number))
+        for j in range(3)
+        for number in [
+            *every.number[every.moments.joint == j][np.argsort(-every.doubt[every.moments.joint == j])][:most],
+            running.edge.number[j],
+            MERGED,
+        ]
+    }
+    for pieces in (1, 20, 300):
+        _, stretches = kept_stretches(case, pieces, most)
+        assert set(zip(stretches.moments.joint.tolist(), stretches.number.tolist(), strict=True)) == kept
+        here = [
+            np.flatnonzero((every.moments.joint == j) & (every.number == k)) for j, k in sorted(kept) if k != MERGED
+        ]
+        alone = stretches.number != MERGED
+        for name in ("start", "end", "doubt"):
+            of_every = getattr(every, name)[np.concatenate(here)]
+            np.testing.assert_allclose(getattr(stretches, name)[alone], of_every, rtol=1e-9)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# State
+# ---------------------------------------------------------------------------------------------------------------
+def parts_of(accumulator):
+    return sum(len(piece.moments.hessian) for piece in accumulator._running.pieces)
+
+
+def test_memory_stays_bounded():
+    case, sizes = stream(), []
+    running = bayesid.Accumulator(case.identified(), forget=20.0, most_individual=10)
+    for k in range(12):
+        later = Motion(case.motion.t + 12.0 * k, case.motion.q, case.motion.dq, case.motion.ddq)
+        for part in cuts_of(len(later), 10, k):
+            running.add(later[part], np.abs(case.measured)[part], case.sign[part])
+        sizes.append(len(pickle.dumps(running._running)))
+        assert parts_of(running) <= 2 * 3 * (10 + 2)  # in each joint 10, the last one and what is merged; twice
+    assert max(sizes[6:]) < 1.5 * max(sizes[:6])
+
+
+def test_a_restored_accumulator_goes_on_to_the_digit():
+    case = stream()
+    running = bayesid.Accumulator(case.identified(), forget=5.0)
+    parts = cuts_of(len(case.motion), 12, 4)
+    probability = doubted(case)
+    restored = running
+    for k, part in enumerate(parts):
+        if k == 5:
+            restored = pickle.loads(pickle.dumps(running))
+        for one in {id(running): running, id(restored): restored}.values():
+            one.add(case.motion[part], np.abs(case.measured)[part], probability[part])
+    assert restored is not running
+    np.testing.assert_array_equal(means(restored), means(running))
+    np.testing.assert_array_equal(sds(restored), sds(running))
+    np.testing.assert_array_equal(restored.model().theta, running.model().theta)
+    assert restored.check_signs().cost == running.check_signs().cost
+
+
+def test_bad_chunks_are_told_and_change_nothing():
+    case = stream()
+    running = bayesid.Accumulator(case.identified())
+    with pytest.raises(InputError, match="add: no sample in motion has come yet; add chunks"):
+        running.check_signs()
+    motion, effort, sign = case.motion[:50], np.abs(case.measured[:50]), case.sign[:50]
+    running.add(motion, effort, sign)
+    before = means(running)
+    later = case.motion[50:100]
+    broken = effort.copy()
+    broken[3, 1] = np.nan
+    backwards, loaded = later[np.array([0, 2, 1])], replace(later, payload=np.array("box"))
+    for message, call in {
+        "motion: 2 joints, but the model's robot arm3 has 3": (later.joints([0, 1]), effort[:, :2], sign[:, :2]),
+        "motion: begins at 0.2 s, not after the chunk before, which ends at 0.49 s": (case.motion[20:70], effort, sign),
+        "motion, sample 2: time goes from 0.52 to 0.51 s": (backwards, effort[:3], sign[:3]),
+        "the model knows no payload 'box'": (loaded, effort, sign),
+        "effort, sample 3, joint 2: holds values that are not finite": (later, broken, sign),
+        "effort: values of shape (49, 3)": (later, effort[1:], sign),
+        "effort: holds something else than numbers": (later, [["a"]], sign),
+        "probability: holds values outside of 0 to 1": (later, effort, 2.0 * sign),
+        "moving: values of shape (3,); give 50 samples of 3 joints": (later, effort, sign, [True] * 3),
+    }.items():
+        with pytest.raises(InputError, match=re.escape(message)):
+            running.add(*call)
+    np.testing.assert_array_equal(means(running), before)
+    running.add(later, effort, sign)
+
+
+@pytest.mark.parametrize("options", [{"forget": 0.0}, {"forget": np.inf}, {"signed": [True]}, {"most_individual": -1}])
+def test_bad_options_are_told(options):
+    with pytest.raises(InputError, match=next(iter(options))):
+        bayesid.Accumulator(stream().identified(), **options)
+
+
+def test_names_that_are_not_there_are_told():
+    with pytest.raises(InputError, match="did you mean Fc"):
+        bayesid.Accumulator(stream().identified()).coefficient("Fc7")
+
+
+def test_random_motion_of_one_sample_a_chunk():
+    """No chunk is too short, and an empty one changes nothing."""
+    case = stream()
+    motion = random_motion(3, 60, seed=2)
+    effort = case.model.effort(motion, case.theta)
+    running = bayesid.Accumulator(case.identified())
+    for k in range(60):
+        one = slice(k, k + 1)
+        running.add(motion[one], np.abs(effort[one]), (effort[one] > 0.0).astype(float), np.ones((1, 3), dtype=bool))
+    running.add(motion[:0], effort[:0], effort[:0])
+    np.testing.assert_allclose(means(running), case.beta, atol=1e-9)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# A real log
+# ---------------------------------------------------------------------------------------------------------------
+def test_a_real_stream_agrees_with_the_identification_of_its_log():
+    log = bayesid.read_log(real_log("ur10e/a_50s.csv")).rectified()
+    search = bayesid.Certified(budget=5.0)
+    offline = bayesid.identify("ur10e", log, search=search, posterior=False, complete="off")
+    signals, fit = offline.signals, offline.fit
+    used = (offline.segments.per_sample(offline.segments.fitted, *offline.probability.shape) > 0) & signals.inner
+    running = bayesid.Accumulator(offline)
+    for part in cuts_of(len(signals.motion), 25):
+        running.add(signals.motion[part], signals.raw_effort[part], offline.probability[part], used[part])
+    # The offline fit weighs rows by another noise and is in the cone: two sd of the least certain coefficients.
+    for beta in (means(running), offline.coefficients.project(running.model().theta)):
+        assert np.abs((beta - fit.beta) / fit.sd).max() < 2.5
+        assert np.sqrt(np.mean(((beta - fit.beta) / fit.sd) ** 2)) < 1.0
+    ratio = sds(running) / fit.sd
+    assert np.all((ratio >= 1.0) & (ratio < 1.2))  # what is in doubt tells less
+    np.testing.assert_allclose(running.model().noise.autocorrelation, offline.noise.autocorrelation, rtol=1e-9)
+    check = running.check_signs(search)
+    assert (check.certified, check.differ) == (True, False)
