@@ -13,6 +13,7 @@ from bayesid.report.verdicts import Check
 from bayesid.report.words import joints_in_words, rounded
 
 HEADINGS = ("joint", "signs agree", "sure (99 %)", "RMS residual, N m", "external / threshold")
+NOTE = "external / threshold: the largest external torque; beyond 1 it is a contact, or a change"
 _SOON = 0.05
 """s after which an alarm is not said to have come later."""
 _NOTHING = "-"

@@ -29,7 +29,16 @@ from bayesid.monitor.kinds import CONTACT
 from bayesid.monitor.replay import Agreement, Replay, agreement, known_signs, replay
 from bayesid.monitor.tracker import SignTracker
 from bayesid.progress import Progress
-from bayesid.report.track_text import HEADINGS, alarm_line, change_line, count_line, named_line, track_lines, track_rows
+from bayesid.report.track_text import (
+    HEADINGS,
+    NOTE,
+    alarm_line,
+    change_line,
+    count_line,
+    named_line,
+    track_lines,
+    track_rows,
+)
 from bayesid.report.words import label
 from bayesid.results.folders import STREAM, STREAM_FILES
 from bayesid.results.model_file import load_model
@@ -134,6 +143,7 @@ def _parts(result: StreamResult, options: argparse.Namespace, last: float, seen:
         *map(line_of, known),
         "",
         table(list(HEADINGS), [list(row) for row in track_rows(result.figures, result.smoothing)]),
+        NOTE,
         "",
         *_alarm_parts(result, options, last),
         count_line(result.counts, result.figures, result.lag, result.bad),

@@ -104,7 +104,7 @@ def _mark(ax: Axes, streamed: Replay, joint: int) -> None:
             ax.axvspan(alarm.time, end, color=BLUE, alpha=0.3, linewidth=0.0, label="contact")
         else:
             ax.axvline(alarm.raised, color=ORANGE, linewidth=1.6, label="change, when it was said")
-            ax.axvspan(alarm.time, alarm.raised, color=ORANGE, alpha=0.2, linewidth=0.0, label="since it began")
+            ax.axvspan(alarm.time, alarm.raised, color=ORANGE, alpha=0.2, linewidth=0.0, label="change, not yet said")
             _name(ax, alarm)
 
 
