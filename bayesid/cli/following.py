@@ -56,7 +56,7 @@ def follow(tracker: SignTracker, reader: RowReader, file: TextIO | None) -> Stre
             if looked_at(now) and file is not None:
                 file.write(f"{line}\n")
         _answer(line)
-    if unread_signs.any():
+    if unread_signs.any() and reader.assumed:
         those = ", ".join(map(str, (np.flatnonzero(unread_signs) + 1).tolist()))
         warn(f"negative efforts of joints {those} were taken without their signs; --unsigned says which have none")
     if reader.bad:

@@ -47,6 +47,7 @@ class RowReader:
 
     Attributes:
         signed: (n,) which joints are.
+        assumed: whether nobody has said which.
         notes: what had to be assumed, a sentence each.
         bad: rows that were none so far.
 
@@ -68,7 +69,7 @@ class RowReader:
         names = [column.name for column in self._text.chosen]
         one = self._text.table(np.ones((1, len(names))))
         self.n_joints = n = one.n_joints
-        self.signed = signed_joints(np.zeros((1, n)), unsigned, n)
+        self.signed, self.assumed = signed_joints(np.zeros((1, n)), unsigned, n), unsigned is None
         effort = "tau" if "tau1" in names else "i"
         angle, made_with = (DEGREE if degrees else 1.0), gains_of_table(one, gains)
         self._places = {kind: [names.index(f"{kind}{j}") for j in range(1, n + 1)] for kind in ("q", effort)}

@@ -63,7 +63,7 @@ def count_line(counts: Counts, figures: StreamFigures, lag: float, bad: int = 0)
         return parts[0]
     middle, late = (1e6 * figures.times.quantile(share) for share in (0.5, 0.999))
     took = f"an update took {middle:.0f} microseconds in the middle, {late:.0f} in one of a thousand"
-    return f"{', '.join(parts)}; {took}; {lag:g} s behind"
+    return f"{', '.join(parts)}; {took}; {lag:.3g} s behind"
 
 
 def alarm_line(alarm: Alarm) -> str:

@@ -246,6 +246,9 @@ def test_signs_of_a_stream_count_where_it_is_said(place, monkeypatch, capfd):
     on_input(monkeypatch, content)
     assert run(*FOLLOW, "--quiet") == 0
     assert "without their signs" in capfd.readouterr().err
+    on_input(monkeypatch, content)
+    assert run(*FOLLOW, "--quiet", "--unsigned", "all") == 0
+    assert capfd.readouterr().err == ""
 
 
 @pytest.fixture
