@@ -175,6 +175,10 @@ def result_files() -> Iterator[str]:
             for path in sorted((folder / result).iterdir()):
                 yield from _file(path, f"{result}/{path.name}")
         yield from _columns(folder / "predicted.csv", "predicted.csv")
+        for name in ("signed_stream.csv", "stream.json"):
+            yield from _file(folder / "tracked" / name, f"tracked/{name}")
+    alarm = bayesid.Alarm(time=0.0, joint=1, kind="contact", joints=(1,), raised=0.0).as_dict()
+    yield from (f"tracked/alarms.json: {key}" for key in (*alarm, "named", "named_status"))
     every = replace(found, unexplained=((1, 2.0),), unexplained_on={1: ("log",)}, refused=found.added)
     yield from (f"discrepancy.json: {key}" for key in _keys(discrepancy_summary(every)))
     yield from (f"payload.json: {key}" for key in _keys(payload_summary(_full(reading))))
@@ -205,6 +209,7 @@ def _make_results(folder: Path) -> tuple[bayesid.Discrepancy, bayesid.PayloadRea
         [*identify, "--quiet", "--out", result],
         ["validate", result, other, "--quiet", "--out", str(folder / "check")],
         ["predict", result, other, "--quiet", "--out", str(folder / "predicted.csv")],
+        ["track", result, other, "--quiet", "--out", str(folder / "tracked")],
     ):
         if main(command):
             raise RuntimeError(f"bayesid {' '.join(command)} failed")

@@ -33,6 +33,7 @@ _EXAMPLES = """examples:
   bayesid predict result motion.csv --out torques.csv
   bayesid discrepancy result another_log.csv --holdout a_third_log.csv --out extended
   bayesid payload result loaded.csv --out payload
+  bayesid track result another_log.csv --lag 0.05 --out tracked
   bayesid simulate --robot panda --duration 20 --noise 0.05 --out log.csv
   bayesid robot show kr6r900 --q 0,-90,90,0,0,0 --degrees --out skeleton.png
   bayesid study noise --trials 64 --workers 2
@@ -231,6 +232,7 @@ def make_parser() -> Parser:
         _add_predict,
         _add_discrepancy,
         _add_payload,
+        _add_track,
         _add_report,
         _add_excite,
         _add_simulate,
@@ -404,6 +406,39 @@ def _add_payload(commands: _Commands) -> None:
     _share(parser, "--posterior-budget", default=10.0, help=budget)
     _share(parser, "--seed", "--repeatable")
     _share(parser, "--out", help="folder for payload.json (default: none)")
+    _share(parser, "--quiet")
+
+
+def _add_track(commands: _Commands) -> None:
+    examples = [
+        "bayesid track result another_log.csv --lag 0.05 --plot --out tracked",
+        "my_logger | bayesid track result - --follow --rate 125 --lag 0.05 > signed_stream.csv",
+    ]
+    purpose = "signs, external torques and alarms sample by sample, as they come"
+    parser = _command(commands, "track", purpose, examples)
+    parser.add_argument("result", type=Path, help="folder that `bayesid identify` wrote")
+    log = (
+        "log of the same robot, which is replayed row by row; - for the standard input, which is read to its end first"
+    )
+    parser.add_argument("log", type=Path, help=log)
+    lag = "that an instant may be judged later, with the samples up to then (default: %(default)g)"
+    parser.add_argument("--lag", type=float, default=0.0, metavar="S", help=lag)
+    follow = (
+        "with -: rows as they come; each is answered at once by a row on the standard output, with the columns of "
+        "signed_stream.csv, and alarms by a line of JSON each on the standard error"
+    )
+    parser.add_argument("--follow", action="store_true", help=follow)
+    rate = "of the samples (default: from the log; needed with --follow)"
+    parser.add_argument("--rate", type=float, metavar="HZ", help=rate)
+    alarms = "contacts, and changes, an hour that are accepted where nothing happens (default: %(default)g)"
+    parser.add_argument("--false-alarms", type=float, default=0.01, metavar="PER_HOUR", help=alarms)
+    plot = "a figure too: stream.png (default), or stream.svg"
+    parser.add_argument("--plot", nargs="?", const="png", choices=("png", "svg"), help=plot)
+    explain = "have `bayesid discrepancy` name each change, by the log from the alarm's time on; takes minutes"
+    parser.add_argument("--explain", action="store_true", help=explain)
+    _share_reading(parser)
+    out = "folder for signed_stream.csv, alarms.json, stream.json (default: bayesid-track-LOG; with --follow: none)"
+    _share(parser, "--out", help=out)
     _share(parser, "--quiet")
 
 

@@ -58,6 +58,11 @@ def table(headings: Sequence[str], rows: Iterable[Sequence[str]], left: Collecti
     return drawn
 
 
+def note(message: str) -> None:
+    """What ends a command whose stdout belongs to another program, on stderr."""
+    console(stderr=True).print(printable(message), soft_wrap=True)
+
+
 def warn(message: str) -> None:
     """What the user should know, in one line."""
     _print_message("warning", message, "bold yellow")

@@ -254,8 +254,8 @@ def _input_error(path: Path) -> Iterator[None]:
         raise InputError(f"cannot be written ({error.strerror})", str(path), "give --out another place") from None
 
 
-def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Writes a dictionary as JSON, infinity as null."""
+def write_json(path: Path, content: dict[str, Any] | list[dict[str, Any]]) -> None:
+    """Writes a dictionary, or several, as JSON, infinity as null."""
     path.write_text(json.dumps(plain(content), indent=2) + "\n", encoding="utf-8")
 
 

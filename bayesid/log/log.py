@@ -305,9 +305,9 @@ def read_log(
     stated = parse_columns(str(columns)) if isinstance(columns, str | Path) else columns
     options = Options(topic=topic, joints=joints, currents=gains is not None, columns=stated)
     table = _table_of(source, options)
-    angle, made_with = angle_unit(table, degrees), _gains(table, gains)
+    angle, made_with = angle_unit(table, degrees), gains_of_table(table, gains)
     q, effort = table.block("q", angle), table.block("tau" if "tau1" in table.columns else "i")
-    signed = _signed(effort, unsigned, table.n_joints)
+    signed = signed_joints(effort, unsigned, table.n_joints)
     effort *= made_with.value
     dq = table.block("dq", angle) if "dq1" in table.columns else None
     _check_blocks(table, q, effort)
@@ -567,8 +567,12 @@ def angle_unit(table: Table, degrees: bool | None) -> float:
     return DEGREE if degrees else 1.0
 
 
-def _gains(table: Table, stated: Sequence[float] | Gains | str | None) -> Gains:
-    """The gains by which a table's readings become efforts."""
+def gains_of_table(table: Table, stated: Sequence[float] | Gains | str | None) -> Gains:
+    """The gains by which a table's readings become efforts.
+
+    Raises:
+        InputError: they do not suit what it holds.
+    """
     n, where, torques = table.n_joints, table.source, "tau1" in table.columns
     if stated is None:
         if torques:
@@ -602,7 +606,12 @@ def _check_lists(**given: object) -> None:
             raise InputError(f"{values!r} is no list", f"--{name}", "give one entry a joint, as in [1, 2, 3]")
 
 
-def _signed(measured: Array, unsigned: str | None, n: int) -> Mask:
+def signed_joints(measured: Array, unsigned: str | None, n: int) -> Mask:
+    """(n,) which joints are signed, by readings (N, n), or as a user has said.
+
+    Raises:
+        InputError: it names no joints.
+    """
     if unsigned is None:
         negative: Mask = np.any(measured < 0.0, axis=0)
         return negative

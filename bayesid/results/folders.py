@@ -134,6 +134,8 @@ class _NotWritten:
 VALIDATION_FILES = frozenset({"summary.json", "signed_log.csv", "prediction.csv"})
 PAYLOAD = "payload.json"
 PAYLOAD_FILES = frozenset({PAYLOAD})
+STREAM = "stream.json"
+STREAM_FILES = frozenset({STREAM, "signed_stream.csv", "alarms.json", "stream.png", "stream.svg"})
 
 
 @one_blas_thread

@@ -81,7 +81,7 @@ def test_one_line_leads_to_the_right_command(place, capfd, arguments, says):
 def test_every_command_that_reads_a_log_has_the_option(place, capfd):
     commands = make_parser().commands
     readers = {name for name, parser in commands.items() if "--gains" in parser.options}
-    assert readers == {"identify", "validate", "discrepancy", "payload", "report", "excite"}
+    assert readers == {"identify", "validate", "discrepancy", "payload", "track", "report", "excite"}
     assert all("--columns" in commands[name].options for name in readers)
     judged = ("excite", "--robot", "kr5", "--log", "messung.csv", "--gains", GAINS)
     assert run(*judged, "--columns", "columns.toml") == 0

@@ -93,9 +93,14 @@ class Layout:
     first: tuple[str, ...] = ()
     quoted_lines: bool = False
 
-    def lines(self, file: TextIO) -> Iterator[str]:
+    def lines(self, file: Iterable[str]) -> Iterator[str]:
         """The file's lines, their numbers with decimal points; those of comments are blank."""
         return map(self._line, file)
+
+    def cells(self, line: str) -> list[str]:
+        """What a line of the file holds, numbers with decimal points; nothing where it is blank."""
+        line = self._line(line)
+        return _split(line, self.separator) if line.strip() else []
 
     def _line(self, line: str) -> str:
         empty = line.startswith(_COMMENTS) or not line.strip(f'{self.separator}" \t\r\n')  # as spreadsheets end
@@ -174,22 +179,39 @@ def read_text(path: Path, select: Callable[[Sequence[str], str], Chosen]) -> Tab
     """
     try:
         layout = look_at(path)
-        where = f"{path}, row {layout.header_row}"
-        if len(layout.header) > _MOST_COLUMNS:
-            raise InputError(f"names {len(layout.header)} columns", where, f"give a log of {_MOST_COLUMNS} at most")
-        if not any(layout.header):
-            raise InputError("does not begin with a header", str(path), "begin it with t,q1..qn,tau1..taun")
-        if all(map(_is_value, layout.header)):
-            raise InputError("holds numbers, not the names of the columns", where, "begin it with t,q1..qn,tau1..taun")
-        selected = select(layout.header, where)
-        chosen = sorted(selected.columns, key=lambda source: source.place)  # the first bad one is named
-        clock = _clock(layout, chosen)
+        selected, clock = select_columns(layout, str(path), select)
+        chosen = selected.columns
         values = _read_values(path, layout, [source.place for source in chosen], clock)
     except (UnicodeDecodeError, csv.Error) as error:
         raise _not_text(path, isinstance(error, UnicodeDecodeError)) from None
     units = {source.place: 1.0 if source.place == clock else source.unit for source in chosen}
     columns = {one.name: Column(one.label, values[:, one.place], units[one.place]) for one in chosen}
     return Table(columns, str(path), lambda row: _where(path, layout, row), selected.notes)
+
+
+def select_columns(
+    layout: Layout, source: str, select: Callable[[Sequence[str], str], Chosen]
+) -> tuple[Chosen, int | None]:
+    """The columns that make a log, in the table's order, and the place of a time that is written as one of day.
+
+    Args:
+        layout: of the table.
+        source: the table, for messages.
+        select: the columns that make a log, of a header at a place that messages name.
+
+    Raises:
+        InputError: the header names no columns, or not those of a log.
+    """
+    where, remedy = f"{source}, row {layout.header_row}", "begin it with t,q1..qn,tau1..taun"
+    if len(layout.header) > _MOST_COLUMNS:
+        raise InputError(f"names {len(layout.header)} columns", where, f"give a log of {_MOST_COLUMNS} at most")
+    if not any(layout.header):
+        raise InputError("does not begin with a header", source, remedy)
+    if all(map(_is_value, layout.header)):
+        raise InputError("holds numbers, not the names of the columns", where, remedy)
+    selected = select(layout.header, where)
+    chosen = tuple(sorted(selected.columns, key=lambda source: source.place))  # the first bad one is named
+    return Chosen(chosen, selected.notes), _clock(layout, chosen)
 
 
 def _not_text(path: Path, undecoded: bool) -> InputError:

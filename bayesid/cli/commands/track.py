@@ -1,0 +1,236 @@
+"""`bayesid track`: a recording replayed as a stream, or rows as they come, through a result's model."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+from rich.console import RenderableType
+
+from bayesid.cli.following import NobodyReadsError, follow
+from bayesid.cli.options import read, reading_options
+from bayesid.cli.progress import StageBars
+from bayesid.cli.tables import line_of
+from bayesid.cli.terminal import note, show, table, warn
+from bayesid.errors import BayesidError, InputError
+from bayesid.files.writing import check_folder, reserved, save_folder
+from bayesid.identification.identified_model import IdentifiedModel
+from bayesid.identification.validation import Validation, check_joints
+from bayesid.log.formats.base import Options
+from bayesid.log.formats.streams import STANDARD_INPUT
+from bayesid.log.log import Log, check_exact_gains
+from bayesid.log.rows import RowReader
+from bayesid.monitor.alarms import Alarm
+from bayesid.monitor.figures import StreamFigures
+from bayesid.monitor.kinds import CONTACT
+from bayesid.monitor.replay import Agreement, Replay, agreement, known_signs, replay
+from bayesid.monitor.tracker import SignTracker
+from bayesid.progress import Progress
+from bayesid.report.track_text import (
+    HEADINGS,
+    NOTE,
+    alarm_line,
+    change_line,
+    count_line,
+    named_line,
+    track_lines,
+    track_rows,
+)
+from bayesid.report.words import label
+from bayesid.results.folders import STREAM, STREAM_FILES
+from bayesid.results.model_file import load_model
+from bayesid.results.stream_folder import Named, StreamResult, open_stream, save_replay, write_summaries
+
+_SOURCE = "standard input"
+
+
+def run(options: argparse.Namespace) -> None:
+    """A folder and what is in it in short; or rows in, rows out."""
+    if options.follow:
+        _check_follow(options)
+        _follow(options)
+    else:
+        _replay(options)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# A recording
+# ---------------------------------------------------------------------------------------------------------------
+def _replay(options: argparse.Namespace) -> None:
+    from_input = str(options.log) == STANDARD_INPUT
+    folder = options.out or Path(f"bayesid-track-{'stream' if from_input else options.log.stem}")
+    folder = check_folder(folder, STREAM_FILES, STREAM)
+    with reserved(folder), StageBars(options.quiet) as bars:
+        bars.show("read", 0, 1)
+        identified = load_model(options.result)
+        log = read(options.log, reading_options(options, identified))
+        check_joints(identified.model.robot, log)
+        check_exact_gains(log)
+        rate = round(1.0 / log.period, 3) if options.rate is None else options.rate
+        tracker = SignTracker(identified, rate, options.lag, log.signed.tolist(), false_alarms=options.false_alarms)
+        streamed = replay(tracker, log, Progress(bars.show))
+        bars.show("smooth", 0, 1)
+        result, offline = _compared(options, identified, log, streamed)
+        if options.explain:
+            bars.show("explain", 0, 1)
+            result = replace(result, named=_named(identified, log, streamed.alarms))
+        bars.show("write", 0, 1)
+        save_replay(folder, result, streamed, options.plot)
+    if not options.quiet:
+        seen = offline is not None and offline.seen
+        show(*_parts(result, options, float(log.t[-1]), seen), f"written to {folder}/")
+
+
+def _compared(
+    options: argparse.Namespace, identified: IdentifiedModel, log: Log, streamed: Replay
+) -> tuple[StreamResult, Validation | None]:
+    """With the smoothing of the log and, where it is signed, with its signs, of which another stream is not told."""
+    offline, smoothing, known, status = None, None, None, "done"
+    try:
+        offline = identified.validate(log)
+    except InputError as error:
+        status = str(error)
+    if offline is not None:
+        smoothing = agreement(streamed, offline)
+        if log.signed.any():
+            tracker = SignTracker(identified, streamed.rate, options.lag, false_alarms=options.false_alarms)
+            known = known_signs(replay(tracker, log.rectified()), offline)
+    return _result(log.source, streamed, smoothing, status, known), offline
+
+
+def _result(
+    source: str, streamed: Replay, smoothing: Agreement | None, status: str, known: Agreement | None
+) -> StreamResult:
+    return StreamResult(
+        log=source,
+        rate=streamed.rate,
+        lag=streamed.lag,
+        counts=streamed.counts,
+        bad=0,
+        figures=streamed.figures,
+        alarms=streamed.alarms,
+        smoothing=smoothing,
+        smoothing_status=status,
+        known=known,
+    )
+
+
+def _named(identified: IdentifiedModel, log: Log, alarms: tuple[Alarm, ...]) -> dict[int, Named]:
+    """What each change is, by the log from its time on."""
+    return {k: _name(identified, log, alarm) for k, alarm in enumerate(alarms) if alarm.kind != CONTACT}
+
+
+def _name(identified: IdentifiedModel, log: Log, alarm: Alarm) -> Named:
+    from bayesid.discrepancy.workflow import find_discrepancy  # takes long to import, for this option alone
+
+    rows = log.t >= alarm.time
+    dq = None if log.dq is None else log.dq[rows]
+    part = replace(log, t=log.t[rows], q=log.q[rows], effort=log.effort[rows], dq=dq, pieces=())
+    try:
+        found = find_discrepancy(identified, part, posterior=False)
+    except BayesidError as error:
+        return Named(f"could not be told from {part.t[-1] - part.t[0]:.2f} s of the log: {error}")
+    return Named(found.status, tuple((one.effect, one.joints) for one in found.added))
+
+
+def _parts(result: StreamResult, options: argparse.Namespace, last: float, seen: bool) -> list[RenderableType]:
+    """What ends the command."""
+    known = track_lines(result.smoothing, result.smoothing_status, result.known, seen)
+    return [
+        *map(line_of, known),
+        "",
+        table(list(HEADINGS), [list(row) for row in track_rows(result.figures, result.smoothing)]),
+        NOTE,
+        "",
+        *_alarm_parts(result, options, last),
+        count_line(result.counts, result.figures, result.lag, result.bad),
+    ]
+
+
+def _alarm_parts(result: StreamResult, options: argparse.Namespace, last: float) -> list[str]:
+    lines = [alarm_line(alarm) for alarm in result.alarms] or ["no alarms"]
+    named = result.named or {}
+    for k, alarm in enumerate(result.alarms):
+        if alarm.kind != CONTACT and k in named:
+            effects = "; ".join(label(effect, joints) for effect, joints in named[k].effects)
+            lines.append(named_line(alarm, named[k].status.replace("_", " "), effects))
+        elif alarm.kind != CONTACT:
+            lines.append(change_line(alarm, str(options.result), str(options.log), last))
+    return lines
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Rows as they come
+# ---------------------------------------------------------------------------------------------------------------
+def _check_follow(options: argparse.Namespace) -> None:
+    if str(options.log) != STANDARD_INPUT:
+        raise InputError("is no stream", str(options.log), "give - in place of the log with --follow")
+    if options.rate is None:
+        raise InputError("the rate of a stream is not known beforehand", "--follow", "give --rate HZ")
+    for name in ("plot", "explain"):
+        if getattr(options, name):
+            remedy = "leave it out, and track the recording afterwards"
+            raise InputError("takes a whole recording", f"--{name}", remedy)
+
+
+def _follow(options: argparse.Namespace) -> None:
+    folder = None if options.out is None else check_folder(options.out, STREAM_FILES, STREAM)
+    identified = load_model(options.result)
+    SignTracker(identified, options.rate, options.lag, false_alarms=options.false_alarms)  # bad options need no rows
+    reader = _reader(options, identified)
+    tracker = SignTracker(
+        identified, options.rate, options.lag, reader.signed.tolist(), false_alarms=options.false_alarms
+    )
+    try:
+        if folder is None:
+            figures = follow(tracker, reader, None)
+        else:
+            with reserved(folder):
+                figures = _follow_into(folder, tracker, reader)
+    except NobodyReadsError:
+        raise BrokenPipeError from None
+    if not options.quiet:
+        note(count_line(tracker.counts, figures, tracker.lag, reader.bad))
+
+
+def _reader(options: argparse.Namespace, identified: IdentifiedModel) -> RowReader:
+    said = reading_options(options, identified)
+    gains, unsigned, degrees = (said.pop(name) for name in ("gains", "unsigned", "degrees"))
+    columns = Options(**said, currents=gains is not None)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
+        reader = RowReader(sys.stdin.buffer, _SOURCE, gains, unsigned, degrees, columns)
+    for said_of_it in [*(str(one.message) for one in caught), *reader.notes]:
+        warn(said_of_it)
+    robot = identified.model.robot
+    if reader.n_joints != robot.n_joints:
+        said_joints = f"has {reader.n_joints} joints, the model's robot {robot.name} has {robot.n_joints}"
+        raise InputError(said_joints, _SOURCE, "give a stream of the same robot")
+    return reader
+
+
+def _follow_into(folder: Path, tracker: SignTracker, reader: RowReader) -> StreamFigures:
+    """The rows go into a file aside as they come, and into their place at the end."""
+    gathered = []
+
+    def write(place: Path) -> None:
+        with open_stream(place, tracker.n_joints) as file:
+            gathered.append(follow(tracker, reader, file))
+        result = StreamResult(
+            log=_SOURCE,
+            rate=tracker.rate,
+            lag=tracker.lag,
+            counts=tracker.counts,
+            bad=reader.bad,
+            figures=gathered[0],
+            alarms=tracker.alarms,
+            smoothing=None,
+            smoothing_status="a stream is not known as a whole",
+        )
+        write_summaries(place, result)
+
+    save_folder(folder, STREAM_FILES, STREAM, write)
+    return gathered[0]

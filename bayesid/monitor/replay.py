@@ -1,0 +1,181 @@
+"""A recording replayed as a stream, row by row as it was logged, and how it agrees with the smoothing of all of it."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesid.arrays import Array, Mask
+from bayesid.identification.identification import SURE
+from bayesid.identification.validation import Validation
+from bayesid.log.log import Log
+from bayesid.monitor.alarms import Alarm
+from bayesid.monitor.figures import StreamFigures, looked_at
+from bayesid.monitor.tracked import Counts, Tracked
+from bayesid.monitor.tracker import SignTracker
+from bayesid.process import one_blas_thread
+from bayesid.progress import SILENT, Progress
+
+_TOLD = 1000
+"""Rows between two messages of the progress."""
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What the tracker knew of each of M instants, no later than its lag.
+
+    Attributes:
+        t: (M,) s.
+        probability: (M, n) P(sign = +).
+        effort: (M, n) readings with their likelier signs, N m; nan where there was none.
+        predicted: (M, n) the model's efforts, N m.
+        predicted_sd: (M, n) their sd, N m.
+        external: (M, n) external torques, N m.
+        threshold: (M, n) beyond which they are some, N m.
+        alarms: as they stood at the end.
+        counts: what became of the rows.
+        figures: of the stream as a whole.
+        lag: s.
+        rate: Hz.
+    """
+
+    t: Array
+    probability: Array
+    effort: Array
+    predicted: Array
+    predicted_sd: Array
+    external: Array
+    threshold: Array
+    alarms: tuple[Alarm, ...]
+    counts: Counts
+    figures: StreamFigures
+    lag: float
+    rate: float
+
+
+_PARTS = "probability", "effort", "predicted", "predicted_sd", "external", "threshold"
+
+
+def timed(tracker: SignTracker, figures: StreamFigures, t: float, q: Array, effort: Array, dq: Array | None) -> Tracked:
+    """One update, counted among a stream's figures."""
+    began = time.perf_counter()
+    now = tracker.update(t, q, effort, dq)
+    if now.fresh:
+        figures.times.add(time.perf_counter() - began)
+    if looked_at(now):
+        figures.add(now)
+    return now
+
+
+@one_blas_thread
+def replay(tracker: SignTracker, log: Log, progress: Progress = SILENT) -> Replay:
+    """Feeds a log to a tracker that has seen nothing yet.
+
+    Args:
+        tracker: of the log's robot.
+        log: its rows go in as they are: with repeated instants and gaps, and not at an even rate.
+        progress: called as progress("track", rows done, rows).
+    """
+    n, rows = log.n_joints, len(log)
+    figures, seen = StreamFigures.of_joints(n), 0
+    t, parts = np.empty(rows), {name: np.empty((rows, n)) for name in _PARTS}
+    for k in range(rows):
+        if k % _TOLD == 0:
+            progress("track", k, rows)
+        now = timed(tracker, figures, float(log.t[k]), log.q[k], log.effort[k], None if log.dq is None else log.dq[k])
+        if looked_at(now):
+            t[seen] = now.t
+            for name, values in parts.items():
+                values[seen] = getattr(now, name)
+            seen += 1
+    told = {name: values[:seen] for name, values in parts.items()}
+    return Replay(
+        t[:seen],
+        **told,
+        alarms=tracker.alarms,
+        counts=tracker.counts,
+        figures=figures,
+        lag=tracker.lag,
+        rate=tracker.rate,
+    )
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Of the signs of a stream with others, in the samples of n joints that are in motion; of signed joints none count.
+
+    Attributes:
+        samples: (n,) that count.
+        alike: (n,) of them those whose sign is the same.
+        sure: (n,) those of whose sign the stream was sure to 99 %.
+        sure_alike: (n,) those that are both.
+    """
+
+    samples: Array
+    alike: Array
+    sure: Array
+    sure_alike: Array
+
+    @classmethod
+    def of(cls, probability: Array, positive: Mask, counts: Mask) -> Agreement:
+        """Of probabilities (M, n) with signs (M, n) that are plus where they are True, where samples (M, n) count."""
+        alike = ((probability >= 0.5) == positive) & counts
+        sure = (np.maximum(probability, 1.0 - probability) >= SURE) & counts
+        return cls(*(part.sum(axis=0).astype(float) for part in (counts, alike, sure, alike & sure)))
+
+    @property
+    def by_joint(self) -> Array:
+        """(n,) share that is alike; nan where none count."""
+        return _share(self.alike, self.samples)
+
+    @property
+    def sure_by_joint(self) -> Array:
+        """(n,) share of which the stream was sure."""
+        return _share(self.sure, self.samples)
+
+    @property
+    def share(self) -> float:
+        """Of all joints that is alike."""
+        return float(_share(self.alike.sum(), self.samples.sum()))
+
+    @property
+    def sure_share(self) -> float:
+        """Of all joints of which the stream was sure."""
+        return float(_share(self.sure.sum(), self.samples.sum()))
+
+    @property
+    def share_of_sure(self) -> float:
+        """Of those of which the stream was sure that is alike."""
+        return float(_share(self.sure_alike.sum(), self.sure.sum()))
+
+
+def _share(some: Array, of: Array) -> Array:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(np.where(of > 0.0, some / of, np.nan))
+
+
+def agreement(streamed: Replay, offline: Validation) -> Agreement:
+    """Of a stream's signs with those that the smoothing of the whole log finds by the same model."""
+    nearest, moving = _in_motion(streamed, offline)
+    counts = moving & ~offline.log.signed & np.isfinite(streamed.effort)
+    return Agreement.of(streamed.probability, offline.probability[nearest] >= 0.5, counts)
+
+
+def known_signs(unsigned: Replay, offline: Validation) -> Agreement:
+    """Of the signs of a stream that was fed absolute values with those that the log has, of its signed joints."""
+    log = offline.log
+    _, moving = _in_motion(unsigned, offline)
+    rows = np.searchsorted(log.t, unsigned.t - 0.5 * np.finfo(float).eps * np.abs(unsigned.t))
+    effort = log.effort[np.minimum(rows, len(log) - 1)]
+    return Agreement.of(unsigned.probability, effort >= 0.0, moving & log.signed & (effort != 0.0))
+
+
+def _in_motion(streamed: Replay, offline: Validation) -> tuple[Array, Mask]:
+    """(M,) places on the smoothing's grid of a stream's instants, and (M, n) whether the joints move there."""
+    signals, segments = offline.signals, offline.segments
+    moving = segments.per_sample(segments.moving, *signals.effort.shape) > 0
+    nearest = np.rint((streamed.t - signals.motion.t[0]) * signals.rate).astype(int)
+    nearest = np.clip(nearest, 0, len(moving) - 1)
+    return nearest, moving[nearest]

@@ -1,0 +1,358 @@
+"""`bayesid track`: a recording replayed, rows as they come, what is written, and what is refused."""
+
+import csv
+import io
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from payload_cases import PAYLOAD, PayloadCase
+
+import bayesid
+from bayesid import cli
+from bayesid.log.log import write_log
+from bayesid.results import stream_folder
+
+RATE = 50.0
+FILES = ["alarms.json", "signed_stream.csv", "stream.json"]
+NAMES = ["t", *(f"{kind}{j}" for kind in ("tau", "p", "predicted", "external") for j in (1, 2, 3))]
+GAINS = np.array([10.0, 20.0, 5.0])
+FOLLOW = "track", "result", "-", "--follow", "--rate", RATE
+
+
+def run(*arguments):
+    try:
+        return cli.main([str(argument) for argument in arguments])
+    except SystemExit as end:
+        return end.code
+
+
+def shortened(log, seconds):
+    """Its first rows."""
+    rows = log.t <= seconds
+    return replace(log, t=log.t[rows], q=log.q[rows], effort=log.effort[rows])
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A result, a log like the first, one in which a payload comes at 4 s, and one with signs."""
+    place, arm = tmp_path_factory.mktemp("made"), PayloadCase(0)
+    bayesid.save_identification(arm.result, place / "result", report=False)
+    later, loaded = arm.later(), arm.later(PAYLOAD)
+    write_log(place / "log.csv", shortened(later, 4.0))
+    taken = (loaded.t >= 4.0)[:, None]
+    write_log(place / "taken.csv", replace(later, effort=np.where(taken, loaded.effort, later.effort)))
+    signed = np.where(arm.result.predict(arm.after).mean < 0.0, -later.effort, later.effort)
+    write_log(place / "signed.csv", shortened(replace(later, effort=signed, signed=np.ones(3, dtype=bool)), 4.0))
+    return place
+
+
+@pytest.fixture
+def place(made, tmp_path, monkeypatch):
+    for path in made.iterdir():
+        (shutil.copytree if path.is_dir() else shutil.copy)(path, tmp_path / path.name)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def stream_of(text):
+    """(M, 13) what a stream says."""
+    rows = list(csv.reader(text.splitlines()))
+    assert rows[0] == NAMES
+    return np.array(rows[1:], dtype=float).reshape(-1, len(NAMES))
+
+
+def read(folder):
+    """signed_stream.csv, alarms.json and the summary of stream.json."""
+    assert sorted(path.name for path in folder.iterdir() if path.name != "stream.svg") == FILES
+    alarms = json.loads((folder / "alarms.json").read_text())
+    said = json.loads((folder / "stream.json").read_text())
+    assert said["n_alarms"] == len(alarms)
+    return stream_of((folder / "signed_stream.csv").read_text()), alarms, said["summary"]
+
+
+def on_input(monkeypatch, content):
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(content)))
+
+
+def mangled(lines):
+    """A header with rows repeated, late, not a number, no rows at all, and a gap."""
+    header, *rows = lines
+    cells = rows[60].split(",")
+    missing = ",".join([cells[0], "nan", *cells[2:]])
+    unread = ",".join([*rows[120].split(",")[:-1], ""])
+    bad = ["stray words", rows[80][:20], "", "# a remark"]
+    kept = [*rows[:50], rows[49], rows[40], *rows[50:60], missing, *rows[61:81], *bad, *rows[81:120], unread]
+    return [header, *kept, *rows[121:140], *rows[170:]]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# A recording
+# ---------------------------------------------------------------------------------------------------------------
+def test_a_recording_is_signed_as_it_would_have_been_live(place, monkeypatch, capfd):
+    monkeypatch.setattr(stream_folder, "stream_figure", lambda streamed: Figure())  # it takes seconds
+    assert run("track", "result", "log.csv", "--lag", 0.04, "--plot", "svg") == 0
+    out, err = capfd.readouterr()
+    assert err == ""
+    assert out.endswith("written to bayesid-track-log/\n")
+    for said in ("signs agree", "RMS residual, N m", "no alarms", "rows taken", "0.04 s behind"):
+        assert said in out
+    stream, alarms, summary = read(place / "bayesid-track-log")
+    assert alarms == []
+    tracker = bayesid.SignTracker(bayesid.load_model("result"), RATE, 0.04)
+    log = bayesid.read_log("log.csv")
+    seen = [tracker.update(*row) for row in zip(log.t, log.q, log.effort, strict=True)]
+    seen = [now for now in seen if np.isfinite(now.predicted).all()]
+    np.testing.assert_array_equal(stream[:, 0], [now.t for now in seen])
+    np.testing.assert_allclose(stream[:, 1:4], [now.effort for now in seen], rtol=1e-6)
+    np.testing.assert_allclose(stream[:, 4:7], [now.probability for now in seen], atol=1e-6)
+    np.testing.assert_allclose(stream[:, 10:], [now.external for now in seen], rtol=1e-6, atol=1e-9)
+    assert summary["instants"] == len(stream)
+    assert (summary["counts"]["updates"], summary["counts"]["bad"], summary["lag"]) == (len(log), 0, 0.04)
+    assert summary["smoothing"]["share"] > 0.95
+    assert 0.0 < summary["update_microseconds"]["median"] <= summary["update_microseconds"]["p99_9"]
+    assert (place / "bayesid-track-log" / "stream.svg").stat().st_size > 0
+
+
+def test_signs_that_the_log_has_are_found_again_without_them(place, capfd):
+    assert run("track", "result", "signed.csv", "--out", "out", "--lag", 0.04) == 0
+    stream, _, summary = read(place / "out")
+    assert set(np.unique(stream[:, 4:7])) <= {0.0, 1.0}
+    assert summary["smoothing"]["share"] is None
+    assert summary["known_signs"]["share"] > 0.95
+    assert "Signs that are known" in capfd.readouterr().out
+    assert run("track", "result", "signed.csv", "--out", "out", "--unsigned", "all", "--quiet") == 0
+    assert capfd.readouterr().out == ""
+    assert read(place / "out")[2]["known_signs"] is None
+
+
+def test_a_payload_is_an_alarm_with_the_way_to_go_on(place, capfd):
+    assert run("track", "result", "taken.csv", "--out", "out", "--lag", 0.1) == 0
+    out = capfd.readouterr().out
+    _, alarms, _ = read(place / "out")
+    changes = [one for one in alarms if one["kind"] != "contact"]
+    assert changes
+    assert all(one["time"] >= 3.5 and one["raised"] >= one["time"] for one in changes)
+    keys = {"time", "joint", "kind", "joints", "raised", "duration", "amount", "unit", "explained"}
+    assert all(set(one) == keys for one in alarms)
+    assert "`bayesid discrepancy result taken.csv`" in out
+    assert f"{changes[0]['time']:.2f} s: {changes[0]['kind']}" in out
+
+
+def test_what_explains_a_change_is_named_or_said_to_be_too_short(place, monkeypatch):
+    from bayesid.discrepancy import workflow
+
+    seen = []
+
+    def refuse(model, log, posterior):
+        seen.append(log)
+        raise bayesid.InputError("is too short", "log", "record more")
+
+    monkeypatch.setattr(workflow, "find_discrepancy", refuse)
+    assert run("track", "result", "taken.csv", "--out", "out", "--explain", "--quiet") == 0
+    _, alarms, _ = read(place / "out")
+    change = next(one for one in alarms if one["kind"] != "contact")
+    assert seen[0].t[0] >= change["time"] >= seen[0].t[0] - 1.0 / RATE
+    assert change["named"] == []
+    assert "is too short" in change["named_status"]
+
+
+def test_a_log_on_standard_input_is_read_to_its_end_first(place, monkeypatch, capfd):
+    on_input(monkeypatch, (place / "log.csv").read_bytes())
+    assert run("track", "result", "-", "--quiet") == 0
+    assert run("track", "result", "log.csv", "--out", "out", "--quiet") == 0
+    both = [(place / folder / "signed_stream.csv").read_text() for folder in ("bayesid-track-stream", "out")]
+    assert both[0] == both[1]
+
+
+def test_an_earlier_folder_is_replaced_and_no_other(place, capfd):
+    (place / "out").mkdir()
+    for name in ("stream.json", "stream.png"):
+        (place / "out" / name).touch()
+    assert run("track", "result", "log.csv", "--out", "out", "--quiet") == 0
+    assert sorted(path.name for path in (place / "out").iterdir()) == FILES
+    assert run("track", "result", "log.csv", "--out", "result") == 2
+    assert "holds other files" in capfd.readouterr().err
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Rows as they come
+# ---------------------------------------------------------------------------------------------------------------
+def test_rows_that_are_followed_are_answered_as_the_recording_is(place, monkeypatch, capfd):
+    content = (place / "taken.csv").read_bytes()
+    on_input(monkeypatch, content)
+    assert run(*FOLLOW, "--lag", 0.1, "--out", "followed") == 0
+    out, err = capfd.readouterr()
+    assert run("track", "result", "taken.csv", "--lag", 0.1, "--out", "out", "--quiet") == 0
+    (stream, alarms, summary), answers = read(place / "followed"), stream_of(out)
+    recorded, of_recording, _ = read(place / "out")
+    assert len(answers) == len(content.splitlines()) - 1
+    np.testing.assert_allclose(stream, recorded, rtol=1e-6, atol=1e-7)
+    np.testing.assert_array_equal(answers[-len(stream) :], stream)
+    assert np.isnan(answers[0, 1:4]).all()
+    assert alarms == of_recording
+    raised = [json.loads(line) for line in err.splitlines() if line.startswith("{")]
+    assert [one["kind"] for one in raised if one["kind"] != "contact"] == [
+        one["kind"] for one in alarms if one["kind"] != "contact"
+    ]
+    assert summary["smoothing"] is None
+    assert "rows taken" in err
+
+
+def test_a_stream_in_disorder_is_counted_and_goes_on(place, monkeypatch, capfd):
+    lines = mangled((place / "log.csv").read_text().splitlines())
+    on_input(monkeypatch, "\n".join(lines).encode())
+    assert run(*FOLLOW, "--out", "out") == 0
+    out, err = capfd.readouterr()
+    stream, _, summary = read(place / "out")
+    expected = {"repeated": 1, "late": 1, "missing": 1, "unread": 1, "gaps": 1, "bad": 2}
+    assert {name: summary["counts"][name] for name in expected} == expected
+    assert len(stream_of(out)) == len(lines) - 3  # the header, a blank line and a remark
+    assert "2 lines were no rows" in err
+    assert np.all(np.diff(stream[:, 0]) > 0.0)
+
+
+def test_units_gains_and_names_count_as_in_files(place, monkeypatch, capfd):
+    log = bayesid.read_log("log.csv")
+    names = ["Zeit", *(f"q{j} [deg]" for j in (1, 2, 3)), *(f"Strom{j}" for j in (1, 2, 3))]
+    values = np.column_stack([1e3 * log.t, np.rad2deg(log.q), log.effort / GAINS])
+    units = ";".join(["ms", *[""] * 3, *["A"] * 3])
+    rows = [";".join(repr(x).replace(".", ",") for x in row) for row in values.tolist()]
+    on_input(monkeypatch, "\n".join([";".join(names), units, *rows]).encode())
+    options = "--gains", ",".join(map(str, GAINS)), "--columns", 't=Zeit [ms],i="Strom{} [A]"'
+    assert run(*FOLLOW, *options, "--quiet") == 0
+    strange = stream_of(capfd.readouterr().out)
+    on_input(monkeypatch, (place / "log.csv").read_bytes())
+    assert run(*FOLLOW, "--quiet") == 0
+    np.testing.assert_allclose(strange, stream_of(capfd.readouterr().out), rtol=1e-4, atol=1e-4)
+
+
+def test_signs_of_a_stream_count_where_it_is_said(place, monkeypatch, capfd):
+    content = (place / "signed.csv").read_bytes()
+    on_input(monkeypatch, content)
+    assert run(*FOLLOW, "--quiet", "--unsigned", "none") == 0
+    out, err = capfd.readouterr()
+    p = stream_of(out)[-150:, 4:7]
+    assert err == ""
+    assert set(np.unique(p)) == {0.0, 1.0}
+    on_input(monkeypatch, content)
+    assert run(*FOLLOW, "--quiet") == 0
+    assert "without their signs" in capfd.readouterr().err
+    on_input(monkeypatch, content)
+    assert run(*FOLLOW, "--quiet", "--unsigned", "all") == 0
+    assert capfd.readouterr().err == ""
+
+
+@pytest.fixture
+def live(place):
+    """A `bayesid track --follow` of its own, with its ends."""
+    command = [sys.executable, "-u", "-m", "bayesid.cli", *map(str, FOLLOW), "--out", "out"]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    running = subprocess.Popen(
+        command, **pipes, cwd=place, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
+    )
+    yield running
+    running.kill()
+    for end in (running.stdin, running.stdout, running.stderr):
+        end.close()
+    running.wait()
+
+
+def say(running, text):
+    running.stdin.write(text)
+    running.stdin.flush()
+
+
+def test_each_row_is_answered_before_the_next_comes(place, live):
+    header, *rows = (place / "log.csv").read_bytes().splitlines(keepends=True)
+    say(live, header + rows[0][:7])
+    time.sleep(0.05)
+    say(live, rows[0][7:])
+    assert live.stdout.readline().decode().strip().split(",") == NAMES
+    assert live.stdout.readline().count(b",") == len(NAMES) - 1
+    for row in rows[1:40]:
+        say(live, row)
+        answer = live.stdout.readline()
+    assert float(answer.split(b",")[0]) == float(rows[39].split(b",")[0])
+    say(live, rows[40].rstrip())  # the last line may lack its end
+    live.stdin.close()
+    assert live.wait(timeout=20) == 0
+    assert len(live.stdout.read().splitlines()) == 1
+    assert read(place / "out")[2]["counts"]["updates"] == 41
+
+
+def test_a_stream_that_is_interrupted_leaves_nothing(place, live):
+    before = sorted(os.listdir(place))
+    header, *rows = (place / "log.csv").read_bytes().splitlines(keepends=True)
+    say(live, header + b"".join(rows[:30]))
+    for _ in range(31):
+        live.stdout.readline()
+    live.send_signal(signal.SIGINT)
+    assert live.wait(timeout=20) == 130
+    assert live.stderr.read().endswith(b"; nothing was written\n")
+    assert sorted(os.listdir(place)) == before
+
+
+def test_nobody_who_reads_ends_it_too(place, live):
+    content = (place / "log.csv").read_bytes()
+    live.stdout.close()
+    live.stdin.write(content)
+    live.stdin.close()
+    live.stdin = io.BytesIO()
+    live.stdout = io.BytesIO()
+    assert live.wait(timeout=20) == 141
+    assert not (place / "out").exists()
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Bad input
+# ---------------------------------------------------------------------------------------------------------------
+HEADER = "t,q1,q2,q3,tau1,tau2,tau3\n"
+BAD = {
+    "no result": (("absent", "log.csv"), "", ["absent", "holds no model.toml"]),
+    "no log": (("result", "absent.csv"), "", ["absent.csv", "no such file"]),
+    "lag": (("result", "log.csv", "--lag", 2), "", ["--lag", "2 s"]),
+    "rate": (("result", "log.csv", "--rate", 0), "", ["a rate of 0 Hz"]),
+    "alarms": (("result", "log.csv", "--false-alarms", 0), "", ["--false-alarms"]),
+    "gains": (("result", "log.csv", "--gains", "1,2,3"), "", ["drop --gains"]),
+    "picture": (("result", "log.csv", "--plot", "bmp"), "", ["--plot", "'bmp'"]),
+    "no stream": (("result", "log.csv", "--follow", "--rate", 50), "", ["log.csv", "give -"]),
+    "no rate": (("result", "-", "--follow"), HEADER, ["--follow", "give --rate HZ"]),
+    "figure of a stream": ((*FOLLOW[1:], "--plot", "png"), HEADER, ["--plot", "whole recording"]),
+    "explained stream": ((*FOLLOW[1:], "--explain"), HEADER, ["--explain", "whole recording"]),
+    "lag of a stream": ((*FOLLOW[1:], "--lag", 7), HEADER, ["--lag", "7 s"]),
+    "empty": (FOLLOW[1:], "", ["does not begin with a header"]),
+    "other joints": (FOLLOW[1:], "t,q1,q2,tau1,tau2\n0,0,0,1,1\n", ["2 joints", "has 3"]),
+    "no efforts": (FOLLOW[1:], "t,q1,q2,q3\n0,0,0,1\n", ["tau1", "is missing"]),
+    "numbers": (FOLLOW[1:], "0,0,0,0,1,1,1\n0.1,0,0,0,1,1,1\n", ["holds numbers"]),
+    "currents": (FOLLOW[1:], HEADER.replace("tau", "i") + "0,0,0,0,1,1,1\n", ["no gains"]),
+    "topic": ((*FOLLOW[1:], "--topic", "/x"), HEADER, ["no topic"]),
+    "degrees": (FOLLOW[1:], HEADER + "0,90,80,70,1,1,1\n", ["are they degrees"]),
+    "milliseconds": (FOLLOW[1:], HEADER + "".join(f"{20 * k},0,0,0,1,1,1\n" for k in range(60)), ["t[ms]", "50 Hz"]),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input_is_one_line_and_nothing_is_written(place, monkeypatch, capfd, name):
+    arguments, content, says = BAD[name]
+    before = {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
+    on_input(monkeypatch, content.encode())
+    assert run("track", *arguments, "--out", "out") == 2
+    err = capfd.readouterr().err
+    assert err.count("\n") == 1
+    assert all(word in err for word in says), err
+    assert {path: path.read_bytes() for path in place.rglob("*") if path.is_file()} == before
+
+
+def test_an_encoding_that_cannot_be_followed_is_told(place, monkeypatch, capfd):
+    on_input(monkeypatch, (place / "log.csv").read_text().encode("utf-16"))
+    assert run(*FOLLOW) == 2
+    assert "UTF-16" in capfd.readouterr().err

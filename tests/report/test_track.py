@@ -1,0 +1,117 @@
+"""What is said and drawn of a stream."""
+
+import numpy as np
+import pytest
+
+from bayesid.monitor.alarms import Alarm
+from bayesid.monitor.figures import StreamFigures, UpdateTimes
+from bayesid.monitor.replay import Agreement, Replay
+from bayesid.monitor.tracked import Counts
+from bayesid.report.plot.stream import stream_figure
+from bayesid.report.track_text import HEADINGS, alarm_line, change_line, count_line, track_lines, track_rows
+
+PAYLOAD = Alarm(2.31, 3, "payload", (2, 3), 3.2, None, 2.81, 0.9)
+CONTACT = Alarm(1.0, 2, "contact", (1, 2), 1.0, 0.25, 31.7)
+LINES = {
+    "2.31 s: payload, joints 2 and 3 (+2.8 kg), said 0.9 s later": PAYLOAD,
+    "1.00 s: contact, joints 1 and 2 (up to 31.7 N m), 0.25 s long": CONTACT,
+    "4.00 s: friction, joint 1 (-0.51 N m), said 2.0 s later": Alarm(4.0, 1, "friction", (1,), 6.0, None, -0.512, 0.7),
+    "4.00 s: gain, joint 1 (+12 %), said 2.0 s later": Alarm(4.0, 1, "gain", (1,), 6.0, None, 0.12, 0.7),
+    "4.00 s: unknown change, joint 1, said 2.0 s later": Alarm(4.0, 1, "unknown", (1,), 6.0, None, None, 0.1),
+}
+
+
+def figures():
+    return StreamFigures(np.array([4, 0]), np.array([4.0, 0.0]), np.array([0.5, 0.0]), 4)
+
+
+@pytest.mark.parametrize("line", LINES)
+def test_an_alarm_is_a_line_in_plain_words(line):
+    assert alarm_line(LINES[line]) == line
+
+
+def test_a_change_says_how_to_go_on():
+    said = change_line(PAYLOAD, "my result", "log.csv", 20.0)
+    assert "`bayesid discrepancy 'my result' log.csv` on the rows from 2.31 to 20.00 s" in said
+
+
+def test_signs_of_samples_that_count_are_compared():
+    probability = np.array([[0.999, 0.2], [0.6, 0.001], [0.3, 0.5]])
+    positive = np.array([[True, True], [False, False], [False, True]])
+    found = Agreement.of(probability, positive, np.array([[True, True], [True, True], [True, False]]))
+    np.testing.assert_allclose(found.by_joint, [2.0 / 3.0, 0.5])
+    np.testing.assert_allclose(found.sure_by_joint, [1.0 / 3.0, 0.5])
+    assert (found.share, found.sure_share, found.share_of_sure) == (0.6, 0.4, 1.0)
+    assert track_rows(figures(), found) == [
+        ("1", "66.7%", "33.3%", "1.00", "0.50"),
+        ("2", "50.0%", "50.0%", "-", "0.00"),
+    ]
+    (line,) = track_lines(found, "done", None)
+    assert "60.0% of the samples in motion" in line.message
+
+
+def test_what_was_not_compared_is_said():
+    assert [len(row) for row in track_rows(figures(), None)] == [len(HEADINGS)] * 2
+    (line,) = track_lines(None, "the log is too short", None)
+    assert (line.state, "too short" in line.message) == ("look", True)
+    none = Agreement.of(np.ones((3, 2)), np.ones((3, 2), dtype=bool), np.zeros((3, 2), dtype=bool))
+    assert "known in the log" in track_lines(none, "done", None)[0].message
+
+
+def test_what_became_of_the_rows_is_one_line():
+    of_stream = figures()
+    for microseconds in range(100, 200):
+        of_stream.times.add(1e-6 * microseconds)
+    line = count_line(Counts(updates=1990, repeated=3, late=0, missing=1, unread=0, gaps=1), of_stream, 0.05, bad=2)
+    assert line.startswith(
+        "1,990 rows taken, 3 repeated, 1 without a number, 2 no rows at all, 1 gap; an update took 1"
+    )
+    assert line.endswith("0.05 s behind")
+    assert count_line(Counts(), figures(), 0.0) == "0 rows taken"
+
+
+def test_update_times_are_kept_to_a_hundredth(rng):
+    times, taken = UpdateTimes(), 1e-3 * np.exp(0.5 * rng.standard_normal(2000))
+    for seconds in taken:
+        times.add(seconds)
+    for share in (0.5, 0.999):
+        assert abs(times.quantile(share) / np.quantile(taken, share, method="inverted_cdf") - 1.0) < 0.011
+    assert np.isnan(UpdateTimes().quantile(0.5))
+
+
+def made_stream(n=2, alarms=(PAYLOAD, CONTACT)):
+    t = np.concatenate([np.arange(200) / 50.0, 8.0 + np.arange(50) / 50.0])
+    wave = np.sin(3.0 * t)[:, None] * np.arange(1.0, n + 1.0)
+    parts = {
+        "probability": np.ones_like(wave),
+        "effort": wave,
+        "predicted": 0.9 * wave,
+        "predicted_sd": 0.1 + 0.0 * wave,
+    }
+    parts |= {"external": 0.1 * wave, "threshold": np.where(wave > 0.9, np.inf, 1.0)}
+    return Replay(t, **parts, alarms=alarms, counts=Counts(), figures=figures(), lag=0.0, rate=50.0)
+
+
+def test_every_joint_has_its_effort_and_its_external_torque():
+    figure = stream_figure(made_stream())
+    assert len(figure.axes) == 4
+    effort, external = figure.axes[2:]
+    drawn = {line.get_label(): line for line in effort.get_lines()}
+    at, values = drawn["effort with the stream's signs"].get_data()
+    np.testing.assert_allclose(values[~np.isnan(values)], 2.0 * np.sin(3.0 * at[~np.isnan(values)]))
+    assert 3.98 < at[np.isnan(values)][0] < 8.0  # no line across the pause
+    assert any(line.get_xdata()[0] == PAYLOAD.raised for line in effort.get_lines())
+    assert "payload" in [text.get_text() for text in effort.texts]
+    assert external.get_ylabel() == "external\ntorque, N m"
+    (key,) = figure.legends
+    assert {"model", "threshold of a contact", "contact", "change, when it was said"} <= {
+        text.get_text() for text in key.get_texts()
+    }
+
+
+def test_a_stream_of_nothing_is_drawn_too():
+    full = made_stream(alarms=())
+    nothing = {name: getattr(full, name)[:0] for name in ("t", "probability", "effort", "predicted", "predicted_sd")}
+    nothing |= {name: getattr(full, name)[:0] for name in ("external", "threshold")}
+    empty = Replay(**nothing, alarms=(), counts=Counts(), figures=figures(), lag=0.0, rate=50.0)
+    assert len(stream_figure(empty).axes) == 4
