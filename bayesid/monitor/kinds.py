@@ -103,10 +103,10 @@ def _fitted(look: Look, one: _Candidate, misfit: Array) -> tuple[float, Kind]:
     rows = (np.sqrt(weight)[:, :, None] * one.columns).reshape(-1, size)
     normal = rows.T @ rows
     normal += np.diag(_RIDGE * np.diag(normal) + 1e-300)
-    predicted, change = effort, np.zeros(size)
+    predicted, change = effort, np.zeros((size,), dtype=float)
     for _ in range(_PASSES):
         aim = (np.sqrt(weight) * (_nearest(look, joints, predicted) - effort)).ravel()
-        change = np.linalg.solve(normal, rows.T @ aim)
+        change[:] = np.linalg.solve(normal, rows.T @ aim)
         predicted = effort + one.columns @ change
     before, left = float(misfit[joints].sum()), _left(look, one.joints, predicted)
     count = max(float((look.weight[joints] * np.isfinite(look.width[:, joints])).sum()), 1.0)

@@ -109,7 +109,7 @@ class RunningModel:
     def dry_friction(self, q: Array) -> Array:
         """(n,) by how much friction's direction changes the efforts at positions q (n,), N m: half of a reversal."""
         still = np.zeros_like(q)
-        slow = _SLOW * np.linalg.solve(self.model.robot.coupling, self.standstill)
+        slow = _SLOW * np.linalg.solve(self.model.robot.coupling, self.standstill).astype(float)
         forth, back = (self._effort(self.instant(0.0, q, sign * slow, still)) for sign in (1.0, -1.0))
         return np.asarray(0.5 * np.abs(forth - back))
 

@@ -468,19 +468,23 @@ class SignTracker:
 
     def _nothing(self, t: float) -> Tracked:
         """What is known without a motion."""
-        unknown, half = np.full(self.n_joints, np.nan), np.full(self.n_joints, 0.5)
-        nothing = dict.fromkeys(("effort", "effort_sd", "predicted", "predicted_sd", "residual"), unknown)
-        motion = dict.fromkeys(("q", "dq", "ddq"), unknown)
+        unknown = np.full(self.n_joints, np.nan)
         return Tracked(
             t=t - self.lag,
-            probability=half,
-            **nothing,
+            probability=np.full(self.n_joints, 0.5),
+            effort=unknown,
+            effort_sd=unknown,
+            predicted=unknown,
+            predicted_sd=unknown,
+            residual=unknown,
             external=np.zeros(self.n_joints),
             threshold=np.full(self.n_joints, np.inf),
             state=(UNKNOWN,) * self.n_joints,
             contact=(),
             alarms=(),
-            **motion,
+            q=unknown,
+            dq=unknown,
+            ddq=unknown,
         )
 
     def _misfit(self, values: int, readings: int) -> InputError:

@@ -65,24 +65,26 @@ class SignFilter:
         grid = error_grid(at_rest)
         moving = transitions(grid, noise.coloured, np.exp(-1.0 / (noise.correlation * steps)))
         resting = transitions(grid, at_rest, np.full(len(at_rest), np.exp(-1.0 / (REST_TIME * steps))))
-        arrays = (
-            moving.swapaxes(1, 2),
-            moving,
-            resting.swapaxes(1, 2),
-            resting,
-            stationary(grid, at_rest),
-            stationary(grid, noise.coloured),
+        return cls(
+            grid=_single(grid),
+            white=noise.white,
+            forwards=_single(moving.swapaxes(1, 2)),
+            backwards=_single(moving),
+            rest_forwards=_single(resting.swapaxes(1, 2)),
+            rest_backwards=_single(resting),
+            afresh=_single(stationary(grid, at_rest)),
+            start=_single(stationary(grid, noise.coloured)),
+            turns=1.0 - (1.0 - TURNS) ** (1.0 / max(1.0, REST_TIME * steps)),
+            stride=stride,
+            look_ahead=look_ahead,
         )
-        turns = 1.0 - (1.0 - TURNS) ** (1.0 / max(1.0, REST_TIME * steps))
-        parts = [np.ascontiguousarray(part, dtype=np.float32) for part in arrays]
-        return cls(grid.astype(np.float32), noise.white, *parts, turns, stride, look_ahead)
 
     def begin(self) -> Belief:
         """Before the first reading."""
         shape = (self.look_ahead + 1, *self.grid.shape)
-        empty = [np.zeros(shape, dtype=np.float32) for _ in range(3)]
-        moves = np.ones(shape[:2], dtype=bool)
-        return Belief(self.start.copy(), *empty, moves, np.zeros(shape[0], dtype=bool), 0)
+        before, plus, likelihood = (np.zeros(shape, dtype=np.float32) for _ in range(3))
+        moves, steps = np.ones(shape[:2], dtype=bool), np.zeros(shape[0], dtype=bool)
+        return Belief(self.start.copy(), before, plus, likelihood, moves, steps, moves[0], 0)
 
     def update(
         self, belief: Belief, reading: Array, predicted: Array, sd: Array, moves: Mask
@@ -97,19 +99,18 @@ class SignFilter:
             moves: (n,) False at standstill.
         """
         plus, likelihood = self._weigh(reading, predicted, sd)
-        before, at = belief.weights, belief.count % (self.look_ahead + 1)
-        belief.count += 1
-        steps = belief.count % self.stride == 0
+        steps, both = belief.count > 0 and belief.count % self.stride == 0, moves & belief.moved
+        before = self._step(belief.weights, both) + _LEAST if steps else belief.weights
         after = before * likelihood
         total = after.sum(axis=1)
         now = np.minimum((before * plus).sum(axis=1) / total, _ONE).astype(float)
         after /= total[:, None]
-        belief.weights = self._step(after, moves) if steps else after
-        belief.weights += _LEAST
+        at = belief.count % (self.look_ahead + 1)
+        belief.weights, belief.moved, belief.count = after, moves, belief.count + 1
         if self.look_ahead == 0:
             return now, now
         belief.before[at], belief.plus[at], belief.likelihood[at] = before, plus, likelihood
-        belief.moves[at], belief.steps[at] = moves, steps
+        belief.moves[at], belief.steps[at] = both, steps
         return self._looked_back(belief) if belief.count > self.look_ahead else None, now
 
     def _weigh(self, reading: Array, predicted: Array, sd: Array) -> tuple[Single, Single]:
@@ -153,11 +154,11 @@ class SignFilter:
         oldest = belief.count % size
         future = belief.likelihood[(oldest + self.look_ahead) % size]
         for k in range(self.look_ahead, 0, -1):
-            at, last = (oldest + k) % size, (oldest + k - 1) % size
+            at = (oldest + k) % size
             if k < self.look_ahead:
                 future = belief.likelihood[at] * future
-            if belief.steps[last]:
-                future = self._back(future, belief.moves[last])
+            if belief.steps[at]:
+                future = self._back(future, belief.moves[at])
                 future = future / future.max(axis=1, keepdims=True)
         both = belief.before[oldest] * future
         total = (both * belief.likelihood[oldest]).sum(axis=1)
@@ -174,17 +175,22 @@ class SignFilter:
         return before
 
 
+def _single(values: Array) -> Single:
+    return np.ascontiguousarray(values, dtype=np.float32)
+
+
 @dataclass
 class Belief:
     """What has become of readings: the belief about b, and the last L + 1 of them.
 
     Attributes:
-        weights: (n, G) of the values of b before the next reading.
+        weights: (n, G) of the values of b after the last reading.
         before: (L + 1, n, G) the same before each reading that is kept.
         plus: (L + 1, n, G) likelihood of each value with the sign +.
         likelihood: (L + 1, n, G) with either sign.
-        moves: (L + 1, n) False at standstill.
-        steps: (L + 1,) whether a step in time follows.
+        moves: (L + 1, n) False where a standstill is entered, goes on or is left: by a wide step, as in smoothing.
+        steps: (L + 1,) whether a step in time comes before.
+        moved: (n,) False where the last reading was at standstill.
         count: readings so far.
     """
 
@@ -194,4 +200,5 @@ class Belief:
     likelihood: Single
     moves: Mask
     steps: Mask
+    moved: Mask
     count: int

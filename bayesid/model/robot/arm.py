@@ -206,7 +206,8 @@ class Robot:
     @cached_property
     def _to_actuators(self) -> Array:
         """(n, n) inverse of the coupling."""
-        return np.linalg.inv(self.coupling)
+        inverse: Array = np.linalg.inv(self.coupling).astype(float)
+        return inverse
 
     @cached_property
     def _bodies(self) -> _Bodies:
