@@ -18,7 +18,7 @@ import numpy as np
 import bayesid
 
 RATE, STEPS = 200.0, 5  # samples a second; steps of the simulation a sample
-ENCODER, SENSOR = 2e-5, 0.01  # sd of positions, rad, and of efforts as a share of the joint's largest
+ENCODER, SENSOR = 5e-6, 0.01  # sd of positions, rad (encoders at motors), and of efforts as a share of the largest
 STIFFNESS = 30.0  # rad/s of the controller's closed loop
 TERMS = ["rigid_body", "viscous_friction", "coulomb_friction", "rotor_inertia"]
 TIP, BALL = 0.06, 0.08  # m, radii at the flange and of the obstacle
