@@ -22,8 +22,8 @@ CONTACT = SimpleNamespace(**runpy.run_path(EXAMPLE))
 N = 6
 PUSH = 0.2
 """s of a push."""
-AFTER = 0.3
-"""s after a push's beginning in which a contact is its: the observer follows with a lag."""
+AFTER = PUSH + 0.2
+"""s after a push's beginning in which a contact is its: the arm swings back, and the motion's window still knows it."""
 SETTLED = 0.3
 """s from which on a longer push is followed: the window of the motion, and the observer's lag."""
 
