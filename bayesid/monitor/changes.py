@@ -6,8 +6,8 @@ of the log likelihood ratio of residuals that are `_WIDER` times as wide as they
     S <- max(0, S + (z^2 / 2 (1 - 1 / w^2) - log w) / tau),
 
 z the residual over its sd, and tau the samples that count as one. S reaches h by chance once in e^h such samples, at
-most (Lorden 1971): h follows from the false alarms an hour that are accepted. A sum that is still up after `_LASTING`
-is a change; what pushed for a moment has left it before. Which kind of change it looks like is then said by least
+most (Lorden 1971): h follows from the false alarms an hour that are accepted. A sum that has reached it, having grown for
+`_LASTING` and often enough, is a change; what pushes for a moment does not last so long. Which kind of change it looks like is then said by least
 squares (`bayesid.monitor.kinds`).
 """
 
@@ -30,16 +30,18 @@ _SQUARE, _SIZE = 0.5 * (1.0 - 1.0 / _WIDER**2), float(np.log(_WIDER))
 """What z^2 adds to a sum, and what each sample takes from it."""
 _OTHER_MOTION = 2.0
 """Residual on another motion over that of the log a model was identified from: 1.2 to 2.4 in the joints of a UR10e."""
-_LARGEST = 4.0
+_LARGEST = 6.0
 """z beyond which a residual says no more: a single outlier is no change."""
-_LASTING = 0.8
-"""s of motion over which a change has shown, at least: four times as long as a push. A round number; not studied."""
-_SHORTEST = 0.1
+_LASTING = 0.6
+"""s of motion in which a change has shown, at least: three times as long as a push. A round number; not studied."""
+_OFTEN = 0.4
+"""Share of the motion since it began in which a change has shown, at least: several pushes are none. Not studied."""
+_SHORTEST = 0.05
 """s that count as one sample at least: what a model lacks changes with the motion, not from sample to sample."""
 _RELEASE = 0.6
 """Share of its threshold below which an external torque has ended: it may flicker about it. Not studied."""
 _HOUR = 3600.0
-_HIGHEST = 2.0
+_HIGHEST = 1.25
 """Of the sums, in limits: so that they come down again when a change is over."""
 
 
@@ -50,6 +52,7 @@ class Sums:
     Attributes:
         sums: (n,) S.
         since: (n,) s of motion since S was zero.
+        shown: (n,) s of that in which S grew.
         began: (n,) when S left zero, s.
         pushed: (n,) whether an external torque is beyond its threshold.
         beyond: (n,) whether it was so at the last sample: a single one may be an outlier.
@@ -57,6 +60,7 @@ class Sums:
 
     sums: Array
     since: Array
+    shown: Array
     began: Array
     pushed: Mask
     beyond: Mask
@@ -64,7 +68,7 @@ class Sums:
     @classmethod
     def begin(cls, n: int) -> Sums:
         """Before the first sample."""
-        return cls(*np.zeros((3, n)), *np.zeros((2, n), dtype=bool))
+        return cls(*np.zeros((4, n)), *np.zeros((2, n), dtype=bool))
 
 
 @dataclass(frozen=True)
@@ -133,8 +137,9 @@ class ChangeTest:
         sums = np.minimum(np.maximum(state.sums + ratio, 0.0), _HIGHEST * self.limit)
         state.began = np.where(state.sums == 0.0, t, state.began)
         state.since = np.where(sums == 0.0, 0.0, state.since + step * moving)
+        state.shown = np.where(sums == 0.0, 0.0, state.shown + step * (ratio > 0.0))
         state.sums = sums
-        changed: Mask = (sums >= self.limit) & (state.since >= _LASTING)
+        changed: Mask = (sums >= self.limit) & (state.shown >= np.maximum(_LASTING, _OFTEN * state.since))
         return changed
 
     @cached_property

@@ -1,0 +1,345 @@
+"""Signs, torques and alarms of a running robot: simulated ones, and real logs as streams."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from conftest import real_log
+from tracked_arm import RATE, T, changed, identified, motion_of, right_share, run, stream, truth
+
+import bayesid
+from bayesid.errors import InputError
+from bayesid.identification.identification import Identification
+from bayesid.monitor.tracker import SignTracker
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Signs and efforts
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("lag", "least"), [(0.0, 0.99), (0.05, 0.997)])
+def test_signs(lag, least):
+    motion, effort = stream()
+    tracker, records = run(motion, effort, lag=lag)
+    assert tracker.lag == lag
+    assert right_share(records, motion, effort) >= least
+    sure = [record for record in records[50:] if max(record.probability.max(), 1 - record.probability.min()) > 0.5]
+    assert len(sure) == len(records) - 50
+    assert not tracker.alarms
+    assert tracker.counts.updates == len(T)
+
+
+def test_efforts_residuals_and_predictions_belong_to_the_same_instant():
+    motion, effort = stream()
+    for lag in (0.0, 0.05):
+        _, records = run(motion, effort, lag=lag, rows=slice(0, 400))
+        last = records[-1]
+        k = np.argmin(np.abs(motion.t - last.t))
+        assert abs(motion.t[399] - last.t - lag) < 1e-9
+        np.testing.assert_allclose(np.abs(last.effort), np.abs(effort[k]))
+        np.testing.assert_allclose(last.residual, last.effort - last.predicted)
+        np.testing.assert_allclose(last.q, motion.q[k], atol=1e-4)
+        scale = np.abs(effort).max(axis=0)
+        predicted = identified().predict(motion, noise=False).mean[k]
+        assert (np.abs(last.predicted - predicted) < 0.02 * scale).all()
+
+
+def test_a_joint_with_a_sign_keeps_it():
+    motion, effort = stream()
+    tracker = SignTracker(identified(), RATE, signed=[False, True, False])
+    records = [tracker.update(t, q, e) for t, q, e in zip(motion.t[:300], motion.q, effort, strict=False)]
+    for record, e in zip(records[50:], effort[50:300], strict=True):
+        assert record.probability[1] == float(e[1] >= 0.0)
+        assert record.effort[1] == e[1]
+        assert abs(record.effort[0]) == abs(e[0])
+
+
+def test_states_and_what_is_not_known_yet():
+    model, theta = truth()
+    still = motion_of(2)[np.full(100, 700)]
+    records = run(motion_of(2), np.tile(model.effort(still[:1], theta), (100, 1)), rows=slice(0, 3))[1]
+    assert records[0].state == ("unknown",) * 3
+    assert np.isnan(records[0].predicted).all()
+    assert (records[0].probability == 0.5).all()
+    tracker = SignTracker(identified(), RATE)
+    for t, e in zip(T[:100], np.abs(model.effort(still, theta)), strict=True):
+        record = tracker.update(t, still.q[0], e)
+    assert record.state == ("rest",) * 3
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# The stream as it comes
+# ---------------------------------------------------------------------------------------------------------------
+def same(one, other):
+    """Whether two records are the same to the digit."""
+    pairs = [(getattr(one, field.name), getattr(other, field.name)) for field in fields(one)]
+    return all(np.array_equal(a, b, equal_nan=True) if isinstance(a, np.ndarray) else a == b for a, b in pairs)
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.05])
+def test_a_restart_goes_on_to_the_digit(lag):
+    motion, effort = stream(2, changed(Fc2=2.5))
+    tracker, _ = run(motion, effort, rows=slice(0, 700), lag=lag)
+    kept = pickle.dumps(tracker.state())
+    other = SignTracker(identified(), RATE, lag=lag)
+    other.restore(pickle.loads(kept))
+    rest = slice(700, 1500)
+    first, second = (run(motion, effort, one, rest)[1] for one in (tracker, other))
+    assert all(same(a, b) for a, b in zip(first, second, strict=True))
+    assert tracker.alarms == other.alarms
+    assert tracker.alarms
+
+
+def test_a_state_is_a_copy():
+    motion, effort = stream()
+    tracker, _ = run(motion, effort, rows=slice(0, 100))
+    state = tracker.state()
+    before = pickle.dumps(state)
+    run(motion, effort, tracker, slice(100, 200))
+    assert pickle.dumps(state) == before
+
+
+def test_late_repeated_and_missing_samples_are_counted_and_change_nothing():
+    motion, effort = stream()
+    clean, expected = run(motion, effort, rows=slice(0, 300))
+    tracker, records = SignTracker(identified(), RATE), []
+    for k in range(300):
+        records.append(tracker.update(motion.t[k], motion.q[k], np.abs(effort[k])))
+        if k == 100:
+            assert not tracker.update(motion.t[k], motion.q[k], np.abs(effort[k])).fresh
+            assert not tracker.update(motion.t[k - 3], motion.q[k], np.abs(effort[k])).fresh
+            assert not tracker.update(motion.t[k] + 0.001, [np.nan, 0.0, 0.0], np.abs(effort[k])).fresh
+            assert not tracker.update(np.nan, motion.q[k], np.abs(effort[k])).fresh
+    assert all(same(a, b) for a, b in zip(records, expected, strict=True))
+    counts = tracker.counts
+    assert (counts.updates, counts.repeated, counts.late, counts.missing, counts.gaps) == (300, 1, 1, 2, 0)
+
+
+def test_an_effort_that_is_missing_is_the_model_s():
+    motion, effort = stream()
+    tracker, _ = run(motion, effort, rows=slice(0, 200))
+    reading = np.abs(effort[200])
+    reading[1] = np.nan
+    record = tracker.update(motion.t[200], motion.q[200], reading)
+    assert tracker.counts.unread == 1
+    assert np.isnan(record.effort[1])
+    assert not np.isnan(record.effort[[0, 2]]).any()
+    assert (record.probability[1] > 0.5) == (record.predicted[1] > 0.0)
+    assert np.isfinite(record.external).all()
+
+
+def test_after_a_gap_it_begins_anew():
+    motion, effort = stream()
+    tracker, _ = run(motion, effort, rows=slice(0, 400))
+    _, records = run(motion, effort, tracker, slice(600, 2000))
+    assert tracker.counts.gaps == 1
+    assert records[0].state == ("unknown",) * 3
+    assert right_share(records, motion, effort) > 0.99
+    assert not tracker.alarms
+
+
+def test_jitter_and_lost_samples():
+    motion = motion_of(2, np.sort(T + np.random.default_rng(1).uniform(-0.3, 0.3, len(T)) / RATE))
+    kept = np.random.default_rng(2).random(len(T)) > 0.1
+    model, theta = truth()
+    effort = model.effort(motion, theta)
+    tracker, records = run(motion[kept], effort[kept])
+    assert right_share(records, motion[kept], effort[kept]) > 0.985
+    assert not tracker.alarms
+
+
+def test_memory_stays_flat():
+    motion, effort = stream()
+    tracker, _ = run(motion, effort, lag=0.05)
+    before = len(pickle.dumps(tracker.state()))
+    shifted = [tracker.update(30.0 + t, q, np.abs(e)) for t, q, e in zip(motion.t, motion.q, effort, strict=True)]
+    assert shifted
+    assert len(pickle.dumps(tracker.state())) <= before + 1000  # an alarm, where the motion jumps back
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What happens to the robot
+# ---------------------------------------------------------------------------------------------------------------
+def pushed(joint, size, start, length=0.2):
+    """A stream in which something pushes a joint (from 1) by a share of its effort's range: M ddq = tau + push."""
+    motion, effort = stream()
+    during = (motion.t >= start) & (motion.t < start + length)
+    torque = size * np.abs(effort).max(axis=0)[joint - 1]
+    effort = effort.copy()
+    effort[during, joint - 1] -= torque
+    return motion, effort, torque, during
+
+
+@pytest.mark.parametrize("joint", [1, 2, 3])
+def test_external_torque_is_that_which_pushes(joint):
+    motion, _ = stream()
+    quiet = np.flatnonzero(np.abs(motion.dq[:, joint - 1]) > 0.3 * motion.top_speed[joint - 1])
+    strong = np.abs(stream()[1][:, joint - 1]) > 0.4 * np.abs(stream()[1][:, joint - 1]).max()
+    start = motion.t[next(k for k in quiet if k > 200 and strong[k - 5 : k + 60].all())]
+    sign = np.sign(stream()[1][int(start * RATE), joint - 1])
+    motion, effort, torque, during = pushed(joint, -0.3 * sign, start, 0.4)  # away from zero: the sign stays
+    _, records = run(motion, effort)
+    settled = np.flatnonzero(during)[20:]
+    external = np.array([records[k].external for k in settled])
+    limit = np.array([records[k].threshold for k in settled])
+    expected = np.zeros(3)
+    expected[joint - 1] = torque
+    assert (np.abs(external - expected) < limit).all()
+
+
+def test_pushes_are_found_in_time_and_told_from_changes():
+    motion, _ = stream()
+    times = np.arange(2.0, 28.0, 1.3)
+    joints = 1 + np.arange(len(times)) % 3
+    sizes = np.random.default_rng(3).uniform(0.15, 0.4, len(times)) * np.where(np.arange(len(times)) % 2, 1, -1)
+    effort = stream()[1].copy()
+    for start, joint, size in zip(times, joints, sizes, strict=True):
+        effort += pushed(joint, size, start)[1] - stream()[1]
+    tracker, _ = run(motion, effort)
+    assert {alarm.kind for alarm in tracker.alarms} == {"contact"}
+    found = [next((a for a in tracker.alarms if start <= a.time <= start + 0.25), None) for start in times]
+    hits = [(a, start, joint) for a, start, joint in zip(found, times, joints, strict=True) if a is not None]
+    assert len(hits) >= 0.9 * len(times)  # |tau - push| = |tau| where the push is twice the torque: nobody sees that
+    assert all(alarm.joint == joint for alarm, _, joint in hits)
+    assert np.median([alarm.time - start for alarm, start, _ in hits]) <= 0.06
+    assert len(tracker.alarms) == len(hits)
+
+
+def with_payload():
+    """A body of 1.5 kg at the flange, in the parameters of the last link (with its first moment)."""
+    model, theta = truth()
+    theta = theta.copy()
+    added = {"m3": 1.5, "mcx3": 0.1, "mcy3": -0.05, "mcz3": 0.15, "Jxx3": 0.05, "Jyy3": 0.05, "Jzz3": 0.05}
+    for k, parameter in enumerate(model.parameters):
+        theta[k] += added.get(parameter.name, 0.0)
+    return tuple(theta.tolist())
+
+
+@pytest.mark.parametrize(
+    ("theta", "kind", "joint"),
+    [
+        (with_payload(), "payload", None),
+        (changed(Fc1=2.0, Fv1=1.5), "friction", 1),
+        (changed(Fc3=2.5, Fv3=2.0), "friction", 3),
+    ],
+)
+def test_changes_are_named(theta, kind, joint):
+    tracker, records = run(*stream(2, theta))
+    changes = [alarm for alarm in tracker.alarms if alarm.kind != "contact"]
+    assert changes[0].kind == kind
+    assert {alarm.kind for alarm in changes} == {kind}
+    assert changes[0].raised - changes[0].time < 3.0
+    if kind == "payload":
+        assert abs(changes[0].amount - 1.5) < 0.3
+    else:
+        assert changes[0].joint == joint
+        assert changes[0].amount > 0.0
+    assert "unknown" in records[-1].state
+
+
+def test_a_gain_that_drops_is_named():
+    motion, effort = stream()
+    effort = effort * np.array([1.0, 0.6, 1.0])
+    tracker, _ = run(motion, effort)
+    first = next(alarm for alarm in tracker.alarms if alarm.kind != "contact")
+    assert (first.kind, first.joint) == ("gain", 2)
+    assert abs(first.amount + 0.4) < 0.1
+
+
+def test_a_change_that_is_over_is_let_go():
+    motion, usual = stream()
+    effort = np.where((T < 8.0)[:, None], stream(2, changed(Fc1=2.5))[1], usual)
+    tracker, records = run(motion, effort)
+    assert records[790].state[0] == "unknown"
+    assert records[-1].state[0] != "unknown"
+    assert len([alarm for alarm in tracker.alarms if alarm.kind != "contact"]) == 1
+
+
+def test_the_window_of_a_change_is_a_log_for_a_discrepancy():
+    tracker, _ = run(*stream(2, with_payload()), rows=slice(0, 1200))
+    window = tracker.window(since=tracker.alarms[0].time)
+    assert window.n_joints == 3
+    assert 8.0 < window.t[-1] - window.t[0] <= 12.0
+    assert not window.signed.any()
+    found = bayesid.find_discrepancy(identified(), window)
+    assert "payload" in {effect.effect for effect in found.added}
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What cannot be
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"rate": 0.0},
+        {"rate": np.nan},
+        {"lag": -1.0},
+        {"lag": 3.0},
+        {"signed": [True]},
+        {"payload": "tool1"},
+        {"false_alarms": 0.0},
+    ],
+)
+def test_bad_options(options):
+    with pytest.raises(InputError):
+        SignTracker(identified(), **{"rate": RATE, **options})
+
+
+def test_bad_samples():
+    tracker = SignTracker(identified(), RATE)
+    tracker.update(0.0, [0.0, 0.1, 0.2], [1.0, 2.0, 3.0])
+    with pytest.raises(InputError, match="as in the first sample"):
+        tracker.update(0.01, [0.0, 0.1, 0.2], [1.0, 2.0, 3.0], dq=[0.0, 0.0, 0.0])
+    with pytest.raises(InputError):
+        tracker.update(0.01, [0.0, 0.1], [1.0, 2.0, 3.0])
+    with pytest.raises(InputError):
+        SignTracker(identified(), RATE).window()
+    other = SignTracker(identified(), 2 * RATE)
+    with pytest.raises(InputError, match="another"):
+        other.restore(tracker.state())
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Real logs as streams
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def ur10e() -> Identification:
+    log = bayesid.read_log(real_log("ur10e/a_50s.csv"), unsigned="all")
+    return bayesid.identify("ur10e", log, posterior=False)
+
+
+@pytest.mark.parametrize(("lag", "least"), [(0.0, 0.99), (0.05, 0.997)])
+@pytest.mark.parametrize("name", ["b_20s", "c_unloaded"])
+def test_real_streams(ur10e, name, lag, least):
+    log = bayesid.read_log(real_log(f"ur10e/{name}.csv"))
+    tracker = SignTracker(ur10e, RATE, lag)
+    records = [
+        tracker.update(t, q, np.abs(e), dq) for t, q, e, dq in zip(log.t, log.q, log.effort, log.dq, strict=True)
+    ]
+    k = np.searchsorted(log.t, [record.t - 1e-4 for record in records])
+    probability = np.array([record.probability for record in records])
+    used = (np.abs(log.effort) >= 0.05 * np.abs(log.effort).max(axis=0))[k]
+    used &= (np.abs(log.dq) > 0.01 * np.abs(log.dq).max(axis=0))[k]
+    used &= np.array([record.t >= log.t[0] for record in records])[:, None]
+    right = (probability > 0.5) == (log.effort[k] > 0.0)
+    assert right[used].mean() >= least
+    sure = used & (np.maximum(probability, 1.0 - probability) >= 0.99)
+    assert 1.0 - right[sure].mean() <= 0.003
+    assert not tracker.alarms
+
+
+@pytest.mark.parametrize("of", ["a_50s", pytest.param("c_unloaded", marks=pytest.mark.long)])
+def test_a_real_payload(of, ur10e):
+    """Streamed to the model of the unloaded arm: named within 2 s of motion."""
+    log = bayesid.read_log(real_log(f"ur10e/{of}.csv"), unsigned="all")
+    model = ur10e if of == "a_50s" else bayesid.identify("ur10e", log, posterior=False)
+    loaded = bayesid.read_log(real_log("ur10e/c_loaded.csv"), unsigned="all")
+    tracker = SignTracker(model, RATE)
+    for t, q, e, dq in zip(loaded.t, loaded.q, loaded.effort, loaded.dq, strict=True):
+        tracker.update(t, q, e, dq)
+    (alarm,) = tracker.alarms
+    assert alarm.kind == "payload"
+    assert alarm.raised - alarm.time <= 2.0
+    assert abs(alarm.amount - 3.0) < 0.3  # 2.8 kg by currents that read 7 % too much
