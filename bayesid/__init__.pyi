@@ -45,7 +45,6 @@ from .monitor.accumulator import Accumulator as Accumulator
 from .monitor.alarms import Alarm as Alarm
 from .monitor.tracked import Tracked as Tracked
 from .monitor.tracker import SignTracker as SignTracker
-from .monitor.tracker import TrackerState as TrackerState
 from .posterior.sampler import Sampling as Sampling
 from .progress import Progress as Progress
 from .report import plot as plot

@@ -6,9 +6,9 @@ of the log likelihood ratio of residuals that are `_WIDER` times as wide as they
     S <- max(0, S + (z^2 / 2 (1 - 1 / w^2) - log w) / tau),
 
 z the residual over its sd, and tau the samples that count as one. S reaches h by chance once in e^h such samples, at
-most (Lorden 1971): h follows from the false alarms an hour that are accepted. A sum that has reached it, having grown for
-`_LASTING` and often enough, is a change; what pushes for a moment does not last so long. Which kind of change it looks like is then said by least
-squares (`bayesid.monitor.kinds`).
+most (Lorden 1971): h follows from the false alarms an hour that are accepted. A sum that has reached it, having grown
+for `_LASTING` and often enough, is a change; what pushes for a moment does not last so long. Which kind of change it
+looks like is then said by least squares (`bayesid.monitor.kinds`).
 """
 
 from __future__ import annotations
