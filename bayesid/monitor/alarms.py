@@ -111,7 +111,7 @@ class Alarms:
         return None
 
     def change(self, t: float, began: float, kind: Kind, changed: Mask, sums: Array) -> Alarm:
-        """A change, in whose place no contact since it began stands any more.
+        """A change, in whose place no contact of its joints since it began stands any more.
 
         Args:
             t: the instant, s.
@@ -120,14 +120,19 @@ class Alarms:
             changed: (n,) joints that show it.
             sums: (n,) how clearly.
         """
-        self.raised = [one for one in self.raised if one.kind != CONTACT or one.time + (one.duration or 0.0) < began]
-        self.contact = None
+        those = np.full_like(changed, True) if kind.name == PAYLOAD else changed
+        self.raised = [one for one in self.raised if not _within(one, began, those)]
+        self.contact = None if self.contact is None or _within(self.contact, began, those) else self.contact
         alarm = _of_kind(Alarm(began, 0, kind.name, (), t), kind, changed, sums)
         self.held = self.held | changed | (kind.name == PAYLOAD)
         self.calm = np.where(self.held, 0.0, self.calm)
         self.latest, self.look_again = alarm, began + _AGAIN * (t - began)
         self._add(alarm)
         return alarm
+
+    def touched(self, since: float, joints: Mask) -> bool:
+        """Whether a contact of some joints (n,) has begun since an instant, s."""
+        return any(_within(one, since, joints) for one in self.raised)
 
     def look(self, t: float, kind: Kind, changed: Mask, sums: Array) -> None:
         """Says of the latest change what a longer look at it shows."""
@@ -160,3 +165,9 @@ def _of_kind(alarm: Alarm, kind: Kind, changed: Mask, sums: Array) -> Alarm:
     shown = kind.joints if kind.name != PAYLOAD else tuple((np.flatnonzero(changed) + 1).tolist())
     joint = max(shown, key=lambda j: sums[j - 1])
     return replace(alarm, joint=joint, kind=kind.name, joints=shown, amount=kind.amount, explained=kind.explained)
+
+
+def _within(alarm: Alarm, began: float, joints: Mask) -> bool:
+    """Whether an alarm is a contact of some joints (n,) that lasted up to an instant, s, or began since."""
+    felt = bool(joints[[j - 1 for j in alarm.joints]].any())
+    return alarm.kind == CONTACT and felt and alarm.time + (alarm.duration or 0.0) >= began

@@ -142,6 +142,12 @@ class ChangeTest:
         changed: Mask = (sums >= self.limit) & (state.shown >= np.maximum(_LASTING, _OFTEN * state.since))
         return changed
 
+    def forget(self, state: Sums, joints: Mask) -> None:
+        """Begins anew in some joints (n,): what shows again lasts."""
+        state.sums, state.since, state.shown = (
+            np.where(joints, 0.0, part) for part in (state.sums, state.since, state.shown)
+        )
+
     @cached_property
     def _none(self) -> Mask:
         return np.zeros(len(self.noise.white), dtype=bool)

@@ -382,7 +382,11 @@ class SignTracker:
         fresh = changed & ~alarms.held
         if fresh.any():
             began = float(state.sums.began[fresh].min())
-            raised.append(alarms.change(t, began, self._kind(state, began, fresh), fresh, state.sums.sums))
+            kind = self._kind(state, began, fresh)
+            if kind.name == UNKNOWN and alarms.touched(began, fresh):  # what a push has stirred up passes
+                test.forget(state.sums, fresh)
+            else:
+                raised.append(alarms.change(t, began, kind, fresh, state.sums.sums))
         elif t >= alarms.look_again and alarms.latest is not None and changed.any():
             alarms.look(t, self._kind(state, alarms.latest.time, changed), changed, state.sums.sums)
         contact = alarms.touch(t, pushed, state.observed.external)
