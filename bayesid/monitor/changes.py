@@ -34,6 +34,8 @@ _LARGEST = 6.0
 """z beyond which a residual says no more: a single outlier is no change."""
 _LASTING = 0.6
 """s of motion in which a change has shown, at least: three times as long as a push. A round number; not studied."""
+_REACHED = 0.6
+"""s over which a sum needs to grow to reach its limit, at least. Not studied."""
 _OFTEN = 0.4
 """Share of the motion since it began in which a change has shown, at least: several pushes are none. Not studied."""
 _SHORTEST = 0.05
@@ -131,7 +133,7 @@ class ChangeTest:
             moving: (n,) False at standstill.
         """
         size = np.minimum(np.abs(z), _LARGEST)
-        ratio = (_SQUARE * size * size - _SIZE) * self.weight * moving
+        ratio = np.minimum((_SQUARE * size * size - _SIZE) * self.weight, self._most) * moving
         if (ratio <= 0.0).all() and not state.sums.any():
             return self._none
         sums = np.minimum(np.maximum(state.sums + ratio, 0.0), _HIGHEST * self.limit)
@@ -147,6 +149,11 @@ class ChangeTest:
         state.sums, state.since, state.shown = (
             np.where(joints, 0.0, part) for part in (state.sums, state.since, state.shown)
         )
+
+    @cached_property
+    def _most(self) -> float:
+        """That a sample adds to a sum: a push, which shows for twice its length, must not reach the limit."""
+        return self.limit / (_REACHED * self.rate)
 
     @cached_property
     def _none(self) -> Mask:

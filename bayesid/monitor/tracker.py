@@ -25,9 +25,9 @@ from bayesid.monitor.tracked import MOVING, REST, UNKNOWN, Counts, Tracked
 from bayesid.motion import STANDSTILL, Instant
 from bayesid.signs.filtering import Belief, SignFilter
 
-_SPAN = 0.2
-"""s of the window from which the motion is estimated: one period of the least cut-off by which logs are low-passed. Of
-0.1 to 0.4 s the best on two logs of a UR10e without lag."""
+_SPAN = 0.12
+"""s of the window from which the motion is estimated: a longer one blurs whose torque it was, a shorter one is noisy. Of
+0.1 and 0.2 s the shorter one named the pushed joint in 97 and 82 % of the pushes of an arm that MuJoCo moves."""
 _GAP = 5.0
 """Periods without a sample from which on what was before is forgotten: friction may have turned round meanwhile."""
 _LOOKS = 20.0
@@ -95,7 +95,7 @@ class SignTracker:
     """Reads the signs of |effort| as the robot runs, by an identified model.
 
     One `update` a sample. The joints' velocities and accelerations are those of a polynomial through the samples of the
-    last 0.2 s (`bayesid.monitor.motion_estimate`); signs come from filtering the model's error
+    last 0.12 s (`bayesid.monitor.motion_estimate`); signs come from filtering the model's error
     (`bayesid.signs.filtering`), external torques from the momentum (`bayesid.monitor.observer`), alarms from tests with
     a stated rate of false ones (`bayesid.monitor.changes`). There is no thread, no clock and nothing that grows.
 
