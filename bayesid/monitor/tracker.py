@@ -26,7 +26,7 @@ from bayesid.motion import STANDSTILL, Instant
 from bayesid.signs.filtering import Belief, SignFilter
 
 _SPAN = 0.12
-"""s of the window from which the motion is estimated: a longer one blurs whose torque it was, a shorter one is noisy. Of
+"""s of the window from which the motion is estimated: a longer one blurs whose torque it was, a shorter is noisy. Of
 0.1 and 0.2 s the shorter one named the pushed joint in 97 and 82 % of the pushes of an arm that MuJoCo moves."""
 _GAP = 5.0
 """Periods without a sample from which on what was before is forgotten: friction may have turned round meanwhile."""
