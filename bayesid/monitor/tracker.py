@@ -28,6 +28,8 @@ from bayesid.signs.filtering import Belief, SignFilter
 _SPAN = 0.12
 """s of the window from which the motion is estimated: a longer one blurs whose torque it was, a shorter is noisy. Of
 0.1 and 0.2 s the shorter one named the pushed joint in 97 and 82 % of the pushes of an arm that MuJoCo moves."""
+_FEWEST = 10.0
+"""Periods that the window spans at least: of fewer samples the noise is not known. Not studied."""
 _GAP = 5.0
 """Periods without a sample from which on what was before is forgotten: friction may have turned round meanwhile."""
 _LOOKS = 20.0
@@ -452,7 +454,9 @@ class SignTracker:
 
     def _begin(self, t: float, velocities: bool, accelerations: bool) -> TrackerState:
         n = self.n_joints
-        motion = MotionEstimator(n, max(_SPAN, 2.0 * self.lag), self.rate, velocities, accelerations)
+        motion = MotionEstimator(
+            n, max(_SPAN, _FEWEST / self.rate, 2.0 * self.lag), self.rate, velocities, accelerations
+        )
         self._estimator = motion
         return TrackerState(
             velocities=velocities,
