@@ -29,7 +29,7 @@ studied."""
 _SQUARE, _SIZE = 0.5 * (1.0 - 1.0 / _WIDER**2), float(np.log(_WIDER))
 """What z^2 adds to a sum, and what each sample takes from it."""
 _OTHER_MOTION = 2.0
-"""Residual on another motion over that of the log a model was identified from: 1.2 to 2.4 in the joints of a UR10e."""
+"""Residual on another motion over that of the log a model was identified from. Set by hand; not studied."""
 _LARGEST = 6.0
 """z beyond which a residual says no more: a single outlier is no change."""
 _LASTING = 0.6

@@ -16,8 +16,7 @@ from scipy.linalg import lapack
 from bayesid.arrays import Array
 
 _DEGREE = 3
-"""Of the polynomial: accelerations that change linearly are followed. Of 1 to 3 the one with the least error on two
-logs of a UR10e at a window of 0.2 s and no lag."""
+"""Of the polynomial: accelerations that change linearly are followed. Not studied."""
 _SPARE = 2
 """Samples more than the polynomial has coefficients, from which on it is used: it then averages something."""
 _MEMORY = 1.0

@@ -26,8 +26,8 @@ from bayesid.motion import STANDSTILL, Instant
 from bayesid.signs.filtering import Belief, SignFilter
 
 _SPAN = 0.12
-"""s of the window from which the motion is estimated: a longer one blurs whose torque it was, a shorter is noisy. Of
-0.1 and 0.2 s the shorter one named the pushed joint in 97 and 82 % of the pushes of an arm that MuJoCo moves."""
+"""s of the window from which the motion is estimated: a longer one takes torques of one joint for those of another, a
+shorter one is noisy. Set by hand on pushes that MuJoCo plays and logs of a UR10e; not studied."""
 _FEWEST = 10.0
 """Periods that the window spans at least: of fewer samples the noise is not known. Not studied."""
 _GAP = 5.0
@@ -223,7 +223,7 @@ class SignTracker:
         self._state = deepcopy(state)
 
     def window(self, since: float = -np.inf) -> Log:
-        """The samples of the last 20 s at most, as a log: for `bayesid.find_discrepancy`, or to be kept.
+        """The samples of the last 20 s at most whose efforts were all read, as a log: for `bayesid.find_discrepancy`, or to be kept.
 
         Args:
             since: instant from which on, s, as an alarm's `time`.
@@ -239,12 +239,14 @@ class SignTracker:
             60
         """
         rows = np.empty((0, 1)) if self._state is None else self._state.recent.log.newest()
-        rows = rows[rows[:, 0] >= since]
+        n = self.n_joints
+        read = ~np.isnan(rows[:, 1 + n : 1 + 2 * n]).any(axis=1)  # an effort that was not read is none of zero
+        rows = rows[(rows[:, 0] >= since) & read]
         if not len(rows):
             raise InputError("no samples to make a log of", "window", "update the tracker first")
         q, effort, dq = np.split(rows[:, 1:], 3, axis=1)
         measured = self._state is not None and self._state.velocities
-        return Log(rows[:, 0], q, np.nan_to_num(effort), self.signed, dq if measured else None, source="stream")
+        return Log(rows[:, 0], q, effort, self.signed, dq if measured else None, source="stream")
 
     def update(
         self, t: float, q: ArrayLike, effort: ArrayLike, dq: ArrayLike | None = None, ddq: ArrayLike | None = None

@@ -128,6 +128,7 @@ def test_an_effort_that_is_missing_is_the_model_s():
     assert not np.isnan(record.effort[[0, 2]]).any()
     assert (record.probability[1] > 0.5) == (record.predicted[1] > 0.0)
     assert np.isfinite(record.external).all()
+    assert len(tracker.window()) == 200, "a row that lacks an effort is no row with an effort of zero"
 
 
 def test_after_a_gap_it_begins_anew():
