@@ -223,7 +223,7 @@ class SignTracker:
         self._state = deepcopy(state)
 
     def window(self, since: float = -np.inf) -> Log:
-        """The samples of the last 20 s at most whose efforts were all read, as a log: for `bayesid.find_discrepancy`, or to be kept.
+        """The samples of the last 20 s at most whose efforts were all read, as a log for `bayesid.find_discrepancy`.
 
         Args:
             since: instant from which on, s, as an alarm's `time`.
