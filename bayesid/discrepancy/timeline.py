@@ -31,7 +31,7 @@ round number; not studied."""
 
 
 @dataclass(frozen=True)
-class Tracked:
+class TrackedParameter:
     """A parameter that is followed.
 
     Attributes:
@@ -74,7 +74,7 @@ class Timeline:
         True
     """
 
-    tracked: tuple[Tracked, ...]
+    tracked: tuple[TrackedParameter, ...]
     value: Array
     sd: Array
     change: Array
@@ -216,7 +216,7 @@ def _with_payload(line: Timeline, masses: Sequence[tuple[float, float]], loaded:
     none = np.array([not one for one in loaded])[:, None]
     sd = np.where(none, np.inf, sd)
     change_sd = np.where(none, np.nan, sd)
-    tracked = Tracked(PAYLOAD, PAYLOAD, "kg", "payload", 0)
+    tracked = TrackedParameter(PAYLOAD, PAYLOAD, "kg", "payload", 0)
     value = np.where(none, np.nan, mass)
     value[0], sd[0] = 0.0, 0.0
     columns = {
@@ -232,15 +232,15 @@ def _with_payload(line: Timeline, masses: Sequence[tuple[float, float]], loaded:
     )
 
 
-def _tracked(run: Identification) -> tuple[Tracked, ...]:
+def _tracked(run: Identification) -> tuple[TrackedParameter, ...]:
     """The coefficients of an identification, with what they are of."""
     model, table = run.model, run.coefficients
     owners = [(term.name, p.joint) for term in model.terms for p in term.parameters(model.robot)]
     rows = zip(table.names, table.expressions, table.units, table.kept.tolist(), strict=True)
-    return tuple(Tracked(name, text, unit, *owners[place]) for name, text, unit, place in rows)
+    return tuple(TrackedParameter(name, text, unit, *owners[place]) for name, text, unit, place in rows)
 
 
-def _places(tracked: Sequence[Tracked], run: Identification) -> Array:
+def _places(tracked: Sequence[TrackedParameter], run: Identification) -> Array:
     """(C,) where an identification has each of the parameters; -1 where it has not."""
     keys = list(zip(run.coefficients.names, run.coefficients.expressions, strict=True))
     return np.array([keys.index(key) if (key := (one.name, one.expression)) in keys else -1 for one in tracked])

@@ -17,7 +17,7 @@ from bayesid.model.coefficients import base_coefficients
 from bayesid.monitor.estimates import Normal, least_squares
 from bayesid.monitor.sign_check import SignCheck, check_signs
 from bayesid.monitor.stream_moments import Setting, StreamMoments, advanced, condensed
-from bayesid.monitor.stretches import Samples
+from bayesid.monitor.stretches import StreamSamples
 from bayesid.motion import SLOWEST, STANDSTILL, Motion
 from bayesid.posterior.inference import OF_PRIOR
 from bayesid.signs.search.certified import Certified
@@ -135,7 +135,7 @@ class Accumulator:
         )
         magnitude, readable = setting.model.unread(np.abs(values))
         sign = np.where(setting.signed, np.where(values >= 0.0, 1.0, -1.0), 2.0 * of_plus - 1.0)
-        samples = Samples(motion, speed, magnitude, sign, used & readable)
+        samples = StreamSamples(motion, speed, magnitude, sign, used & readable)
         self._running = advanced(setting, self._running, samples, top[-1])
 
     def coefficients(self) -> Records[Coefficient]:

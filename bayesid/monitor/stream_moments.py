@@ -21,7 +21,7 @@ from bayesid.fit.moments import Moments
 from bayesid.model.coefficients import BaseCoefficients
 from bayesid.model.felt import FeltColumns
 from bayesid.model.model import CHUNK, LOOK_AHEAD, LOOK_BACK, Model
-from bayesid.monitor.stretches import MERGED, PAUSE, Edge, Samples, joined, numbered, runs
+from bayesid.monitor.stretches import MERGED, PAUSE, Edge, StreamSamples, joined, numbered, runs
 from bayesid.motion import Motion
 
 _LEAST_DOUBT = 1e-3
@@ -161,7 +161,7 @@ class StreamMoments:
     steps: int
     span: float
     context: Motion
-    waiting: Samples
+    waiting: StreamSamples
     top_speed: Array
     last: float
 
@@ -179,13 +179,13 @@ class StreamMoments:
             steps=0,
             span=0.0,
             context=still,
-            waiting=Samples(still, nothing, nothing, nothing, nothing.astype(bool)),
+            waiting=StreamSamples(still, nothing, nothing, nothing, nothing.astype(bool)),
             top_speed=np.zeros(n),
             last=-np.inf,
         )
 
 
-def advanced(setting: Setting, running: StreamMoments, samples: Samples, top_speed: Array) -> StreamMoments:
+def advanced(setting: Setting, running: StreamMoments, samples: StreamSamples, top_speed: Array) -> StreamMoments:
     """What is kept once more samples have come.
 
     Args:
@@ -212,7 +212,7 @@ def advanced(setting: Setting, running: StreamMoments, samples: Samples, top_spe
     return replace(running, context=context, waiting=waiting[ready:], top_speed=top_speed, last=last)
 
 
-def _taken(setting: Setting, running: StreamMoments, samples: Samples, columns: FeltColumns) -> StreamMoments:
+def _taken(setting: Setting, running: StreamMoments, samples: StreamSamples, columns: FeltColumns) -> StreamMoments:
     """What is kept once samples, whose columns (N, n, r) are there, have been added."""
     t, before = samples.motion.t, running.edge
     number, edge = numbered(before, samples, setting.sigma, setting.signed)
@@ -238,7 +238,9 @@ def _taken(setting: Setting, running: StreamMoments, samples: Samples, columns: 
     )
 
 
-def _piece(setting: Setting, samples: Samples, columns: FeltColumns, number: Integers, weight: Array) -> Stretches:
+def _piece(
+    setting: Setting, samples: StreamSamples, columns: FeltColumns, number: Integers, weight: Array
+) -> Stretches:
     """Moments of the stretches of some samples, with columns (N, n, r), weighed by (N,) at the last of them."""
     joint, start, end, which = runs(number)
     hessian, gradient = HessianSums(columns.size, joint), np.zeros((len(joint), columns.size))
@@ -257,7 +259,7 @@ def _piece(setting: Setting, samples: Samples, columns: FeltColumns, number: Int
     return Stretches(moments, which, t[start], t[end - 1], doubt, float(t[-1]))
 
 
-def _totals(samples: Samples, columns: FeltColumns, weight: Array, moments: Moments) -> Totals:
+def _totals(samples: StreamSamples, columns: FeltColumns, weight: Array, moments: Moments) -> Totals:
     """Sums over samples with columns (N, n, r), weighed by (N,), of which the moments of the stretches are there."""
     n, r = samples.used.shape[1], columns.size
     lost, gradient, energy = np.zeros((n, r, r)), np.zeros((n, r)), np.zeros(n)

@@ -26,7 +26,7 @@ MERGED = 0
 
 
 @dataclass(frozen=True)
-class Samples:
+class StreamSamples:
     """N samples of a stream.
 
     Attributes:
@@ -46,18 +46,20 @@ class Samples:
     def __len__(self) -> int:
         return len(self.motion)
 
-    def __getitem__(self, rows: slice) -> Samples:
+    def __getitem__(self, rows: slice) -> StreamSamples:
         if rows == slice(0, len(self)):
             return self
-        return Samples(self.motion[rows], self.speed[rows], self.magnitude[rows], self.sign[rows], self.used[rows])
+        return StreamSamples(
+            self.motion[rows], self.speed[rows], self.magnitude[rows], self.sign[rows], self.used[rows]
+        )
 
-    def followed_by(self, others: Samples) -> Samples:
+    def followed_by(self, others: StreamSamples) -> StreamSamples:
         """These, and behind them others."""
         if not len(self):
             return others
         names = ("speed", "magnitude", "sign", "used")
         parts = (np.concatenate([getattr(self, name), getattr(others, name)]) for name in names)
-        return Samples(joined(self.motion, others.motion), *parts)
+        return StreamSamples(joined(self.motion, others.motion), *parts)
 
 
 def joined(motion: Motion, following: Motion) -> Motion:
@@ -95,7 +97,7 @@ class Edge:
         return cls(-np.inf, no, zero, zero, no, zero)
 
 
-def numbered(edge: Edge, samples: Samples, sigma: Array, signed: Mask) -> tuple[Integers, Edge]:
+def numbered(edge: Edge, samples: StreamSamples, sigma: Array, signed: Mask) -> tuple[Integers, Edge]:
     """(N, n) the number of the stretch that each sample belongs to, `UNUSED` if to none, and the last sample.
 
     Args:

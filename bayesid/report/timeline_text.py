@@ -9,7 +9,7 @@ import numpy as np
 
 from bayesid.discrepancy.all_along import ABSENT, OPEN, SHOWN, Standing
 from bayesid.discrepancy.comparison import ALL_ALONG, CHANGED, GONE, UNDECIDED, EffectHistory, LogComparison, names_of
-from bayesid.discrepancy.timeline import LEVEL, PAYLOAD, Tracked
+from bayesid.discrepancy.timeline import LEVEL, PAYLOAD, TrackedParameter
 from bayesid.identification.identification import KNOWN
 from bayesid.model.catalogue import forms
 from bayesid.model.effects import Effect, ReadableUnit
@@ -71,7 +71,7 @@ def moved_parameters(comparison: LogComparison) -> list[Moved]:
     return sorted(rows, key=lambda row: _order(line.tracked[row.place]))
 
 
-def _order(one: Tracked) -> tuple[bool, int]:
+def _order(one: TrackedParameter) -> tuple[bool, int]:
     """Links last, by joint."""
     return one.effect == RigidBody.name, one.joint
 
@@ -101,7 +101,7 @@ def _moved(comparison: LogComparison, place: int) -> Moved:
     )
 
 
-def tracked_name(one: Tracked) -> str:
+def tracked_name(one: TrackedParameter) -> str:
     """As in joint 2: Coulomb friction; links: mc2x + a2 M2; payload mass."""
     if one.name == PAYLOAD:
         return PAYLOAD
@@ -115,7 +115,7 @@ def tracked_name(one: Tracked) -> str:
     return f"{where}{label(effect)}{f' ({listed(details)})' if details else ''}"
 
 
-def _people(one: Tracked) -> ReadableUnit:
+def _people(one: TrackedParameter) -> ReadableUnit:
     """The unit in which people read a parameter."""
     plain = ReadableUnit("" if one.unit == "1" else one.unit)
     if one.name == PAYLOAD:
@@ -192,7 +192,7 @@ def _of_links(comparison: LogComparison, row: Moved) -> bool:
     return comparison.timeline.tracked[row.place].effect == RigidBody.name
 
 
-def _owns(effect: Effect, one: Tracked) -> bool:
+def _owns(effect: Effect, one: TrackedParameter) -> bool:
     """Whether a parameter is of an effect, in its own joints."""
     same = effect.effect == one.effect.partition(".")[0]
     return same and (not effect.joints or one.joint in effect.joints)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bayesid.discrepancy.timeline import LEVEL, Timeline, Tracked, holm, without_payload
+from bayesid.discrepancy.timeline import LEVEL, Timeline, TrackedParameter, holm, without_payload
 
 
 def timeline(z):
     """Of (K - 1, C) changes over their sds, those of coefficients with an sd of 2."""
     value = np.vstack([np.zeros(z.shape[1]), 2.0 * z])
     sd = np.vstack([np.full(z.shape[1], np.nan), np.full(z.shape, 2.0)])
-    tracked = tuple(Tracked(f"p{c}", f"p{c}", "N m", "coulomb_friction", c + 1) for c in range(z.shape[1]))
+    tracked = tuple(TrackedParameter(f"p{c}", f"p{c}", "N m", "coulomb_friction", c + 1) for c in range(z.shape[1]))
     nothing = np.full_like(value, np.nan)
     return Timeline(tracked, value, sd, value, sd, np.zeros_like(value), nothing)
 
