@@ -39,7 +39,7 @@ class PlannedMotion:
 
     Raises:
         InputError: a duration or rate that is not positive, names for another number of joints or twice the same, or a
-            motion that does not start and end at rest or is not finite.
+            motion that does not start and end at rest.
     """
 
     robot: str
@@ -61,7 +61,7 @@ class PlannedMotion:
         if not len(names) == len(self.joint_names) == len(self.prismatic) == ends.n_joints:
             said = f"{len(names)} names and {len(self.prismatic)} kinds of {ends.n_joints} joints"
             raise InputError(said, "joint_names", "give each joint a name of its own, and whether it is prismatic")
-        if not np.all(np.abs(ends.dq) <= SLOWEST):  # also where it is not a number
+        if not np.all(np.abs(ends.dq) <= SLOWEST):
             said = "the motion does not start and end at rest"
             raise InputError(said, self.robot, "plan one whose velocities are zero at both ends")
 
@@ -90,16 +90,10 @@ class PlannedMotion:
         return replace(self, at=at, duration=self.duration / share, share=share * self.share)
 
     def sampled(self, cycle: float | None = None) -> Motion:
-        """The motion once a cycle, s, 1 / rate by default; the last row, at or after the end, is the end's pose.
-
-        Raises:
-            InputError: the motion is not finite.
-        """
+        """The motion once a cycle, s, 1 / rate by default; the last row, at or after the end, is the end's pose."""
         step = 1.0 / self.rate if cycle is None else cycle
         t = step * np.arange(int(np.ceil(self.duration / step - _ROUNDING)) + 1)
         motion = self.at(np.minimum(t, self.duration))
-        if not all(np.isfinite(values).all() for values in (motion.q, motion.dq, motion.ddq)):
-            raise InputError("the motion holds something that is no number", self.robot, "plan it again")
         return Motion(t, motion.q, motion.dq, motion.ddq)
 
     def head(self, mark: str, *said: str) -> list[str]:

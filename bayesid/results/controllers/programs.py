@@ -56,9 +56,6 @@ def save_programs(planned: PlannedMotion, place: Path) -> Programs:
     Args:
         planned: the motion at its full speed.
         place: a folder that is there, as `save_folder` gives it.
-
-    Raises:
-        InputError: the motion is not finite.
     """
     left_out, files = {}, [_TABLE]
     folders = tuple(place / speed_folder(share) for share in SPEED_SHARES)

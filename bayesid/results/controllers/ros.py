@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 
-from bayesid.results.controllers.planned import PlannedMotion, ascii_text
+from bayesid.results.controllers.planned import PlannedMotion
 from bayesid.results.controllers.via_points import quintic, via_points
 
 _ARGUMENT = 120_000
@@ -39,7 +39,7 @@ def joint_trajectory(planned: PlannedMotion) -> str:
     lines = [
         *head,
         "header: {stamp: {sec: 0, nanosec: 0}, frame_id: ''}",
-        f"joint_names: {json.dumps([ascii_text(name) for name in planned.joint_names])}",
+        f"joint_names: {json.dumps(planned.joint_names)}",
         "points:",
     ]
     motion = points.motion

@@ -41,7 +41,7 @@ def urscript(planned: PlannedMotion) -> str:
         "URScript program of the motion, rad, made by bayesid; not run on a controller",
         f"a servoj each {1e3 * cycle:g} ms, which takes that long (t); the path lags by its lookahead time, "
         f"{_LOOKAHEAD:g} s",
-        "set the payload before; keep the speed slider at 100 %, as servoj does not heed it",
+        "set the payload before; keep the speed slider at 100 %",
     )
     lines = [
         *head,

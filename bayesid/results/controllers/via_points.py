@@ -66,7 +66,10 @@ def via_points(planned: PlannedMotion, most: int, between: Between) -> ViaPoints
 
 
 def cubic(points: Motion, t: Array) -> Array:
-    """Positions of the cubic spline through points, at rest at both ends: a controller's own spline is not published."""
+    """Positions of the cubic spline through points, at rest at both ends.
+
+    It stands in for a controller's own spline, which is not published.
+    """
     values: Array = scipy.interpolate.CubicSpline(points.t, points.q, bc_type="clamped")(t)
     return values
 
