@@ -145,7 +145,8 @@ def planned_motion(picture: MotionPicture) -> Figure:
     n = picture.motion.n_joints
     columns = _quantities(picture)
     figure = new_figure(_ROW * n + _FOOT, _WIDTH)
-    above, below = figure.subfigures(2, 1, height_ratios=[_ROW * n, _FOOT])
+    parts: Any = figure.subfigures(2, 1, height_ratios=[_ROW * n, _FOOT])
+    above, below = parts
     above.set_facecolor("none")
     below.set_facecolor("none")
     axes = above.subplots(n, len(columns), squeeze=False, sharex=True)

@@ -92,7 +92,7 @@ class PlannedMotion:
     def sampled(self, cycle: float | None = None) -> Motion:
         """The motion once a cycle, s, 1 / rate by default; the last row, at or after the end, is the end's pose."""
         step = 1.0 / self.rate if cycle is None else cycle
-        t = step * np.arange(int(np.ceil(self.duration / step - _ROUNDING)) + 1)
+        t = step * np.arange(int(np.ceil(self.duration / step - _ROUNDING)) + 1, dtype=np.float64)
         motion = self.at(np.minimum(t, self.duration))
         return Motion(t, motion.q, motion.dq, motion.ddq)
 
