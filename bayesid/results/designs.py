@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from bayesid.excitation.design import ExcitationDesign, Quality
-from bayesid.files.writing import save_folder, write_rows
+from bayesid.files.writing import save_folder
+from bayesid.results.motion_table import write_motion
 from bayesid.simulation.trajectories import MotionLimits
 
 DESIGN_FILES = frozenset({"design.json", "trajectory.csv", "excitation.svg"})
@@ -34,7 +35,7 @@ def save_design(design: ExcitationDesign, folder: str | Path) -> Path:
     def write(place: Path) -> None:
         from bayesid.report.plot.designs import excitation_figure  # matplotlib takes a second to import
 
-        _write_trajectory(place / "trajectory.csv", design)
+        write_motion(place / "trajectory.csv", design.motion)
         (place / "design.json").write_text(
             json.dumps(design_summary(design), indent=2, allow_nan=False) + "\n", encoding="utf-8"
         )
@@ -99,11 +100,3 @@ def _figures(quality: Quality) -> dict[str, Any]:
 
 def _limits(limits: MotionLimits) -> dict[str, Any]:
     return {key: np.atleast_1d(value).tolist() for key, value in vars(limits).items()}
-
-
-def _write_trajectory(path: Path, design: ExcitationDesign) -> None:
-    """t, q1..qn, dq1..dqn, ddq1..ddqn: s, rad, rad/s, rad/s^2, to nine decimals; first and last row at rest."""
-    motion, n = design.motion, design.model.robot.n_joints
-    names = ["t", *(f"{prefix}{j}" for prefix in ("q", "dq", "ddq") for j in range(1, n + 1))]
-    values = np.round(np.column_stack([motion.t, motion.q, motion.dq, motion.ddq]), 9) + 0.0  # no -0
-    write_rows(path, names, ([f"{t:.9g}", *(f"{value:.9f}" for value in row)] for t, *row in values.tolist()))

@@ -1,0 +1,25 @@
+"""A planned motion as robot controllers read it: tables and programs, each at a tenth, a third and all of the speed.
+
+`PlannedMotion` says what is to be run, `save_programs` writes it; a module for each maker's language. A program is text
+of the motion alone: nothing here looks at limits or collisions, so each says in its head what its caller has checked.
+"""
+
+from bayesid.results.controllers.planned import PlannedMotion
+from bayesid.results.controllers.programs import (
+    PROGRAM_FILES,
+    PROGRAM_FOLDERS,
+    SPEED_SHARES,
+    Programs,
+    check_programs,
+    save_programs,
+)
+
+__all__ = [
+    "PROGRAM_FILES",
+    "PROGRAM_FOLDERS",
+    "SPEED_SHARES",
+    "PlannedMotion",
+    "Programs",
+    "check_programs",
+    "save_programs",
+]

@@ -1,0 +1,58 @@
+"""Universal Robots: a program in URScript that follows the motion by servoj.
+
+Functions and their arguments: The URScript Programming Language, Universal Robots A/S, versions 3.2 and 5.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bayesid.errors import InputError
+from bayesid.results.controllers.planned import PlannedMotion
+
+_JOINTS = 6
+"""Of every robot of the maker's; positions are lists of six."""
+_CYCLE = 0.002
+"""s, of the controller since version 5; four of them are one of version 3."""
+_LOOKAHEAD, _GAIN = 0.1, 300
+"""Of servoj: the manual's defaults."""
+_APPROACH = "a=0.3, v=0.2"
+"""rad/s^2 and rad/s of movej on the way to the start pose: slow. Round numbers."""
+_STOP = 2.0
+"""rad/s^2 of stopj at the end, where the robot rests already: the manual's default is as high."""
+
+
+def urscript(planned: PlannedMotion) -> str:
+    """motion.script: movej to the start pose, a servoj for each cycle of the motion, stopj.
+
+    A cycle is the whole number of the controller's that is nearest to the rate's.
+
+    Raises:
+        InputError: the robot has not six joints that turn.
+    """
+    if planned.n_joints != _JOINTS or any(planned.prismatic):
+        said = f"{planned.n_joints} joints{', some prismatic,' if any(planned.prismatic) else ''} are none of a UR"
+        raise InputError(said, planned.robot, "use joint_trajectory.yaml or motion.csv")
+    cycle = _CYCLE * max(1, round(1.0 / (planned.rate * _CYCLE)))
+    q = np.round(planned.sampled(cycle).q, 6) + 0.0  # no -0
+    poses = [f"[{','.join(f'{value:.6f}' for value in row)}]" for row in q.tolist()]
+    head = planned.head(
+        "#",
+        "URScript program of the motion, rad, made by bayesid; not run on a controller",
+        f"a servoj each {1e3 * cycle:g} ms, which takes that long (t); the path lags by its lookahead time, "
+        f"{_LOOKAHEAD:g} s",
+        "set the payload before; keep the speed slider at 100 %",
+    )
+    lines = [
+        *head,
+        "def motion():",
+        "  def to(q):",
+        f"    servoj(q, 0, 0, {cycle:.3f}, {_LOOKAHEAD:g}, {_GAIN})",
+        "  end",
+        f"  movej({poses[0]}, {_APPROACH})",
+        "  sleep(1.0)",
+        *(f"  to({pose})" for pose in poses),
+        f"  stopj({_STOP:g})",
+        "end",
+    ]
+    return "\n".join(lines) + "\n"

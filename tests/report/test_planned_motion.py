@@ -1,0 +1,191 @@
+"""The picture of a planned motion: limits, bands, poses and distances are drawn where they are."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+import bayesid
+from bayesid.model.kinematics import pose
+from bayesid.motion import Motion
+from bayesid.report.plot.ink import MAGENTA
+from bayesid.report.plot.planned_motion import (
+    JointLimits,
+    MotionPicture,
+    Poses,
+    extreme_poses,
+    planned_motion,
+    skeleton_line,
+)
+
+T = np.linspace(0.0, 4.0, 801)
+SWING, CENTRE = np.array([0.7, -0.4, 1.1]), np.array([0.2, -0.5, 0.9])
+W = 2.0 * np.pi * np.array([1.0, 2.0, 3.0]) / 4.0
+MOTION = Motion(
+    T,
+    CENTRE + SWING * np.sin(np.outer(T, W)),
+    SWING * W * np.cos(np.outer(T, W)),
+    -SWING * W**2 * np.sin(np.outer(T, W)),
+)
+LIMITS = JointLimits(
+    lower=np.array([-1.0, -np.inf, -0.5]),
+    upper=np.array([1.5, 2.0, 1.9]),
+    velocity=np.array([2.0, 3.0, 4.0]),
+    effort=np.array([50.0, 8.0, 3.0]),
+)
+EFFORT = np.array([20.0, 5.0, -2.0]) * np.sin(T)[:, None]
+BAND = EFFORT - np.array([1.0, 2.0, 0.5]), EFFORT + np.array([1.5, 2.5, 0.25])
+DISTANCE = 0.2 + 0.15 * np.cos(T) * np.sin(2.0 * T)
+NAMES = ("left", "elbow", "wrist")
+
+
+def picture(**what):
+    given = {"limits": LIMITS, "effort": EFFORT, "effort_band": BAND, "distance": DISTANCE, "margin": 0.03, **what}
+    return MotionPicture("arm", NAMES, MOTION, **given)
+
+
+def drawn(what):
+    """Axes of curves (n, columns), and those below."""
+    before = plt.get_fignums()
+    figure = planned_motion(what)
+    assert plt.get_fignums() == before
+    above, below = figure.subfigs
+    n = what.motion.n_joints
+    return np.array(above.axes, dtype=object).reshape(n, -1), below.axes
+
+
+def lines(ax, gid):
+    return [line.get_xydata() for line in ax.lines if line.get_gid() == gid]
+
+
+def words(ax):
+    return {text.get_text(): text for text in ax.texts}
+
+
+def test_limits_are_lines_where_they_are_and_in_sight():
+    axes, _ = drawn(picture())
+    ends = [
+        [{-1.0, 1.5}, {2.0}, {-0.5, 1.9}],
+        [{-2.0, 2.0}, {-3.0, 3.0}, {-4.0, 4.0}],
+        [set(), set(), set()],
+        [{-50.0, 50.0}, {-8.0, 8.0}, {-3.0, 3.0}],
+    ]
+    for column, rows in enumerate(ends):
+        for ax, expected in zip(axes[:, column], rows, strict=True):
+            assert {line[0, 1] for line in lines(ax, "limit")} == expected
+            low, high = ax.get_ylim()
+            assert all(low < end < high for end in expected)
+
+
+def test_curves_are_the_motion_with_its_extremes():
+    axes, _ = drawn(picture())
+    for column, values in enumerate((MOTION.q, MOTION.dq, MOTION.ddq, EFFORT)):
+        for j, ax in enumerate(axes[:, column]):
+            (curve,) = lines(ax, "curve")
+            np.testing.assert_array_equal(curve[:, 1], values[np.searchsorted(T, curve[:, 0]), j])
+            assert (curve[:, 1].min(), curve[:, 1].max()) == (values[:, j].min(), values[:, j].max())
+            low, high = ax.get_ylim()
+            assert low < values[:, j].min() < values[:, j].max() < high
+    for j, ax in enumerate(axes[:, 3]):
+        (band,) = [one for one in ax.collections if one.get_gid() == "band"]
+        y = band.get_paths()[0].vertices[:, 1]
+        assert y.min() == pytest.approx(BAND[0][:, j].min(), abs=1e-3)
+        assert y.max() == pytest.approx(BAND[1][:, j].max(), abs=1e-3)
+
+
+def test_margins_are_said_and_what_goes_beyond_stands_out():
+    """Positions by what is left, the rest by what is used, efforts with their band."""
+    axes, _ = drawn(picture())
+    assert {"1  left", "0.5 to a limit"} <= set(words(axes[0, 0])), "0.2 - 0.7 from -1"
+    assert "2.1 to a limit" in words(axes[1, 0]), "no lower limit: -0.5 + 0.4 from 2"
+    beyond = words(axes[2, 0])["0.1 beyond a limit"]
+    assert beyond.get_color() == MAGENTA, "0.9 + 1.1 over 1.9"
+    speeds = [f"{100.0 * v:.0f} % of the limit" for v in np.abs(SWING * W) / LIMITS.velocity]
+    for ax, text in zip(axes[:, 1], speeds, strict=True):
+        assert text in words(ax)
+    assert words(axes[2, 1])[speeds[2]].get_color() == MAGENTA
+    assert words(axes[0, 1])[speeds[0]].get_color() != MAGENTA
+    efforts = [max(-low, high) for low, high in zip(BAND[0].min(axis=0), BAND[1].max(axis=0), strict=True)]
+    for ax, effort, limit in zip(axes[:, 3], efforts, LIMITS.effort, strict=True):
+        assert f"{100.0 * effort / limit:.0f} % of the limit" in words(ax)
+    assert set(words(axes[1, 2])) == set(), "no limit, nothing said"
+
+
+def test_without_efforts_and_limits_there_are_three_columns():
+    axes, below = drawn(picture(effort=None, effort_band=None, limits=JointLimits(), distance=None))
+    assert axes.shape == (3, 3)
+    assert not [line for ax in axes.flat for line in lines(ax, "limit")]
+    assert [text.get_text() for text in below[-1].texts] == ["Distances to itself and to the floor were not checked."]
+
+
+def test_the_distance_is_drawn_with_its_margin_and_its_least():
+    _, (ax,) = drawn(picture())
+    (curve,), (margin,), (least,) = (lines(ax, name) for name in ("distance", "margin", "least"))
+    assert margin[0, 1] == 0.03
+    row = int(np.argmin(DISTANCE))
+    np.testing.assert_array_equal(least, [[T[row], DISTANCE[row]]])
+    assert curve[:, 1].min() == DISTANCE[row]
+    assert ax.get_title().startswith(f"least distance {1e3 * DISTANCE[row]:.0f} mm, at {T[row]:.3g} s")
+    assert ax.title.get_color() != MAGENTA
+    _, (ax,) = drawn(picture(margin=0.19))
+    assert ax.title.get_color() == MAGENTA
+    _, (ax,) = drawn(picture(distance=DISTANCE - 0.2))
+    assert ax.get_ylim()[0] <= DISTANCE.min() - 0.2, "what goes through itself is in sight"
+
+
+def test_poses_are_lines_through_the_points_from_two_sides():
+    points = np.array([[[0, 0, 0], [0.1, 0.2, 0.4], [0.7, -0.3, 0.5]], [[0, 0, 0], [-0.2, 0.1, 0.4], [-0.4, 0.6, 0.1]]])
+    tip = np.array([[0.7, -0.3, 0.5], [0.1, 0.3, 0.9], [-0.4, 0.6, 0.1]])
+    _, (side, top, _) = drawn(picture(poses=Poses(points, ("start", "lowest tip"), tip, -0.35)))
+    for ax, seen in ((side, [0, 2]), (top, [0, 1])):
+        for k in range(2):
+            (line,) = lines(ax, f"pose {k}")
+            np.testing.assert_array_equal(line, points[k][:, seen])
+        np.testing.assert_array_equal(lines(ax, "tip")[0], tip[:, seen])
+        assert ax.get_aspect() == 1.0
+        (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
+        assert left < points[..., seen[0]].min() < points[..., seen[0]].max() < right
+        assert low < min(points[..., seen[1]].min(), tip[:, seen[1]].min())
+        assert high > max(points[..., seen[1]].max(), tip[:, seen[1]].max())
+    (floor,) = lines(side, "floor")
+    assert (floor[:, 1] == -0.35).all()
+    assert side.get_ylim()[0] < -0.35
+    assert not lines(top, "floor")
+    (legend,) = planned_motion(picture(poses=Poses(points, ("start", "lowest tip")))).subfigs[1].legends
+    assert [text.get_text() for text in legend.get_texts()] == ["start", "lowest tip"]
+
+
+def test_extreme_poses_of_a_robot():
+    robot = bayesid.load_robot("ur10e")
+    t = np.linspace(0.0, 3.0, 301)
+    q = np.array([0.3, -1.2, 1.0, -0.4, 0.6, 0.2]) + np.outer(np.sin(t), [0.8, 0.5, -0.9, 0.3, 0.2, 0.1])
+    motion = Motion(t, q, np.zeros_like(q), np.zeros_like(q))
+    tip = np.stack([pose(robot, row).flange[:3, 3] for row in q])
+    distance = np.abs(t - 1.234) + 0.1
+    poses = extreme_poses(robot, motion, distance, -0.5)
+    assert poses.floor == -0.5
+    ends = {label: line[~np.isnan(line[:, 0])][-1] for label, line in zip(poses.labels, poses.points, strict=True)}
+
+    def end(name):
+        (found,) = [point for label, point in ends.items() if name in label]
+        return found
+
+    np.testing.assert_allclose(end("start"), tip[0], atol=1e-12)
+    assert end("lowest tip")[2] == pytest.approx(tip[:, 2].min(), abs=1e-12)
+    assert end("highest tip")[2] == pytest.approx(tip[:, 2].max(), abs=1e-12)
+    assert np.hypot(*end("farthest out")[:2]) == pytest.approx(np.hypot(*tip[:, :2].T).max(), abs=1e-12)
+    np.testing.assert_allclose(end("least distance"), tip[123], atol=1e-12)
+    assert any("least distance (1.23 s)" in label for label in poses.labels)
+    np.testing.assert_array_equal(poses.points[0], skeleton_line(robot, q[0]))
+
+
+def test_what_does_not_fit_the_motion_is_refused():
+    for what in ({"effort": EFFORT[1:]}, {"effort_band": (BAND[0], BAND[1][:, :2])}, {"distance": DISTANCE[1:]}):
+        with pytest.raises(ValueError, match="motion"):
+            picture(**what)
+    with pytest.raises(ValueError, match="names"):
+        MotionPicture("arm", NAMES[:2], MOTION)
+
+
+def test_it_is_saved_as_svg(tmp_path):
+    planned_motion(picture()).savefig(tmp_path / "planned.svg", transparent=False, facecolor="white")
+    assert (tmp_path / "planned.svg").read_text().rstrip().endswith("</svg>")

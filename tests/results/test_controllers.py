@@ -1,0 +1,300 @@
+"""Programs of a planned motion: each format, read back by other means, holds the motion; slower ones go slower."""
+
+import csv
+import re
+
+import numpy as np
+import pytest
+
+from bayesid.errors import InputError
+from bayesid.motion import Motion
+from bayesid.results.controllers import PROGRAM_FILES, PlannedMotion, check_programs, save_programs
+from bayesid.results.controllers.kuka import krl_axes, krl_program, rsi_table
+from bayesid.results.controllers.ros import joint_trajectory
+from bayesid.results.controllers.universal_robots import urscript
+from bayesid.results.controllers.via_points import ViaPoints, cubic, quintic, via_points
+
+DURATION = 2.05
+CENTRE = np.array([0.3, -1.7, 0.9, 2.2, -0.4, 1.1])
+SWING = np.array([0.5, -0.31, 0.23, 0.17, -0.41, 0.07])
+ASYMMETRIC = np.array([1.0, 2.0, 3.0, 1.0, 2.0, 4.0])
+"""Whole turns of each joint's phase in the duration."""
+
+
+def formula(t, joints):
+    """Positions alone, written down anew: a smooth bump from rest to rest that returns elsewhere than it began."""
+    s = (np.asarray(t) / DURATION)[:, None]
+    smooth = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+    return CENTRE[:joints] + SWING[:joints] * (np.sin(0.5 * np.pi * ASYMMETRIC[:joints] * smooth) + 0.3 * smooth)
+
+
+def at(joints=6):
+    def motion(t):
+        s = (np.asarray(t) / DURATION)[:, None]
+        smooth = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+        first, second = 30.0 * s**2 * (1.0 - s) ** 2 / DURATION, 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / DURATION**2
+        w = 0.5 * np.pi * ASYMMETRIC[:joints]
+        inner, curve = w * np.cos(w * smooth) + 0.3, -(w**2) * np.sin(w * smooth)
+        swing = SWING[:joints]
+        return Motion(t, formula(t, joints), swing * inner * first, swing * (inner * second + curve * first**2))
+
+    return motion
+
+
+def planned(joints=6, rate=100.0, prismatic=None, **what):
+    names = what.pop("joint_names", tuple(f"joint_{j}" for j in range(1, joints + 1)))
+    what = {"checked": ("self-collisions",), "not_checked": ("efforts",), **what}
+    return PlannedMotion("arm", names, prismatic or (False,) * joints, at(joints), DURATION, rate, **what)
+
+
+def numbers(text):
+    return [float(number) for number in re.findall(r"-?\d+(?:\.\d+)?(?:[eE]-?\d+)?", text)]
+
+
+# --- What is planned -------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("share", [0.1, 0.3, 1.0])
+def test_a_slowed_motion_has_the_same_path_and_the_derivatives_of_its_own_time(share):
+    slow = planned().slowed(share)
+    assert slow.duration == pytest.approx(DURATION / share, rel=1e-15)
+    t, step = np.linspace(0.1, 0.9, 17) * slow.duration, 1e-3 / share
+    before, here, after = (slow.at(t + shift) for shift in (-step, 0.0, step))
+    np.testing.assert_allclose(here.q, formula(share * t, 6), rtol=0, atol=1e-14)
+    for values, ahead, back in ((here.dq, after.q, before.q), (here.ddq, after.dq, before.dq)):
+        scale = np.abs(values).max()
+        np.testing.assert_allclose((ahead - back) / (2.0 * step), values, rtol=0, atol=3e-4 * scale)
+    assert slow.slowed(0.5).share == pytest.approx(0.5 * share)
+
+
+def test_samples_come_once_a_cycle_and_end_at_the_end():
+    motion = planned(rate=40.0).sampled()
+    assert len(motion) == 83, "82 cycles of 25 ms"
+    np.testing.assert_allclose(np.diff(motion.t), 1.0 / 40.0, rtol=1e-12)
+    part = planned(rate=30.0).sampled()
+    assert part.t[-2] < DURATION < part.t[-1], "not a whole number of cycles: it rests there"
+    for row, rest in ((0, 0.0), (-1, DURATION)):
+        np.testing.assert_allclose(part.q[row], formula([rest], 6)[0], rtol=0, atol=1e-14)
+        np.testing.assert_allclose(part.dq[row], 0.0, atol=1e-12)
+
+
+def test_what_cannot_be_run_is_refused():
+    good = planned()
+    with pytest.raises(InputError, match="does not start and end at rest"):
+        PlannedMotion("arm", good.joint_names, good.prismatic, at(), 0.7 * DURATION, 100.0)
+    with pytest.raises(InputError, match="names and 6 kinds"):
+        PlannedMotion("arm", ("a", "a", "b", "c", "d", "e"), good.prismatic, at(), DURATION, 100.0)
+    for duration, rate in ((0.0, 100.0), (DURATION, -1.0), (np.nan, 100.0), (DURATION, np.inf)):
+        with pytest.raises(InputError, match=r"is no (duration|rate)"):
+            PlannedMotion("arm", good.joint_names, good.prismatic, at(), duration, rate)
+    for share in (0.0, 1.1, np.nan):
+        with pytest.raises(InputError, match="no share"):
+            good.slowed(share)
+
+
+def test_via_points_tell_the_motion_between_them():
+    t = np.linspace(0.0, DURATION, 4001)
+    for between in (cubic, quintic):
+        points = via_points(planned(), 500, between)
+        assert isinstance(points, ViaPoints)
+        truth = np.abs(between(points.motion, t) - formula(t, 6)).max()
+        assert truth <= 1.2e-5
+        assert points.deviation == pytest.approx(truth, rel=0.2)
+    with pytest.raises(InputError, match="do not tell the motion"):
+        via_points(planned(), 3, cubic)
+
+
+# --- KUKA ------------------------------------------------------------------------------------------------------------
+def poses(text, command):
+    """(K, n) numbers, and the axes, of all lines with a command."""
+    lines = [line.split("{")[1].rstrip("}") for line in text.splitlines() if line.strip().startswith(f"{command} {{")]
+    pairs = [[part.split() for part in line.split(", ")] for line in lines]
+    (axes,) = {tuple(axis for axis, _ in row) for row in pairs}
+    return axes, np.array([[float(value) for _, value in row] for row in pairs])
+
+
+@pytest.mark.parametrize("share", [0.1, 1.0])
+def test_krl_points_are_the_motion(share):
+    slides = (False, True, False, False, False, False)
+    text = krl_program(planned(prismatic=slides).slowed(share))
+    axes, values = poses(text, "SPTP")
+    assert axes == ("A1", "A2", "A3", "A4", "A5", "A6")
+    parts = np.array([numbers(line.split("=")[1])[0] for line in text.splitlines() if "TIME_BLOCK PART" in line])
+    (end,) = (numbers(line.split("=")[1])[0] for line in text.splitlines() if "TIME_BLOCK END =" in line)
+    assert end == pytest.approx(DURATION / share, abs=5e-5)
+    assert len(parts) == len(values) - 1
+    np.testing.assert_allclose(parts, 100.0 / len(parts), rtol=0, atol=5.1e-7, err_msg="even in time")
+    units = np.array([180.0 / np.pi, 1000.0, *[180.0 / np.pi] * 4])
+    exact = units * formula(np.linspace(0.0, DURATION, len(values)), 6)
+    np.testing.assert_allclose(values, exact, rtol=0, atol=5.1e-7)
+    np.testing.assert_array_equal(poses(text, "PTP")[1], values[:1])
+    code = [line.split("=")[0].split("{")[0].strip() for line in text.splitlines() if not line.startswith(";")]
+    assert code[:2] == ["&ACCESS RVP", "DEF motion( )"]
+    assert code[code.index("PTP_SPLINE") :][:5] == ["PTP_SPLINE", "SPTP", "TIME_BLOCK START", "SPTP", "TIME_BLOCK PART"]
+    assert code[-3:] == ["TIME_BLOCK END", "ENDSPLINE", "END"]
+
+
+@pytest.mark.parametrize(("rate", "cycle"), [(250.0, 0.004), (100.0, 0.012), (1000.0, 0.004), (83.33, 0.012)])
+def test_rsi_rows_are_corrections_from_the_start_pose(rate, cycle):
+    slides = (False, True, False, False, False, False)
+    lines = rsi_table(planned(rate=rate, prismatic=slides)).splitlines()
+    head = [line for line in lines if line.startswith("#")]
+    assert any(f"each {1e3 * cycle:g} ms" in line for line in head)
+    axes, *rows = csv.reader(line for line in lines if not line.startswith("#"))
+    assert axes == ["A1", "A2", "A3", "A4", "A5", "A6"]
+    t = np.minimum(cycle * np.arange(len(rows)), DURATION)
+    assert t[-1] == DURATION
+    assert t[-2] < DURATION
+    units = np.array([180.0 / np.pi, 1000.0, *[180.0 / np.pi] * 4])
+    expected = units * (formula(t, 6) - formula([0.0], 6))
+    np.testing.assert_allclose(np.array(rows, dtype=float), expected, rtol=0, atol=5.1e-7)
+    start = [numbers(part)[-1] for part in head[-1].split(", ")]
+    np.testing.assert_allclose(start, (units * formula([0.0], 6))[0], rtol=0, atol=5.1e-7)
+
+
+def test_names_of_krl_axes():
+    assert krl_axes(planned(3)) == ["A1", "A2", "A3"]
+    rail = ("rail_e1", "joint_a1", "joint_a2")
+    assert krl_axes(planned(3, joint_names=rail, prismatic=(True, False, False))) == ["E1", "A1", "A2"]
+    assert krl_axes(planned(3, joint_names=("la1", "joint_a2", "joint_a3"))) == ["A1", "A2", "A3"]
+    many = PlannedMotion("lwr", tuple("abcdefg"), (False,) * 7, seven, DURATION, 100.0)
+    for program in (krl_program, rsi_table):
+        with pytest.raises(InputError, match="7 joints have no names in KRL"):
+            program(many)
+
+
+def seven(t):
+    motion = at()(t)
+    return Motion(t, *(np.column_stack([values, 2.0 * values[:, 1]]) for values in (motion.q, motion.dq, motion.ddq)))
+
+
+# --- Universal Robots ------------------------------------------------------------------------------------------------
+def run(script):
+    """Calls of a script: what differs from Python is `end`."""
+    lines = [line for line in script.splitlines() if line.strip() != "end"]
+    calls = []
+
+    def record(name):
+        return lambda *given, **named: calls.append((name, given, named))
+
+    functions = {name: record(name) for name in ("movej", "servoj", "sleep", "stopj")}
+    exec("\n".join(lines), functions)
+    functions["motion"]()
+    return calls
+
+
+@pytest.mark.parametrize(("rate", "cycle"), [(500.0, 0.002), (100.0, 0.01), (125.0, 0.008), (1000.0, 0.002)])
+def test_urscript_follows_the_motion_in_its_time(rate, cycle):
+    (move, start, named), *between, stop = run(urscript(planned(rate=rate).slowed(0.3)))
+    assert move == "movej"
+    assert set(named) == {"a", "v"}
+    np.testing.assert_allclose(start[0], formula([0.0], 6)[0], rtol=0, atol=5.1e-7)
+    assert (between[0][0], stop[0]) == ("sleep", "stopj")
+    servo = [given for name, given, _ in between if name == "servoj"]
+    assert {given[3] for given in servo} == {cycle}
+    t = np.minimum(0.3 * cycle * np.arange(len(servo)), DURATION)
+    assert t[-1] == DURATION
+    assert t[-2] < DURATION
+    np.testing.assert_allclose([given[0] for given in servo], formula(t, 6), rtol=0, atol=5.1e-7)
+
+
+def test_urscript_is_of_six_joints_that_turn():
+    for other in (planned(5), planned(prismatic=(True, *[False] * 5))):
+        with pytest.raises(InputError, match="are none of a UR"):
+            urscript(other)
+
+
+# --- ROS -------------------------------------------------------------------------------------------------------------
+POINT = re.compile(
+    r"- \{positions: \[(.*)\], velocities: \[(.*)\], accelerations: \[(.*)\], "
+    r"time_from_start: \{sec: (\d+), nanosec: (\d+)\}\}"
+)
+
+
+def points_of(text):
+    found = [POINT.fullmatch(line) for line in text.splitlines() if line.startswith("- ")]
+    assert all(found)
+    values = [np.array([numbers(match[k]) for match in found]) for k in (1, 2, 3)]
+    return *values, np.array([int(match[4]) + 1e-9 * int(match[5]) for match in found])
+
+
+@pytest.mark.parametrize("share", [0.1, 1.0])
+def test_ros_points_are_the_motion_after_a_lead(share):
+    what = planned(4, prismatic=(False, False, True, False)).slowed(share)
+    q, dq, ddq, t = points_of(joint_trajectory(what))
+    assert t[0] == 10.0
+    assert t[-1] - t[0] == pytest.approx(DURATION / share, abs=2e-9)
+    here = what.at(t - t[0])
+    np.testing.assert_allclose(q, formula(share * (t - t[0]), 4), rtol=0, atol=6e-7)
+    np.testing.assert_allclose(dq, here.dq, rtol=0, atol=6e-7)
+    np.testing.assert_allclose(ddq, here.ddq, rtol=0, atol=6e-7)
+
+
+def test_ros_yaml_is_yaml_and_one_argument():
+    """As `ros2 topic pub` reads it, where PyYAML is there."""
+    yaml = pytest.importorskip("yaml")
+    names = ("a: b", 'say "x"', "é", "# no")
+    text = joint_trajectory(planned(4, joint_names=names, checked=("one\ntwo",)))
+    message = yaml.safe_load(text)
+    assert set(message) == {"header", "joint_names", "points"}
+    assert message["header"] == {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
+    assert message["joint_names"] == list(names)
+    q, dq, ddq, t = points_of(text)
+    for point, *row in zip(message["points"], q, dq, ddq, t, strict=True):
+        assert point["positions"] == row[0].tolist()
+        assert point["velocities"] == row[1].tolist()
+        assert point["accelerations"] == row[2].tolist()
+        assert all(isinstance(value, float) for value in point["velocities"])
+        when = point["time_from_start"]
+        assert when["sec"] + 1e-9 * when["nanosec"] == row[3]
+        assert 0 <= when["nanosec"] < 10**9
+    assert len(text.encode()) < 128 * 1024
+
+
+# --- The folders -----------------------------------------------------------------------------------------------------
+def test_each_speed_has_a_folder_with_the_same_files(tmp_path):
+    programs = save_programs(planned(rate=50.0), tmp_path)
+    assert [folder.name for folder in programs.folders] == ["speed_10", "speed_30", "speed_100"]
+    assert not programs.left_out
+    assert set(programs.files) == PROGRAM_FILES
+    for folder, percent in zip(programs.folders, (10, 30, 100), strict=True):
+        assert {path.name for path in folder.iterdir()} == PROGRAM_FILES
+        table = np.genfromtxt(folder / "motion.csv", delimiter=",", names=True)
+        assert table.dtype.names == ("t", *(f"{kind}{j}" for kind in ("q", "dq", "ddq") for j in range(1, 7)))
+        t = np.minimum(table["t"] * percent / 100.0, DURATION)
+        np.testing.assert_allclose(np.diff(table["t"]), 0.02, rtol=1e-6)
+        for j in range(6):
+            np.testing.assert_allclose(table[f"q{j + 1}"], formula(t, 6)[:, j], rtol=0, atol=1e-8)
+            peak = np.abs(at()(t).dq[:, j]).max() * percent / 100.0
+            assert np.abs(table[f"dq{j + 1}"]).max() == pytest.approx(peak, abs=1e-8)
+        for name in PROGRAM_FILES - {"motion.csv"}:
+            head = (folder / name).read_text()[:2000]
+            for said in ("robot: arm", f"at {percent} %", "checked: self-collisions", "NOT checked: efforts"):
+                assert said in head, (name, said)
+            assert "the way to the start pose" in head
+
+
+def test_files_that_a_robot_cannot_have_are_left_out_and_said_so(tmp_path):
+    what = PlannedMotion("lwr", tuple("abcdefg"), (False,) * 7, seven, DURATION, 50.0)
+    programs = save_programs(what, tmp_path)
+    assert set(programs.left_out) == {"motion.src", "rsi.csv", "motion.script"}
+    assert "7 joints" in programs.left_out["motion.script"]
+    for folder in programs.folders:
+        assert {path.name for path in folder.iterdir()} == {"motion.csv", "joint_trajectory.yaml"} == {*programs.files}
+
+
+def test_files_of_others_in_an_earlier_folder_are_not_replaced(tmp_path):
+    save_programs(planned(3, rate=20.0), tmp_path)
+    check_programs(tmp_path)
+    check_programs(tmp_path / "new")
+    (tmp_path / "speed_30" / "mine.txt").write_text("x")
+    with pytest.raises(InputError, match="mine"):
+        check_programs(tmp_path)
+
+
+def test_heads_are_comments_in_ascii():
+    """Whatever a robot is called, and whatever was checked."""
+    what = planned(checked=("a\nEND\nb", "é" * 300), joint_names=("\u200b1", "b", "c", "d", "e", "f"))
+    for program, mark in ((krl_program, ";"), (rsi_table, "#"), (urscript, "#"), (joint_trajectory, "#")):
+        text = program(what)
+        assert text.isascii()
+        assert max(map(len, [line for line in text.splitlines() if line.startswith(mark)])) < 120
+        assert "END" not in [line.strip() for line in text.splitlines()][:-1]
