@@ -4,8 +4,11 @@
     upper = [2.9, 1.9, 2.0]
     velocity = 2.5                 # rad/s
     acceleration = [8, 8, 12]      # rad/s^2
+    jerk = 200                     # rad/s^3
+    effort = [80, 80, 40]          # N m (N for a joint that slides), of the actuators
 
-A key that is missing has the default of `MotionLimits`. A URDF knows no accelerations: they have the default too.
+A key that is missing has the default of `MotionLimits`: of jerk and effort none. A URDF knows no accelerations and no
+jerks: they have the defaults too.
 """
 
 from __future__ import annotations
@@ -31,7 +34,7 @@ _ENDLESS = 4.0 * np.pi
 
 
 def read_limits(path: str | Path, robot: Robot | None = None) -> MotionLimits:
-    """Limits from a TOML file with the keys lower, upper, velocity and acceleration, or from a URDF file.
+    """Limits from a TOML file with the keys lower, upper, velocity, acceleration, jerk and effort, or from a URDF file.
 
     Args:
         path: ends in .urdf or .xml for a URDF.
@@ -76,6 +79,8 @@ def check_limits(limits: MotionLimits | None, robot: Robot) -> MotionLimits:
     limits = INDUSTRIAL_ARM if limits is None else limits
     each = {}
     for key in _KEYS:
+        if getattr(limits, key) is None:
+            continue
         values = np.atleast_1d(getattr(limits, key))
         if len(values) not in (1, n):
             problem = f"{len(values)} numbers for '{key}', robot {robot.name} has {n} joints"
@@ -112,8 +117,9 @@ def _urdf_limits(root: ET.Element, robot: Robot | None, where: str) -> MotionLim
     rows = [_joint_limits(joint, f"{where}, joint {joint.get('name')}") for joint in joints]
     if not rows:
         raise InputError("has no moving joint", where, "give a URDF of an arm")
-    lower, upper, velocity = (tuple(column) for column in zip(*rows, strict=True))
-    return _made({"lower": lower, "upper": upper, "velocity": velocity}, where)
+    lower, upper, velocity, effort = (tuple(column) for column in zip(*rows, strict=True))
+    limited = {} if not np.isfinite(effort).any() else {"effort": effort}
+    return _made({"lower": lower, "upper": upper, "velocity": velocity, **limited}, where)
 
 
 def _named(root: ET.Element, names: Sequence[str], where: str) -> list[ET.Element]:
@@ -154,12 +160,12 @@ def _beyond(base: str, after: Mapping[str, Sequence[tuple[ET.Element, str]]], wh
     return chain
 
 
-def _joint_limits(joint: ET.Element, where: str) -> tuple[float, float, float]:
-    """Lower, upper and velocity; the usual ones where the file does not say, or a joint turns without end."""
+def _joint_limits(joint: ET.Element, where: str) -> tuple[float, float, float, float]:
+    """Lower, upper, velocity and effort; the usual ones where the file does not say, or a joint turns without end."""
     limit = joint.find("limit")
     try:
-        lower, upper, velocity = (
-            float(limit.get(key, 0.0)) if limit is not None else 0.0 for key in ("lower", "upper", "velocity")
+        lower, upper, velocity, effort = (
+            float(limit.get(key, 0.0)) if limit is not None else 0.0 for key in ("lower", "upper", "velocity", "effort")
         )
     except ValueError as error:
         raise InputError(f"its limits are no numbers ({error})", where, "correct the file") from None
@@ -168,4 +174,5 @@ def _joint_limits(joint: ET.Element, where: str) -> tuple[float, float, float]:
         raise InputError("slides, and has no limits", where, "give the limits in a TOML file")
     usual = np.asarray([INDUSTRIAL_ARM.lower, INDUSTRIAL_ARM.upper, INDUSTRIAL_ARM.velocity])
     lower, upper = (float(usual[0]), float(usual[1])) if endless else (lower, upper)
-    return lower, upper, velocity if 0.0 < velocity < LARGEST else float(usual[2])
+    velocity = velocity if 0.0 < velocity < LARGEST else float(usual[2])
+    return lower, upper, velocity, effort if 0.0 < effort < LARGEST else np.inf

@@ -52,6 +52,7 @@ def simulate(
     noise: float = 0.05,
     colour: float = 0.0,
     signed: bool | Sequence[bool] = False,
+    sensor: Array | None = None,
 ) -> Log:
     """A log of a motion, positions exact, efforts with Gaussian noise and rectified where they are not signed.
 
@@ -66,6 +67,7 @@ def simulate(
         noise: standard deviation of the noise relative to the RMS of each joint's effort.
         colour: correlation of the noise from one sample to the next, AR(1); 0 is white.
         signed: whether the efforts keep their sign, for all joints or each (n,).
+        sensor: (n,) standard deviation of the noise, N m, instead of `noise`: a sensor's is the same in any motion.
 
     Raises:
         ValueError: the noise is negative or not finite, or its colour not in [0, 1).
@@ -80,7 +82,8 @@ def simulate(
     if not 0.0 <= colour < 1.0:
         raise ValueError(f"the noise's correlation must lie in [0, 1), not {colour}")
     effort = model.before_sensors.effort(motion, theta)
-    effort = model.read(effort + noise * rms(effort) * _ar1(rng.standard_normal(effort.shape), colour))
+    sd = noise * rms(effort) if sensor is None else np.asarray(sensor)
+    effort = model.read(effort + sd * _ar1(rng.standard_normal(effort.shape), colour))
     keeps = np.broadcast_to(np.asarray(signed, dtype=bool), motion.n_joints)
     effort = np.where(keeps, effort, np.abs(effort))
     return Log(motion.t, motion.q, effort, keeps, source=f"simulated {model.robot.name}")

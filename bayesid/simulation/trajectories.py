@@ -32,18 +32,24 @@ class MotionLimits:
         upper: highest position, rad.
         velocity: highest speed, rad/s.
         acceleration: highest acceleration, rad/s^2.
+        jerk: highest jerk, rad/s^3; None without a limit. Only motions for a result keep it (`bayesid.design_next`).
+        effort: largest |effort| of the actuators, N m; None without a limit, and kept as the jerk is.
     """
 
     lower: float | tuple[float, ...] = -2.0
     upper: float | tuple[float, ...] = 2.0
     velocity: float | tuple[float, ...] = 3.0
     acceleration: float | tuple[float, ...] = 15.0
+    jerk: float | tuple[float, ...] | None = None
+    effort: float | tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         if not np.all(np.subtract(self.upper, self.lower) > 0.0):
             raise ValueError("the upper position limit must lie above the lower one")
         if not (np.all(np.greater(self.velocity, 0.0)) and np.all(np.greater(self.acceleration, 0.0))):
             raise ValueError("velocity and acceleration limits must be positive")
+        if not all(np.all(np.greater(limit, 0.0)) for limit in (self.jerk, self.effort) if limit is not None):
+            raise ValueError("jerk and effort limits must be positive")
 
 
 INDUSTRIAL_ARM = MotionLimits()

@@ -1,0 +1,227 @@
+"""What is open in a result and a next motion is to settle; and what no motion can tell."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.errors import InputError
+from bayesid.excitation.known import Known
+from bayesid.identification.identification import KNOWN
+from bayesid.model.parameters import Parameter
+
+GAINS, PAYLOAD, SIGNS = "gains", "payload", "signs"
+"""Names of the goals that are no coefficients."""
+_NONE = 1e-9
+"""Share of a coefficient below which a parameter's is rounding."""
+_LEAST = 1e-6
+"""Of its standard deviation now, what is wanted of a quantity that is zero: below every gain that there is."""
+_SIGN = 1.0
+"""Error of an effort, over its noise, that is wanted for its sign: the noise then says as much as the model."""
+
+
+@dataclass(frozen=True)
+class Goal:
+    """m sums of quantities that are to become known.
+
+    Attributes:
+        names: (m,).
+        forms: (m, R) sums of the quantities.
+        wanted: (m,) standard deviations that are enough.
+        never: sentences on what no motion can tell.
+    """
+
+    names: tuple[str, ...]
+    forms: Array
+    wanted: Array
+    never: tuple[str, ...] = ()
+
+    def left(self, covariance: Array) -> Array:
+        """(m, m) covariance of the sums over what is wanted of them, of the quantities' (R, R)."""
+        forms = self.forms / self.wanted[:, None]
+        return forms @ covariance @ forms.T
+
+
+def information_gain(goal: Goal, before: Array, after: Array) -> float:
+    """Nats that a recording tells of the sums, seen as well as they are wanted, from covariances (R, R) of it."""
+    return 0.5 * (log_spread(goal, before) - log_spread(goal, after))
+
+
+def log_spread(goal: Goal, covariance: Array) -> float:
+    """The logarithm of det(1 + W^-1 F C F' W^-1): twice what is left to be told of the sums F (:eq:`next-information`).
+
+    D-optimal, but that a sum which is known as well as it is wanted counts no more (Chaloner and Verdinelli, Bayesian
+    Experimental Design: A Review, 1995, section 2.2).
+    """
+    left = goal.left(covariance)
+    return float(np.linalg.slogdet(np.eye(len(left)) + left)[1])
+
+
+def mean_variance(goal: Goal, covariance: Array) -> float:
+    """Mean variance of the sums over what is wanted: A-optimal (ibid., section 2.3)."""
+    return float(np.trace(goal.left(covariance)) / len(goal.wanted))
+
+
+CRITERIA = {"D": log_spread, "A": mean_variance}
+"""By name; the less, the better."""
+
+
+def open_coefficients(known: Known) -> list[int]:
+    """Coefficients whose standard deviation is more than `KNOWN` of their value."""
+    sd = np.sqrt(np.diag(known.now))
+    count = len(known.coefficients)
+    return np.flatnonzero(sd[:count] > KNOWN * np.abs(known.mean[:count])).tolist()
+
+
+def goal_of(known: Known, about: Sequence[str] = ()) -> Goal:
+    """What is asked for.
+
+    Args:
+        known: the result.
+        about: names of coefficients, parameters, effects, or `gains`, `payload`, `signs`; without any all that is open.
+
+    Raises:
+        InputError: there is none of a name.
+    """
+    if not about:
+        places = open_coefficients(known) or list(range(len(known.coefficients)))
+        parts = [_of_places(known, places), *([_gains(known)] if len(known.gains) > 1 else [])]
+        return _joined(known, parts)
+    return _joined(known, [_named(known, name) for name in about])
+
+
+@dataclass(frozen=True)
+class _Part:
+    names: tuple[str, ...]
+    forms: Array
+    wanted: Array
+    never: tuple[str, ...] = ()
+
+
+def _joined(known: Known, parts: Sequence[_Part]) -> Goal:
+    names, forms, wanted, seen = [], [], [], set()
+    for part in parts:
+        for name, form, size in zip(part.names, part.forms, part.wanted, strict=True):
+            if name not in seen:
+                seen.add(name)
+                names.append(name)
+                forms.append(form)
+                wanted.append(size)
+    never = tuple(dict.fromkeys(sentence for part in parts for sentence in part.never))
+    if not names:
+        raise InputError("; ".join(never), "--about", "name something that a motion can tell")
+    return Goal(tuple(names), np.array(forms).reshape(-1, len(known)), np.array(wanted), never)
+
+
+def _of_places(known: Known, places: Iterable[int], never: tuple[str, ...] = ()) -> _Part:
+    chosen = list(places)
+    sd = np.sqrt(np.diag(known.now))
+    wanted = np.maximum(KNOWN * np.abs(known.mean), _LEAST * sd)
+    return _Part(tuple(known.names[k] for k in chosen), np.eye(len(known))[chosen], wanted[chosen], never)
+
+
+def _named(known: Known, name: str) -> _Part:
+    special = {GAINS: _gains, PAYLOAD: _payload, SIGNS: _signs}
+    if name in special:
+        return special[name](known)
+    if name in known.coefficients.names:
+        return _of_places(known, [known.coefficients.names.index(name)], _sum_behind(known, name))
+    parameters = [parameter.name for parameter in known.model.parameters]
+    if name in parameters:
+        return _sums_with(known, name, parameters.index(name))
+    for term, place in zip(known.model.terms, known.model.places, strict=True):
+        if name in (term.name, term.effect):
+            return _sums_of(known, place)
+    near = [one for one in known.coefficients.names if one[:2] == name[:2]][:6]
+    remedy = f"name coefficients ({', '.join(near or known.coefficients.names[:6])}, ..), effects, {GAINS}, {PAYLOAD}"
+    raise InputError(f"{name!r} is nothing of the model", "--about", f"{remedy} or {SIGNS}")
+
+
+def _sum_behind(known: Known, name: str) -> tuple[str, ...]:
+    """What to say of a coefficient that is a sum, by the name of one parameter."""
+    expression = known.coefficients.expressions[known.coefficients.names.index(name)]
+    if expression == name:
+        return ()
+    return (f"no motion can tell {name} by itself: efforts show {expression}, which is aimed at",)
+
+
+def _sums_with(known: Known, name: str, place: int) -> _Part:
+    """Coefficients that hold a parameter which is none by itself."""
+    holding = np.flatnonzero(np.abs(known.coefficients.projection[:, place]) > _NONE).tolist()
+    names = [known.coefficients.names[k] for k in holding]
+    if not holding:
+        return _of_places(known, [], (f"no motion can tell {name}: efforts do not depend on it",))
+    said = f"no motion can tell {name} by itself: efforts show it in {', '.join(names)}, which are aimed at"
+    return _of_places(known, holding, (said,))
+
+
+def _sums_of(known: Known, place: slice) -> _Part:
+    """Coefficients that hold parameters of a term."""
+    of_term = known.coefficients.projection[:, place]
+    return _of_places(known, np.flatnonzero(np.abs(of_term).max(axis=1, initial=0.0) > _NONE).tolist())
+
+
+def _gains(known: Known) -> _Part:
+    """Ratios of gains to the first that is unknown; their common factor is no motion's."""
+    count, r = len(known.gains), len(known.coefficients)
+    if not count:
+        never = ("the result's gains are exact: nothing is open of them",)
+        return _Part((), np.zeros((0, len(known))), np.zeros(0), never)
+    forms = np.zeros((count - 1, len(known)))
+    forms[:, r] = -1.0
+    forms[np.arange(count - 1), r + 1 + np.arange(count - 1)] = 1.0
+    first = int(known.gains[0]) + 1
+    names = tuple(f"gain{j + 1}/gain{first}" for j in known.gains[1:])
+    never = (
+        "no motion can tell the common factor of the gains: a payload of known mass does (--payload KG~SD@LOG), or one "
+        "exact gain",
+    )
+    return _Part(names, forms, np.full(count - 1, KNOWN), never)
+
+
+def _payload(known: Known) -> _Part:
+    labels = known.model.payloads
+    places = [
+        place
+        for term, place in zip(known.model.terms, known.model.places, strict=True)
+        if term.payloads or term.needs_earlier
+    ]
+    if not places:
+        never = (
+            "no motion can tell a payload from the last link: record once without it and once with it (--log "
+            "FILE:payload=LABEL, or `bayesid payload`)",
+        )
+        last = [p.name for p in known.model.parameters if _of_last_link(p, known)]
+        return _joined_sums(known, last, never)
+    part = _sums_of(known, slice(places[0].start, places[-1].stop))
+    return _Part(part.names, part.forms, part.wanted, () if labels else part.never)
+
+
+def _of_last_link(parameter: Parameter, known: Known) -> bool:
+    return parameter.joint == known.model.robot.n_joints and parameter.name[:1] in "mJ"
+
+
+def _joined_sums(known: Known, names: Sequence[str], never: tuple[str, ...]) -> _Part:
+    parameters = [parameter.name for parameter in known.model.parameters]
+    places = [parameters.index(name) for name in names]
+    holding = np.abs(known.coefficients.projection[:, places]).max(axis=1, initial=0.0) > _NONE
+    return _of_places(known, np.flatnonzero(holding).tolist(), never)
+
+
+def _signs(known: Known) -> _Part:
+    """The efforts of any motion, by the directions in which the coefficients are most uncertain of what noise shows.
+
+    A sign is certain where the model's error of the effort is small beside it. The motions are random ones.
+    """
+    from bayesid.excitation.reference import usual_motion
+
+    motion = usual_motion(known.model.robot)
+    information = known.information(motion, float(np.median(np.diff(motion.t)))) / (motion.t[-1] - motion.t[0])
+    values, vectors = np.linalg.eigh(information)
+    seen = values > _NONE * values[-1]
+    forms = (vectors[:, seen] * np.sqrt(values[seen])).T
+    names = tuple(f"effort{k + 1}" for k in range(int(seen.sum())))
+    return _Part(names, forms, np.full(int(seen.sum()), _SIGN))

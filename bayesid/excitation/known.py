@@ -1,0 +1,188 @@
+"""What a result knows of its quantities, and what one more recording would leave of their uncertainty.
+
+The R quantities are the model's base coefficients and, where gains were unknowns, the logarithms of the gains. They are
+normal about their values, with the inverse covariance L of the result (prior, cone and earlier logs included, as its
+draws have them) and a covariance M beside it for what the model may lack. A recording of information H leaves
+
+    P = (L + H)^-1   (:eq:`next-covariance`)
+
+of the first. How much is left of M nobody knows beforehand: nothing where the model is right, all of it where the new
+recording feels what is lacking as the earlier one did. So there are two figures, P and P + M, and a motion is designed
+by the first, for no motion changes what a model lacks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from bayesid.arrays import Array, Integers, Mask
+from bayesid.errors import InputError
+from bayesid.identification.identified_model import IdentifiedModel
+from bayesid.model.coefficients import BaseCoefficients, base_coefficients
+from bayesid.model.model import Model
+from bayesid.motion import Motion
+
+_ROUNDING = 1e-12
+"""Least eigenvalue of a scaled covariance, relative to the largest."""
+_GAIN = "log_gain"
+
+
+@dataclass(frozen=True)
+class Known:
+    """R quantities of a result, and what a motion shows of them.
+
+    Attributes:
+        model: robot and terms, without what sensors make of the efforts.
+        coefficients: its r base coefficients, the first of the quantities.
+        theta: (P,) its parameters.
+        names: (R,) of the quantities; those of gains are log_gain1..n.
+        units: (R,).
+        mean: (R,) values.
+        precision: (R, R) L.
+        lacking: (R, R) M.
+        gains: (g,) 0-based joints whose gains are among the quantities.
+        density: (n,) information of a second of efforts known to 1 N m, 1/(N m)^2: independent samples over variance.
+    """
+
+    model: Model
+    coefficients: BaseCoefficients
+    theta: Array
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    mean: Array
+    precision: Array
+    lacking: Array
+    gains: Integers
+    density: Array
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def memory(self) -> bool:
+        """Whether a row of the model depends on other instants too."""
+        return any(effect.memory for effect in self.model.effects)
+
+    def columns(self, motion: Motion) -> Array:
+        """(N, n, R) N m per unit of each quantity: of readings that are made efforts by the gains as they are."""
+        every = self.model.columns(motion)
+        columns = every[:, :, self.coefficients.kept]
+        if not len(self.gains):
+            return columns
+        effort = every @ self.theta
+        of_gains = np.zeros((*effort.shape, len(self.gains)))
+        of_gains[:, self.gains, np.arange(len(self.gains))] = -effort[:, self.gains]
+        return np.concatenate([columns, of_gains], axis=2)
+
+    def weights(self, motion: Motion, period: float, standstill: Array | None = None) -> Array:
+        """(N, n) what each sample of a motion counts for: nothing where its actuator stands still.
+
+        Args:
+            motion: N samples, one a period.
+            period: s.
+            standstill: (n,) rad/s; of this motion by default.
+        """
+        actuators = self.model.robot.actuators(motion)
+        slowest = actuators.standstill_speed if standstill is None else standstill
+        moving: Mask = np.abs(actuators.dq) > slowest
+        return moving * (self.density * period)
+
+    def information(self, motion: Motion, period: float) -> Array:
+        """(R, R) of a recording."""
+        return information_of(self.columns(motion), self.weights(motion, period))
+
+    def covariance(self, information: Array) -> Array:
+        """(R, R) P after a recording of some information (R, R)."""
+        return inverse(self.precision + information)
+
+    @cached_property
+    def now(self) -> Array:
+        """(R, R) covariance as it is, with what the model may lack."""
+        return inverse(self.precision) + self.lacking
+
+    @cached_property
+    def root(self) -> Array:
+        """(R, k) of that covariance: it is root root'."""
+        values, vectors = np.linalg.eigh(self.now)
+        root: Array = vectors * np.sqrt(np.maximum(values, 0.0))
+        return root
+
+
+def information_of(columns: Array, weights: Array) -> Array:
+    """(R, R) of rows (N, n, R) that count for (N, n)."""
+    rows = (columns * np.sqrt(weights)[:, :, None]).reshape(-1, columns.shape[2])
+    return rows.T @ rows
+
+
+def inverse(matrix: Array) -> Array:
+    """Of a positive matrix in mixed units."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
+    return np.asarray(np.linalg.inv(matrix * np.outer(scale, scale)) * np.outer(scale, scale))
+
+
+def known_of(identified: IdentifiedModel, rate: float) -> Known:
+    """What an identified model knows.
+
+    Args:
+        identified: with the uncertainty of its parameters.
+        rate: of the recording to come, Hz; its efforts are as noisy as those of the result's log.
+
+    Raises:
+        InputError: nothing is known of how uncertain some coefficient is.
+    """
+    model = identified.model.before_sensors
+    base = base_coefficients(model)
+    noise = identified.noise.with_time_of_model(rate)
+    density = rate / (noise.sigma**2 * noise.autocorrelation)
+    mean, precision, lacking, gains = _distribution(identified, base)
+    names = (*base.names, *(f"{_GAIN}{j + 1}" for j in gains))
+    units = (*base.units, *("" for _ in gains))
+    return Known(model, base, identified.theta, names, units, mean, precision, lacking, gains, density)
+
+
+def _distribution(identified: IdentifiedModel, base: BaseCoefficients) -> tuple[Array, Array, Array, Integers]:
+    """Mean, inverse covariance, covariance of what may be lacking, and joints whose gains are unknown."""
+    beta, draws = base.project(identified.theta), identified.draws
+    none = np.empty(0, dtype=np.int64)
+    if draws is None:
+        _check_known(identified, base)
+        parts = [part for part in (identified.lacking, identified.by_gains) if part is not None]
+        return beta, identified.precision, sum(parts, np.zeros_like(identified.precision)), none
+    drawn = base.project(draws.theta)
+    if draws.log_gain is not None and (gains := np.flatnonzero(np.ptp(draws.log_gain, axis=0) > 0.0)).size:
+        both = np.cov(np.hstack([drawn, draws.log_gain[:, gains]]), rowvar=False)
+        mean = np.concatenate([beta, draws.log_gain[:, gains].mean(axis=0)])
+        return mean, inverse(_floored(both)), np.zeros_like(both), gains
+    covariance = np.atleast_2d(np.cov(drawn, rowvar=False))
+    if not identified.precision.any():
+        return beta, inverse(_floored(covariance)), np.zeros_like(covariance), none
+    return beta, identified.precision, _positive(covariance - inverse(identified.precision)), none
+
+
+def _check_known(identified: IdentifiedModel, base: BaseCoefficients) -> None:
+    scale = np.sqrt(np.maximum(np.diag(identified.precision), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(identified.precision / np.outer(scale, scale))
+    blind = vectors[:, values <= _ROUNDING * values[-1]]
+    if blind.shape[1]:
+        names = [base.names[k] for k in np.argsort(-np.linalg.norm(blind, axis=1))[:3]]
+        said = f"nothing is known of {', '.join(names)} of its model, not even what is usual"
+        raise InputError(said, "result", "identify again with a posterior: without --no-posterior")
+
+
+def _positive(matrix: Array) -> Array:
+    """What is positive of a symmetric matrix."""
+    scale = np.sqrt(np.abs(np.diag(matrix))) + np.finfo(float).tiny
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    part: Array = (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(scale, scale)
+    return part
+
+
+def _floored(covariance: Array) -> Array:
+    """A covariance of draws whose inverse exists."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    floored: Array = (vectors * np.maximum(values, _ROUNDING * values[-1])) @ vectors.T * np.outer(scale, scale)
+    return floored

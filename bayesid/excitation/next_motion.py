@@ -1,0 +1,430 @@
+"""The next motion: what to record so that what a result leaves open gets settled, and a motion that a robot can run.
+
+A result says how uncertain its coefficients are, and a discrepancy which effects its log cannot tell apart. Of all
+motions from rest to rest that a robot can run (`bayesid.excitation.feasible`), the one is looked for whose recording
+tells most of that: by the information about chosen coefficients (`bayesid.excitation.goals`) or by the Bayes factor
+between hypotheses (`bayesid.excitation.rivals`). What will be known afterwards is said before anything is run.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.discrepancy.workflow import Discrepancy
+from bayesid.errors import InputError
+from bayesid.excitation.feasible import BAND, FINE, Clearance, Feasibility, largest_efforts
+from bayesid.excitation.goals import CRITERIA, Goal, goal_of, information_gain
+from bayesid.excitation.known import Known, information_of, inverse, known_of
+from bayesid.excitation.limits import check_limits
+from bayesid.excitation.predicted_signs import certain_share
+from bayesid.excitation.reference import usual_motion
+from bayesid.excitation.rivals import Rivals, inseparable, log10, make_rivals, parse_key
+from bayesid.excitation.search import Design, Search
+from bayesid.excitation.splines import SplineBasis, SplineTrajectory, at_rest
+from bayesid.identification.identification import KNOWN, Identification
+from bayesid.identification.identified_model import IdentifiedModel
+from bayesid.motion import Motion
+from bayesid.process import in_parallel, one_blas_thread
+from bayesid.progress import SILENT, Progress
+from bayesid.simulation.trajectories import MotionLimits
+
+CHANGES = 4000
+"""That a search tries: of either of two, side by side; more gain little (study `next_motion`)."""
+_SEARCHES = 2
+"""From different random motions, the better of which counts: one a processor of a small machine."""
+_MOST_RECORDED = 4000
+"""Instants of the earlier motion that are looked at. A round number."""
+_DURATIONS, _RATES = (2.0, 600.0), (10.0, 4000.0)
+"""s and Hz, shortest and longest: a joint needs time to move; controllers ask for 4 kHz at most."""
+SPEEDS = (0.1, 0.3, 1.0)
+"""Shares of the speed at which a new motion is played, one after the other."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """How a motion is to be run.
+
+    Attributes:
+        duration: of the recording, s.
+        rate: of the controller's file and of the recording, Hz.
+        start: (n,) pose at both ends, rad (m): where the robot is; by default where the result's log began.
+        limits: of the joints; by default those that suit most small arms, without a limit of efforts.
+        clearance: tells collisions; None where nothing does, which the result says.
+        margin: least distance to itself and its surroundings, m.
+
+    Raises:
+        InputError: a number cannot be used.
+
+    Example:
+        >>> bayesid.Run(duration=10.0).rate
+        100.0
+    """
+
+    duration: float = 20.0
+    rate: float = 100.0
+    start: tuple[float, ...] | None = None
+    limits: MotionLimits | None = None
+    clearance: Clearance | None = None
+    margin: float = 0.02
+
+    def __post_init__(self) -> None:
+        for value, (least, most), name, unit in (
+            (self.duration, _DURATIONS, "--duration", "s"),
+            (self.rate, _RATES, "--rate", "Hz"),
+        ):
+            if not least <= value <= most:
+                raise InputError(f"{value:g} {unit} cannot be used", name, f"give {least:g} to {most:g} {unit}")
+        if not 0.0 <= self.margin < np.inf:
+            raise InputError(f"{self.margin:g} m cannot be used", "--margin", "give a distance in m, as 0.02")
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What will be known after a recording.
+
+    Attributes:
+        names: (m,) of the coefficients, and of gains where they are unknown.
+        units: (m,).
+        mean: (m,) values now.
+        sd_now: (m,) standard deviations now.
+        sd: (m,) after the recording, if the model is right.
+        sd_lacking: (m,) after it, if all that the model may lack is as it was.
+        gain: of information about the goal, nats; 0 where hypotheses are to be told apart.
+        log10_bayes_factors: expected ones, of each hypothesis where it is true, against each other.
+        certain_signs: share of the |effort| in motion whose sign will be sure to 99 %.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    mean: Array
+    sd_now: Array
+    sd: Array
+    sd_lacking: Array
+    gain: float
+    log10_bayes_factors: dict[tuple[str, str], float]
+    certain_signs: float
+
+    @property
+    def open_now(self) -> int:
+        """Coefficients known to less than `KNOWN` of their value."""
+        return int((self.sd_now > KNOWN * np.abs(self.mean)).sum())
+
+    @property
+    def open(self) -> int:
+        """And after the recording, if the model is right."""
+        return int((self.sd > KNOWN * np.abs(self.mean)).sum())
+
+    @property
+    def open_lacking(self) -> int:
+        """And after it, if all that the model may lack is as it was."""
+        return int((self.sd_lacking > KNOWN * np.abs(self.mean)).sum())
+
+
+@dataclass(frozen=True)
+class NextMotion:
+    """A motion to be run and recorded.
+
+    Attributes:
+        known: the result that it was designed for.
+        trajectory: the motion, exact at every instant.
+        run: how it is to be run, limits and start with one number for each joint.
+        goal: what it settles; None where it tells hypotheses apart.
+        rivals: classes of hypotheses that it tells apart.
+        predicted: what will be known after its recording.
+        of_random: the same after a random motion within the same limits (but of efforts and collisions).
+        largest_effort: (n,) N m, with its band.
+        never: sentences on what no motion can tell.
+        unchecked: sentences on what was not checked.
+        slow: shares of the speed at which the motion keeps its limits, and so may be played.
+        seconds: of the design.
+
+    Example:
+        >>> design = bayesid.design_next(result, run=bayesid.Run(duration=4.0), changes=40)
+        >>> design.motion.q.shape, design.predicted.open <= design.predicted.open_now
+        ((401, 3), True)
+    """
+
+    known: Known
+    trajectory: SplineTrajectory
+    run: Run
+    goal: Goal | None
+    rivals: tuple[Rivals, ...]
+    predicted: Prediction
+    of_random: Prediction
+    largest_effort: Array
+    never: tuple[str, ...]
+    unchecked: tuple[str, ...]
+    slow: tuple[float, ...]
+    seconds: float
+
+    def __repr__(self) -> str:
+        after, now = self.predicted.open, self.predicted.open_now
+        lines = [
+            f"NextMotion for {self.known.model.robot.name}: {self.run.duration:g} s at {self.run.rate:g} Hz",
+            f"coefficients  {now} of {len(self.predicted.names)} open now, {after} after its recording if the model is "
+            f"right, {self.predicted.open_lacking} at most ({self.of_random.open} after a random motion)",
+            *(
+                f"told apart    {true} from {other}: log10 Bayes factor {value:.1f}"
+                for (true, other), value in self.predicted.log10_bayes_factors.items()
+            ),
+            f"not checked   {'; '.join(self.unchecked) or 'nothing'}",
+            "go on with    .motion, .predicted, .never, bayesid.save_next_motion(this, folder)",
+        ]
+        return "\n  ".join(lines)
+
+    @property
+    def motion(self) -> Motion:
+        """The motion at the controller's rate.
+
+        Example:
+            >>> design = bayesid.design_next(result, run=bayesid.Run(duration=4.0), changes=10)
+            >>> bool((design.motion.dq[[0, -1]] == 0.0).all())
+            True
+        """
+        return self.trajectory.motion(_instants(self.run))
+
+
+@one_blas_thread
+def design_next(
+    result: Identification | IdentifiedModel | Discrepancy,
+    about: Sequence[str] = (),
+    between: Sequence[str] = (),
+    *,
+    run: Run = Run(),
+    recorded: Motion | None = None,
+    criterion: str = "D",
+    changes: int = CHANGES,
+    progress: Progress = SILENT,
+) -> NextMotion:
+    """Designs the motion whose recording settles most of what a result leaves open.
+
+    Args:
+        result: an identification, an identified model with its uncertainty, or a discrepancy, whose effects that its
+            log cannot tell apart are then told apart by default.
+        about: names of coefficients, parameters or effects, or `gains`, `payload`, `signs`; without any all
+            coefficients that are known to less than 10 %.
+        between: hypotheses to tell apart instead, as in ("stribeck_friction:3", "thermal_drift:3").
+        run: duration, rate, start, limits and what tells collisions.
+        recorded: the motion of the result's log, where the result is a model alone: without it hypotheses are taken to
+            be as open as before that log.
+        criterion: "D" for the information about all together, "A" for their mean variance.
+        changes: of the motion that are tried; 4000 take some half a minute.
+        progress: of the search.
+
+    Raises:
+        InputError: the result, a name or a limit cannot be used, or the robot cannot even stand still at the start.
+
+    Example:
+        >>> design = bayesid.design_next(result, ["Fc2"], run=bayesid.Run(duration=4.0), changes=40)
+        >>> friction = design.predicted.names.index("Fc2")
+        >>> bool(design.predicted.sd[friction] < design.predicted.sd_now[friction])
+        True
+    """
+    began = time.perf_counter()
+    identified, recorded, classes = _taken(result, recorded, between, about)
+    known = known_of(identified, run.rate)
+    run = _settled(run, known, recorded)
+    assert run.limits is not None
+    feasibility = Feasibility.of(known, run.limits, run.clearance, run.margin)
+    basis, pose = SplineBasis(run.duration), np.array(run.start)
+    _check_start(feasibility, at_rest(basis, pose))
+    reference = usual_motion(known.model.robot, run.limits)
+    rivals = tuple(make_rivals(known, keys, recorded, reference) for keys in classes)
+    if criterion not in CRITERIA:
+        raise InputError(f"{criterion!r} cannot be used", "--criterion", f"give {' or '.join(CRITERIA)}")
+    goal = None if rivals else goal_of(known, about)
+    design = _of_rivals(rivals) if goal is None else _of_goal(known, goal, run, criterion)
+    search = Search(design, feasibility, basis, pose)
+    trajectory = _found(search, changes, progress)
+    motion = trajectory.motion(_instants(run))
+    told = partial(_prediction, known, goal, rivals)
+    never = () if goal is None else goal.never
+    never += tuple(_cannot_tell(a, b) for one in rivals for a, b in inseparable(one, reference))
+    random = usual_motion(known.model.robot, run.limits, run.duration)
+    return NextMotion(
+        known=known,
+        trajectory=trajectory,
+        run=run,
+        goal=goal,
+        rivals=rivals,
+        predicted=told(motion),
+        of_random=told(random),
+        largest_effort=largest_efforts(*feasibility.effort_band(motion)),
+        never=never,
+        unchecked=_unchecked(run),
+        slow=tuple(share for share in SPEEDS if _bears_slowly(feasibility, trajectory, share)),
+        seconds=time.perf_counter() - began,
+    )
+
+
+def _taken(
+    result: Identification | IdentifiedModel | Discrepancy,
+    recorded: Motion | None,
+    between: Sequence[str],
+    about: Sequence[str],
+) -> tuple[IdentifiedModel, Motion | None, list[list[tuple[str, tuple[int, ...]]]]]:
+    """The model, the motion of its log, and the classes of hypotheses."""
+    if between and about:
+        raise InputError("asks for coefficients and for hypotheses", "--between", "leave it or --about out")
+    classes = [[parse_key(text) for text in between]] if between else []
+    if isinstance(result, Discrepancy):
+        if not about and not between:
+            classes = equivalent_classes([(one.effect, one.joints, one.equivalent) for one in result.added])
+        result = result.identification
+    if isinstance(result, Identification):
+        recorded = result.signals.motion if recorded is None else recorded
+        result = result.identified
+    if recorded is not None and len(recorded) > _MOST_RECORDED:
+        recorded = recorded[:: -(-len(recorded) // _MOST_RECORDED)]
+    return result, recorded, classes
+
+
+def equivalent_classes(
+    found: Sequence[tuple[str, tuple[int, ...], Sequence[str]]],
+) -> list[list[tuple[str, tuple[int, ...]]]]:
+    """Classes of hypotheses that a log could not tell apart: effect and joints of each, the one that was named first.
+
+    Args:
+        found: effect, joints and names of the effects that are equivalent, of each effect that was found.
+    """
+    told = [one for one in found if one[2]]
+    return [[(effect, joints), *((other, joints) for other in equivalent)] for effect, joints, equivalent in told]
+
+
+def _settled(run: Run, known: Known, recorded: Motion | None) -> Run:
+    """With limits and a start of one number for each joint."""
+    robot = known.model.robot
+    limits = check_limits(run.limits, robot)
+    if run.start is not None:
+        start = np.array(run.start, dtype=float)
+    elif recorded is not None:
+        start = np.array(recorded.q[0], dtype=float)
+    else:
+        start = 0.5 * (np.asarray(limits.lower) + np.asarray(limits.upper))
+    if start.shape != (robot.n_joints,) or not np.isfinite(start).all():
+        said = f"{start.size} numbers, robot {robot.name} has {robot.n_joints} joints"
+        raise InputError(said, "--start", "give one position for each joint, in rad (m)")
+    return replace(run, limits=limits, start=tuple(start.tolist()))
+
+
+def _check_start(feasibility: Feasibility, still: SplineTrajectory) -> None:
+    """Raises InputError if the robot cannot even stand still where the motion starts."""
+    pose = still.control[0]
+    for j, (at, lower, upper) in enumerate(zip(pose, feasibility.lower, feasibility.upper, strict=True), start=1):
+        if not lower <= at <= upper:
+            said = f"joint {j} starts at {at:.4g}, its limits are {lower:.4g} to {upper:.4g}"
+            raise InputError(said, "--start", "give a pose within --limits, or limits that hold the log's first pose")
+    mean, sd = feasibility.effort_band(still.motion(np.zeros(3)))
+    for j, (value, spread, limit) in enumerate(zip(mean[0], sd[0], feasibility.effort, strict=True), start=1):
+        if abs(value) + BAND * spread > limit:
+            needed = f"{value:.3g} +- {BAND * spread:.3g} N m"
+            said = f"joint {j} may need {needed} at the start, its limit is {limit:.3g} N m"
+            remedy = "give another --start, or state what is known (--nominal) when the log is identified"
+            raise InputError(said, "--effort-limits", remedy)
+    if not feasibility.clear(still, 0.0, still.duration):
+        assert feasibility.clearance is not None
+        distance = float(feasibility.clearance.distance(pose[None])[0])
+        margin = f"the margin is {feasibility.margin:g} m"
+        said = f"the robot is {distance:.3f} m from itself or the floor at the start, {margin}"
+        raise InputError(said, "--start", "give another pose, or a smaller --margin")
+
+
+def _instants(run: Run) -> Array:
+    return np.linspace(0.0, run.duration, round(run.duration * run.rate) + 1)
+
+
+def _of_goal(known: Known, goal: Goal, run: Run, criterion: str) -> Design:
+    assert run.limits is not None
+    judge = CRITERIA[criterion]
+
+    def worth(information: Array) -> float:
+        return judge(goal, known.covariance(information))
+
+    return Design(known.columns, known.weights, worth, whole=known.memory)
+
+
+def _of_rivals(rivals: tuple[Rivals, ...]) -> Design:
+    """The class that is told least clearly counts."""
+
+    def columns(motion: Motion) -> Array:
+        return np.concatenate([one.columns(motion) for one in rivals], axis=2)
+
+    def worth(information: Array) -> float:
+        ends = np.cumsum([0, *(len(one.recorded) for one in rivals)]).tolist()
+        parts = zip(rivals, ends[:-1], ends[1:], strict=True)
+        return max(one.worth(information[start:end, start:end]) for one, start, end in parts)
+
+    return Design(columns, rivals[0].known.weights, worth, whole=any(one.memory for one in rivals))
+
+
+def _found(search: Search, changes: int, progress: Progress) -> SplineTrajectory:
+    """The better motion of some searches from different starts."""
+
+    def done(k: int) -> None:
+        progress("design", k, changes)
+
+    tasks = [partial(search.run, changes, seed, done) for seed in range(_SEARCHES)]
+    found = in_parallel(tasks)
+    progress("design", changes, changes)
+    return min(found, key=search.cost)
+
+
+def _prediction(known: Known, goal: Goal | None, rivals: tuple[Rivals, ...], motion: Motion) -> Prediction:
+    period = float(motion.t[-1] - motion.t[0]) / (len(motion) - 1)
+    after = known.covariance(known.information(motion, period))
+    factors: dict[tuple[str, str], float] = {}
+    for one in rivals:
+        information = information_of(one.columns(motion), one.known.weights(motion, period))
+        factors |= {pair: log10(value) for pair, value in one.expected(information).items()}
+    return Prediction(
+        names=known.names,
+        units=known.units,
+        mean=known.mean,
+        sd_now=np.sqrt(np.diag(known.now)),
+        sd=np.sqrt(np.diag(after)),
+        sd_lacking=np.sqrt(np.diag(after + known.lacking)),
+        gain=0.0 if goal is None else information_gain(goal, inverse(known.precision), after),
+        log10_bayes_factors=factors,
+        certain_signs=certain_share(known, motion, period),
+    )
+
+
+def _cannot_tell(one: str, other: str) -> str:
+    return f"no motion can tell {one} from {other}: efforts are the same under both"
+
+
+def _unchecked(run: Run) -> tuple[str, ...]:
+    assert run.limits is not None
+    said = []
+    if run.limits.effort is None:
+        said.append("efforts: no limits are known (--effort-limits, or a URDF with them)")
+    elif not np.isfinite(run.limits.effort).all():
+        joints = ", ".join(str(j) for j, limit in enumerate(run.limits.effort, start=1) if not np.isfinite(limit))
+        said.append(f"efforts of joints {joints}: no limits are known (--effort-limits)")
+    if run.limits.jerk is None:
+        said.append("jerks: no limits are known (a key of the file that --limits takes)")
+    if run.clearance is None:
+        said.append("collisions: no collision model (--capsules, or a URDF with collision geometry)")
+    return tuple(said)
+
+
+def _bears_slowly(feasibility: Feasibility, trajectory: SplineTrajectory, share: float) -> bool:
+    """Whether efforts keep their limits where the motion is played at a share of its speed."""
+    if not feasibility.limits_effort:
+        return True
+    motion = slowed(trajectory, share, share / FINE)  # as many samples as at full speed
+    return bool((largest_efforts(*feasibility.effort_band(motion)) <= feasibility.effort).all())
+
+
+def slowed(trajectory: SplineTrajectory, share: float, rate: float) -> Motion:
+    """The motion at a share of its speed, sampled at a rate, Hz."""
+    duration = trajectory.duration / share
+    t = np.linspace(0.0, duration, round(duration * rate) + 1)
+    motion = trajectory.motion(share * t)
+    return Motion(t, motion.q, share * motion.dq, share**2 * motion.ddq)

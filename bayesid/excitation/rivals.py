@@ -1,0 +1,417 @@
+"""Hypotheses that a log cannot tell apart, and how clearly a motion would tell.
+
+Each hypothesis M is the model without the effects in question, with columns of one of them: efforts X_M z_M, with z_M
+normal about m_M with inverse covariance L_M after the earlier recording. Where A is true, the logarithm of its Bayes
+factor against B by a new recording y of information H has the expectation (:eq:`next-bayes-factor`)
+
+    E log p(y | A) - E log p(y | B),
+    E log p(y | M) = c + (log det L_M - log det P_M - m_M' L_M m_M + h_M' P_M^-1 h_M + tr P_M^-1 S_M) / 2,
+    P_M = L_M + H_MM,  h_M = L_M m_M + H_MA m_A,  S_M = H_MA L_A^-1 H_AM + H_MM,
+
+the usual one of normal distributions (Lindley, On a measure of the information provided by an experiment, 1956). What
+is linear in an effect's numbers is summed out so; of its forms with other numbers the one counts that imitates best. So
+the expectation is that of the least clear case.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from bayesid.arrays import Array, Integers
+from bayesid.errors import InputError
+from bayesid.excitation.known import Known, information_of, inverse
+from bayesid.fit.effects.explanation import LN10
+from bayesid.fit.effects.hypotheses import EffectKey, forms_of, maker
+from bayesid.model import catalogue
+from bayesid.model.coefficients import base_coefficients
+from bayesid.model.distortions import Distortion
+from bayesid.model.effects import Effect
+from bayesid.model.model import Model
+from bayesid.model.terms import Term
+from bayesid.motion import Motion
+
+TELLING = 2.0
+"""Log10 Bayes factor from which on effects count as told apart: decisive (Jeffreys 1961, appendix B)."""
+_WIDER = 10.0
+"""Times the standard deviation now, that of a coefficient before the earlier recording: a round number."""
+_MOST_FORMS = 4
+"""Of a hypothesis that are looked at: time grows with them. A round number."""
+_SHIFT = 1e-3
+"""Standard deviation of an effect's change without amplitude, which is as it is."""
+_RANK = 1e-6
+"""Share of a column's length that others must leave for a motion to tell it from them."""
+
+
+@dataclass(frozen=True)
+class Form:
+    """One form of a hypothesis.
+
+    Attributes:
+        source: term or distortion.
+        place: of its columns among all, its amplitudes first.
+        sd: (p,) of its amplitudes beforehand; `_SHIFT` of a change without amplitude.
+        mean: (p,) of them beforehand.
+    """
+
+    source: Effect
+    place: slice
+    sd: Array
+    mean: Array
+
+    @property
+    def columns(self) -> Integers:
+        """(p,) places of its columns."""
+        return np.arange(self.place.start, self.place.stop)
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A hypothesis.
+
+    Attributes:
+        key: effect and joints.
+        forms: with different numbers.
+        own: (p,) amplitudes of its first form that the result has found; None where the result has not got it.
+    """
+
+    key: EffectKey
+    forms: tuple[Form, ...]
+    own: Array | None
+
+    @property
+    def name(self) -> str:
+        """As `--between` takes it."""
+        effect, joints = self.key
+        return ":".join([effect, *map(str, joints)])
+
+
+@dataclass(frozen=True)
+class Rivals:
+    """Hypotheses, and what is known beside them.
+
+    Attributes:
+        known: the result without the effects in question.
+        rivals: at least two.
+        recorded: (R, R) information of the earlier recording on all columns; zero where its motion is not at hand.
+        prior: (r, r) inverse covariance of the coefficients before it, or of now where its motion is not at hand.
+    """
+
+    known: Known
+    rivals: tuple[Rival, ...]
+    recorded: Array
+    prior: Array
+
+    @property
+    def pairs(self) -> list[tuple[Rival, Rival]]:
+        """The true one first."""
+        return [(a, b) for a in self.rivals for b in self.rivals if a is not b]
+
+    def columns(self, motion: Motion) -> Array:
+        """(N, n, R) those of the coefficients, then those of all forms."""
+        base = self.known.columns(motion)
+        parts = [base]
+        scene = self.known.model.scene(motion, self.known.theta, base @ self.known.mean, np.abs(base @ self.known.mean))
+        for rival in self.rivals:
+            for form in rival.forms:
+                shift, rows = form.source.change(scene)
+                parts.append(rows)
+                if form.place.stop - form.place.start > rows.shape[2]:
+                    parts.append(shift[:, :, None])
+        return np.concatenate(parts, axis=2)
+
+    @property
+    def memory(self) -> bool:
+        """Whether a row depends on other instants too."""
+        return self.known.memory or any(form.source.memory for rival in self.rivals for form in rival.forms)
+
+    def worth(self, information: Array) -> float:
+        """Minus the expected log Bayes factor of the pair that is told least clearly, nats."""
+        return -min(self.expected(information).values())
+
+    def expected(self, information: Array) -> dict[tuple[str, str], float]:
+        """Expected log Bayes factor, nats, of each hypothesis if it is true, against each other."""
+        return {(a.name, b.name): self._expected(a, b, information) for a, b in self.pairs}
+
+    def _expected(self, true: Rival, other: Rival, information: Array) -> float:
+        case = self._truth[true.name]
+        own = case.evidence(information, case)
+        return own - max(self._under[form.place.start, true.name].evidence(information, case) for form in other.forms)
+
+    @cached_property
+    def _truth(self) -> dict[str, _Case]:
+        """What is true where each of the hypotheses is."""
+        found = next((rival for rival in self.rivals if rival.own is not None), None)
+        cases = {}
+        for rival in self.rivals:
+            form = rival.forms[len(rival.forms) // 2]
+            if rival.own is not None:
+                form = replace(rival.forms[0], mean=rival.own)
+                cases[rival.name] = self._after(form, np.concatenate([self.known.mean, rival.own]), form)
+            elif found is None:
+                cases[rival.name] = self._after(form, np.concatenate([self.known.mean, form.mean]), form)
+            else:
+                mimics = [self._mimic(one, found) for one in rival.forms]
+                cases[rival.name] = max(mimics, key=lambda case: case.fit)
+        return cases
+
+    def _mimic(self, form: Form, found: Rival) -> _Case:
+        own = replace(found.forms[0], mean=np.asarray(found.own))
+        return self._after(form, np.concatenate([self.known.mean, np.asarray(found.own)]), own)
+
+    @cached_property
+    def _under(self) -> dict[tuple[int, str], _Case]:
+        """What each form of a hypothesis holds for true after the earlier recording, where another one is true."""
+        r = len(self.known)
+        return {
+            (form.place.start, true.name): self._after(form, self._truth[true.name].mean, self._truth[true.name].form)
+            for true, other in self.pairs
+            for form in other.forms
+            if r
+        }
+
+    def best_fit(self, form: Form, rival: Rival) -> float:
+        """How well a form of a hypothesis fits the earlier recording where one of the others is true."""
+        truths = [self._truth[one.name] for one in self.rivals if one is not rival]
+        return max(self._after(form, truth.mean, truth.form).fit for truth in truths)
+
+    def _after(self, form: Form, truth: Array, of: Form) -> _Case:
+        """A form after the earlier recording, in which another form was true with quantities (R,)."""
+        r = len(self.known)
+        own, true = (np.concatenate([np.arange(r), one.columns]) for one in (form, of))
+        before = np.diag(1.0 / np.concatenate([np.ones(r), form.sd]) ** 2)
+        before[:r, :r] = self.prior
+        mean = np.concatenate([self.known.mean, form.mean])
+        seen = self.recorded[np.ix_(own, own)]
+        pull = before @ mean + self.recorded[np.ix_(own, true)] @ truth
+        precision = before + seen
+        estimate = inverse(precision) @ pull
+        fit = float(pull @ estimate - mean @ before @ mean)
+        return _Case(form, own, estimate, precision, fit)
+
+
+@dataclass(frozen=True)
+class _Case:
+    """A form with its quantities.
+
+    Attributes:
+        form: of the hypothesis.
+        columns: (R,) places of its columns.
+        mean: (R,) of its quantities.
+        precision: (R, R) of them.
+        fit: how well it has fitted the earlier recording; the more, the better.
+    """
+
+    form: Form
+    columns: Integers
+    mean: Array
+    precision: Array
+    fit: float = 0.0
+
+    def evidence(self, information: Array, true: _Case) -> float:
+        """E log p(y | this), but for what all hypotheses have in common, where another one is true."""
+        own = information[np.ix_(self.columns, self.columns)]
+        across = information[np.ix_(self.columns, true.columns)]
+        after = self.precision + own
+        left = inverse(after)
+        pull = self.precision @ self.mean + across @ true.mean
+        spread = np.sum((left @ across) * (across @ true.covariance)) + np.sum(left * own)
+        gain = pull @ left @ pull + spread - self.mean @ self.precision @ self.mean
+        return 0.5 * float(gain + self.log_det - _log_det(after))
+
+    @cached_property
+    def covariance(self) -> Array:
+        """(R, R) of the quantities."""
+        return inverse(self.precision)
+
+    @cached_property
+    def log_det(self) -> float:
+        """Of the inverse covariance."""
+        return _log_det(self.precision)
+
+
+def _scaled(matrix: Array) -> tuple[Array, Array]:
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
+    return matrix * np.outer(scale, scale), scale
+
+
+def _log_det(matrix: Array) -> float:
+    scaled, scale = _scaled(matrix)
+    return float(np.linalg.slogdet(scaled)[1] - 2.0 * np.log(scale).sum())
+
+
+def make_rivals(known: Known, keys: Sequence[EffectKey], earlier: Motion | None, reference: Motion) -> Rivals:
+    """Hypotheses of a result.
+
+    Args:
+        known: the result.
+        keys: effects and joints (from 1), two or more.
+        earlier: N instants of the motion of the result's log, evenly thinned; None where it is not at hand.
+        reference: a motion on which forms are made where the earlier one is not at hand.
+
+    Raises:
+        InputError: an effect is not in the catalogue, or has no form in these joints.
+    """
+    if len(set(keys)) < 2:
+        raise InputError("takes two different hypotheses", "--between", "as in stribeck_friction:3,thermal_drift:3")
+    bare, found = _without(known, keys)
+    scene_motion = reference if earlier is None else earlier
+    effort = np.einsum("njr,r->nj", bare.columns(scene_motion), bare.mean)
+    scene = bare.model.scene(scene_motion, bare.theta, effort, np.abs(effort))
+    actuators = bare.model.robot.actuators(scene_motion)
+    used = np.abs(actuators.dq) > actuators.standstill_speed
+    make = maker(bare.model, scene, used)
+    rivals, place = [], len(bare)
+    for key in keys:
+        own = found.get(key)
+        hypotheses = [one for group in forms_of(*key, make, scene) for one in group]
+        if own is not None:
+            hypotheses = [make(own[0]), *hypotheses]
+        if not hypotheses:
+            raise InputError(f"{key[0]!r} has no form in {_joints(key)}", "--between", _remedy())
+        forms = []
+        for one in hypotheses:
+            shift = any(np.any(values) for values in one.columns.shift.values())
+            sd = np.concatenate([one.columns.sd, np.full(int(shift), _SHIFT)])
+            mean = np.concatenate([np.zeros(len(one.columns.sd)), np.ones(int(shift))])
+            forms.append(Form(one.source, slice(place, place + len(sd)), sd, mean))
+            place += len(sd)
+        amplitudes = None if own is None else _amplitudes(forms[0], own[1])
+        rivals.append(Rival(key, tuple(forms), amplitudes))
+    made = Rivals(bare, tuple(rivals), np.zeros((place, place)), bare.precision)
+    if earlier is None:
+        return _likeliest(made)
+    period = float(earlier.t[-1] - earlier.t[0]) / max(len(earlier) - 1, 1)
+    recorded = information_of(made.columns(earlier), made.known.weights(earlier, period))
+    now = np.diag(bare.now)
+    return _likeliest(replace(made, recorded=recorded, prior=np.diag(1.0 / (_WIDER**2 * now))))
+
+
+def _likeliest(rivals: Rivals) -> Rivals:
+    """The forms of each hypothesis that imitate the others best on the earlier recording; evenly many without one."""
+    chosen = [_chosen(rivals, rival) for rival in rivals.rivals]
+    r = len(rivals.known)
+    kept = np.concatenate([np.arange(r), *(form.columns for forms in chosen for form in forms)])
+    place, left = r, []
+    for rival, forms in zip(rivals.rivals, chosen, strict=True):
+        moved = []
+        for form in forms:
+            moved.append(replace(form, place=slice(place, place + len(form.sd))))
+            place += len(form.sd)
+        left.append(replace(rival, forms=tuple(moved)))
+    return replace(rivals, rivals=tuple(left), recorded=rivals.recorded[np.ix_(kept, kept)])
+
+
+def _chosen(rivals: Rivals, rival: Rival) -> list[Form]:
+    """As many forms as are looked at; the one that the result has found is the first of them."""
+    forms, first = list(rival.forms), int(rival.own is not None)
+    if len(forms) <= _MOST_FORMS:
+        return forms
+    if not rivals.recorded.any():
+        return [forms[k] for k in np.unique(np.linspace(0, len(forms) - 1, _MOST_FORMS).astype(int))]
+    fits = [rivals.best_fit(form, rival) for form in forms[first:]]
+    best = np.sort(np.argsort(fits)[::-1][: _MOST_FORMS - first]) + first
+    return [*forms[:first], *(forms[k] for k in best)]
+
+
+def _amplitudes(form: Form, theta: Array) -> Array:
+    """(p,) of a form that the result has: a term's parameters, or nothing beside the change that a distortion is."""
+    return np.concatenate([theta, form.mean[len(theta) :]])
+
+
+def parse_key(text: str) -> EffectKey:
+    """An effect and its joints, as in `stribeck_friction:3`.
+
+    Raises:
+        InputError: it is none of the catalogue.
+    """
+    effect, *joints = text.strip().split(":")
+    known = {kind.name.split(".")[0] for kind in catalogue.forms().values()}
+    if effect not in known:
+        raise InputError(f"{effect!r} is no effect of the catalogue", "--between", _remedy())
+    try:
+        return effect, tuple(int(joint) for joint in joints if joint)
+    except ValueError:
+        raise InputError(f"{text!r}: joints are whole numbers", "--between", _remedy()) from None
+
+
+def _remedy() -> str:
+    return "give effects with their joints, as in stribeck_friction:3,thermal_drift:3 (docs/discrepancy.md has all)"
+
+
+def _joints(key: EffectKey) -> str:
+    return f"joint {', '.join(map(str, key[1]))}" if key[1] else "the whole robot"
+
+
+def _without(known: Known, keys: Sequence[EffectKey]) -> tuple[Known, dict[EffectKey, tuple[Effect, Array]]]:
+    """The result without some effects, and those that it has: the effect and its amplitudes."""
+    found: dict[EffectKey, tuple[Effect, Array]] = {}
+    terms: list[Term] = []
+    kept: list[int] = []
+    for term, place in zip(known.model.terms, known.model.places, strict=True):
+        key = term.effect, term.joints
+        if key in keys:
+            found[key] = (term, known.theta[place])
+            continue
+        terms.append(term)
+        kept += range(place.start, place.stop)
+    distortions: list[Distortion] = []
+    for one in known.model.distortions:
+        key = one.effect, one.joints
+        if key in keys:
+            found[key] = (one, np.zeros(0))
+        else:
+            distortions.append(one)
+    if not found:
+        return known, found
+    model, theta = Model(known.model.robot, tuple(terms), tuple(distortions)), known.theta[kept]
+    base = base_coefficients(model)
+    turn = base.projection @ np.linalg.pinv(known.coefficients.projection[:, kept])
+    covariance = known.now[: len(known.coefficients), : len(known.coefficients)]
+    left = turn @ covariance @ turn.T
+    precision = inverse(left)
+    bare = replace(
+        known,
+        model=model,
+        coefficients=base,
+        theta=theta,
+        names=base.names,
+        units=base.units,
+        mean=base.project(theta),
+        precision=precision,
+        lacking=np.zeros_like(precision),
+        gains=np.empty(0, dtype=np.int64),
+    )
+    return bare, found
+
+
+def log10(nats: float) -> float:
+    """Of a Bayes factor whose logarithm is in nats."""
+    return nats / LN10
+
+
+def inseparable(rivals: Rivals, motion: Motion) -> list[tuple[str, str]]:
+    """Pairs that no motion tells apart: a rich one shows each in columns that the other has too."""
+    columns = rivals.columns(motion)
+    rows = columns.reshape(-1, columns.shape[2])
+    rows = rows / np.maximum(np.linalg.norm(rows, axis=0), np.finfo(float).tiny)
+    r, pairs = len(rivals.known), []
+    for k, a in enumerate(rivals.rivals):
+        for b in rivals.rivals[k + 1 :]:
+            if any(_alike(rows, r, one, other) for one in a.forms for other in b.forms):
+                pairs.append((a.name, b.name))
+    return pairs
+
+
+def _alike(rows: Array, r: int, one: Form, other: Form) -> bool:
+    """Whether the columns of one form are among the model's and those of another, and the other way round."""
+    for own, others in ((one, other), (other, one)):
+        span = rows[:, np.concatenate([np.arange(r), others.columns])]
+        target = rows[:, own.columns]
+        left = target - span @ np.linalg.lstsq(span, target, rcond=None)[0]
+        if np.linalg.norm(left, axis=0).max(initial=0.0) > _RANK:
+            return False
+    return True

@@ -1,0 +1,238 @@
+"""Search for a motion: changes of a spline that are kept if they are possible and tell more.
+
+Information adds up over instants, and a change of some control points moves a short window of the motion: only there
+columns are made anew. What is tried is a bump of some width, a stretch of constant speed (down to creeping), the same
+stretch again at another time, or a new random wave, in one joint or several, at once as long as it may be
+(`Feasibility.shortened`). A change that tells less, or that a robot cannot run, is dropped; so every motion on the way
+is possible, the first one of which is standing still.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.excitation.feasible import Feasibility
+from bayesid.excitation.known import information_of
+from bayesid.excitation.splines import DEGREE, ENDS, SplineBasis, SplineTrajectory, at_rest
+from bayesid.motion import Motion
+
+INSTANTS = 20.0
+"""1/s at which information is summed while searching: five a period of what the fastest spline does, and as many as
+efforts are taken for independent (`bayesid.excitation.resolvability.INDEPENDENT`)."""
+_STARTS = 8
+"""Random motions of which the best is the start; a round number, not studied."""
+_HALVINGS = 8
+"""Of a random motion that is not possible, until it is given up."""
+_SLOWEST = 1e-3
+"""Share of the velocity limit: the slowest speed that is tried, a tenth of what counts as standing still."""
+_WIDEST = 0.4
+"""Share of the motion that a change may span."""
+_SMALLEST = 1e-2
+"""Share of the joint's range: the smallest change that is tried."""
+
+_ROUNDING = 1e-9
+"""s."""
+
+
+class Design:
+    """What a motion is worth.
+
+    Args:
+        columns: of a motion (N, n) those of all that is to be told, (N, n, R).
+        weights: of a motion and the seconds between its samples, what each sample counts for, (N, n).
+        worth: of information (R, R); the less, the better.
+        whole: whether columns depend on the whole motion.
+    """
+
+    def __init__(
+        self,
+        columns: Callable[[Motion], Array],
+        weights: Callable[[Motion, float], Array],
+        worth: Callable[[Array], float],
+        *,
+        whole: bool,
+    ) -> None:
+        self.columns, self.weights, self.worth, self.whole = columns, weights, worth, whole
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """A motion, and what is known of it.
+
+    Attributes:
+        trajectory: the motion.
+        columns: (N, n, R) at the instants of the search.
+        weights: (N, n).
+        information: (R, R).
+        cost: its worth.
+    """
+
+    trajectory: SplineTrajectory
+    columns: Array
+    weights: Array
+    information: Array
+    cost: float
+
+
+@dataclass(frozen=True)
+class Search:
+    """A search.
+
+    Attributes:
+        design: what to look for.
+        feasibility: what to keep.
+        basis: of the motion.
+        pose: (n,) at both ends, rad.
+    """
+
+    design: Design
+    feasibility: Feasibility
+    basis: SplineBasis
+    pose: Array
+
+    @cached_property
+    def instants(self) -> Array:
+        """(N,) s."""
+        return np.linspace(0.0, self.basis.duration, round(self.basis.duration * INSTANTS) + 1)
+
+    @cached_property
+    def _values(self) -> tuple[Array, ...]:
+        """(N, K) what takes control points to positions, velocities and accelerations at the instants."""
+        return tuple(self.basis.values(self.instants, order) for order in range(3))
+
+    def _motion(self, trajectory: SplineTrajectory, window: slice = slice(None)) -> Motion:
+        q, dq, ddq = (values[window] @ trajectory.control for values in self._values)
+        return Motion(self.instants[window], q, dq, ddq, origin=0.0)
+
+    def run(self, changes: int, seed: int, done: Callable[[int], None]) -> SplineTrajectory:
+        """The motion after so many changes were tried, from the best of some random ones."""
+        rng = np.random.default_rng(seed)
+        starts = [self._judged(self._start(rng)) for _ in range(_STARTS)]
+        best = min(starts, key=lambda tried: tried.cost)
+        for k in range(changes):
+            done(k)
+            best = self._changed(best, rng)
+        return best.trajectory
+
+    def cost(self, trajectory: SplineTrajectory) -> float:
+        """The worth of a motion; the less, the better."""
+        return self._judged(trajectory).cost
+
+    def _start(self, rng: np.random.Generator) -> SplineTrajectory:
+        """A random motion, smaller and smaller until a robot can run it; at last none."""
+        still = at_rest(self.basis, self.pose)
+        step = np.zeros((len(self.basis), len(self.pose)))
+        for joint in range(len(self.pose)):
+            for _ in range(3):
+                step += self._bump(joint, rng)
+        step *= self.feasibility.shortened(still, step)
+        for _ in range(_HALVINGS):
+            moved = replace(still, control=still.control + step)
+            if self.feasibility.possible(moved):
+                return moved
+            step = 0.5 * step
+        return still
+
+    def _judged(self, trajectory: SplineTrajectory) -> _Tried:
+        motion = self._motion(trajectory)
+        columns, weights = self.design.columns(motion), self.design.weights(motion, 1.0 / INSTANTS)
+        information = information_of(columns, weights)
+        return _Tried(trajectory, columns, weights, information, self.design.worth(information))
+
+    def _changed(self, best: _Tried, rng: np.random.Generator) -> _Tried:
+        """The motion with one change, if that is better and possible."""
+        step = self._step(best.trajectory, rng)
+        share = self.feasibility.shortened(best.trajectory, step)
+        if not share > 0.0:
+            return best
+        moved = replace(best.trajectory, control=best.trajectory.control + share * step)
+        rows = np.flatnonzero(step.any(axis=1))
+        if not len(rows):
+            return best
+        start, end = float(self.basis.knots[rows[0]]), float(self.basis.knots[rows[-1] + DEGREE + 1])
+        tried = self._judged(moved) if self.design.whole else self._judged_between(best, moved, start, end)
+        if tried.cost >= best.cost or not self.feasibility.possible(moved, start, end):
+            return best
+        return tried
+
+    def _judged_between(self, best: _Tried, moved: SplineTrajectory, start: float, end: float) -> _Tried:
+        """A motion that differs from another between two instants alone."""
+        window = slice(*np.searchsorted(self.instants, [start - _ROUNDING, end + _ROUNDING]).tolist())
+        motion = self._motion(moved, window)
+        new, weights = self.design.columns(motion), self.design.weights(motion, 1.0 / INSTANTS)
+        information = best.information - information_of(best.columns[window], best.weights[window])
+        information = information + information_of(new, weights)
+        cost = self.design.worth(information)
+        if cost >= best.cost:
+            return replace(best, cost=np.inf)
+        columns, every = best.columns.copy(), best.weights.copy()
+        columns[window], every[window] = new, weights
+        return _Tried(moved, columns, every, information, cost)
+
+    # -----------------------------------------------------------------------------------------------------------
+    # Changes
+    # -----------------------------------------------------------------------------------------------------------
+    def _step(self, trajectory: SplineTrajectory, rng: np.random.Generator) -> Array:
+        """(K, n) a change of the control points."""
+        n = len(self.pose)
+        kinds = (self._bump_of, self._constant_speed, self._again)
+        count = 1 + rng.binomial(n - 1, 0.5) if rng.random() < 0.3 else 1
+        step = np.zeros_like(trajectory.control)
+        kind = kinds[rng.choice(len(kinds), p=(0.6, 0.25, 0.15))]
+        span = self._span(rng)
+        for joint in rng.choice(n, count, replace=False).tolist():
+            step[:, joint] = kind(trajectory, joint, span, rng)
+        return step
+
+    def _span(self, rng: np.random.Generator) -> tuple[int, int]:
+        """First control point of a change, and the one after its last: none of the ends."""
+        free = len(self.basis) - 2 * ENDS
+        width = int(np.clip(np.exp(rng.uniform(0.0, np.log(max(_WIDEST * free, 2.0)))), 1, free))
+        first = ENDS + int(rng.integers(0, free - width + 1))
+        return first, first + width
+
+    def _bump(self, joint: int, rng: np.random.Generator) -> Array:
+        step = np.zeros((len(self.basis), len(self.pose)))
+        step[:, joint] = self._bump_of(at_rest(self.basis, self.pose), joint, self._span(rng), rng)
+        return step
+
+    def _bump_of(
+        self, trajectory: SplineTrajectory, joint: int, span: tuple[int, int], rng: np.random.Generator
+    ) -> Array:
+        """A smooth bump, either way."""
+        first, last = span
+        size = (self.feasibility.upper[joint] - self.feasibility.lower[joint]) * np.exp(
+            rng.uniform(np.log(_SMALLEST), 0.0)
+        )
+        step = np.zeros(len(self.basis))
+        phase = (np.arange(last - first) + 1.0) / (last - first + 1.0)
+        step[first:last] = rng.choice([-1.0, 1.0]) * size * np.sin(np.pi * phase) ** 2
+        return step
+
+    def _constant_speed(
+        self, trajectory: SplineTrajectory, joint: int, span: tuple[int, int], rng: np.random.Generator
+    ) -> Array:
+        """A stretch of constant speed from where the joint is."""
+        first, last = span
+        speed = self.feasibility.rates[0, joint] * np.exp(rng.uniform(np.log(_SLOWEST), 0.0))
+        steps = np.arange(last - first) * self.basis.duration / (len(self.basis) - DEGREE)
+        line = trajectory.control[first - 1, joint] + rng.choice([-1.0, 1.0]) * speed * steps
+        step = np.zeros(len(self.basis))
+        step[first:last] = line - trajectory.control[first:last, joint]
+        return step
+
+    def _again(
+        self, trajectory: SplineTrajectory, joint: int, span: tuple[int, int], rng: np.random.Generator
+    ) -> Array:
+        """What the joint does at another time."""
+        first, last = span
+        other = int(rng.integers(0, len(self.basis) - (last - first) + 1))
+        step = np.zeros(len(self.basis))
+        control = trajectory.control[:, joint]
+        step[first:last] = control[other : other + last - first] - control[first:last]
+        return step
