@@ -30,15 +30,22 @@ _TOUCH = 1e-9
 """Relative: rounding of what touches a limit."""
 FINE = 0.01
 """s between the samples at which efforts are judged: a tenth of the period of what the fastest spline does."""
+_INSTANT = 1e-9
+"""s, rounding of instants."""
 _SHARE_BETWEEN = 0.125
 """Of a second difference, by which a curve may leave the chord."""
 
 
 class Clearance(Protocol):
-    """What tells whether a robot touches itself or its surroundings."""
+    """What tells whether a robot touches itself or its surroundings (`bayesid.model.collision.CollisionModel`)."""
 
-    def stays_clear(self, path: Callable[[Array], Array], t: Array, speed: Array, margin: float) -> bool:
-        """Whether the path (N,) -> (N, n), no faster than speed (n,), keeps the margin between all instants t."""
+    margin: float
+    """Least distance that is kept, m."""
+    source: str
+    """What the shapes are, in a sentence."""
+
+    def stays_clear(self, path: Callable[[Array], Array], t: Array, speed: Array) -> bool:
+        """Whether a path (N,) -> (N, n), in each of K intervals between t (K + 1,) no faster than (K, n), is clear."""
         ...
 
     def distance(self, q: Array) -> Array:
@@ -57,7 +64,6 @@ class Feasibility:
         rates: (3, n) largest velocity, acceleration and jerk; inf where there is no limit.
         effort: (n,) N m of the actuators; inf where there is no limit.
         clearance: of the robot; None where nothing tells.
-        margin: least distance, m.
     """
 
     known: Known
@@ -66,10 +72,9 @@ class Feasibility:
     rates: Array
     effort: Array
     clearance: Clearance | None
-    margin: float
 
     @classmethod
-    def of(cls, known: Known, limits: MotionLimits, clearance: Clearance | None, margin: float) -> Feasibility:
+    def of(cls, known: Known, limits: MotionLimits, clearance: Clearance | None) -> Feasibility:
         """By limits with one number for each joint."""
         n = known.model.robot.n_joints
         none = np.full(n, np.inf)
@@ -77,7 +82,7 @@ class Feasibility:
         effort = none if limits.effort is None else np.broadcast_to(limits.effort, n).astype(float)
         each = np.array([np.broadcast_to(rate, n) for rate in rates], dtype=float)
         lower, upper = (np.broadcast_to(limit, n).astype(float) for limit in (limits.lower, limits.upper))
-        return cls(known, lower, upper, each, effort, clearance, margin)
+        return cls(known, lower, upper, each, effort, clearance)
 
     def shortened(self, trajectory: SplineTrajectory, step: Array) -> float:
         """How much, from 0 to 1, of a step (K, n) of the control points stays within position, velocity and so on."""
@@ -136,12 +141,14 @@ class Feasibility:
         """Whether the robot keeps clear from one instant to another, s, and between them."""
         if self.clearance is None:
             return True
-        speed = np.max(np.abs(trajectory.bounds(1)), axis=0)
+        edges = trajectory.basis.edges
+        first, last = np.searchsorted(edges, [start + _INSTANT, end - _INSTANT]).tolist()
+        first = max(first - 1, 0)
 
         def path(t: Array) -> Array:
             return trajectory.basis.values(t) @ trajectory.control
 
-        return self.clearance.stays_clear(path, np.array([start, end]), speed, self.margin)
+        return self.clearance.stays_clear(path, edges[first : last + 1], trajectory.speeds()[first:last])
 
     def possible(self, trajectory: SplineTrajectory, start: float = 0.0, end: float | None = None) -> bool:
         """Whether a robot can run the motion, from one instant to another where all else is known to be possible."""

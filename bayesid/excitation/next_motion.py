@@ -55,8 +55,7 @@ class Run:
         rate: of the controller's file and of the recording, Hz.
         start: (n,) pose at both ends, rad (m): where the robot is; by default where the result's log began.
         limits: of the joints; by default those that suit most small arms, without a limit of efforts.
-        clearance: tells collisions; None where nothing does, which the result says.
-        margin: least distance to itself and its surroundings, m.
+        clearance: tells collisions, and what distance is to be kept; None where nothing does, which the result says.
 
     Raises:
         InputError: a number cannot be used.
@@ -71,7 +70,6 @@ class Run:
     start: tuple[float, ...] | None = None
     limits: MotionLimits | None = None
     clearance: Clearance | None = None
-    margin: float = 0.02
 
     def __post_init__(self) -> None:
         for value, (least, most), name, unit in (
@@ -80,8 +78,6 @@ class Run:
         ):
             if not least <= value <= most:
                 raise InputError(f"{value:g} {unit} cannot be used", name, f"give {least:g} to {most:g} {unit}")
-        if not 0.0 <= self.margin < np.inf:
-            raise InputError(f"{self.margin:g} m cannot be used", "--margin", "give a distance in m, as 0.02")
 
 
 @dataclass(frozen=True)
@@ -231,7 +227,7 @@ def design_next(
     known = known_of(identified, run.rate)
     run = _settled(run, known, recorded)
     assert run.limits is not None
-    feasibility = Feasibility.of(known, run.limits, run.clearance, run.margin)
+    feasibility = Feasibility.of(known, run.limits, run.clearance)
     basis, pose = SplineBasis(run.duration), np.array(run.start)
     _check_start(feasibility, at_rest(basis, pose))
     reference = usual_motion(known.model.robot, run.limits)
@@ -330,7 +326,7 @@ def _check_start(feasibility: Feasibility, still: SplineTrajectory) -> None:
     if not feasibility.clear(still, 0.0, still.duration):
         assert feasibility.clearance is not None
         distance = float(feasibility.clearance.distance(pose[None])[0])
-        margin = f"the margin is {feasibility.margin:g} m"
+        margin = f"the margin is {feasibility.clearance.margin:g} m"
         said = f"the robot is {distance:.3f} m from itself or the floor at the start, {margin}"
         raise InputError(said, "--start", "give another pose, or a smaller --margin")
 

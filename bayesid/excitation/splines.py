@@ -66,14 +66,18 @@ class SplineBasis:
         return tuple(maps)
 
     @cached_property
+    def edges(self) -> Array:
+        """(M + 1,) s, between which Bernstein coefficients are."""
+        knots = np.unique(self.knots)
+        return np.interp(np.arange(_HALVES * (len(knots) - 1) + 1) / _HALVES, np.arange(len(knots)), knots)
+
+    @cached_property
     def bernstein(self) -> tuple[Array, ...]:
         """(m, K) what takes control points to Bernstein coefficients of the d-th derivative, d = 0 to 3."""
-        edges = np.unique(self.knots)
-        edges = np.interp(np.arange(_HALVES * (len(edges) - 1) + 1) / _HALVES, np.arange(len(edges)), edges)
-        return tuple(self._bernstein(edges, order) for order in range(4))
+        return tuple(self._bernstein(order) for order in range(4))
 
-    def _bernstein(self, edges: Array, order: int) -> Array:
-        degree = DEGREE - order
+    def _bernstein(self, order: int) -> Array:
+        degree, edges = DEGREE - order, self.edges
         at = (np.arange(degree + 1) + 0.5) / (degree + 1)
         power = np.arange(degree + 1)
         of_polynomial = scipy.special.binom(degree, power) * at[:, None] ** power * (1.0 - at[:, None]) ** power[::-1]
@@ -125,6 +129,12 @@ class SplineTrajectory:
         """(n,) least and largest Bernstein coefficient of the d-th derivative, which lies between them always."""
         coefficients = self.basis.bernstein[order] @ self.control
         return coefficients.min(axis=0), coefficients.max(axis=0)
+
+    def speeds(self) -> Array:
+        """(M, n) largest speeds between each two of the basis's edges, rad/s."""
+        coefficients = self.basis.bernstein[1] @ self.control
+        speeds: Array = np.abs(coefficients).reshape(len(self.basis.edges) - 1, -1, self.control.shape[1]).max(axis=1)
+        return speeds
 
 
 def at_rest(basis: SplineBasis, pose: Array) -> SplineTrajectory:
