@@ -125,7 +125,7 @@ def enclosing_capsule(points: Array) -> tuple[Array, float]:
     Its line goes through the middle of what is seen along it, and is no longer than the rounded ends need.
     """
     centre = points.mean(axis=0)
-    axis = np.linalg.svd(points - centre, full_matrices=False)[2]
+    axis = np.linalg.eigh((points - centre).T @ (points - centre))[1].T[::-1]
     seen = (points - centre) @ axis.T
     middle = (seen.min(axis=0) + seen.max(axis=0)) / 2.0
     along, across = seen[:, 0], np.linalg.norm(seen[:, 1:] - middle[1:], axis=1)

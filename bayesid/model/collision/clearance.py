@@ -1,0 +1,114 @@
+"""A robot's distance from itself and from the floor, in poses and on whole paths."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bayesid.arrays import Array, Mask
+from bayesid.model.collision.distances import FLOOR, Pair, PairDistances
+from bayesid.model.collision.reach import Reach
+
+FINEST = 1e-3
+"""m; how far distances may change in the shortest part of a path that is looked at. A path that keeps so little more
+than what is asked for counts as not clear; a tenth of the margin of a centimetre that robots are given."""
+ACCURACY = 1e-5
+"""m that a computed distance may be too long: ten times the tolerance of coal's iterations, and what the closed form
+loses between lines that are almost parallel."""
+_TRAVEL = 0.125
+"""m; travels of sliding joints are rounded up to it, so that few tables of rates are made. Any length serves."""
+
+
+@dataclass(frozen=True, eq=False)
+class CollisionModel:
+    """The shapes of a robot's links and of the floor.
+
+    Attributes:
+        source: what the shapes are, in a sentence.
+        pairs: links whose distances count, and links with the floor, which is called `floor`.
+        left_out: pairs that overlap in a pose where the robot has been, so that their shapes are wider than the links:
+            the parts that overlap do not count.
+        inseparable: pairs of links which do not share a joint, but parts of whose capsules touch in every pose; these
+            parts do not count.
+    """
+
+    source: str
+    pairs: tuple[tuple[str, str], ...]
+    left_out: tuple[tuple[str, str], ...]
+    inseparable: tuple[tuple[str, str], ...]
+    _shapes: tuple[Pair, ...] = field(repr=False)
+    _distances: PairDistances = field(repr=False)
+    _reach: Reach = field(repr=False)
+    _slides: Mask = field(repr=False)
+    _rates: dict[bytes, Array] = field(init=False, repr=False, default_factory=dict)
+
+    def distance(self, q: Array) -> Array:
+        """(N,) the least distance of all pairs, m; below zero where they overlap.
+
+        Args:
+            q: (N, n) positions of the joints, rad or m.
+        """
+        return self._distances.least(np.asarray(q, dtype=float))[0]
+
+    def nearest(self, q: Array) -> tuple[float, tuple[str, str]]:
+        """The least distance of a pose, m, and its pair.
+
+        Args:
+            q: (n,) positions of the joints, rad or m.
+        """
+        distance, pair = self._distances.least(np.asarray(q, dtype=float)[None])
+        return float(distance[0]), names_of(self._shapes[pair[0]])
+
+    def stays_clear(self, path: Callable[[Array], Array], t: Array, speed: Array, margin: float) -> bool:
+        """Whether all distances are certainly no less than a margin, between the samples too.
+
+        In an interval no distance changes by more than the joints' speeds times what each can move the pair; where
+        the distance in its middle does not allow for that, its halves are looked at, until they move `FINEST`.
+
+        Args:
+            path: positions (M, n) of the joints at instants (M,).
+            t: (K + 1,) increasing instants that bound K intervals, s.
+            speed: (n,) or (K, n) bounds of the joints' speeds in the intervals, rad/s or m/s.
+            margin: m.
+
+        Returns:
+            False also where it is neither shown that they are nor that they are not.
+        """
+        middle, half = (t[1:] + t[:-1]) / 2.0, (t[1:] - t[:-1]) / 2.0
+        speed = np.broadcast_to(np.abs(speed), (len(half), np.shape(speed)[-1]))
+        q = np.asarray(path(middle), dtype=float)
+        table = self._table((np.abs(q) + half[:, None] * speed).max(axis=0, initial=0.0))
+        reached = speed @ table.T
+        need = margin + ACCURACY
+        open_pairs: Mask = np.ones(reached.shape, dtype=bool)
+        while True:
+            distances, frames = self._distances.bounds(q)
+            change = half[:, None] * reached
+            open_pairs &= distances < need + change
+            self._distances.refine(distances, frames, open_pairs)
+            open_pairs &= distances < need + change
+            left = open_pairs.any(axis=1)
+            if not left.any():
+                return True
+            if (open_pairs & ((distances < need) | (change < FINEST))).any():
+                return False
+            half = np.repeat(half[left] / 2.0, 2)
+            middle = np.repeat(middle[left], 2) + half * np.tile([-1.0, 1.0], left.sum())
+            reached, open_pairs = np.repeat(reached[left], 2, axis=0), np.repeat(open_pairs[left], 2, axis=0)
+            q = np.asarray(path(middle), dtype=float)
+
+    def _table(self, travel: Array) -> Array:
+        """(P, n) m that each joint can bring a pair nearer by, per unit of its motion."""
+        travel = np.where(self._slides, _TRAVEL * np.ceil(travel / _TRAVEL), 0.0)
+        key = travel.tobytes()
+        if key not in self._rates:
+            self._rates[key] = self._reach.rates(self._shapes, travel)
+        return self._rates[key]
+
+
+def names_of(pair: Pair) -> tuple[str, str]:
+    """The links of a pair of shapes."""
+    one, other = pair
+    return one.name, FLOOR if other is None else other.name
