@@ -27,14 +27,16 @@ class CollisionModel:
 
     Attributes:
         source: what the shapes are, in a sentence.
+        margin: m that all distances shall keep.
         pairs: links whose distances count, and links with the floor, which is called `floor`.
-        left_out: pairs that overlap in a pose where the robot has been, so that their shapes are wider than the links:
-            the parts that overlap do not count.
-        inseparable: pairs of links which do not share a joint, but parts of whose capsules touch in every pose; these
-            parts do not count.
+        left_out: pairs nearer than the margin in a pose where the robot has been, so that their shapes are wider than
+            the links: the parts that are do not count.
+        inseparable: pairs of links which do not share a joint, but parts of whose capsules are nearer than the margin
+            in every pose; these parts do not count.
     """
 
     source: str
+    margin: float
     pairs: tuple[tuple[str, str], ...]
     left_out: tuple[tuple[str, str], ...]
     inseparable: tuple[tuple[str, str], ...]
@@ -61,8 +63,8 @@ class CollisionModel:
         distance, pair = self._distances.least(np.asarray(q, dtype=float)[None])
         return float(distance[0]), names_of(self._shapes[pair[0]])
 
-    def stays_clear(self, path: Callable[[Array], Array], t: Array, speed: Array, margin: float) -> bool:
-        """Whether all distances are certainly no less than a margin, between the samples too.
+    def stays_clear(self, path: Callable[[Array], Array], t: Array, speed: Array) -> bool:
+        """Whether all distances are certainly no less than the margin, between the samples too.
 
         In an interval no distance changes by more than the joints' speeds times what each can move the pair; where
         the distance in its middle does not allow for that, its halves are looked at, until they move `FINEST`.
@@ -71,7 +73,6 @@ class CollisionModel:
             path: positions (M, n) of the joints at instants (M,).
             t: (K + 1,) increasing instants that bound K intervals, s.
             speed: (n,) or (K, n) bounds of the joints' speeds in the intervals, rad/s or m/s.
-            margin: m.
 
         Returns:
             False also where it is neither shown that they are nor that they are not.
@@ -81,7 +82,7 @@ class CollisionModel:
         q = np.asarray(path(middle), dtype=float)
         table = self._table((np.abs(q) + half[:, None] * speed).max(axis=0, initial=0.0))
         reached = speed @ table.T
-        need = margin + ACCURACY
+        need = self.margin + ACCURACY
         open_pairs: Mask = np.ones(reached.shape, dtype=bool)
         while True:
             distances, frames = self._distances.bounds(q)

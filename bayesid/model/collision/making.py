@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bayesid.arrays import Array, Mask
+from bayesid.arrays import Array
 from bayesid.errors import InputError
 from bayesid.model.collision.clearance import CollisionModel, names_of
 from bayesid.model.collision.distances import Floor, Pair, PairDistances
@@ -18,8 +18,8 @@ from bayesid.model.collision.shapes import BASE, Shape, capsules
 from bayesid.model.collision.urdf_shapes import urdf_shapes
 from bayesid.model.robot import Robot
 
-_TOUCHES = 1e-9
-"""m; what touches by construction overlaps by rounding or not."""
+_ROUNDING = 1e-9
+"""m, of lengths that are equal by construction."""
 _NAMED = 4
 """Links that a sentence names; a round number."""
 
@@ -53,22 +53,26 @@ def collision_model(
     rest: Array,
     capsules: Capsules | None = None,
     floor: float | None = 0.0,
+    margin: float = 0.01,
     folders: Sequence[str | Path] = (),
 ) -> CollisionModel | NoShapes:
     """The collision model of a robot: of capsules if they are given, else of its URDF.
 
     Args:
         robot: as `load_robot` gives it.
-        rest: (n,) or (M, n) poses where the robot has been, rad or m: what overlaps there does not count.
+        rest: (n,) or (M, n) poses where the robot has been, rad or m: what is too near there does not count.
         capsules: radii of the links; without them a robot needs a URDF that has shapes.
         floor: height of the floor over the base's origin, against gravity, m; None for no floor.
+        margin: m that the motion shall keep from all that counts; links that never keep it, or did not where the robot
+            has been, do not count.
         folders: where packages of meshes are looked for first; then in ROS_PACKAGE_PATH and above the URDF.
 
     Returns:
         The model, or why there is none: no shapes are known, or there is nothing that could meet.
 
     Raises:
-        InputError: radii or meshes cannot be used, or a link is below the floor where the robot has been.
+        InputError: radii or meshes cannot be used, or a link was below the floor, or less than the margin above it, where the
+            robot has been.
     """
     if capsules is not None:
         shapes, source = _capsules(robot, capsules)
@@ -78,7 +82,7 @@ def collision_model(
         shapes, source = _from_urdf(robot, folders)
     if not shapes:
         return NoShapes(f"the URDF of robot {robot.name} has no collision shapes")
-    return _model(robot, shapes, source, np.atleast_2d(rest), floor)
+    return _Making(robot, shapes, np.atleast_2d(rest), floor, margin).model(source)
 
 
 def _capsules(robot: Robot, given: Capsules) -> tuple[list[Shape], str]:
@@ -99,32 +103,71 @@ def _from_urdf(robot: Robot, folders: Sequence[str | Path]) -> tuple[list[Shape]
     return shapes, f"collision shapes of {robot.origin.urdf.name} (of meshes the convex hulls){without}"
 
 
-def _model(
-    robot: Robot, shapes: list[Shape], source: str, rest: Array, height: float | None
-) -> CollisionModel | NoShapes:
-    floor = None if height is None else Floor(_up(robot), height)
-    reach = Reach(robot, _up(robot))
-    apart = [pair for pair in combinations(shapes, 2) if not _adjacent(robot, *pair)]
-    touching: Mask = np.array([_always_touch(reach, *pair) for pair in apart], dtype=bool)
-    pairs: list[Pair] = [pair for pair, touches in zip(apart, touching, strict=True) if not touches]
-    n_links = len(pairs)
-    pairs += [] if floor is None else [(shape, None) for shape in shapes if shape.body != BASE]
-    overlap = _overlaps(PairDistances(robot, pairs, floor), rest)
-    if floor is not None:
-        _check_floor(robot, pairs[n_links:], overlap[n_links:], floor.height)
-    kept = [pair for pair, depth in zip(pairs, overlap, strict=True) if depth <= 0.0]
-    if not kept:
-        return NoShapes("no two of the robot's links, nor one and the floor, can meet that are not always together")
-    return CollisionModel(
-        source + _of_floor(robot, floor),
-        _named(kept),
-        _named(pair for pair, depth in zip(pairs, overlap, strict=True) if depth > 0.0),
-        _named(pair for pair, touches in zip(apart, touching, strict=True) if touches),
-        tuple(kept),
-        PairDistances(robot, kept, floor),
-        reach,
-        np.array([joint.prismatic for joint in robot.joints]),
-    )
+class _Making:
+    """Which pairs of shapes count.
+
+    Args:
+        robot: the robot.
+        shapes: all of them.
+        rest: (M, n) poses where the robot has been.
+        height: of the floor; None for none.
+        margin: m.
+    """
+
+    def __init__(self, robot: Robot, shapes: list[Shape], rest: Array, height: float | None, margin: float) -> None:
+        self._robot, self._rest, self._margin = robot, rest, margin
+        self._floor = None if height is None else Floor(_up(robot), height)
+        self._reach = Reach(robot, _up(robot))
+        pairs: list[Pair] = [pair for pair in combinations(shapes, 2) if not _adjacent(robot, *pair)]
+        pairs += [] if height is None else [(shape, None) for shape in shapes if shape.body != BASE]
+        self._together = [pair for pair in pairs if self._never_part(*pair)]
+        self._apart = [pair for pair in pairs if pair not in self._together]
+
+    def model(self, source: str) -> CollisionModel | NoShapes:
+        """The model."""
+        distances = PairDistances(self._robot, self._apart, self._floor)
+        least, frames = distances.bounds(self._rest)
+        distances.refine(least, frames, least < self._margin)
+        nearest = least.min(axis=0, initial=np.inf)
+        wide = [pair for pair, distance in zip(self._apart, nearest, strict=True) if distance < self._margin]
+        self._check_floor(nearest)
+        moves = self._reach.rates(self._apart, np.ones(self._robot.n_joints)).any(axis=1)
+        kept = [pair for pair, one_moves in zip(self._apart, moves, strict=True) if one_moves and pair not in wide]
+        if not kept:
+            return NoShapes("the robot has no two links, nor one and the floor, whose distance could tell anything")
+        return CollisionModel(
+            source + _of_floor(self._floor),
+            self._margin,
+            _named(kept),
+            _named(wide),
+            _named(self._together),
+            tuple(kept),
+            PairDistances(self._robot, kept, self._floor),
+            self._reach,
+            np.array([joint.prismatic for joint in self._robot.joints]),
+        )
+
+    def _never_part(self, one: Shape, other: Shape | None) -> bool:
+        """Whether no pose takes two capsules as far apart as the margin."""
+        if one.solid is not None or (other is not None and other.solid is not None):
+            return False
+        height = 0.0 if self._floor is None else self._floor.height
+        return self._reach.ceiling(one, other, height) <= self._margin + _ROUNDING
+
+    def _check_floor(self, nearest: Array) -> None:
+        """Refuses a floor that does not fit to where the robot has been: only what the base carries may stand on it.
+
+        Raises:
+            InputError: another link was below it, or nearer to it than the margin.
+        """
+        for (shape, other), distance in zip(self._apart, nearest, strict=True):
+            if other is None and distance < self._margin and self._robot.joints[shape.body].parent != BASE:
+                assert self._floor is not None
+                height, lower = self._floor.height, np.floor(100.0 * (self._floor.height + distance - self._margin))
+                said = f"{shape.name} is {abs(distance):.3f} m {'below' if distance < 0.0 else 'above'} the floor"
+                remedy = f"give the floor's height over the base's origin, {lower / 100.0:g} or less, or none"
+                where = f"--floor {height:g}"
+                raise InputError(f"{said} in a pose where the robot has been", where, f"{remedy}, or narrower capsules")
 
 
 def _up(robot: Robot) -> Array:
@@ -133,7 +176,7 @@ def _up(robot: Robot) -> Array:
     return -robot.gravity / size if size > 0.0 else np.array([0.0, 0.0, 1.0])
 
 
-def _of_floor(robot: Robot, floor: Floor | None) -> str:
+def _of_floor(floor: Floor | None) -> str:
     if floor is None:
         return ", no floor"
     if np.allclose(floor.up, [0.0, 0.0, 1.0]):
@@ -145,34 +188,6 @@ def _adjacent(robot: Robot, one: Shape, other: Shape) -> bool:
     """Whether two shapes are of one body, or of two that share a joint."""
     a, b = one.body, other.body
     return a == b or (a != BASE and robot.joints[a].parent == b) or (b != BASE and robot.joints[b].parent == a)
-
-
-def _always_touch(reach: Reach, one: Shape, other: Shape) -> bool:
-    """Whether two capsules touch in every pose: no pose makes the way from line to line by the joints between them
-    longer, and the radii reach over it."""
-    plain = one.solid is None and other.solid is None
-    return plain and reach.way(one, other) <= one.radius + other.radius + _TOUCHES
-
-
-def _overlaps(distances: PairDistances, rest: Array) -> Array:
-    """(P,) m by which pairs overlap in a pose at most; not above zero of those that never do."""
-    found, frames = distances.bounds(rest)
-    distances.refine(found, frames, found < _TOUCHES)
-    deepest: Array = -found.min(axis=0, initial=np.inf)
-    return np.where(deepest > -_TOUCHES, np.maximum(deepest, _TOUCHES), deepest)
-
-
-def _check_floor(robot: Robot, pairs: Sequence[Pair], overlap: Array, height: float) -> None:
-    """Refuses a floor above which not all links have been that do not stand on it.
-
-    Raises:
-        InputError: a link was below it that another link carries.
-    """
-    for (shape, _), depth in zip(pairs, overlap, strict=True):
-        if depth > _TOUCHES and robot.joints[shape.body].parent != BASE:
-            said = f"{shape.name} is {depth:.3f} m below the floor in a pose where the robot has been"
-            remedy = f"give the floor's height over the base's origin, at most {height - depth:.2f}, or none"
-            raise InputError(said, f"--floor {height:g}", remedy + ", or narrower capsules")
 
 
 def _named(pairs: Iterable[Pair]) -> tuple[tuple[str, str], ...]:

@@ -17,6 +17,7 @@ from bayesid.model.collision.frames import LinkFrames
 from bayesid.model.collision.shapes import BASE, Shape
 from bayesid.model.robot import Robot
 
+
 class Reach:
     """Bounds of how fast distances change.
 
@@ -31,7 +32,7 @@ class Reach:
         self._slides = np.array([joint.prismatic for joint in robot.joints])
         self._origins = at_zero[:-1, :3, 3]
         self._axes = np.array([at_zero[k, :3, :3] @ joint.axis for k, joint in enumerate(robot.joints)])
-        self._raised = self._raising(up)
+        self._raised, self._up = self._raising(up), up
         self._at_zero = at_zero
 
     def _raising(self, up: Array) -> Array:
@@ -52,17 +53,27 @@ class Reach:
             body = self._robot.joints[body].parent
         return path
 
-    def way(self, one: Shape, other: Shape) -> float:
-        """Length of a way from line to line by the origins of the joints between them, which no pose makes longer, m;
-        infinite where a joint slides."""
-        path = self.between(one.body, other.body)
-        if any(self._slides[k] for k in path) or one.rod or other.rod:
+    def ceiling(self, one: Shape, other: Shape | None, height: float) -> float:
+        """What no pose makes two capsules' distance larger than, m; infinite where a joint slides.
+
+        It is the way from line to line by the origins of the joints between them, less the radii.
+
+        Args:
+            one: a capsule.
+            other: a capsule; None for the floor.
+            height: of the floor, m.
+        """
+        path = self.between(one.body, BASE if other is None else other.body)
+        if any(self._slides[k] for k in path) or one.rod or (other is not None and other.rod):
             return np.inf
-        hops = np.linalg.norm(np.diff(self._origins[path], axis=0), axis=1).sum()
-        return float(self._from_line(one, path[0]) + hops + self._from_line(other, path[-1]))
+        hops = float(np.linalg.norm(np.diff(self._origins[path], axis=0), axis=1).sum())
+        way = self._from_line(one, path[0]) + hops - one.radius
+        if other is None:
+            return way + float(self._origins[path[-1]] @ self._up) - height
+        return way + self._from_line(other, path[-1]) - other.radius
 
     def _from_line(self, shape: Shape, joint: int) -> float:
-        """m from a joint's origin to the nearest point of a shape's line on one of its bodies."""
+        """Distance from a joint's origin to the nearest point of a shape's line on one of its bodies, m."""
         start, end = self._line(shape)
         way, to = end - start, self._origins[joint] - start
         share = np.clip(way @ to / max(way @ way, np.finfo(float).tiny), 0.0, 1.0)

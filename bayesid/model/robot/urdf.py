@@ -34,8 +34,12 @@ def robot_from_urdf(text: str, where: str, tip: str | None = None, hold: Mapping
 
 
 def place_links(tree: UrdfTree, held: HeldJoints) -> tuple[list[Joint], dict[str, tuple[int, Array]]]:
-    """The joints that move, and for each link the index of the joint that carries it (-1: none), and its (4, 4) frame
-    in that joint's."""
+    """The joints that move, and where the links are.
+
+    Returns:
+        The joints; and for each link the index of the joint that carries it, -1 for none, and its (4, 4) frame in that
+        joint's.
+    """
     joints: list[Joint] = []
     places: dict[str, tuple[int, Array]] = {tree.base: (-1, np.eye(4))}
     for one in tree.joints:
