@@ -71,8 +71,8 @@ def collision_model(
         The model, or why there is none: no shapes are known, or there is nothing that could meet.
 
     Raises:
-        InputError: radii or meshes cannot be used, or a link was below the floor, or less than the margin above it, where the
-            robot has been.
+        InputError: radii or meshes cannot be used; or a link was below the floor, or nearer to it than the margin,
+            where the robot has been.
     """
     if capsules is not None:
         shapes, source = _capsules(robot, capsules)
