@@ -80,7 +80,7 @@ class PairDistances:
             which: (N, P) of those that matter.
         """
         for row, k in np.argwhere(which & ~self.plain):
-            distances[row, k] = self._coal.distance(*self._pairs[k], frames[row])
+            distances[row, k] = self._coal.distance(self._pairs[k], frames[row])
 
     def least(self, q: Array) -> tuple[Array, Array]:
         """(N,) the least true distance of each pose, m, and (N,) the index of its pair."""
@@ -98,7 +98,7 @@ class PairDistances:
             if distances[k] >= least:
                 break
             if not self.plain[k]:
-                distances[k] = self._coal.distance(*self._pairs[k], frames)
+                distances[k] = self._coal.distance(self._pairs[k], frames)
             if distances[k] < least:
                 best, least = int(k), distances[k]
         return best
@@ -116,11 +116,11 @@ class _Coal:
         self._half = None if floor is None else coal.Halfspace(floor.up, floor.height)
         self._solids: dict[Shape, tuple[Any, Array]] = {}
 
-    def distance(self, one: Shape, other: Shape | None, frames: Array) -> float:
-        """Of two shapes, or of one and the floor, with (n + 1, 4, 4) frames of the links, m."""
-        a, b = self._placed(one, frames), self._placed(other, frames)
+    def distance(self, pair: Pair, frames: Array) -> float:
+        """Of a pair, with (n + 1, 4, 4) frames of the links, m."""
+        (one, at), (other, there) = (self._placed(shape, frames) for shape in pair)
         self._result.clear()
-        return float(coal.distance(*a, *b, self._request, self._result))
+        return float(coal.distance(one, at, other, there, self._request, self._result))
 
     def _placed(self, shape: Shape | None, frames: Array) -> tuple[Any, Any]:
         if shape is None:

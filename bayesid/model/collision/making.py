@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bayesid.arrays import Array
+from bayesid.arrays import Array, Mask
 from bayesid.errors import InputError
 from bayesid.model.collision.clearance import CollisionModel, names_of
 from bayesid.model.collision.distances import Floor, Pair, PairDistances
@@ -131,7 +131,7 @@ class _Making:
         nearest = least.min(axis=0, initial=np.inf)
         wide = [pair for pair, distance in zip(self._apart, nearest, strict=True) if distance < self._margin]
         self._check_floor(nearest)
-        moves = self._reach.rates(self._apart, np.ones(self._robot.n_joints)).any(axis=1)
+        moves: Mask = np.any(self._reach.rates(self._apart, np.ones(self._robot.n_joints)), axis=1)
         kept = [pair for pair, one_moves in zip(self._apart, moves, strict=True) if one_moves and pair not in wide]
         if not kept:
             return NoShapes("the robot has no two links, nor one and the floor, whose distance could tell anything")
@@ -160,14 +160,16 @@ class _Making:
         Raises:
             InputError: another link was below it, or nearer to it than the margin.
         """
-        for (shape, other), distance in zip(self._apart, nearest, strict=True):
-            if other is None and distance < self._margin and self._robot.joints[shape.body].parent != BASE:
-                assert self._floor is not None
-                height, lower = self._floor.height, np.floor(100.0 * (self._floor.height + distance - self._margin))
-                said = f"{shape.name} is {abs(distance):.3f} m {'below' if distance < 0.0 else 'above'} the floor"
-                remedy = f"give the floor's height over the base's origin, {lower / 100.0:g} or less, or none"
-                where = f"--floor {height:g}"
-                raise InputError(f"{said} in a pose where the robot has been", where, f"{remedy}, or narrower capsules")
+        carried = [pair[1] is None and self._robot.joints[pair[0].body].parent != BASE for pair in self._apart]
+        lowest = int(np.argmin(np.where(carried, nearest, np.inf)))
+        distance = float(nearest[lowest])
+        if self._floor is None or not carried[lowest] or distance >= self._margin:
+            return
+        height, lower = self._floor.height, np.floor(100.0 * (self._floor.height + distance - self._margin)) / 100.0
+        side = "below" if distance < 0.0 else "above"
+        said = f"{self._apart[lowest][0].name} is {abs(distance):.3f} m {side} the floor where the robot has been"
+        remedy = f"give the floor's height over the base's origin, {lower:g} or less, or none, or narrower capsules"
+        raise InputError(said, f"--floor {height:g}", remedy)
 
 
 def _up(robot: Robot) -> Array:
