@@ -20,6 +20,9 @@ loses between lines that are almost parallel."""
 _TRAVEL = 0.125
 """m; travels of sliding joints are rounded up to it, so that few tables of rates are made. Any length serves."""
 
+_AT_ONCE = 256
+"""Intervals that are looked at together: many enough for numpy, and few for the memory of a robot of many shapes."""
+
 
 @dataclass(frozen=True, eq=False)
 class CollisionModel:
@@ -77,28 +80,28 @@ class CollisionModel:
         Returns:
             False also where it is neither shown that they are nor that they are not.
         """
+        t = np.asarray(t, dtype=float)
         middle, half = (t[1:] + t[:-1]) / 2.0, (t[1:] - t[:-1]) / 2.0
-        speed = np.broadcast_to(np.abs(speed), (len(half), np.shape(speed)[-1]))
-        q = np.asarray(path(middle), dtype=float)
-        table = self._table((np.abs(q) + half[:, None] * speed).max(axis=0, initial=0.0))
-        reached = speed @ table.T
-        need = self.margin + ACCURACY
-        open_pairs: Mask = np.ones(reached.shape, dtype=bool)
-        while True:
-            distances, frames = self._distances.bounds(q)
-            change = half[:, None] * reached
-            open_pairs &= distances < need + change
-            self._distances.refine(distances, frames, open_pairs)
-            open_pairs &= distances < need + change
-            left = open_pairs.any(axis=1)
-            if not left.any():
-                return True
-            if (open_pairs & ((distances < need) | (change < FINEST))).any():
+        speed = np.broadcast_to(np.abs(speed), (len(half), len(self._slides)))
+        most = half[:, None] * speed
+        rates = self._table((np.abs(path(middle)) + most).max(axis=0, initial=0.0))
+        change, unsure = most @ rates.T, np.ones((len(half), len(rates)), dtype=bool)
+        waiting = _split(middle, half, change, unsure)
+        while waiting:
+            middle, half, change, unsure = waiting.pop()
+            distances, frames = self._distances.bounds(np.asarray(path(middle), dtype=float))
+            unsure &= distances < self.margin + ACCURACY + change
+            self._distances.refine(distances, frames, unsure)
+            unsure &= distances < self.margin + ACCURACY + change
+            if (unsure & ((distances < self.margin + ACCURACY) | (change < FINEST))).any():
                 return False
+            left = unsure.any(axis=1)
             half = np.repeat(half[left] / 2.0, 2)
             middle = np.repeat(middle[left], 2) + half * np.tile([-1.0, 1.0], left.sum())
-            reached, open_pairs = np.repeat(reached[left], 2, axis=0), np.repeat(open_pairs[left], 2, axis=0)
-            q = np.asarray(path(middle), dtype=float)
+            waiting += _split(
+                middle, half, np.repeat(change[left] / 2.0, 2, axis=0), np.repeat(unsure[left], 2, axis=0)
+            )
+        return True
 
     def _table(self, travel: Array) -> Array:
         """(P, n) m that each joint can bring a pair nearer by, per unit of its motion."""
@@ -107,6 +110,12 @@ class CollisionModel:
         if key not in self._rates:
             self._rates[key] = self._reach.rates(self._shapes, travel)
         return self._rates[key]
+
+
+def _split(middle: Array, half: Array, change: Array, unsure: Mask) -> list[tuple[Array, Array, Array, Mask]]:
+    """Intervals in parts that are looked at together, the first of them last."""
+    parts = [slice(k, k + _AT_ONCE) for k in range(0, len(middle), _AT_ONCE)]
+    return [(middle[part], half[part], change[part], unsure[part]) for part in parts[::-1]]
 
 
 def names_of(pair: Pair) -> tuple[str, str]:

@@ -160,11 +160,12 @@ class _Making:
         Raises:
             InputError: another link was below it, or nearer to it than the margin.
         """
-        carried = [pair[1] is None and self._robot.joints[pair[0].body].parent != BASE for pair in self._apart]
-        lowest = int(np.argmin(np.where(carried, nearest, np.inf)))
-        distance = float(nearest[lowest])
-        if self._floor is None or not carried[lowest] or distance >= self._margin:
+        on_others = (pair[1] is None and self._robot.joints[pair[0].body].parent != BASE for pair in self._apart)
+        carried: Mask = np.array([*on_others], dtype=bool)
+        distance = float(nearest.min(where=carried, initial=np.inf))
+        if self._floor is None or distance >= self._margin:
             return
+        lowest = int(np.argmin(np.where(carried, nearest, np.inf)))
         height, lower = self._floor.height, np.floor(100.0 * (self._floor.height + distance - self._margin)) / 100.0
         side = "below" if distance < 0.0 else "above"
         said = f"{self._apart[lowest][0].name} is {abs(distance):.3f} m {side} the floor where the robot has been"

@@ -17,6 +17,9 @@ from bayesid.model.collision.frames import LinkFrames
 from bayesid.model.collision.shapes import BASE, Shape
 from bayesid.model.robot import Robot
 
+_LEVEL = 1e-9
+"""Sine of an angle that is rounding."""
+
 
 class Reach:
     """Bounds of how fast distances change.
@@ -36,10 +39,15 @@ class Reach:
         self._at_zero = at_zero
 
     def _raising(self, up: Array) -> Array:
-        """(n,) share of a joint's motion that is along the floor's normal at most; known of joints on the base."""
-        across = np.where(self._slides, np.abs(self._axes @ up), np.linalg.norm(np.cross(self._axes, up), axis=1))
-        on_base = np.array([joint.parent == BASE for joint in self._robot.joints])
-        return np.where(on_base, across, 1.0)
+        """(n,) share of a joint's motion that is along the floor's normal at most.
+
+        It is less than 1 where no pose tilts the joint's axis: all joints before it slide, or turn about the normal.
+        """
+        turning = np.linalg.norm(np.cross(self._axes, up), axis=1)
+        tilts = ~self._slides & (turning > _LEVEL)
+        share = np.where(self._slides, np.abs(self._axes @ up), turning)
+        tilted = np.array([any(tilts[j] for j in self._to_base(joint.parent)) for joint in self._robot.joints])
+        return np.where(tilted, 1.0, np.where(share > _LEVEL, share, 0.0))
 
     def between(self, one: int, other: int) -> list[int]:
         """Joints between two bodies, from the one to the other."""
