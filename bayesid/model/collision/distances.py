@@ -63,13 +63,21 @@ class PairDistances:
     def bounds(self, q: Array) -> tuple[Array, Array]:
         """(N, P) distances of the capsules, m, and the (N, n + 1, 4, 4) frames of the links."""
         frames = self._frames(q)
-        points = (frames[:, self._bodies, :3] @ self._points)[..., 0]
-        starts, ends = np.split(points, 2, axis=1)
+        starts, ends = self.lines(frames)
         between = line_distances(starts, ends, self._one, self._other) - self._wide
         if self._floor is None or not len(self._on_floor):
             return between, frames
         heights = np.minimum(starts @ self._floor.up, ends @ self._floor.up)[:, self._on_floor]
         return np.concatenate([between, heights - self._floor.height - self._wide_on_floor], axis=1), frames
+
+    def lines(self, frames: Array) -> tuple[Array, Array]:
+        """(N, S, 3) starts and ends of the shapes' lines in the base's frame, in the order of their first pairs.
+
+        Args:
+            frames: (N, n + 1, 4, 4) of the links.
+        """
+        starts, ends = np.split((frames[:, self._bodies, :3] @ self._points)[..., 0], 2, axis=1)
+        return starts, ends
 
     def refine(self, distances: Array, frames: Array, which: Mask) -> None:
         """Puts the true distances in place of the capsules' where these are lower bounds and a mask (N, P) asks.
