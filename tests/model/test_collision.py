@@ -71,7 +71,7 @@ def test_lines_are_as_far_apart_as_a_search_finds():
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("slides", [False, True])
 def test_capsules_follow_the_table(convention, seed, slides):
-    """Corners at the table's own frames: offsets along z, lengths along x; what slides may overlap what it slides in."""
+    """Corners at the table's own frames: offsets along z, lengths along x; what slides out may overlap."""
     robot, table = arm(6, seed, convention, slides)
     shapes = capsules(robot, WIDTHS[:6])
     pairs = list(combinations(shapes, 2))
@@ -87,7 +87,7 @@ def test_capsules_follow_the_table(convention, seed, slides):
             lines += [(before[:3, 3], corner), (corner, after[:3, 3])]
         starts, ends = distances.lines(distances.bounds(q[None])[1])
         found = list(zip(starts[0], ends[0], strict=True))
-        for points, skeleton in ((lines, found), (found, lines)):  # neither has more than the other
+        for points, skeleton in ((lines, found),) if slides else ((lines, found), (found, lines)):
             on_line = [(1 - s) * a + s * b for a, b in points for s in (0.0, 0.3, 1.0)]
             assert max(min(by_search((p, p), line) for line in skeleton) for p in on_line) < 1e-9
 
