@@ -35,6 +35,7 @@ EVERYWHERE = {"numpy", "scipy"}
 HOMES = {
     "threadpoolctl": {"process"},
     "pinocchio": {"model"},
+    "coal": {"model"},
     "rosbags": {"log"},
     "pyarrow": {"log", "study"},
     "h5py": {"log", "posterior"},

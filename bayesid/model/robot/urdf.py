@@ -9,9 +9,9 @@ import scipy
 
 from bayesid.arrays import Array
 from bayesid.model.robot.arm import Joint, Robot
-from bayesid.model.robot.held_joints import hold_joints
+from bayesid.model.robot.held_joints import HeldJoints, hold_joints
 from bayesid.model.robot.numbers import check_count
-from bayesid.model.robot.urdf_tree import UrdfJoint, read_tree
+from bayesid.model.robot.urdf_tree import UrdfJoint, UrdfTree, read_tree
 
 
 def robot_from_urdf(text: str, where: str, tip: str | None = None, hold: Mapping[str, float] | None = None) -> Robot:
@@ -29,8 +29,19 @@ def robot_from_urdf(text: str, where: str, tip: str | None = None, hold: Mapping
     tree = read_tree(text, where)
     held = hold_joints(tree, tip, hold or {}, where)
     check_count(sum(one.moves and one.name not in held.positions for one in tree.joints), where)
+    joints, _ = place_links(tree, held)
+    return Robot(tree.name, tuple(joints), gravity=np.array([0.0, 0.0, -9.81]), notes=held.notes)
+
+
+def place_links(tree: UrdfTree, held: HeldJoints) -> tuple[list[Joint], dict[str, tuple[int, Array]]]:
+    """The joints that move, and where the links are.
+
+    Returns:
+        The joints; and for each link the index of the joint that carries it, -1 for none, and its (4, 4) frame in that
+        joint's.
+    """
     joints: list[Joint] = []
-    places: dict[str, tuple[int, Array]] = {tree.base: (-1, np.eye(4))}  # of links: joint, and frame in the joint's
+    places: dict[str, tuple[int, Array]] = {tree.base: (-1, np.eye(4))}
     for one in tree.joints:
         parent, frame = places[one.parent]
         frame = frame @ one.origin
@@ -40,7 +51,7 @@ def robot_from_urdf(text: str, where: str, tip: str | None = None, hold: Mapping
             places[one.child] = len(joints) - 1, np.eye(4)
         else:
             places[one.child] = parent, frame @ _displacement(one, held.positions.get(one.name, 0.0))
-    return Robot(tree.name, tuple(joints), gravity=np.array([0.0, 0.0, -9.81]), notes=held.notes)
+    return joints, places
 
 
 def _displacement(joint: UrdfJoint, position: float) -> Array:
