@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from itertools import takewhile
 from pathlib import Path
@@ -93,7 +93,14 @@ class Parser(argparse.ArgumentParser):
 
     def add_argument(self, *names: Any, **options: Any) -> argparse.Action:
         """As argparse does."""
-        action = super().add_argument(*names, **options)
+        return self._noted(super().add_argument(*names, **options))
+
+    def add_section(self, title: str) -> Callable[..., argparse.Action]:
+        """A part of the help with a title, and what adds an option to it."""
+        group = self.add_argument_group(title)
+        return lambda *names, **options: self._noted(group.add_argument(*names, **options))
+
+    def _noted(self, action: argparse.Action) -> argparse.Action:
         self.options += action.option_strings
         if action.type is Path:
             self.paths.append(action)
@@ -191,6 +198,7 @@ _SHARED: dict[str, dict[str, Any]] = {
     "--out": {"type": Path},
     "--quiet": {"action": "store_true", "help": "print nothing but warnings and errors"},
 }
+_ROBOT_HELP = _SHARED["--robot"]["help"]
 _ROBOT = "--robot", "--tip", "--hold"
 """Which robot, and which of its joints."""
 _MOTION = "--degrees", "--columns", "--topic", "--joints"
@@ -454,20 +462,29 @@ def _add_report(commands: _Commands) -> None:
 
 
 def _add_excite(commands: _Commands) -> None:
-    purpose = "a motion that shows coefficients and signs, or what a log's motion leaves undecided"
+    purpose = (
+        "a motion to record, for a robot or for what a result leaves open; or what a log's motion leaves undecided"
+    )
     examples = [
+        "bayesid excite --for result --effort-limits 330,330,150,56,56,56 --capsules 0.06 --out next",
+        "bayesid excite --for result --about Fc3,gains --out next",
+        "bayesid excite --for found --between stribeck_friction:3,thermal_drift:3 --out next",
         "bayesid excite --robot ur10e --out motion",
         "bayesid excite --robot my_robot.toml --limits limits.toml --duration 30 --rate 250 --out motion",
         "bayesid excite --robot ur10e --log log.csv",
     ]
     parser = _command(commands, "excite", purpose, examples)
-    _share(parser, *_ROBOT, "--terms")
+    result = "result or discrepancy folder: the motion whose recording settles most of what it leaves open"
+    parser.add_argument("--for", type=Path, dest="result", metavar="RESULT_DIR", help=result)
+    _share(parser, "--robot", required=False, help=f"without --for, or for limits and shapes: {_ROBOT_HELP}")
+    _share(parser, *_ROBOT[1:], "--terms")
     parser.add_argument("--log", type=Path, help="judge this log's motion; design none")
+    _add_next_motion(parser)
     parser.add_argument("--duration", type=float, default=20.0, metavar="S", help="default: %(default)s")
     parser.add_argument("--rate", type=float, default=100.0, metavar="HZ", help="of the file (default: %(default)s)")
     limits = (
-        "of the joints: TOML with lower, upper, velocity, acceleration, or a URDF (default: those of the robot's "
-        "URDF, else +-2 rad, 3 rad/s, 15 rad/s^2)"
+        "of the joints: TOML with lower, upper, velocity, acceleration, jerk, effort, or a URDF (default: those of the "
+        "robot's URDF, else +-2 rad, 3 rad/s, 15 rad/s^2)"
     )
     parser.add_argument("--limits", type=Path, metavar="FILE", help=limits)
     parser.add_argument("--harmonics", type=_whole, default=5, help="sines and cosines a joint (default: 5)")
@@ -478,6 +495,30 @@ def _add_excite(commands: _Commands) -> None:
     _share(parser, *_READING, "--seed")
     _share(parser, "--out", default=Path("bayesid-motion"), help="folder (default: %(default)s)")
     _share(parser, "--quiet")
+
+
+def _add_next_motion(parser: Parser) -> None:
+    """What `excite --for` takes alone."""
+    add = parser.add_section("with --for")
+    about = "coefficients, parameters, effects, or gains, payload, signs (default: all known to less than 10 %%)"
+    add("--about", metavar="NAME,..", help=about)
+    between = "hypotheses to tell apart, EFFECT:JOINT each (default: those that a discrepancy could not tell apart)"
+    add("--between", metavar="A,B,..", help=between)
+    add("--criterion", choices=("D", "A"), default="D", help="D: all together; A: mean variance")
+    start = "pose at both ends, rad or m (default: where the result's log began)"
+    add("--start", metavar="Q1,..", help=start)
+    efforts = "largest |effort| of each joint, N m (default: those of --limits or of the robot's URDF)"
+    add("--effort-limits", metavar="L1,..", help=efforts)
+    capsules = "radii of capsules about the links, m, one for all or one each, instead of the URDF's collision shapes"
+    add("--capsules", metavar="R,..", help=capsules)
+    add("--tool", metavar="X,Y,Z", help="with --capsules: end of the tool in the last link's frame, m")
+    floor = "height of the floor over the base's origin, m, or none (default: 0)"
+    add("--floor", default="0", metavar="Z", help=floor)
+    add("--margin", type=float, default=0.01, metavar="M", help="least distance (default: %(default)s m)")
+    meshes = "folder of the packages that the URDF's meshes are in; may be repeated"
+    add("--meshes", type=Path, action="append", default=[], metavar="DIR", help=meshes)
+    changes = "of the motion that are tried (default: %(default)s, some half a minute)"
+    add("--changes", type=_whole, default=4000, help=changes)
 
 
 def _add_simulate(commands: _Commands) -> None:

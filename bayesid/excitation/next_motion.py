@@ -56,6 +56,7 @@ class Run:
         start: (n,) pose at both ends, rad (m): where the robot is; by default where the result's log began.
         limits: of the joints; by default those that suit most small arms, without a limit of efforts.
         clearance: tells collisions, and what distance is to be kept; None where nothing does, which the result says.
+        no_clearance: why nothing does.
 
     Raises:
         InputError: a number cannot be used.
@@ -70,6 +71,7 @@ class Run:
     start: tuple[float, ...] | None = None
     limits: MotionLimits | None = None
     clearance: Clearance | None = None
+    no_clearance: str = "no shapes are known"
 
     def __post_init__(self) -> None:
         for value, (least, most), name, unit in (
@@ -134,7 +136,7 @@ class NextMotion:
         rivals: classes of hypotheses that it tells apart.
         predicted: what will be known after its recording.
         of_random: the same after a random motion within the same limits (but of efforts and collisions).
-        largest_effort: (n,) N m, with its band.
+        feasibility: the limits that it keeps, by which its efforts are predicted.
         never: sentences on what no motion can tell.
         unchecked: sentences on what was not checked.
         slow: shares of the speed at which the motion keeps its limits, and so may be played.
@@ -153,7 +155,7 @@ class NextMotion:
     rivals: tuple[Rivals, ...]
     predicted: Prediction
     of_random: Prediction
-    largest_effort: Array
+    feasibility: Feasibility
     never: tuple[str, ...]
     unchecked: tuple[str, ...]
     slow: tuple[float, ...]
@@ -184,6 +186,46 @@ class NextMotion:
             True
         """
         return self.trajectory.motion(_instants(self.run))
+
+    @property
+    def effort_band(self) -> tuple[Array, Array]:
+        """(N, n) predicted efforts of `motion`, N m, and (N, n) their standard deviations, noise apart.
+
+        Example:
+            >>> effort, sd = bayesid.design_next(result, run=bayesid.Run(duration=4.0), changes=10).effort_band
+            >>> effort.shape, bool((sd > 0.0).all())
+            ((401, 3), True)
+        """
+        return self.feasibility.effort_band(self.motion)
+
+    @property
+    def largest_effort(self) -> Array:
+        """(n,) largest |effort| with its band, N m.
+
+        Example:
+            >>> design = bayesid.design_next(result, run=bayesid.Run(duration=4.0), changes=10)
+            >>> design.largest_effort.shape
+            (3,)
+        """
+        return largest_efforts(*self.effort_band)
+
+    @property
+    def checked(self) -> tuple[str, ...]:
+        """What was checked, a few words each.
+
+        Example:
+            >>> bayesid.design_next(result, run=bayesid.Run(duration=4.0), changes=10).checked[0]
+            'positions, velocities and accelerations at every instant'
+        """
+        limits, clearance = self.run.limits, self.run.clearance
+        said = ["positions, velocities and accelerations at every instant"]
+        if limits is not None and limits.jerk is not None:
+            said.append("jerks at every instant")
+        if self.feasibility.limits_effort:
+            said.append(f"efforts within {BAND:g} standard deviations of their prediction")
+        if clearance is not None:
+            said.append(f"{clearance.margin:g} m from itself and the floor at every instant: {clearance.source}")
+        return tuple(said)
 
 
 @one_blas_thread
@@ -251,7 +293,7 @@ def design_next(
         rivals=rivals,
         predicted=told(motion),
         of_random=told(random),
-        largest_effort=largest_efforts(*feasibility.effort_band(motion)),
+        feasibility=feasibility,
         never=never,
         unchecked=_unchecked(run),
         slow=tuple(share for share in SPEEDS if _bears_slowly(feasibility, trajectory, share)),
@@ -291,6 +333,12 @@ def equivalent_classes(
     """
     told = [one for one in found if one[2]]
     return [[(effect, joints), *((other, joints) for other in equivalent)] for effect, joints, equivalent in told]
+
+
+def name_of(key: tuple[str, tuple[int, ...]]) -> str:
+    """A hypothesis as `between` takes it."""
+    effect, joints = key
+    return ":".join([effect, *map(str, joints)])
 
 
 def _settled(run: Run, known: Known, recorded: Motion | None) -> Run:
@@ -406,7 +454,8 @@ def _unchecked(run: Run) -> tuple[str, ...]:
     if run.limits.jerk is None:
         said.append("jerks: no limits are known (a key of the file that --limits takes)")
     if run.clearance is None:
-        said.append("collisions: no collision model (--capsules, or a URDF with collision geometry)")
+        why = f"no collision model: {run.no_clearance}"
+        said.append(f"collisions: {why} (--capsules R, or --robot with a URDF that has collision shapes)")
     return tuple(said)
 
 

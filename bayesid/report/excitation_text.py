@@ -9,6 +9,7 @@ import numpy as np
 from bayesid.excitation.design import ExcitationDesign
 from bayesid.excitation.judgement import ExcitationJudgement
 from bayesid.excitation.resolvability import JointFlips
+from bayesid.report.words import table
 
 _UNCHECKED = "not checked: collisions with itself or the surroundings, and limits of the efforts; play it slowly first"
 
@@ -25,7 +26,7 @@ def design_text(design: ExcitationDesign) -> str:
         rows.append([str(j + 1), *positions, *used, f"{after.joints.resolvability[j]:.3g}"])
     lines = [
         f"{design.model.robot.name}: {timing}, from rest to rest",
-        _table(heading, rows),
+        table(heading, rows),
         "positions in rad (m where a joint slides), speed and acceleration as shares of their limits;",
         f"resolvability: twice the log odds against all signs of the joint turned, at a noise of {design.noise:.0%}",
         f"condition number {before.condition:.1f} at the start, {after.condition:.1f} reached",
@@ -49,7 +50,7 @@ def judgement_text(judgement: ExcitationJudgement) -> str:
     heading = ["joint", "range", "speed", "acceleration", "still", "resolvability", "doubtful"]
     lines = [
         f"{judgement.source}: excitation is {judgement.light}",
-        _table(heading, rows),
+        table(heading, rows),
         "rad, rad/s, rad/s^2; resolvability: twice the log odds against all signs of the joint turned;",
         f"doubtful: energy with the wrong sign, segments one by one; both at a noise of {judgement.noise:.0%}",
         f"condition number {judgement.condition:.1f}, all joints alike; `identify` weighs each by the noise it finds",
@@ -57,12 +58,6 @@ def judgement_text(judgement: ExcitationJudgement) -> str:
         *(f"- {remark}" for remark in judgement.remarks),
     ]
     return "\n".join(lines)
-
-
-def _table(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    widths = [max(map(len, column)) for column in zip(heading, *rows, strict=True)]
-    lines = [[cell.rjust(width) for cell, width in zip(row, widths, strict=True)] for row in (heading, *rows)]
-    return "\n".join("  ".join(line) for line in lines)
 
 
 def _group(flips: JointFlips) -> str:

@@ -98,3 +98,10 @@ def listed(parts: Sequence[str], last: str = "and") -> str:
 def upper(text: str) -> str:
     """With a capital at its beginning."""
     return text[:1].upper() + text[1:]
+
+
+def table(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Columns of text, right-aligned, below their headings."""
+    widths = [max(map(len, column)) for column in zip(heading, *rows, strict=True)]
+    lines = [[cell.rjust(width) for cell, width in zip(row, widths, strict=True)] for row in (heading, *rows)]
+    return "\n".join("  ".join(line) for line in lines)

@@ -1,12 +1,14 @@
-"""`bayesid excite`: a motion that shows coefficients and signs, or what a log's motion leaves undecided."""
+"""`bayesid excite`: a motion to record, for a robot or for a result, or what a log's motion leaves undecided."""
 
 from __future__ import annotations
 
 import argparse
 
+from bayesid.cli.next_motion import design_for_result
 from bayesid.cli.options import beliefs, read, reading_options, robot_of, term_names
 from bayesid.cli.progress import StageBars
 from bayesid.cli.terminal import show, warn
+from bayesid.errors import InputError
 from bayesid.excitation.design import ExcitationDesign, Objective, TrajectoryShape, design_excitation
 from bayesid.excitation.judgement import judge_log
 from bayesid.excitation.limits import read_limits
@@ -16,14 +18,32 @@ from bayesid.progress import Progress
 from bayesid.report.excitation_text import design_text, judgement_text
 from bayesid.results.designs import DESIGN_FILES, DESIGN_MARKER, save_design
 
+_FOR_RESULT = ("about", "between", "start", "effort_limits", "capsules", "tool")
+"""Options that mean nothing without `--for`."""
+
 
 def run(options: argparse.Namespace) -> None:
     """A design's folder, or a judgement."""
+    if options.result is not None:
+        if options.log is not None:
+            raise InputError("asks for a judgement and for a design", "--log", "leave it or --for out")
+        show_unless_quiet(design_for_result(options), options)
+        return
+    for name in _FOR_RESULT:
+        if getattr(options, name) is not None:
+            raise InputError("is for the motion after a result", f"--{name.replace('_', '-')}", "give --for RESULT_DIR")
+    if options.robot is None:
+        raise InputError("no robot and no result", "excite", "give --robot R, or --for RESULT_DIR")
     robot = robot_of(options)
     for note in robot.notes:
         warn(note)
     with StageBars(options.quiet) as bars:
         text = _design(robot, options, bars) if options.log is None else _judge(robot, options, bars)
+    show_unless_quiet(text, options)
+
+
+def show_unless_quiet(text: str, options: argparse.Namespace) -> None:
+    """Prints a text, unless nothing is to be printed."""
     if not options.quiet:
         show(text)
 

@@ -5,21 +5,6 @@ of the motion alone: nothing here looks at limits or collisions, so each says in
 """
 
 from bayesid.results.controllers.planned import PlannedMotion
-from bayesid.results.controllers.programs import (
-    PROGRAM_FILES,
-    PROGRAM_FOLDERS,
-    SPEED_SHARES,
-    Programs,
-    check_programs,
-    save_programs,
-)
+from bayesid.results.controllers.programs import PROGRAM_FILES, PROGRAM_FOLDERS, Programs, check_programs, save_programs
 
-__all__ = [
-    "PROGRAM_FILES",
-    "PROGRAM_FOLDERS",
-    "SPEED_SHARES",
-    "PlannedMotion",
-    "Programs",
-    "check_programs",
-    "save_programs",
-]
+__all__ = ["PROGRAM_FILES", "PROGRAM_FOLDERS", "PlannedMotion", "Programs", "check_programs", "save_programs"]

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from bayesid.errors import InputError
+from bayesid.excitation.next_motion import SPEEDS
 from bayesid.results.controllers.kuka import krl_program, rsi_table
 from bayesid.results.controllers.planned import PlannedMotion
 from bayesid.results.controllers.ros import joint_trajectory
 from bayesid.results.controllers.universal_robots import urscript
 from bayesid.results.motion_table import write_motion
 
-SPEED_SHARES = 0.1, 0.3, 1.0
-"""Of the planned speed: a robot runs a new motion slowly first. Round numbers."""
 _TABLE = "motion.csv"
 _WRITERS: Mapping[str, Callable[[PlannedMotion], str]] = {
     "joint_trajectory.yaml": joint_trajectory,
@@ -31,7 +30,7 @@ def speed_folder(share: float) -> str:
     return f"speed_{100.0 * share:.0f}"
 
 
-PROGRAM_FOLDERS = frozenset(map(speed_folder, SPEED_SHARES))
+PROGRAM_FOLDERS = frozenset(map(speed_folder, SPEEDS))
 """What `save_programs` makes in a folder, for `bayesid.files.writing.save_folder`."""
 
 
@@ -50,16 +49,17 @@ class Programs:
     left_out: Mapping[str, str]
 
 
-def save_programs(planned: PlannedMotion, place: Path) -> Programs:
+def save_programs(planned: PlannedMotion, place: Path, shares: Sequence[float] = SPEEDS) -> Programs:
     """Writes speed_10, speed_30 and speed_100 with the motion as a table and as programs of controllers.
 
     Args:
         planned: the motion at its full speed.
         place: a folder that is there, as `save_folder` gives it.
+        shares: of the planned speed, each of which gets a folder.
     """
     left_out, files = {}, [_TABLE]
-    folders = tuple(place / speed_folder(share) for share in SPEED_SHARES)
-    motions = [planned.slowed(share) for share in SPEED_SHARES]
+    folders = tuple(place / speed_folder(share) for share in shares)
+    motions = [planned.slowed(share) for share in shares]
     for folder, motion in zip(folders, motions, strict=True):
         folder.mkdir()
         write_motion(folder / _TABLE, motion.sampled())

@@ -1,0 +1,167 @@
+"""What `bayesid excite --for` does: reads a result, its robot's limits and shapes, and designs the next motion."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.cli.options import robot_of
+from bayesid.cli.progress import StageBars
+from bayesid.cli.terminal import warn
+from bayesid.errors import InputError
+from bayesid.excitation.limits import check_limits, read_limits
+from bayesid.excitation.next_motion import NextMotion, Run, design_next, equivalent_classes, name_of
+from bayesid.files.bounded import json_of, read_source
+from bayesid.files.writing import reserved
+from bayesid.identification.identified_model import IdentifiedModel
+from bayesid.model.collision import Capsules, CollisionModel, NoShapes, collision_model
+from bayesid.model.robot import Robot
+from bayesid.motion import Motion
+from bayesid.progress import Progress
+from bayesid.report.findings import read_findings
+from bayesid.report.next_motion_text import next_motion_text
+from bayesid.results.model_file import load_model
+from bayesid.results.next_motions import check_next_folder, save_next_motion
+from bayesid.simulation.trajectories import MotionLimits
+
+_DISCREPANCY = "discrepancy.json"
+_BEEN = 300
+"""Poses of the log that the robot is known to have been in without touching itself. A round number."""
+
+
+def design_for_result(options: argparse.Namespace) -> str:
+    """The next motion's folder; what there is to say of it."""
+    folder = check_next_folder(options.out)
+    with reserved(folder), StageBars(options.quiet) as bars:
+        bars.show("read", 0, 1)
+        identified = load_model(options.result)
+        recorded = recorded_motion(options.result)
+        robot = _robot(options, identified)
+        clearance = _clearance(options, robot, _poses(options, identified.model.robot, recorded))
+        run = Run(
+            duration=options.duration,
+            rate=options.rate,
+            start=_numbers(options.start, "--start"),
+            limits=_limits(options, robot),
+            clearance=clearance if isinstance(clearance, CollisionModel) else None,
+            no_clearance="" if isinstance(clearance, CollisionModel) else clearance.reason,
+        )
+        design = _design(options, identified, recorded, run, bars)
+        bars.show("write", 0, 1)
+        save_next_motion(design, folder)
+    for one in (clearance.left_out, clearance.inseparable) if isinstance(clearance, CollisionModel) else ():
+        if one:
+            pairs = ", ".join(" and ".join(pair) for pair in one)
+            warn(f"not watched: {pairs} are nearer than --margin in poses of the log, or in every pose")
+    return f"{next_motion_text(design)}\nwritten to {folder}/"
+
+
+def _design(
+    options: argparse.Namespace, identified: IdentifiedModel, recorded: Motion | None, run: Run, bars: StageBars
+) -> NextMotion:
+    about, between = _words(options.about), _words(options.between)
+    if not about and not between:
+        classes = _equivalent(options.result)
+        if len(classes) > 1:
+            left = "; ".join(",".join(names) for names in classes[1:])
+            warn(f"several effects cannot be told apart: this motion is for {','.join(classes[0])}; --between {left}")
+        between = classes[0] if classes else ()
+    return design_next(
+        identified,
+        about,
+        between,
+        run=run,
+        recorded=recorded,
+        criterion=options.criterion,
+        changes=options.changes,
+        progress=Progress(bars.show),
+    )
+
+
+def recorded_motion(folder: Path) -> Motion | None:
+    """The motion of a result's log, as far as the folder holds it; None where it does not."""
+    if not os.path.exists(folder / "findings.npz"):
+        warn(f"{folder} holds no findings.npz: the motion of its log is not known")
+        return None
+    samples = read_findings(folder).samples
+    ddq = np.gradient(samples.velocity, samples.t, axis=0)
+    return Motion(samples.t, samples.position, samples.velocity, ddq)
+
+
+def _equivalent(folder: Path) -> list[tuple[str, ...]]:
+    """Hypotheses that a discrepancy's log could not tell apart."""
+    path = folder / _DISCREPANCY
+    if not os.path.exists(path):
+        return []
+    remedy = "give a folder that `bayesid discrepancy` wrote"
+    content = json_of(read_source(path, remedy), str(path), remedy)
+    try:
+        found = [(one["effect"], tuple(one["joints"]), tuple(one["equivalent"])) for one in content["found"]]
+    except (KeyError, TypeError) as error:
+        raise InputError(f"does not hold what bayesid writes ({error})", str(path), remedy) from None
+    return [tuple(name_of(key) for key in keys) for keys in equivalent_classes(found)]
+
+
+def _robot(options: argparse.Namespace, identified: IdentifiedModel) -> Robot:
+    """The robot whose limits and shapes count: that of a file if one is given."""
+    if options.robot is None:
+        return identified.model.robot
+    robot = robot_of(options)
+    if not robot.same_kinematics(identified.model.robot):
+        said = f"is another robot than that of {options.result} ({identified.model.robot.name})"
+        raise InputError(said, options.robot, "give the robot that the result was identified with, or leave it out")
+    return robot
+
+
+def _limits(options: argparse.Namespace, robot: Robot) -> MotionLimits:
+    source = options.limits or (None if robot.origin is None else robot.origin.urdf)
+    limits = check_limits(None if source is None else read_limits(source, robot), robot)
+    if options.effort_limits is None:
+        return limits
+    try:
+        stated = replace(limits, effort=_numbers(options.effort_limits, "--effort-limits"))
+    except ValueError as error:
+        raise InputError(str(error), "--effort-limits", "give one positive number a joint, N m") from None
+    return check_limits(stated, robot)
+
+
+def _clearance(options: argparse.Namespace, robot: Robot, poses: Array) -> CollisionModel | NoShapes:
+    radii, tool = _numbers(options.capsules, "--capsules"), _numbers(options.tool, "--tool")
+    if tool is not None and radii is None:
+        raise InputError("is the end of capsules", "--tool", "give --capsules too")
+    capsules = None
+    if radii is not None:
+        capsules = Capsules(radii[0] if len(radii) == 1 else radii, (0.0, 0.0, 0.0) if tool is None else tool)
+    floor = None if options.floor == "none" else _numbers(options.floor, "--floor")
+    height = None if floor is None else floor[0]
+    return collision_model(robot, poses, capsules, height, options.margin, options.meshes)
+
+
+def _poses(options: argparse.Namespace, robot: Robot, recorded: Motion | None) -> Array:
+    """(M, n) where the robot has been."""
+    start = _numbers(options.start, "--start")
+    parts = [] if start is None or len(start) != robot.n_joints else [np.array([start])]
+    if recorded is not None:
+        parts.append(recorded.q[:: max(1, len(recorded) // _BEEN)])
+    return np.concatenate(parts) if parts else np.zeros((1, robot.n_joints))
+
+
+def _words(text: str | None) -> tuple[str, ...]:
+    return () if text is None else tuple(word.strip() for word in text.split(",") if word.strip())
+
+
+def _numbers(text: str | None, option: str) -> tuple[float, ...] | None:
+    if text is None:
+        return None
+    try:
+        numbers = tuple(float(word) for word in text.split(","))
+    except ValueError:
+        raise InputError(f"{text!r:.60} is no list of numbers", option, "give numbers with commas between") from None
+    if not np.isfinite(numbers).all():
+        raise InputError(f"{text!r:.60} cannot be used", option, "give finite numbers")
+    return numbers

@@ -1,0 +1,79 @@
+"""A next motion as text for a terminal."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bayesid.excitation.next_motion import NextMotion, Prediction
+from bayesid.excitation.rivals import TELLING
+from bayesid.identification.identification import KNOWN
+from bayesid.report.words import table
+
+_SHOWN = 12
+"""Coefficients that a table shows: those of which most is learned."""
+
+
+def next_motion_text(design: NextMotion) -> str:
+    """What will be known, what no motion tells, how far limits are used, and what was not checked."""
+    run, predicted = design.run, design.predicted
+    lines = [
+        f"{design.known.model.robot.name}: {run.duration:g} s at {run.rate:g} Hz, from rest to rest",
+        *(_of_goal(design) if design.goal is not None else _of_rivals(predicted, design.of_random)),
+        f"signs that will be certain: {predicted.certain_signs:.1%} of |effort| "
+        f"(after a random motion {design.of_random.certain_signs:.1%})",
+        *(f"- {sentence}" for sentence in design.never),
+        "",
+        table(["joint", "starts at", "lowest", "highest", "speed", "acceleration", "effort"], _joints(design)),
+        "positions in rad (m where a joint slides); the others as shares of their limits, efforts with their band",
+        *([] if run.clearance is None else [_clearance(design)]),
+        f"checked: {'; '.join(design.checked)}",
+        *(f"NOT checked: {sentence}" for sentence in design.unchecked),
+    ]
+    return "\n".join(lines)
+
+
+def _of_goal(design: NextMotion) -> list[str]:
+    """What is learned of coefficients."""
+    after, random = design.predicted, design.of_random
+    assert design.goal is not None
+    lines = [
+        f"coefficients known to less than {KNOWN:.0%}: {after.open_now} now, {after.open} after this motion if the "
+        f"model is right, {after.open_lacking} if what it may lack stays as large; {random.open} after a random motion"
+    ]
+    chosen = [k for k, name in enumerate(after.names) if name in design.goal.names] or list(range(len(after.names)))
+    most = sorted(chosen, key=lambda k: after.sd[k] / after.sd_now[k])[:_SHOWN]
+    rows = [
+        [after.names[k], f"{after.mean[k]:.4g}", *(f"{sd[k]:.2g}" for sd in (after.sd_now, after.sd)), after.units[k]]
+        for k in most
+    ]
+    return [*lines, table(["name", "value", "sd now", "sd then", "unit"], rows)]
+
+
+def _of_rivals(predicted: Prediction, random: Prediction) -> list[str]:
+    """How clearly hypotheses are told apart."""
+    rows = []
+    for pair, value in predicted.log10_bayes_factors.items():
+        told = "yes" if value >= TELLING else "no"
+        rows.append([*pair, f"{value:.3g}", told, f"{random.log10_bayes_factors[pair]:.3g}"])
+    heading = ["if true", "against", "log10 Bayes factor", "told apart", "random motion"]
+    return [table(heading, rows), "expected, and of the form that imitates best; told apart from 2 on"]
+
+
+def _joints(design: NextMotion) -> list[list[str]]:
+    motion, limits, n = design.motion, design.run.limits, design.known.model.robot.n_joints
+    assert limits is not None
+    speed, acceleration = (np.broadcast_to(limit, n) for limit in (limits.velocity, limits.acceleration))
+    effort = design.largest_effort / design.feasibility.effort
+    rows = []
+    for j in range(n):
+        positions = [f"{motion.q[0, j]:.3f}", f"{motion.q[:, j].min():.2f}", f"{motion.q[:, j].max():.2f}"]
+        shares = [np.abs(motion.dq[:, j]).max() / speed[j], np.abs(motion.ddq[:, j]).max() / acceleration[j]]
+        known = f"{effort[j]:.0%}" if np.isfinite(design.feasibility.effort[j]) else "no limit"
+        rows.append([str(j + 1), *positions, *(f"{share:.0%}" for share in shares), known])
+    return rows
+
+
+def _clearance(design: NextMotion) -> str:
+    assert design.run.clearance is not None
+    least = float(design.run.clearance.distance(design.motion.q).min())
+    return f"least distance to itself and the floor: {least:.3f} m (to be kept: {design.run.clearance.margin:g} m)"

@@ -1,0 +1,187 @@
+"""The folder of a next motion: programs for controllers, what will be known afterwards, and a picture."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.excitation.feasible import BAND
+from bayesid.excitation.next_motion import NextMotion, Prediction
+from bayesid.files.writing import check_folder, save_folder, write_table
+from bayesid.results.controllers import PROGRAM_FOLDERS, PlannedMotion, Programs, check_programs, save_programs
+
+NEXT_MARKER = "next_motion.json"
+NEXT_FILES = frozenset({NEXT_MARKER, "next_motion.svg", "predicted.csv"}) | PROGRAM_FOLDERS
+
+
+def check_next_folder(folder: str | Path) -> Path:
+    """The folder, if it may be replaced (see `bayesid.files.writing.check_folder`).
+
+    Raises:
+        InputError: something else is there, or the place cannot be written.
+    """
+    place = check_folder(folder, NEXT_FILES, NEXT_MARKER)
+    check_programs(place)
+    return place
+
+
+def save_next_motion(design: NextMotion, folder: str | Path) -> Path:
+    """Writes next_motion.json, predicted.csv, next_motion.svg, and a folder of programs for each speed.
+
+    Args:
+        design: what to write.
+        folder: where; an earlier one there is replaced as a whole.
+
+    Raises:
+        InputError: the folder cannot be written, or holds other files than an earlier one.
+
+    Example:
+        >>> design = bayesid.design_next(result, run=bayesid.Run(duration=4.0), changes=10)
+        >>> sorted(path.name for path in bayesid.save_next_motion(design, "next").iterdir())[:4]
+        ['next_motion.json', 'next_motion.svg', 'predicted.csv', 'speed_10']
+    """
+    check_next_folder(folder)
+
+    def write(place: Path) -> None:
+        from bayesid.report.plot.planned_motion import planned_motion  # matplotlib takes a second to import
+
+        programs = save_programs(planned(design), place, design.slow)
+        write_table(place / "predicted.csv", predicted_rows(design.predicted))
+        text = json.dumps(next_summary(design, programs), indent=2, allow_nan=False)
+        (place / NEXT_MARKER).write_text(text + "\n", encoding="utf-8")
+        planned_motion(picture(design)).savefig(place / "next_motion.svg", transparent=False, facecolor="white")
+
+    return save_folder(folder, NEXT_FILES, NEXT_MARKER, write)
+
+
+def planned(design: NextMotion) -> PlannedMotion:
+    """The motion as programs take it."""
+    joints = design.known.model.robot.joints
+    return PlannedMotion(
+        robot=design.known.model.robot.name,
+        joint_names=tuple(joint.name or f"joint{j}" for j, joint in enumerate(joints, start=1)),
+        prismatic=tuple(joint.prismatic for joint in joints),
+        at=design.trajectory.motion,
+        duration=design.run.duration,
+        rate=design.run.rate,
+        checked=design.checked,
+        not_checked=design.unchecked,
+    )
+
+
+def picture(design: NextMotion) -> Any:
+    """What `bayesid.report.plot.planned_motion` draws."""
+    from bayesid.report.plot.planned_motion import JointLimits, MotionPicture, extreme_poses
+
+    robot, motion, limits = design.known.model.robot, design.motion, design.run.limits
+    assert limits is not None
+    effort, sd = design.effort_band
+    distance = None if design.run.clearance is None else design.run.clearance.distance(motion.q)
+    return MotionPicture(
+        robot=robot.name,
+        joint_names=planned(design).joint_names,
+        motion=motion,
+        limits=JointLimits(
+            lower=_each(limits.lower),
+            upper=_each(limits.upper),
+            velocity=_each(limits.velocity),
+            acceleration=_each(limits.acceleration),
+            effort=_each(limits.effort),
+        ),
+        effort=effort,
+        effort_band=(effort - BAND * sd, effort + BAND * sd),
+        poses=extreme_poses(robot, motion, distance),
+        distance=distance,
+        margin=None if design.run.clearance is None else design.run.clearance.margin,
+        not_checked="; ".join(design.unchecked),
+    )
+
+
+def _each(limit: object) -> Array | None:
+    return None if limit is None else np.asarray(limit, dtype=float)
+
+
+def predicted_rows(predicted: Prediction) -> list[dict[str, object]]:
+    """predicted.csv: one row a coefficient or gain, its sd now and after the recording."""
+    columns = (predicted.mean, predicted.sd_now, predicted.sd, predicted.sd_lacking)
+    numbers = np.column_stack(columns).tolist()
+    return [
+        {
+            "name": name,
+            "unit": unit,
+            "mean": mean,
+            "sd_now": now,
+            "sd": after,
+            "sd_if_model_lacks_as_much": lacking,
+            "rsd_now_percent": _percent(now, mean),
+            "rsd_percent": _percent(after, mean),
+        }
+        for name, unit, (mean, now, after, lacking) in zip(predicted.names, predicted.units, numbers, strict=True)
+    ]
+
+
+def _percent(sd: float, mean: float) -> object:
+    return 100.0 * sd / abs(mean) if mean else ""
+
+
+def next_summary(design: NextMotion, programs: Programs) -> dict[str, Any]:
+    """next_motion.json: what will be known, what no motion tells, limits given and reached, what was not checked."""
+    motion, limits = design.motion, design.run.limits
+    assert limits is not None
+    clearance = design.run.clearance
+    return {
+        "robot": design.known.model.robot.name,
+        "duration": design.run.duration,
+        "rate": design.run.rate,
+        "start": list(design.run.start or ()),
+        "about": [] if design.goal is None else list(design.goal.names),
+        "information_gain_nats": design.predicted.gain,
+        "open_now": design.predicted.open_now,
+        "open": design.predicted.open,
+        "open_if_model_lacks_as_much": design.predicted.open_lacking,
+        "open_after_random_motion": design.of_random.open,
+        "certain_signs": design.predicted.certain_signs,
+        "log10_bayes_factors": _factors(design.predicted),
+        "log10_bayes_factors_of_random_motion": _factors(design.of_random),
+        "no_motion_tells": list(design.never),
+        "checked": list(design.checked),
+        "not_checked": list(design.unchecked),
+        "limits": {
+            "lower": list(np.atleast_1d(limits.lower)),
+            "upper": list(np.atleast_1d(limits.upper)),
+            "velocity": list(np.atleast_1d(limits.velocity)),
+            "acceleration": list(np.atleast_1d(limits.acceleration)),
+            "jerk": _listed(limits.jerk),
+            "effort": _listed(limits.effort),
+        },
+        "reached": {
+            "lower": motion.q.min(axis=0).tolist(),
+            "upper": motion.q.max(axis=0).tolist(),
+            "velocity": np.abs(motion.dq).max(axis=0).tolist(),
+            "acceleration": np.abs(motion.ddq).max(axis=0).tolist(),
+            "effort_with_band": design.largest_effort.tolist(),
+            "distance": None if clearance is None else float(clearance.distance(motion.q).min()),
+        },
+        "margin": None if clearance is None else clearance.margin,
+        "programs": {"folders": [folder.name for folder in programs.folders], "files": list(programs.files)},
+        "not_written": dict(programs.left_out),
+        "control_points": design.trajectory.control.tolist(),
+        "seconds": design.seconds,
+    }
+
+
+def _factors(predicted: Prediction) -> list[dict[str, object]]:
+    return [
+        {"true": true, "against": other, "expected": value}
+        for (true, other), value in predicted.log10_bayes_factors.items()
+    ]
+
+
+def _listed(limit: object) -> list[float | None] | None:
+    if limit is None:
+        return None
+    return [float(value) if np.isfinite(value) else None for value in np.atleast_1d(np.asarray(limit, dtype=float))]
