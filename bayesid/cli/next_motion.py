@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from bayesid.cli.options import robot_of
 from bayesid.cli.progress import StageBars
 from bayesid.cli.terminal import warn
 from bayesid.errors import InputError
-from bayesid.excitation.limits import check_limits, read_limits
+from bayesid.excitation.limits import read_limits
 from bayesid.excitation.next_motion import NextMotion, Run, design_next, equivalent_classes, name_of
 from bayesid.files.bounded import json_of, read_source
 from bayesid.files.writing import reserved
@@ -48,6 +47,7 @@ def design_for_result(options: argparse.Namespace) -> str:
             rate=options.rate,
             start=_numbers(options.start, "--start"),
             limits=_limits(options, robot),
+            effort_limits=_numbers(options.effort_limits, "--effort-limits"),
             clearance=clearance if isinstance(clearance, CollisionModel) else None,
             no_clearance="" if isinstance(clearance, CollisionModel) else clearance.reason,
         )
@@ -118,16 +118,9 @@ def _robot(options: argparse.Namespace, identified: IdentifiedModel) -> Robot:
     return robot
 
 
-def _limits(options: argparse.Namespace, robot: Robot) -> MotionLimits:
+def _limits(options: argparse.Namespace, robot: Robot) -> MotionLimits | None:
     source = options.limits or (None if robot.origin is None else robot.origin.urdf)
-    limits = check_limits(None if source is None else read_limits(source, robot), robot)
-    if options.effort_limits is None:
-        return limits
-    try:
-        stated = replace(limits, effort=_numbers(options.effort_limits, "--effort-limits"))
-    except ValueError as error:
-        raise InputError(str(error), "--effort-limits", "give one positive number a joint, N m") from None
-    return check_limits(stated, robot)
+    return None if source is None else read_limits(source, robot)
 
 
 def _clearance(options: argparse.Namespace, robot: Robot, poses: Array) -> CollisionModel | NoShapes:

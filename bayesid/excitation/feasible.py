@@ -28,8 +28,8 @@ BAND = 4.0
 distribution, and a motion has some hundred instants at which its efforts are independent."""
 _TOUCH = 1e-9
 """Relative: rounding of what touches a limit."""
-FINE = 0.01
-"""s between the samples at which efforts are judged: a tenth of the period of what the fastest spline does."""
+FINE = 0.02
+"""s between the samples at which efforts are judged: 25 in the period of what the fastest spline does."""
 _INSTANT = 1e-9
 """s, rounding of instants."""
 _SHARE_BETWEEN = 0.125

@@ -34,7 +34,7 @@ from bayesid.process import in_parallel, one_blas_thread
 from bayesid.progress import SILENT, Progress
 from bayesid.simulation.trajectories import MotionLimits
 
-CHANGES = 4000
+CHANGES = 3000
 """That a search tries: of either of two, side by side; more gain little (study `next_motion`)."""
 _SEARCHES = 2
 """From different random motions, the better of which counts: one a processor of a small machine."""
@@ -54,7 +54,8 @@ class Run:
         duration: of the recording, s.
         rate: of the controller's file and of the recording, Hz.
         start: (n,) pose at both ends, rad (m): where the robot is; by default where the result's log began.
-        limits: of the joints; by default those that suit most small arms, without a limit of efforts.
+        limits: of the joints; by default those that suit most small arms, widened to where the robot has been.
+        effort_limits: (n,) largest |effort| of the actuators, N m, in place of those of `limits`.
         clearance: tells collisions, and what distance is to be kept; None where nothing does, which the result says.
         no_clearance: why nothing does.
 
@@ -70,6 +71,7 @@ class Run:
     rate: float = 100.0
     start: tuple[float, ...] | None = None
     limits: MotionLimits | None = None
+    effort_limits: tuple[float, ...] | None = None
     clearance: Clearance | None = None
     no_clearance: str = "no shapes are known"
 
@@ -252,7 +254,7 @@ def design_next(
         recorded: the motion of the result's log, where the result is a model alone: without it hypotheses are taken to
             be as open as before that log.
         criterion: "D" for the information about all together, "A" for their mean variance.
-        changes: of the motion that are tried; 4000 take some half a minute.
+        changes: of the motion that are tried; 3000 take some half a minute.
         progress: of the search.
 
     Raises:
@@ -267,7 +269,7 @@ def design_next(
     began = time.perf_counter()
     identified, recorded, classes = _taken(result, recorded, between, about)
     known = known_of(identified, run.rate)
-    run = _settled(run, known, recorded)
+    assumed, run = run.limits is None, _settled(run, known, recorded)
     assert run.limits is not None
     feasibility = Feasibility.of(known, run.limits, run.clearance)
     basis, pose = SplineBasis(run.duration), np.array(run.start)
@@ -295,7 +297,7 @@ def design_next(
         of_random=told(random),
         feasibility=feasibility,
         never=never,
-        unchecked=_unchecked(run),
+        unchecked=_unchecked(run, assumed=assumed),
         slow=tuple(share for share in SPEEDS if _bears_slowly(feasibility, trajectory, share)),
         seconds=time.perf_counter() - began,
     )
@@ -345,6 +347,15 @@ def _settled(run: Run, known: Known, recorded: Motion | None) -> Run:
     """With limits and a start of one number for each joint."""
     robot = known.model.robot
     limits = check_limits(run.limits, robot)
+    if run.limits is None and recorded is not None:
+        lower = np.minimum(limits.lower, recorded.q.min(axis=0)).tolist()
+        upper = np.maximum(limits.upper, recorded.q.max(axis=0)).tolist()
+        limits = replace(limits, lower=tuple(lower), upper=tuple(upper))
+    if run.effort_limits is not None:
+        try:
+            limits = check_limits(replace(limits, effort=run.effort_limits), robot)
+        except ValueError as error:
+            raise InputError(str(error), "--effort-limits", "give one positive number a joint, N m") from None
     if run.start is not None:
         start = np.array(run.start, dtype=float)
     elif recorded is not None:
@@ -443,9 +454,9 @@ def _cannot_tell(one: str, other: str) -> str:
     return f"no motion can tell {one} from {other}: efforts are the same under both"
 
 
-def _unchecked(run: Run) -> tuple[str, ...]:
+def _unchecked(run: Run, *, assumed: bool) -> tuple[str, ...]:
     assert run.limits is not None
-    said = []
+    said = ["the robot's own joint limits: usual ones are assumed (--limits)"] if assumed else []
     if run.limits.effort is None:
         said.append("efforts: no limits are known (--effort-limits, or a URDF with them)")
     elif not np.isfinite(run.limits.effort).all():
