@@ -14,7 +14,7 @@ from bayesid.cli.progress import StageBars
 from bayesid.cli.terminal import warn
 from bayesid.errors import InputError
 from bayesid.excitation.limits import read_limits
-from bayesid.excitation.next_motion import NextMotion, Run, design_next, equivalent_classes, name_of
+from bayesid.excitation.next_motion import NextMotion, RunSettings, design_next, equivalent_classes, name_of
 from bayesid.files.bounded import json_of, read_source
 from bayesid.files.writing import reserved
 from bayesid.identification.identified_model import IdentifiedModel
@@ -42,7 +42,7 @@ def design_for_result(options: argparse.Namespace) -> str:
         recorded = recorded_motion(options.result)
         robot = _robot(options, identified)
         clearance = _clearance(options, robot, _poses(options, identified.model.robot, recorded))
-        run = Run(
+        run = RunSettings(
             duration=options.duration,
             rate=options.rate,
             start=_numbers(options.start, "--start"),
@@ -62,7 +62,7 @@ def design_for_result(options: argparse.Namespace) -> str:
 
 
 def _design(
-    options: argparse.Namespace, identified: IdentifiedModel, recorded: Motion | None, run: Run, bars: StageBars
+    options: argparse.Namespace, identified: IdentifiedModel, recorded: Motion | None, run: RunSettings, bars: StageBars
 ) -> NextMotion:
     about, between = _words(options.about), _words(options.between)
     if not about and not between:

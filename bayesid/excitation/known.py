@@ -19,7 +19,7 @@ from functools import cached_property
 import numpy as np
 
 from bayesid.arrays import Array, Integers, Mask
-from bayesid.errors import InputError
+from bayesid.excitation.expectation import expect
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.model.coefficients import BaseCoefficients, base_coefficients
 from bayesid.model.model import Model
@@ -44,7 +44,9 @@ class Known:
         precision: (R, R) L.
         lacking: (R, R) M.
         gains: (g,) 0-based joints whose gains are among the quantities.
-        density: (n,) information of a second of efforts known to 1 N m, 1/(N m)^2: independent samples over variance.
+        density: (n,) information of a second of efforts, 1/(N m)^2: independent samples over variance.
+        sampled: whether the uncertainty is that of a posterior; else what plausible robots have in common stands for
+            the prior that least squares have not got.
     """
 
     model: Model
@@ -57,6 +59,7 @@ class Known:
     lacking: Array
     gains: Integers
     density: Array
+    sampled: bool = True
 
     def __len__(self) -> int:
         return len(self.names)
@@ -130,8 +133,6 @@ def known_of(identified: IdentifiedModel, rate: float) -> Known:
         identified: with the uncertainty of its parameters.
         rate: of the recording to come, Hz; its efforts are as noisy as those of the result's log.
 
-    Raises:
-        InputError: nothing is known of how uncertain some coefficient is.
     """
     model = identified.model.before_sensors
     base = base_coefficients(model)
@@ -140,7 +141,8 @@ def known_of(identified: IdentifiedModel, rate: float) -> Known:
     mean, precision, lacking, gains = _distribution(identified, base)
     names = (*base.names, *(f"{_GAIN}{j + 1}" for j in gains))
     units = (*base.units, *("" for _ in gains))
-    return Known(model, base, identified.theta, names, units, mean, precision, lacking, gains, density)
+    sampled = identified.draws is not None
+    return Known(model, base, identified.theta, names, units, mean, precision, lacking, gains, density, sampled)
 
 
 def _distribution(identified: IdentifiedModel, base: BaseCoefficients) -> tuple[Array, Array, Array, Integers]:
@@ -148,9 +150,9 @@ def _distribution(identified: IdentifiedModel, base: BaseCoefficients) -> tuple[
     beta, draws = base.project(identified.theta), identified.draws
     none = np.empty(0, dtype=np.int64)
     if draws is None:
-        _check_known(identified, base)
         parts = [part for part in (identified.lacking, identified.by_gains) if part is not None]
-        return beta, identified.precision, sum(parts, np.zeros_like(identified.precision)), none
+        precision = identified.precision + np.diag(expect(identified.model.before_sensors).size ** -2.0)
+        return beta, precision, sum(parts, np.zeros_like(precision)), none
     drawn = base.project(draws.theta)
     if draws.log_gain is not None and (gains := np.flatnonzero(np.ptp(draws.log_gain, axis=0) > 0.0)).size:
         both = np.cov(np.hstack([drawn, draws.log_gain[:, gains]]), rowvar=False)
@@ -160,16 +162,6 @@ def _distribution(identified: IdentifiedModel, base: BaseCoefficients) -> tuple[
     if not identified.precision.any():
         return beta, inverse(_floored(covariance)), np.zeros_like(covariance), none
     return beta, identified.precision, _positive(covariance - inverse(identified.precision)), none
-
-
-def _check_known(identified: IdentifiedModel, base: BaseCoefficients) -> None:
-    scale = np.sqrt(np.maximum(np.diag(identified.precision), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(identified.precision / np.outer(scale, scale))
-    blind = vectors[:, values <= _ROUNDING * values[-1]]
-    if blind.shape[1]:
-        names = [base.names[k] for k in np.argsort(-np.linalg.norm(blind, axis=1))[:3]]
-        said = f"nothing is known of {', '.join(names)} of its model, not even what is usual"
-        raise InputError(said, "result", "identify again with a posterior: without --no-posterior")
 
 
 def _positive(matrix: Array) -> Array:

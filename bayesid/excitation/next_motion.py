@@ -42,12 +42,16 @@ _MOST_RECORDED = 4000
 """Instants of the earlier motion that are looked at. A round number."""
 _DURATIONS, _RATES = (2.0, 600.0), (10.0, 4000.0)
 """s and Hz, shortest and longest: a joint needs time to move; controllers ask for 4 kHz at most."""
+_NOT_SAMPLED = (
+    "the result has no posterior: what plausible robots have in common stands for what is known beforehand (identify "
+    "without --no-posterior)"
+)
 SPEEDS = (0.1, 0.3, 1.0)
 """Shares of the speed at which a new motion is played, one after the other."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Run:
+class RunSettings:
     """How a motion is to be run.
 
     Attributes:
@@ -63,7 +67,7 @@ class Run:
         InputError: a number cannot be used.
 
     Example:
-        >>> bayesid.Run(duration=10.0).rate
+        >>> bayesid.RunSettings(duration=10.0).rate
         100.0
     """
 
@@ -139,20 +143,20 @@ class NextMotion:
         predicted: what will be known after its recording.
         of_random: the same after a random motion within the same limits (but of efforts and collisions).
         feasibility: the limits that it keeps, by which its efforts are predicted.
-        never: sentences on what no motion can tell.
+        never: sentences on what no motion can tell, and on what the predictions rest.
         unchecked: sentences on what was not checked.
         slow: shares of the speed at which the motion keeps its limits, and so may be played.
         seconds: of the design.
 
     Example:
-        >>> design = bayesid.design_next(result, run=bayesid.Run(duration=4.0), changes=40)
+        >>> design = bayesid.design_next(result, run=bayesid.RunSettings(duration=4.0), changes=40)
         >>> design.motion.q.shape, design.predicted.open <= design.predicted.open_now
         ((401, 3), True)
     """
 
     known: Known
     trajectory: SplineTrajectory
-    run: Run
+    run: RunSettings
     goal: Goal | None
     rivals: tuple[Rivals, ...]
     predicted: Prediction
@@ -183,7 +187,7 @@ class NextMotion:
         """The motion at the controller's rate.
 
         Example:
-            >>> design = bayesid.design_next(result, run=bayesid.Run(duration=4.0), changes=10)
+            >>> design = bayesid.design_next(result, run=bayesid.RunSettings(duration=4.0), changes=10)
             >>> bool((design.motion.dq[[0, -1]] == 0.0).all())
             True
         """
@@ -194,7 +198,7 @@ class NextMotion:
         """(N, n) predicted efforts of `motion`, N m, and (N, n) their standard deviations, noise apart.
 
         Example:
-            >>> effort, sd = bayesid.design_next(result, run=bayesid.Run(duration=4.0), changes=10).effort_band
+            >>> effort, sd = bayesid.design_next(result, run=bayesid.RunSettings(duration=4.0), changes=10).effort_band
             >>> effort.shape, bool((sd > 0.0).all())
             ((401, 3), True)
         """
@@ -205,7 +209,7 @@ class NextMotion:
         """(n,) largest |effort| with its band, N m.
 
         Example:
-            >>> design = bayesid.design_next(result, run=bayesid.Run(duration=4.0), changes=10)
+            >>> design = bayesid.design_next(result, run=bayesid.RunSettings(duration=4.0), changes=10)
             >>> design.largest_effort.shape
             (3,)
         """
@@ -216,7 +220,7 @@ class NextMotion:
         """What was checked, a few words each.
 
         Example:
-            >>> bayesid.design_next(result, run=bayesid.Run(duration=4.0), changes=10).checked[0]
+            >>> bayesid.design_next(result, run=bayesid.RunSettings(duration=4.0), changes=10).checked[0]
             'positions, velocities and accelerations at every instant'
         """
         limits, clearance = self.run.limits, self.run.clearance
@@ -236,7 +240,7 @@ def design_next(
     about: Sequence[str] = (),
     between: Sequence[str] = (),
     *,
-    run: Run = Run(),
+    run: RunSettings = RunSettings(),
     recorded: Motion | None = None,
     criterion: str = "D",
     changes: int = CHANGES,
@@ -261,7 +265,7 @@ def design_next(
         InputError: the result, a name or a limit cannot be used, or the robot cannot even stand still at the start.
 
     Example:
-        >>> design = bayesid.design_next(result, ["Fc2"], run=bayesid.Run(duration=4.0), changes=40)
+        >>> design = bayesid.design_next(result, ["Fc2"], run=bayesid.RunSettings(duration=4.0), changes=40)
         >>> friction = design.predicted.names.index("Fc2")
         >>> bool(design.predicted.sd[friction] < design.predicted.sd_now[friction])
         True
@@ -284,7 +288,7 @@ def design_next(
     trajectory = _found(search, changes, progress)
     motion = trajectory.motion(_instants(run))
     told = partial(_prediction, known, goal, rivals)
-    never = () if goal is None else goal.never
+    never = (() if known.sampled else (_NOT_SAMPLED,)) + (() if goal is None else goal.never)
     never += tuple(_cannot_tell(a, b) for one in rivals for a, b in inseparable(one, reference))
     random = usual_motion(known.model.robot, run.limits, run.duration)
     return NextMotion(
@@ -343,7 +347,7 @@ def name_of(key: tuple[str, tuple[int, ...]]) -> str:
     return ":".join([effect, *map(str, joints)])
 
 
-def _settled(run: Run, known: Known, recorded: Motion | None) -> Run:
+def _settled(run: RunSettings, known: Known, recorded: Motion | None) -> RunSettings:
     """With limits and a start of one number for each joint."""
     robot = known.model.robot
     limits = check_limits(run.limits, robot)
@@ -390,11 +394,11 @@ def _check_start(feasibility: Feasibility, still: SplineTrajectory) -> None:
         raise InputError(said, "--start", "give another pose, or a smaller --margin")
 
 
-def _instants(run: Run) -> Array:
+def _instants(run: RunSettings) -> Array:
     return np.linspace(0.0, run.duration, round(run.duration * run.rate) + 1)
 
 
-def _of_goal(known: Known, goal: Goal, run: Run, criterion: str) -> Design:
+def _of_goal(known: Known, goal: Goal, run: RunSettings, criterion: str) -> Design:
     assert run.limits is not None
     judge = CRITERIA[criterion]
 
@@ -454,7 +458,7 @@ def _cannot_tell(one: str, other: str) -> str:
     return f"no motion can tell {one} from {other}: efforts are the same under both"
 
 
-def _unchecked(run: Run, *, assumed: bool) -> tuple[str, ...]:
+def _unchecked(run: RunSettings, *, assumed: bool) -> tuple[str, ...]:
     assert run.limits is not None
     said = ["the robot's own joint limits: usual ones are assumed (--limits)"] if assumed else []
     if run.limits.effort is None:
