@@ -39,10 +39,15 @@ _SHARE_BETWEEN = 0.125
 class Clearance(Protocol):
     """What tells whether a robot touches itself or its surroundings (`bayesid.model.collision.CollisionModel`)."""
 
-    margin: float
-    """Least distance that is kept, m."""
-    source: str
-    """What the shapes are, in a sentence."""
+    @property
+    def margin(self) -> float:
+        """Least distance that is kept, m."""
+        ...
+
+    @property
+    def source(self) -> str:
+        """What the shapes are, in a sentence."""
+        ...
 
     def stays_clear(self, path: Callable[[Array], Array], t: Array, speed: Array) -> bool:
         """Whether a path (N,) -> (N, n), in each of K intervals between t (K + 1,) no faster than (K, n), is clear."""
