@@ -13,7 +13,7 @@ WIDE = (0.04, 0.09, 0.15, 0.14)
 
 
 def random_spline(duration, n, seed, scale=1.0):
-    """Control points that are rough, smooth, or all zero but one, each in a third of the n joints; from rest to rest."""
+    """Control points that are rough, smooth, or all zero but one, each in a third of n joints; from rest to rest."""
     rng, basis = np.random.default_rng(seed), SplineBasis(duration)
     rough = rng.normal(size=(len(basis), n // 3))
     smooth = np.cumsum(rng.normal(size=(len(basis), n // 3)), axis=0)
