@@ -12,8 +12,6 @@ from bayesid.errors import InputError
 from bayesid.excitation.known import known_of
 from bayesid.excitation.reference import usual_motion
 from bayesid.excitation.rivals import inseparable, log10, make_rivals, parse_key
-from bayesid.fit.noise import Noise
-from bayesid.model.coefficients import base_coefficients
 from bayesid.model.distortions.base_tilt import BaseTilt
 from bayesid.model.distortions.delay import Delay
 from bayesid.model.distortions.gain_error import GainError
