@@ -218,7 +218,8 @@ def design_next(
         progress: of the search.
 
     Raises:
-        InputError: the result, a name or a limit cannot be used, or the robot cannot even stand still at the start.
+        InputError: the result, a name, a number or a limit cannot be used, or the robot cannot even stand still at the
+            start.
 
     Example:
         >>> design = bayesid.design_next(result, ["Fc2"], run=bayesid.Run(duration=4.0), changes=40)
@@ -227,6 +228,7 @@ def design_next(
         True
     """
     began = time.perf_counter()
+    _check_search(criterion, changes)
     identified, recorded, classes = _taken(result, recorded, between, about)
     known = known_of(identified, run.rate)
     run = _settled(run, known, recorded)
@@ -236,8 +238,6 @@ def design_next(
     _check_start(feasibility, at_rest(basis, pose))
     reference = usual_motion(known.model.robot, run.limits)
     rivals = tuple(make_rivals(known, keys, recorded, reference) for keys in classes)
-    if criterion not in CRITERIA:
-        raise InputError(f"{criterion!r} cannot be used", "--criterion", f"give {' or '.join(CRITERIA)}")
     goal = None if rivals else goal_of(known, about)
     design = _of_rivals(rivals) if goal is None else _of_goal(known, goal, run, criterion)
     search = Search(design, feasibility, basis, pose)
@@ -261,6 +261,13 @@ def design_next(
         slow=tuple(share for share in SPEEDS if _bears_slowly(feasibility, trajectory, share)),
         seconds=time.perf_counter() - began,
     )
+
+
+def _check_search(criterion: str, changes: int) -> None:
+    if criterion not in CRITERIA:
+        raise InputError(f"{criterion!r} cannot be used", "--criterion", f"give {' or '.join(CRITERIA)}")
+    if changes < 1:
+        raise InputError(f"{changes} changes cannot be tried", "--changes", f"give 1 or more, as {CHANGES}")
 
 
 def _taken(
