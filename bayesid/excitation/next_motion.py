@@ -412,7 +412,7 @@ def _unchecked(run: Run) -> tuple[str, ...]:
     if run.limits.effort is None:
         said.append("efforts: no limits are known (--effort-limits, or a URDF with them)")
     elif not np.isfinite(run.limits.effort).all():
-        joints = ", ".join(str(j) for j, limit in enumerate(run.limits.effort, start=1) if not np.isfinite(limit))
+        joints = ", ".join(map(str, np.flatnonzero(~np.isfinite(run.limits.effort)) + 1))
         said.append(f"efforts of joints {joints}: no limits are known (--effort-limits)")
     if run.limits.jerk is None:
         said.append("jerks: no limits are known (a key of the file that --limits takes)")

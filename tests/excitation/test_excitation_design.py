@@ -372,14 +372,15 @@ def joint(name, kind, parent, child, limit=""):
 
 def test_limits_from_a_urdf_follow_the_chain_not_the_file(tmp_path):
     joints = [
-        joint("c", "continuous", "l2", "l3", '<limit velocity="0.9" effort="1"/>'),
-        joint("b", "prismatic", "flange", "l2", '<limit lower="-0.1" upper="0.4" velocity="0.2" effort="1"/>'),
+        joint("c", "continuous", "l2", "l3", '<limit velocity="0.9" effort="3"/>'),
+        joint("b", "prismatic", "flange", "l2", '<limit lower="-0.1" upper="0.4" velocity="0.2" effort="250"/>'),
         joint("fixed", "fixed", "l1", "flange"),
-        joint("a", "revolute", "base", "l1", '<limit lower="-2.9" upper="1.7" velocity="2.1" effort="1"/>'),
+        joint("a", "revolute", "base", "l1", '<limit lower="-2.9" upper="1.7" velocity="2.1" effort="80"/>'),
     ]
     path = tmp_path / "arm.urdf"
     path.write_text(f"<robot name='arm'>{''.join(joints)}</robot>")
-    assert read_limits(path) == MotionLimits((-2.9, -0.1, -2.0), (1.7, 0.4, 2.0), (2.1, 0.2, 0.9))
+    efforts = (80.0, 250.0, 3.0)
+    assert read_limits(path) == MotionLimits((-2.9, -0.1, -2.0), (1.7, 0.4, 2.0), (2.1, 0.2, 0.9), effort=efforts)
     path.write_text(f"<robot name='arm'>{''.join(joints)}{joint('d', 'revolute', 'l1', 'l9')}</robot>")
     with pytest.raises(InputError, match="branches"):
         read_limits(path)
