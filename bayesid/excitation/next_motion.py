@@ -27,8 +27,11 @@ from bayesid.excitation.reference import usual_motion
 from bayesid.excitation.rivals import Rivals, inseparable, log10, make_rivals, parse_key
 from bayesid.excitation.search import Design, Search
 from bayesid.excitation.splines import SplineBasis, SplineTrajectory, at_rest
+from bayesid.fit.effects.added_effect import AddedEffect
+from bayesid.fit.effects.hypotheses import EffectKey
 from bayesid.identification.identification import KNOWN, Identification
 from bayesid.identification.identified_model import IdentifiedModel
+from bayesid.model.catalogue import main_forms
 from bayesid.motion import Motion
 from bayesid.process import in_parallel, one_blas_thread
 from bayesid.progress import SILENT, Progress
@@ -275,14 +278,14 @@ def _taken(
     recorded: Motion | None,
     between: Sequence[str],
     about: Sequence[str],
-) -> tuple[IdentifiedModel, Motion | None, list[list[tuple[str, tuple[int, ...]]]]]:
+) -> tuple[IdentifiedModel, Motion | None, list[list[EffectKey]]]:
     """The model, the motion of its log, and the classes of hypotheses."""
     if between and about:
         raise InputError("asks for coefficients and for hypotheses", "--between", "leave it or --about out")
     classes = [[parse_key(text) for text in between]] if between else []
     if isinstance(result, Discrepancy):
         if not about and not between:
-            classes = equivalent_classes([(one.effect, one.joints, one.equivalent) for one in result.added])
+            classes = equivalent_classes([(one.effect, one.joints, _equivalents(one)) for one in result.added])
         result = result.identification
     if isinstance(result, Identification):
         recorded = result.signals.motion if recorded is None else recorded
@@ -292,16 +295,34 @@ def _taken(
     return result, recorded, classes
 
 
-def equivalent_classes(
-    found: Sequence[tuple[str, tuple[int, ...], Sequence[str]]],
-) -> list[list[tuple[str, tuple[int, ...]]]]:
+def _equivalents(added: AddedEffect) -> list[str]:
+    """Names of the effects that are equivalent to one, with the joints in which they are, as `--between` takes them."""
+    keys = {score.hypothesis.effect: score.key for score in reversed(added.rivals)}  # the best of each name
+    found = (keys.get(name) for name in added.equivalent)
+    return [
+        name if key is None else f"{name}:{':'.join(map(str, key[1]))}"  # with no joint behind it, the whole robot
+        for name, key in zip(added.equivalent, found, strict=True)
+    ]
+
+
+def equivalent_classes(found: Sequence[tuple[str, tuple[int, ...], Sequence[str]]]) -> list[list[EffectKey]]:
     """Classes of hypotheses that a log could not tell apart: effect and joints of each, the one that was named first.
 
     Args:
-        found: effect, joints and names of the effects that are equivalent, of each effect that was found.
+        found: effect, joints and names of the effects that are equivalent, of each effect that was found. These act in
+            the same joints, or in the whole robot where they can in no joint alone, unless their names say more
+            ("thermal_drift:3", and "delay:" in the whole robot).
     """
     told = [one for one in found if one[2]]
-    return [[(effect, joints), *((other, joints) for other in equivalent)] for effect, joints, equivalent in told]
+    return [
+        [(effect, joints), *(parse_key(other) if ":" in other else _placed(other, joints) for other in equivalent)]
+        for effect, joints, equivalent in told
+    ]
+
+
+def _placed(effect: str, joints: tuple[int, ...]) -> EffectKey:
+    kind = main_forms().get(effect)
+    return effect, joints if kind is None or kind.by_joint else ()
 
 
 def _settled(run: Run, known: Known, recorded: Motion | None) -> Run:
