@@ -7,7 +7,7 @@ from conftest import small_robot, smooth_motion
 
 from bayesid.excitation.known import known_of
 from bayesid.fit.noise import Noise
-from bayesid.identification.identified_model import IdentifiedModel
+from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
 from bayesid.model.catalogue import make_terms
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
@@ -51,3 +51,11 @@ def open_known(rate=100.0, lacking=0.0, **options):
         sd = lacking * np.sqrt(np.diag(np.linalg.inv(result.precision)))
         result = replace(result, lacking=np.outer(sd, sd) * (root @ root.T))
     return known_of(result, rate)
+
+
+def gains_result(seed=5, factor=0.0):
+    """Draws of parameters and of the gains of joints 1 and 3; that of joint 2 is exact."""
+    result, rng = open_result(), np.random.default_rng(seed)
+    theta = result.theta * (1.0 + 0.2 * rng.normal(size=(400, len(result.theta))))
+    log_gain = rng.normal(size=(400, 3)) * [0.12, 0.0, 0.3] + factor * rng.normal(size=(400, 1)) * [1.0, 0.0, 1.0]
+    return replace(result, draws=ParameterDraws(theta, np.tile(NOISE.sigma, (400, 1)), log_gain))

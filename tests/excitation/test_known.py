@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import smooth_motion
-from open_results import LIMITS, NOISE, TERMS, open_known, open_result
+from open_results import LIMITS, NOISE, TERMS, gains_result, open_known, open_result
 
 from bayesid.errors import InputError
 from bayesid.excitation.known import inverse, known_of
@@ -22,14 +22,6 @@ PERIOD = 0.02
 @pytest.fixture(scope="module")
 def motion():
     return smooth_motion(3, 3.0, 1.0 / PERIOD, seed=11)
-
-
-def gains_result(seed=5, factor=0.0):
-    """Draws of parameters and of the gains of joints 1 and 3; that of joint 2 is exact."""
-    result, rng = open_result(), np.random.default_rng(seed)
-    theta = result.theta * (1.0 + 0.2 * rng.normal(size=(400, len(result.theta))))
-    log_gain = rng.normal(size=(400, 3)) * [0.12, 0.0, 0.3] + factor * rng.normal(size=(400, 1)) * [1.0, 0.0, 1.0]
-    return replace(result, draws=ParameterDraws(theta, np.tile(NOISE.sigma, (400, 1)), log_gain))
 
 
 def test_what_a_recording_leaves_is_a_regression_on_prior_and_noise_rows(motion):

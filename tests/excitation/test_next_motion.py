@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from open_results import LIMITS, TERMS, earlier_motion, open_result
+from open_results import LIMITS, TERMS, earlier_motion, gains_result, open_result
 
 from bayesid.errors import InputError
 from bayesid.excitation.feasible import BAND
@@ -148,6 +148,19 @@ def test_what_the_model_lacks_is_left(result):
     wider = design_next(replace(result.identified, lacking=lacking), run=replace(RUN, duration=3.0), changes=10)
     np.testing.assert_allclose(wider.predicted.sd_lacking**2, wider.predicted.sd**2 + np.diag(lacking))
     assert wider.predicted.open_lacking >= wider.predicted.open
+
+
+def test_a_gain_is_open_where_it_is_known_to_less_than_a_tenth():
+    """Of its logarithm the standard deviation is the relative one; its value, near zero, is no measure."""
+    result = gains_result()
+    draws = replace(result.draws, log_gain=result.draws.log_gain * [0.5, 1.0, 1.0])  # 6 % and 30 %
+    design = design_next(replace(result, draws=draws), ["gains"], run=replace(RUN, duration=3.0), changes=5)
+    predicted = design.predicted
+    assert predicted.names[-2:] == ("log_gain1", "log_gain3")
+    coefficients = predicted.sd_now[:-2] > 0.1 * np.abs(predicted.mean[:-2])
+    assert predicted.open_now == coefficients.sum() + 1
+    assert design.goal.names == ("gain3/gain1",)
+    assert predicted.gain > 0.0
 
 
 def test_what_is_asked_for_is_told_better_than_by_a_motion_for_all(result, design):
