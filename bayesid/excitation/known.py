@@ -27,7 +27,8 @@ from bayesid.motion import Motion
 
 _ROUNDING = 1e-12
 """Least eigenvalue of a scaled covariance, relative to the largest."""
-_GAIN = "log_gain"
+GAIN = "log_gain"
+"""Names of the logarithms of gains begin so."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +139,7 @@ def known_of(identified: IdentifiedModel, rate: float) -> Known:
     noise = identified.noise.with_time_of_model(rate)
     density = rate / (noise.sigma**2 * noise.autocorrelation)
     mean, precision, lacking, gains = _distribution(identified, base)
-    names = (*base.names, *(f"{_GAIN}{j + 1}" for j in gains))
+    names = (*base.names, *(f"{GAIN}{j + 1}" for j in gains))
     units = (*base.units, *("" for _ in gains))
     return Known(model, base, identified.theta, names, units, mean, precision, lacking, gains, density)
 

@@ -20,7 +20,7 @@ from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.errors import InputError
 from bayesid.excitation.feasible import BAND, FINE, Clearance, Feasibility, largest_efforts
 from bayesid.excitation.goals import CRITERIA, Goal, goal_of, information_gain
-from bayesid.excitation.known import Known, information_of, inverse, known_of
+from bayesid.excitation.known import GAIN, Known, information_of, inverse, known_of
 from bayesid.excitation.limits import check_limits
 from bayesid.excitation.predicted_signs import certain_share
 from bayesid.excitation.reference import usual_motion
@@ -115,18 +115,22 @@ class Prediction:
 
     @property
     def open_now(self) -> int:
-        """Coefficients known to less than `KNOWN` of their value."""
-        return int((self.sd_now > KNOWN * np.abs(self.mean)).sum())
+        """Coefficients, and gains, known to less than `KNOWN` of their value."""
+        return self._open(self.sd_now)
 
     @property
     def open(self) -> int:
         """And after the recording, if the model is right."""
-        return int((self.sd > KNOWN * np.abs(self.mean)).sum())
+        return self._open(self.sd)
 
     @property
     def open_lacking(self) -> int:
         """And after it, if all that the model may lack is as it was."""
-        return int((self.sd_lacking > KNOWN * np.abs(self.mean)).sum())
+        return self._open(self.sd_lacking)
+
+    def _open(self, sd: Array) -> int:
+        of_gains = np.array([name.startswith(GAIN) for name in self.names])  # sd of logarithms: relative ones
+        return int((sd > KNOWN * np.where(of_gains, 1.0, np.abs(self.mean))).sum())
 
 
 @dataclass(frozen=True)
