@@ -154,7 +154,7 @@ def test_a_gain_is_open_where_it_is_known_to_less_than_a_tenth():
     """Of its logarithm the standard deviation is the relative one; its value, near zero, is no measure."""
     result = gains_result()
     draws = replace(result.draws, log_gain=result.draws.log_gain * [0.5, 1.0, 1.0])  # 6 % and 30 %
-    design = design_next(replace(result, draws=draws), ["gains"], run=replace(RUN, duration=3.0), changes=5)
+    design = design_next(replace(result, draws=draws), ["gains"], run=Run(duration=3.0), changes=5)
     predicted = design.predicted
     assert predicted.names[-2:] == ("log_gain1", "log_gain3")
     coefficients = predicted.sd_now[:-2] > 0.1 * np.abs(predicted.mean[:-2])
