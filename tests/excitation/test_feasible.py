@@ -7,7 +7,9 @@ import pytest
 from open_results import LIMITS, open_known
 
 from bayesid.excitation.feasible import BAND, FINE, Feasibility, largest_efforts
+from bayesid.excitation.limits import check_limits
 from bayesid.excitation.splines import DEGREE, ENDS, SplineBasis, at_rest
+from bayesid.model.terms.hysteresis import Hysteresis
 from bayesid.simulation.trajectories import MotionLimits
 
 POSE = np.array([-0.2, 0.5, 0.3])
@@ -188,21 +190,21 @@ def test_what_is_beyond_the_limit_between_two_samples_alone_is_refused():
     assert found == pytest.approx([5.0, 1.0 + BAND * 0.25, 5.0])
 
 
-def test_largest_efforts_hold_between_the_samples_of_a_motion(known, basis):
-    """Twenty times as fine, no effort with its band is larger; and without the bend samples would miss some."""
-    missed = 0
-    for seed in range(6):
-        trajectory = moved(at_rest(basis, POSE), wave(basis, seed, 0.6))
-        feasibility = within(known)
-        coarse = feasibility.effort_band(trajectory.motion(np.linspace(0.0, 3.1, 311)))
-        mean, sd = feasibility.effort_band(trajectory.motion(np.linspace(0.0, 3.1, 6201)))
+def test_largest_efforts_hold_between_the_samples_of_a_motion(known):
+    """Of random motions at their limits: ten times as fine, no effort with its band is larger; samples miss some."""
+    basis, missed = SplineBasis(5.0), 0
+    feasibility = Feasibility.of(known, check_limits(LIMITS, known.model.robot), None, 0.0)
+    still = at_rest(basis, POSE)
+    for seed in range(12):
+        trajectory = moved(still, wave(basis, seed, 4.0), feasibility.shortened(still, wave(basis, seed, 4.0)))
+        mean, sd = feasibility.effort_band(trajectory.motion(np.linspace(0.0, 5.0, 10_001)))
         finest = (np.abs(mean) + BAND * sd).max(axis=0)
-        sampled = (np.abs(coarse[0]) + BAND * coarse[1]).max(axis=0)
-        bound = largest_efforts(*coarse)
+        coarse = feasibility.effort_band(trajectory.motion(np.linspace(0.0, 5.0, 1001)))
+        bound = feasibility.largest_efforts(trajectory)
         assert np.all(bound >= finest)
-        assert np.all(bound <= 1.1 * finest)
-        missed += int((sampled < finest).sum())
-    assert missed > 6
+        assert np.all(bound <= 1.05 * finest)
+        missed += int(((np.abs(coarse[0]) + BAND * coarse[1]).max(axis=0) < finest).sum())
+    assert missed > 12
 
 
 def test_efforts_of_a_window_are_judged_there_alone(known, basis):
@@ -217,6 +219,31 @@ def test_efforts_of_a_window_are_judged_there_alone(known, basis):
     assert limited.bears(trajectory, 0.0, before)
     assert not limited.bears(trajectory, 0.0, 3.1)
     assert not limited.bears(trajectory, before, float(basis.knots[11 + DEGREE + 1]))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_windows_say_of_efforts_what_the_whole_motion_says(known, basis, seed):
+    """Of a step in a window: where all was well before, the window alone says what all instants say, to the digit."""
+    feasibility, rng = within(known), np.random.default_rng(seed)
+    before = moved(at_rest(basis, POSE), wave(basis, seed, 0.1))
+    step, first = np.zeros((len(basis), 3)), int(rng.integers(ENDS, len(basis) - ENDS - 2))
+    step[first : first + 2] = rng.normal(size=(2, 3))
+    after = moved(before, step)
+    window = float(basis.knots[first]), float(basis.knots[first + 1 + DEGREE + 1])
+    whole, earlier = (feasibility.largest_efforts(one) for one in (after, before))
+    inside = feasibility.largest_efforts(after, *window)
+    np.testing.assert_allclose(np.maximum(earlier, inside), np.maximum(earlier, whole), rtol=1e-12)
+    assert np.any(whole > earlier)
+
+
+def test_with_memory_efforts_are_those_of_the_whole_motion(basis):
+    """Presliding: what a joint feels in a window depends on where it has been before."""
+    known = open_known(n=2, terms=("rigid_body", Hysteresis(width=(0.3, 0.5))))
+    step = wave(basis, 4, 0.6)[:, :2]
+    trajectory = moved(at_rest(basis, POSE[:2]), step)
+    feasibility = Feasibility.of(known, MotionLimits(effort=1e3), None, 0.0)
+    whole = feasibility.largest_efforts(trajectory)
+    np.testing.assert_allclose(feasibility.largest_efforts(trajectory, 1.0, 1.5), whole, rtol=1e-12)
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -77,6 +77,23 @@ def test_the_motion_keeps_all_limits_at_every_millisecond_with_the_true_paramete
     assert np.all(design.largest_effort <= EFFORT)
 
 
+@pytest.mark.parametrize("rate", [10.0, 100.0])
+def test_a_motion_that_was_found_is_not_said_to_break_its_limits(result, rate):
+    """Whatever the rate of the controller: what was checked while searching is what is said."""
+    found = design_next(result, run=replace(RUN, rate=rate), **QUICK)
+    assert 1.0 in found.slow
+    assert np.all(found.largest_effort <= EFFORT)
+    mean, sd = effort_band(found, found.trajectory.motion(np.linspace(0.0, 5.0, 20_001)))
+    finest = (np.abs(mean) + BAND * sd).max(axis=0)
+    np.testing.assert_array_less(finest, found.largest_effort)
+    np.testing.assert_allclose(found.largest_effort, finest, rtol=0.03)
+
+
+def effort_band(design, motion):
+    columns = design.known.columns(motion)
+    return columns @ design.known.mean, np.sqrt(np.einsum("njr,rs,njs->nj", columns, design.known.now, columns))
+
+
 def test_the_limits_of_efforts_bind(result, design):
     """Without them the same search loads a joint beyond its own."""
     free = design_next(result, run=replace(RUN, limits=replace(RUN.limits, effort=None)), **QUICK)
@@ -258,13 +275,11 @@ def test_slower_motions_take_longer_and_less_effort(design):
 
 def test_speeds_at_which_efforts_keep_their_limits(truth, design):
     """At a tenth of the speed a joint creeps, and its friction is that of the model; limits are asked for again."""
-    known = design.known
     for share in (0.1, 0.3, 1.0):
         duration = 5.0 / share
         motion = slowed(design.trajectory, share, 2000.0 / duration)
-        columns = known.columns(motion)
-        sd = np.sqrt(np.einsum("njr,rs,njs->nj", columns, known.now, columns))
-        holds = np.all(np.abs(columns @ known.mean) + BAND * sd <= EFFORT)
+        mean, sd = effort_band(design, motion)
+        holds = np.all(np.abs(mean) + BAND * sd <= EFFORT)
         assert (share in design.slow) == holds
 
 
