@@ -18,7 +18,7 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.errors import InputError
-from bayesid.excitation.feasible import BAND, FINE, Clearance, Feasibility, largest_efforts
+from bayesid.excitation.feasible import BAND, Clearance, Feasibility, fine_steps, largest_efforts
 from bayesid.excitation.goals import CRITERIA, Goal, goal_of, information_gain
 from bayesid.excitation.known import GAIN, Known, information_of, inverse, known_of
 from bayesid.excitation.limits import check_limits
@@ -262,7 +262,7 @@ def design_next(
         rivals=rivals,
         predicted=told(motion),
         of_random=told(random),
-        largest_effort=largest_efforts(*feasibility.effort_band(motion)),
+        largest_effort=feasibility.largest_efforts(trajectory),
         never=never,
         unchecked=_unchecked(run),
         slow=tuple(share for share in SPEEDS if _bears_slowly(feasibility, trajectory, share)),
@@ -450,7 +450,7 @@ def _bears_slowly(feasibility: Feasibility, trajectory: SplineTrajectory, share:
     """Whether efforts keep their limits where the motion is played at a share of its speed."""
     if not feasibility.limits_effort:
         return True
-    motion = slowed(trajectory, share, share / FINE)  # as many samples as at full speed
+    motion = slowed(trajectory, share, share * fine_steps(trajectory.duration) / trajectory.duration)
     return bool((largest_efforts(*feasibility.effort_band(motion)) <= feasibility.effort).all())
 
 
