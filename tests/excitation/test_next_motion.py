@@ -18,7 +18,7 @@ from bayesid.simulation.logs import simulate
 
 SENSOR = np.array([0.8, 0.3, 0.1])
 EFFORT = (60.0, 8.5, 1.6)
-QUICK = {"changes": 150}
+QUICK = {"changes": 100}
 RUN = Run(duration=5.0, rate=50.0, limits=replace(LIMITS, jerk=(150.0, 90.0, 120.0), effort=EFFORT))
 
 
