@@ -27,7 +27,8 @@ from bayesid.motion import Motion
 
 _ROUNDING = 1e-12
 """Least eigenvalue of a scaled covariance, relative to the largest."""
-_GAIN = "log_gain"
+GAIN = "log_gain"
+"""Names of the logarithms of gains begin so."""
 
 
 @dataclass(frozen=True)
@@ -45,8 +46,8 @@ class Known:
         lacking: (R, R) M.
         gains: (g,) 0-based joints whose gains are among the quantities.
         density: (n,) information of a second of efforts, 1/(N m)^2: independent samples over variance.
-        sampled: whether the uncertainty is that of a posterior; else what plausible robots have in common stands for
-            the prior that least squares have not got.
+        supposed: whether the result knows nothing of some coefficients, not even a prior, so that how plausible robots
+            differ stands for one.
     """
 
     model: Model
@@ -59,7 +60,7 @@ class Known:
     lacking: Array
     gains: Integers
     density: Array
-    sampled: bool = True
+    supposed: bool = False
 
     def __len__(self) -> int:
         return len(self.names)
@@ -139,10 +140,12 @@ def known_of(identified: IdentifiedModel, rate: float) -> Known:
     noise = identified.noise.with_time_of_model(rate)
     density = rate / (noise.sigma**2 * noise.autocorrelation)
     mean, precision, lacking, gains = _distribution(identified, base)
-    names = (*base.names, *(f"{_GAIN}{j + 1}" for j in gains))
+    names = (*base.names, *(f"{GAIN}{j + 1}" for j in gains))
     units = (*base.units, *("" for _ in gains))
-    sampled = identified.draws is not None
-    return Known(model, base, identified.theta, names, units, mean, precision, lacking, gains, density, sampled)
+    supposed = identified.draws is None and _blind(identified.precision)
+    if supposed:
+        precision = precision + np.diag(expect(model).size ** -2.0)
+    return Known(model, base, identified.theta, names, units, mean, precision, lacking, gains, density, supposed)
 
 
 def _distribution(identified: IdentifiedModel, base: BaseCoefficients) -> tuple[Array, Array, Array, Integers]:
@@ -151,8 +154,7 @@ def _distribution(identified: IdentifiedModel, base: BaseCoefficients) -> tuple[
     none = np.empty(0, dtype=np.int64)
     if draws is None:
         parts = [part for part in (identified.lacking, identified.by_gains) if part is not None]
-        precision = identified.precision + np.diag(expect(identified.model.before_sensors).size ** -2.0)
-        return beta, precision, sum(parts, np.zeros_like(precision)), none
+        return beta, identified.precision, sum(parts, np.zeros_like(identified.precision)), none
     drawn = base.project(draws.theta)
     if draws.log_gain is not None and (gains := np.flatnonzero(np.ptp(draws.log_gain, axis=0) > 0.0)).size:
         both = np.cov(np.hstack([drawn, draws.log_gain[:, gains]]), rowvar=False)
@@ -162,6 +164,13 @@ def _distribution(identified: IdentifiedModel, base: BaseCoefficients) -> tuple[
     if not identified.precision.any():
         return beta, inverse(_floored(covariance)), np.zeros_like(covariance), none
     return beta, identified.precision, _positive(covariance - inverse(identified.precision)), none
+
+
+def _blind(precision: Array) -> bool:
+    """Whether nothing is known of some sum of coefficients."""
+    scale = np.sqrt(np.maximum(np.diag(precision), np.finfo(float).tiny))
+    values = np.linalg.eigvalsh(precision / np.outer(scale, scale))
+    return bool(values[0] <= _ROUNDING * values[-1])
 
 
 def _positive(matrix: Array) -> Array:

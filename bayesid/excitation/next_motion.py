@@ -18,17 +18,20 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.errors import InputError
-from bayesid.excitation.feasible import BAND, FINE, Clearance, Feasibility, largest_efforts
+from bayesid.excitation.feasible import BAND, Clearance, Feasibility, fine_steps, largest_efforts
 from bayesid.excitation.goals import CRITERIA, Goal, goal_of, information_gain
-from bayesid.excitation.known import Known, information_of, inverse, known_of
+from bayesid.excitation.known import GAIN, Known, information_of, inverse, known_of
 from bayesid.excitation.limits import check_limits
 from bayesid.excitation.predicted_signs import certain_share
 from bayesid.excitation.reference import usual_motion
 from bayesid.excitation.rivals import Rivals, inseparable, log10, make_rivals, parse_key
 from bayesid.excitation.search import Design, Search
 from bayesid.excitation.splines import SplineBasis, SplineTrajectory, at_rest
+from bayesid.fit.effects.added_effect import AddedEffect
+from bayesid.fit.effects.hypotheses import EffectKey
 from bayesid.identification.identification import KNOWN, Identification
 from bayesid.identification.identified_model import IdentifiedModel
+from bayesid.model.catalogue import main_forms
 from bayesid.motion import Motion
 from bayesid.process import in_parallel, one_blas_thread
 from bayesid.progress import SILENT, Progress
@@ -42,9 +45,9 @@ _MOST_RECORDED = 4000
 """Instants of the earlier motion that are looked at. A round number."""
 _DURATIONS, _RATES = (2.0, 600.0), (10.0, 4000.0)
 """s and Hz, shortest and longest: a joint needs time to move; controllers ask for 4 kHz at most."""
-_NOT_SAMPLED = (
-    "the result has no posterior: what plausible robots have in common stands for what is known beforehand (identify "
-    "without --no-posterior)"
+_SUPPOSED = (
+    "the result knows nothing of some coefficients, not even a prior: how plausible robots differ stands for it "
+    "(identify without --no-posterior)"
 )
 SPEEDS = (0.1, 0.3, 1.0)
 """Shares of the speed at which a new motion is played, one after the other."""
@@ -116,18 +119,22 @@ class Prediction:
 
     @property
     def open_now(self) -> int:
-        """Coefficients known to less than `KNOWN` of their value."""
-        return int((self.sd_now > KNOWN * np.abs(self.mean)).sum())
+        """Coefficients, and gains, known to less than `KNOWN` of their value."""
+        return self._open(self.sd_now)
 
     @property
     def open(self) -> int:
         """And after the recording, if the model is right."""
-        return int((self.sd > KNOWN * np.abs(self.mean)).sum())
+        return self._open(self.sd)
 
     @property
     def open_lacking(self) -> int:
         """And after it, if all that the model may lack is as it was."""
-        return int((self.sd_lacking > KNOWN * np.abs(self.mean)).sum())
+        return self._open(self.sd_lacking)
+
+    def _open(self, sd: Array) -> int:
+        of_gains = np.array([name.startswith(GAIN) for name in self.names])  # sd of logarithms: relative ones
+        return int((sd > KNOWN * np.where(of_gains, 1.0, np.abs(self.mean))).sum())
 
 
 @dataclass(frozen=True)
@@ -213,7 +220,7 @@ class NextMotion:
             >>> design.largest_effort.shape
             (3,)
         """
-        return largest_efforts(*self.effort_band)
+        return self.feasibility.largest_efforts(self.trajectory)
 
     @property
     def checked(self) -> tuple[str, ...]:
@@ -262,7 +269,8 @@ def design_next(
         progress: of the search.
 
     Raises:
-        InputError: the result, a name or a limit cannot be used, or the robot cannot even stand still at the start.
+        InputError: the result, a name, a number or a limit cannot be used, or the robot cannot even stand still at the
+            start.
 
     Example:
         >>> design = bayesid.design_next(result, ["Fc2"], run=bayesid.RunSettings(duration=4.0), changes=40)
@@ -271,6 +279,7 @@ def design_next(
         True
     """
     began = time.perf_counter()
+    _check_search(criterion, changes)
     identified, recorded, classes = _taken(result, recorded, between, about)
     known = known_of(identified, run.rate)
     assumed, run = run.limits is None, _settled(run, known, recorded)
@@ -280,15 +289,13 @@ def design_next(
     _check_start(feasibility, at_rest(basis, pose))
     reference = usual_motion(known.model.robot, run.limits)
     rivals = tuple(make_rivals(known, keys, recorded, reference) for keys in classes)
-    if criterion not in CRITERIA:
-        raise InputError(f"{criterion!r} cannot be used", "--criterion", f"give {' or '.join(CRITERIA)}")
     goal = None if rivals else goal_of(known, about)
     design = _of_rivals(rivals) if goal is None else _of_goal(known, goal, run, criterion)
     search = Search(design, feasibility, basis, pose)
     trajectory = _found(search, changes, progress)
     motion = trajectory.motion(_instants(run))
     told = partial(_prediction, known, goal, rivals)
-    never = (() if known.sampled else (_NOT_SAMPLED,)) + (() if goal is None else goal.never)
+    never = ((_SUPPOSED,) if known.supposed else ()) + (() if goal is None else goal.never)
     never += tuple(_cannot_tell(a, b) for one in rivals for a, b in inseparable(one, reference))
     random = usual_motion(known.model.robot, run.limits, run.duration)
     return NextMotion(
@@ -307,19 +314,26 @@ def design_next(
     )
 
 
+def _check_search(criterion: str, changes: int) -> None:
+    if criterion not in CRITERIA:
+        raise InputError(f"{criterion!r} cannot be used", "--criterion", f"give {' or '.join(CRITERIA)}")
+    if changes < 1:
+        raise InputError(f"{changes} changes cannot be tried", "--changes", f"give 1 or more, as {CHANGES}")
+
+
 def _taken(
     result: Identification | IdentifiedModel | Discrepancy,
     recorded: Motion | None,
     between: Sequence[str],
     about: Sequence[str],
-) -> tuple[IdentifiedModel, Motion | None, list[list[tuple[str, tuple[int, ...]]]]]:
+) -> tuple[IdentifiedModel, Motion | None, list[list[EffectKey]]]:
     """The model, the motion of its log, and the classes of hypotheses."""
     if between and about:
         raise InputError("asks for coefficients and for hypotheses", "--between", "leave it or --about out")
     classes = [[parse_key(text) for text in between]] if between else []
     if isinstance(result, Discrepancy):
         if not about and not between:
-            classes = equivalent_classes([(one.effect, one.joints, one.equivalent) for one in result.added])
+            classes = equivalent_classes([(one.effect, one.joints, _equivalents(one)) for one in result.added])
         result = result.identification
     if isinstance(result, Identification):
         recorded = result.signals.motion if recorded is None else recorded
@@ -329,16 +343,34 @@ def _taken(
     return result, recorded, classes
 
 
-def equivalent_classes(
-    found: Sequence[tuple[str, tuple[int, ...], Sequence[str]]],
-) -> list[list[tuple[str, tuple[int, ...]]]]:
+def _equivalents(added: AddedEffect) -> list[str]:
+    """Names of the effects that are equivalent to one, with the joints in which they are, as `--between` takes them."""
+    keys = {score.hypothesis.effect: score.key for score in reversed(added.rivals)}  # the best of each name
+    found = (keys.get(name) for name in added.equivalent)
+    return [
+        name if key is None else f"{name}:{':'.join(map(str, key[1]))}"  # with no joint behind it, the whole robot
+        for name, key in zip(added.equivalent, found, strict=True)
+    ]
+
+
+def equivalent_classes(found: Sequence[tuple[str, tuple[int, ...], Sequence[str]]]) -> list[list[EffectKey]]:
     """Classes of hypotheses that a log could not tell apart: effect and joints of each, the one that was named first.
 
     Args:
-        found: effect, joints and names of the effects that are equivalent, of each effect that was found.
+        found: effect, joints and names of the effects that are equivalent, of each effect that was found. These act in
+            the same joints, or in the whole robot where they can in no joint alone, unless their names say more
+            ("thermal_drift:3", and "delay:" in the whole robot).
     """
     told = [one for one in found if one[2]]
-    return [[(effect, joints), *((other, joints) for other in equivalent)] for effect, joints, equivalent in told]
+    return [
+        [(effect, joints), *(parse_key(other) if ":" in other else _placed(other, joints) for other in equivalent)]
+        for effect, joints, equivalent in told
+    ]
+
+
+def _placed(effect: str, joints: tuple[int, ...]) -> EffectKey:
+    kind = main_forms().get(effect)
+    return effect, joints if kind is None or kind.by_joint else ()
 
 
 def name_of(key: tuple[str, tuple[int, ...]]) -> str:
@@ -464,9 +496,7 @@ def _unchecked(run: RunSettings, *, assumed: bool) -> tuple[str, ...]:
     if run.limits.effort is None:
         said.append("efforts: no limits are known (--effort-limits, or a URDF with them)")
     elif not np.isfinite(run.limits.effort).all():
-        joints = ", ".join(
-            str(j) for j, limit in enumerate(np.atleast_1d(run.limits.effort), start=1) if not np.isfinite(limit)
-        )
+        joints = ", ".join(map(str, np.flatnonzero(~np.isfinite(run.limits.effort)) + 1))
         said.append(f"efforts of joints {joints}: no limits are known (--effort-limits)")
     if run.limits.jerk is None:
         said.append("jerks: no limits are known (a key of the file that --limits takes)")
@@ -480,7 +510,7 @@ def _bears_slowly(feasibility: Feasibility, trajectory: SplineTrajectory, share:
     """Whether efforts keep their limits where the motion is played at a share of its speed."""
     if not feasibility.limits_effort:
         return True
-    motion = slowed(trajectory, share, share / FINE)  # as many samples as at full speed
+    motion = slowed(trajectory, share, share * fine_steps(trajectory.duration) / trajectory.duration)
     return bool((largest_efforts(*feasibility.effort_band(motion)) <= feasibility.effort).all())
 
 
