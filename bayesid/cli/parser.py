@@ -518,7 +518,7 @@ def _add_next_motion(parser: Parser) -> None:
     meshes = "folder of the packages that the URDF's meshes are in; may be repeated"
     add("--meshes", type=Path, action="append", default=[], metavar="DIR", help=meshes)
     changes = "of the motion that are tried (default: %(default)s, some half a minute)"
-    add("--changes", type=_whole, default=3000, help=changes)
+    add("--changes", type=_whole, default=2500, help=changes)
 
 
 def _add_simulate(commands: _Commands) -> None:

@@ -37,7 +37,7 @@ from bayesid.process import in_parallel, one_blas_thread
 from bayesid.progress import SILENT, Progress
 from bayesid.simulation.trajectories import MotionLimits
 
-CHANGES = 3000
+CHANGES = 2500
 """That a search tries: of either of two, side by side; more gain little (study `next_motion`)."""
 _SEARCHES = 2
 """From different random motions, the better of which counts: one a processor of a small machine."""
@@ -265,7 +265,7 @@ def design_next(
         recorded: the motion of the result's log, where the result is a model alone: without it hypotheses are taken to
             be as open as before that log.
         criterion: "D" for the information about all together, "A" for their mean variance.
-        changes: of the motion that are tried; 3000 take some half a minute.
+        changes: of the motion that are tried; 2500 take some half a minute.
         progress: of the search.
 
     Raises:
