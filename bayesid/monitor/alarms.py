@@ -65,6 +65,7 @@ class Alarms:
     """State: what was raised, what goes on, and which joints a change has hold of.
 
     Attributes:
+        before: those by a clock that was set back since, whose times say nothing beside the others.
         raised: the last ones, oldest first; a contact that became a change is not among them.
         contact: the one that goes on.
         held: (n,) joints of whose misfit a change is known.
@@ -75,6 +76,7 @@ class Alarms:
 
     held: Mask
     calm: Array
+    before: list[Alarm] = field(default_factory=list)
     raised: list[Alarm] = field(default_factory=list)
     contact: Alarm | None = None
     latest: Alarm | None = None
@@ -84,6 +86,16 @@ class Alarms:
     def begin(cls, n: int) -> Alarms:
         """Before the first sample."""
         return cls(np.zeros(n, dtype=bool), np.zeros(n))
+
+    @property
+    def all(self) -> tuple[Alarm, ...]:
+        """Oldest first, as many as are remembered."""
+        return (*self.before, *self.raised)[-_KEPT:]
+
+    def set_back(self) -> None:
+        """The clock was set back: nothing goes on by it; joints that a change has hold of stay held."""
+        self.before, self.raised = [*self.all], []
+        self.contact, self.latest, self.look_again = None, None, np.inf
 
     def touch(self, t: float, pushed: Mask, external: Array) -> Alarm | None:
         """The contact that begins with this sample, if one does.

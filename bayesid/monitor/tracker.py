@@ -32,6 +32,9 @@ _FEWEST = 10.0
 """Periods that the window spans at least: of fewer samples the noise is not known. Not studied."""
 _GAP = 5.0
 """Periods without a sample from which on what was before is forgotten: friction may have turned round meanwhile."""
+_SET_BACK = 5
+"""Samples in a row, each before the newest and after the one before it, that tell of a clock that was set back: fewer are
+late. As many as the periods of a gap."""
 _LOOKS = 20.0
 """Hz at which the columns of the model are made: they cost as much as all the rest, and what is made of them, the sd of
 the effort and the look of a change, stays much the same so long."""
@@ -69,6 +72,7 @@ class TrackerState:
         readings: efforts of the newest samples, with their times.
         memory: states of effects with a memory.
         waiting: instants whose signs are still looked for.
+        late: times of late samples in a row that went up, how many and the last, s.
         counts: what became of the samples.
         latest: what was known last.
     """
@@ -89,6 +93,7 @@ class TrackerState:
     readings: list[tuple[float, Array]] = field(default_factory=list)
     memory: dict[object, tuple[Array, Array]] = field(default_factory=dict)
     waiting: list[_Waiting] = field(default_factory=list)
+    late: tuple[int, float] = (0, np.inf)
     counts: Counts = field(default_factory=Counts)
     latest: Tracked | None = None
 
@@ -172,7 +177,7 @@ class SignTracker:
             >>> bayesid.SignTracker(result, rate=100.0).alarms
             ()
         """
-        return () if self._state is None else tuple(self._state.alarms.raised)
+        return () if self._state is None else self._state.alarms.all
 
     @property
     def counts(self) -> Counts:
@@ -255,7 +260,9 @@ class SignTracker:
 
         A sample that is late, repeated or not a number is counted, left out, and answered by what was known before
         (`Tracked.fresh` is False). An effort of one joint that is nan leaves that joint's sign to the model. After a
-        gap of more than five periods the tracker begins anew, but for tests and alarms.
+        gap of more than five periods the tracker begins anew, but for tests and alarms. Five late samples in a row
+        whose times go up are no longer late: the clock was set back, and what was timed by it is forgotten too, but for
+        the alarms that were raised.
 
         Args:
             t: instant of the sample, s, on a clock of the caller's.
@@ -436,15 +443,40 @@ class SignTracker:
         if not (np.isfinite(t) and np.isfinite(values).all()):
             counts.missing += 1
             return False
-        if state.motion.count and t <= state.motion.t[-1]:
-            counts.repeated += int(t == state.motion.t[-1])
-            counts.late += int(t < state.motion.t[-1])
+        ahead = t - state.motion.t[-1] if state.motion.count else np.inf
+        if ahead == 0.0:
+            counts.repeated += 1
             return False
-        if state.motion.count and t - state.motion.t[-1] > _GAP / self.rate:
+        if ahead < 0.0:
+            if not self._set_back(state, t):
+                counts.late += 1
+                return False
+            counts.set_back += 1
+            self._forget(state)
+            self._forget_times(state, ahead)
+        elif state.motion.count and ahead > _GAP / self.rate:
             counts.gaps += 1
             self._forget(state)
+        state.late = 0, np.inf
         counts.updates += 1
         return True
+
+    def _set_back(self, state: TrackerState, t: float) -> bool:
+        """Whether a sample before the newest is one more of those by which a clock was set back."""
+        number, last = state.late
+        if t != last:
+            state.late = (number + 1 if t > last else 1), t
+        return state.late[0] >= _SET_BACK
+
+    def _forget_times(self, state: TrackerState, ahead: float) -> None:
+        """Begins anew what was timed by a clock that has moved, s; what was raised stays."""
+        state.origin += ahead  # what warms up with time goes on
+        state.sums = Sums.begin(self.n_joints)
+        state.recent = self._recent()
+        state.alarms.set_back()
+
+    def _recent(self) -> Recent:
+        return Recent.begin(self.n_joints, self.rate, self.rate / self._look_stride)
 
     def _forget(self, state: TrackerState) -> None:
         """Begins anew after a gap; tests and alarms stay."""
@@ -467,7 +499,7 @@ class SignTracker:
             observed=Observed.begin(n),
             sums=Sums.begin(n),
             alarms=Alarms.begin(n),
-            recent=Recent.begin(n, self.rate, self.rate / self._look_stride),
+            recent=self._recent(),
             top_speed=np.zeros(n),
             sd=np.zeros(n),
             origin=t,

@@ -213,7 +213,7 @@ def test_a_stream_in_disorder_is_counted_and_goes_on(place, monkeypatch, capfd):
     assert run(*FOLLOW, "--out", "out") == 0
     out, err = capfd.readouterr()
     stream, _, summary = read(place / "out")
-    expected = {"repeated": 1, "late": 1, "missing": 1, "unread": 1, "gaps": 1, "bad": 2}
+    expected = {"repeated": 1, "late": 1, "missing": 1, "unread": 1, "gaps": 1, "set_back": 0, "bad": 2}
     assert {name: summary["counts"][name] for name in expected} == expected
     assert len(stream_of(out)) == len(lines) - 3  # the header, a blank line and a remark
     assert "2 lines were no rows" in err

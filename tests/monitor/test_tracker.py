@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -139,6 +139,61 @@ def test_after_a_gap_it_begins_anew():
     assert records[0].state == ("unknown",) * 3
     assert right_share(records, motion, effort) > 0.99
     assert not tracker.alarms
+
+
+@pytest.mark.parametrize("back", [3.0, 400.0])
+def test_a_clock_that_is_set_back(back):
+    """Five samples show it, the fifth of which is the first that counts; then all is as in a tracker that begins."""
+    motion, effort = stream()
+    tracker, _ = run(motion, effort, rows=slice(0, 1000))
+    later = replace(motion, t=motion.t - back)
+    _, records = run(later, effort, tracker, slice(1000, 2500))
+    counts = tracker.counts
+    assert (counts.set_back, counts.late, counts.updates, counts.gaps) == (1, 4, 2500 - 4, 0)
+    assert not any(record.fresh for record in records[:4])
+    assert all(record.fresh for record in records[4:])
+    assert records[4].state == ("unknown",) * 3
+    assert right_share(records[4:], later, effort) > 0.99
+    assert not tracker.alarms
+    window = tracker.window()
+    assert window.t[0] == later.t[1004]
+    assert len(window) == 1496
+
+
+def test_what_happens_after_a_clock_was_set_back_is_timed_by_it():
+    """A contact goes on when the clock is set back; another one, and a change, come afterwards."""
+    motion, effort, *_ = pushed(2, -0.3, 9.9)
+    other = np.where(
+        (T < 15.0)[:, None], effort + pushed(1, 0.3, 12.0)[1] - stream()[1], stream(2, changed(Fc3=3.0))[1]
+    )
+    tracker, _ = run(motion, other, rows=slice(0, 1000))
+    assert [alarm.kind for alarm in tracker.alarms] == ["contact"]
+    run(replace(motion, t=motion.t - 9.0), other, tracker, slice(1000, 2500))
+    times = [(alarm.kind, alarm.time) for alarm in tracker.alarms if 2.0 < alarm.time < 9.0]
+    assert [kind for kind, _ in times] == ["contact", "friction"]
+    assert 3.0 <= times[0][1] <= 3.25
+    assert 6.0 <= times[1][1] <= 7.0
+
+
+def test_one_sample_from_the_future_does_no_lasting_harm():
+    motion, effort = stream()
+    tracker, _ = run(motion, effort, rows=slice(0, 300))
+    tracker.update(1e6, motion.q[300], np.abs(effort[300]))
+    _, records = run(motion, effort, tracker, slice(301, 1000))
+    assert tracker.counts.set_back == 1
+    assert all(record.fresh for record in records[4:])
+
+
+@pytest.mark.parametrize(
+    "order", [(6, 1, 2, 3, 4), (5, 1, 1, 2, 2, 2), (9, 8, 7, 6, 5, 4, 3, 2), (5, 1, 2, 3, 6, 1, 2, 3)]
+)
+def test_a_few_late_samples_set_no_clock_back(order):
+    motion, effort = stream()
+    tracker, _ = run(motion, effort, rows=slice(0, 101))
+    for k in order:
+        tracker.update(motion.t[100 + k], motion.q[100 + k], np.abs(effort[100 + k]))
+    assert tracker.counts.set_back == 0
+    assert tracker.counts.late + tracker.counts.updates == 101 + len(order)
 
 
 def test_jitter_and_lost_samples():
