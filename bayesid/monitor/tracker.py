@@ -33,8 +33,8 @@ _FEWEST = 10.0
 _GAP = 5.0
 """Periods without a sample from which on what was before is forgotten: friction may have turned round meanwhile."""
 _SET_BACK = 5
-"""Samples in a row, each before the newest and after the one before it, that tell of a clock that was set back: fewer are
-late. As many as the periods of a gap."""
+"""Samples in a row, each before the newest and after the one before it, that tell of a clock that was set back: fewer
+are late. As many as the periods of a gap."""
 _LOOKS = 20.0
 """Hz at which the columns of the model are made: they cost as much as all the rest, and what is made of them, the sd of
 the effort and the look of a change, stays much the same so long."""
@@ -142,6 +142,7 @@ class SignTracker:
         self.rate, self.signed = float(rate), _signed(signed, self.n_joints)
         self._noise = self._identified.noise
         self._any_signed = bool(self.signed.any())
+        self._no_limit = np.full(self.n_joints, np.inf)
         waited = round(lag * rate)
         self._behind, self._sign_wait = waited - waited // 2, waited // 2
         self._running = RunningModel(self._identified, payload)
@@ -329,7 +330,7 @@ class SignTracker:
         known = np.where(now >= 0.5, size, -size)
         if self._any_signed or np.isnan(size.sum()):
             known = np.where(np.isnan(reading), here.effort, np.where(self.signed, reading, known))
-        limit = self._observe(state, t, known, here, square, near_rest)
+        limit = self._observe(state, t, known, here, square, near_rest) if local.full else self._no_limit
         alarms, contact = self._alarms(state, t, (known - here.effort) / self._test.width(doubt), limit, moving)
         state.looked = t
         held = state.alarms.held
@@ -378,7 +379,7 @@ class SignTracker:
         if self._running.model.robot.transmission is not None:
             to_joints = self._running.to_joints
             doubt, torque = doubt.in_joints(to_joints), to_joints @ known
-        step = 0.0 if np.isnan(state.looked) else t - state.looked
+        step = 0.0 if np.isnan(state.looked) else t - state.looked  # without a momentum before it counts for nothing
         observe(state.observed, step, here.momentum, torque + here.driving, doubt)
         return threshold(state.observed, self._test.deviations)
 
@@ -480,7 +481,8 @@ class SignTracker:
 
     def _forget(self, state: TrackerState) -> None:
         """Begins anew after a gap; tests and alarms stay."""
-        state.motion.count, state.belief, state.looked = 0, None, np.nan
+        state.motion.empty()
+        state.belief, state.looked = None, np.nan
         state.readings.clear()
         state.waiting.clear()
         state.memory.clear()

@@ -215,6 +215,25 @@ def test_memory_stays_flat():
     assert len(pickle.dumps(tracker.state())) <= before + 1000  # an alarm, where the motion jumps back
 
 
+def test_thresholds_hold_from_the_start():
+    """Positions with an encoder's noise: 3600 false contacts an hour are 1 % of the observer's independent values."""
+    motion, effort = stream()
+    tracker, rng, beyond = SignTracker(identified(), RATE, false_alarms=3600.0), np.random.default_rng(5), []
+    for start in rng.integers(0, len(T) - 40, 120):
+        tracker.restore(None)
+        for k in range(start, start + 40):
+            q = motion.q[k] + 1e-4 * rng.standard_normal(3)
+            now = tracker.update(motion.t[k], q, np.abs(effort[k]))
+            if k < start + 12:
+                assert np.isinf(now.threshold).all()
+                assert not now.contact
+            elif k >= start + 13:
+                beyond.append(np.abs(now.external) > now.threshold)
+    shares = np.array(beyond).reshape(120, 27, 3).mean(axis=(0, 2))
+    assert shares[:9].mean() <= 0.01, shares
+    assert shares[9:].mean() <= 0.01, shares
+
+
 # ---------------------------------------------------------------------------------------------------------------
 # What happens to the robot
 # ---------------------------------------------------------------------------------------------------------------
