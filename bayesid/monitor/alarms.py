@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
-from bayesid.arrays import Array, Mask
+from bayesid.arrays import Array, Mask, some
 from bayesid.monitor.kinds import CONTACT, PAYLOAD, Kind
 
 _FLICKER = 0.1
@@ -105,7 +105,7 @@ class Alarms:
             pushed: (n,) joints beyond their threshold.
             external: (n,) external torques, N m.
         """
-        if not pushed.any() or not (pushed & ~self.held).any():
+        if not some(pushed) or not some(pushed & ~self.held):
             if self.contact is not None and t - self.contact.time - (self.contact.duration or 0.0) > _FLICKER:
                 self.contact = None
             return None
@@ -158,7 +158,7 @@ class Alarms:
 
     def release(self, step: float, sums: Array, moving: Mask) -> None:
         """Lets go of joints that have been as usual for long enough."""
-        if not self.held.any():
+        if not some(self.held):
             return
         calm = self.held & (sums == 0.0)
         self.calm = np.where(calm, self.calm + step * moving, 0.0)

@@ -115,11 +115,12 @@ class ChangeTest:
 
     def width(self, doubt: Array) -> Array:
         """(n,) sd of the residual on another motion, N m, with what else is in doubt (n,) about it."""
-        width: Array = np.sqrt(self._square + doubt**2)
+        width: Array = np.sqrt(self.width_square + doubt * doubt)
         return width
 
     @cached_property
-    def _square(self) -> Array:
+    def width_square(self) -> Array:
+        """(n,) variance of the residual on another motion, (N m)^2."""
         return np.asarray((_OTHER_MOTION * self.noise.sigma) ** 2)
 
     def add(self, state: Sums, t: float, step: float, z: Array, moving: Mask) -> Mask:
@@ -134,7 +135,7 @@ class ChangeTest:
         """
         size = np.minimum(np.abs(z), _LARGEST)
         ratio = np.minimum((_SQUARE * size * size - _SIZE) * self.weight, self._most) * moving
-        if (ratio <= 0.0).all() and not state.sums.any():
+        if max(ratio.tolist()) <= 0.0 and max(state.sums.tolist()) == 0.0:
             return self._none
         sums = np.minimum(np.maximum(state.sums + ratio, 0.0), _HIGHEST * self.limit)
         state.began = np.where(state.sums == 0.0, t, state.began)

@@ -102,7 +102,7 @@ class MotionEstimator:
         t, values = window.t[-window.count :], window.values[-window.count :]
         scale = t[-1] - t[0]
         places = (t - t[-1]) / scale
-        if len(places) != len(window.places) or np.abs(places - window.places).max() > _ALIKE:
+        if len(places) != len(window.places) or not _alike(places, window.places):
             window.places, window.weights = places, _weights(places)
         coefficients = window.weights @ values
         left = values[-1] - coefficients[0]  # the newest sample lies at the origin
@@ -112,6 +112,12 @@ class MotionEstimator:
         window.free += new * (1.0 - float(window.weights[0, -1]) - window.free)
         variance = window.left / max(window.free, _LEAST_FREE)
         return LocalMotion(float(t[-1]), float(scale), coefficients, window.weights, variance, window.full, self)
+
+
+def _alike(places: Array, others: Array) -> bool:
+    """Whether two sets of instants (W,) have the same weights."""
+    apart = places - others
+    return bool(apart @ apart <= _ALIKE * _ALIKE)
 
 
 def _weights(places: Array) -> Array:
@@ -147,7 +153,7 @@ class LocalMotion:
 
     def at(self, t: float) -> tuple[Array, Array, Array]:
         """(n,) positions, velocities and accelerations at an instant, s."""
-        value, slope, curvature = self._powers(t) @ self.coefficients
+        value, slope, curvature = np.array(self._powers(t)) @ self.coefficients
         n, last = self.of.n, slice(-self.of.n, None)
         if self.of.accelerations:
             return value[:n], value[n : 2 * n] if self.of.velocities else slope[:n], value[last]
@@ -158,17 +164,16 @@ class LocalMotion:
     def variance_of_acceleration(self, t: float) -> Array:
         """(n,) of the accelerations, (rad/s^2)^2."""
         order = 0 if self.of.accelerations else 1 if self.of.velocities else 2
-        weights = self._powers(t)[order] @ self.weights
+        weights = np.array(self._powers(t)[order]) @ self.weights
         variance: Array = self.variance[-self.of.n :] * (weights @ weights)
         return variance
 
-    def _powers(self, t: float) -> Array:
+    def _powers(self, t: float) -> tuple[tuple[float, ...], ...]:
         """(3, d + 1) powers of an instant's place, and their first two derivatives by time."""
         x, rate = (t - self.t) / self.scale, 1.0 / self.scale
         twice = 2.0 * rate * rate
-        rows = (
+        return (
             (1.0, x, x * x, x**3),
             (0.0, rate, 2.0 * rate * x, 3.0 * rate * x * x),
             (0.0, 0.0, twice, 3.0 * twice * x),
         )
-        return np.array(rows)

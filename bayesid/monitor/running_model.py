@@ -62,7 +62,8 @@ class RunningModel:
         late = instant.ago(self._lag) if self._lag else instant
         here = self.model.robot.dynamics(late, self._links)
         inertia = here.mass + self._rotors
-        friction = self.to_joints @ effort - here.torque - self._rotors @ late.ddq[0]
+        torque = effort if self.model.robot.transmission is None else self.to_joints @ effort
+        friction = torque - here.torque - self._rotors @ late.ddq[0]
         return AtInstant(effort, inertia @ late.dq[0], here.drift - friction, inertia)
 
     def sd_of(self, columns: Array) -> Array:
@@ -103,7 +104,8 @@ class RunningModel:
 
     def doubt_near_rest(self, speeds: Array) -> Array:
         """(n,) between 0 and 1: how much the direction of friction is in doubt."""
-        doubt: Array = np.exp(-((speeds * self._slowness) ** 2))
+        share = speeds * self._slowness
+        doubt: Array = np.exp(-share * share)
         return doubt
 
     def dry_friction(self, q: Array) -> Array:

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
+from math import isfinite, isnan
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bayesid.arrays import Array, Mask
+from bayesid.arrays import Array, Mask, some
 from bayesid.errors import InputError
 from bayesid.identification.identification import Identification
 from bayesid.identification.identified_model import IdentifiedModel
@@ -44,11 +46,12 @@ _FASTEST = 2e4
 
 @dataclass(frozen=True)
 class _Waiting:
-    """An instant whose signs are still looked for: what is known of it without them."""
+    """An instant whose signs are still looked for: its readings, and what is known of it without them."""
 
     reading: Array
     held: Mask
-    record: Tracked
+    predicted: Array
+    known: dict[str, Any]
 
 
 @dataclass
@@ -142,6 +145,8 @@ class SignTracker:
         self.rate, self.signed = float(rate), _signed(signed, self.n_joints)
         self._noise = self._identified.noise
         self._any_signed = bool(self.signed.any())
+        self._white_square = self._noise.white * self._noise.white
+        self._zeros = np.zeros(3 * self.n_joints)  # a product with them is finite if the other factors are
         self._no_limit = np.full(self.n_joints, np.inf)
         waited = round(lag * rate)
         self._behind, self._sign_wait = waited - waited // 2, waited // 2
@@ -292,12 +297,13 @@ class SignTracker:
             latest = self._nothing(float(t)) if state.latest is None else state.latest
             return replace(latest, fresh=False, alarms=())
         self._estimator.add(state.motion, float(t), values)
-        reading = np.where(self.signed, reading, np.abs(reading))
-        state.counts.unread += int(np.isnan(reading).sum())
+        reading = np.where(self.signed, reading, np.abs(reading)) if self._any_signed else np.abs(reading)
+        if isnan(reading @ reading):
+            state.counts.unread += int(np.isnan(reading).sum())
         state.readings.append((float(t), reading))
         del state.readings[: -self._behind - 1]
         n = self.n_joints
-        state.recent.log.add(np.array([t]), values[:n], reading, values[n : 2 * n] if state.velocities else values[:0])
+        state.recent.log.add(t, values[:n], reading, values[n : 2 * n] if state.velocities else values[:0])
         local = self._estimator.fit(state.motion)
         if local is None or len(state.readings) <= self._behind or state.readings[0][0] < local.t - local.scale:
             state.latest = self._nothing(float(t))
@@ -321,55 +327,56 @@ class SignTracker:
         state.top_speed = np.maximum(state.top_speed, fast)
         moving = fast > np.maximum(running.standstill, running.no_friction * state.top_speed)
         found, now = self._filter.update(state.belief, size, here.effort, by_motion, moving)
-        if state.counts.updates % self._look_stride == 0 or not state.sd.any():
+        if state.counts.updates % self._look_stride == 0 or not some(state.sd > 0.0):
             columns = running.columns(instant)
             state.sd = running.sd_of(columns)
             self._keep_look(state, t, reading, here, speeds, by_motion, columns, moving)
-        square, near_rest = state.sd**2 + by_motion**2, 2.0 * state.at_rest * running.doubt_near_rest(speeds)
-        doubt = np.sqrt(square + near_rest * near_rest)
-        known = np.where(now >= 0.5, size, -size)
-        if self._any_signed or np.isnan(size.sum()):
+        square = state.sd * state.sd + by_motion * by_motion
+        near_rest = 2.0 * state.at_rest * running.doubt_near_rest(speeds)
+        known = np.copysign(size, now - 0.5)
+        if self._any_signed or isnan(size @ size):
             known = np.where(np.isnan(reading), here.effort, np.where(self.signed, reading, known))
         limit = self._observe(state, t, known, here, square, near_rest) if local.full else self._no_limit
-        alarms, contact = self._alarms(state, t, (known - here.effort) / self._test.width(doubt), limit, moving)
+        width = np.sqrt(self._test.width_square + square + near_rest * near_rest)
+        alarms, contact = self._alarms(state, t, (known - here.effort) / width, limit, moving)
         state.looked = t
         held = state.alarms.held
         joints = zip(held.tolist(), moving.tolist(), strict=True)
-        record = Tracked(
-            t=t,
-            probability=now,
-            effort=reading,
-            effort_sd=self._noise.white,
-            predicted=here.effort,
-            predicted_sd=np.sqrt(square),
-            residual=known - here.effort,
-            external=state.observed.external,
-            threshold=limit,
-            state=tuple(UNKNOWN if changed else MOVING if moves else REST for changed, moves in joints),
-            contact=contact,
-            alarms=(),
-            q=motion[0],
-            dq=motion[1],
-            ddq=motion[2],
-        )
-        state.waiting.append(_Waiting(reading, held, record))
+        known_now = {
+            "t": t,
+            "predicted": here.effort,
+            "predicted_sd": np.sqrt(square),
+            "external": state.observed.external,
+            "threshold": limit,
+            "state": tuple([UNKNOWN if changed else MOVING if moves else REST for changed, moves in joints]),
+            "contact": contact,
+            "q": motion[0],
+            "dq": motion[1],
+            "ddq": motion[2],
+        }
+        state.waiting.append(_Waiting(reading, held, here.effort, known_now))
         if found is None:
             return replace(self._nothing(t), alarms=alarms)
         return self._with_signs(state.waiting.pop(0), found, alarms)
 
     def _with_signs(self, waiting: _Waiting, probability: Array, alarms: tuple[Alarm, ...]) -> Tracked:
         """A record with P(sign = +) (n,), which is that of a guess where a change has made the model another's."""
-        record, reading = waiting.record, waiting.reading
-        if waiting.held.any():
+        reading = waiting.reading
+        if some(waiting.held):
             probability = np.where(waiting.held, 0.5 + _TRUST * (probability - 0.5), probability)
         if self._any_signed:
             known = self.signed & ~np.isnan(reading)
             probability = np.where(known, reading >= 0.0, probability)
-        effort = np.where(probability >= 0.5, 1.0, -1.0) * np.abs(reading)
+        effort = np.copysign(reading, probability - 0.5)
         wrong = 4.0 * reading * reading * np.minimum(probability, 1.0 - probability)
-        sd = np.sqrt(wrong + record.effort_sd * record.effort_sd)
-        residual = effort - record.predicted
-        return replace(record, probability=probability, effort=effort, effort_sd=sd, residual=residual, alarms=alarms)
+        return Tracked(
+            probability=probability,
+            effort=effort,
+            effort_sd=np.sqrt(wrong + self._white_square),
+            residual=effort - waiting.predicted,
+            alarms=alarms,
+            **waiting.known,
+        )
 
     def _observe(
         self, state: TrackerState, t: float, known: Array, here: AtInstant, square: Array, near_rest: Array
@@ -379,7 +386,7 @@ class SignTracker:
         if self._running.model.robot.transmission is not None:
             to_joints = self._running.to_joints
             doubt, torque = doubt.in_joints(to_joints), to_joints @ known
-        step = 0.0 if np.isnan(state.looked) else t - state.looked  # without a momentum before it counts for nothing
+        step = 0.0 if isnan(state.looked) else t - state.looked  # without a momentum before it counts for nothing
         observe(state.observed, step, here.momentum, torque + here.driving, doubt)
         return threshold(state.observed, self._test.deviations)
 
@@ -387,19 +394,19 @@ class SignTracker:
         self, state: TrackerState, t: float, z: Array, threshold: Array, moving: Mask
     ) -> tuple[tuple[Alarm, ...], tuple[int, ...]]:
         """What one more sample raises, and the joints (from 1) that feel a contact."""
-        step, test, alarms = (0.0 if np.isnan(state.looked) else t - state.looked), self._test, state.alarms
+        step, test, alarms = (0.0 if isnan(state.looked) else t - state.looked), self._test, state.alarms
         changed = test.add(state.sums, t, step, z, moving)
         pushed = test.push(state.sums, state.observed.external, threshold)
         raised = []
         fresh = changed & ~alarms.held
-        if fresh.any():
+        if some(fresh):
             began = float(state.sums.began[fresh].min())
             kind = self._kind(state, began, fresh)
             if kind.name == UNKNOWN and alarms.touched(began, fresh):  # what a push has stirred up passes
                 test.forget(state.sums, fresh)
             else:
                 raised.append(alarms.change(t, began, kind, fresh, state.sums.sums))
-        elif t >= alarms.look_again and alarms.latest is not None and changed.any():
+        elif t >= alarms.look_again and alarms.latest is not None and some(changed):
             alarms.look(t, self._kind(state, alarms.latest.time, changed), changed, state.sums.sums)
         contact = alarms.touch(t, pushed, state.observed.external)
         alarms.release(step, state.sums.sums, moving)
@@ -426,7 +433,7 @@ class SignTracker:
         width = np.where(moving & ~np.isnan(reading), self._test.width(np.hypot(state.sd, by_motion)), np.inf)
         direction = np.tanh(speeds / np.maximum(self._running.standstill, STANDSTILL * state.top_speed + 1e-12))
         parts = (np.nan_to_num(reading), here.effort, width, columns[:, self._running.body], direction, speeds)
-        state.recent.looks.add(np.array([t]), *parts)
+        state.recent.looks.add(t, *parts)
 
     def _instant(
         self, state: TrackerState, local: LocalMotion, t: float, motion: tuple[Array, Array, Array]
@@ -441,7 +448,7 @@ class SignTracker:
     def _taken(self, state: TrackerState, t: float, values: Array) -> bool:
         """Whether a sample can be used; counts what it is."""
         counts = state.counts
-        if not (np.isfinite(t) and np.isfinite(values).all()):
+        if not (isfinite(t) and isfinite(values @ self._zeros[: values.size])):
             counts.missing += 1
             return False
         ahead = t - state.motion.t[-1] if state.motion.count else np.inf
