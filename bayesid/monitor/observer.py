@@ -82,7 +82,7 @@ def observe(state: Observed, step: float, momentum: Array, driving: Array, doubt
         state.lasting, state.bounded = doubt.lasting, doubt.bounded
     else:
         change = momentum - state.momentum - step * driving
-        state.external = (state.external + GAIN * change) / (1.0 + GAIN * step)
+        state.external = (1.0 - share) * (state.external + GAIN * change)
         state.lasting = state.lasting + share * (doubt.lasting - state.lasting)
         state.bounded = state.bounded + share * (doubt.bounded - state.bounded)
         white = share * doubt.white

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bayesid.arrays import Array, Labels, Mask
+from bayesid.arrays import Array, Labels, Mask, every
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.model.model import Model
 from bayesid.motion import STANDSTILL, Instant, labels
@@ -88,10 +88,12 @@ class RunningModel:
                 speeds[j] = max(speeds[j], speed)
         return speeds
 
-    @cached_property
-    def no_friction(self) -> Array:
-        """(n,) share of its highest speed below which an actuator stands still that has no dry friction; else 0."""
-        return np.where(self.standstill > 0.0, 0.0, STANDSTILL)
+    def resting_speeds(self, top: Array) -> Array:
+        """(n,) speeds below which actuators stand still, rad/s, by their highest (n,) where one has no dry friction."""
+        if self._no_friction is None:
+            return self.standstill
+        speeds: Array = np.maximum(self.standstill, self._no_friction * top)
+        return speeds
 
     def actuator_speeds(self, dq: Array) -> Array:
         """(n,) of joint speeds dq (n,), rad/s."""
@@ -140,6 +142,11 @@ class RunningModel:
     @cached_property
     def _lag(self) -> float:
         return self.model.lag
+
+    @cached_property
+    def _no_friction(self) -> Array | None:
+        """(n,) share of its highest speed below which an actuator without dry friction stands still; None if all have it."""
+        return None if every(self.standstill > 0.0) else np.where(self.standstill > 0.0, 0.0, STANDSTILL)
 
     @cached_property
     def _slowness(self) -> Array:

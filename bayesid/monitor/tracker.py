@@ -286,7 +286,8 @@ class SignTracker:
             ('unknown', 'unknown', 'unknown')
         """
         parts = [part for part in (q, dq, ddq) if part is not None]
-        values = np.concatenate([np.asarray(part, dtype=float).ravel() for part in parts])
+        arrays = [np.asarray(part, dtype=float).ravel() for part in parts]
+        values = arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
         reading = np.array(effort, dtype=float).ravel()
         if self._state is None:
             self._state = self._begin(float(t), dq is not None, ddq is not None)
@@ -325,7 +326,7 @@ class SignTracker:
         by_motion = np.sqrt((here.inertia * here.inertia) @ local.variance_of_acceleration(t))
         size, fast = np.abs(reading), np.abs(speeds)
         state.top_speed = np.maximum(state.top_speed, fast)
-        moving = fast > np.maximum(running.standstill, running.no_friction * state.top_speed)
+        moving = fast > running.resting_speeds(state.top_speed)
         found, now = self._filter.update(state.belief, size, here.effort, by_motion, moving)
         if state.counts.updates % self._look_stride == 0 or not some(state.sd > 0.0):
             columns = running.columns(instant)
