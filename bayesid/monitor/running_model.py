@@ -145,7 +145,7 @@ class RunningModel:
 
     @cached_property
     def _no_friction(self) -> Array | None:
-        """(n,) share of its highest speed below which an actuator without dry friction stands still; None if all have it."""
+        """(n,) share of its highest speed below which one without dry friction stands still; None if all have it."""
         return None if every(self.standstill > 0.0) else np.where(self.standstill > 0.0, 0.0, STANDSTILL)
 
     @cached_property

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import pickle
+import sys
+import tracemalloc
 from dataclasses import fields, replace
 
 import numpy as np
@@ -213,6 +215,33 @@ def test_memory_stays_flat():
     shifted = [tracker.update(30.0 + t, q, np.abs(e)) for t, q, e in zip(motion.t, motion.q, effort, strict=True)]
     assert shifted
     assert len(pickle.dumps(tracker.state())) <= before + 1000  # an alarm, where the motion jumps back
+
+
+def grown(updates, measure, warm):
+    """By how much a measure grows over so many updates, after others."""
+    motion, effort = stream()
+    period = 1200  # samples of the motion
+    tracker = SignTracker(identified(), RATE, lag=0.05)
+    for k in range(warm + updates):
+        if k == warm:
+            before = measure()
+        tracker.update(k / RATE, motion.q[k % period], np.abs(effort[k % period]))
+    assert not tracker.alarms
+    return measure() - before
+
+
+def test_no_object_is_kept_of_an_update():
+    assert grown(1_500, sys.getallocatedblocks, 500) < 500  # one of each update would be 1,500 blocks
+
+
+@pytest.mark.long
+def test_no_allocation_grows():
+    """Traced, which takes ten times as long."""
+    tracemalloc.start()
+    try:
+        assert grown(50_000, lambda: tracemalloc.get_traced_memory()[0], 5_000) < 20_000  # a float each: 1.2 MB
+    finally:
+        tracemalloc.stop()
 
 
 def test_thresholds_hold_from_the_start():
