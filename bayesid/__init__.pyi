@@ -40,6 +40,9 @@ from .log.log import write_log as write_log
 from .log.motions import read_motion as read_motion
 from .log.segments import Cutting as Cutting
 from .model.catalogue import make_terms as make_terms
+from .model.collision import Capsules as Capsules
+from .model.collision import CollisionModel as CollisionModel
+from .model.collision import collision_model as collision_model
 from .model.model import Model as Model
 from .model.robot import Robot as Robot
 from .model.robot import load_robot as load_robot

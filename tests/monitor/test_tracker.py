@@ -368,7 +368,7 @@ def test_the_window_of_a_change_is_a_log_for_a_discrepancy():
     assert 8.0 < window.t[-1] - window.t[0] <= 12.0
     assert not window.signed.any()
     found = bayesid.find_discrepancy(identified(), window)
-    assert "payload" in {effect.effect for effect in found.added}
+    assert "payload" in {name for effect in found.added for name in (effect.effect, *effect.equivalent)}
 
 
 # ---------------------------------------------------------------------------------------------------------------
