@@ -29,6 +29,7 @@ from bayesid.excitation.search import Design, Search
 from bayesid.excitation.splines import SplineBasis, SplineTrajectory, at_rest
 from bayesid.identification.identification import KNOWN, Identification
 from bayesid.identification.identified_model import IdentifiedModel
+from bayesid.model.coefficients import base_coefficients
 from bayesid.motion import Motion
 from bayesid.process import in_parallel, one_blas_thread
 from bayesid.progress import SILENT, Progress
@@ -319,10 +320,25 @@ def _taken(
         result = result.identification
     if isinstance(result, Identification):
         recorded = result.signals.motion if recorded is None else recorded
-        result = result.identified
+        result = _with_lacking(result)
     if recorded is not None and len(recorded) > _MOST_RECORDED:
         recorded = recorded[:: -(-len(recorded) // _MOST_RECORDED)]
     return result, recorded, classes
+
+
+def _with_lacking(result: Identification) -> IdentifiedModel:
+    """The model with what it may lack by all draws of the posterior: those that it keeps are few."""
+    posterior = result.posterior
+    if posterior is None or posterior.log_gain is not None:
+        return result.identified
+    if posterior.shift is None:
+        return replace(result.identified, lacking=np.zeros_like(result.identified.precision))
+    base = base_coefficients(result.model)
+    wide, narrow = (
+        base.project(of.theta.reshape(-1, of.theta.shape[-1])) for of in (posterior.uncertain, posterior.draws)
+    )
+    lacking = np.atleast_2d(np.cov(wide, rowvar=False)) - np.atleast_2d(np.cov(narrow, rowvar=False))
+    return replace(result.identified, lacking=lacking)
 
 
 def equivalent_classes(
