@@ -24,6 +24,7 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
+from bayesid.excitation.feasible import largest_efforts
 from bayesid.excitation.next_motion import NextMotion, Run, design_next, name_of
 from bayesid.excitation.rivals import TELLING
 from bayesid.fit.effects.added_effect import AddedEffect
@@ -71,21 +72,17 @@ _LEARNED, _SHORT = 12.0, 5.0
 """s of the healthy log, and of the two logs with an effect."""
 _LITTLE = (0.25, 0.5)
 """rad to either side and rad/s of the joint with an effect, in the first of them."""
-_TRIES = 3
-"""Motions of the short log until one leaves the hidden effect among others."""
+_TRIES = 4
+"""Joints, sizes and motions of the short log until one leaves the hidden effect among others."""
 _BUDGET = 3.0
 """Nominal seconds of a search's proof, as in `bayesid.studies.simulated`."""
 _JOINTS = 7
 """Of a random arm."""
 
-EFFECTS = {
-    "joint_spring": 0.2,
-    "load_dependent_friction": 0.1,
-    "gravity_spring": 0.2,
-    "thermal_drift": 0.1,
-    "torque_offset": 0.1,
-}
-"""That short, poor logs leave among others, and sizes over the joint's RMS effort: a few times the noise there."""
+EFFECTS = ("joint_spring", "load_dependent_friction", "gravity_spring", "thermal_drift", "torque_offset")
+"""That short, poor logs leave among others."""
+_SIZES = (0.05, 0.2)
+"""RMS of an effect over that of its joint's effort: 1.5 to 7 times the noise."""
 COEFFICIENTS, HYPOTHESES = "coefficients", "hypotheses"
 ARM = "arm"
 """The name of a random arm."""
@@ -99,19 +96,21 @@ class Scenario:
         part: "coefficients" or "hypotheses".
         robot: built-in name, or "arm" for a random one.
         effect: that is hidden; empty for none.
+        limited: whether there are limits of efforts.
         changes: that a design tries.
     """
 
     part: str
     robot: str
     effect: str = ""
+    limited: bool = True
     changes: int = CHANGES
 
 
 ROBOTS = ("kr5", "ur10e", "panda", ARM)
 SCENARIOS = mixed(
     [
-        [Scenario(COEFFICIENTS, robot) for robot in ROBOTS],
+        [Scenario(COEFFICIENTS, robot, limited=limited) for robot in ROBOTS for limited in (True, False)],
         [Scenario(HYPOTHESES, robot, effect) for effect in EFFECTS for robot in ("kr5", "ur10e")],
     ]
 )
@@ -144,14 +143,14 @@ def trial(scenario: Scenario, seed: int) -> Row:
     return {**dict.fromkeys(_COLUMNS), **row}
 
 
-def _truth(name: str, seed: int, noise: float) -> _Truth:
+def _truth(name: str, seed: int, noise: float, *, limited: bool = True) -> _Truth:
     robot = random_arm(seed) if name == ARM else make_robot(name)
     usual = _random(robot.n_joints, _DURATION, seed)
     model = Model(robot, make_terms(STANDARD, robot, usual))
     theta = random_parameters(model, np.random.default_rng(seed))
     effort = model.effort(usual, theta)
     largest = tuple((_STRONGER * np.abs(effort).max(axis=0)).tolist())
-    return _Truth(model, theta, noise * rms(effort), replace(_USUAL, effort=largest))
+    return _Truth(model, theta, noise * rms(effort), replace(_USUAL, effort=largest) if limited else _USUAL)
 
 
 def random_arm(seed: int) -> Robot:
@@ -183,7 +182,7 @@ def _random(n: int, duration: float, seed: int, still: int | None = None, most: 
 # Coefficients
 # ---------------------------------------------------------------------------------------------------------------
 def _of_coefficients(scenario: Scenario, seed: int) -> Row:
-    truth = _truth(scenario.robot, seed, _SENSOR)
+    truth = _truth(scenario.robot, seed, _SENSOR, limited=scenario.limited)
     n = truth.model.robot.n_joints
     still = int(np.random.default_rng([seed, 1]).integers(1, n - 1))
     first = _random(n, _DURATION, seed, still)
@@ -210,8 +209,16 @@ def _of_coefficients(scenario: Scenario, seed: int) -> Row:
         **after,
         **_ratios(design, results["designed"]),
         **kept_limits(truth, design),
+        "random_allowed": _allowed(design, motions["random"]),
         "timings": {"design": design.seconds},
     }
+
+
+def _allowed(design: NextMotion, motion: Motion) -> bool | None:
+    """Whether the result knows that a motion keeps the limits of efforts; None without any."""
+    if not design.feasibility.limits_effort:
+        return None
+    return bool((largest_efforts(*design.feasibility.effort_band(motion)) <= design.feasibility.effort).all())
 
 
 def _identified(truth: _Truth, log: Log, seed: int) -> Identification:
@@ -271,14 +278,16 @@ def kept_limits(truth: _Truth, design: NextMotion) -> Row:
     limits = design.run.limits
     assert limits is not None
     assert limits.jerk is not None
-    assert limits.effort is not None
     lower, upper = np.asarray(limits.lower), np.asarray(limits.upper)
     shares = [np.abs(motion.q - 0.5 * (upper + lower)) / (0.5 * (upper - lower))]
     for order, limit in enumerate((limits.velocity, limits.acceleration, limits.jerk), start=1):
         shares.append(np.abs(np.diff(motion.q, order, axis=0)) / _FINE**order / np.asarray(limit))
     largest = [float(share.max()) for share in shares]
+    held: Row = {"motion_held": max(largest) <= 1.0 + _TOUCH}
+    if limits.effort is None:
+        return held
     effort = float((np.abs(truth.model.effort(motion, truth.theta)) / np.asarray(limits.effort)).max())
-    return {"motion_held": max(largest) <= 1.0 + _TOUCH, "effort_held": effort <= 1.0, "effort_share": effort}
+    return {**held, "effort_held": effort <= 1.0, "effort_share": effort}
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -286,35 +295,32 @@ def kept_limits(truth: _Truth, design: NextMotion) -> Row:
 # ---------------------------------------------------------------------------------------------------------------
 def _of_hypotheses(scenario: Scenario, seed: int) -> Row:
     healthy = _truth(scenario.robot, seed, _FINER)
-    n = healthy.model.robot.n_joints
-    joint = int(np.random.default_rng([seed, 2]).integers(1, n + 1))
-    learned = _random(n, _LEARNED, seed)
+    learned = _random(healthy.model.robot.n_joints, _LEARNED, seed)
     search = Certified(budget=_BUDGET, repeatable=True)
     known = identify(
         healthy.model.robot, healthy.log(learned, seed), STANDARD, complete="off", search=search, posterior=False
     )
-    hidden = [SimulatedEffect(scenario.effect, joint, EFFECTS[scenario.effect])]
-    model, theta = with_effects(healthy.model, healthy.theta, learned, hidden, seed)
-    truth, key = replace(healthy, model=model, theta=theta), (scenario.effect, (joint,))
     for k in range(1, _TRIES + 1):
-        log = truth.log(_random(n, _SHORT, seed + k * _ANOTHER, joint - 1, _LITTLE), seed + k)
+        truth, key = _with_effect(healthy, learned, scenario.effect, seed, k)
+        still = _random(healthy.model.robot.n_joints, _SHORT, seed + k * _ANOTHER, key[1][0] - 1, _LITTLE)
+        log = truth.log(still, seed + k)
         found = _found(known, log)
         rivals = _rivals(found, key)
         if rivals:
             break
     else:
-        return {"joint": joint, "ambiguous": False}
+        return {"ambiguous": False}
     run = Run(duration=_SHORT, rate=_RATE, limits=truth.limits)
     design = design_next(found, run=run, changes=scenario.changes)
-    motions = {"designed": design.motion, "random": _random(n, _SHORT, seed - 1 + _ANOTHER)}
+    random = _random(healthy.model.robot.n_joints, _SHORT, seed - 1 + _ANOTHER)
     after: Row = {}
-    for name, motion in motions.items():
+    for name, motion in {"designed": design.motion, "random": random}.items():
         again = _found(known, join_logs([log, truth.log(motion, seed + _ANOTHER)]))
         after |= {f"{what}_{name}": value for what, value in _told(again, key, rivals).items()}
     factors = design.predicted.log10_bayes_factors
-    expected = [factors.get((name_of(key), name_of((one, key[1]))), np.nan) for one in rivals]
+    expected = [factors[name_of(key), name_of((one, key[1]))] for one in rivals]
     return {
-        "joint": joint,
+        "joint": key[1][0],
         "ambiguous": True,
         "rivals": ",".join(rivals),
         **after,
@@ -322,6 +328,16 @@ def _of_hypotheses(scenario: Scenario, seed: int) -> Row:
         **kept_limits(truth, design),
         "timings": {"design": design.seconds},
     }
+
+
+def _with_effect(healthy: _Truth, motion: Motion, effect: str, seed: int, attempt: int) -> tuple[_Truth, EffectKey]:
+    """The robot with an effect in some joint, of some size on a motion."""
+    rng = np.random.default_rng([seed, 2, attempt])
+    joint = int(rng.integers(1, healthy.model.robot.n_joints + 1))
+    level = float(np.exp(rng.uniform(*np.log(_SIZES))))
+    hidden = [SimulatedEffect(effect, joint, level)]
+    model, theta = with_effects(healthy.model, healthy.theta, motion, hidden, seed)
+    return replace(healthy, model=model, theta=theta), (effect, (joint,))
 
 
 def _found(known: Identification, log: Log) -> Discrepancy:
@@ -362,7 +378,7 @@ _COLUMNS = (
     *("noise_near", "noise_median", "total_between", "total_near"),
     *("joint", "ambiguous", "rivals"),
     *(f"{what}_{name}" for name in ("designed", "random") for what in ("named", "factor", "told")),
-    *("expected", "motion_held", "effort_held", "effort_share"),
+    *("expected", "motion_held", "effort_held", "effort_share", "random_allowed"),
 )
 
 
@@ -372,53 +388,56 @@ _COLUMNS = (
 def report(rows: Sequence[Row]) -> str:
     """A table of coefficients by robot, one of hypotheses by effect, and limits and seconds of all designs."""
     lines = []
-    if any(row["part"] == COEFFICIENTS for row in rows):
-        lines += [*_table_of_coefficients(rows), ""]
+    for limited, said in ((True, "with limits of efforts"), (False, "without limits of efforts")):
+        some = [row for row in rows if row["part"] == COEFFICIENTS and row["limited"] == limited]
+        if some:
+            lines += [f"open coefficients, {said}", *_table_of_coefficients(some), ""]
     if any(row["part"] == HYPOTHESES for row in rows):
         lines += [*_table_of_hypotheses(rows), ""]
     designs = [row for row in rows if row["motion_held"] is not None]
+    limited = [row for row in designs if row["effort_held"] is not None]
     if designs:
         seconds = [row["timings"]["design"] for row in designs]
-        held = [f"{sum(row[name] for row in designs)} of {len(designs)}" for name in ("motion_held", "effort_held")]
-        nearest = max(row["effort_share"] for row in designs)
+        most = max([row["effort_share"] for row in limited], default=0.0)
         lines.append(
-            f"limits held at every ms by the true robot: positions to jerks {held[0]}, efforts {held[1]} (the largest "
-            f"{nearest:.0%} of its limit)"
+            f"limits held by the true robot at every ms: positions to jerks in {_count(designs, 'motion_held')}, "
+            f"efforts in {_count(limited, 'effort_held')} (at most {most:.0%} of a limit)"
+        )
+        known = [row for row in limited if row["random_allowed"] is not None]
+        lines.append(
+            f"random motions whose efforts are known beforehand to be allowed: {_count(known, 'random_allowed')}"
         )
         lines.append(f"seconds of a design: median {np.median(seconds):.0f}, most {max(seconds):.0f}")
     return "\n".join(lines)
 
 
+def _count(rows: Sequence[Row], name: str) -> str:
+    return f"{sum(row[name] for row in rows)} of {len(rows)}"
+
+
 def _table_of_coefficients(rows: Sequence[Row]) -> list[str]:
     lines = [
-        "open coefficients, their predicted sd and their errors",
-        "robot  logs   now  predicted  designed  random  repeat   sd noise  with doubt  without   error: designed  "
-        "random  repeat   signs: designed   random   repeat",
+        "robot   logs   now  predicted  designed  random  repeat",
+        "robot   sd near: noise  total, with doubt  total  error: designed  random  repeat  signs: designed   random"
+        "   repeat",
     ]
-    for robot in (*ROBOTS, "all"):
-        some = [row for row in rows if row["part"] == COEFFICIENTS and robot in (row["robot"], "all")]
-        if not some:
-            continue
-        count = _sum(some, "coefficients")
-        opened = [
-            _sum(some, f"open_{name}") / len(some) for name in ("now", "predicted", "designed", "random", "repeat")
-        ]
-        near = [_sum(some, name) / count for name in ("noise_near", "total_between", "total_near")]
+    groups = [(robot, [row for row in rows if robot in (row["robot"], "all")]) for robot in (*ROBOTS, "all")]
+    groups = [(robot, some) for robot, some in groups if some]
+    opened = []
+    for robot, some in groups:
+        left = [_sum(some, f"open_{name}") / len(some) for name in ("now", "predicted", *_MOTIONS)]
+        opened.append(
+            f"{robot:<8}{len(some):4d}{left[0]:6.1f}{left[1]:11.1f}{left[2]:10.1f}{left[3]:8.1f}{left[4]:8.1f}"
+        )
+    for robot, some in groups:
+        near = [_sum(some, name) / _sum(some, "coefficients") for name in ("noise_near", "total_between", "total_near")]
         error = [np.sqrt(np.mean([row[f"error_{name}"] ** 2 for row in some])) for name in _MOTIONS]
         right = [_sum(some, f"right_{name}") / len(some) for name in _MOTIONS]
         lines.append(
-            f"{robot:<7}{len(some):4d}{opened[0]:6.1f}{opened[1]:11.1f}{opened[2]:10.1f}{opened[3]:8.1f}{opened[4]:8.1f}"
-            f"{near[0]:11.1%}{near[1]:12.1%}{near[2]:9.1%}{error[0]:18.2f}{error[1]:8.2f}{error[2]:8.2f}"
-            f"{right[0]:18.2%}{right[1]:9.2%}{right[2]:9.2%}"
+            f"{robot:<8}{near[0]:14.1%}{near[1]:19.1%}{near[2]:7.1%}{error[0]:17.2f}{error[1]:8.2f}{error[2]:8.2f}"
+            f"{right[0]:17.2%}{right[1]:9.2%}{right[2]:9.2%}"
         )
-    lines.append(
-        f"open: sd above {KNOWN:.0%} of the value; sd: share of coefficients whose achieved sd is {_NEAR[0]:g} to "
-        f"{_NEAR[1]:g} times the predicted one,"
-    )
-    lines.append(
-        "by noise alone, with what the model may lack as far as that was predicted, and without; error over sd, RMS"
-    )
-    return lines
+    return [lines[0], *opened, *lines[1:]]
 
 
 _MOTIONS = ("designed", "random", "repeat")
