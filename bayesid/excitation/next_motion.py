@@ -24,7 +24,7 @@ from bayesid.excitation.known import Known, information_of, inverse, known_of
 from bayesid.excitation.limits import check_limits
 from bayesid.excitation.predicted_signs import certain_share
 from bayesid.excitation.reference import usual_motion
-from bayesid.excitation.rivals import Rivals, inseparable, log10, make_rivals, parse_key
+from bayesid.excitation.rivals import NO_CHANGES, Changes, Rivals, inseparable, log10, make_rivals, parse_key
 from bayesid.excitation.search import Design, Search
 from bayesid.excitation.splines import SplineBasis, SplineTrajectory, at_rest
 from bayesid.identification.identification import KNOWN, Identification
@@ -276,7 +276,8 @@ def design_next(
     basis, pose = SplineBasis(run.duration), np.array(run.start)
     _check_start(feasibility, at_rest(basis, pose))
     reference = usual_motion(known.model.robot, run.limits)
-    rivals = tuple(make_rivals(known, keys, recorded, reference) for keys in classes)
+    changed = _changes(result) if isinstance(result, Discrepancy) else NO_CHANGES
+    rivals = tuple(make_rivals(known, keys, recorded, reference, changed) for keys in classes)
     if criterion not in CRITERIA:
         raise InputError(f"{criterion!r} cannot be used", "--criterion", f"give {' or '.join(CRITERIA)}")
     goal = None if rivals else goal_of(known, about)
@@ -324,6 +325,18 @@ def _taken(
     if recorded is not None and len(recorded) > _MOST_RECORDED:
         recorded = recorded[:: -(-len(recorded) // _MOST_RECORDED)]
     return result, recorded, classes
+
+
+def _changes(result: Discrepancy) -> Changes:
+    """Effects of a discrepancy that are changes of terms which the model had before."""
+    changed: dict[tuple[str, tuple[int, ...]], dict[str, float]] = {}
+    for added in result.added:
+        changed |= {score.key: {} for score in added.rivals if score.hypothesis.changes}
+    for added in result.added:
+        steps = {name: added.parameters[f"change of {name}"][0] for name in added.hypothesis.changes}
+        if steps:
+            changed[added.hypothesis.key] = steps
+    return changed
 
 
 def _with_lacking(result: Identification) -> IdentifiedModel:
