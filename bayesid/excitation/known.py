@@ -29,6 +29,9 @@ _ROUNDING = 1e-12
 """Least eigenvalue of a scaled covariance, relative to the largest."""
 GAIN = "log_gain"
 """Names of the logarithms of gains begin so."""
+_CHANCE = 1.1
+"""Times the largest eigenvalue that many draws have by chance: what few of them have beyond it (Johnstone, On the
+distribution of the largest eigenvalue in principal components analysis, 2001: 3 sd, 0.05 each at 60 of 256)."""
 
 
 @dataclass(frozen=True)
@@ -163,7 +166,10 @@ def _distribution(identified: IdentifiedModel, base: BaseCoefficients) -> tuple[
     covariance = np.atleast_2d(np.cov(drawn, rowvar=False))
     if not identified.precision.any():
         return beta, inverse(_floored(covariance)), np.zeros_like(covariance), none
-    return beta, identified.precision, _positive(covariance - inverse(identified.precision)), none
+    lacking = identified.lacking
+    if lacking is None:
+        lacking = _beyond_sampling(covariance, identified.precision, len(drawn))
+    return beta, identified.precision, _positive(lacking), none
 
 
 def _blind(precision: Array) -> bool:
@@ -173,9 +179,28 @@ def _blind(precision: Array) -> bool:
     return bool(values[0] <= _ROUNDING * values[-1])
 
 
+def _beyond_sampling(covariance: Array, precision: Array, draws: int) -> Array:
+    """(R, R) by which the covariance of some draws is more than an inverse covariance L says, but by chance.
+
+    Of K draws that are as L says, the scaled covariance has eigenvalues up to (1 + sqrt(R / K))^2 (Marchenko and
+    Pastur, 1967). A true l > 1 + sqrt(R / K) comes out as l + l (R / K) / (l - 1) (Baik and Silverstein, Eigenvalues of
+    large sample covariance matrices of spiked population models, 2006), which is undone; a smaller one is not seen.
+    """
+    share = len(covariance) / draws
+    scale = np.sqrt(np.maximum(np.diag(precision), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(precision / np.outer(scale, scale))
+    root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))  # L = root root'
+    found, turn = np.linalg.eigh(root.T @ covariance @ root)
+    more = found > _CHANCE * (1.0 + np.sqrt(share)) ** 2
+    middle = 0.5 * (found[more] + 1.0 - share)
+    true = middle + np.sqrt(middle**2 - found[more])
+    across = inverse(precision) @ root @ turn[:, more]
+    return (across * (true - 1.0)) @ across.T
+
+
 def _positive(matrix: Array) -> Array:
     """What is positive of a symmetric matrix."""
-    scale = np.sqrt(np.abs(np.diag(matrix))) + np.finfo(float).tiny
+    scale = np.sqrt(np.maximum(np.abs(np.diag(matrix)), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
     part: Array = (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(scale, scale)
     return part

@@ -24,7 +24,7 @@ from bayesid.excitation.known import GAIN, Known, information_of, inverse, known
 from bayesid.excitation.limits import check_limits
 from bayesid.excitation.predicted_signs import certain_share
 from bayesid.excitation.reference import usual_motion
-from bayesid.excitation.rivals import Rivals, inseparable, log10, make_rivals, parse_key
+from bayesid.excitation.rivals import NO_CHANGES, Changes, Rivals, inseparable, log10, make_rivals, parse_key
 from bayesid.excitation.search import Design, Search
 from bayesid.excitation.splines import SplineBasis, SplineTrajectory, at_rest
 from bayesid.fit.effects.added_effect import AddedEffect
@@ -32,6 +32,7 @@ from bayesid.fit.effects.hypotheses import EffectKey
 from bayesid.identification.identification import KNOWN, Identification
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.model.catalogue import main_forms
+from bayesid.model.coefficients import base_coefficients
 from bayesid.motion import Motion
 from bayesid.process import in_parallel, one_blas_thread
 from bayesid.progress import SILENT, Progress
@@ -288,7 +289,8 @@ def design_next(
     basis, pose = SplineBasis(run.duration), np.array(run.start)
     _check_start(feasibility, at_rest(basis, pose))
     reference = usual_motion(known.model.robot, run.limits)
-    rivals = tuple(make_rivals(known, keys, recorded, reference) for keys in classes)
+    changed = _changes(result) if isinstance(result, Discrepancy) else NO_CHANGES
+    rivals = tuple(make_rivals(known, keys, recorded, reference, changed) for keys in classes)
     goal = None if rivals else goal_of(known, about)
     design = _of_rivals(rivals) if goal is None else _of_goal(known, goal, run, criterion)
     search = Search(design, feasibility, basis, pose)
@@ -337,7 +339,7 @@ def _taken(
         result = result.identification
     if isinstance(result, Identification):
         recorded = result.signals.motion if recorded is None else recorded
-        result = result.identified
+        result = _with_lacking(result)
     if recorded is not None and len(recorded) > _MOST_RECORDED:
         recorded = recorded[:: -(-len(recorded) // _MOST_RECORDED)]
     return result, recorded, classes
@@ -351,6 +353,33 @@ def _equivalents(added: AddedEffect) -> list[str]:
         name if key is None else f"{name}:{':'.join(map(str, key[1]))}"  # with no joint behind it, the whole robot
         for name, key in zip(added.equivalent, found, strict=True)
     ]
+
+
+def _changes(result: Discrepancy) -> Changes:
+    """Effects of a discrepancy that are changes of terms which the model had before."""
+    changed: dict[tuple[str, tuple[int, ...]], dict[str, float]] = {}
+    for added in result.added:
+        changed |= {score.key: {} for score in added.rivals if score.hypothesis.changes}
+    for added in result.added:
+        steps = {name: added.parameters[f"change of {name}"][0] for name in added.hypothesis.changes}
+        if steps:
+            changed[added.hypothesis.key] = steps
+    return changed
+
+
+def _with_lacking(result: Identification) -> IdentifiedModel:
+    """The model with what it may lack by all draws of the posterior: those that it keeps are few."""
+    posterior = result.posterior
+    if posterior is None or posterior.log_gain is not None:
+        return result.identified
+    if posterior.shift is None:
+        return replace(result.identified, lacking=np.zeros_like(result.identified.precision))
+    base = base_coefficients(result.model)
+    wide, narrow = (
+        base.project(of.theta.reshape(-1, of.theta.shape[-1])) for of in (posterior.uncertain, posterior.draws)
+    )
+    lacking = np.atleast_2d(np.cov(wide, rowvar=False)) - np.atleast_2d(np.cov(narrow, rowvar=False))
+    return replace(result.identified, lacking=lacking)
 
 
 def equivalent_classes(found: Sequence[tuple[str, tuple[int, ...], Sequence[str]]]) -> list[list[EffectKey]]:

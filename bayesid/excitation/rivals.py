@@ -15,7 +15,7 @@ the expectation is that of the least clear case.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -37,13 +37,18 @@ from bayesid.motion import Motion
 TELLING = 2.0
 """Log10 Bayes factor from which on effects count as told apart: decisive (Jeffreys 1961, appendix B)."""
 _WIDER = 10.0
-"""Times the standard deviation now, that of a coefficient before the earlier recording: a round number."""
+"""Times the standard deviation now, the largest before the earlier recording: a round number."""
 _MOST_FORMS = 4
 """Of a hypothesis that are looked at: time grows with them. A round number."""
 _SHIFT = 1e-3
 """Standard deviation of an effect's change without amplitude, which is as it is."""
 _RANK = 1e-6
 """Share of a column's length that others must leave for a motion to tell it from them."""
+
+
+Changes = Mapping[EffectKey, Mapping[str, float]]
+"""Hypotheses that a term of the model has changed, and by how much which parameters, where the result has found it."""
+NO_CHANGES: Changes = {}
 
 
 @dataclass(frozen=True)
@@ -243,7 +248,9 @@ def _log_det(matrix: Array) -> float:
     return float(np.linalg.slogdet(scaled)[1] - 2.0 * np.log(scale).sum())
 
 
-def make_rivals(known: Known, keys: Sequence[EffectKey], earlier: Motion | None, reference: Motion) -> Rivals:
+def make_rivals(
+    known: Known, keys: Sequence[EffectKey], earlier: Motion | None, reference: Motion, changed: Changes = NO_CHANGES
+) -> Rivals:
     """Hypotheses of a result.
 
     Args:
@@ -251,13 +258,16 @@ def make_rivals(known: Known, keys: Sequence[EffectKey], earlier: Motion | None,
         keys: effects and joints (from 1), two or more.
         earlier: N instants of the motion of the result's log, evenly thinned; None where it is not at hand.
         reference: a motion on which forms are made where the earlier one is not at hand.
+        changed: of these, hypotheses that a term has changed which the model had before.
 
     Raises:
         InputError: an effect is not in the catalogue, or has no form in these joints.
     """
     if len(set(keys)) < 2:
         raise InputError("takes two different hypotheses", "--between", "as in stribeck_friction:3,thermal_drift:3")
-    bare, found = _without(known, keys)
+    bare, found = _without(known, [key for key in keys if key not in changed])
+    prior = None if earlier is None else _before(known, bare, earlier)
+    bare, steps = _as_before(bare, {key: changed[key] for key in keys if key in changed})
     scene_motion = reference if earlier is None else earlier
     effort = np.einsum("njr,r->nj", bare.columns(scene_motion), bare.mean)
     scene = bare.model.scene(scene_motion, bare.theta, effort, np.abs(effort))
@@ -279,15 +289,86 @@ def make_rivals(known: Known, keys: Sequence[EffectKey], earlier: Motion | None,
             mean = np.concatenate([np.zeros(len(one.columns.sd)), np.ones(int(shift))])
             forms.append(Form(one.source, slice(place, place + len(sd)), sd, mean))
             place += len(sd)
-        amplitudes = None if own is None else _amplitudes(forms[0], own[1])
+        amplitudes = steps.get(key) if own is None else _amplitudes(forms[0], own[1])
         rivals.append(Rival(key, tuple(forms), amplitudes))
     made = Rivals(bare, tuple(rivals), np.zeros((place, place)), bare.precision)
     if earlier is None:
         return _likeliest(made)
-    period = float(earlier.t[-1] - earlier.t[0]) / max(len(earlier) - 1, 1)
-    recorded = information_of(made.columns(earlier), made.known.weights(earlier, period))
-    now = np.diag(bare.now)
-    return _likeliest(replace(made, recorded=recorded, prior=np.diag(1.0 / (_WIDER**2 * now))))
+    recorded = information_of(made.columns(earlier), made.known.weights(earlier, _period(earlier)))
+    assert prior is not None
+    for rival in rivals:
+        if rival.key in steps:
+            prior = _unstepped(prior, bare, list(changed[rival.key]), rival.forms[0].sd)
+    return _likeliest(replace(made, recorded=recorded, prior=prior))
+
+
+def _period(motion: Motion) -> float:
+    return float(motion.t[-1] - motion.t[0]) / max(len(motion) - 1, 1)
+
+
+def _as_before(known: Known, changed: Changes) -> tuple[Known, dict[EffectKey, Array]]:
+    """The result with terms as they were before they changed, and by how much they did, where that was found."""
+    names = [parameter.name for parameter in known.model.parameters]
+    steps = {key: np.array(list(step.values())) for key, step in changed.items() if step}
+    theta = known.theta.copy()
+    for key, step in steps.items():
+        theta[[names.index(name) for name in changed[key]]] -= step
+    if not steps:
+        return known, steps
+    mean = known.mean.copy()
+    mean[: len(known.coefficients)] = known.coefficients.project(theta)
+    return replace(known, theta=theta, mean=mean), steps
+
+
+def _unstepped(prior: Array, bare: Known, parameters: Sequence[str], sd: Array) -> Array:
+    """The inverse covariance before, without the step that parameters were taken to have made (`Knowledge.widened`).
+
+    Where that step is all that was uncertain of a coefficient, a `_WIDER`th of it is left.
+
+    Args:
+        prior: with the step.
+        bare: whose quantities they are.
+        parameters: that have made it.
+        sd: (p,) of the step.
+    """
+    names = [parameter.name for parameter in bare.model.parameters]
+    step = np.zeros((len(bare), len(parameters)))
+    step[: len(bare.coefficients)] = bare.coefficients.projection[:, [names.index(name) for name in parameters]]
+    root = np.linalg.cholesky(prior)
+    whitened = root.T @ step * sd[: len(parameters)]
+    sizes, turn = np.linalg.eigh(whitened @ whitened.T)
+    spread = np.linalg.inv(root).T @ turn * np.sqrt(np.clip(1.0 - sizes, 1.0 / _WIDER**2, 1.0))
+    return inverse(spread @ spread.T)
+
+
+def _before(known: Known, bare: Known, earlier: Motion) -> Array:
+    """(r, r) inverse covariance of the quantities before the earlier recording, by what is known beside it.
+
+    What the recording tells is taken from what is known now; where it tells all of it, next to nothing was known.
+
+    Args:
+        known: the result.
+        bare: the same without the effects in question.
+        earlier: N instants of the motion of its log.
+    """
+    scale = np.sqrt(np.maximum(np.diag(known.precision), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(known.precision / np.outer(scale, scale))
+    root = scale[:, None] * vectors * np.sqrt(np.maximum(values, np.finfo(float).tiny))  # L = root root'
+    whiten = np.linalg.pinv(root)
+    told, turn = np.linalg.eigh(whiten @ known.information(earlier, _period(earlier)) @ whiten.T)
+    left = np.clip(1.0 - told, 1.0 / _WIDER**2, 1.0)
+    spread = whiten.T @ turn / np.sqrt(left)
+    if bare is not known:
+        spread = _turn(known, bare.model) @ spread[: len(known.coefficients)]
+    return inverse(spread @ spread.T)
+
+
+def _turn(known: Known, model: Model) -> Array:
+    """(r, R) what takes coefficients to those of the same model without some terms."""
+    names = [parameter.name for parameter in known.model.parameters]
+    kept = [names.index(parameter.name) for parameter in model.parameters]
+    turn: Array = base_coefficients(model).projection @ np.linalg.pinv(known.coefficients.projection[:, kept])
+    return turn
 
 
 def _likeliest(rivals: Rivals) -> Rivals:
@@ -368,8 +449,7 @@ def _without(known: Known, keys: Sequence[EffectKey]) -> tuple[Known, dict[Effec
     if not found:
         return known, found
     model, theta = Model(known.model.robot, tuple(terms), tuple(distortions)), known.theta[kept]
-    base = base_coefficients(model)
-    turn = base.projection @ np.linalg.pinv(known.coefficients.projection[:, kept])
+    base, turn = base_coefficients(model), _turn(known, model)
     covariance = known.now[: len(known.coefficients), : len(known.coefficients)]
     left = turn @ covariance @ turn.T
     precision = inverse(left)

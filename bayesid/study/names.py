@@ -18,6 +18,7 @@ STUDIES = {
     "misfit": "the same with an effect that the model does not hold",
     "gains": "what do |currents| tell of gains that are uncertain?",
     "tracking": "what does a tracker see of a robot that runs?",
+    "next_motion": "does the motion designed for a result settle what the result leaves open, as predicted?",
     "sbc": "does the sampler sample the posterior?",
     "complete": "what does the catalogue give an identification that names no effects?",
     "discrepancy": "is the missing effect named? Blind cases played by MuJoCo",

@@ -1,0 +1,514 @@
+"""Does the motion that is designed for a result settle what the result leaves open, as predicted? Simulated logs.
+
+Coefficients: robots with random parameters and the standard friction, and a sensor whose noise is 5 % of the RMS effort
+of a random motion, whatever the motion is. In the first log of 10 s one inner joint hardly moves. A motion is designed
+for what that leaves open, within limits of positions, velocities, accelerations, jerks and efforts; the robot runs it,
+a random motion, and the first one again, and is identified from the first log with each of the three. Printed: what is
+open before and after, the standard deviations that come out over those that were predicted, the errors over both, and
+whether the true robot keeps its limits on the motion.
+
+Hypotheses: an effect is hidden in a joint that hardly moves in a short log, so that others explain the log as well
+(`bayesid.find_discrepancy`). A motion is designed to tell them apart; the robot runs it, or a random one, and the two
+logs together are explained again. An effect is told apart if it is named, nothing is equivalent any more, and its Bayes
+factor against each that was is decisive.
+
+A design here tries half as many changes as by default (`CHANGES`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
+from bayesid.excitation.feasible import largest_efforts
+from bayesid.excitation.next_motion import NextMotion, Run, design_next, name_of
+from bayesid.excitation.rivals import TELLING
+from bayesid.fit.effects.added_effect import AddedEffect
+from bayesid.fit.effects.explanation import LN10
+from bayesid.fit.effects.hypotheses import EffectKey
+from bayesid.identification.identification import KNOWN, Identification
+from bayesid.identification.pipeline import QUICK, identify
+from bayesid.log.log import Log, join_logs
+from bayesid.model.catalogue import make_terms
+from bayesid.model.model import Model
+from bayesid.model.robot import Robot, robot_from_table
+from bayesid.model.terms import STANDARD
+from bayesid.motion import Motion
+from bayesid.posterior.sampler import Sampling
+from bayesid.report.plot.trials import COLOURS, Figure
+from bayesid.signs.search.certified import Certified
+from bayesid.simulation.logs import SimulatedEffect, simulate, with_effects
+from bayesid.simulation.parameters import random_parameters, rms
+from bayesid.simulation.trajectories import MotionLimits, random_trajectory
+from bayesid.studies.simulated import STRONG, make_robot
+from bayesid.study.record import Row
+from bayesid.study.study import Study, in_turn, mixed
+
+CHANGES = 1500
+"""Half the default: a study makes many designs."""
+_RATE, _DURATION = 100.0, 10.0
+"""Hz, and s of each log of a coefficients' trial."""
+_SENSOR, _FINER = 0.05, 0.03
+"""Noise over the RMS effort of a random motion: where coefficients are asked for, and where effects are."""
+_USUAL = MotionLimits(jerk=150.0)
+"""rad/s^3: of that order are those of small arms; what five harmonics in 10 s do is below it."""
+_STRONGER = 1.5
+"""Effort limits over the largest |effort| of a random motion."""
+_STILL = (0.05, 0.2)
+"""rad to either side and rad/s of the joint that hardly moves in the first log."""
+_NEAR = (0.8, 1.25)
+"""An achieved standard deviation over the predicted one, if the prediction is right; asymmetric as ratios are."""
+_FINE = 1e-3
+"""s between instants at which limits are looked at: a fiftieth of what the search looks at."""
+_TOUCH = 1e-5
+"""Relative: rounding of a third difference over (1 ms)^3, beside limits that are touched."""
+_ANOTHER = 4_000_000
+"""Added to the seed for the random motion that the designed one is held against."""
+_LEARNED, _SHORT = 12.0, 5.0
+"""s of the healthy log, and of the two logs with an effect."""
+_LITTLE = (0.25, 0.5)
+"""rad to either side and rad/s of the joint with an effect, in the first of them."""
+_TRIES = 4
+"""Joints, sizes and motions of the short log until one leaves the hidden effect among others."""
+_BUDGET = 3.0
+"""Nominal seconds of a search's proof, as in `bayesid.studies.simulated`."""
+_JOINTS = 7
+"""Of a random arm."""
+
+EFFECTS = ("joint_spring", "load_dependent_friction", "gravity_spring", "thermal_drift", "torque_offset")
+"""That short, poor logs leave among others."""
+_SIZES = (0.05, 0.2)
+"""RMS of an effect over that of its joint's effort: 1.5 to 7 times the noise."""
+COEFFICIENTS, HYPOTHESES = "coefficients", "hypotheses"
+ARM = "arm"
+"""The name of a random arm."""
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """What is left open.
+
+    Attributes:
+        part: "coefficients" or "hypotheses".
+        robot: built-in name, or "arm" for a random one.
+        effect: that is hidden; empty for none.
+        limited: whether there are limits of efforts.
+        changes: that a design tries.
+    """
+
+    part: str
+    robot: str
+    effect: str = ""
+    limited: bool = True
+    changes: int = CHANGES
+
+
+ROBOTS = ("kr5", "ur10e", "panda", ARM)
+SCENARIOS = mixed(
+    [
+        [Scenario(COEFFICIENTS, robot, limited=limited) for robot in ROBOTS for limited in (True, False)],
+        [Scenario(HYPOTHESES, robot, effect) for effect in EFFECTS for robot in ("kr5", "ur10e")],
+    ]
+)
+
+
+@dataclass(frozen=True)
+class _Truth:
+    """A robot as it is.
+
+    Attributes:
+        model: robot and terms.
+        theta: (P,) its parameters.
+        sensor: (n,) N m, noise of its efforts.
+        limits: of its joints, with one number each.
+    """
+
+    model: Model
+    theta: Array
+    sensor: Array
+    limits: MotionLimits
+
+    def log(self, motion: Motion, seed: int) -> Log:
+        """What is recorded of a motion."""
+        return simulate(self.model, self.theta, motion, rng=np.random.default_rng(seed), sensor=self.sensor)
+
+
+def trial(scenario: Scenario, seed: int) -> Row:
+    """One robot, one design, and what comes of it; both parts have the same columns."""
+    row = _of_coefficients(scenario, seed) if scenario.part == COEFFICIENTS else _of_hypotheses(scenario, seed)
+    return {**dict.fromkeys(_COLUMNS), **row}
+
+
+def _truth(name: str, seed: int, noise: float, *, limited: bool = True) -> _Truth:
+    robot = random_arm(seed) if name == ARM else make_robot(name)
+    usual = _random(robot.n_joints, _DURATION, seed)
+    model = Model(robot, make_terms(STANDARD, robot, usual))
+    theta = random_parameters(model, np.random.default_rng(seed))
+    effort = model.effort(usual, theta)
+    largest = tuple((_STRONGER * np.abs(effort).max(axis=0)).tolist())
+    return _Truth(model, theta, noise * rms(effort), replace(_USUAL, effort=largest) if limited else _USUAL)
+
+
+def random_arm(seed: int) -> Robot:
+    """Seven joints, each across the one before, links of 0.2 to 0.45 m along the axis or across it in turn."""
+    rng = np.random.default_rng([seed, 9])
+    rows = []
+    for j in range(_JOINTS):
+        along, across = rng.uniform(0.2, 0.45), rng.uniform(0.0, 0.1)
+        a, d = (across, along) if j % 2 == 0 else (along if rng.random() < 0.5 else across, 0.0)
+        alpha = float(rng.choice([-0.5, 0.5]) * np.pi)
+        rows.append({"a": float(a), "alpha": alpha, "d": float(d), "theta": float(rng.uniform(-np.pi, np.pi))})
+    table = {"name": ARM, "convention": "standard", "gravity": [0.0, 0.0, -9.81], "joints": rows}
+    return robot_from_table(table, ARM)
+
+
+def _random(n: int, duration: float, seed: int, still: int | None = None, most: tuple[float, float] = _STILL) -> Motion:
+    """A random motion; one joint may hardly move, no farther and no faster than is said."""
+    lower, upper, velocity = np.full(n, _USUAL.lower), np.full(n, _USUAL.upper), np.full(n, _USUAL.velocity)
+    if still is not None:
+        lower[still], upper[still], velocity[still] = -most[0], most[0], most[1]
+    limits = replace(
+        _USUAL, lower=tuple(lower.tolist()), upper=tuple(upper.tolist()), velocity=tuple(velocity.tolist())
+    )
+    t = np.arange(round(duration * _RATE) + 1) / _RATE
+    return random_trajectory(n, duration, seed=seed, limits=limits).motion(t)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Coefficients
+# ---------------------------------------------------------------------------------------------------------------
+def _of_coefficients(scenario: Scenario, seed: int) -> Row:
+    truth = _truth(scenario.robot, seed, _SENSOR, limited=scenario.limited)
+    n = truth.model.robot.n_joints
+    still = int(np.random.default_rng([seed, 1]).integers(1, n - 1))
+    first = _random(n, _DURATION, seed, still)
+    log = truth.log(first, seed)
+    now = _identified(truth, log, seed)
+    run = Run(duration=_DURATION, rate=_RATE, limits=truth.limits)
+    design = design_next(now, run=run, changes=scenario.changes)
+    motions = {"designed": design.motion, "random": _random(n, _DURATION, seed + _ANOTHER), "repeat": first}
+    logs = {name: join_logs([log, truth.log(motion, seed + _ANOTHER)]) for name, motion in motions.items()}
+    results = {name: _identified(truth, both, seed) for name, both in logs.items()}
+    after: Row = {}
+    for name, result in results.items():
+        effort = np.vstack([truth.model.effort(motion, truth.theta) for motion in (first, motions[name])])
+        after |= {
+            f"open_{name}": _open(result),
+            f"error_{name}": _error(truth, result),
+            f"right_{name}": _right(result, logs[name].t, effort),
+        }
+    return {
+        "coefficients": len(now.beta),
+        "open_now": _open(now),
+        "open_predicted": design.predicted.open,
+        "open_lacking": design.predicted.open_lacking,
+        **after,
+        **_ratios(design, results["designed"]),
+        **kept_limits(truth, design),
+        "random_allowed": _allowed(design, motions["random"]),
+        "timings": {"design": design.seconds},
+    }
+
+
+def _allowed(design: NextMotion, motion: Motion) -> bool | None:
+    """Whether the result knows that a motion keeps the limits of efforts; None without any."""
+    if not design.feasibility.limits_effort:
+        return None
+    return bool((largest_efforts(*design.feasibility.effort_band(motion)) <= design.feasibility.effort).all())
+
+
+def _identified(truth: _Truth, log: Log, seed: int) -> Identification:
+    return identify(
+        truth.model.robot,
+        log,
+        STANDARD,
+        complete="only-uncertainty",
+        search=Certified(budget=_BUDGET, repeatable=True),
+        posterior=Sampling(seed=seed, repeatable=True),
+    )
+
+
+def _open(result: Identification) -> int:
+    return int(np.sum(result.sd > KNOWN * np.abs(result.beta)))
+
+
+def _error(truth: _Truth, result: Identification) -> float:
+    """Of the coefficients over their standard deviations, RMS."""
+    error = (result.beta - result.coefficients.project(truth.theta)) / result.sd
+    return float(np.sqrt(np.mean(error**2)))
+
+
+def _right(result: Identification, t: Array, effort: Array) -> float:
+    """Share of strong samples whose sign is right; the true efforts are (N, n), at instants t (N,) of the result's log.
+
+    The result has samples in the pause between two logs too.
+    """
+    strong = np.abs(effort) >= STRONG * np.abs(effort).max(axis=0)
+    rows = np.searchsorted(result.signals.motion.t, t - 0.5 / _RATE)
+    return float((result.sample_signs[rows] == np.sign(effort))[strong].mean())
+
+
+def _ratios(design: NextMotion, result: Identification) -> Row:
+    """Achieved standard deviations over predicted ones, matched by names: how many are near."""
+    assert result.posterior is not None
+    predicted = design.predicted
+    places = [predicted.names.index(name) for name in result.coefficients.names]
+    sd, lacking = predicted.sd[places], predicted.sd_lacking[places]
+    noise = np.sqrt(np.diag(result.posterior.covariance_of_log)) / sd
+    low, high = _NEAR
+    return {
+        "noise_near": int(np.sum((noise >= low) & (noise <= high))),
+        "noise_median": float(np.median(noise)),
+        "total_between": int(np.sum((result.sd >= low * sd) & (result.sd <= high * lacking))),
+        "total_near": int(np.sum((result.sd >= low * sd) & (result.sd <= high * sd))),
+    }
+
+
+def kept_limits(truth: _Truth, design: NextMotion) -> Row:
+    """Whether the true robot keeps its limits at every ms of the motion, and how near it comes to each.
+
+    Derivatives are differences of the positions: means of the true ones, so no larger.
+    """
+    count = round(design.trajectory.duration / _FINE) + 1
+    motion = design.trajectory.motion(np.linspace(0.0, design.trajectory.duration, count))
+    limits = design.run.limits
+    assert limits is not None
+    assert limits.jerk is not None
+    lower, upper = np.asarray(limits.lower), np.asarray(limits.upper)
+    shares = [np.abs(motion.q - 0.5 * (upper + lower)) / (0.5 * (upper - lower))]
+    for order, limit in enumerate((limits.velocity, limits.acceleration, limits.jerk), start=1):
+        shares.append(np.abs(np.diff(motion.q, order, axis=0)) / _FINE**order / np.asarray(limit))
+    largest = [float(share.max()) for share in shares]
+    held: Row = {"motion_held": max(largest) <= 1.0 + _TOUCH}
+    if limits.effort is None:
+        return held
+    effort = float((np.abs(truth.model.effort(motion, truth.theta)) / np.asarray(limits.effort)).max())
+    return {**held, "effort_held": effort <= 1.0, "effort_share": effort}
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Hypotheses
+# ---------------------------------------------------------------------------------------------------------------
+def _of_hypotheses(scenario: Scenario, seed: int) -> Row:
+    healthy = _truth(scenario.robot, seed, _FINER)
+    learned = _random(healthy.model.robot.n_joints, _LEARNED, seed)
+    search = Certified(budget=_BUDGET, repeatable=True)
+    known = identify(
+        healthy.model.robot, healthy.log(learned, seed), STANDARD, complete="off", search=search, posterior=False
+    )
+    for k in range(1, _TRIES + 1):
+        truth, key = _with_effect(healthy, learned, scenario.effect, seed, k)
+        still = _random(healthy.model.robot.n_joints, _SHORT, seed + k * _ANOTHER, key[1][0] - 1, _LITTLE)
+        log = truth.log(still, seed + k)
+        found = _found(known, log)
+        rivals = _rivals(found, key)
+        if rivals:
+            break
+    else:
+        return {"ambiguous": False}
+    run = Run(duration=_SHORT, rate=_RATE, limits=truth.limits)
+    design = design_next(found, run=run, changes=scenario.changes)
+    random = _random(healthy.model.robot.n_joints, _SHORT, seed - 1 + _ANOTHER)
+    after: Row = {}
+    for name, motion in {"designed": design.motion, "random": random}.items():
+        again = _found(known, join_logs([log, truth.log(motion, seed + _ANOTHER)]))
+        after |= {f"{what}_{name}": value for what, value in _told(again, key, rivals).items()}
+    factors = design.predicted.log10_bayes_factors
+    expected = [factors[name_of(key), name_of((one, key[1]))] for one in rivals]
+    return {
+        "joint": key[1][0],
+        "ambiguous": True,
+        "rivals": ",".join(rivals),
+        **after,
+        "expected": float(np.min(expected)),
+        **kept_limits(truth, design),
+        "timings": {"design": design.seconds},
+    }
+
+
+def _with_effect(healthy: _Truth, motion: Motion, effect: str, seed: int, attempt: int) -> tuple[_Truth, EffectKey]:
+    """The robot with an effect in some joint, of some size on a motion."""
+    rng = np.random.default_rng([seed, 2, attempt])
+    joint = int(rng.integers(1, healthy.model.robot.n_joints + 1))
+    level = float(np.exp(rng.uniform(*np.log(_SIZES))))
+    hidden = [SimulatedEffect(effect, joint, level)]
+    model, theta = with_effects(healthy.model, healthy.theta, motion, hidden, seed)
+    return replace(healthy, model=model, theta=theta), (effect, (joint,))
+
+
+def _found(known: Identification, log: Log) -> Discrepancy:
+    return find_discrepancy(known, log, search=replace(QUICK, repeatable=True), posterior=False)
+
+
+def _rivals(found: Discrepancy, key: EffectKey) -> tuple[str, ...]:
+    """What the log cannot tell from the hidden effect; nothing where that is not among what is named."""
+    effect, joints = key
+    for added in found.added:
+        named = {added.effect, *added.equivalent}
+        if added.joints == joints and effect in named and added.equivalent:
+            return tuple(sorted(named - {effect}))
+    return ()
+
+
+def _told(found: Discrepancy, key: EffectKey, rivals: Sequence[str]) -> Row:
+    """Whether the hidden effect is named, is told from its rivals, and by which log10 Bayes factor at least."""
+    named = next((added for added in found.added if added.hypothesis.key == key), None)
+    weighed = named or next((added for added in found.added if added.effect in rivals and added.joints == key[1]), None)
+    factor = None if weighed is None else _factor(weighed, key, rivals)
+    told = named is not None and not set(named.equivalent) & set(rivals) and factor is not None and factor >= TELLING
+    return {"named": named is not None, "factor": factor, "told": told}
+
+
+def _factor(weighed: AddedEffect, key: EffectKey, rivals: Sequence[str]) -> float | None:
+    """Log10 Bayes factor of an effect against the likeliest of its rivals; those that are not weighed lie far off."""
+    gains = {score.key: score.gain for score in weighed.rivals}
+    others = [gains[one, key[1]] for one in rivals if (one, key[1]) in gains]
+    if key not in gains or not others:
+        return None
+    return float((gains[key] - max(others)) / LN10)
+
+
+_COLUMNS = (
+    *("coefficients", "open_now", "open_predicted", "open_lacking"),
+    *(f"{what}_{name}" for name in ("designed", "random", "repeat") for what in ("open", "error", "right")),
+    *("noise_near", "noise_median", "total_between", "total_near"),
+    *("joint", "ambiguous", "rivals"),
+    *(f"{what}_{name}" for name in ("designed", "random") for what in ("named", "factor", "told")),
+    *("expected", "motion_held", "effort_held", "effort_share", "random_allowed"),
+)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Summary
+# ---------------------------------------------------------------------------------------------------------------
+def report(rows: Sequence[Row]) -> str:
+    """A table of coefficients by robot, one of hypotheses by effect, and limits and seconds of all designs."""
+    lines = []
+    for limited, said in ((True, "with limits of efforts"), (False, "without limits of efforts")):
+        some = [row for row in rows if row["part"] == COEFFICIENTS and row["limited"] == limited]
+        if some:
+            lines += [f"open coefficients, {said}", *_table_of_coefficients(some), ""]
+    if any(row["part"] == HYPOTHESES for row in rows):
+        lines += [*_table_of_hypotheses(rows), ""]
+    designs = [row for row in rows if row["motion_held"] is not None]
+    limited = [row for row in designs if row["effort_held"] is not None]
+    if designs:
+        seconds = [row["timings"]["design"] for row in designs]
+        most = max([row["effort_share"] for row in limited], default=0.0)
+        lines.append(
+            f"limits held by the true robot at every ms: positions to jerks in {_count(designs, 'motion_held')}, "
+            f"efforts in {_count(limited, 'effort_held')} (at most {most:.0%} of a limit)"
+        )
+        known = [row for row in limited if row["random_allowed"] is not None]
+        lines.append(
+            f"random motions whose efforts are known beforehand to be allowed: {_count(known, 'random_allowed')}"
+        )
+        lines.append(f"seconds of a design: median {np.median(seconds):.0f}, most {max(seconds):.0f}")
+    return "\n".join(lines)
+
+
+def _count(rows: Sequence[Row], name: str) -> str:
+    return f"{sum(row[name] for row in rows)} of {len(rows)}"
+
+
+def _table_of_coefficients(rows: Sequence[Row]) -> list[str]:
+    lines = [
+        "robot   logs   now  predicted  designed  random  repeat",
+        "robot   sd near: noise  total, with doubt  total  error: designed  random  repeat  signs: designed   random"
+        "   repeat",
+    ]
+    groups = [(robot, [row for row in rows if robot in (row["robot"], "all")]) for robot in (*ROBOTS, "all")]
+    groups = [(robot, some) for robot, some in groups if some]
+    opened = []
+    for robot, some in groups:
+        left = [_sum(some, f"open_{name}") / len(some) for name in ("now", "predicted", *_MOTIONS)]
+        opened.append(
+            f"{robot:<8}{len(some):4d}{left[0]:6.1f}{left[1]:11.1f}{left[2]:10.1f}{left[3]:8.1f}{left[4]:8.1f}"
+        )
+    for robot, some in groups:
+        near = [_sum(some, name) / _sum(some, "coefficients") for name in ("noise_near", "total_between", "total_near")]
+        error = [np.sqrt(np.mean([row[f"error_{name}"] ** 2 for row in some])) for name in _MOTIONS]
+        right = [_sum(some, f"right_{name}") / len(some) for name in _MOTIONS]
+        lines.append(
+            f"{robot:<8}{near[0]:14.1%}{near[1]:19.1%}{near[2]:7.1%}{error[0]:17.2f}{error[1]:8.2f}{error[2]:8.2f}"
+            f"{right[0]:17.2%}{right[1]:9.2%}{right[2]:9.2%}"
+        )
+    return [lines[0], *opened, *lines[1:]]
+
+
+_MOTIONS = ("designed", "random", "repeat")
+
+
+def _table_of_hypotheses(rows: Sequence[Row]) -> list[str]:
+    lines = [
+        "effects that a poor log leaves among others",
+        "hidden                    logs  ambiguous  told: designed  random  named: designed  random  "
+        "log10 Bayes factor: expected  designed  random",
+    ]
+    for effect in (*EFFECTS, "all"):
+        every = [row for row in rows if row["part"] == HYPOTHESES and effect in (row["effect"], "all")]
+        some = [row for row in every if row["ambiguous"]]
+        if not every:
+            continue
+        told, named = (
+            [f"{_sum(some, f'{what}_{name}'):.0f}" for name in ("designed", "random")] for what in ("told", "named")
+        )
+        factors = [_middle(some, name) for name in ("expected", "factor_designed", "factor_random")]
+        lines.append(
+            f"{effect:<26}{len(every):4d}{len(some):11d}{told[0]:>16}{told[1]:>8}{named[0]:>17}{named[1]:>8}"
+            f"{factors[0]:>30}{factors[1]:>10}{factors[2]:>8}"
+        )
+    return lines
+
+
+def _sum(rows: Sequence[Row], name: str) -> float:
+    return float(sum(row[name] for row in rows))
+
+
+def _middle(rows: Sequence[Row], name: str) -> str:
+    values = [row[name] for row in rows if row[name] is not None]
+    return f"{np.median(values):.1f}" if values else "none"
+
+
+def draw(rows: Sequence[Row], figure: Figure) -> None:
+    """Open coefficients after a designed motion against a random one; Bayes factors against the expected ones."""
+    axes = figure.subplots(1, 2)
+    coefficients = [row for row in rows if row["part"] == COEFFICIENTS]
+    for place, robot in enumerate(ROBOTS):
+        some = [row for row in coefficients if row["robot"] == robot]
+        axes[0].plot(
+            [row["open_random"] for row in some],
+            [row["open_designed"] for row in some],
+            "o",
+            color=COLOURS[place % len(COLOURS)],
+            label=robot,
+        )
+    most = max([row["open_now"] for row in coefficients], default=1)
+    axes[0].plot([0, most], [0, most], color="#888888", lw=0.8)
+    axes[0].plot([0, most], [0, 0.5 * most], color="#888888", lw=0.8, ls="--")
+    axes[0].set_xlabel("open coefficients after a random motion")
+    axes[0].set_ylabel("after the designed one")
+    axes[0].legend(fontsize=8)
+    told = [row for row in rows if row["part"] == HYPOTHESES and row["ambiguous"]]
+    for place, name in enumerate(("designed", "random")):
+        some = [row for row in told if row[f"factor_{name}"] is not None]
+        axes[1].plot(
+            [row["expected"] for row in some],
+            [row[f"factor_{name}"] for row in some],
+            "ox"[place],
+            color=COLOURS[place],
+            label=name,
+        )
+    axes[1].axhline(TELLING, color="#888888", lw=0.8)
+    axes[1].set_xscale("symlog")
+    axes[1].set_yscale("symlog")
+    axes[1].set_xlabel("expected log10 Bayes factor of the designed motion")
+    axes[1].set_ylabel("log10 Bayes factor")
+    axes[1].legend(fontsize=8)
+
+
+STUDY = Study("next_motion", 56, in_turn(SCENARIOS), trial, report, draw)
