@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
 from bayesid.arrays import Array
+from bayesid.discrepancy.numbers import CHANGE_OF
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.errors import InputError
 from bayesid.excitation.feasible import BAND, Clearance, Feasibility, fine_steps, largest_efforts
@@ -24,7 +25,7 @@ from bayesid.excitation.known import GAIN, Known, information_of, inverse, known
 from bayesid.excitation.limits import check_limits
 from bayesid.excitation.predicted_signs import certain_share
 from bayesid.excitation.reference import usual_motion
-from bayesid.excitation.rivals import NO_CHANGES, Changes, Rivals, inseparable, log10, make_rivals, parse_key
+from bayesid.excitation.rivals import Changes, Rivals, inseparable, log10, make_rivals, parse_key
 from bayesid.excitation.search import Design, Search
 from bayesid.excitation.splines import SplineBasis, SplineTrajectory, at_rest
 from bayesid.fit.effects.added_effect import AddedEffect
@@ -52,6 +53,19 @@ _SUPPOSED = (
 )
 SPEEDS = (0.1, 0.3, 1.0)
 """Shares of the speed at which a new motion is played, one after the other."""
+
+
+@dataclass(frozen=True)
+class Hypotheses:
+    """Classes of effects of which each class is to be told apart.
+
+    Attributes:
+        classes: effect and joints (from 1) of each hypothesis, the one that was named first.
+        changed: those that are a change of a term which the model had before, and by how much which parameters.
+    """
+
+    classes: tuple[tuple[EffectKey, ...], ...] = ()
+    changed: Changes = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -246,7 +260,7 @@ class NextMotion:
 def design_next(
     result: Identification | IdentifiedModel | Discrepancy,
     about: Sequence[str] = (),
-    between: Sequence[str] = (),
+    between: Sequence[str] | Hypotheses = (),
     *,
     run: RunSettings = RunSettings(),
     recorded: Motion | None = None,
@@ -261,7 +275,7 @@ def design_next(
             log cannot tell apart are then told apart by default.
         about: names of coefficients, parameters or effects, or `gains`, `payload`, `signs`; without any all
             coefficients that are known to less than 10 %.
-        between: hypotheses to tell apart instead, as in ("stribeck_friction:3", "thermal_drift:3").
+        between: hypotheses to tell apart instead, as in ("stribeck_friction:3", "thermal_drift:3"), or classes of them.
         run: duration, rate, start, limits and what tells collisions.
         recorded: the motion of the result's log, where the result is a model alone: without it hypotheses are taken to
             be as open as before that log.
@@ -281,7 +295,7 @@ def design_next(
     """
     began = time.perf_counter()
     _check_search(criterion, changes)
-    identified, recorded, classes = _taken(result, recorded, between, about)
+    identified, recorded, hypotheses = _taken(result, recorded, between, about)
     known = known_of(identified, run.rate)
     assumed, run = run.limits is None, _settled(run, known, recorded)
     assert run.limits is not None
@@ -289,8 +303,7 @@ def design_next(
     basis, pose = SplineBasis(run.duration), np.array(run.start)
     _check_start(feasibility, at_rest(basis, pose))
     reference = usual_motion(known.model.robot, run.limits)
-    changed = _changes(result) if isinstance(result, Discrepancy) else NO_CHANGES
-    rivals = tuple(make_rivals(known, keys, recorded, reference, changed) for keys in classes)
+    rivals = tuple(make_rivals(known, keys, recorded, reference, hypotheses.changed) for keys in hypotheses.classes)
     goal = None if rivals else goal_of(known, about)
     design = _of_rivals(rivals) if goal is None else _of_goal(known, goal, run, criterion)
     search = Search(design, feasibility, basis, pose)
@@ -326,23 +339,28 @@ def _check_search(criterion: str, changes: int) -> None:
 def _taken(
     result: Identification | IdentifiedModel | Discrepancy,
     recorded: Motion | None,
-    between: Sequence[str],
+    between: Sequence[str] | Hypotheses,
     about: Sequence[str],
-) -> tuple[IdentifiedModel, Motion | None, list[list[EffectKey]]]:
-    """The model, the motion of its log, and the classes of hypotheses."""
-    if between and about:
+) -> tuple[IdentifiedModel, Motion | None, Hypotheses]:
+    """The model, the motion of its log, and the hypotheses."""
+    named = between if isinstance(between, Hypotheses) else _one_class(between)
+    if named.classes and about:
         raise InputError("asks for coefficients and for hypotheses", "--between", "leave it or --about out")
-    classes = [[parse_key(text) for text in between]] if between else []
     if isinstance(result, Discrepancy):
-        if not about and not between:
+        changed, classes = _changes(result), named.classes
+        if not about and not classes:
             classes = equivalent_classes([(one.effect, one.joints, _equivalents(one)) for one in result.added])
-        result = result.identification
+        named, result = Hypotheses(classes, changed), result.identification
     if isinstance(result, Identification):
         recorded = result.signals.motion if recorded is None else recorded
         result = _with_lacking(result)
     if recorded is not None and len(recorded) > _MOST_RECORDED:
         recorded = recorded[:: -(-len(recorded) // _MOST_RECORDED)]
-    return result, recorded, classes
+    return result, recorded, named
+
+
+def _one_class(between: Sequence[str]) -> Hypotheses:
+    return Hypotheses((tuple(map(parse_key, between)),) if between else ())
 
 
 def _equivalents(added: AddedEffect) -> list[str]:
@@ -361,7 +379,7 @@ def _changes(result: Discrepancy) -> Changes:
     for added in result.added:
         changed |= {score.key: {} for score in added.rivals if score.hypothesis.changes}
     for added in result.added:
-        steps = {name: added.parameters[f"change of {name}"][0] for name in added.hypothesis.changes}
+        steps = {name: added.parameters[f"{CHANGE_OF}{name}"][0] for name in added.hypothesis.changes}
         if steps:
             changed[added.hypothesis.key] = steps
     return changed
@@ -382,7 +400,9 @@ def _with_lacking(result: Identification) -> IdentifiedModel:
     return replace(result.identified, lacking=lacking)
 
 
-def equivalent_classes(found: Sequence[tuple[str, tuple[int, ...], Sequence[str]]]) -> list[list[EffectKey]]:
+def equivalent_classes(
+    found: Sequence[tuple[str, tuple[int, ...], Sequence[str]]],
+) -> tuple[tuple[EffectKey, ...], ...]:
     """Classes of hypotheses that a log could not tell apart: effect and joints of each, the one that was named first.
 
     Args:
@@ -391,21 +411,15 @@ def equivalent_classes(found: Sequence[tuple[str, tuple[int, ...], Sequence[str]
             ("thermal_drift:3", and "delay:" in the whole robot).
     """
     told = [one for one in found if one[2]]
-    return [
-        [(effect, joints), *(parse_key(other) if ":" in other else _placed(other, joints) for other in equivalent)]
+    return tuple(
+        ((effect, joints), *(parse_key(other) if ":" in other else _placed(other, joints) for other in equivalent))
         for effect, joints, equivalent in told
-    ]
+    )
 
 
 def _placed(effect: str, joints: tuple[int, ...]) -> EffectKey:
     kind = main_forms().get(effect)
     return effect, joints if kind is None or kind.by_joint else ()
-
-
-def name_of(key: tuple[str, tuple[int, ...]]) -> str:
-    """A hypothesis as `between` takes it."""
-    effect, joints = key
-    return ":".join([effect, *map(str, joints)])
 
 
 def _settled(run: RunSettings, known: Known, recorded: Motion | None) -> RunSettings:
@@ -470,7 +484,7 @@ def _of_goal(known: Known, goal: Goal, run: RunSettings, criterion: str) -> Desi
 
 
 def _of_rivals(rivals: tuple[Rivals, ...]) -> Design:
-    """The class that is told least clearly counts."""
+    """All classes count, each pair of each up to where it is told clearly."""
 
     def columns(motion: Motion) -> Array:
         return np.concatenate([one.columns(motion) for one in rivals], axis=2)
@@ -478,7 +492,7 @@ def _of_rivals(rivals: tuple[Rivals, ...]) -> Design:
     def worth(information: Array) -> float:
         ends = np.cumsum([0, *(len(one.recorded) for one in rivals)]).tolist()
         parts = zip(rivals, ends[:-1], ends[1:], strict=True)
-        return max(one.worth(information[start:end, start:end]) for one, start, end in parts)
+        return sum(one.worth(information[start:end, start:end]) for one, start, end in parts)
 
     return Design(columns, rivals[0].known.weights, worth, whole=any(one.memory for one in rivals))
 
