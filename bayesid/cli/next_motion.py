@@ -70,10 +70,10 @@ def _design(
 ) -> NextMotion:
     about, between = _words(options.about), _words(options.between)
     found = _found(options.result)
-    if about:
-        found = Hypotheses()
-    elif between:
+    if between:
         found = Hypotheses((tuple(map(parse_key, between)),), found.changed)
+    elif about:
+        found = Hypotheses()
     return design_next(
         identified,
         about,
