@@ -25,8 +25,8 @@ from bayesid.excitation.known import GAIN, Known, information_of, inverse, known
 from bayesid.excitation.limits import check_limits
 from bayesid.excitation.predicted_signs import certain_share
 from bayesid.excitation.reference import usual_motion
-from bayesid.excitation.rivals import Changes, Rivals, inseparable, log10, make_rivals, parse_key
-from bayesid.excitation.search import Design, Search
+from bayesid.excitation.rivals import Changes, RivalEffects, inseparable, log10, make_rivals, parse_key
+from bayesid.excitation.search import Design, MotionSearch
 from bayesid.excitation.splines import SplineBasis, SplineTrajectory, at_rest
 from bayesid.fit.effects.added_effect import AddedEffect
 from bayesid.fit.effects.hypotheses import EffectKey
@@ -107,7 +107,7 @@ class RunSettings:
 
 
 @dataclass(frozen=True)
-class Prediction:
+class PredictedKnowledge:
     """What will be known after a recording.
 
     Attributes:
@@ -180,9 +180,9 @@ class NextMotion:
     trajectory: SplineTrajectory
     run: RunSettings
     goal: Goal | None
-    rivals: tuple[Rivals, ...]
-    predicted: Prediction
-    of_random: Prediction
+    rivals: tuple[RivalEffects, ...]
+    predicted: PredictedKnowledge
+    of_random: PredictedKnowledge
     feasibility: Feasibility
     never: tuple[str, ...]
     unchecked: tuple[str, ...]
@@ -306,7 +306,7 @@ def design_next(
     rivals = tuple(make_rivals(known, keys, recorded, reference, hypotheses.changed) for keys in hypotheses.classes)
     goal = None if rivals else goal_of(known, about)
     design = _of_rivals(rivals) if goal is None else _of_goal(known, goal, run, criterion)
-    search = Search(design, feasibility, basis, pose)
+    search = MotionSearch(design, feasibility, basis, pose)
     trajectory = _found(search, changes, progress)
     motion = trajectory.motion(_instants(run))
     told = partial(_prediction, known, goal, rivals)
@@ -483,7 +483,7 @@ def _of_goal(known: Known, goal: Goal, run: RunSettings, criterion: str) -> Desi
     return Design(known.columns, known.weights, worth, whole=known.memory)
 
 
-def _of_rivals(rivals: tuple[Rivals, ...]) -> Design:
+def _of_rivals(rivals: tuple[RivalEffects, ...]) -> Design:
     """All classes count, each pair of each up to where it is told clearly."""
 
     def columns(motion: Motion) -> Array:
@@ -497,7 +497,7 @@ def _of_rivals(rivals: tuple[Rivals, ...]) -> Design:
     return Design(columns, rivals[0].known.weights, worth, whole=any(one.memory for one in rivals))
 
 
-def _found(search: Search, changes: int, progress: Progress) -> SplineTrajectory:
+def _found(search: MotionSearch, changes: int, progress: Progress) -> SplineTrajectory:
     """The better motion of some searches from different starts."""
 
     def done(k: int) -> None:
@@ -509,14 +509,16 @@ def _found(search: Search, changes: int, progress: Progress) -> SplineTrajectory
     return min(found, key=search.cost)
 
 
-def _prediction(known: Known, goal: Goal | None, rivals: tuple[Rivals, ...], motion: Motion) -> Prediction:
+def _prediction(
+    known: Known, goal: Goal | None, rivals: tuple[RivalEffects, ...], motion: Motion
+) -> PredictedKnowledge:
     period = float(motion.t[-1] - motion.t[0]) / (len(motion) - 1)
     after = known.covariance(known.information(motion, period))
     factors: dict[tuple[str, str], float] = {}
     for one in rivals:
         information = information_of(one.columns(motion), one.known.weights(motion, period))
         factors |= {pair: log10(value) for pair, value in one.expected(information).items()}
-    return Prediction(
+    return PredictedKnowledge(
         names=known.names,
         units=known.units,
         mean=known.mean,

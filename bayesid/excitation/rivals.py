@@ -55,7 +55,7 @@ NO_CHANGES: Changes = {}
 
 
 @dataclass(frozen=True)
-class Form:
+class RivalForm:
     """One form of a hypothesis.
 
     Attributes:
@@ -87,7 +87,7 @@ class Rival:
     """
 
     key: EffectKey
-    forms: tuple[Form, ...]
+    forms: tuple[RivalForm, ...]
     own: Array | None
 
     @property
@@ -98,7 +98,7 @@ class Rival:
 
 
 @dataclass(frozen=True)
-class Rivals:
+class RivalEffects:
     """Hypotheses, and what is known beside them.
 
     Attributes:
@@ -166,7 +166,7 @@ class Rivals:
                 cases[rival.name] = max(mimics, key=lambda case: case.fit)
         return cases
 
-    def _mimic(self, form: Form, found: Rival) -> _Case:
+    def _mimic(self, form: RivalForm, found: Rival) -> _Case:
         own = replace(found.forms[0], mean=np.asarray(found.own))
         return self._after(form, np.concatenate([self.known.mean, np.asarray(found.own)]), own)
 
@@ -181,12 +181,12 @@ class Rivals:
             if r
         }
 
-    def best_fit(self, form: Form, rival: Rival) -> float:
+    def best_fit(self, form: RivalForm, rival: Rival) -> float:
         """How well a form of a hypothesis fits the earlier recording where one of the others is true."""
         truths = [self._truth[one.name] for one in self.rivals if one is not rival]
         return max(self._after(form, truth.mean, truth.form).fit for truth in truths)
 
-    def _after(self, form: Form, truth: Array, of: Form) -> _Case:
+    def _after(self, form: RivalForm, truth: Array, of: RivalForm) -> _Case:
         """A form after the earlier recording, in which another form was true with quantities (R,)."""
         r = len(self.known)
         own, true = (np.concatenate([np.arange(r), one.columns]) for one in (form, of))
@@ -213,7 +213,7 @@ class _Case:
         fit: how well it has fitted the earlier recording; the more, the better.
     """
 
-    form: Form
+    form: RivalForm
     columns: Integers
     mean: Array
     precision: Array
@@ -253,7 +253,7 @@ def _log_det(matrix: Array) -> float:
 
 def make_rivals(
     known: Known, keys: Sequence[EffectKey], earlier: Motion | None, reference: Motion, changed: Changes = NO_CHANGES
-) -> Rivals:
+) -> RivalEffects:
     """Hypotheses of a result.
 
     Args:
@@ -290,11 +290,11 @@ def make_rivals(
             shift = any(np.any(values) for values in one.columns.shift.values())
             sd = np.concatenate([one.columns.sd, np.full(int(shift), _SHIFT)])
             mean = np.concatenate([np.zeros(len(one.columns.sd)), np.ones(int(shift))])
-            forms.append(Form(one.source, slice(place, place + len(sd)), sd, mean))
+            forms.append(RivalForm(one.source, slice(place, place + len(sd)), sd, mean))
             place += len(sd)
         amplitudes = steps.get(key) if own is None else _amplitudes(forms[0], own[1])
         rivals.append(Rival(key, tuple(forms), amplitudes))
-    made = Rivals(bare, tuple(rivals), np.zeros((place, place)), bare.precision)
+    made = RivalEffects(bare, tuple(rivals), np.zeros((place, place)), bare.precision)
     if earlier is None:
         return _likeliest(made)
     recorded = information_of(made.columns(earlier), made.known.weights(earlier, _period(earlier)))
@@ -374,7 +374,7 @@ def _turn(known: Known, model: Model) -> Array:
     return turn
 
 
-def _likeliest(rivals: Rivals) -> Rivals:
+def _likeliest(rivals: RivalEffects) -> RivalEffects:
     """The forms of each hypothesis that imitate the others best on the earlier recording; evenly many without one."""
     chosen = [_chosen(rivals, rival) for rival in rivals.rivals]
     r = len(rivals.known)
@@ -389,7 +389,7 @@ def _likeliest(rivals: Rivals) -> Rivals:
     return replace(rivals, rivals=tuple(left), recorded=rivals.recorded[np.ix_(kept, kept)])
 
 
-def _chosen(rivals: Rivals, rival: Rival) -> list[Form]:
+def _chosen(rivals: RivalEffects, rival: Rival) -> list[RivalForm]:
     """As many forms as are looked at; the one that the result has found is the first of them."""
     forms, first = list(rival.forms), int(rival.own is not None)
     if len(forms) <= _MOST_FORMS:
@@ -401,7 +401,7 @@ def _chosen(rivals: Rivals, rival: Rival) -> list[Form]:
     return [*forms[:first], *(forms[k] for k in best)]
 
 
-def _amplitudes(form: Form, theta: Array) -> Array:
+def _amplitudes(form: RivalForm, theta: Array) -> Array:
     """(p,) of a form that the result has: a term's parameters, or nothing beside the change that a distortion is."""
     return np.concatenate([theta, form.mean[len(theta) :]])
 
@@ -476,7 +476,7 @@ def log10(nats: float) -> float:
     return nats / LN10
 
 
-def inseparable(rivals: Rivals, motion: Motion) -> list[tuple[str, str]]:
+def inseparable(rivals: RivalEffects, motion: Motion) -> list[tuple[str, str]]:
     """Pairs that no motion tells apart: a rich one shows each in columns that the other has too."""
     columns = rivals.columns(motion)
     rows = columns.reshape(-1, columns.shape[2])
@@ -489,7 +489,7 @@ def inseparable(rivals: Rivals, motion: Motion) -> list[tuple[str, str]]:
     return pairs
 
 
-def _alike(rows: Array, r: int, one: Form, other: Form) -> bool:
+def _alike(rows: Array, r: int, one: RivalForm, other: RivalForm) -> bool:
     """Whether the columns of one form are among the model's and those of another, and the other way round."""
     for own, others in ((one, other), (other, one)):
         span = rows[:, np.concatenate([np.arange(r), others.columns])]

@@ -81,7 +81,7 @@ class _Tried:
 
 
 @dataclass(frozen=True)
-class Search:
+class MotionSearch:
     """A search.
 
     Attributes:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayesid.excitation.next_motion import NextMotion, Prediction
+from bayesid.excitation.next_motion import NextMotion, PredictedKnowledge
 from bayesid.excitation.rivals import TELLING
 from bayesid.identification.identification import KNOWN
 from bayesid.report.words import table
@@ -49,7 +49,7 @@ def _of_goal(design: NextMotion) -> list[str]:
     return [*lines, table(["name", "value", "sd now", "sd then", "unit"], rows)]
 
 
-def _of_rivals(predicted: Prediction, random: Prediction) -> list[str]:
+def _of_rivals(predicted: PredictedKnowledge, random: PredictedKnowledge) -> list[str]:
     """How clearly hypotheses are told apart."""
     rows = []
     for pair, value in predicted.log10_bayes_factors.items():

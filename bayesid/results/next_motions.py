@@ -10,7 +10,7 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.excitation.feasible import BAND
-from bayesid.excitation.next_motion import NextMotion, Prediction
+from bayesid.excitation.next_motion import NextMotion, PredictedKnowledge
 from bayesid.files.writing import check_folder, save_folder, write_table
 from bayesid.results.controllers import PROGRAM_FOLDERS, PlannedMotion, Programs, check_programs, save_programs
 
@@ -105,7 +105,7 @@ def _each(limit: object) -> Array | None:
     return None if limit is None else np.asarray(limit, dtype=float)
 
 
-def predicted_rows(predicted: Prediction) -> list[dict[str, object]]:
+def predicted_rows(predicted: PredictedKnowledge) -> list[dict[str, object]]:
     """predicted.csv: one row a coefficient or gain, its sd now and after the recording."""
     columns = (predicted.mean, predicted.sd_now, predicted.sd, predicted.sd_lacking)
     numbers = np.column_stack(columns).tolist()
@@ -174,7 +174,7 @@ def next_summary(design: NextMotion, programs: Programs) -> dict[str, Any]:
     }
 
 
-def _factors(predicted: Prediction) -> list[dict[str, object]]:
+def _factors(predicted: PredictedKnowledge) -> list[dict[str, object]]:
     return [
         {"true": true, "against": other, "expected": value}
         for (true, other), value in predicted.log10_bayes_factors.items()

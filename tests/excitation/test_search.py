@@ -10,7 +10,7 @@ from bayesid.excitation.feasible import Feasibility
 from bayesid.excitation.goals import goal_of, log_spread
 from bayesid.excitation.known import information_of
 from bayesid.excitation.limits import check_limits
-from bayesid.excitation.search import INSTANTS, Design, Search
+from bayesid.excitation.search import INSTANTS, Design, MotionSearch
 from bayesid.excitation.splines import ENDS, SplineBasis, SplineTrajectory
 from bayesid.model.terms.hysteresis import Hysteresis
 from bayesid.motion import Motion
@@ -20,7 +20,7 @@ POSE = np.array([-0.2, 0.5, 0.3])
 DURATION = 3.0
 
 
-class Watched(Search):
+class Watched(MotionSearch):
     """Remembers every motion that was tried and is the best."""
 
     def _changed(self, best, rng):
@@ -39,7 +39,7 @@ class Wall:
         return q[:, 0] + 0.5
 
 
-def search_of(known, kind=Search, whole=None, limits=LIMITS, clearance=None):
+def search_of(known, kind=MotionSearch, whole=None, limits=LIMITS, clearance=None):
     goal = goal_of(known)
     n = known.model.robot.n_joints
     design = Design(
