@@ -14,6 +14,9 @@ from .excitation.design import design_excitation as design_excitation
 from .excitation.judgement import ExcitationJudgement as ExcitationJudgement
 from .excitation.judgement import judge_log as judge_log
 from .excitation.limits import read_limits as read_limits
+from .excitation.next_motion import NextMotion as NextMotion
+from .excitation.next_motion import RunSettings as RunSettings
+from .excitation.next_motion import design_next as design_next
 from .fit.effects.kinematics import KinematicTolerance as KinematicTolerance
 from .fit.effects.thresholds import Thresholds as Thresholds
 from .fit.knowledge import Beliefs as Beliefs
@@ -37,6 +40,9 @@ from .log.log import write_log as write_log
 from .log.motions import read_motion as read_motion
 from .log.segments import Cutting as Cutting
 from .model.catalogue import make_terms as make_terms
+from .model.collision import Capsules as Capsules
+from .model.collision import CollisionModel as CollisionModel
+from .model.collision import collision_model as collision_model
 from .model.model import Model as Model
 from .model.robot import Robot as Robot
 from .model.robot import load_robot as load_robot
@@ -63,6 +69,7 @@ from .results.folders import save_identification as save_identification
 from .results.folders import save_payload as save_payload
 from .results.folders import save_validation as save_validation
 from .results.model_file import load_model as load_model
+from .results.next_motions import save_next_motion as save_next_motion
 from .results.several_logs import Separate as Separate
 from .results.several_logs import identify_separately as identify_separately
 from .signs.search.beam import Beam as Beam

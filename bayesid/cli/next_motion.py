@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import os
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,9 +14,11 @@ from bayesid.arrays import Array
 from bayesid.cli.options import robot_of
 from bayesid.cli.progress import StageBars
 from bayesid.cli.terminal import warn
+from bayesid.discrepancy.numbers import CHANGE_OF
 from bayesid.errors import InputError
 from bayesid.excitation.limits import read_limits
-from bayesid.excitation.next_motion import NextMotion, Run, design_next, equivalent_classes, name_of
+from bayesid.excitation.next_motion import Hypotheses, NextMotion, RunSettings, design_next, equivalent_classes
+from bayesid.excitation.rivals import parse_key
 from bayesid.files.bounded import json_of, read_source
 from bayesid.files.writing import reserved
 from bayesid.identification.identified_model import IdentifiedModel
@@ -42,7 +46,7 @@ def design_for_result(options: argparse.Namespace) -> str:
         recorded = recorded_motion(options.result)
         robot = _robot(options, identified)
         clearance = _clearance(options, robot, _poses(options, identified.model.robot, recorded))
-        run = Run(
+        run = RunSettings(
             duration=options.duration,
             rate=options.rate,
             start=_numbers(options.start, "--start"),
@@ -62,19 +66,18 @@ def design_for_result(options: argparse.Namespace) -> str:
 
 
 def _design(
-    options: argparse.Namespace, identified: IdentifiedModel, recorded: Motion | None, run: Run, bars: StageBars
+    options: argparse.Namespace, identified: IdentifiedModel, recorded: Motion | None, run: RunSettings, bars: StageBars
 ) -> NextMotion:
     about, between = _words(options.about), _words(options.between)
-    if not about and not between:
-        classes = _equivalent(options.result)
-        if len(classes) > 1:
-            left = "; ".join(",".join(names) for names in classes[1:])
-            warn(f"several effects cannot be told apart: this motion is for {','.join(classes[0])}; --between {left}")
-        between = classes[0] if classes else ()
+    found = _found(options.result)
+    if about:
+        found = Hypotheses()
+    elif between:
+        found = Hypotheses((tuple(map(parse_key, between)),), found.changed)
     return design_next(
         identified,
         about,
-        between,
+        found,
         run=run,
         recorded=recorded,
         criterion=options.criterion,
@@ -93,18 +96,35 @@ def recorded_motion(folder: Path) -> Motion | None:
     return Motion(samples.t, samples.position, samples.velocity, ddq)
 
 
-def _equivalent(folder: Path) -> list[tuple[str, ...]]:
-    """Hypotheses that a discrepancy's log could not tell apart."""
+def _found(folder: Path) -> Hypotheses:
+    """Hypotheses that a discrepancy's log could not tell apart, and changes of what its model had; none of a result."""
     path = folder / _DISCREPANCY
     if not os.path.exists(path):
-        return []
+        return Hypotheses()
     remedy = "give a folder that `bayesid discrepancy` wrote"
     content = json_of(read_source(path, remedy), str(path), remedy)
     try:
-        found = [(one["effect"], tuple(one["joints"]), tuple(one["equivalent"])) for one in content["found"]]
-    except (KeyError, TypeError) as error:
+        classes = equivalent_classes(
+            [(one["effect"], tuple(one["joints"]), _equivalents(one)) for one in content["found"]]
+        )
+        changed = {
+            (one["effect"], tuple(one["joints"])): {
+                name.removeprefix(CHANGE_OF): float(quantity["value"]) for name, quantity in one["parameters"].items()
+            }
+            for one in content["found"]
+            if one["change_of_what_was_there"]
+        }
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise InputError(f"does not hold what bayesid writes ({error})", str(path), remedy) from None
-    return [tuple(name_of(key) for key in keys) for keys in equivalent_classes(found)]
+    return Hypotheses(classes, changed)
+
+
+def _equivalents(found: Mapping[str, Any]) -> list[str]:
+    """Effects that are equivalent to one, with the joints in which they are where the file says so."""
+    places = {one["effect"]: one["joints"] for one in reversed(found["alternatives"])}
+    return [
+        ":".join([name, *map(str, places[name])]) if places.get(name) else str(name) for name in found["equivalent"]
+    ]
 
 
 def _robot(options: argparse.Namespace, identified: IdentifiedModel) -> Robot:

@@ -438,6 +438,8 @@ def _add_track(commands: _Commands) -> None:
     parser.add_argument("--follow", action="store_true", help=follow)
     rate = "of the samples (default: from the log; needed with --follow)"
     parser.add_argument("--rate", type=float, metavar="HZ", help=rate)
+    payload = "label of what the flange carries, one that the result knows (default: it carries nothing)"
+    parser.add_argument("--payload", default="", metavar="LABEL", help=payload)
     alarms = "contacts, and changes, an hour that are accepted where nothing happens (default: %(default)g)"
     parser.add_argument("--false-alarms", type=float, default=0.01, metavar="PER_HOUR", help=alarms)
     plot = "a figure too: stream.png (default), or stream.svg"
@@ -518,7 +520,7 @@ def _add_next_motion(parser: Parser) -> None:
     meshes = "folder of the packages that the URDF's meshes are in; may be repeated"
     add("--meshes", type=Path, action="append", default=[], metavar="DIR", help=meshes)
     changes = "of the motion that are tried (default: %(default)s, some half a minute)"
-    add("--changes", type=_whole, default=3000, help=changes)
+    add("--changes", type=_whole, default=2500, help=changes)
 
 
 def _add_simulate(commands: _Commands) -> None:

@@ -11,6 +11,9 @@ from bayesid.identification.identification import Identification
 from bayesid.model.formula import Description
 from bayesid.model.model import Model
 
+CHANGE_OF = "change of "
+"""How names of numbers begin that are changes of what the model had."""
+
 
 class Numbers:
     """Parameters of the extended model, beside those of the model as it was.
@@ -66,4 +69,4 @@ class Numbers:
 
     def _changed(self, name: str, now: Quantity) -> dict[str, Quantity]:
         value, sd, unit = now
-        return {f"change of {name}": (value - self._earlier[name], sd, unit)}
+        return {f"{CHANGE_OF}{name}": (value - self._earlier[name], sd, unit)}

@@ -245,7 +245,7 @@ class ExcitationDesign:
 
         Example:
             >>> [design.coefficients.names[k] for k in design.undecided]
-            ['J2yz', 'J3yz']
+            ['J2xy', 'J2yz', 'J3yz']
         """
         return undecided(self.reached.uncertainty)
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.errors import InputError
+from bayesid.errors import InputError, near_names
 from bayesid.excitation.known import Known
 from bayesid.identification.identification import KNOWN
 from bayesid.model.parameters import Parameter
@@ -135,9 +135,10 @@ def _named(known: Known, name: str) -> _Part:
     for term, place in zip(known.model.terms, known.model.places, strict=True):
         if name in (term.name, term.effect):
             return _sums_of(known, place)
-    near = [one for one in known.coefficients.names if one[:2] == name[:2]][:6]
-    remedy = f"name coefficients ({', '.join(near or known.coefficients.names[:6])}, ..), effects, {GAINS}, {PAYLOAD}"
-    raise InputError(f"{name!r} is nothing of the model", "--about", f"{remedy} or {SIGNS}")
+    near = near_names(name, [*known.coefficients.names, *parameters, *(t.effect for t in known.model.terms), *special])
+    alike = [one for one in known.coefficients.names if one[:2] == name[:2]][:6] or known.coefficients.names[:6]
+    remedy = f"name coefficients ({', '.join(alike)}, ..), effects, {GAINS}, {PAYLOAD} or {SIGNS}"
+    raise InputError(f"{name!r} is nothing of the model", "--about", f"{near} {remedy}".strip())
 
 
 def _sum_behind(known: Known, name: str) -> tuple[str, ...]:
@@ -158,8 +159,8 @@ def _sums_with(known: Known, name: str, place: int) -> _Part:
     return _of_places(known, holding, (said,))
 
 
-def _sums_of(known: Known, place: slice) -> _Part:
-    """Coefficients that hold parameters of a term."""
+def _sums_of(known: Known, place: slice | list[int]) -> _Part:
+    """Coefficients that hold parameters of some places."""
     of_term = known.coefficients.projection[:, place]
     return _of_places(known, np.flatnonzero(np.abs(of_term).max(axis=1, initial=0.0) > _NONE).tolist())
 
@@ -185,9 +186,10 @@ def _gains(known: Known) -> _Part:
 def _payload(known: Known) -> _Part:
     labels = known.model.payloads
     places = [
-        place
+        k
         for term, place in zip(known.model.terms, known.model.places, strict=True)
         if term.payloads or term.needs_earlier
+        for k in range(place.start, place.stop)
     ]
     if not places:
         never = (
@@ -196,7 +198,7 @@ def _payload(known: Known) -> _Part:
         )
         last = [p.name for p in known.model.parameters if _of_last_link(p, known)]
         return _joined_sums(known, last, never)
-    part = _sums_of(known, slice(places[0].start, places[-1].stop))
+    part = _sums_of(known, places)
     return _Part(part.names, part.forms, part.wanted, () if labels else part.never)
 
 

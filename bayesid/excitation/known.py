@@ -19,7 +19,7 @@ from functools import cached_property
 import numpy as np
 
 from bayesid.arrays import Array, Integers, Mask
-from bayesid.errors import InputError
+from bayesid.excitation.expectation import expect
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.model.coefficients import BaseCoefficients, base_coefficients
 from bayesid.model.model import Model
@@ -27,7 +27,8 @@ from bayesid.motion import Motion
 
 _ROUNDING = 1e-12
 """Least eigenvalue of a scaled covariance, relative to the largest."""
-_GAIN = "log_gain"
+GAIN = "log_gain"
+"""Names of the logarithms of gains begin so."""
 _CHANCE = 1.1
 """Times the largest eigenvalue that many draws have by chance: what few of them have beyond it (Johnstone, On the
 distribution of the largest eigenvalue in principal components analysis, 2001: 3 sd, 0.05 each at 60 of 256)."""
@@ -47,7 +48,9 @@ class Known:
         precision: (R, R) L.
         lacking: (R, R) M.
         gains: (g,) 0-based joints whose gains are among the quantities.
-        density: (n,) information of a second of efforts known to 1 N m, 1/(N m)^2: independent samples over variance.
+        density: (n,) information of a second of efforts, 1/(N m)^2: independent samples over variance.
+        supposed: whether the result knows nothing of some coefficients, not even a prior, so that how plausible robots
+            differ stands for one.
     """
 
     model: Model
@@ -60,6 +63,7 @@ class Known:
     lacking: Array
     gains: Integers
     density: Array
+    supposed: bool = False
 
     def __len__(self) -> int:
         return len(self.names)
@@ -133,17 +137,18 @@ def known_of(identified: IdentifiedModel, rate: float) -> Known:
         identified: with the uncertainty of its parameters.
         rate: of the recording to come, Hz; its efforts are as noisy as those of the result's log.
 
-    Raises:
-        InputError: nothing is known of how uncertain some coefficient is.
     """
     model = identified.model.before_sensors
     base = base_coefficients(model)
     noise = identified.noise.with_time_of_model(rate)
     density = rate / (noise.sigma**2 * noise.autocorrelation)
     mean, precision, lacking, gains = _distribution(identified, base)
-    names = (*base.names, *(f"{_GAIN}{j + 1}" for j in gains))
+    names = (*base.names, *(f"{GAIN}{j + 1}" for j in gains))
     units = (*base.units, *("" for _ in gains))
-    return Known(model, base, identified.theta, names, units, mean, precision, lacking, gains, density)
+    supposed = identified.draws is None and _blind(identified.precision)
+    if supposed:
+        precision = precision + np.diag(expect(model).size ** -2.0)
+    return Known(model, base, identified.theta, names, units, mean, precision, lacking, gains, density, supposed)
 
 
 def _distribution(identified: IdentifiedModel, base: BaseCoefficients) -> tuple[Array, Array, Array, Integers]:
@@ -151,7 +156,6 @@ def _distribution(identified: IdentifiedModel, base: BaseCoefficients) -> tuple[
     beta, draws = base.project(identified.theta), identified.draws
     none = np.empty(0, dtype=np.int64)
     if draws is None:
-        _check_known(identified, base)
         parts = [part for part in (identified.lacking, identified.by_gains) if part is not None]
         return beta, identified.precision, sum(parts, np.zeros_like(identified.precision)), none
     drawn = base.project(draws.theta)
@@ -168,14 +172,11 @@ def _distribution(identified: IdentifiedModel, base: BaseCoefficients) -> tuple[
     return beta, identified.precision, _positive(lacking), none
 
 
-def _check_known(identified: IdentifiedModel, base: BaseCoefficients) -> None:
-    scale = np.sqrt(np.maximum(np.diag(identified.precision), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(identified.precision / np.outer(scale, scale))
-    blind = vectors[:, values <= _ROUNDING * values[-1]]
-    if blind.shape[1]:
-        names = [base.names[k] for k in np.argsort(-np.linalg.norm(blind, axis=1))[:3]]
-        said = f"nothing is known of {', '.join(names)} of its model, not even what is usual"
-        raise InputError(said, "result", "identify again with a posterior: without --no-posterior")
+def _blind(precision: Array) -> bool:
+    """Whether nothing is known of some sum of coefficients."""
+    scale = np.sqrt(np.maximum(np.diag(precision), np.finfo(float).tiny))
+    values = np.linalg.eigvalsh(precision / np.outer(scale, scale))
+    return bool(values[0] <= _ROUNDING * values[-1])
 
 
 def _beyond_sampling(covariance: Array, precision: Array, draws: int) -> Array:

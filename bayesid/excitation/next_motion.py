@@ -10,32 +10,36 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
 from bayesid.arrays import Array
+from bayesid.discrepancy.numbers import CHANGE_OF
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.errors import InputError
-from bayesid.excitation.feasible import BAND, FINE, Clearance, Feasibility, largest_efforts
+from bayesid.excitation.feasible import BAND, Clearance, Feasibility, fine_steps, largest_efforts
 from bayesid.excitation.goals import CRITERIA, Goal, goal_of, information_gain
-from bayesid.excitation.known import Known, information_of, inverse, known_of
+from bayesid.excitation.known import GAIN, Known, information_of, inverse, known_of
 from bayesid.excitation.limits import check_limits
 from bayesid.excitation.predicted_signs import certain_share
 from bayesid.excitation.reference import usual_motion
-from bayesid.excitation.rivals import NO_CHANGES, Changes, Rivals, inseparable, log10, make_rivals, parse_key
+from bayesid.excitation.rivals import Changes, Rivals, inseparable, log10, make_rivals, parse_key
 from bayesid.excitation.search import Design, Search
 from bayesid.excitation.splines import SplineBasis, SplineTrajectory, at_rest
+from bayesid.fit.effects.added_effect import AddedEffect
+from bayesid.fit.effects.hypotheses import EffectKey
 from bayesid.identification.identification import KNOWN, Identification
 from bayesid.identification.identified_model import IdentifiedModel
+from bayesid.model.catalogue import main_forms
 from bayesid.model.coefficients import base_coefficients
 from bayesid.motion import Motion
 from bayesid.process import in_parallel, one_blas_thread
 from bayesid.progress import SILENT, Progress
 from bayesid.simulation.trajectories import MotionLimits
 
-CHANGES = 3000
+CHANGES = 2500
 """That a search tries: of either of two, side by side; more gain little (study `next_motion`)."""
 _SEARCHES = 2
 """From different random motions, the better of which counts: one a processor of a small machine."""
@@ -43,12 +47,29 @@ _MOST_RECORDED = 4000
 """Instants of the earlier motion that are looked at. A round number."""
 _DURATIONS, _RATES = (2.0, 600.0), (10.0, 4000.0)
 """s and Hz, shortest and longest: a joint needs time to move; controllers ask for 4 kHz at most."""
+_SUPPOSED = (
+    "the result knows nothing of some coefficients, not even a prior: how plausible robots differ stands for it "
+    "(identify without --no-posterior)"
+)
 SPEEDS = (0.1, 0.3, 1.0)
 """Shares of the speed at which a new motion is played, one after the other."""
 
 
+@dataclass(frozen=True)
+class Hypotheses:
+    """Classes of effects of which each class is to be told apart.
+
+    Attributes:
+        classes: effect and joints (from 1) of each hypothesis, the one that was named first.
+        changed: those that are a change of a term which the model had before, and by how much which parameters.
+    """
+
+    classes: tuple[tuple[EffectKey, ...], ...] = ()
+    changed: Changes = field(default_factory=dict)
+
+
 @dataclass(frozen=True, kw_only=True)
-class Run:
+class RunSettings:
     """How a motion is to be run.
 
     Attributes:
@@ -64,7 +85,7 @@ class Run:
         InputError: a number cannot be used.
 
     Example:
-        >>> bayesid.Run(duration=10.0).rate
+        >>> bayesid.RunSettings(duration=10.0).rate
         100.0
     """
 
@@ -113,18 +134,22 @@ class Prediction:
 
     @property
     def open_now(self) -> int:
-        """Coefficients known to less than `KNOWN` of their value."""
-        return int((self.sd_now > KNOWN * np.abs(self.mean)).sum())
+        """Coefficients, and gains, known to less than `KNOWN` of their value."""
+        return self._open(self.sd_now)
 
     @property
     def open(self) -> int:
         """And after the recording, if the model is right."""
-        return int((self.sd > KNOWN * np.abs(self.mean)).sum())
+        return self._open(self.sd)
 
     @property
     def open_lacking(self) -> int:
         """And after it, if all that the model may lack is as it was."""
-        return int((self.sd_lacking > KNOWN * np.abs(self.mean)).sum())
+        return self._open(self.sd_lacking)
+
+    def _open(self, sd: Array) -> int:
+        of_gains = np.array([name.startswith(GAIN) for name in self.names])  # sd of logarithms: relative ones
+        return int((sd > KNOWN * np.where(of_gains, 1.0, np.abs(self.mean))).sum())
 
 
 @dataclass(frozen=True)
@@ -140,20 +165,20 @@ class NextMotion:
         predicted: what will be known after its recording.
         of_random: the same after a random motion within the same limits (but of efforts and collisions).
         feasibility: the limits that it keeps, by which its efforts are predicted.
-        never: sentences on what no motion can tell.
+        never: sentences on what no motion can tell, and on what the predictions rest.
         unchecked: sentences on what was not checked.
         slow: shares of the speed at which the motion keeps its limits, and so may be played.
         seconds: of the design.
 
     Example:
-        >>> design = bayesid.design_next(result, run=bayesid.Run(duration=4.0), changes=40)
+        >>> design = bayesid.design_next(result, run=bayesid.RunSettings(duration=4.0), changes=40)
         >>> design.motion.q.shape, design.predicted.open <= design.predicted.open_now
         ((401, 3), True)
     """
 
     known: Known
     trajectory: SplineTrajectory
-    run: Run
+    run: RunSettings
     goal: Goal | None
     rivals: tuple[Rivals, ...]
     predicted: Prediction
@@ -184,8 +209,8 @@ class NextMotion:
         """The motion at the controller's rate.
 
         Example:
-            >>> design = bayesid.design_next(result, run=bayesid.Run(duration=4.0), changes=10)
-            >>> bool((design.motion.dq[[0, -1]] == 0.0).all())
+            >>> design = bayesid.design_next(result, run=bayesid.RunSettings(duration=4.0), changes=10)
+            >>> bool((np.abs(design.motion.dq[[0, -1]]) < 1e-9).all())
             True
         """
         return self.trajectory.motion(_instants(self.run))
@@ -195,7 +220,7 @@ class NextMotion:
         """(N, n) predicted efforts of `motion`, N m, and (N, n) their standard deviations, noise apart.
 
         Example:
-            >>> effort, sd = bayesid.design_next(result, run=bayesid.Run(duration=4.0), changes=10).effort_band
+            >>> effort, sd = bayesid.design_next(result, run=bayesid.RunSettings(duration=4.0), changes=10).effort_band
             >>> effort.shape, bool((sd > 0.0).all())
             ((401, 3), True)
         """
@@ -206,18 +231,18 @@ class NextMotion:
         """(n,) largest |effort| with its band, N m.
 
         Example:
-            >>> design = bayesid.design_next(result, run=bayesid.Run(duration=4.0), changes=10)
+            >>> design = bayesid.design_next(result, run=bayesid.RunSettings(duration=4.0), changes=10)
             >>> design.largest_effort.shape
             (3,)
         """
-        return largest_efforts(*self.effort_band)
+        return self.feasibility.largest_efforts(self.trajectory)
 
     @property
     def checked(self) -> tuple[str, ...]:
         """What was checked, a few words each.
 
         Example:
-            >>> bayesid.design_next(result, run=bayesid.Run(duration=4.0), changes=10).checked[0]
+            >>> bayesid.design_next(result, run=bayesid.RunSettings(duration=4.0), changes=10).checked[0]
             'positions, velocities and accelerations at every instant'
         """
         limits, clearance = self.run.limits, self.run.clearance
@@ -235,9 +260,9 @@ class NextMotion:
 def design_next(
     result: Identification | IdentifiedModel | Discrepancy,
     about: Sequence[str] = (),
-    between: Sequence[str] = (),
+    between: Sequence[str] | Hypotheses = (),
     *,
-    run: Run = Run(),
+    run: RunSettings = RunSettings(),
     recorded: Motion | None = None,
     criterion: str = "D",
     changes: int = CHANGES,
@@ -250,25 +275,27 @@ def design_next(
             log cannot tell apart are then told apart by default.
         about: names of coefficients, parameters or effects, or `gains`, `payload`, `signs`; without any all
             coefficients that are known to less than 10 %.
-        between: hypotheses to tell apart instead, as in ("stribeck_friction:3", "thermal_drift:3").
+        between: hypotheses to tell apart instead, as in ("stribeck_friction:3", "thermal_drift:3"), or classes of them.
         run: duration, rate, start, limits and what tells collisions.
         recorded: the motion of the result's log, where the result is a model alone: without it hypotheses are taken to
             be as open as before that log.
         criterion: "D" for the information about all together, "A" for their mean variance.
-        changes: of the motion that are tried; 3000 take some half a minute.
+        changes: of the motion that are tried; 2500 take some half a minute.
         progress: of the search.
 
     Raises:
-        InputError: the result, a name or a limit cannot be used, or the robot cannot even stand still at the start.
+        InputError: the result, a name, a number or a limit cannot be used, or the robot cannot even stand still at the
+            start.
 
     Example:
-        >>> design = bayesid.design_next(result, ["Fc2"], run=bayesid.Run(duration=4.0), changes=40)
+        >>> design = bayesid.design_next(result, ["Fc2"], run=bayesid.RunSettings(duration=4.0), changes=40)
         >>> friction = design.predicted.names.index("Fc2")
         >>> bool(design.predicted.sd[friction] < design.predicted.sd_now[friction])
         True
     """
     began = time.perf_counter()
-    identified, recorded, classes = _taken(result, recorded, between, about)
+    _check_search(criterion, changes)
+    identified, recorded, hypotheses = _taken(result, recorded, between, about)
     known = known_of(identified, run.rate)
     assumed, run = run.limits is None, _settled(run, known, recorded)
     assert run.limits is not None
@@ -276,17 +303,14 @@ def design_next(
     basis, pose = SplineBasis(run.duration), np.array(run.start)
     _check_start(feasibility, at_rest(basis, pose))
     reference = usual_motion(known.model.robot, run.limits)
-    changed = _changes(result) if isinstance(result, Discrepancy) else NO_CHANGES
-    rivals = tuple(make_rivals(known, keys, recorded, reference, changed) for keys in classes)
-    if criterion not in CRITERIA:
-        raise InputError(f"{criterion!r} cannot be used", "--criterion", f"give {' or '.join(CRITERIA)}")
+    rivals = tuple(make_rivals(known, keys, recorded, reference, hypotheses.changed) for keys in hypotheses.classes)
     goal = None if rivals else goal_of(known, about)
     design = _of_rivals(rivals) if goal is None else _of_goal(known, goal, run, criterion)
     search = Search(design, feasibility, basis, pose)
     trajectory = _found(search, changes, progress)
     motion = trajectory.motion(_instants(run))
     told = partial(_prediction, known, goal, rivals)
-    never = () if goal is None else goal.never
+    never = ((_SUPPOSED,) if known.supposed else ()) + (() if goal is None else goal.never)
     never += tuple(_cannot_tell(a, b) for one in rivals for a, b in inseparable(one, reference))
     random = usual_motion(known.model.robot, run.limits, run.duration)
     return NextMotion(
@@ -305,26 +329,48 @@ def design_next(
     )
 
 
+def _check_search(criterion: str, changes: int) -> None:
+    if criterion not in CRITERIA:
+        raise InputError(f"{criterion!r} cannot be used", "--criterion", f"give {' or '.join(CRITERIA)}")
+    if changes < 1:
+        raise InputError(f"{changes} changes cannot be tried", "--changes", f"give 1 or more, as {CHANGES}")
+
+
 def _taken(
     result: Identification | IdentifiedModel | Discrepancy,
     recorded: Motion | None,
-    between: Sequence[str],
+    between: Sequence[str] | Hypotheses,
     about: Sequence[str],
-) -> tuple[IdentifiedModel, Motion | None, list[list[tuple[str, tuple[int, ...]]]]]:
-    """The model, the motion of its log, and the classes of hypotheses."""
-    if between and about:
+) -> tuple[IdentifiedModel, Motion | None, Hypotheses]:
+    """The model, the motion of its log, and the hypotheses."""
+    named = between if isinstance(between, Hypotheses) else _one_class(between)
+    if named.classes and about:
         raise InputError("asks for coefficients and for hypotheses", "--between", "leave it or --about out")
-    classes = [[parse_key(text) for text in between]] if between else []
     if isinstance(result, Discrepancy):
-        if not about and not between:
-            classes = equivalent_classes([(one.effect, one.joints, one.equivalent) for one in result.added])
-        result = result.identification
+        changed, classes = _changes(result), named.classes
+        if not about and not classes:
+            classes = equivalent_classes([(one.effect, one.joints, _equivalents(one)) for one in result.added])
+        named, result = Hypotheses(classes, changed), result.identification
     if isinstance(result, Identification):
         recorded = result.signals.motion if recorded is None else recorded
         result = _with_lacking(result)
     if recorded is not None and len(recorded) > _MOST_RECORDED:
         recorded = recorded[:: -(-len(recorded) // _MOST_RECORDED)]
-    return result, recorded, classes
+    return result, recorded, named
+
+
+def _one_class(between: Sequence[str]) -> Hypotheses:
+    return Hypotheses((tuple(map(parse_key, between)),) if between else ())
+
+
+def _equivalents(added: AddedEffect) -> list[str]:
+    """Names of the effects that are equivalent to one, with the joints in which they are, as `--between` takes them."""
+    keys = {score.hypothesis.effect: score.key for score in reversed(added.rivals)}  # the best of each name
+    found = (keys.get(name) for name in added.equivalent)
+    return [
+        name if key is None else f"{name}:{':'.join(map(str, key[1]))}"  # with no joint behind it, the whole robot
+        for name, key in zip(added.equivalent, found, strict=True)
+    ]
 
 
 def _changes(result: Discrepancy) -> Changes:
@@ -333,7 +379,7 @@ def _changes(result: Discrepancy) -> Changes:
     for added in result.added:
         changed |= {score.key: {} for score in added.rivals if score.hypothesis.changes}
     for added in result.added:
-        steps = {name: added.parameters[f"change of {name}"][0] for name in added.hypothesis.changes}
+        steps = {name: added.parameters[f"{CHANGE_OF}{name}"][0] for name in added.hypothesis.changes}
         if steps:
             changed[added.hypothesis.key] = steps
     return changed
@@ -356,23 +402,27 @@ def _with_lacking(result: Identification) -> IdentifiedModel:
 
 def equivalent_classes(
     found: Sequence[tuple[str, tuple[int, ...], Sequence[str]]],
-) -> list[list[tuple[str, tuple[int, ...]]]]:
+) -> tuple[tuple[EffectKey, ...], ...]:
     """Classes of hypotheses that a log could not tell apart: effect and joints of each, the one that was named first.
 
     Args:
-        found: effect, joints and names of the effects that are equivalent, of each effect that was found.
+        found: effect, joints and names of the effects that are equivalent, of each effect that was found. These act in
+            the same joints, or in the whole robot where they can in no joint alone, unless their names say more
+            ("thermal_drift:3", and "delay:" in the whole robot).
     """
     told = [one for one in found if one[2]]
-    return [[(effect, joints), *((other, joints) for other in equivalent)] for effect, joints, equivalent in told]
+    return tuple(
+        ((effect, joints), *(parse_key(other) if ":" in other else _placed(other, joints) for other in equivalent))
+        for effect, joints, equivalent in told
+    )
 
 
-def name_of(key: tuple[str, tuple[int, ...]]) -> str:
-    """A hypothesis as `between` takes it."""
-    effect, joints = key
-    return ":".join([effect, *map(str, joints)])
+def _placed(effect: str, joints: tuple[int, ...]) -> EffectKey:
+    kind = main_forms().get(effect)
+    return effect, joints if kind is None or kind.by_joint else ()
 
 
-def _settled(run: Run, known: Known, recorded: Motion | None) -> Run:
+def _settled(run: RunSettings, known: Known, recorded: Motion | None) -> RunSettings:
     """With limits and a start of one number for each joint."""
     robot = known.model.robot
     limits = check_limits(run.limits, robot)
@@ -419,11 +469,11 @@ def _check_start(feasibility: Feasibility, still: SplineTrajectory) -> None:
         raise InputError(said, "--start", "give another pose, or a smaller --margin")
 
 
-def _instants(run: Run) -> Array:
+def _instants(run: RunSettings) -> Array:
     return np.linspace(0.0, run.duration, round(run.duration * run.rate) + 1)
 
 
-def _of_goal(known: Known, goal: Goal, run: Run, criterion: str) -> Design:
+def _of_goal(known: Known, goal: Goal, run: RunSettings, criterion: str) -> Design:
     assert run.limits is not None
     judge = CRITERIA[criterion]
 
@@ -434,7 +484,7 @@ def _of_goal(known: Known, goal: Goal, run: Run, criterion: str) -> Design:
 
 
 def _of_rivals(rivals: tuple[Rivals, ...]) -> Design:
-    """The class that is told least clearly counts."""
+    """All classes count, each pair of each up to where it is told clearly."""
 
     def columns(motion: Motion) -> Array:
         return np.concatenate([one.columns(motion) for one in rivals], axis=2)
@@ -442,7 +492,7 @@ def _of_rivals(rivals: tuple[Rivals, ...]) -> Design:
     def worth(information: Array) -> float:
         ends = np.cumsum([0, *(len(one.recorded) for one in rivals)]).tolist()
         parts = zip(rivals, ends[:-1], ends[1:], strict=True)
-        return max(one.worth(information[start:end, start:end]) for one, start, end in parts)
+        return sum(one.worth(information[start:end, start:end]) for one, start, end in parts)
 
     return Design(columns, rivals[0].known.weights, worth, whole=any(one.memory for one in rivals))
 
@@ -483,13 +533,13 @@ def _cannot_tell(one: str, other: str) -> str:
     return f"no motion can tell {one} from {other}: efforts are the same under both"
 
 
-def _unchecked(run: Run, *, assumed: bool) -> tuple[str, ...]:
+def _unchecked(run: RunSettings, *, assumed: bool) -> tuple[str, ...]:
     assert run.limits is not None
     said = ["the robot's own joint limits: usual ones are assumed (--limits)"] if assumed else []
     if run.limits.effort is None:
         said.append("efforts: no limits are known (--effort-limits, or a URDF with them)")
     elif not np.isfinite(run.limits.effort).all():
-        joints = ", ".join(str(j) for j, limit in enumerate(run.limits.effort, start=1) if not np.isfinite(limit))
+        joints = ", ".join(map(str, np.flatnonzero(~np.isfinite(run.limits.effort)) + 1))
         said.append(f"efforts of joints {joints}: no limits are known (--effort-limits)")
     if run.limits.jerk is None:
         said.append("jerks: no limits are known (a key of the file that --limits takes)")
@@ -503,7 +553,7 @@ def _bears_slowly(feasibility: Feasibility, trajectory: SplineTrajectory, share:
     """Whether efforts keep their limits where the motion is played at a share of its speed."""
     if not feasibility.limits_effort:
         return True
-    motion = slowed(trajectory, share, share / FINE)  # as many samples as at full speed
+    motion = slowed(trajectory, share, share * fine_steps(trajectory.duration) / trajectory.duration)
     return bool((largest_efforts(*feasibility.effort_band(motion)) <= feasibility.effort).all())
 
 

@@ -36,6 +36,9 @@ from bayesid.motion import Motion
 
 TELLING = 2.0
 """Log10 Bayes factor from which on effects count as told apart: decisive (Jeffreys 1961, appendix B)."""
+_CLEAR = 2.0 * TELLING * LN10
+"""Nats up to which a Bayes factor counts: twice what tells, for it scatters about what is expected of it. A hypothesis
+that is a special case of another can never be told clearly from it, and must not hold up those that can."""
 _WIDER = 10.0
 """Times the standard deviation now, the largest before the earlier recording: a round number."""
 _MOST_FORMS = 4
@@ -134,8 +137,8 @@ class Rivals:
         return self.known.memory or any(form.source.memory for rival in self.rivals for form in rival.forms)
 
     def worth(self, information: Array) -> float:
-        """Minus the expected log Bayes factor of the pair that is told least clearly, nats."""
-        return -min(self.expected(information).values())
+        """Minus the expected log Bayes factors, nats, each as far as it counts: what is told clearly is told."""
+        return -float(np.minimum(list(self.expected(information).values()), _CLEAR).sum())
 
     def expected(self, information: Array) -> dict[tuple[str, str], float]:
         """Expected log Bayes factor, nats, of each hypothesis if it is true, against each other."""

@@ -1,10 +1,11 @@
 """Search for a motion: changes of a spline that are kept if they are possible and tell more.
 
 Information adds up over instants, and a change of some control points moves a short window of the motion: only there
-columns are made anew. What is tried is a bump of some width, a stretch of constant speed (down to creeping), the same
-stretch again at another time, or a new random wave, in one joint or several, at once as long as it may be
-(`Feasibility.shortened`). A change that tells less, or that a robot cannot run, is dropped; so every motion on the way
-is possible, the first one of which is standing still.
+columns are made anew. What samples count for is looked at all over, as the top speed says which of them stand still.
+What is tried is a bump of some width, a stretch of constant speed (down to creeping), the same stretch again at another
+time, or a new random wave, in one joint or several, at once as long as it may be (`Feasibility.shortened`). A change
+that tells less, or that a robot cannot run, is dropped; so every motion on the way is possible, the first one of which
+is standing still.
 """
 
 from __future__ import annotations
@@ -105,9 +106,9 @@ class Search:
         """(N, K) what takes control points to positions, velocities and accelerations at the instants."""
         return tuple(self.basis.values(self.instants, order) for order in range(3))
 
-    def _motion(self, trajectory: SplineTrajectory, window: slice = slice(None)) -> Motion:
-        q, dq, ddq = (values[window] @ trajectory.control for values in self._values)
-        return Motion(self.instants[window], q, dq, ddq, origin=0.0)
+    def _motion(self, trajectory: SplineTrajectory) -> Motion:
+        q, dq, ddq = (values @ trajectory.control for values in self._values)
+        return Motion(self.instants, q, dq, ddq, origin=0.0)
 
     def run(self, changes: int, seed: int, done: Callable[[int], None]) -> SplineTrajectory:
         """The motion after so many changes were tried, from the best of some random ones."""
@@ -163,16 +164,21 @@ class Search:
     def _judged_between(self, best: _Tried, moved: SplineTrajectory, start: float, end: float) -> _Tried:
         """A motion that differs from another between two instants alone."""
         window = slice(*np.searchsorted(self.instants, [start - _ROUNDING, end + _ROUNDING]).tolist())
-        motion = self._motion(moved, window)
-        new, weights = self.design.columns(motion), self.design.weights(motion, 1.0 / INSTANTS)
+        whole = self._motion(moved)
+        new, weights = self.design.columns(whole[window]), self.design.weights(whole, 1.0 / INSTANTS)
+        counts = np.any(weights != best.weights, axis=1)  # all over the motion, where its top speed is another
+        counts[window] = False
         information = best.information - information_of(best.columns[window], best.weights[window])
-        information = information + information_of(new, weights)
+        information = information + information_of(new, weights[window])
+        if counts.any():
+            information = information + information_of(best.columns[counts], weights[counts])
+            information = information - information_of(best.columns[counts], best.weights[counts])
         cost = self.design.worth(information)
         if cost >= best.cost:
             return replace(best, cost=np.inf)
-        columns, every = best.columns.copy(), best.weights.copy()
-        columns[window], every[window] = new, weights
-        return _Tried(moved, columns, every, information, cost)
+        columns = best.columns.copy()
+        columns[window] = new
+        return _Tried(moved, columns, weights, information, cost)
 
     # -----------------------------------------------------------------------------------------------------------
     # Changes

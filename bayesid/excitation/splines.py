@@ -29,8 +29,12 @@ number; not studied."""
 _FEWEST = 4
 """Knots of the shortest motion."""
 _HALVES = 2
-"""Parts of the time between two knots with coefficients of their own: with two, bounds are a few per cent too wide at
-most (`tests/excitation/test_splines.py`)."""
+"""Parts of the time between two knots with coefficients of their own: with two, bounds of positions, velocities,
+accelerations and jerks are too wide by 4, 9, 15 and 14 % of their range at most (`tests/excitation/test_splines.py`),
+and by a third of that for most control points."""
+_ROUNDING = 1e-12
+"""Of a weight in a Bernstein coefficient, relative to the largest: beyond that of the arithmetic, 1e-16, and far below
+the least that is not zero, 2.6e-4."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +87,9 @@ class SplineBasis:
         of_polynomial = scipy.special.binom(degree, power) * at[:, None] ** power * (1.0 - at[:, None]) ** power[::-1]
         t = (edges[:-1, None] + np.diff(edges)[:, None] * at).ravel()
         values = self.values(t, order).reshape(len(edges) - 1, degree + 1, -1)
-        return np.linalg.solve(of_polynomial, values).reshape(-1, len(self))
+        matrix = np.linalg.solve(of_polynomial, values).reshape(-1, len(self))
+        matrix[np.abs(matrix) < _ROUNDING * np.abs(matrix).max()] = 0.0  # else it would touch limits where it is zero
+        return matrix
 
     def values(self, t: Array, order: int = 0) -> Array:
         """(N, K) what takes control points to the d-th derivative, d = 0 to 3, at instants t (N,)."""

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
-from bayesid.arrays import Array, Mask
+from bayesid.arrays import Array, Mask, some
 from bayesid.monitor.kinds import CONTACT, PAYLOAD, Kind
 
 _FLICKER = 0.1
@@ -65,6 +65,7 @@ class Alarms:
     """State: what was raised, what goes on, and which joints a change has hold of.
 
     Attributes:
+        before: those by a clock that was set back since, whose times say nothing beside the others.
         raised: the last ones, oldest first; a contact that became a change is not among them.
         contact: the one that goes on.
         held: (n,) joints of whose misfit a change is known.
@@ -75,6 +76,7 @@ class Alarms:
 
     held: Mask
     calm: Array
+    before: list[Alarm] = field(default_factory=list)
     raised: list[Alarm] = field(default_factory=list)
     contact: Alarm | None = None
     latest: Alarm | None = None
@@ -85,6 +87,16 @@ class Alarms:
         """Before the first sample."""
         return cls(np.zeros(n, dtype=bool), np.zeros(n))
 
+    @property
+    def all(self) -> tuple[Alarm, ...]:
+        """Oldest first, as many as are remembered."""
+        return (*self.before, *self.raised)[-_KEPT:]
+
+    def set_back(self) -> None:
+        """The clock was set back: nothing goes on by it; joints that a change has hold of stay held."""
+        self.before, self.raised = [*self.all], []
+        self.contact, self.latest, self.look_again = None, None, np.inf
+
     def touch(self, t: float, pushed: Mask, external: Array) -> Alarm | None:
         """The contact that begins with this sample, if one does.
 
@@ -93,7 +105,7 @@ class Alarms:
             pushed: (n,) joints beyond their threshold.
             external: (n,) external torques, N m.
         """
-        if not pushed.any() or not (pushed & ~self.held).any():
+        if not some(pushed) or not some(pushed & ~self.held):
             if self.contact is not None and t - self.contact.time - (self.contact.duration or 0.0) > _FLICKER:
                 self.contact = None
             return None
@@ -146,7 +158,7 @@ class Alarms:
 
     def release(self, step: float, sums: Array, moving: Mask) -> None:
         """Lets go of joints that have been as usual for long enough."""
-        if not self.held.any():
+        if not some(self.held):
             return
         calm = self.held & (sums == 0.0)
         self.calm = np.where(calm, self.calm + step * moving, 0.0)

@@ -28,6 +28,8 @@ _WIDER = 2.0
 studied."""
 _SQUARE, _SIZE = 0.5 * (1.0 - 1.0 / _WIDER**2), float(np.log(_WIDER))
 """What z^2 adds to a sum, and what each sample takes from it."""
+_SHOWS = float(np.sqrt(_SIZE / _SQUARE))
+"""z from which on a sum grows."""
 _OTHER_MOTION = 2.0
 """Residual on another motion over that of the log a model was identified from. Set by hand; not studied."""
 _LARGEST = 6.0
@@ -115,11 +117,12 @@ class ChangeTest:
 
     def width(self, doubt: Array) -> Array:
         """(n,) sd of the residual on another motion, N m, with what else is in doubt (n,) about it."""
-        width: Array = np.sqrt(self._square + doubt**2)
+        width: Array = np.sqrt(self.width_square + doubt * doubt)
         return width
 
     @cached_property
-    def _square(self) -> Array:
+    def width_square(self) -> Array:
+        """(n,) variance of the residual on another motion, (N m)^2."""
         return np.asarray((_OTHER_MOTION * self.noise.sigma) ** 2)
 
     def add(self, state: Sums, t: float, step: float, z: Array, moving: Mask) -> Mask:
@@ -132,10 +135,11 @@ class ChangeTest:
             z: (n,) residuals over their width.
             moving: (n,) False at standstill.
         """
-        size = np.minimum(np.abs(z), _LARGEST)
-        ratio = np.minimum((_SQUARE * size * size - _SIZE) * self.weight, self._most) * moving
-        if (ratio <= 0.0).all() and not state.sums.any():
+        size = np.abs(z)
+        if max(size.tolist()) <= _SHOWS and not any(state.sums.tolist()):
             return self._none
+        size = np.minimum(size, _LARGEST)
+        ratio = np.minimum((_SQUARE * size * size - _SIZE) * self.weight, self._most) * moving
         sums = np.minimum(np.maximum(state.sums + ratio, 0.0), _HIGHEST * self.limit)
         state.began = np.where(state.sums == 0.0, t, state.began)
         state.since = np.where(sums == 0.0, 0.0, state.since + step * moving)

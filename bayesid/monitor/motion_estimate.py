@@ -21,6 +21,8 @@ _SPARE = 2
 """Samples more than the polynomial has coefficients, from which on it is used: it then averages something."""
 _MEMORY = 1.0
 """s over which the size of the fit's residual is averaged. A round number; not studied."""
+_LEAST_FREE = 1e-6
+"""Share of a variance that a fit leaves, at least: by rounding alone it would be none."""
 _MOST = 400
 """Samples of the window, for memory and time: of 0.2 s at 2 kHz."""
 _ALIKE = 1e-9
@@ -34,18 +36,28 @@ class MotionWindow:
     Attributes:
         t: (W,) instants, s.
         values: (W, m n) positions, measured velocities and accelerations as far as there are, rad, rad/s, rad/s^2.
-        variance: (m n,) of the samples about the fit.
+        left: (m n,) average square of what the fit leaves of the newest sample.
+        free: average share of a sample's variance that it leaves.
+        fits: that the averages are of.
         count: samples in the window.
+        full: whether samples have left it.
         places: (W',) where the instants of the last fit lay in the window, from -1 to 0.
         weights: (d + 1, W') that its samples had in the coefficients.
     """
 
     t: Array
     values: Array
-    variance: Array
+    left: Array
+    free: float
+    fits: int
     count: int
+    full: bool
     places: Array
     weights: Array
+
+    def empty(self) -> None:
+        """Without samples; how noisy they are stays known."""
+        self.count, self.full = 0, False
 
 
 @dataclass(frozen=True)
@@ -71,16 +83,17 @@ class MotionEstimator:
         size = min(_MOST, int(np.ceil(self.span * self.rate)) + _DEGREE + _SPARE)
         width = self.n * (1 + self.velocities + self.accelerations)
         nothing = np.zeros(0), np.zeros((_DEGREE + 1, 0))
-        return MotionWindow(np.zeros(size), np.zeros((size, width)), np.zeros(width), 0, *nothing)
+        return MotionWindow(np.zeros(size), np.zeros((size, width)), np.zeros(width), 0.0, 0, 0, False, *nothing)
 
     def add(self, window: MotionWindow, t: float, values: Array) -> None:
         """One more sample (m n,), and without those that have left the window."""
         window.t[:-1], window.values[:-1] = window.t[1:], window.values[1:]
         window.t[-1], window.values[-1] = t, values
+        window.full = window.full or window.count == len(window.t)
         window.count = min(window.count + 1, len(window.t))
         oldest = t - self.span * (1.0 + _ALIKE)
         while window.count > _DEGREE + _SPARE and window.t[-window.count] < oldest:
-            window.count -= 1
+            window.count, window.full = window.count - 1, True
 
     def fit(self, window: MotionWindow) -> LocalMotion | None:
         """The motion about now; None while there are too few samples."""
@@ -89,14 +102,22 @@ class MotionEstimator:
         t, values = window.t[-window.count :], window.values[-window.count :]
         scale = t[-1] - t[0]
         places = (t - t[-1]) / scale
-        if len(places) != len(window.places) or np.abs(places - window.places).max() > _ALIKE:
+        if len(places) != len(window.places) or not _alike(places, window.places):
             window.places, window.weights = places, _weights(places)
         coefficients = window.weights @ values
         left = values[-1] - coefficients[0]  # the newest sample lies at the origin
-        new = min(1.0, 1.0 / (_MEMORY * self.rate))
-        free = max(1.0 - window.weights[0, -1], 1.0 / window.count)
-        window.variance = window.variance + new * (left * left / free - window.variance)
-        return LocalMotion(float(t[-1]), float(scale), coefficients, window.weights, window.variance, self)
+        window.fits += 1
+        new = max(1.0 / window.fits, 1.0 / (_MEMORY * self.rate))  # a plain average until there is a second of them
+        window.left = window.left + new * (left * left - window.left)
+        window.free += new * (1.0 - float(window.weights[0, -1]) - window.free)
+        variance = window.left / max(window.free, _LEAST_FREE)
+        return LocalMotion(float(t[-1]), float(scale), coefficients, window.weights, variance, window.full, self)
+
+
+def _alike(places: Array, others: Array) -> bool:
+    """Whether two sets of instants (W,) have the same weights."""
+    apart = places - others
+    return bool(apart @ apart <= _ALIKE * _ALIKE)
 
 
 def _weights(places: Array) -> Array:
@@ -118,6 +139,7 @@ class LocalMotion:
         coefficients: (d + 1, m n) of the powers.
         weights: (d + 1, W) that samples have in them.
         variance: (m n,) of the samples about it.
+        full: whether the window is.
         of: the estimator.
     """
 
@@ -126,11 +148,12 @@ class LocalMotion:
     coefficients: Array
     weights: Array
     variance: Array
+    full: bool
     of: MotionEstimator
 
     def at(self, t: float) -> tuple[Array, Array, Array]:
         """(n,) positions, velocities and accelerations at an instant, s."""
-        value, slope, curvature = self._powers(t) @ self.coefficients
+        value, slope, curvature = np.array(self._powers(t)) @ self.coefficients
         n, last = self.of.n, slice(-self.of.n, None)
         if self.of.accelerations:
             return value[:n], value[n : 2 * n] if self.of.velocities else slope[:n], value[last]
@@ -141,17 +164,16 @@ class LocalMotion:
     def variance_of_acceleration(self, t: float) -> Array:
         """(n,) of the accelerations, (rad/s^2)^2."""
         order = 0 if self.of.accelerations else 1 if self.of.velocities else 2
-        weights = self._powers(t)[order] @ self.weights
+        weights = np.array(self._powers(t)[order]) @ self.weights
         variance: Array = self.variance[-self.of.n :] * (weights @ weights)
         return variance
 
-    def _powers(self, t: float) -> Array:
+    def _powers(self, t: float) -> tuple[tuple[float, ...], ...]:
         """(3, d + 1) powers of an instant's place, and their first two derivatives by time."""
         x, rate = (t - self.t) / self.scale, 1.0 / self.scale
         twice = 2.0 * rate * rate
-        rows = (
+        return (
             (1.0, x, x * x, x**3),
             (0.0, rate, 2.0 * rate * x, 3.0 * rate * x * x),
             (0.0, 0.0, twice, 3.0 * twice * x),
         )
-        return np.array(rows)

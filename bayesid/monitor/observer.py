@@ -11,6 +11,7 @@ needs no acceleration.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isnan
 
 import numpy as np
 
@@ -77,11 +78,11 @@ def observe(state: Observed, step: float, momentum: Array, driving: Array, doubt
         doubt: about that.
     """
     share = GAIN * step / (1.0 + GAIN * step)
-    if np.isnan(state.momentum[0]):
+    if isnan(state.momentum[0]):
         state.lasting, state.bounded = doubt.lasting, doubt.bounded
     else:
         change = momentum - state.momentum - step * driving
-        state.external = (state.external + GAIN * change) / (1.0 + GAIN * step)
+        state.external = (1.0 - share) * (state.external + GAIN * change)
         state.lasting = state.lasting + share * (doubt.lasting - state.lasting)
         state.bounded = state.bounded + share * (doubt.bounded - state.bounded)
         white = share * doubt.white

@@ -32,9 +32,10 @@ class Ring:
         """Empty, for so many seconds at a rate, Hz."""
         return cls(np.full((max(8, min(_MOST, int(seconds * rate) + 1)), width), np.nan))
 
-    def add(self, *parts: Array) -> None:
-        """One more row, of parts one after the other."""
-        row, start = self.rows[self.count % len(self.rows)], 0
+    def add(self, t: float, *parts: Array) -> None:
+        """One more row: an instant, s, and parts one after the other."""
+        row, start = self.rows[self.count % len(self.rows)], 1
+        row[0] = t
         for part in parts:
             row[start : start + part.size] = part.ravel()
             start += part.size

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bayesid.arrays import Array, Labels, Mask
+from bayesid.arrays import Array, Labels, Mask, every
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.model.model import Model
 from bayesid.motion import STANDSTILL, Instant, labels
@@ -62,7 +62,8 @@ class RunningModel:
         late = instant.ago(self._lag) if self._lag else instant
         here = self.model.robot.dynamics(late, self._links)
         inertia = here.mass + self._rotors
-        friction = self.to_joints @ effort - here.torque - self._rotors @ late.ddq[0]
+        torque = effort if self.model.robot.transmission is None else self.to_joints @ effort
+        friction = torque - here.torque - self._rotors @ late.ddq[0]
         return AtInstant(effort, inertia @ late.dq[0], here.drift - friction, inertia)
 
     def sd_of(self, columns: Array) -> Array:
@@ -87,10 +88,12 @@ class RunningModel:
                 speeds[j] = max(speeds[j], speed)
         return speeds
 
-    @cached_property
-    def no_friction(self) -> Array:
-        """(n,) share of its highest speed below which an actuator stands still that has no dry friction; else 0."""
-        return np.where(self.standstill > 0.0, 0.0, STANDSTILL)
+    def resting_speeds(self, top: Array) -> Array:
+        """(n,) speeds below which actuators stand still, rad/s, by their highest (n,) where one has no dry friction."""
+        if self._no_friction is None:
+            return self.standstill
+        speeds: Array = np.maximum(self.standstill, self._no_friction * top)
+        return speeds
 
     def actuator_speeds(self, dq: Array) -> Array:
         """(n,) of joint speeds dq (n,), rad/s."""
@@ -103,7 +106,8 @@ class RunningModel:
 
     def doubt_near_rest(self, speeds: Array) -> Array:
         """(n,) between 0 and 1: how much the direction of friction is in doubt."""
-        doubt: Array = np.exp(-((speeds * self._slowness) ** 2))
+        share = speeds * self._slowness
+        doubt: Array = np.exp(-share * share)
         return doubt
 
     def dry_friction(self, q: Array) -> Array:
@@ -138,6 +142,11 @@ class RunningModel:
     @cached_property
     def _lag(self) -> float:
         return self.model.lag
+
+    @cached_property
+    def _no_friction(self) -> Array | None:
+        """(n,) share of its highest speed below which one without dry friction stands still; None if all have it."""
+        return None if every(self.standstill > 0.0) else np.where(self.standstill > 0.0, 0.0, STANDSTILL)
 
     @cached_property
     def _slowness(self) -> Array:

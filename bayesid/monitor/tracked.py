@@ -71,6 +71,7 @@ class Counts:
         missing: without a finite time, position or velocity: left out.
         unread: efforts of single joints that were no numbers: their signs are the model's.
         gaps: pauses after which the tracker began anew.
+        set_back: times that the clock was set back, after which it did so too.
     """
 
     updates: int = 0
@@ -79,3 +80,4 @@ class Counts:
     missing: int = 0
     unread: int = 0
     gaps: int = 0
+    set_back: int = 0

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
+from math import isfinite, isnan
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bayesid.arrays import Array, Mask
+from bayesid.arrays import Array, Mask, some
 from bayesid.errors import InputError
 from bayesid.identification.identification import Identification
 from bayesid.identification.identified_model import IdentifiedModel
@@ -32,6 +34,9 @@ _FEWEST = 10.0
 """Periods that the window spans at least: of fewer samples the noise is not known. Not studied."""
 _GAP = 5.0
 """Periods without a sample from which on what was before is forgotten: friction may have turned round meanwhile."""
+_SET_BACK = 5
+"""Samples in a row, each before the newest and after the one before it, that tell of a clock that was set back: fewer
+are late. As many as the periods of a gap."""
 _LOOKS = 20.0
 """Hz at which the columns of the model are made: they cost as much as all the rest, and what is made of them, the sd of
 the effort and the look of a change, stays much the same so long."""
@@ -41,11 +46,12 @@ _FASTEST = 2e4
 
 @dataclass(frozen=True)
 class _Waiting:
-    """An instant whose signs are still looked for: what is known of it without them."""
+    """An instant whose signs are still looked for: its readings, and what is known of it without them."""
 
     reading: Array
     held: Mask
-    record: Tracked
+    predicted: Array
+    known: dict[str, Any]
 
 
 @dataclass
@@ -69,6 +75,7 @@ class TrackerState:
         readings: efforts of the newest samples, with their times.
         memory: states of effects with a memory.
         waiting: instants whose signs are still looked for.
+        late: times of late samples in a row that went up, how many and the last, s.
         counts: what became of the samples.
         latest: what was known last.
     """
@@ -89,6 +96,7 @@ class TrackerState:
     readings: list[tuple[float, Array]] = field(default_factory=list)
     memory: dict[object, tuple[Array, Array]] = field(default_factory=dict)
     waiting: list[_Waiting] = field(default_factory=list)
+    late: tuple[int, float] = (0, np.inf)
     counts: Counts = field(default_factory=Counts)
     latest: Tracked | None = None
 
@@ -137,6 +145,9 @@ class SignTracker:
         self.rate, self.signed = float(rate), _signed(signed, self.n_joints)
         self._noise = self._identified.noise
         self._any_signed = bool(self.signed.any())
+        self._white_square = self._noise.white * self._noise.white
+        self._zeros = np.zeros(3 * self.n_joints)  # a product with them is finite if the other factors are
+        self._no_limit = np.full(self.n_joints, np.inf)
         waited = round(lag * rate)
         self._behind, self._sign_wait = waited - waited // 2, waited // 2
         self._running = RunningModel(self._identified, payload)
@@ -172,7 +183,7 @@ class SignTracker:
             >>> bayesid.SignTracker(result, rate=100.0).alarms
             ()
         """
-        return () if self._state is None else tuple(self._state.alarms.raised)
+        return () if self._state is None else self._state.alarms.all
 
     @property
     def counts(self) -> Counts:
@@ -255,7 +266,9 @@ class SignTracker:
 
         A sample that is late, repeated or not a number is counted, left out, and answered by what was known before
         (`Tracked.fresh` is False). An effort of one joint that is nan leaves that joint's sign to the model. After a
-        gap of more than five periods the tracker begins anew, but for tests and alarms.
+        gap of more than five periods the tracker begins anew, but for tests and alarms. Five late samples in a row
+        whose times go up are no longer late: the clock was set back, and what was timed by it is forgotten too, but for
+        the alarms that were raised.
 
         Args:
             t: instant of the sample, s, on a clock of the caller's.
@@ -273,7 +286,8 @@ class SignTracker:
             ('unknown', 'unknown', 'unknown')
         """
         parts = [part for part in (q, dq, ddq) if part is not None]
-        values = np.concatenate([np.asarray(part, dtype=float).ravel() for part in parts])
+        arrays = [np.asarray(part, dtype=float).ravel() for part in parts]
+        values = arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
         reading = np.array(effort, dtype=float).ravel()
         if self._state is None:
             self._state = self._begin(float(t), dq is not None, ddq is not None)
@@ -284,12 +298,13 @@ class SignTracker:
             latest = self._nothing(float(t)) if state.latest is None else state.latest
             return replace(latest, fresh=False, alarms=())
         self._estimator.add(state.motion, float(t), values)
-        reading = np.where(self.signed, reading, np.abs(reading))
-        state.counts.unread += int(np.isnan(reading).sum())
+        reading = np.where(self.signed, reading, np.abs(reading)) if self._any_signed else np.abs(reading)
+        if isnan(reading @ reading):
+            state.counts.unread += int(np.isnan(reading).sum())
         state.readings.append((float(t), reading))
         del state.readings[: -self._behind - 1]
         n = self.n_joints
-        state.recent.log.add(np.array([t]), values[:n], reading, values[n : 2 * n] if state.velocities else values[:0])
+        state.recent.log.add(t, values[:n], reading, values[n : 2 * n] if state.velocities else values[:0])
         local = self._estimator.fit(state.motion)
         if local is None or len(state.readings) <= self._behind or state.readings[0][0] < local.t - local.scale:
             state.latest = self._nothing(float(t))
@@ -311,57 +326,58 @@ class SignTracker:
         by_motion = np.sqrt((here.inertia * here.inertia) @ local.variance_of_acceleration(t))
         size, fast = np.abs(reading), np.abs(speeds)
         state.top_speed = np.maximum(state.top_speed, fast)
-        moving = fast > np.maximum(running.standstill, running.no_friction * state.top_speed)
+        moving = fast > running.resting_speeds(state.top_speed)
         found, now = self._filter.update(state.belief, size, here.effort, by_motion, moving)
-        if state.counts.updates % self._look_stride == 0 or not state.sd.any():
+        if state.counts.updates % self._look_stride == 0 or not some(state.sd > 0.0):
             columns = running.columns(instant)
             state.sd = running.sd_of(columns)
             self._keep_look(state, t, reading, here, speeds, by_motion, columns, moving)
-        square, near_rest = state.sd**2 + by_motion**2, 2.0 * state.at_rest * running.doubt_near_rest(speeds)
-        doubt = np.sqrt(square + near_rest * near_rest)
-        known = np.where(now >= 0.5, size, -size)
-        if self._any_signed or np.isnan(size.sum()):
+        square = state.sd * state.sd + by_motion * by_motion
+        near_rest = 2.0 * state.at_rest * running.doubt_near_rest(speeds)
+        known = np.copysign(size, now - 0.5)
+        if self._any_signed or isnan(size @ size):
             known = np.where(np.isnan(reading), here.effort, np.where(self.signed, reading, known))
-        limit = self._observe(state, t, known, here, square, near_rest)
-        alarms, contact = self._alarms(state, t, (known - here.effort) / self._test.width(doubt), limit, moving)
+        limit = self._observe(state, t, known, here, square, near_rest) if local.full else self._no_limit
+        width = np.sqrt(self._test.width_square + square + near_rest * near_rest)
+        alarms, contact = self._alarms(state, t, (known - here.effort) / width, limit, moving)
         state.looked = t
         held = state.alarms.held
         joints = zip(held.tolist(), moving.tolist(), strict=True)
-        record = Tracked(
-            t=t,
-            probability=now,
-            effort=reading,
-            effort_sd=self._noise.white,
-            predicted=here.effort,
-            predicted_sd=np.sqrt(square),
-            residual=known - here.effort,
-            external=state.observed.external,
-            threshold=limit,
-            state=tuple(UNKNOWN if changed else MOVING if moves else REST for changed, moves in joints),
-            contact=contact,
-            alarms=(),
-            q=motion[0],
-            dq=motion[1],
-            ddq=motion[2],
-        )
-        state.waiting.append(_Waiting(reading, held, record))
+        known_now = {
+            "t": t,
+            "predicted": here.effort,
+            "predicted_sd": np.sqrt(square),
+            "external": state.observed.external,
+            "threshold": limit,
+            "state": tuple([UNKNOWN if changed else MOVING if moves else REST for changed, moves in joints]),
+            "contact": contact,
+            "q": motion[0],
+            "dq": motion[1],
+            "ddq": motion[2],
+        }
+        state.waiting.append(_Waiting(reading, held, here.effort, known_now))
         if found is None:
             return replace(self._nothing(t), alarms=alarms)
         return self._with_signs(state.waiting.pop(0), found, alarms)
 
     def _with_signs(self, waiting: _Waiting, probability: Array, alarms: tuple[Alarm, ...]) -> Tracked:
         """A record with P(sign = +) (n,), which is that of a guess where a change has made the model another's."""
-        record, reading = waiting.record, waiting.reading
-        if waiting.held.any():
+        reading = waiting.reading
+        if some(waiting.held):
             probability = np.where(waiting.held, 0.5 + _TRUST * (probability - 0.5), probability)
         if self._any_signed:
             known = self.signed & ~np.isnan(reading)
             probability = np.where(known, reading >= 0.0, probability)
-        effort = np.where(probability >= 0.5, 1.0, -1.0) * np.abs(reading)
+        effort = np.copysign(reading, probability - 0.5)
         wrong = 4.0 * reading * reading * np.minimum(probability, 1.0 - probability)
-        sd = np.sqrt(wrong + record.effort_sd * record.effort_sd)
-        residual = effort - record.predicted
-        return replace(record, probability=probability, effort=effort, effort_sd=sd, residual=residual, alarms=alarms)
+        return Tracked(
+            probability=probability,
+            effort=effort,
+            effort_sd=np.sqrt(wrong + self._white_square),
+            residual=effort - waiting.predicted,
+            alarms=alarms,
+            **waiting.known,
+        )
 
     def _observe(
         self, state: TrackerState, t: float, known: Array, here: AtInstant, square: Array, near_rest: Array
@@ -371,7 +387,7 @@ class SignTracker:
         if self._running.model.robot.transmission is not None:
             to_joints = self._running.to_joints
             doubt, torque = doubt.in_joints(to_joints), to_joints @ known
-        step = 0.0 if np.isnan(state.looked) else t - state.looked
+        step = 0.0 if isnan(state.looked) else t - state.looked  # without a momentum before it counts for nothing
         observe(state.observed, step, here.momentum, torque + here.driving, doubt)
         return threshold(state.observed, self._test.deviations)
 
@@ -379,19 +395,19 @@ class SignTracker:
         self, state: TrackerState, t: float, z: Array, threshold: Array, moving: Mask
     ) -> tuple[tuple[Alarm, ...], tuple[int, ...]]:
         """What one more sample raises, and the joints (from 1) that feel a contact."""
-        step, test, alarms = (0.0 if np.isnan(state.looked) else t - state.looked), self._test, state.alarms
+        step, test, alarms = (0.0 if isnan(state.looked) else t - state.looked), self._test, state.alarms
         changed = test.add(state.sums, t, step, z, moving)
         pushed = test.push(state.sums, state.observed.external, threshold)
         raised = []
         fresh = changed & ~alarms.held
-        if fresh.any():
+        if some(fresh):
             began = float(state.sums.began[fresh].min())
             kind = self._kind(state, began, fresh)
             if kind.name == UNKNOWN and alarms.touched(began, fresh):  # what a push has stirred up passes
                 test.forget(state.sums, fresh)
             else:
                 raised.append(alarms.change(t, began, kind, fresh, state.sums.sums))
-        elif t >= alarms.look_again and alarms.latest is not None and changed.any():
+        elif t >= alarms.look_again and alarms.latest is not None and some(changed):
             alarms.look(t, self._kind(state, alarms.latest.time, changed), changed, state.sums.sums)
         contact = alarms.touch(t, pushed, state.observed.external)
         alarms.release(step, state.sums.sums, moving)
@@ -418,7 +434,7 @@ class SignTracker:
         width = np.where(moving & ~np.isnan(reading), self._test.width(np.hypot(state.sd, by_motion)), np.inf)
         direction = np.tanh(speeds / np.maximum(self._running.standstill, STANDSTILL * state.top_speed + 1e-12))
         parts = (np.nan_to_num(reading), here.effort, width, columns[:, self._running.body], direction, speeds)
-        state.recent.looks.add(np.array([t]), *parts)
+        state.recent.looks.add(t, *parts)
 
     def _instant(
         self, state: TrackerState, local: LocalMotion, t: float, motion: tuple[Array, Array, Array]
@@ -433,22 +449,48 @@ class SignTracker:
     def _taken(self, state: TrackerState, t: float, values: Array) -> bool:
         """Whether a sample can be used; counts what it is."""
         counts = state.counts
-        if not (np.isfinite(t) and np.isfinite(values).all()):
+        if not (isfinite(t) and isfinite(values @ self._zeros[: values.size])):
             counts.missing += 1
             return False
-        if state.motion.count and t <= state.motion.t[-1]:
-            counts.repeated += int(t == state.motion.t[-1])
-            counts.late += int(t < state.motion.t[-1])
+        ahead = t - state.motion.t[-1] if state.motion.count else np.inf
+        if ahead == 0.0:
+            counts.repeated += 1
             return False
-        if state.motion.count and t - state.motion.t[-1] > _GAP / self.rate:
+        if ahead < 0.0:
+            if not self._set_back(state, t):
+                counts.late += 1
+                return False
+            counts.set_back += 1
+            self._forget(state)
+            self._forget_times(state, ahead)
+        elif state.motion.count and ahead > _GAP / self.rate:
             counts.gaps += 1
             self._forget(state)
+        state.late = 0, np.inf
         counts.updates += 1
         return True
 
+    def _set_back(self, state: TrackerState, t: float) -> bool:
+        """Whether a sample before the newest is one more of those by which a clock was set back."""
+        number, last = state.late
+        if t != last:
+            state.late = (number + 1 if t > last else 1), t
+        return state.late[0] >= _SET_BACK
+
+    def _forget_times(self, state: TrackerState, ahead: float) -> None:
+        """Begins anew what was timed by a clock that has moved, s; what was raised stays."""
+        state.origin += ahead  # what warms up with time goes on
+        state.sums = Sums.begin(self.n_joints)
+        state.recent = self._recent()
+        state.alarms.set_back()
+
+    def _recent(self) -> Recent:
+        return Recent.begin(self.n_joints, self.rate, self.rate / self._look_stride)
+
     def _forget(self, state: TrackerState) -> None:
         """Begins anew after a gap; tests and alarms stay."""
-        state.motion.count, state.belief, state.looked = 0, None, np.nan
+        state.motion.empty()
+        state.belief, state.looked = None, np.nan
         state.readings.clear()
         state.waiting.clear()
         state.memory.clear()
@@ -467,7 +509,7 @@ class SignTracker:
             observed=Observed.begin(n),
             sums=Sums.begin(n),
             alarms=Alarms.begin(n),
-            recent=Recent.begin(n, self.rate, self.rate / self._look_stride),
+            recent=self._recent(),
             top_speed=np.zeros(n),
             sd=np.zeros(n),
             origin=t,

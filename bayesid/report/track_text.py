@@ -57,6 +57,9 @@ def count_line(counts: Counts, figures: StreamFigures, lag: float, bad: int = 0)
         "no rows at all": bad,
         "efforts without a number": counts.unread,
         "gaps" if counts.gaps != 1 else "gap": counts.gaps,
+        "times that the clock was set back"
+        if counts.set_back != 1
+        else "time that the clock was set back": counts.set_back,
     }
     parts += [f"{count:,} {what}" for what, count in named.items() if count]
     if not counts.updates:

@@ -40,7 +40,7 @@ def save_next_motion(design: NextMotion, folder: str | Path) -> Path:
         InputError: the folder cannot be written, or holds other files than an earlier one.
 
     Example:
-        >>> design = bayesid.design_next(result, run=bayesid.Run(duration=4.0), changes=10)
+        >>> design = bayesid.design_next(result, run=bayesid.RunSettings(duration=4.0), changes=10)
         >>> sorted(path.name for path in bayesid.save_next_motion(design, "next").iterdir())[:4]
         ['next_motion.json', 'next_motion.svg', 'predicted.csv', 'speed_10']
     """

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bayesid.arrays import Array, Mask
+from bayesid.arrays import Array, Mask, every
 from bayesid.fit.noise import Noise
 from bayesid.signs.chain import Single
 from bayesid.signs.model_error import REST_TIME, TAILS, TURNS, error_grid, stationary, transitions
@@ -102,8 +102,8 @@ class SignFilter:
         steps, both = belief.count > 0 and belief.count % self.stride == 0, moves & belief.moved
         before = self._step(belief.weights, both) + _LEAST if steps else belief.weights
         after = before * likelihood
-        total = after.sum(axis=1)
-        now = np.minimum((before * plus).sum(axis=1) / total, _ONE).astype(float)
+        total = np.add.reduce(after, axis=1)
+        now = np.minimum(np.vecdot(before, plus) / total, _ONE).astype(float)
         after /= total[:, None]
         at = belief.count % (self.look_ahead + 1)
         belief.weights, belief.moved, belief.count = after, moves, belief.count + 1
@@ -115,23 +115,30 @@ class SignFilter:
 
     def _weigh(self, reading: Array, predicted: Array, sd: Array) -> tuple[Single, Single]:
         """(n, G) likelihoods of b by the positive sign, and by both, up to a factor."""
-        scale = np.maximum(np.sqrt(TAILS * (self.white**2 + sd * sd)), self._finest)
+        scale = np.maximum(np.sqrt(TAILS * (self._white_square + sd * sd)), self._finest)
         known = np.isfinite(reading)
-        size = reading if known.all() else np.where(known, reading, 0.0)
+        all_known = every(known)
+        size = reading if all_known else np.where(known, reading, 0.0)
         signed = (np.array([size - predicted, -size - predicted]) / scale).astype(np.float32)
         inverse = (1.0 / scale).astype(np.float32)
         square = signed[:, :, None] - self.grid * inverse[:, None]
         square *= square
         square += 1.0
-        share = square.min(axis=2).min(axis=0)[:, None] / square
+        least = np.minimum.reduce(square, axis=2)
+        share = np.minimum(least[0], least[1])[:, None] / square
         root = np.sqrt(share)
         share *= share
         share *= root  # the power (nu + 1) / 2 = 2.5 of four degrees of freedom
         plus, likelihood = share[0], share[0] + share[1]
-        if not known.all():
+        if not all_known:
             plus[~known] = (predicted[:, None] + self.grid > 0.0)[~known]
             likelihood[~known] = 1.0
         return plus, likelihood
+
+    @cached_property
+    def _white_square(self) -> Array:
+        """(n,) variance of the white noise, (N m)^2."""
+        return self.white * self.white
 
     @cached_property
     def _finest(self) -> Array:
@@ -142,7 +149,7 @@ class SignFilter:
     def _step(self, weights: Single, moves: Mask) -> Single:
         """(n, G) weights one step later."""
         after: Single = np.matmul(self.forwards, weights[:, :, None])[:, :, 0]
-        if not moves.all():
+        if not every(moves):
             for j in np.flatnonzero(~moves).tolist():
                 stays = self.rest_forwards[j] @ weights[j]
                 after[j] = (1.0 - self.turns) * stays + self.turns * self.afresh[j] * weights[j].sum()
@@ -168,7 +175,7 @@ class SignFilter:
     def _back(self, future: Single, moves: Mask) -> Single:
         """(n, G) what is passed backwards over a step."""
         before: Single = np.matmul(self.backwards, future[:, :, None])[:, :, 0]
-        if not moves.all():
+        if not every(moves):
             for j in np.flatnonzero(~moves).tolist():
                 stays = self.rest_backwards[j] @ future[j]
                 before[j] = (1.0 - self.turns) * stays + self.turns * (self.afresh[j] @ future[j])

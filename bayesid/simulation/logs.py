@@ -70,7 +70,8 @@ def simulate(
         sensor: (n,) standard deviation of the noise, N m, instead of `noise`: a sensor's is the same in any motion.
 
     Raises:
-        ValueError: the noise is negative or not finite, or its colour not in [0, 1).
+        ValueError: the noise or a sensor's is negative or not finite, there is not one sensor for each joint, or the
+            noise's colour is not in [0, 1).
 
     Example:
         >>> log = bayesid.simulate(model, theta, motion, rng=np.random.default_rng(0), noise=0.05)
@@ -81,6 +82,10 @@ def simulate(
         raise ValueError(f"the noise must be a finite share of the effort, not {noise}")
     if not 0.0 <= colour < 1.0:
         raise ValueError(f"the noise's correlation must lie in [0, 1), not {colour}")
+    if sensor is not None and not (np.shape(sensor) == (motion.n_joints,) and np.isfinite(sensor).all()):
+        raise ValueError(f"the sensor's noise must be {motion.n_joints} finite numbers, one a joint")
+    if sensor is not None and np.min(sensor) < 0.0:
+        raise ValueError(f"the sensor's noise must not be negative: {np.min(sensor)}")
     effort = model.before_sensors.effort(motion, theta)
     sd = noise * rms(effort) if sensor is None else np.asarray(sensor)
     effort = model.read(effort + sd * _ar1(rng.standard_normal(effort.shape), colour))

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from payload_cases import PAYLOAD, PayloadCase
+from payload_cases import PAYLOAD, TERMS, PayloadCase
 
 import bayesid
 from bayesid import cli
@@ -183,6 +183,28 @@ def test_an_earlier_folder_is_replaced_and_no_other(place, capfd):
     assert "holds other files" in capfd.readouterr().err
 
 
+def test_a_payload_that_the_model_knows(tmp_path, monkeypatch, capfd):
+    """With its label a log of the loaded arm is as usual, replayed and from a pipe; without it a payload has come."""
+    monkeypatch.chdir(tmp_path)
+    arm = PayloadCase(0)
+    logs = arm.first, arm.log(arm.before, PAYLOAD).carrying("tool1")
+    known = bayesid.identify(arm.robot, bayesid.join_logs(logs), TERMS, complete="off", posterior=False)
+    bayesid.save_identification(known, "result", report=False)
+    write_log("loaded.csv", arm.later(PAYLOAD))
+    assert run("track", "result", "loaded.csv", "--payload", "tool1", "--out", "with") == 0
+    assert run("track", "result", "loaded.csv", "--out", "without") == 0
+    stream, alarms, summary = read(tmp_path / "with")
+    assert alarms == []
+    assert summary["smoothing"]["share"] > 0.97
+    assert "payload" in [alarm["kind"] for alarm in read(tmp_path / "without")[1]]
+    on_input(monkeypatch, (tmp_path / "loaded.csv").read_bytes())
+    assert run(*FOLLOW, "--payload", "tool1", "--out", "followed") == 0
+    np.testing.assert_allclose(read(tmp_path / "followed")[0], stream, rtol=1e-6, atol=1e-7)
+    capfd.readouterr()
+    assert run("track", "result", "loaded.csv", "--payload", "tool2") == 2
+    assert "tool1" in capfd.readouterr().err
+
+
 # ---------------------------------------------------------------------------------------------------------------
 # Rows as they come
 # ---------------------------------------------------------------------------------------------------------------
@@ -213,7 +235,7 @@ def test_a_stream_in_disorder_is_counted_and_goes_on(place, monkeypatch, capfd):
     assert run(*FOLLOW, "--out", "out") == 0
     out, err = capfd.readouterr()
     stream, _, summary = read(place / "out")
-    expected = {"repeated": 1, "late": 1, "missing": 1, "unread": 1, "gaps": 1, "bad": 2}
+    expected = {"repeated": 1, "late": 1, "missing": 1, "unread": 1, "gaps": 1, "set_back": 0, "bad": 2}
     assert {name: summary["counts"][name] for name in expected} == expected
     assert len(stream_of(out)) == len(lines) - 3  # the header, a blank line and a remark
     assert "2 lines were no rows" in err

@@ -41,7 +41,7 @@ ROBOTS = {"use.md": "ur10e", "coupled-wrists.md": "tx40", "data-sheet-robot.md":
 """Whose logs a page's commands read; robot.toml of docs/logs-and-robots.md if not here."""
 PAYLOAD = np.array([0.017, -0.004, -0.01, 0.022, -0.002, 0.025, 0.2, 0.04, 0.1, 2.0])
 """Of a body of 2 kg, as in `bayesid.model.inertia`: on the flange in the log of a page about gains."""
-SAMPLED = ("posterior.md", "python.md", "extending.md", "find-what-is-missing.md")
+SAMPLED = ("posterior.md", "python.md", "extending.md", "find-what-is-missing.md", "what-to-record-next.md")
 """Pages whose examples need draws that have converged; elsewhere as few as there can be do."""
 SLOW = ("use.md", "studies.md", "pbpr.md", "logs-and-robots.md", "mixed-signs.md", "find-what-is-missing.md")
 """Pages whose examples take longest."""

@@ -371,7 +371,9 @@ def test_limits_from_a_urdf_follow_the_chain_not_the_file(tmp_path):
     ]
     path = tmp_path / "arm.urdf"
     path.write_text(f"<robot name='arm'>{''.join(joints)}</robot>")
-    assert read_limits(path) == MotionLimits((-2.9, -0.1, -2.0), (1.7, 0.4, 2.0), (2.1, 0.2, 0.9), effort=(9.0, 5.0, 7.0))
+    assert read_limits(path) == MotionLimits(
+        (-2.9, -0.1, -2.0), (1.7, 0.4, 2.0), (2.1, 0.2, 0.9), effort=(9.0, 5.0, 7.0)
+    )
     path.write_text(f"<robot name='arm'>{''.join(joints)}{joint('d', 'revolute', 'l1', 'l9')}</robot>")
     with pytest.raises(InputError, match="branches"):
         read_limits(path)

@@ -1,65 +1,148 @@
-"""What a result knows: what its draws say beyond its covariance is what the model may lack, and not chance."""
+"""What a result knows, and what a recording leaves of its uncertainty: against regressions on rows, done in full."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import smooth_motion
+from open_results import LIMITS, NOISE, TERMS, gains_result, open_known, open_result
 
-from bayesid.excitation.known import known_of
-from bayesid.fit.noise import Noise
-from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
-from bayesid.model.coefficients import base_coefficients
-from bayesid.model.model import Model
-from bayesid.model.robot import load_robot
-from bayesid.model.terms import RigidBody
+from bayesid.excitation.expectation import expect
+from bayesid.excitation.known import inverse, known_of
+from bayesid.identification.identified_model import ParameterDraws
+from bayesid.identification.pipeline import identify
+from bayesid.model.distortions.clipping import Clipping
+from bayesid.model.terms.hysteresis import Hysteresis
+from bayesid.simulation.logs import simulate
+from bayesid.simulation.trajectories import random_trajectory
 
-_DRAWS = 256
+PERIOD = 0.02
 
 
 @pytest.fixture(scope="module")
-def model():
-    return Model(load_robot("kr5"), (RigidBody(),))
+def motion():
+    return smooth_motion(3, 3.0, 1.0 / PERIOD, seed=11)
 
 
-def identified(model, covariance, lacking, seed):
-    """A model with a covariance of its coefficients (r, r), and draws that have more of it."""
-    base, rng = base_coefficients(model), np.random.default_rng(seed)
-    theta = rng.standard_normal(base.projection.shape[1])
-    beta = rng.multivariate_normal(np.zeros(len(covariance)), covariance + lacking, _DRAWS)
-    draws = theta + beta @ np.linalg.pinv(base.projection).T
-    n = model.robot.n_joints
-    noise = Noise(np.ones(n), np.zeros(n), np.ones(n), np.ones(n))
-    of_draws = ParameterDraws(draws, np.ones((_DRAWS, n)))
-    return IdentifiedModel(model, theta, noise, np.linalg.inv(covariance), of_draws)
+def test_what_a_recording_leaves_is_a_regression_on_prior_and_noise_rows(motion):
+    """Rows of the noise are those of independent samples: as many for a sample as its share of a correlation time."""
+    result = open_result()
+    known = known_of(result, 1.0 / PERIOD)
+    found = known.covariance(known.information(motion, PERIOD))
+    memory = np.exp(-PERIOD / NOISE.correlation)
+    times = 1.0 + 2.0 * NOISE.coloured**2 / (NOISE.white**2 + NOISE.coloured**2) * memory / (1.0 - memory)
+    sigma = np.sqrt(NOISE.white**2 + NOISE.coloured**2)
+    rows = result.model.columns(motion)[:, :, known.coefficients.kept] / (sigma * np.sqrt(times))[:, None]
+    moving = np.abs(motion.dq) > result.model.robot.actuators(motion).standstill_speed
+    prior = np.linalg.cholesky(result.precision).T
+    stacked = np.vstack([prior, rows[moving]])
+    _, values, vectors = np.linalg.svd(stacked, full_matrices=False)
+    np.testing.assert_allclose(found, (vectors.T / values**2) @ vectors, rtol=1e-6, atol=1e-9 * np.abs(found).max())
+    assert np.all(np.diag(found) < np.diag(known.now))
+    before, after = np.diag(known.now), np.diag(found)
+    assert (after / before).min() < 0.05  # the motion tells something
 
 
-def some_covariance(size, seed):
-    """Of coefficients in mixed units."""
-    rng = np.random.default_rng(seed)
-    scale, mixing = np.geomspace(1e-2, 1e2, size), rng.standard_normal((size, 3 * size))
-    return mixing @ mixing.T / (3 * size) * np.outer(scale, scale)
+def test_standing_still_tells_nothing(motion):
+    known = open_known()
+    still = replace(motion, dq=0.0 * motion.dq, ddq=0.0 * motion.ddq)
+    assert not known.information(still, PERIOD).any()
+    half = replace(motion, dq=motion.dq * np.array([1.0, 0.0, 1.0]))
+    weights = known.weights(half, PERIOD)
+    assert not weights[:, 1].any()
+    slow = known.weights(motion, PERIOD, standstill=np.array([1e9, 0.0, 0.0]))
+    assert not slow[:, 0].any()
+    np.testing.assert_allclose(slow[:, 1:], np.tile(known.density[1:] * PERIOD, (len(motion), 1)))
 
 
-def test_where_nothing_is_lacking_chance_is_not_taken_for_it(model):
-    size = len(base_coefficients(model))
-    for seed in range(5):
-        known = known_of(identified(model, some_covariance(size, seed), np.zeros((size, size)), seed), 100.0)
-        assert np.all(np.diag(known.lacking) < 0.05 * np.diag(known.now))
+def test_what_the_model_lacks_is_left_whatever_is_recorded(motion):
+    exact, lacking = open_known(), open_known(lacking=0.6)
+    np.testing.assert_allclose(exact.lacking, 0.0)
+    np.testing.assert_allclose(lacking.now, exact.now + lacking.lacking)
+    np.testing.assert_allclose(lacking.root @ lacking.root.T, lacking.now, atol=1e-10 * np.abs(lacking.now).max())
+    information = exact.information(motion, PERIOD)
+    np.testing.assert_allclose(lacking.covariance(information), exact.covariance(information))
 
 
-def test_what_is_lacking_is_seen(model):
-    size = len(base_coefficients(model))
-    covariance = some_covariance(size, 1)
-    direction = np.linalg.cholesky(covariance) @ np.ones(size) / np.sqrt(size)  # of one sd
-    lacking = 16.0 * np.outer(direction, direction)
-    found = known_of(identified(model, covariance, lacking, 2), 100.0).lacking
-    ratio = np.sqrt(np.diag(found) / np.diag(lacking))
-    assert 0.85 < np.median(ratio) < 1.15, ratio  # the sd of 256 draws is known to 4 %, turned by 12 % of chance
+def test_columns_are_derivatives_of_efforts_as_they_are_read(motion):
+    """Readings are made efforts by one set of gains: a gain that is larger than that makes all efforts smaller."""
+    known = known_of(gains_result(), 50.0)
+    assert known.names[-2:] == ("log_gain1", "log_gain3")
+    assert known.units[-2:] == ("", "")
+    np.testing.assert_array_equal(known.gains, [0, 2])
+    kept, theta = known.coefficients.kept, known.theta
+
+    def read(moves):
+        moved = theta.copy()
+        moved[kept] += moves[: len(kept)]
+        log_gain = np.array([moves[-2], 0.0, moves[-1]])
+        return known.model.effort(motion, moved) / np.exp(log_gain)
+
+    columns, step = known.columns(motion), 1e-5
+    for k in range(len(known)):
+        moves = np.zeros(len(known))
+        moves[k] = step
+        slope = (read(moves) - read(-moves)) / (2.0 * step)
+        np.testing.assert_allclose(columns[:, :, k], slope, atol=1e-6 * max(1.0, np.abs(slope).max()))
 
 
-def test_what_is_said_to_be_lacking_counts_in_place_of_the_draws(model):
-    size = len(base_coefficients(model))
-    covariance = some_covariance(size, 1)
-    told = identified(model, covariance, 4.0 * covariance, 3)
-    known = known_of(replace(told, lacking=0.5 * covariance), 100.0)
-    np.testing.assert_allclose(known.lacking, 0.5 * covariance, rtol=1e-6, atol=1e-9)
+def test_draws_of_gains_and_coefficients_are_known_together():
+    result = gains_result(factor=0.4)
+    known, draws = known_of(result, 50.0), result.draws
+    drawn = np.hstack([known.coefficients.project(draws.theta), draws.log_gain[:, [0, 2]]])
+    centred = drawn - drawn.mean(axis=0)
+    covariance = centred.T @ centred / (len(drawn) - 1)
+    np.testing.assert_allclose(known.now, covariance, rtol=1e-5, atol=1e-9 * np.abs(covariance).max())
+    assert known.now[-1, -2] / np.sqrt(known.now[-1, -1] * known.now[-2, -2]) > 0.5
+    np.testing.assert_allclose(known.mean[-2:], draws.log_gain.mean(axis=0)[[0, 2]])
+
+
+def test_draws_that_are_wider_than_the_log_s_information_say_what_is_lacking():
+    result, rng = open_result(), np.random.default_rng(2)
+    base = known_of(result, 50.0).coefficients
+    wide = np.linalg.cholesky(4.0 * np.linalg.inv(result.precision))
+    theta = result.theta + (rng.normal(size=(20_000, len(base))) @ wide.T) @ np.linalg.pinv(base.projection).T
+    known = known_of(replace(result, draws=ParameterDraws(theta, np.tile(NOISE.sigma, (20_000, 1)))), 50.0)
+    inside = np.linalg.inv(result.precision)
+    np.testing.assert_allclose(inverse(known.precision), inside, rtol=1e-6, atol=1e-9 * np.abs(inside).max())
+    np.testing.assert_allclose(
+        np.diag(known.lacking) / np.diag(inside), 3.0, rtol=0.07
+    )  # five times 4 / 3 sqrt(2 / 20000)
+
+
+def test_without_a_posterior_what_plausible_robots_have_in_common_is_the_prior():
+    result = open_result()
+    precision = result.precision.copy()
+    blind = known_of(result, 50.0).coefficients.names.index("Fv2")
+    precision[blind], precision[:, blind] = 0.0, 0.0
+    known = known_of(replace(result, precision=precision), 50.0)
+    assert known.supposed
+    assert not known_of(result, 50.0).supposed
+    size = expect(known.model).size
+    np.testing.assert_allclose(known.precision - precision, np.diag(size**-2.0), rtol=1e-9, atol=1e-9)
+    assert np.sqrt(known.now[blind, blind]) == pytest.approx(size[blind])
+
+
+def test_what_sensors_make_of_efforts_is_no_part_of_what_is_known():
+    result = open_result()
+    clipped = replace(result, model=result.model.extend(Clipping(joints=(2,), limit=(0.5,))))
+    known = known_of(clipped, 50.0)
+    assert known.model.distortions == ()
+    assert known.names == known_of(result, 50.0).names
+
+
+def test_memory_is_that_of_any_effect():
+    assert not open_known().memory
+    assert open_known(n=2, terms=("rigid_body", Hysteresis(width=(0.05, 0.02)))).memory
+
+
+def test_a_log_s_own_motion_is_worth_what_the_result_says_of_it():
+    """A loaded robot's log of all signs: least squares knows nothing beside the log, but a ridge of its prior."""
+    truth = open_result()
+    motion = random_trajectory(3, 8.0, seed=4, limits=LIMITS).motion(np.arange(801) / 100.0)
+    log = simulate(truth.model, truth.theta, motion, rng=np.random.default_rng(7), noise=0.05, signed=True)
+    result = identify(truth.model.robot, log, TERMS, complete="off", posterior=False)
+    known = known_of(result.identified, 100.0)
+    ratio = np.diag(known.information(result.signals.motion, 0.01)) / np.diag(known.precision)
+    assert np.median(ratio) == pytest.approx(1.01, abs=0.02)
+    assert np.all((ratio > 0.98) & (ratio < 1.12))  # samples at the ends and near standstill are left out of a fit

@@ -19,7 +19,7 @@ from bayesid.model.model import LOOK_AHEAD, LOOK_BACK, Model
 from bayesid.model.terms import STANDARD
 from bayesid.monitor import stream_moments
 from bayesid.monitor.stream_moments import condensed
-from bayesid.monitor.stretches import MERGED, UNUSED, Edge, Samples, numbered
+from bayesid.monitor.stretches import MERGED, UNUSED, Edge, StreamSamples, numbered
 from bayesid.motion import Motion
 from bayesid.simulation.parameters import random_parameters
 
@@ -370,7 +370,7 @@ def numbers_of(speed, magnitude, sign, used, t=None, edge=None):
     column = [np.array(values, dtype=float)[:, None] for values in (speed, magnitude, sign)]
     t = np.arange(len(speed)) / RATE if t is None else np.array(t)
     motion = Motion(t, *(np.zeros((len(t), 1)),) * 3)
-    samples = Samples(motion, *column, np.array(used, dtype=bool)[:, None])
+    samples = StreamSamples(motion, *column, np.array(used, dtype=bool)[:, None])
     number, last = numbered(Edge.none(1) if edge is None else edge, samples, np.ones(1), np.zeros(1, dtype=bool))
     return number[:, 0].tolist(), last
 

@@ -59,6 +59,31 @@ def test_stated_noise_of_the_acceleration_is_what_it_has(velocities, order):
     assert 0.85 < ratio < 1.15, ratio  # 3700 samples, 20 of which count as one: 5 % of either
 
 
+def test_the_noise_is_known_on_average_as_soon_as_the_window_is_full():
+    rng, first = np.random.default_rng(2), []
+    estimator = MotionEstimator(1, 0.12, RATE, False, False)
+    for _ in range(400):
+        window = estimator.begin()
+        for k in range(14):
+            estimator.add(window, k / RATE, 1e-4 * rng.standard_normal(1))
+            local = estimator.fit(window)
+        assert local.full
+        first.append(local.variance[0])
+    assert 0.8 < np.mean(first) / 1e-8 < 1.2  # ten squares each, 400 times: 3 %, more as they are not independent
+
+
+def test_a_window_is_full_once_a_sample_has_left_it():
+    estimator = MotionEstimator(1, 0.12, RATE, False, False)
+    window, full = estimator.begin(), []
+    for k in range(20):
+        estimator.add(window, k / RATE, np.zeros(1))
+        full.append(window.full)
+    assert full.index(True) == 13
+    window.empty()
+    estimator.add(window, 1.0, np.zeros(1))
+    assert not window.full
+
+
 def test_looking_back_is_less_noisy():
     t = np.arange(60) / RATE
     estimator = MotionEstimator(1, 0.2, RATE, False, False)

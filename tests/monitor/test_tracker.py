@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import pickle
-from dataclasses import fields
+import sys
+import tracemalloc
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -141,6 +143,61 @@ def test_after_a_gap_it_begins_anew():
     assert not tracker.alarms
 
 
+@pytest.mark.parametrize("back", [3.0, 400.0])
+def test_a_clock_that_is_set_back(back):
+    """Five samples show it, the fifth of which is the first that counts; then all is as in a tracker that begins."""
+    motion, effort = stream()
+    tracker, _ = run(motion, effort, rows=slice(0, 1000))
+    later = replace(motion, t=motion.t - back)
+    _, records = run(later, effort, tracker, slice(1000, 2500))
+    counts = tracker.counts
+    assert (counts.set_back, counts.late, counts.updates, counts.gaps) == (1, 4, 2500 - 4, 0)
+    assert not any(record.fresh for record in records[:4])
+    assert all(record.fresh for record in records[4:])
+    assert records[4].state == ("unknown",) * 3
+    assert right_share(records[4:], later, effort) > 0.99
+    assert not tracker.alarms
+    window = tracker.window()
+    assert window.t[0] == later.t[1004]
+    assert len(window) == 1496
+
+
+def test_what_happens_after_a_clock_was_set_back_is_timed_by_it():
+    """A contact goes on when the clock is set back; another one, and a change, come afterwards."""
+    motion, effort, *_ = pushed(2, -0.3, 9.9)
+    other = np.where(
+        (T < 15.0)[:, None], effort + pushed(1, 0.3, 12.0)[1] - stream()[1], stream(2, changed(Fc3=3.0))[1]
+    )
+    tracker, _ = run(motion, other, rows=slice(0, 1000))
+    assert [alarm.kind for alarm in tracker.alarms] == ["contact"]
+    run(replace(motion, t=motion.t - 9.0), other, tracker, slice(1000, 2500))
+    times = [(alarm.kind, alarm.time) for alarm in tracker.alarms if 2.0 < alarm.time < 9.0]
+    assert [kind for kind, _ in times] == ["contact", "friction"]
+    assert 3.0 <= times[0][1] <= 3.25
+    assert 6.0 <= times[1][1] <= 7.0
+
+
+def test_one_sample_from_the_future_does_no_lasting_harm():
+    motion, effort = stream()
+    tracker, _ = run(motion, effort, rows=slice(0, 300))
+    tracker.update(1e6, motion.q[300], np.abs(effort[300]))
+    _, records = run(motion, effort, tracker, slice(301, 1000))
+    assert tracker.counts.set_back == 1
+    assert all(record.fresh for record in records[4:])
+
+
+@pytest.mark.parametrize(
+    "order", [(6, 1, 2, 3, 4), (5, 1, 1, 2, 2, 2), (9, 8, 7, 6, 5, 4, 3, 2), (5, 1, 2, 3, 6, 1, 2, 3)]
+)
+def test_a_few_late_samples_set_no_clock_back(order):
+    motion, effort = stream()
+    tracker, _ = run(motion, effort, rows=slice(0, 101))
+    for k in order:
+        tracker.update(motion.t[100 + k], motion.q[100 + k], np.abs(effort[100 + k]))
+    assert tracker.counts.set_back == 0
+    assert tracker.counts.late + tracker.counts.updates == 101 + len(order)
+
+
 def test_jitter_and_lost_samples():
     motion = motion_of(2, np.sort(T + np.random.default_rng(1).uniform(-0.3, 0.3, len(T)) / RATE))
     kept = np.random.default_rng(2).random(len(T)) > 0.1
@@ -158,6 +215,52 @@ def test_memory_stays_flat():
     shifted = [tracker.update(30.0 + t, q, np.abs(e)) for t, q, e in zip(motion.t, motion.q, effort, strict=True)]
     assert shifted
     assert len(pickle.dumps(tracker.state())) <= before + 1000  # an alarm, where the motion jumps back
+
+
+def grown(updates, measure, warm):
+    """By how much a measure grows over so many updates, after others."""
+    motion, effort = stream()
+    period = 1200  # samples of the motion
+    tracker = SignTracker(identified(), RATE, lag=0.05)
+    for k in range(warm + updates):
+        if k == warm:
+            before = measure()
+        tracker.update(k / RATE, motion.q[k % period], np.abs(effort[k % period]))
+    assert not tracker.alarms
+    return measure() - before
+
+
+def test_no_object_is_kept_of_an_update():
+    assert grown(1_500, sys.getallocatedblocks, 500) < 500  # one of each update would be 1,500 blocks
+
+
+@pytest.mark.long
+def test_no_allocation_grows():
+    """Traced, which takes ten times as long."""
+    tracemalloc.start()
+    try:
+        assert grown(50_000, lambda: tracemalloc.get_traced_memory()[0], 5_000) < 20_000  # a float each: 1.2 MB
+    finally:
+        tracemalloc.stop()
+
+
+def test_thresholds_hold_from_the_start():
+    """Positions with an encoder's noise: 3600 false contacts an hour are 1 % of the observer's independent values."""
+    motion, effort = stream()
+    tracker, rng, beyond = SignTracker(identified(), RATE, false_alarms=3600.0), np.random.default_rng(5), []
+    for start in rng.integers(0, len(T) - 40, 120):
+        tracker.restore(None)
+        for k in range(start, start + 40):
+            q = motion.q[k] + 1e-4 * rng.standard_normal(3)
+            now = tracker.update(motion.t[k], q, np.abs(effort[k]))
+            if k < start + 12:
+                assert np.isinf(now.threshold).all()
+                assert not now.contact
+            elif k >= start + 13:
+                beyond.append(np.abs(now.external) > now.threshold)
+    shares = np.array(beyond).reshape(120, 27, 3).mean(axis=(0, 2))
+    assert shares[:9].mean() <= 0.01, shares
+    assert shares[9:].mean() <= 0.01, shares
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -265,7 +368,7 @@ def test_the_window_of_a_change_is_a_log_for_a_discrepancy():
     assert 8.0 < window.t[-1] - window.t[0] <= 12.0
     assert not window.signed.any()
     found = bayesid.find_discrepancy(identified(), window)
-    assert "payload" in {effect.effect for effect in found.added}
+    assert "payload" in {name for effect in found.added for name in (effect.effect, *effect.equivalent)}
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -125,6 +125,28 @@ def test_an_unsigned_log_is_the_absolute_value_of_the_signed_one():
     assert np.any(signed.effort < 0.0, axis=0).all()
 
 
+def test_a_sensor_is_as_noisy_in_any_motion():
+    """N m of each joint, whatever its efforts: 6670 samples know a standard deviation to 0.9 %."""
+    model, sensor = paper_model(), np.array([3.0, 0.4, 1.2, 0.02, 0.3, 0.0])
+    for share in (1.0, 0.1):
+        fast = motion_of(6, 6670)
+        motion = Motion(fast.t, fast.q, share * fast.dq, share**2 * fast.ddq)
+        log = simulate(
+            model, nominal_parameters(), motion, rng=np.random.default_rng(6), noise=0.3, signed=True, sensor=sensor
+        )
+        left = log.effort - model.effort(motion, nominal_parameters())
+        np.testing.assert_allclose(left.std(axis=0), sensor, rtol=0.05)
+        assert np.abs(left[:, 5]).max() == 0.0
+
+
+@pytest.mark.parametrize(
+    "sensor", [np.full(6, -0.1), np.full(6, np.nan), np.full(6, np.inf), np.full(5, 0.1), np.full((6, 1), 0.1)]
+)
+def test_an_impossible_sensor_is_refused(sensor):
+    with pytest.raises(ValueError, match="sensor"):
+        simulate(paper_model(), nominal_parameters(), motion_of(6), rng=np.random.default_rng(1), sensor=sensor)
+
+
 def test_the_noise_is_rectified_too():
     """Where the effort is far smaller than the noise, |noise| is left: its mean is sqrt(2 / pi) sd, not zero."""
     model, motion = paper_model(), motion_of(6, 20_000)

@@ -67,10 +67,11 @@ def _replay(options: argparse.Namespace) -> None:
         bars.show("read", 0, 1)
         identified = load_model(options.result)
         log = read(options.log, reading_options(options, identified))
+        log = log.carrying(options.payload) if options.payload else log
         check_joints(identified.model.robot, log)
         check_exact_gains(log)
         rate = round(1.0 / log.period, 3) if options.rate is None else options.rate
-        tracker = SignTracker(identified, rate, options.lag, log.signed.tolist(), false_alarms=options.false_alarms)
+        tracker = _tracker(options, identified, rate, log.signed.tolist())
         streamed = replay(tracker, log, Progress(bars.show))
         bars.show("smooth", 0, 1)
         result, offline = _compared(options, identified, log, streamed)
@@ -82,6 +83,14 @@ def _replay(options: argparse.Namespace) -> None:
     if not options.quiet:
         seen = offline is not None and offline.seen
         show(*_parts(result, options, float(log.t[-1]), seen), f"written to {folder}/")
+
+
+def _tracker(
+    options: argparse.Namespace, identified: IdentifiedModel, rate: float, signed: list[bool] | None = None
+) -> SignTracker:
+    return SignTracker(
+        identified, rate, options.lag, signed, payload=options.payload, false_alarms=options.false_alarms
+    )
 
 
 def _compared(
@@ -96,7 +105,7 @@ def _compared(
     if offline is not None:
         smoothing = agreement(streamed, offline)
         if log.signed.any():
-            tracker = SignTracker(identified, streamed.rate, options.lag, false_alarms=options.false_alarms)
+            tracker = _tracker(options, identified, streamed.rate)
             known = known_signs(replay(tracker, log.rectified()), offline)
     return _result(log.source, streamed, smoothing, status, known), offline
 
@@ -179,11 +188,9 @@ def _check_follow(options: argparse.Namespace) -> None:
 def _follow(options: argparse.Namespace) -> None:
     folder = None if options.out is None else check_folder(options.out, STREAM_FILES, STREAM)
     identified = load_model(options.result)
-    SignTracker(identified, options.rate, options.lag, false_alarms=options.false_alarms)  # bad options need no rows
+    _tracker(options, identified, options.rate)  # bad options need no rows
     reader = _reader(options, identified)
-    tracker = SignTracker(
-        identified, options.rate, options.lag, reader.signed.tolist(), false_alarms=options.false_alarms
-    )
+    tracker = _tracker(options, identified, options.rate, reader.signed.tolist())
     try:
         if folder is None:
             figures = follow(tracker, reader, None)

@@ -36,6 +36,11 @@ class CollisionModel:
             the links: the parts that are do not count.
         inseparable: pairs of links which do not share a joint, but parts of whose capsules are nearer than the margin
             in every pose; these parts do not count.
+
+    Example:
+        >>> shapes = bayesid.collision_model(robot, motion.q[::20], bayesid.Capsules(0.03), floor=None)
+        >>> shapes.source
+        'capsules of 0.03 m about the lines between the joints, no floor'
     """
 
     source: str
@@ -54,6 +59,11 @@ class CollisionModel:
 
         Args:
             q: (N, n) positions of the joints, rad or m.
+
+        Example:
+            >>> shapes = bayesid.collision_model(robot, motion.q[::20], bayesid.Capsules(0.03), floor=None)
+            >>> shapes.distance(motion.q).shape  # m
+            (201,)
         """
         return self._distances.least(np.asarray(q, dtype=float))[0]
 
@@ -62,6 +72,11 @@ class CollisionModel:
 
         Args:
             q: (n,) positions of the joints, rad or m.
+
+        Example:
+            >>> shapes = bayesid.collision_model(robot, motion.q[::20], bayesid.Capsules(0.03), floor=None)
+            >>> shapes.nearest(motion.q[0])[1] in shapes.pairs
+            True
         """
         distance, pair = self._distances.least(np.asarray(q, dtype=float)[None])
         return float(distance[0]), names_of(self._shapes[pair[0]])
@@ -79,6 +94,11 @@ class CollisionModel:
 
         Returns:
             False also where it is neither shown that they are nor that they are not.
+
+        Example:
+            >>> shapes = bayesid.collision_model(robot, motion.q[::20], bayesid.Capsules(0.03), floor=None)
+            >>> shapes.stays_clear(lambda t: np.tile(motion.q[0], (len(t), 1)), np.array([0.0, 1.0]), np.zeros(3))
+            True
         """
         t = np.asarray(t, dtype=float)
         middle, half = (t[1:] + t[:-1]) / 2.0, (t[1:] - t[:-1]) / 2.0

@@ -42,6 +42,10 @@ class Capsules:
     Attributes:
         radii: m, one for all links or one for each, from base to tip; the base has that of the first.
         tool: (3,) the end of what is mounted on the flange, in the last link's frame, m.
+
+    Example:
+        >>> bayesid.Capsules(0.05).tool
+        (0.0, 0.0, 0.0)
     """
 
     radii: float | Sequence[float]
@@ -73,6 +77,10 @@ def collision_model(
     Raises:
         InputError: radii or meshes cannot be used; or a link was below the floor, or nearer to it than the margin,
             where the robot has been.
+
+    Example:
+        >>> shapes = bayesid.collision_model(robot, motion.q[::20], bayesid.Capsules(0.03), floor=None)
+        >>> run = bayesid.RunSettings(clearance=shapes)
     """
     if capsules is not None:
         shapes, source = _capsules(robot, capsules)

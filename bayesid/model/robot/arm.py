@@ -199,8 +199,8 @@ class Robot:
         torque = pin.rnea(model, data, q, dq, ddq).copy()
         coriolis = pin.computeCoriolisMatrix(model, data, q, dq)
         drift = coriolis.T @ dq - pin.computeGeneralizedGravity(model, data, q)
-        upper = pin.crba(model, data, q)
-        mass = np.where(_lower(len(q)), upper.T, upper)
+        mass = pin.crba(model, data, q).copy()
+        np.copyto(mass, mass.T, where=_lower(len(q)))
         return Dynamics(mass, drift, torque)
 
     @cached_property

@@ -135,6 +135,12 @@ class ActuatorTerm(Term):
 
     def effort(self, robot: Robot, motion: Motion, theta: Array) -> Array:
         """(N, n) efforts: each actuator's own columns."""
+        if not self.joints:
+            efforts = self.unit_efforts(robot.actuators(motion))
+            each = efforts if efforts.ndim == 2 else efforts[:, :, 0]
+            if efforts.ndim == 2 or efforts.shape[2] == 1:
+                return each * theta
+            return (efforts * theta.reshape(robot.n_joints, -1)).sum(axis=2)
         acting, own = self.acting(robot.n_joints), self.own_columns(robot, motion)
         k = own.shape[2]
         efforts = own[:, :, 0] * theta if k == 1 else (own * theta.reshape(-1, k)).sum(axis=2)

@@ -28,4 +28,4 @@ class TorqueOffset(ActuatorTerm):
 
     def unit_efforts(self, actuators: Motion) -> Array:
         """One."""
-        return np.ones_like(actuators.q)
+        return np.ones(actuators.q.shape)

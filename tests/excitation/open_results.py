@@ -1,0 +1,61 @@
+"""Results that leave much open, made by hand: no log is identified, and all is known of them."""
+
+from dataclasses import replace
+
+import numpy as np
+from conftest import small_robot, smooth_motion
+
+from bayesid.excitation.known import known_of
+from bayesid.fit.noise import Noise
+from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
+from bayesid.model.catalogue import make_terms
+from bayesid.model.coefficients import base_coefficients
+from bayesid.model.model import Model
+from bayesid.simulation.parameters import random_parameters
+from bayesid.simulation.trajectories import MotionLimits
+
+TERMS = ("rigid_body", "viscous_friction", "coulomb_friction")
+NOISE = Noise(
+    white=np.array([0.05, 0.11, 0.02]),
+    coloured=np.array([0.09, 0.04, 0.03]),
+    correlation=np.array([0.05, 0.02, 0.11]),
+    autocorrelation=np.array([3.0, 1.5, 9.0]),
+)
+LIMITS = MotionLimits(
+    lower=(-1.4, -0.3, -2.0), upper=(0.9, 1.8, 2.2), velocity=(1.5, 2.5, 3.1), acceleration=(4.0, 9.0, 6.0)
+)
+
+
+def earlier_motion(n=3, seed=6):
+    """4 s at 50 Hz: what the result's log was of."""
+    return smooth_motion(n, 4.0, 50.0, seed=seed)
+
+
+def open_result(n=3, terms=TERMS, seed=2, share=0.02):
+    """A model whose coefficients have a loose prior, and a short log on top that counts for a small share of itself."""
+    robot, motion = small_robot(n, seed=seed), earlier_motion(n)
+    model = Model(robot, make_terms(terms, robot, motion))
+    theta = random_parameters(model, np.random.default_rng(seed))
+    base = base_coefficients(model.before_sensors)
+    noise = Noise(*(values[:n] for values in vars(NOISE).values()))
+    rows = (model.columns(motion)[:, :, base.kept] / noise.sigma[:, None]).reshape(-1, len(base))
+    size = 0.3 * np.abs(base.project(theta)) + 0.1
+    return IdentifiedModel(model, theta, noise, share * rows.T @ rows + np.diag(size**-2.0))
+
+
+def open_known(rate=100.0, lacking=0.0, **options):
+    """The same as `Known`, with a covariance for what the model may lack."""
+    result = open_result(**options)
+    if lacking:
+        root = np.random.default_rng(8).normal(size=result.precision.shape) / len(result.precision)
+        sd = lacking * np.sqrt(np.diag(np.linalg.inv(result.precision)))
+        result = replace(result, lacking=np.outer(sd, sd) * (root @ root.T))
+    return known_of(result, rate)
+
+
+def gains_result(seed=5, factor=0.0):
+    """Draws of parameters and of the gains of joints 1 and 3; that of joint 2 is exact."""
+    result, rng = open_result(), np.random.default_rng(seed)
+    theta = result.theta * (1.0 + 0.2 * rng.normal(size=(400, len(result.theta))))
+    log_gain = rng.normal(size=(400, 3)) * [0.12, 0.0, 0.3] + factor * rng.normal(size=(400, 1)) * [1.0, 0.0, 1.0]
+    return replace(result, draws=ParameterDraws(theta, np.tile(NOISE.sigma, (400, 1)), log_gain))

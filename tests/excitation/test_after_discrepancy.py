@@ -1,0 +1,63 @@
+"""The next motion for a discrepancy: by default it tells apart what the log could not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import smooth_motion
+from open_results import TERMS, earlier_motion, open_result
+
+from bayesid.discrepancy.workflow import find_discrepancy
+from bayesid.excitation.next_motion import RunSettings, design_next
+from bayesid.identification.pipeline import identify
+from bayesid.model.terms.stribeck_friction import StribeckFriction
+from bayesid.simulation.logs import simulate
+
+RUN = RunSettings(duration=3.0, rate=50.0)
+
+
+@pytest.fixture(scope="module")
+def found():
+    """Stribeck friction in joint 3 that an earlier result of the arm lacks."""
+    truth = open_result()
+    log = simulate(truth.model, truth.theta, earlier_motion(), rng=np.random.default_rng(7), signed=True, noise=0.03)
+    earlier = identify(truth.model.robot, log, TERMS, complete="off", posterior=False)
+    model = truth.model.extend(StribeckFriction(joints=(3,), smoothing=(0.02,), speed=(0.3,)))
+    motion, theta = smooth_motion(3, 8.0, 50.0, seed=9), np.append(truth.theta, [0.0, 0.6])
+    log = simulate(model, theta, motion, rng=np.random.default_rng(8), signed=True, noise=0.03)
+    return find_discrepancy(earlier, log, posterior=False)
+
+
+def with_equivalents(found, *names):
+    (added,) = found.added
+    return replace(found, added=(replace(added, equivalent=names),))
+
+
+def test_without_an_equivalent_all_that_is_open_is_asked_for(found):
+    assert [(one.effect, one.joints, one.equivalent) for one in found.added] == [("stribeck_friction", (3,), ())]
+    design = design_next(found, run=RUN, changes=5)
+    assert design.rivals == ()
+    assert len(design.goal.names) == design.predicted.open_now
+    np.testing.assert_allclose(design.motion.q[0], found.identification.signals.motion.q[0], atol=1e-12)
+
+
+def test_equivalent_effects_are_told_apart_each_in_its_own_place(found):
+    """An effect that acts on the whole robot is not that of a joint: by its score, or by what the catalogue says."""
+    design = design_next(with_equivalents(found, "thermal_drift", "payload"), run=RUN, changes=5)
+    (rivals,) = design.rivals
+    assert [rival.key for rival in rivals.rivals] == [
+        ("stribeck_friction", (3,)),
+        ("thermal_drift", (3,)),
+        ("payload", ()),
+    ]
+    place = found.identification.model.places[-1]
+    np.testing.assert_array_equal(rivals.rivals[0].own, found.identification.theta[place])
+    assert design.goal is None
+    assert len(design.predicted.log10_bayes_factors) == 6
+    assert "stribeck_friction" not in {term.name for term in rivals.known.model.terms}
+
+
+def test_coefficients_are_asked_for_instead_by_their_names(found):
+    design = design_next(with_equivalents(found, "thermal_drift"), ["Fs3"], run=RUN, changes=5)
+    assert design.goal.names == ("Fs3",)
+    assert design.rivals == ()

@@ -1,0 +1,284 @@
+"""Which motions a robot can run: steps touch their limits, efforts hold between samples, and nothing is touched."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from open_results import LIMITS, open_known
+
+from bayesid.excitation.feasible import BAND, FINE, Feasibility, largest_efforts
+from bayesid.excitation.limits import check_limits
+from bayesid.excitation.splines import DEGREE, ENDS, SplineBasis, at_rest
+from bayesid.model.terms.hysteresis import Hysteresis
+from bayesid.simulation.trajectories import MotionLimits
+
+POSE = np.array([-0.2, 0.5, 0.3])
+FREE = 1e3
+
+
+class FakeClearance:
+    """A wall that a joint must not pass; remembers what it was asked."""
+
+    source = "a wall"
+
+    def __init__(self, joint=0, wall=0.1, margin=0.05):
+        self.joint, self.wall, self.margin, self.asked = joint, wall, margin, []
+
+    def stays_clear(self, path, t, speed):
+        self.asked.append((t.copy(), speed.copy()))
+        fine = path(np.linspace(t[0], t[-1], 2001))
+        return bool((self.distance(fine) > self.margin).all())
+
+    def distance(self, q):
+        return self.wall - q[:, self.joint]
+
+
+@pytest.fixture(scope="module")
+def known():
+    return open_known()
+
+
+@pytest.fixture(scope="module")
+def basis():
+    return SplineBasis(3.1)
+
+
+def within(known, clearance=None, **limits):
+    """Feasibility under limits that are wide where none is named."""
+    wide = {"lower": -FREE, "upper": FREE, "velocity": FREE, "acceleration": FREE}
+    return Feasibility.of(known, MotionLimits(**{**wide, **limits}), clearance)
+
+
+def wave(basis, seed=0, size=0.3):
+    """(K, n) steps of all three joints that leave the ends alone."""
+    rng, step = np.random.default_rng(seed), np.zeros((len(basis), 3))
+    step[ENDS:-ENDS] = size * rng.normal(size=(len(basis) - 2 * ENDS, 3))
+    return step
+
+
+def moved(trajectory, step, share=1.0):
+    return replace(trajectory, control=trajectory.control + share * step)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Limits that are linear
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("limits", "order"),
+    [
+        ({"lower": (-0.9, -FREE, -FREE)}, 0),
+        ({"upper": (FREE, 0.9, 0.5)}, 0),
+        ({"velocity": (0.9, 0.4, FREE)}, 1),
+        ({"acceleration": (FREE, 9.0, 2.5)}, 2),
+        ({"jerk": (200.0, 35.0, FREE)}, 3),
+    ],
+)
+def test_a_shortened_step_touches_one_limit_and_breaks_none(known, basis, limits, order):
+    """The share is that at which the first Bernstein coefficient, linear in it, meets a limit: found by bisection."""
+    feasibility, start = within(known, **limits), moved(at_rest(basis, POSE), wave(basis, 1, 0.01))
+    step = wave(basis, 2, 4.0)
+    share = feasibility.shortened(start, step)
+    assert 0.0 < share < 1.0
+
+    def holds(size):
+        least, largest = moved(start, step, size).bounds(order)
+        lower = np.broadcast_to(limits.get("lower", -FREE), 3) if order == 0 else -np.array(*limits.values())
+        upper = np.broadcast_to(limits.get("upper", FREE), 3) if order == 0 else np.array(*limits.values())
+        return bool(np.all(least >= lower) and np.all(largest <= upper))
+
+    low, high = 0.0, 1.0
+    for _ in range(60):
+        low, high = (0.5 * (low + high), high) if holds(0.5 * (low + high)) else (low, 0.5 * (low + high))
+    assert share == pytest.approx(low, rel=1e-9)
+    assert feasibility.within_limits(moved(start, step, share))
+    assert not feasibility.within_limits(moved(start, step, 1.0001 * share))
+
+
+def test_limits_of_both_sides_are_their_own(known, basis):
+    """Up there are 0.7 rad, down there are 0.2: a step and its opposite are shortened to these."""
+    feasibility, still = within(known, lower=(-0.4, -9.0, -9.0), upper=(0.5, 9.0, 9.0)), at_rest(basis, POSE)
+    step = np.zeros((len(basis), 3))
+    step[8, 0] = 1.0
+    top = still.basis.bernstein[0][:, 8].max()
+    assert feasibility.shortened(still, step) == pytest.approx(min(1.0, 0.7 / top))
+    assert feasibility.shortened(still, -step) == pytest.approx(0.2 / top)
+
+
+def test_a_step_that_is_none_and_one_that_has_all_the_room(known, basis):
+    still = at_rest(basis, POSE)
+    assert within(known).shortened(still, np.zeros((len(basis), 3))) == 0.0
+    assert within(known).shortened(still, wave(basis)) == 1.0
+    touching = within(known, upper=(-0.2, 9.0, 9.0))
+    up = np.zeros((len(basis), 3))
+    up[6, 0] = 0.1
+    assert touching.shortened(still, up) == 0.0
+    assert touching.shortened(still, -up) == 1.0
+    assert touching.shortened(moved(still, -up), -up) == 1.0  # rounding beside the bump is no step either
+    aside = np.zeros((len(basis), 3))
+    aside[6, 1] = 0.1  # another joint has room
+    assert touching.shortened(still, aside) == 1.0
+
+
+@pytest.mark.parametrize("limit", ["position", "velocity", "acceleration", "jerk"])
+def test_limits_hold_at_every_instant_of_a_shortened_step(known, basis, limit):
+    limits = {"position": {"lower": LIMITS.lower, "upper": LIMITS.upper}, "jerk": {"jerk": (30.0, 80.0, 55.0)}}
+    chosen = limits.get(limit) or {limit: getattr(LIMITS, limit)}
+    feasibility, step = within(known, **chosen), wave(basis, 5, 3.0)
+    motion = moved(at_rest(basis, POSE), step, feasibility.shortened(at_rest(basis, POSE), step))
+    t, order = np.linspace(0.0, 3.1, 20_001), ["position", "velocity", "acceleration", "jerk"].index(limit)
+    values = basis.values(t, order) @ motion.control
+    lower, upper = feasibility.lower, feasibility.upper
+    if order:
+        lower, upper = -feasibility.rates[order - 1], feasibility.rates[order - 1]
+    room = np.minimum(upper - values.max(axis=0), values.min(axis=0) - lower) / (upper - lower)
+    assert room.min() >= -1e-12
+    assert room.min() < 0.05  # and the limit is used
+
+
+def test_without_a_limit_of_jerk_any_jerk_is_possible(known, basis):
+    fast = moved(at_rest(basis, POSE), wave(basis, 3, 10.0))
+    assert within(known).within_limits(fast)
+    assert not within(known, jerk=50.0).within_limits(fast)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Efforts
+# ---------------------------------------------------------------------------------------------------------------
+def test_the_band_is_that_of_the_coefficients_and_what_the_model_lacks(basis):
+    known = open_known(lacking=0.7)
+    motion = moved(at_rest(basis, POSE), wave(basis)).motion(np.linspace(0.5, 2.5, 23))
+    mean, sd = within(known).effort_band(motion)
+    np.testing.assert_allclose(mean, known.model.effort(motion, known.theta), atol=1e-9)
+    columns = known.columns(motion)
+    covariance = np.linalg.inv(known.precision) + known.lacking
+    want = np.sqrt(np.einsum("njr,rs,njs->nj", columns, covariance, columns))
+    np.testing.assert_allclose(sd, want, rtol=1e-6)
+
+
+def test_limits_of_efforts_count_the_band(known, basis):
+    """Between the mean's largest and the band's: refused in the joint where the limit is, allowed above the band."""
+    trajectory = moved(at_rest(basis, POSE), wave(basis))
+    feasibility = within(known)
+    mean, sd = feasibility.effort_band(trajectory.motion(np.linspace(0.0, 3.1, 3101)))
+    alone, banded = np.abs(mean).max(axis=0), (np.abs(mean) + BAND * sd).max(axis=0)
+    assert np.all(banded > 1.05 * alone)
+    for joint in range(3):
+        for limit, holds in ((1.002 * alone, False), (0.995 * banded, False), (1.02 * banded, True)):
+            effort = np.full(3, np.inf)
+            effort[joint] = limit[joint]
+            assert replace(feasibility, effort=effort).bears(trajectory, 0.0, 3.1) == holds
+    assert not within(known, effort=tuple(0.995 * banded)).possible(trajectory)
+    assert within(known, effort=tuple(1.02 * banded)).possible(trajectory)
+
+
+def test_without_limits_of_efforts_none_are_computed(known, basis):
+    class Blind(Feasibility):
+        def effort_band(self, motion):
+            raise AssertionError
+
+    feasibility = Blind(**vars(within(known)))
+    assert not feasibility.limits_effort
+    assert feasibility.bears(at_rest(basis, POSE), 0.0, 3.1)
+    assert within(known, effort=(np.inf, 4.0, np.inf)).limits_effort
+
+
+def test_what_is_beyond_the_limit_between_two_samples_alone_is_refused():
+    """A parabola whose top lies half way between two samples: none of them shows it, a quarter of its bend does."""
+    t = np.arange(7.0)
+    mean = np.stack([5.0 - 0.8 * (t - 2.5) ** 2, 0.0 * t + 1.0, -5.0 + 0.8 * (t - 2.5) ** 2], axis=1)
+    sd = np.tile([0.0, 0.25, 0.0], (7, 1))
+    assert np.abs(mean[:6]).max() == pytest.approx(4.8)
+    found = largest_efforts(mean[1:5], sd[1:5])
+    assert found == pytest.approx([5.0, 1.0 + BAND * 0.25, 5.0])
+
+
+def test_largest_efforts_hold_between_the_samples_of_a_motion(known):
+    """Of random motions at their limits: ten times as fine, no effort with its band is larger; samples miss some."""
+    basis, missed = SplineBasis(5.0), 0
+    feasibility = Feasibility.of(known, check_limits(LIMITS, known.model.robot), None)
+    still = at_rest(basis, POSE)
+    for seed in range(12):
+        trajectory = moved(still, wave(basis, seed, 4.0), feasibility.shortened(still, wave(basis, seed, 4.0)))
+        mean, sd = feasibility.effort_band(trajectory.motion(np.linspace(0.0, 5.0, 10_001)))
+        finest = (np.abs(mean) + BAND * sd).max(axis=0)
+        coarse = feasibility.effort_band(trajectory.motion(np.linspace(0.0, 5.0, 1001)))
+        bound = feasibility.largest_efforts(trajectory)
+        assert np.all(bound >= finest)
+        assert np.all(bound <= 1.05 * finest)
+        missed += int(((np.abs(coarse[0]) + BAND * coarse[1]).max(axis=0) < finest).sum())
+    assert missed > 12
+
+
+def test_efforts_of_a_window_are_judged_there_alone(known, basis):
+    """A late bump that is too strong leaves the first second as it was."""
+    step = np.zeros((len(basis), 3))
+    step[9:12] = 1.5
+    trajectory = moved(at_rest(basis, POSE), step)
+    before = float(basis.knots[9]) - FINE
+    feasibility = within(known)
+    still = largest_efforts(*feasibility.effort_band(at_rest(basis, POSE).motion(np.array([0.0, 0.1, 0.2]))))
+    limited = replace(feasibility, effort=1.01 * still)
+    assert limited.bears(trajectory, 0.0, before)
+    assert not limited.bears(trajectory, 0.0, 3.1)
+    assert not limited.bears(trajectory, before, float(basis.knots[11 + DEGREE + 1]))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_windows_say_of_efforts_what_the_whole_motion_says(known, basis, seed):
+    """Of a step in a window: where all was well before, the window alone says what all instants say, to the digit."""
+    feasibility, rng = within(known), np.random.default_rng(seed)
+    before = moved(at_rest(basis, POSE), wave(basis, seed, 0.1))
+    step, first = np.zeros((len(basis), 3)), int(rng.integers(ENDS, len(basis) - ENDS - 2))
+    step[first : first + 2] = rng.normal(size=(2, 3))
+    after = moved(before, step)
+    window = float(basis.knots[first]), float(basis.knots[first + 1 + DEGREE + 1])
+    whole, earlier = (feasibility.largest_efforts(one) for one in (after, before))
+    inside = feasibility.largest_efforts(after, *window)
+    np.testing.assert_allclose(np.maximum(earlier, inside), np.maximum(earlier, whole), rtol=1e-12)
+    assert np.any(whole > earlier)
+
+
+def test_with_memory_efforts_are_those_of_the_whole_motion(basis):
+    """Presliding: what a joint feels in a window depends on where it has been before."""
+    known = open_known(n=2, terms=("rigid_body", Hysteresis(width=(0.3, 0.5))))
+    step = wave(basis, 4, 0.6)[:, :2]
+    trajectory = moved(at_rest(basis, POSE[:2]), step)
+    feasibility = Feasibility.of(known, MotionLimits(effort=1e3), None)
+    whole = feasibility.largest_efforts(trajectory)
+    np.testing.assert_allclose(feasibility.largest_efforts(trajectory, 1.0, 1.5), whole, rtol=1e-12)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Collisions
+# ---------------------------------------------------------------------------------------------------------------
+def test_steps_into_a_collision_are_refused(known, basis):
+    wall = FakeClearance(joint=0, wall=0.1)
+    feasibility, still = within(known, clearance=wall), at_rest(basis, POSE)
+    up, other = np.zeros((len(basis), 3)), np.zeros((len(basis), 3))
+    up[6:9, 0], other[6:9, 2] = 0.3, 3.0  # of its 0.25 rad up to the margin, three control points leave 0.28
+    assert not feasibility.possible(moved(still, up))
+    assert feasibility.possible(moved(still, up, 0.8))
+    assert feasibility.possible(moved(still, -up))
+    assert feasibility.possible(moved(still, other))
+    assert within(known).possible(moved(still, up))
+
+
+def test_clearance_is_asked_for_the_window_with_speeds_that_hold(known, basis):
+    wall = FakeClearance(wall=9.0)
+    trajectory = moved(at_rest(basis, POSE), wave(basis))
+    assert within(known, clearance=wall).possible(trajectory, 0.75, 2.0)
+    ((t, speed),) = wall.asked
+    assert 0.5 < t[0] <= 0.75
+    assert 2.0 <= t[-1] < 2.25
+    assert len(speed) == len(t) - 1
+    for start, end, most in zip(t[:-1], t[1:], speed, strict=True):
+        fastest = np.abs(trajectory.motion(np.linspace(start, end, 501)).dq).max(axis=0)
+        assert np.all(most >= fastest - 1e-12)
+        assert np.all(most <= 1.2 * fastest + 0.2)  # of that interval, not of the whole motion
+
+
+def test_what_breaks_a_cheap_limit_is_not_asked_of_the_clearance(known, basis):
+    wall = FakeClearance(wall=9.0)
+    fast = moved(at_rest(basis, POSE), wave(basis, 3, 10.0))
+    assert not within(known, clearance=wall, velocity=0.5).possible(fast)
+    assert wall.asked == []

@@ -1,0 +1,183 @@
+"""What is to be settled, by its name; and how much is told of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import smooth_motion
+from open_results import open_known
+
+from bayesid.errors import InputError
+from bayesid.excitation.goals import CRITERIA, Goal, goal_of, information_gain, open_coefficients
+from bayesid.excitation.reference import usual_motion
+from bayesid.model.terms.payload import CarriedPayload
+
+
+@pytest.fixture(scope="module")
+def known():
+    return open_known(lacking=0.5)
+
+
+def with_gains(known, *joints):
+    """The same where the logarithms of some gains (0-based joints) are unknown to 0.1, 0.2 ..."""
+    r, g = len(known), len(joints)
+    precision = np.zeros((r + g, r + g))
+    precision[:r, :r] = known.precision
+    precision[r:, r:] = np.diag(np.arange(1.0, g + 1.0) ** -2.0 * 100.0)
+    names = (*known.names, *(f"log_gain{j + 1}" for j in joints))
+    return replace(
+        known,
+        names=names,
+        units=(*known.units, *g * ("",)),
+        mean=np.append(known.mean, np.zeros(g)),
+        precision=precision,
+        lacking=np.zeros_like(precision),
+        gains=np.array(joints),
+    )
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Names
+# ---------------------------------------------------------------------------------------------------------------
+def test_without_a_name_all_that_is_open_is_asked_for(known):
+    sd = np.sqrt(np.diag(np.linalg.inv(known.precision) + known.lacking))
+    want = [name for name, one, mean in zip(known.names, sd, known.mean, strict=True) if one > 0.1 * abs(mean)]
+    assert 0 < len(want) < len(known)
+    assert goal_of(known).names == tuple(want)
+    sure = replace(known, precision=1e12 * known.precision, lacking=np.zeros_like(known.lacking))
+    assert open_coefficients(sure) == []
+    assert goal_of(sure).names == known.names
+
+
+def test_a_coefficient_by_its_name(known):
+    goal = goal_of(known, ["Fc3", "Fv1", "Fc3"])
+    assert goal.names == ("Fc3", "Fv1")
+    assert goal.never == ()
+    np.testing.assert_array_equal(np.flatnonzero(goal.forms[0]), [known.names.index("Fc3")])
+    np.testing.assert_allclose(goal.wanted, 0.1 * np.abs(known.mean[[known.names.index(one) for one in goal.names]]))
+
+
+def test_a_coefficient_that_is_a_sum_says_of_what(known):
+    goal = goal_of(known, ["mc2x"])
+    assert goal.names == ("mc2x",)
+    assert goal.never == ("no motion can tell mc2x by itself: efforts show mc2x + a3 m3, which is aimed at",)
+
+
+def test_a_parameter_in_sums_names_them_all(known):
+    goal = goal_of(known, ["J2yy"])
+    step = np.zeros(len(known.theta))
+    step[[one.name for one in known.model.parameters].index("J2yy")] = 1.0
+    moved = known.coefficients.project(step)
+    want = tuple(name for name, change in zip(known.names, moved, strict=True) if abs(change) > 1e-6)
+    assert goal.names == want == ("J1zz", "J2xx")
+    assert goal.never == ("no motion can tell J2yy by itself: efforts show it in J1zz, J2xx, which are aimed at",)
+
+
+def test_a_parameter_that_no_effort_depends_on_can_be_aimed_at_beside_others_alone(known):
+    goal = goal_of(known, ["J1xx", "Fc1"])
+    assert goal.names == ("Fc1",)
+    assert goal.never == ("no motion can tell J1xx: efforts do not depend on it",)
+    with pytest.raises(InputError, match="efforts do not depend on it"):
+        goal_of(known, ["J1xx"])
+
+
+def test_an_effect_is_all_its_coefficients(known):
+    assert goal_of(known, ["viscous_friction"]).names == ("Fv1", "Fv2", "Fv3")
+    assert goal_of(known, ["rigid_body"]).names == known.names[:17]
+
+
+def test_gains_are_ratios_and_their_common_factor_is_no_motion_s(known):
+    unsure = with_gains(known, 0, 2)
+    goal = goal_of(unsure, ["gains"])
+    assert goal.names == ("gain3/gain1",)
+    assert "common factor" in goal.never[0]
+    np.testing.assert_allclose(goal.wanted, 0.1)
+    before = goal.left(np.linalg.inv(unsure.precision))
+    np.testing.assert_allclose(before, (0.1**2 + 0.2**2) / 0.1**2)
+    assert goal_of(unsure).names[-1] == "gain3/gain1"
+    assert "gain3/gain1" not in goal_of(with_gains(known, 2)).names  # one alone has no ratio
+    with pytest.raises(InputError, match="gains are exact"):
+        goal_of(known, ["gains"])
+
+
+def test_a_payload_that_no_log_has_shown_is_the_last_link_s(known):
+    goal = goal_of(known, ["payload"])
+    assert any("record once without it and once with it" in sentence for sentence in goal.never)
+    assert {"J3xx", "mc3x"} < set(goal.names)
+    assert not {"Fc3", "Fv3"} & set(goal.names)
+
+
+def test_payloads_that_logs_carried_are_theirs_alone():
+    terms = ("rigid_body", CarriedPayload(label=("tool",)), "viscous_friction", CarriedPayload(label=("box",)))
+    known = open_known(n=2, terms=terms)
+    goal = goal_of(known, ["payload"])
+    assert goal.never == ()
+    assert not {"Fv1", "Fv2"} & set(goal.names)
+    assert len(goal.names) == 20
+
+
+def test_signs_are_the_efforts_of_random_motions(known):
+    """Summed over the goal's forms, the error of efforts is its mean square over the noise, in a second's samples."""
+    goal = goal_of(known, ["signs"])
+    motion = usual_motion(known.model.robot)
+    columns, weights = known.columns(motion), known.weights(motion, 1.0)
+    variance = np.einsum("njr,rs,njs->nj", columns, known.now, columns)
+    want = np.sum(weights * variance) * np.median(np.diff(motion.t)) / (motion.t[-1] - motion.t[0])
+    assert np.trace(goal.left(known.now)) == pytest.approx(want, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "near"),
+    [
+        ("Fc9", "Fc1"),
+        ("viscous_frictoin", "viscous_friction"),
+        ("payloads", "payload"),
+        ("mc3", "mc3x"),
+        ("J9", "J1zz"),
+    ],
+)
+def test_a_name_of_nothing_is_refused_with_those_near_it(known, name, near):
+    with pytest.raises(InputError) as caught:
+        goal_of(known, ["Fc1", name])
+    said = caught.value.on_command_line
+    assert said.startswith("--about")
+    assert repr(name) in said
+    assert near in said
+    assert "\n" not in said
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What is told
+# ---------------------------------------------------------------------------------------------------------------
+def test_information_is_what_a_normal_recording_tells_of_sums_as_well_as_they_are_wanted(known):
+    """Mutual information of the sums, with an error of what is wanted, and the recording: by determinants of all."""
+    rng = np.random.default_rng(4)
+    motion = smooth_motion(3, 0.3, 20.0, seed=9)
+    r, rows = len(known), known.columns(motion) * np.sqrt(known.weights(motion, 0.05))[:, :, None]
+    rows = rows.reshape(-1, r)
+    goal = Goal(("a", "b"), rng.normal(size=(2, r)), np.array([0.3, 2.5]))
+    prior = np.linalg.inv(known.precision)
+    mixed = np.vstack([goal.forms, rows]) @ prior @ np.vstack([goal.forms, rows]).T
+    mixed += np.diag(np.concatenate([goal.wanted**2, np.ones(len(rows))]))
+    logs = [np.linalg.slogdet(block)[1] for block in (mixed[:2, :2], mixed[2:, 2:], mixed)]
+    want = 0.5 * (logs[0] + logs[1] - logs[2])
+    after = known.covariance(known.information(motion, 0.05))
+    assert want > 0.1
+    assert information_gain(goal, prior, after) == pytest.approx(want, rel=1e-6)
+
+
+def test_the_criteria_are_a_determinant_and_a_trace():
+    goal = Goal(("a", "b"), np.array([[1.0, 0.0, 2.0], [0.0, -1.0, 0.0]]), np.array([0.5, 4.0]))
+    covariance = np.array([[2.0, 0.3, 0.0], [0.3, 1.0, -0.4], [0.0, -0.4, 0.5]])
+    variance = 2.0 + 4.0 * 0.5, 1.0, -0.3 + 2.0 * 0.4  # of both sums, and their covariance, by hand
+    a, b, c = variance[0] / 0.25, variance[1] / 16.0, variance[2] / 2.0
+    assert CRITERIA["D"](goal, covariance) == pytest.approx(np.log((1.0 + a) * (1.0 + b) - c**2))
+    assert CRITERIA["A"](goal, covariance) == pytest.approx((a + b) / 2.0)
+
+
+def test_what_is_known_as_well_as_wanted_counts_no_more():
+    goal = Goal(("a",), np.array([[1.0]]), np.array([0.1]))
+    much = information_gain(goal, np.array([[1.0]]), np.array([[1e-2]]))
+    more = information_gain(goal, np.array([[1.0]]), np.array([[1e-8]]))
+    assert much == pytest.approx(0.5 * np.log(101.0 / 2.0))
+    assert more - much == pytest.approx(0.5 * np.log(2.0), abs=1e-5)

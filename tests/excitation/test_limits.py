@@ -1,0 +1,104 @@
+"""Limits of jerks and efforts from files; those of positions, velocities and accelerations: test_excitation_design."""
+
+import numpy as np
+import pytest
+from conftest import small_robot
+from open_results import open_known
+
+from bayesid.errors import InputError
+from bayesid.excitation.feasible import Feasibility
+from bayesid.excitation.limits import check_limits, read_limits
+from bayesid.simulation.trajectories import INDUSTRIAL_ARM, MotionLimits
+
+
+def table(tmp_path, text):
+    path = tmp_path / "limits.toml"
+    path.write_text(text)
+    return path
+
+
+def urdf(tmp_path, *efforts):
+    """A chain of revolute joints with these attributes of effort, of the last joint first."""
+    joints = [
+        f'<joint name="j{k}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/>'
+        f'<limit lower="-1.5" upper="{k + 1}.5" velocity="{k + 2}" {effort}/></joint>'
+        for k, effort in enumerate(efforts)
+    ]
+    path = tmp_path / "arm.urdf"
+    path.write_text(f"<robot name='arm'>{''.join(reversed(joints))}</robot>")
+    return path
+
+
+def test_jerks_and_efforts_from_a_table(tmp_path):
+    path = table(tmp_path, "velocity = 2.5\njerk = [200, 150.5]\neffort = 80\n")
+    limits = read_limits(path)
+    assert limits == MotionLimits(velocity=2.5, jerk=(200.0, 150.5), effort=80.0)
+    each = check_limits(limits, small_robot(2))
+    assert each.jerk == (200.0, 150.5)
+    assert each.effort == (80.0, 80.0)
+    with pytest.raises(InputError, match="2 numbers for 'jerk'"):
+        check_limits(limits, small_robot(3))
+
+
+def test_without_these_keys_there_are_no_such_limits(tmp_path):
+    limits = check_limits(read_limits(table(tmp_path, "upper = [1, 2, 3]\n")), small_robot(3))
+    assert limits.jerk is None
+    assert limits.effort is None
+    assert check_limits(None, small_robot(3)).effort is None
+    assert INDUSTRIAL_ARM.jerk is None
+    feasibility = Feasibility.of(open_known(), limits, None)
+    assert np.isinf(feasibility.effort).all()
+    assert np.isinf(feasibility.rates[2]).all()
+    np.testing.assert_array_equal(feasibility.upper, [1.0, 2.0, 3.0])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "jerk = 0",
+        "jerk = [10, -1]",
+        "jerk = 'much'",
+        "jerk = nan",
+        "effort = 0.0",
+        "effort = [80, 0]",
+        "effort = true",
+        "effort = []",
+        "effort = inf",
+        "effort = [[1, 2], [3, 4]]",
+        "jerk = [1, 2]\neffort = [1, 2, 3]",
+        "efforts = 80",
+    ],
+)
+def test_values_that_cannot_be_used_are_refused_in_one_line(tmp_path, text):
+    with pytest.raises(InputError) as caught:
+        read_limits(table(tmp_path, text))
+    said = caught.value.on_command_line
+    assert "limits.toml" in said
+    assert "\n" not in said
+
+
+@pytest.mark.parametrize("wrong", [{"jerk": 0.0}, {"effort": (3.0, -1.0)}, {"effort": float("nan")}])
+def test_limits_that_are_not_positive_are_no_limits(wrong):
+    with pytest.raises(ValueError, match="jerk and effort limits must be positive"):
+        MotionLimits(**wrong)
+
+
+def test_efforts_from_a_urdf_are_those_of_the_chain_from_base_to_tip(tmp_path):
+    limits = read_limits(urdf(tmp_path, 'effort="87"', 'effort="12.5"', 'effort="4"'))
+    assert limits.effort == (87.0, 12.5, 4.0)
+    assert limits.velocity == (2.0, 3.0, 4.0)
+    assert limits.jerk is None
+
+
+def test_efforts_that_a_urdf_does_not_know_are_no_limits(tmp_path):
+    """Exporters write 0, or a huge number, where they know none."""
+    some = read_limits(urdf(tmp_path, 'effort="0"', 'effort="12.5"', 'effort="1e30"', ""))
+    assert some.effort == (np.inf, 12.5, np.inf, np.inf)
+    assert check_limits(some, small_robot(4)).effort == some.effort
+    assert read_limits(urdf(tmp_path, 'effort="0"', "", 'effort="-3"')).effort is None
+
+
+def test_an_effort_that_is_no_number_is_named_with_its_joint(tmp_path):
+    with pytest.raises(InputError, match="joint j1") as caught:
+        read_limits(urdf(tmp_path, 'effort="3"', 'effort="strong"'))
+    assert "\n" not in caught.value.on_command_line

@@ -1,0 +1,353 @@
+"""The next motion, from a result to what its recording leaves; a small arm, few changes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from open_results import LIMITS, TERMS, earlier_motion, gains_result, open_result
+
+from bayesid.errors import InputError
+from bayesid.excitation.feasible import BAND
+from bayesid.excitation.next_motion import NextMotion, RunSettings, design_next, equivalent_classes, slowed
+from bayesid.identification.pipeline import identify
+from bayesid.log.log import join_logs
+from bayesid.model.coefficients import base_coefficients
+from bayesid.model.robot import robot_from_table
+from bayesid.model.terms.stribeck_friction import StribeckFriction
+from bayesid.simulation.logs import simulate
+
+SENSOR = np.array([0.8, 0.3, 0.1])
+EFFORT = (60.0, 8.5, 1.6)
+QUICK = {"changes": 100}
+RUN = RunSettings(duration=5.0, rate=50.0, limits=replace(LIMITS, jerk=(150.0, 90.0, 120.0), effort=EFFORT))
+
+
+class Table:
+    """The second joint must stay below a height."""
+
+    source, margin = "a table", 0.05
+
+    def __init__(self, height):
+        self.height = height
+
+    def stays_clear(self, path, t, speed):
+        return bool((self.distance(path(np.linspace(t[0], t[-1], 301))) > self.margin).all())
+
+    def distance(self, q):
+        return self.height - q[:, 1]
+
+
+def log_of(truth, motion, seed):
+    return simulate(truth.model, truth.theta, motion, rng=np.random.default_rng(seed), signed=True, sensor=SENSOR)
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return open_result()
+
+
+@pytest.fixture(scope="module")
+def log(truth):
+    return log_of(truth, earlier_motion(), 7)
+
+
+@pytest.fixture(scope="module")
+def result(truth, log):
+    return identify(truth.model.robot, log, TERMS, complete="off", posterior=False)
+
+
+@pytest.fixture(scope="module")
+def design(result):
+    return design_next(result, run=RUN, **QUICK)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# The motion
+# ---------------------------------------------------------------------------------------------------------------
+def test_the_motion_keeps_all_limits_at_every_millisecond_with_the_true_parameters(truth, design):
+    t = np.linspace(0.0, 5.0, 5001)
+    motion, limits = design.trajectory.motion(t), design.run.limits
+    assert np.all(motion.q >= np.array(limits.lower) - 1e-9)
+    assert np.all(motion.q <= np.array(limits.upper) + 1e-9)
+    assert np.all(np.abs(motion.dq).max(axis=0) <= np.array(limits.velocity) * (1.0 + 1e-9))
+    assert np.all(np.abs(motion.ddq).max(axis=0) <= np.array(limits.acceleration) * (1.0 + 1e-9))
+    jerk = design.trajectory.basis.values(t, 3) @ design.trajectory.control
+    assert np.all(np.abs(jerk).max(axis=0) <= np.array(limits.jerk) * (1.0 + 1e-9))
+    true = np.abs(truth.model.effort(motion, truth.theta)).max(axis=0)
+    assert np.all(true <= EFFORT)
+    assert np.all(true <= design.largest_effort)
+    assert np.all(design.largest_effort <= EFFORT)
+
+
+@pytest.mark.parametrize("rate", [10.0, 100.0])
+def test_a_motion_that_was_found_is_not_said_to_break_its_limits(result, rate):
+    """Whatever the rate of the controller: what was checked while searching is what is said."""
+    found = design_next(result, run=replace(RUN, rate=rate), **QUICK)
+    assert 1.0 in found.slow
+    assert np.all(found.largest_effort <= EFFORT)
+    mean, sd = effort_band(found, found.trajectory.motion(np.linspace(0.0, 5.0, 20_001)))
+    finest = (np.abs(mean) + BAND * sd).max(axis=0)
+    np.testing.assert_array_less(finest, found.largest_effort)
+    np.testing.assert_allclose(found.largest_effort, finest, rtol=0.03)
+
+
+def effort_band(design, motion):
+    columns = design.known.columns(motion)
+    return columns @ design.known.mean, np.sqrt(np.einsum("njr,rs,njs->nj", columns, design.known.now, columns))
+
+
+def test_the_limits_of_efforts_bind(result, design):
+    """Without them the same search loads a joint beyond its own."""
+    free = design_next(result, run=replace(RUN, limits=replace(RUN.limits, effort=None)), **QUICK)
+    assert np.any(free.largest_effort > EFFORT)
+    assert np.all(free.trajectory.control[:3] == design.trajectory.control[:3])
+
+
+def test_the_motion_starts_and_ends_at_rest_where_the_log_began(result, design):
+    motion = design.motion
+    assert len(motion) == 251
+    assert motion.t[-1] == 5.0
+    np.testing.assert_allclose(motion.q[[0, -1]], np.tile(result.signals.motion.q[0], (2, 1)), atol=1e-12)
+    assert not motion.dq[[0, -1]].any() or np.abs(motion.dq[[0, -1]]).max() < 1e-12
+    assert np.abs(motion.dq).max(axis=0).min() > 0.3
+    assert design.run.start == tuple(result.signals.motion.q[0].tolist())
+
+
+def test_a_start_of_one_s_own_and_none_that_is_known(result):
+    run = replace(RUN, duration=3.0, start=(0.1, 0.4, -0.5))
+    own = design_next(result, run=run, changes=10)
+    np.testing.assert_allclose(own.motion.q[[0, -1]], [run.start, run.start], atol=1e-12)
+    loaded = design_next(result.identified, run=replace(RUN, duration=3.0), changes=10)
+    middle = 0.5 * (np.array(LIMITS.lower) + np.array(LIMITS.upper))
+    np.testing.assert_allclose(loaded.motion.q[0], middle, atol=1e-12)
+    told = design_next(result.identified, run=replace(RUN, duration=3.0), recorded=earlier_motion(), changes=10)
+    np.testing.assert_allclose(told.motion.q[0], earlier_motion().q[0], atol=1e-12)
+
+
+def test_the_same_request_gives_the_same_motion(result, design):
+    again = design_next(result, run=RUN, **QUICK)
+    np.testing.assert_array_equal(again.trajectory.control, design.trajectory.control)
+
+
+def test_a_robot_that_must_not_touch_the_table_does_not(result, design):
+    height = 0.5 * (design.motion.q[0, 1] + design.motion.q[:, 1].max())
+    assert height > design.motion.q[0, 1] + 0.1
+    run = replace(RUN, clearance=Table(height))
+    kept = design_next(result, run=run, **QUICK)
+    assert kept.trajectory.motion(np.linspace(0.0, 5.0, 5001)).q[:, 1].max() < height - 0.049
+    assert not any("collisions" in sentence for sentence in kept.unchecked)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What will be known
+# ---------------------------------------------------------------------------------------------------------------
+def test_what_was_predicted_is_what_an_identification_of_both_logs_finds(truth, log, result, design):
+    """Standard deviations hang on the noise, known from 200 samples a joint to some 5 %, and its time from few more."""
+    both = join_logs([log, log_of(truth, design.motion, 8)])
+    found = identify(truth.model.robot, both, TERMS, complete="off", posterior=False)
+    assert found.coefficients.names == design.predicted.names
+    ratio = design.predicted.sd / found.sd
+    assert np.all((ratio > 0.8) & (ratio < 1.25))
+    assert np.median(ratio) == pytest.approx(1.0, abs=0.12)
+    assert np.median(design.predicted.sd_now / found.sd) > 2.0  # so it is no wonder of a small change
+    np.testing.assert_allclose(design.predicted.sd_now, result.sd, rtol=1e-6)
+    assert design.predicted.open_now == len(found.sd) - result.n_known
+    assert abs(design.predicted.open - (len(found.sd) - found.n_known)) <= 3  # those whose sd is near a tenth
+    np.testing.assert_array_equal(design.predicted.sd_lacking, design.predicted.sd)  # nothing is said to be lacking
+
+
+def test_a_designed_motion_tells_more_than_a_random_one(design):
+    assert design.predicted.gain > design.of_random.gain > 0.0
+    assert design.predicted.open <= design.predicted.open_now
+    np.testing.assert_array_equal(design.of_random.sd_now, design.predicted.sd_now)
+
+
+def test_what_the_model_lacks_is_left(result):
+    lacking = np.diag((0.3 * result.sd) ** 2)
+    wider = design_next(replace(result.identified, lacking=lacking), run=replace(RUN, duration=3.0), changes=10)
+    np.testing.assert_allclose(wider.predicted.sd_lacking**2, wider.predicted.sd**2 + np.diag(lacking))
+    assert wider.predicted.open_lacking >= wider.predicted.open
+
+
+def test_a_gain_is_open_where_it_is_known_to_less_than_a_tenth():
+    """Of its logarithm the standard deviation is the relative one; its value, near zero, is no measure."""
+    result = gains_result()
+    draws = replace(result.draws, log_gain=result.draws.log_gain * [0.5, 1.0, 1.0])  # 6 % and 30 %
+    design = design_next(replace(result, draws=draws), ["gains"], run=RunSettings(duration=3.0), changes=5)
+    predicted = design.predicted
+    assert predicted.names[-2:] == ("log_gain1", "log_gain3")
+    coefficients = predicted.sd_now[:-2] > 0.1 * np.abs(predicted.mean[:-2])
+    assert predicted.open_now == coefficients.sum() + 1
+    assert design.goal.names == ("gain3/gain1",)
+    assert predicted.gain > 0.0
+
+
+def test_what_is_asked_for_is_told_better_than_by_a_motion_for_all(result, design):
+    """For the two criteria: the friction of joint 2 alone."""
+    place = design.predicted.names.index("Fc2")
+    for criterion in ("D", "A"):
+        about = design_next(result, ["Fc2"], run=RUN, criterion=criterion, **QUICK)
+        assert about.goal.names == ("Fc2",)
+        assert about.predicted.sd[place] < design.predicted.sd[place]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Hypotheses
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def telling(result):
+    return design_next(
+        result.identified, between=["stribeck_friction:3", "thermal_drift:3"], run=replace(RUN, duration=3.0), **QUICK
+    )
+
+
+def test_hypotheses_are_told_better_than_by_a_random_motion(telling):
+    pair = ("stribeck_friction:3", "thermal_drift:3")
+    assert set(telling.predicted.log10_bayes_factors) == {pair, pair[::-1]}
+    assert telling.goal is None
+    assert telling.predicted.gain == 0.0
+    worst, random = (min(one.log10_bayes_factors.values()) for one in (telling.predicted, telling.of_random))
+    assert worst > random
+    assert telling.never == ()
+    assert "told apart    stribeck_friction:3 from thermal_drift:3" in repr(telling)
+
+
+def test_a_result_that_has_one_of_them(truth):
+    terms = (*TERMS, StribeckFriction(joints=(3,), smoothing=(0.02,), speed=(0.4,)))
+    found = open_result(terms=terms)
+    design = design_next(
+        found,
+        between=["stribeck_friction:3", "thermal_drift:3"],
+        run=replace(RUN, duration=3.0),
+        recorded=earlier_motion(),
+        changes=20,
+    )
+    assert design.rivals[0].rivals[0].own is not None
+    assert all(np.isfinite(value) for value in design.predicted.log10_bayes_factors.values())
+    assert len(design.predicted.names) == len(base_coefficients(found.model))
+
+
+def test_equivalent_effects_make_a_class_of_which_the_found_one_is_the_first():
+    found = [("delay", (), ()), ("stribeck_friction", (3,), ("thermal_drift", "payload", "torque_offset:2", "delay:"))]
+    want = [
+        ("stribeck_friction", (3,)),
+        ("thermal_drift", (3,)),
+        ("payload", ()),
+        ("torque_offset", (2,)),
+        ("delay", ()),
+    ]
+    assert equivalent_classes(found) == [want]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What is said
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("limits", "clearance", "words"),
+    [
+        ({}, None, ("efforts: no limits are known", "jerks", "collisions")),
+        ({"effort": EFFORT}, None, ("jerks", "collisions")),
+        ({"effort": (60.0, np.inf, 1.6), "jerk": 150.0}, None, ("efforts of joints 2:", "collisions")),
+        ({"effort": 70.0, "jerk": 150.0}, Table(1.7), ()),
+    ],
+)
+def test_what_was_not_checked_is_said(result, limits, clearance, words):
+    run = replace(RUN, duration=2.0, limits=replace(LIMITS, **limits), clearance=clearance)
+    unchecked = design_next(result, run=run, changes=2).unchecked
+    assert len(unchecked) == len(words)
+    for sentence, word in zip(unchecked, words, strict=True):
+        assert word in sentence
+        assert "\n" not in sentence
+
+
+def test_what_no_motion_tells_is_said(result):
+    design = design_next(result, ["m3", "Fc1"], run=replace(RUN, duration=2.0), changes=2)
+    assert design.never[0].startswith("no motion can tell m3 by itself")
+    assert isinstance(design, NextMotion)
+    assert "coefficients" in repr(design)
+
+
+def test_slower_motions_take_longer_and_less_effort(design):
+    slow, whole = slowed(design.trajectory, 0.3, 120.0), design.trajectory
+    assert slow.t[-1] == pytest.approx(5.0 / 0.3)
+    np.testing.assert_allclose(slow.q, whole.motion(0.3 * slow.t).q, atol=1e-12)
+    np.testing.assert_allclose(np.gradient(slow.q, slow.t, axis=0)[1:-1], slow.dq[1:-1], atol=2e-3)
+    np.testing.assert_allclose(np.gradient(slow.dq, slow.t, axis=0)[1:-1], slow.ddq[1:-1], atol=1e-2)
+
+
+def test_speeds_at_which_efforts_keep_their_limits(truth, design):
+    """At a tenth of the speed a joint creeps, and its friction is that of the model; limits are asked for again."""
+    for share in (0.1, 0.3, 1.0):
+        duration = 5.0 / share
+        motion = slowed(design.trajectory, share, 2000.0 / duration)
+        mean, sd = effort_band(design, motion)
+        holds = np.all(np.abs(mean) + BAND * sd <= EFFORT)
+        assert (share in design.slow) == holds
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What is refused
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("options", "where"),
+    [
+        ({"duration": 1.0}, "--duration"),
+        ({"duration": float("nan")}, "--duration"),
+        ({"duration": 1e4}, "--duration"),
+        ({"rate": 5.0}, "--rate"),
+        ({"rate": float("inf")}, "--rate"),
+    ],
+)
+def test_runs_that_cannot_be_used_are_refused(options, where):
+    assert_refused(lambda: RunSettings(**options), where)
+
+
+def assert_refused(call, where, *words):
+    with pytest.raises(InputError) as caught:
+        call()
+    said = caught.value.on_command_line
+    assert said.startswith(where)
+    assert "\n" not in said
+    assert all(word in said for word in words)
+
+
+@pytest.mark.parametrize(
+    ("run", "options", "where", "words"),
+    [
+        ({"start": (0.1, 0.2)}, {}, "--start", ("2 numbers", "3 joints")),
+        ({"start": (0.1, 0.2, float("nan"))}, {}, "--start", ()),
+        ({"start": (0.1, 0.2, 2.3)}, {}, "--start", ("joint 3 starts at 2.3",)),
+        ({"start": (-1.5, 0.2, 0.1)}, {}, "--start", ("joint 1 starts at -1.5", "-1.4 to 0.9")),
+        ({"limits": replace(LIMITS, velocity=(1.0, 2.0))}, {}, "--limits", ("2 numbers",)),
+        ({"limits": replace(LIMITS, effort=(1.0, 2.0))}, {}, "--limits", ("'effort'",)),
+        ({"limits": replace(LIMITS, effort=(60.0, 0.4, 60.0))}, {}, "--effort-limits", ("joint 2 may need", "0.4 N m")),
+        ({"clearance": Table(0.1), "start": (0.0, 0.4, 0.0)}, {}, "--start", ("-0.300 m", "0.05 m")),
+        ({}, {"about": ["Fc2"], "between": ["torque_offset:1", "joint_spring:1"]}, "--between", ()),
+        ({}, {"between": ["torque_offset:1"]}, "--between", ()),
+        ({}, {"about": ["Fc8"]}, "--about", ("Fc8",)),
+        ({}, {"criterion": "E"}, "--criterion", ("'E'", "D or A")),
+    ],
+)
+def test_requests_that_cannot_be_met_are_refused(result, run, options, where, words):
+    assert_refused(lambda: design_next(result, run=replace(RUN, **run), changes=1, **options), where, *words)
+
+
+@pytest.mark.parametrize("changes", [0, -3])
+def test_a_search_without_a_change_is_refused(result, changes):
+    assert_refused(lambda: design_next(result, run=RUN, changes=changes), "--changes")
+
+
+def test_a_result_that_knows_nothing_says_what_stands_for_it(result):
+    blind = replace(result.identified, precision=np.zeros_like(result.identified.precision))
+    wide = replace(RUN, limits=replace(RUN.limits, effort=None))
+    assert any("--no-posterior" in said for said in design_next(blind, run=wide, changes=1).never)
+
+
+def test_a_joint_that_slides_needs_limits():
+    rows = [{"a": 0.1, "alpha": 0.3, "d": 0.2, "theta": 0.0, "type": kind} for kind in ("revolute", "prismatic")]
+    robot = robot_from_table({"name": "slider", "convention": "standard", "joints": rows}, "test")
+    turned = open_result(n=2)
+    sliding = replace(turned, model=replace(turned.model, robot=robot))
+    base = base_coefficients(sliding.model)
+    sliding = replace(sliding, precision=np.eye(len(base)))
+    assert_refused(lambda: design_next(sliding, changes=1), "--limits", "joint 2 slides")

@@ -1,0 +1,124 @@
+"""Motions of splines: their derivatives, their ends, and bounds that hold at every instant."""
+
+import numpy as np
+import pytest
+from scipy.interpolate import BSpline
+from scipy.special import comb
+
+from bayesid.excitation.splines import DEGREE, ENDS, SplineBasis, SplineTrajectory, at_rest
+
+WIDE = (0.04, 0.09, 0.15, 0.14)
+"""Share of the range by which bounds of positions, velocities, accelerations and jerks are too wide at most: what
+`bayesid.excitation.splines._HALVES` promises."""
+
+
+def random_spline(duration, n, seed, scale=1.0):
+    """Control points that are rough, smooth, or all zero but one, each in a third of n joints; from rest to rest."""
+    rng, basis = np.random.default_rng(seed), SplineBasis(duration)
+    rough = rng.normal(size=(len(basis), n // 3))
+    smooth = np.cumsum(rng.normal(size=(len(basis), n // 3)), axis=0)
+    single = np.zeros((len(basis), n // 3))
+    single[rng.integers(ENDS, len(basis) - ENDS, n // 3), np.arange(n // 3)] = 1.0
+    control = scale * np.hstack([rough, smooth, single])
+    control[:ENDS], control[-ENDS:] = control[0], control[-1]
+    return SplineTrajectory(basis, control)
+
+
+@pytest.mark.parametrize("duration", [0.7, 3.1, 7.0])
+def test_derivatives_are_those_of_another_implementation_of_splines(duration):
+    trajectory = random_spline(duration, 6, seed=1)
+    basis, t = trajectory.basis, np.linspace(0.0, duration, 1237)[:-1]
+    other = BSpline(basis.knots, trajectory.control, DEGREE)
+    for order in range(4):
+        want = (other.derivative(order) if order else other)(t)
+        found = basis.values(t, order) @ trajectory.control
+        np.testing.assert_allclose(found, want, atol=1e-11 * np.abs(want).max())
+    motion = trajectory.motion(t)
+    np.testing.assert_allclose(motion.dq, other.derivative(1)(t), atol=1e-11 * np.abs(motion.dq).max())
+    np.testing.assert_allclose(motion.ddq, other.derivative(2)(t), atol=1e-11 * np.abs(motion.ddq).max())
+
+
+def test_derivatives_are_differences_of_positions():
+    """Central differences over 2 h leave h^2 / 6 of the third derivative, and rounding."""
+    trajectory, h = random_spline(2.0, 3, seed=5), 1e-4
+    t = np.linspace(0.1, 1.9, 301)
+    at, before, after = (trajectory.motion(t + shift) for shift in (0.0, -h, h))
+    np.testing.assert_allclose((after.q - before.q) / (2 * h), at.dq, atol=1e-6 * np.abs(at.dq).max())
+    np.testing.assert_allclose((after.dq - before.dq) / (2 * h), at.ddq, atol=1e-5 * np.abs(at.ddq).max())
+    jerk = trajectory.basis.values(t, 3) @ trajectory.control
+    np.testing.assert_allclose((after.ddq - before.ddq) / (2 * h), jerk, atol=1e-3 * np.abs(jerk).max())
+
+
+def test_motions_start_and_end_at_rest():
+    trajectory = random_spline(4.4, 3, seed=2)
+    ends = trajectory.motion(np.array([-1.0, 0.0, 4.4, 6.0]))
+    np.testing.assert_allclose(ends.q[:2], trajectory.control[[0, 0]], atol=1e-14)
+    np.testing.assert_allclose(ends.q[2:], trajectory.control[[-1, -1]], atol=1e-14)
+    np.testing.assert_allclose(ends.dq, 0.0, atol=1e-12)
+    np.testing.assert_allclose(ends.ddq, 0.0, atol=1e-10)
+    assert np.abs(trajectory.motion(np.array([0.2, 4.2])).dq[:, :2]).min() > 1.0
+    still = at_rest(trajectory.basis, np.array([0.3, -1.2])).motion(np.linspace(0.0, 4.4, 50))
+    np.testing.assert_allclose(still.q, np.tile([0.3, -1.2], (50, 1)), atol=1e-14)
+    np.testing.assert_allclose(still.ddq, 0.0, atol=1e-11)
+
+
+@pytest.mark.parametrize("duration", [1.0, 2.3, 9.0])
+@pytest.mark.parametrize("order", [0, 1, 2, 3])
+def test_bounds_hold_at_every_instant_and_are_hardly_wider_than_needed(duration, order):
+    trajectory = random_spline(duration, 90, seed=3)
+    values = trajectory.basis.values(np.linspace(0.0, duration, 20_001), order) @ trajectory.control
+    least, largest = trajectory.bounds(order)
+    span = np.ptp(values, axis=0)
+    assert np.all(least <= values.min(axis=0) + 1e-12 * span)
+    assert np.all(largest >= values.max(axis=0) - 1e-12 * span)
+    beyond = np.maximum(values.min(axis=0) - least, largest - values.max(axis=0)) / span
+    assert beyond.max() <= WIDE[order]
+    assert beyond.max() >= 0.02 * WIDE[order]  # rough curves do turn round between two knots
+
+
+def test_a_single_control_point_moves_the_curve_as_the_uniform_spline_of_degree_five_does():
+    """By hand: B(k) = 1, 26, 66, 26, 1 over 120 at whole knots, and its derivatives by differences of lower degrees."""
+    basis = SplineBasis(4.0)
+    assert np.diff(np.unique(basis.knots)) == pytest.approx(0.25)
+    control = np.zeros((len(basis), 1))
+    control[8] = 1.0  # its knots are 0.75, 1.0 .. 2.25 s
+    t = 1.0 + 0.25 * np.arange(5)
+    want = (
+        np.array([1, 26, 66, 26, 1]) / 120,
+        np.array([1, 10, 0, -10, -1]) / 24 / 0.25,
+        np.array([1, 2, -6, 2, 1]) / 6 / 0.25**2,
+        np.array([1, -2, 0, 2, -1]) / 2 / 0.25**3,
+    )
+    for order, values in enumerate(want):
+        np.testing.assert_allclose(basis.values(t, order) @ control[:, 0], values, atol=1e-10)
+        assert not (basis.values(np.array([0.0, 0.74, 2.26, 4.0]), order) @ control).any()
+
+
+def blossom(knots, power, degree=DEGREE):
+    """Control points of t^power: elementary symmetric sums of the knots within each function (Ramshaw 1989)."""
+    inner = np.array([knots[k + 1 : k + 1 + degree] for k in range(len(knots) - degree - 1)])
+    sums = np.array([np.poly(-row)[power] for row in inner])
+    return sums / comb(degree, power)
+
+
+@pytest.mark.parametrize(("power", "factors"), [(5, (1, 5, 20, 60)), (3, (1, 3, 6, 6))])
+def test_a_cubic_and_a_quintic_are_exact_and_so_are_their_bounds(power, factors):
+    """t^p and its derivatives grow from t = 0, so the outermost Bernstein coefficients are the values at the ends."""
+    duration = 1.7
+    trajectory = SplineTrajectory(SplineBasis(duration), blossom(SplineBasis(duration).knots, power)[:, None])
+    t = np.linspace(0.0, duration, 41)[1:-1]
+    for order, factor in enumerate(factors):
+        found = (trajectory.basis.values(t, order) @ trajectory.control)[:, 0]
+        top = factor * duration ** (power - order)
+        np.testing.assert_allclose(found, factor * t ** (power - order), atol=1e-11 * top)
+        (least,), (largest,) = trajectory.bounds(order)
+        assert least == pytest.approx(factor * 0.0 ** (power - order), abs=1e-10 * top)
+        assert largest == pytest.approx(top, rel=1e-10)
+
+
+def test_the_control_points_are_checked():
+    basis = SplineBasis(2.0)
+    with pytest.raises(ValueError, match="control"):
+        SplineTrajectory(basis, np.zeros((len(basis) + 1, 2)))
+    with pytest.raises(ValueError, match="not finite"):
+        SplineTrajectory(basis, np.full((len(basis), 2), np.nan))

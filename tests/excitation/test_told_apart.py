@@ -1,0 +1,300 @@
+"""Hypotheses that a log cannot tell apart: the expected Bayes factor against draws with dense covariances."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import smooth_motion
+from open_results import LIMITS, TERMS, earlier_motion, open_known, open_result
+from scipy.stats import multivariate_normal
+
+from bayesid.errors import InputError
+from bayesid.excitation.known import known_of
+from bayesid.excitation.reference import usual_motion
+from bayesid.excitation.rivals import inseparable, log10, make_rivals, parse_key
+from bayesid.model.distortions.base_tilt import BaseTilt
+from bayesid.model.distortions.delay import Delay
+from bayesid.model.distortions.gain_error import GainError
+from bayesid.model.terms.stribeck_friction import StribeckFriction
+
+PERIOD = 0.1
+DRAWS = 4000
+
+
+@pytest.fixture(scope="module")
+def known():
+    """With so much noise that a dozen of samples tell a few nats."""
+    return quiet(open_known(share=0.3), 0.02)
+
+
+def quiet(known, density):
+    return replace(known, density=known.density * density)
+
+
+@pytest.fixture(scope="module")
+def reference(known):
+    return usual_motion(known.model.robot, LIMITS)
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return smooth_motion(3, 1.2, 1.0 / PERIOD, seed=21)
+
+
+def keys(*names):
+    return [parse_key(name) for name in names]
+
+
+def numbers(rivals, motion, form):
+    """Rows (M, R) and noise (M,) of the samples that count, for the coefficients and one form."""
+    columns = rivals.columns(motion)
+    weights = rivals.known.weights(motion, PERIOD)
+    r = len(rivals.known)
+    chosen = np.concatenate([np.arange(r), form.columns])
+    seen = weights > 0.0
+    return columns[seen][:, chosen], 1.0 / np.sqrt(weights[seen])
+
+
+def prior(rivals, form):
+    """Mean and covariance of coefficients and amplitudes before everything."""
+    mean = np.concatenate([rivals.known.mean, form.mean])
+    covariance = np.zeros((len(mean), len(mean)))
+    r = len(rivals.known)
+    covariance[:r, :r] = np.linalg.inv(rivals.prior)
+    covariance[r:, r:] = np.diag(form.sd**2)
+    return mean, covariance
+
+
+def drawn_factors(motion, rivals, true, others):
+    """(DRAWS, forms) log Bayes factors of a true distribution of a form against others, in draws of recordings."""
+    form, mean, covariance = true
+    rows, sd = numbers(rivals, motion, form)
+    rng = np.random.default_rng(3)
+    z = rng.multivariate_normal(mean, covariance, size=DRAWS)
+    y = z @ rows.T + sd * rng.standard_normal((DRAWS, len(sd)))
+    noise = np.diag(sd**2)
+    own = multivariate_normal(rows @ mean, rows @ covariance @ rows.T + noise).logpdf(y)
+    factors = []
+    for other, centre, spread in others:
+        rows, _ = numbers(rivals, motion, other)
+        factors.append(own - multivariate_normal(rows @ centre, rows @ spread @ rows.T + noise).logpdf(y))
+    return np.array(factors).T
+
+
+def information(rivals, motion):
+    rows = rivals.columns(motion) * np.sqrt(rivals.known.weights(motion, PERIOD))[:, :, None]
+    return np.einsum("njr,njs->rs", rows, rows)
+
+
+def assert_is_mean(value, factors):
+    """Of the form that imitates best; within four standard errors."""
+    means = factors.mean(axis=0)
+    best = int(np.argmin(means))
+    error = factors[:, best].std() / np.sqrt(DRAWS)
+    assert value == pytest.approx(means[best], abs=4.0 * error)
+    assert error < 0.2 * max(abs(value), 0.3)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Expected Bayes factors
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("stribeck_friction:3", "thermal_drift:3"),
+        ("joint_spring:2", "torque_offset:2"),
+        ("base_tilt", "gravity_spring:2"),
+        ("gain_error:1", "asymmetric_coulomb:1"),
+        ("link_length:3", "joint_zero:2"),
+    ],
+)
+def test_the_expected_factor_is_that_of_draws_without_an_earlier_recording(known, motion, reference, one, other):
+    rivals = make_rivals(known, keys(one, other), None, reference)
+    expected = rivals.expected(information(rivals, motion))
+    assert set(expected) == {(one, other), (other, one)}
+    for a, b in rivals.pairs:
+        form = a.forms[len(a.forms) // 2]
+        factors = drawn_factors(
+            motion, rivals, (form, *prior(rivals, form)), [(each, *prior(rivals, each)) for each in b.forms]
+        )
+        assert_is_mean(expected[a.name, b.name], factors)
+    most = 4.0 * np.log(10.0)  # what is told clearly counts no more
+    assert rivals.worth(information(rivals, motion)) == pytest.approx(
+        -sum(min(value, most) for value in expected.values())
+    )
+
+
+def after(rivals, earlier, form, truth):
+    """Normal distribution after a noise-free earlier recording, by least squares on rows of prior and recording."""
+    mean, covariance = prior(rivals, form)
+    true_form, values = truth
+    rows, sd = numbers(rivals, earlier, form)
+    true_rows, _ = numbers(rivals, earlier, true_form)
+    root = np.linalg.cholesky(np.linalg.inv(covariance)).T
+    stacked = np.vstack([root, rows / sd[:, None]])
+    target = np.concatenate([root @ mean, true_rows @ values / sd])
+    estimate = np.linalg.lstsq(stacked, target, rcond=None)[0]
+    return estimate, np.linalg.inv(stacked.T @ stacked), float(np.sum((stacked @ estimate - target) ** 2))
+
+
+def found_result():
+    """A result that has found Stribeck friction in joint 3."""
+    stribeck = StribeckFriction(joints=(3,), smoothing=(0.02,), speed=(0.4,))
+    result = open_result(terms=(*TERMS, stribeck), share=0.3)
+    factor = np.ones(len(result.theta))
+    factor[result.model.places[-1]] = 1.5, 4.0
+    return replace(result, theta=factor * result.theta)
+
+
+def test_an_effect_that_was_found_is_true_with_its_own_amplitudes(motion):
+    """The other one is what the earlier log shows of it where the first is true."""
+    result, earlier = found_result(), earlier_motion()[::5]
+    known = quiet(known_of(result, 100.0), 0.5)
+    rivals = make_rivals(known, keys("stribeck_friction:3", "thermal_drift:3"), earlier, earlier)
+    stribeck, drift = rivals.rivals
+    assert drift.own is None
+    np.testing.assert_array_equal(stribeck.own, result.theta[result.model.places[-1]])
+    assert [term.name for term in rivals.known.model.terms] == list(TERMS)
+    assert len(stribeck.forms) > 1
+    assert len(drift.forms) > 1
+    before = np.diag(np.linalg.inv(rivals.prior))
+    assert np.all(before >= 0.99 * np.diag(rivals.known.now))  # the earlier log has told something of each
+    assert np.median(before / np.diag(rivals.known.now)) > 2.0
+    first = stribeck.forms[0]
+    truth = first, np.concatenate([rivals.known.mean, stribeck.own])
+    expected = rivals.expected(information(rivals, motion))
+    own = truth[1], after(rivals, earlier, first, truth)[1]  # about its amplitudes, not drawn to zero by their prior
+    others = [(form, *after(rivals, earlier, form, truth)[:2]) for form in drift.forms]
+    factors = drawn_factors(motion, rivals, (first, *own), others)
+    assert_is_mean(expected[stribeck.name, drift.name], factors)
+    # where drift is true, it has looked to the earlier log as the friction did: in the form that fits best
+    fits = [(*after(rivals, earlier, form, truth), form) for form in drift.forms]
+    mean, covariance, _, form = min(fits, key=lambda fit: fit[2])
+    mimic = form, mean
+    others = [(form, *after(rivals, earlier, form, mimic)[:2]) for form in stribeck.forms]
+    factors = drawn_factors(motion, rivals, (form_of(fits), mean, covariance), others)
+    assert_is_mean(expected[drift.name, stribeck.name], factors)
+
+
+def form_of(fits):
+    return min(fits, key=lambda fit: fit[2])[3]
+
+
+def test_without_an_effect_the_rest_keeps_what_is_known_of_it():
+    """The columns that are left are the same, so their coefficients have the variances they had beside the effect."""
+    known = known_of(found_result(), 100.0)
+    rivals = make_rivals(known, keys("stribeck_friction:3", "thermal_drift:3"), None, earlier_motion())
+    bare = rivals.known
+    same = [k for k, name in enumerate(bare.names) if name not in ("Fc3", "Fk3")]
+    places = [known.names.index(bare.names[k]) for k in same]
+    assert len(same) == len(bare) - 1
+    np.testing.assert_allclose(bare.mean[same], known.mean[places])
+    np.testing.assert_allclose(bare.now[np.ix_(same, same)], known.now[np.ix_(places, places)], rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(
+        rivals.columns(earlier_motion())[:, :, : len(bare)] @ bare.mean,
+        bare.model.effort(earlier_motion(), known.theta[: known.model.places[-1].start]),
+        atol=1e-9,
+    )
+    np.testing.assert_array_equal(bare.density, known.density)
+
+
+def test_a_distortion_that_was_found_is_its_change_without_amplitude(motion):
+    """A gain of 0.9 in joint 2 makes nine tenths of the effort there; the coefficients are those of rows without it."""
+    result = open_result(share=0.3)
+    distorted = replace(result, model=result.model.extend(GainError(joints=(2,), gain=(0.9,))))
+    rivals = make_rivals(
+        known_of(distorted, 100.0), keys("gain_error:2", "torque_offset:2"), earlier_motion(), earlier_motion()
+    )
+    gain = rivals.rivals[0]
+    np.testing.assert_array_equal(gain.own, [0.0, 1.0])
+    assert rivals.known.model.distortions == ()
+    columns = rivals.columns(motion)
+    effort = rivals.known.model.effort(motion, rivals.known.theta)
+    np.testing.assert_allclose(columns[:, :, : len(rivals.known)] @ rivals.known.mean, effort, atol=1e-9)
+    change = columns[:, :, gain.forms[0].columns] @ gain.own
+    np.testing.assert_allclose(change[:, 1], -0.1 * effort[:, 1], atol=1e-9)
+    assert not change[:, [0, 2]].any()
+
+
+WHOLE = [(BaseTilt(angle=(0.1, -0.05)), "base_tilt"), (Delay(lag=(0.02,)), "delay")]
+
+
+@pytest.mark.parametrize(("distortion", "key"), WHOLE)
+def test_effects_of_the_whole_robot_have_no_joints(distortion, key, reference, motion):
+    result = open_result(share=0.3)
+    distorted = known_of(replace(result, model=result.model.extend(distortion)), 100.0)
+    rivals = make_rivals(distorted, keys(key, "torque_offset:2"), None, reference)
+    whole = rivals.rivals[0]
+    assert whole.name == key
+    assert whole.own is not None
+    fine = smooth_motion(3, 1.2, 200.0, seed=21)
+    columns = rivals.columns(fine)
+    plain = columns[:, :, : len(rivals.known)] @ rivals.known.mean
+    change = columns[:, :, whole.forms[0].columns] @ whole.own
+    want = replace(rivals.known.model, distortions=(distortion,)).effort(fine, rivals.known.theta) - plain
+    scale = np.abs(want).max()
+    assert scale > 0.05
+    np.testing.assert_allclose(change[10:], want[10:], atol=0.02 * scale)
+    assert rivals.memory == (key == "delay")
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What no motion tells
+# ---------------------------------------------------------------------------------------------------------------
+def test_hypotheses_with_the_same_columns_are_never_told_and_named(known, motion, reference):
+    """Under another name the same effect: its factor is zero up to rounding, its pair inseparable."""
+    rivals = make_rivals(known, keys("joint_spring:2", "torque_offset:2"), None, reference)
+    spring, offset = rivals.rivals
+    assert inseparable(rivals, reference) == []
+    twin = replace(spring, key=("torque_offset", (2,)), forms=spring.forms)
+    same = replace(rivals, rivals=(spring, twin))
+    expected = same.expected(information(rivals, motion))
+    np.testing.assert_allclose(list(expected.values()), 0.0, atol=1e-8)
+
+
+def test_a_pair_that_no_motion_tells_apart_is_named(known, reference):
+    """A gain that is wrong in all efforts of a joint is no load; the drift of a joint under another name is itself."""
+    rivals = make_rivals(known, keys("gain_error:3", "thermal_drift:1"), None, reference)
+    gain, drift = rivals.rivals
+    assert inseparable(rivals, reference) == []
+    as_gain = replace(drift, forms=(*drift.forms, replace(gain.forms[0])))  # one form that is alike is enough
+    assert inseparable(replace(rivals, rivals=(gain, as_gain)), reference) == [("gain_error:3", "thermal_drift:1")]
+
+
+def test_a_friction_that_the_model_has_is_a_special_case_and_can_be_told(known, reference):
+    """Coulomb friction is among the model's columns, Stribeck friction's second column is not."""
+    rivals = make_rivals(known, keys("coulomb_friction:2", "stribeck_friction:2"), None, reference)
+    assert inseparable(rivals, reference) == []
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Names
+# ---------------------------------------------------------------------------------------------------------------
+def test_names_of_hypotheses():
+    assert parse_key(" stribeck_friction:3") == ("stribeck_friction", (3,))
+    assert parse_key("base_tilt") == ("base_tilt", ())
+    assert log10(np.log(1000.0)) == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize("text", ["friction:3", "stribeck_friction:x", "", "stribeck_friction:1.5"])
+def test_names_that_are_none_are_refused(text):
+    with pytest.raises(InputError) as caught:
+        parse_key(text)
+    assert caught.value.on_command_line.startswith("--between")
+    assert "\n" not in caught.value.on_command_line
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("stribeck_friction:3",),
+        ("stribeck_friction:3", "stribeck_friction:3"),
+        ("stribeck_friction:3", "thermal_drift:7"),
+        ("stribeck_friction:3", "thermal_drift:0"),
+        ("stribeck_friction:3", "base_tilt:2"),
+    ],
+)
+def test_hypotheses_that_there_are_none_of_are_refused(known, reference, names):
+    with pytest.raises(InputError) as caught:
+        make_rivals(known, keys(*names), None, reference)
+    assert caught.value.on_command_line.startswith("--between")
