@@ -79,10 +79,10 @@ _BUDGET = 3.0
 _JOINTS = 7
 """Of a random arm."""
 
-EFFECTS = ("joint_spring", "load_dependent_friction", "gravity_spring", "thermal_drift", "torque_offset")
+EFFECTS = ("joint_spring", "load_dependent_friction", "gravity_spring", "viscous_friction", "torque_offset")
 """That short, poor logs leave among others."""
-_SIZES = (0.05, 0.2)
-"""RMS of an effect over that of its joint's effort: 1.5 to 7 times the noise."""
+_SIZES = (0.03, 0.12)
+"""RMS of an effect over that of its joint's effort: one to four times the noise."""
 COEFFICIENTS, HYPOTHESES = "coefficients", "hypotheses"
 ARM = "arm"
 """The name of a random arm."""
@@ -262,8 +262,10 @@ def _ratios(design: NextMotion, result: Identification) -> Row:
     low, high = _NEAR
     return {
         "noise_near": int(np.sum((noise >= low) & (noise <= high))),
+        "noise_above": int(np.sum(noise > high)),
         "noise_median": float(np.median(noise)),
         "total_between": int(np.sum((result.sd >= low * sd) & (result.sd <= high * lacking))),
+        "total_above": int(np.sum(result.sd > high * lacking)),
         "total_near": int(np.sum((result.sd >= low * sd) & (result.sd <= high * sd))),
     }
 
@@ -375,7 +377,7 @@ def _factor(weighed: AddedEffect, key: EffectKey, rivals: Sequence[str]) -> floa
 _COLUMNS = (
     *("coefficients", "open_now", "open_predicted", "open_lacking"),
     *(f"{what}_{name}" for name in ("designed", "random", "repeat") for what in ("open", "error", "right")),
-    *("noise_near", "noise_median", "total_between", "total_near"),
+    *("noise_near", "noise_above", "noise_median", "total_between", "total_above", "total_near"),
     *("joint", "ambiguous", "rivals"),
     *(f"{what}_{name}" for name in ("designed", "random") for what in ("named", "factor", "told")),
     *("expected", "motion_held", "effort_held", "effort_share", "random_allowed"),
@@ -418,8 +420,8 @@ def _count(rows: Sequence[Row], name: str) -> str:
 def _table_of_coefficients(rows: Sequence[Row]) -> list[str]:
     lines = [
         "robot   logs   now  predicted  designed  random  repeat",
-        "robot   sd near: noise  total, with doubt  total  error: designed  random  repeat  signs: designed   random"
-        "   repeat",
+        "robot   sd as predicted: noise (larger)  total, with doubt (larger)  total  error: designed  random  repeat  "
+        "signs: designed   random   repeat",
     ]
     groups = [(robot, [row for row in rows if robot in (row["robot"], "all")]) for robot in (*ROBOTS, "all")]
     groups = [(robot, some) for robot, some in groups if some]
@@ -430,11 +432,12 @@ def _table_of_coefficients(rows: Sequence[Row]) -> list[str]:
             f"{robot:<8}{len(some):4d}{left[0]:6.1f}{left[1]:11.1f}{left[2]:10.1f}{left[3]:8.1f}{left[4]:8.1f}"
         )
     for robot, some in groups:
-        near = [_sum(some, name) / _sum(some, "coefficients") for name in ("noise_near", "total_between", "total_near")]
+        names = ("noise_near", "noise_above", "total_between", "total_above", "total_near")
+        near = [_sum(some, name) / _sum(some, "coefficients") for name in names]
         error = [np.sqrt(np.mean([row[f"error_{name}"] ** 2 for row in some])) for name in _MOTIONS]
         right = [_sum(some, f"right_{name}") / len(some) for name in _MOTIONS]
         lines.append(
-            f"{robot:<8}{near[0]:14.1%}{near[1]:19.1%}{near[2]:7.1%}{error[0]:17.2f}{error[1]:8.2f}{error[2]:8.2f}"
+            f"{robot:<8}{near[0]:23.1%}{near[1]:9.1%}{near[2]:19.1%}{near[3]:9.1%}{near[4]:7.1%}{error[0]:17.2f}{error[1]:8.2f}{error[2]:8.2f}"
             f"{right[0]:17.2%}{right[1]:9.2%}{right[2]:9.2%}"
         )
     return [lines[0], *opened, *lines[1:]]

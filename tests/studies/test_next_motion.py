@@ -1,0 +1,105 @@
+"""The study of the next motion: its limits are checked against the true robot, and its report bears short runs."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from bayesid.excitation.splines import SplineBasis, SplineTrajectory
+from bayesid.studies import load, next_motion
+from bayesid.studies.next_motion import COEFFICIENTS, HYPOTHESES, Scenario, kept_limits, random_arm
+
+STUDY = load("next_motion")
+_CHANGES = 20
+
+
+def made_up(trials):
+    """Rows of the study as its trials might give them."""
+    rng, rows = np.random.default_rng(0), []
+    for scenario, seed in STUDY.plan(trials, 0):
+        row = {**vars(scenario), "seed": seed, **dict.fromkeys(next_motion._COLUMNS), "timings": {"design": 9.0}}
+        if scenario.part == COEFFICIENTS:
+            counts = ("now", "predicted", "designed", "random", "repeat")
+            row |= {f"open_{name}": int(rng.integers(5, 30)) for name in counts}
+            row |= {f"{what}_{name}": 0.9 for what in ("error", "right") for name in counts[2:]}
+            near = ("noise_near", "noise_above", "total_between", "total_above", "total_near")
+            row |= {"coefficients": 58, **dict.fromkeys(near, 29), "motion_held": True}
+            row |= {"effort_held": True, "effort_share": 0.9, "random_allowed": False} if scenario.limited else {}
+        else:
+            row |= {"ambiguous": seed % 2 == 0}
+            if seed % 2 == 0:
+                row |= {"expected": 7.0, "motion_held": True, "effort_held": True, "effort_share": 0.8}
+                row |= {f"{what}_{name}": True for what in ("named", "told") for name in ("designed", "random")}
+                row |= {"factor_designed": 9.0, "factor_random": None}
+        rows.append(row)
+    return rows
+
+
+@pytest.mark.parametrize("trials", [1, 4, 54])
+def test_report_and_figure_bear_any_number_of_trials(trials):
+    rows = made_up(trials)
+    text = STUDY.report(rows)
+    figure = Figure()
+    FigureCanvasAgg(figure)
+    STUDY.draw(rows, figure)
+    figure.canvas.draw()
+    assert "kr5" in text
+    assert "limits held by the true robot" in text
+    assert ("log10 Bayes factor" in text) == any(row["part"] == HYPOTHESES for row in rows)
+
+
+def test_few_trials_have_some_of_both_parts():
+    assert {scenario.part for scenario, _ in STUDY.plan(4, 0)} == {COEFFICIENTS, HYPOTHESES}
+
+
+def test_a_random_arm_is_of_seven_joints_and_its_seed():
+    one, same, other = (random_arm(seed) for seed in (1, 1, 2))
+    assert one.n_joints == 7
+    assert one.same_kinematics(same)
+    assert not one.same_kinematics(other)
+
+
+def test_a_limit_that_is_broken_between_samples_is_seen():
+    truth = next_motion._truth("kr5", 1, 0.05)
+    basis = SplineBasis(2.0)
+    control = np.zeros((len(basis), 6))
+    control[4:-4, 2] = 0.2
+    trajectory = SplineTrajectory(basis, control)
+
+    def held(**limits):
+        run = SimpleNamespace(limits=replace(truth.limits, **limits))
+        return kept_limits(truth, SimpleNamespace(trajectory=trajectory, run=run))
+
+    fastest, strongest, jerkiest = (np.abs(trajectory.bounds(order)).max() for order in (1, 2, 3))
+    assert held(velocity=1.001 * fastest, acceleration=1.001 * strongest, jerk=1.001 * jerkiest)["motion_held"]
+    for name, largest in (("velocity", fastest), ("acceleration", strongest), ("jerk", jerkiest)):
+        assert not held(**{name: 0.8 * largest})["motion_held"], name  # bounds are a few per cent wide
+    effort = np.abs(truth.model.effort(trajectory.motion(np.linspace(0.0, 2.0, 4001)), truth.theta)).max(axis=0)
+    assert held(effort=tuple(1.0001 * effort))["effort_held"]
+    assert not held(effort=tuple(0.999 * effort))["effort_held"]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "scenario",
+    [
+        Scenario(COEFFICIENTS, "kr5", changes=_CHANGES),
+        Scenario(COEFFICIENTS, "arm", limited=False, changes=_CHANGES),
+        Scenario(HYPOTHESES, "kr5", "joint_spring", changes=_CHANGES),
+    ],
+    ids=lambda scenario: f"{scenario.part}-{scenario.robot}",
+)
+def test_a_short_trial_of_each_kind(scenario):
+    row = next_motion.trial(scenario, 0)
+    assert row["motion_held"]
+    assert row["effort_held"] in ((True,) if scenario.limited else (None,))
+    if scenario.part == COEFFICIENTS:
+        assert row["open_designed"] < row["open_now"]
+        assert max(row["error_designed"], row["error_random"]) < 1.5
+        assert row["noise_above"] < 0.2 * row["coefficients"]
+    else:
+        assert row["named_designed"]
+        assert row["told_designed"]
