@@ -25,7 +25,7 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
 from bayesid.excitation.feasible import largest_efforts
-from bayesid.excitation.next_motion import NextMotion, Run, design_next, name_of
+from bayesid.excitation.next_motion import NextMotion, RunSettings, design_next
 from bayesid.excitation.rivals import TELLING
 from bayesid.fit.effects.added_effect import AddedEffect
 from bayesid.fit.effects.explanation import LN10
@@ -188,7 +188,7 @@ def _of_coefficients(scenario: Scenario, seed: int) -> Row:
     first = _random(n, _DURATION, seed, still)
     log = truth.log(first, seed)
     now = _identified(truth, log, seed)
-    run = Run(duration=_DURATION, rate=_RATE, limits=truth.limits)
+    run = RunSettings(duration=_DURATION, rate=_RATE, limits=truth.limits)
     design = design_next(now, run=run, changes=scenario.changes)
     motions = {"designed": design.motion, "random": _random(n, _DURATION, seed + _ANOTHER), "repeat": first}
     logs = {name: join_logs([log, truth.log(motion, seed + _ANOTHER)]) for name, motion in motions.items()}
@@ -312,7 +312,7 @@ def _of_hypotheses(scenario: Scenario, seed: int) -> Row:
             break
     else:
         return {"ambiguous": False}
-    run = Run(duration=_SHORT, rate=_RATE, limits=truth.limits)
+    run = RunSettings(duration=_SHORT, rate=_RATE, limits=truth.limits)
     design = design_next(found, run=run, changes=scenario.changes)
     random = _random(healthy.model.robot.n_joints, _SHORT, seed - 1 + _ANOTHER)
     after: Row = {}
@@ -320,7 +320,7 @@ def _of_hypotheses(scenario: Scenario, seed: int) -> Row:
         again = _found(known, join_logs([log, truth.log(motion, seed + _ANOTHER)]))
         after |= {f"{what}_{name}": value for what, value in _told(again, key, rivals).items()}
     factors = design.predicted.log10_bayes_factors
-    expected = [factors[name_of(key), name_of((one, key[1]))] for one in rivals]
+    expected = [factors[_name(key), _name((one, key[1]))] for one in rivals]
     return {
         "joint": key[1][0],
         "ambiguous": True,
@@ -387,6 +387,12 @@ _COLUMNS = (
 # ---------------------------------------------------------------------------------------------------------------
 # Summary
 # ---------------------------------------------------------------------------------------------------------------
+def _name(key: EffectKey) -> str:
+    """A hypothesis as predictions have it."""
+    effect, joints = key
+    return ":".join([effect, *map(str, joints)])
+
+
 def report(rows: Sequence[Row]) -> str:
     """A table of coefficients by robot, one of hypotheses by effect, and limits and seconds of all designs."""
     lines = []
@@ -397,15 +403,15 @@ def report(rows: Sequence[Row]) -> str:
     if any(row["part"] == HYPOTHESES for row in rows):
         lines += [*_table_of_hypotheses(rows), ""]
     designs = [row for row in rows if row["motion_held"] is not None]
-    limited = [row for row in designs if row["effort_held"] is not None]
+    of_efforts = [row for row in designs if row["effort_held"] is not None]
     if designs:
         seconds = [row["timings"]["design"] for row in designs]
-        most = max([row["effort_share"] for row in limited], default=0.0)
+        most = max([row["effort_share"] for row in of_efforts], default=0.0)
         lines.append(
             f"limits held by the true robot at every ms: positions to jerks in {_count(designs, 'motion_held')}, "
-            f"efforts in {_count(limited, 'effort_held')} (at most {most:.0%} of a limit)"
+            f"efforts in {_count(of_efforts, 'effort_held')} (at most {most:.0%} of a limit)"
         )
-        known = [row for row in limited if row["random_allowed"] is not None]
+        known = [row for row in of_efforts if row["random_allowed"] is not None]
         lines.append(
             f"random motions whose efforts are known beforehand to be allowed: {_count(known, 'random_allowed')}"
         )
