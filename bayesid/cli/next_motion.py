@@ -123,7 +123,8 @@ def _equivalents(found: Mapping[str, Any]) -> list[str]:
     """Effects that are equivalent to one, with the joints in which they are where the file says so."""
     places = {one["effect"]: one["joints"] for one in reversed(found["alternatives"])}
     return [
-        ":".join([name, *map(str, places[name])]) if places.get(name) else str(name) for name in found["equivalent"]
+        f"{name}:{':'.join(map(str, places[name]))}" if name in places else str(name)  # no joint: the whole robot
+        for name in found["equivalent"]
     ]
 
 

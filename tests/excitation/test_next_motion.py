@@ -229,14 +229,14 @@ def test_a_result_that_has_one_of_them(truth):
 
 def test_equivalent_effects_make_a_class_of_which_the_found_one_is_the_first():
     found = [("delay", (), ()), ("stribeck_friction", (3,), ("thermal_drift", "payload", "torque_offset:2", "delay:"))]
-    want = [
+    want = (
         ("stribeck_friction", (3,)),
         ("thermal_drift", (3,)),
         ("payload", ()),
         ("torque_offset", (2,)),
         ("delay", ()),
-    ]
-    assert equivalent_classes(found) == [want]
+    )
+    assert equivalent_classes(found) == (want,)
 
 
 # ---------------------------------------------------------------------------------------------------------------
