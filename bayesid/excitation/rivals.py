@@ -1,16 +1,8 @@
 """Hypotheses that a log cannot tell apart, and how clearly a motion would tell.
 
-Each hypothesis M is the model without the effects in question, with columns of one of them: efforts X_M z_M, with z_M
-normal about m_M with inverse covariance L_M after the earlier recording. Where A is true, the logarithm of its Bayes
-factor against B by a new recording y of information H has the expectation (:eq:`next-bayes-factor`)
-
-    E log p(y | A) - E log p(y | B),
-    E log p(y | M) = c + (log det L_M - log det P_M - m_M' L_M m_M + h_M' P_M^-1 h_M + tr P_M^-1 S_M) / 2,
-    P_M = L_M + H_MM,  h_M = L_M m_M + H_MA m_A,  S_M = H_MA L_A^-1 H_AM + H_MM,
-
-the usual one of normal distributions (Lindley, On a measure of the information provided by an experiment, 1956). What
-is linear in an effect's numbers is summed out so; of its forms with other numbers the one counts that imitates best. So
-the expectation is that of the least clear case.
+Each hypothesis is the model without the effects in question, with columns of one of them. What is linear in an effect's
+numbers is summed out (`bayesid.excitation.bayes_factors`); of its forms with other numbers the one counts that imitates
+best. So what is expected is that of the least clear case.
 """
 
 from __future__ import annotations
@@ -23,6 +15,7 @@ import numpy as np
 
 from bayesid.arrays import Array, Integers
 from bayesid.errors import InputError
+from bayesid.excitation.bayes_factors import BayesFactors, Case
 from bayesid.excitation.known import Known, information_of, inverse
 from bayesid.fit.effects.explanation import LN10
 from bayesid.fit.effects.hypotheses import EffectKey, forms_of, maker
@@ -138,55 +131,61 @@ class RivalEffects:
 
     def worth(self, information: Array) -> float:
         """Minus the expected log Bayes factors, nats, each as far as it counts: what is told clearly is told."""
-        return -float(np.minimum(list(self.expected(information).values()), _CLEAR).sum())
+        return -float(np.minimum(self._factors.expected(information), _CLEAR).sum())
 
     def expected(self, information: Array) -> dict[tuple[str, str], float]:
         """Expected log Bayes factor, nats, of each hypothesis if it is true, against each other."""
-        return {(a.name, b.name): self._expected(a, b, information) for a, b in self.pairs}
-
-    def _expected(self, true: Rival, other: Rival, information: Array) -> float:
-        case = self._truth[true.name]
-        own = case.evidence(information, case)
-        return own - max(self._under[form.place.start, true.name].evidence(information, case) for form in other.forms)
+        factors = self._factors.expected(information).tolist()
+        return {(a.name, b.name): value for (a, b), value in zip(self.pairs, factors, strict=True)}
 
     @cached_property
-    def _truth(self) -> dict[str, _Case]:
-        """What is true where each of the hypotheses is."""
+    def _factors(self) -> BayesFactors:
+        under = self._under
+        return BayesFactors(
+            len(self.known),
+            [
+                (self._truth[true.name][0], [under[form.place.start, true.name] for form in other.forms])
+                for true, other in self.pairs
+            ],
+        )
+
+    @cached_property
+    def _truth(self) -> dict[str, tuple[Case, RivalForm]]:
+        """What is true where each of the hypotheses is, and in which form."""
         found = next((rival for rival in self.rivals if rival.own is not None), None)
         cases = {}
         for rival in self.rivals:
             form = rival.forms[len(rival.forms) // 2]
             if rival.own is not None:
-                form = replace(rival.forms[0], mean=rival.own)
-                cases[rival.name] = self._after(form, np.concatenate([self.known.mean, rival.own]), form)
+                form = rival.forms[0]
+                own = replace(form, mean=rival.own)
+                cases[rival.name] = self._after(own, np.concatenate([self.known.mean, rival.own]), form), form
             elif found is None:
-                cases[rival.name] = self._after(form, np.concatenate([self.known.mean, form.mean]), form)
+                cases[rival.name] = self._after(form, np.concatenate([self.known.mean, form.mean]), form), form
             else:
-                mimics = [self._mimic(one, found) for one in rival.forms]
-                cases[rival.name] = max(mimics, key=lambda case: case.fit)
+                mimics = [(self._mimic(one, found), one) for one in rival.forms]
+                cases[rival.name] = max(mimics, key=lambda mimic: mimic[0].fit)
         return cases
 
-    def _mimic(self, form: RivalForm, found: Rival) -> _Case:
-        own = replace(found.forms[0], mean=np.asarray(found.own))
-        return self._after(form, np.concatenate([self.known.mean, np.asarray(found.own)]), own)
+    def _mimic(self, form: RivalForm, found: Rival) -> Case:
+        return self._after(form, np.concatenate([self.known.mean, np.asarray(found.own)]), found.forms[0])
 
     @cached_property
-    def _under(self) -> dict[tuple[int, str], _Case]:
+    def _under(self) -> dict[tuple[int, str], Case]:
         """What each form of a hypothesis holds for true after the earlier recording, where another one is true."""
-        r = len(self.known)
-        return {
-            (form.place.start, true.name): self._after(form, self._truth[true.name].mean, self._truth[true.name].form)
-            for true, other in self.pairs
-            for form in other.forms
-            if r
-        }
+        cases = {}
+        for true, other in self.pairs:
+            case, of = self._truth[true.name]
+            for form in other.forms:
+                cases[form.place.start, true.name] = self._after(form, case.mean, of)
+        return cases
 
     def best_fit(self, form: RivalForm, rival: Rival) -> float:
         """How well a form of a hypothesis fits the earlier recording where one of the others is true."""
         truths = [self._truth[one.name] for one in self.rivals if one is not rival]
-        return max(self._after(form, truth.mean, truth.form).fit for truth in truths)
+        return max(self._after(form, case.mean, of).fit for case, of in truths)
 
-    def _after(self, form: RivalForm, truth: Array, of: RivalForm) -> _Case:
+    def _after(self, form: RivalForm, truth: Array, of: RivalForm) -> Case:
         """A form after the earlier recording, in which another form was true with quantities (R,)."""
         r = len(self.known)
         own, true = (np.concatenate([np.arange(r), one.columns]) for one in (form, of))
@@ -198,57 +197,7 @@ class RivalEffects:
         precision = before + seen
         estimate = inverse(precision) @ pull
         fit = float(pull @ estimate - mean @ before @ mean)
-        return _Case(form, own, estimate, precision, fit)
-
-
-@dataclass(frozen=True)
-class _Case:
-    """A form with its quantities.
-
-    Attributes:
-        form: of the hypothesis.
-        columns: (R,) places of its columns.
-        mean: (R,) of its quantities.
-        precision: (R, R) of them.
-        fit: how well it has fitted the earlier recording; the more, the better.
-    """
-
-    form: RivalForm
-    columns: Integers
-    mean: Array
-    precision: Array
-    fit: float = 0.0
-
-    def evidence(self, information: Array, true: _Case) -> float:
-        """E log p(y | this), but for what all hypotheses have in common, where another one is true."""
-        own = information[np.ix_(self.columns, self.columns)]
-        across = information[np.ix_(self.columns, true.columns)]
-        after = self.precision + own
-        left = inverse(after)
-        pull = self.precision @ self.mean + across @ true.mean
-        spread = np.sum((left @ across) * (across @ true.covariance)) + np.sum(left * own)
-        gain = pull @ left @ pull + spread - self.mean @ self.precision @ self.mean
-        return 0.5 * float(gain + self.log_det - _log_det(after))
-
-    @cached_property
-    def covariance(self) -> Array:
-        """(R, R) of the quantities."""
-        return inverse(self.precision)
-
-    @cached_property
-    def log_det(self) -> float:
-        """Of the inverse covariance."""
-        return _log_det(self.precision)
-
-
-def _scaled(matrix: Array) -> tuple[Array, Array]:
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
-    return matrix * np.outer(scale, scale), scale
-
-
-def _log_det(matrix: Array) -> float:
-    scaled, scale = _scaled(matrix)
-    return float(np.linalg.slogdet(scaled)[1] - 2.0 * np.log(scale).sum())
+        return Case(own, estimate, precision, fit)
 
 
 def make_rivals(

@@ -1,0 +1,61 @@
+"""Expected Bayes factors by block elimination: the formula of the manual as it stands, with dense matrices."""
+
+import numpy as np
+import pytest
+
+from bayesid.excitation.bayes_factors import BayesFactors, Case
+
+R, EXTRA = 5, (2, 1, 3, 2)
+"""Coefficients, and own columns of four cases."""
+
+
+def positive(rng, n, rows=40):
+    scale = 10.0 ** rng.uniform(-2.0, 2.0, n)
+    x = rng.standard_normal((rows, n)) * scale
+    return x.T @ x
+
+
+def cases(rng):
+    """With the same block of the coefficients, and couplings of their own."""
+    total = R + sum(EXTRA)
+    every = positive(rng, total) + np.diag(rng.uniform(0.1, 5.0, total))
+    ends = R + np.cumsum([0, *EXTRA])
+    made = []
+    for start, end in zip(ends[:-1], ends[1:], strict=True):
+        columns = np.concatenate([np.arange(R), np.arange(start, end)])
+        own = every[np.ix_(columns, columns)]
+        made.append(Case(columns, rng.standard_normal(len(columns)) / np.sqrt(np.diag(own)), own))
+    return made
+
+
+def plain(case, true, information):
+    """As the manual has it."""
+    own = information[np.ix_(case.columns, case.columns)]
+    across = information[np.ix_(case.columns, true.columns)]
+    after = case.precision + own
+    pull = case.precision @ case.mean + across @ true.mean
+    spread = across @ np.linalg.inv(true.precision) @ across.T + own
+    left = np.linalg.inv(after)
+    dets = np.linalg.slogdet(case.precision)[1] - np.linalg.slogdet(after)[1]
+    return 0.5 * (dets - case.mean @ case.precision @ case.mean + pull @ left @ pull + np.trace(left @ spread))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_formula_with_dense_matrices(seed):
+    rng = np.random.default_rng(seed)
+    a, b, c, d = cases(rng)
+    information = 3.0 * positive(rng, R + sum(EXTRA))
+    factors = BayesFactors(R, [(a, [b]), (b, [a, d]), (c, [d, a, b]), (a, [c])]).expected(information)
+    pairs = [(a, [b]), (b, [a, d]), (c, [d, a, b]), (a, [c])]
+    direct = [
+        plain(true, true, information) - max(plain(o, true, information) for o in others) for true, others in pairs
+    ]
+    size = max(abs(plain(a, a, information)), 1.0)
+    np.testing.assert_allclose(factors, direct, rtol=1e-8, atol=1e-8 * size)
+    assert np.ptp(direct) > 1.0  # a sign or an order that is wrong would show
+
+
+def test_nothing_is_expected_of_no_recording():
+    """But what the means and spreads before it differ by is no evidence."""
+    a, b, *_ = cases(np.random.default_rng(1))
+    np.testing.assert_allclose(BayesFactors(R, [(a, [b])]).expected(np.zeros((13, 13))), 0.0, atol=1e-9)
