@@ -55,35 +55,37 @@ class BayesFactors:
 
     Args:
         r: how many coefficients all cases have; their blocks of the inverse covariances are the same.
-        pairs: what is true, and the forms of what is held against it.
+        pairs: what is true, and the forms of what is held against it. Cases of the same columns have the same inverse
+            covariance.
     """
 
     def __init__(self, r: int, pairs: Sequence[tuple[Case, Sequence[Case]]]) -> None:
         self._r = r
-        self._shared = pairs[0][0].precision[:r, :r]
         self._truths = list({id(true): true for true, _ in pairs}.values())
         place = {id(true): k for k, true in enumerate(self._truths)}
-        of = [*range(len(self._truths)), *(place[id(true)] for true, forms in pairs for _ in forms)]
-        self._of = np.array(of)
+        cases = [*self._truths, *(case for _, others in pairs for case in others)]
+        self._truth = np.array([*range(len(place)), *(place[id(true)] for true, others in pairs for _ in others)])
         self._own = np.array([place[id(true)] for true, _ in pairs])
-        counts = [len(forms) for _, forms in pairs]
-        self._starts = len(self._truths) + np.cumsum([0, *counts[:-1]])
-        cases = [*self._truths, *(form for _, forms in pairs for form in forms)]
+        self._starts = len(place) + np.cumsum([0, *(len(others) for _, others in pairs[:-1])])
+        forms = {case.columns.tobytes(): case for case in cases}
+        of = {key: k for k, key in enumerate(forms)}
+        self._form = np.array([of[case.columns.tobytes()] for case in cases])
         widest = max(len(case.columns) for case in cases) - r
-        shape = len(cases), widest
-        self._columns = np.zeros(shape, dtype=np.int64)
-        self._used = np.zeros(shape)
-        self._across = np.zeros((len(cases), r, widest))
-        self._block = np.broadcast_to(np.eye(widest), (*shape, widest)).copy()
+        self._shared = cases[0].precision[:r, :r]
+        self._places = np.full((len(forms), widest), r)
+        self._used = np.zeros((len(forms), widest))
+        self._across = np.zeros((r, len(forms), widest))
+        self._block = np.tile(np.eye(widest), (len(forms), 1, 1))  # columns that a form has not got are by themselves
+        for k, case in enumerate(forms.values()):
+            p = len(case.columns) - r
+            self._places[k, :p], self._used[k, :p] = case.columns[r:], 1.0
+            self._across[:, k, :p] = case.precision[:r, r:]
+            self._block[k, :p, :p] = case.precision[r:, r:]
         self._pull = np.zeros((len(cases), r + widest))
         self._constant = np.zeros(len(cases))
         for k, case in enumerate(cases):
-            p = len(case.columns) - r
-            self._columns[k, :p], self._used[k, :p] = case.columns[r:] - r, 1.0
-            self._across[k, :, :p] = case.precision[:r, r:]
-            self._block[k, :p, :p] = case.precision[r:, r:]
             pull = case.precision @ case.mean
-            self._pull[k, : r + p] = pull
+            self._pull[k, : len(pull)] = pull
             self._constant[k] = _log_dets(case.precision[None])[0] - case.mean @ pull
 
     def expected(self, information: Array) -> Array:
@@ -97,43 +99,40 @@ class BayesFactors:
 
     def _evidence(self, information: Array) -> Array:
         """(cases,) E log p(y | case), but for what all have in common where the same one is true."""
-        r, columns, used = self._r, self._columns, self._used
+        r, places, used = self._r, self._places, self._used
+        shape = places.shape
+        own = information[places[:, :, None], places[:, None, :]] * (used[:, :, None] * used[:, None, :])
+        across = information[:r, places] * used
         shared, scale = _scaled(self._shared + information[:r, :r])
         factor = cho_factor(shared, lower=True, check_finite=False)
 
         def solved(right: Array) -> Array:
+            """C^-1 times (r, m)."""
             return scale[:, None] * cho_solve(factor, scale[:, None] * right, check_finite=False)
 
-        both = used[:, :, None] * used[:, None, :]
-        own = information[r + columns[:, :, None], r + columns[:, None, :]] * both
-        across = np.moveaxis(information[:r, r + columns] * used, 1, 0)  # (cases, r, p)
         coupling = self._across + across
-        flat = np.moveaxis(coupling, 0, 1).reshape(r, -1)
-        lift = np.moveaxis(solved(flat).reshape(r, *columns.shape), 1, 0)  # C^-1 B
-        after = self._block + own - np.swapaxes(coupling, 1, 2) @ lift
+        lift = solved(coupling.reshape(r, -1))
+        lifts, couplings, crossed = (np.moveaxis(x.reshape(r, *shape), 1, 0) for x in (lift, coupling, across))
+        after = self._block + own - np.swapaxes(couplings, 1, 2) @ lifts
         left = np.linalg.inv(after)
-        # pulls
-        seen = [information[:, true.columns] for true in self._truths]
-        towards = np.array([rows @ true.mean for rows, true in zip(seen, self._truths, strict=True)])[self._of]
-        pull = self._pull[:, :r] + towards[:, :r]
-        rest = self._pull[:, r:] + np.take_along_axis(towards, r + columns, axis=1) * used
-        rest -= np.einsum("krp,kr->kp", lift, pull)
-        gain = np.sum(pull * solved(pull.T).T, axis=1) + np.einsum("kp,kpq,kq->k", rest, left, rest)
-        # spreads: of the own columns, beside what the coefficients make of them
-        spread = own - _twice(np.swapaxes(lift, 1, 2) @ across)
-        spread += np.swapaxes(lift, 1, 2) @ (information[:r, :r] @ lift)
-        roots = [rows @ true.root for rows, true in zip(seen, self._truths, strict=True)]
-        for k, root in enumerate(roots):
-            some = np.flatnonzero(self._of == k)
-            drawn = root[r + columns[some]] * used[some, :, None] - np.swapaxes(lift[some], 1, 2) @ root[:r]
-            spread[some] += drawn @ np.swapaxes(drawn, 1, 2)
-        gain += np.einsum("kpq,kqp->k", left, spread)
-        return 0.5 * (gain + self._constant - _log_dets(after))
-
-
-def _twice(blocks: Array) -> Array:
-    """Blocks (k, p, p) and their transposes."""
-    return blocks + np.swapaxes(blocks, 1, 2)
+        both = np.swapaxes(lifts, 1, 2) @ crossed
+        beside = np.moveaxis((information[:r, :r] @ lift).reshape(r, *shape), 1, 0)
+        spread = own - both - np.swapaxes(both, 1, 2) + np.swapaxes(lifts, 1, 2) @ beside
+        size = np.zeros((len(self._truths), len(places)))  # the traces
+        pull = self._pull.copy()
+        for k, true in enumerate(self._truths):
+            rows = information[:, true.columns]
+            drawn = rows @ np.column_stack([true.root, true.mean])
+            some = self._truth == k
+            pull[some, :r] += drawn[:r, -1]
+            pull[some, r:] += (drawn[places, -1] * used)[self._form[some]]
+            roots = drawn[places, :-1] * used[:, :, None] - (lift.T @ drawn[:r, :-1]).reshape(*shape, -1)
+            size[k] = np.einsum("fpq,fqp->f", left, spread + roots @ np.swapaxes(roots, 1, 2))
+        lifted = (pull[:, :r] @ lift).reshape(len(pull), *shape)
+        rest = pull[:, r:] - lifted[np.arange(len(pull)), self._form]
+        gain = np.sum(pull[:, :r] * solved(pull[:, :r].T).T, axis=1)
+        gain += np.einsum("kp,kpq,kq->k", rest, left[self._form], rest)
+        return 0.5 * (gain + size[self._truth, self._form] + self._constant - _log_dets(after)[self._form])
 
 
 def _scaled(matrix: Array) -> tuple[Array, Array]:

@@ -431,19 +431,21 @@ def inseparable(rivals: RivalEffects, motion: Motion) -> list[tuple[str, str]]:
     rows = columns.reshape(-1, columns.shape[2])
     rows = rows / np.maximum(np.linalg.norm(rows, axis=0), np.finfo(float).tiny)
     r, pairs = len(rivals.known), []
+    base, own = rows[:, :r], rows[:, r:]
+    beside = own - base @ np.linalg.lstsq(base, own, rcond=None)[0]  # what the coefficients leave of each column
     for k, a in enumerate(rivals.rivals):
         for b in rivals.rivals[k + 1 :]:
-            if any(_alike(rows, r, one, other) for one in a.forms for other in b.forms):
+            if any(
+                _among(beside[:, one.columns - r], beside[:, other.columns - r])
+                and _among(beside[:, other.columns - r], beside[:, one.columns - r])
+                for one in a.forms
+                for other in b.forms
+            ):
                 pairs.append((a.name, b.name))
     return pairs
 
 
-def _alike(rows: Array, r: int, one: RivalForm, other: RivalForm) -> bool:
-    """Whether the columns of one form are among the model's and those of another, and the other way round."""
-    for own, others in ((one, other), (other, one)):
-        span = rows[:, np.concatenate([np.arange(r), others.columns])]
-        target = rows[:, own.columns]
-        left = target - span @ np.linalg.lstsq(span, target, rcond=None)[0]
-        if np.linalg.norm(left, axis=0).max(initial=0.0) > _RANK:
-            return False
-    return True
+def _among(columns: Array, others: Array) -> bool:
+    """Whether columns (N, p) are combinations of others (N, k)."""
+    left = columns - others @ np.linalg.lstsq(others, columns, rcond=_RANK)[0]
+    return bool(np.linalg.norm(left, axis=0).max(initial=0.0) <= _RANK)
