@@ -12,7 +12,7 @@ Hypotheses: an effect is hidden in a joint that hardly moves in a short log, so 
 logs together are explained again. An effect is told apart if it is named, nothing is equivalent any more, and its Bayes
 factor against each that was is decisive.
 
-A design here tries half as many changes as by default (`CHANGES`).
+A design here tries about half as many changes as by default (`CHANGES`, `TELLING_CHANGES`).
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ from bayesid.studies.simulated import STRONG, make_robot
 from bayesid.study.record import Row
 from bayesid.study.study import Study, in_turn, mixed
 
-CHANGES = 1500
-"""Half the default: a study makes many designs."""
+CHANGES, TELLING_CHANGES = 1500, 500
+"""About half the defaults: a study makes many designs."""
 _RATE, _DURATION = 100.0, 10.0
 """Hz, and s of each log of a coefficients' trial."""
 _SENSOR, _FINER = 0.05, 0.03
@@ -111,7 +111,11 @@ ROBOTS = ("kr5", "ur10e", "panda", ARM)
 SCENARIOS = mixed(
     [
         [Scenario(COEFFICIENTS, robot, limited=limited) for robot in ROBOTS for limited in (True, False)],
-        [Scenario(HYPOTHESES, robot, effect) for effect in EFFECTS for robot in ("kr5", "ur10e")],
+        [
+            Scenario(HYPOTHESES, robot, effect, changes=TELLING_CHANGES)
+            for effect in EFFECTS
+            for robot in ("kr5", "ur10e")
+        ],
     ]
 )
 

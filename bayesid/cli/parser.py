@@ -519,8 +519,8 @@ def _add_next_motion(parser: Parser) -> None:
     add("--margin", type=float, default=0.01, metavar="M", help="least distance (default: %(default)s m)")
     meshes = "folder of the packages that the URDF's meshes are in; may be repeated"
     add("--meshes", type=Path, action="append", default=[], metavar="DIR", help=meshes)
-    changes = "of the motion that are tried (default: %(default)s, some half a minute)"
-    add("--changes", type=_whole, default=2500, help=changes)
+    changes = "of the motion that are tried (default: as many as take some half a minute)"
+    add("--changes", type=_whole, help=changes)
 
 
 def _add_simulate(commands: _Commands) -> None:

@@ -1,5 +1,7 @@
 """Expected Bayes factors by block elimination: the formula of the manual as it stands, with dense matrices."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -21,7 +23,7 @@ def cases(rng):
     every = positive(rng, total) + np.diag(rng.uniform(0.1, 5.0, total))
     ends = R + np.cumsum([0, *EXTRA])
     made = []
-    for start, end in zip(ends[:-1], ends[1:], strict=True):
+    for start, end in pairwise(ends.tolist()):
         columns = np.concatenate([np.arange(R), np.arange(start, end)])
         own = every[np.ix_(columns, columns)]
         made.append(Case(columns, rng.standard_normal(len(columns)) / np.sqrt(np.diag(own)), own))
