@@ -40,8 +40,8 @@ from bayesid.progress import SILENT, Progress
 from bayesid.simulation.trajectories import MotionLimits
 
 CHANGES, TELLING_CHANGES = 2500, 1000
-"""That either of two searches tries by default: for coefficients, and for hypotheses, of which a change costs more. 1500
-in place of 400 told 137 pairs of 240 rather than 136, and 272 of 470 rather than 261, in two open logs."""
+"""That either of two searches tries by default: for coefficients, and for hypotheses, of which a change costs more.
+1500 in place of 400 told 137 pairs of 240 rather than 136, and 272 of 470 rather than 261, in two open logs."""
 _SEARCHES = 2
 """From different random motions, the better of which counts: one a processor of a small machine."""
 _MOST_RECORDED = 4000
