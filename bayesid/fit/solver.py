@@ -71,18 +71,23 @@ class _Attempt(NamedTuple):
         step: share of the way to the edge of the cone that it steps at most: full steps may go back and forth without
             end.
         constant: on the diagonal of Clarabel's linear systems.
+        whitened: whether it is asked for y = L'x, where P = LL': curvatures that differ by more than their rounding,
+            as those of the pull and of data that say everything of a coefficient, are then all one.
     """
 
     coarser: float = 1.0
     equilibrate: bool = True
     step: float = 0.99
     constant: float = _REGULARISATION
+    whitened: bool = False
 
 
 _ATTEMPTS = (
     _Attempt(),
     _Attempt(equilibrate=False),
     _Attempt(step=0.8),
+    _Attempt(whitened=True),
+    _Attempt(equilibrate=False, whitened=True),
     _Attempt(10.0),
     _Attempt(10.0, equilibrate=False, step=0.8),
     _Attempt(100.0, step=0.8),
@@ -222,7 +227,7 @@ class PreparedLeastSquares:
         for attempt in _ATTEMPTS:
             if outcome.failure:
                 tolerance = attempt.coarser * self._stated.tolerance
-                outcome = _attempt(self._started(linear, tolerance, attempt))
+                outcome = self._tried(linear, tolerance, attempt)
                 tried.append(outcome)
         if outcome.failure:
             self._solver = None
@@ -238,7 +243,7 @@ class PreparedLeastSquares:
         linear, tried = self._linear(gradient), []
         for tolerance in _PRECISE:
             for equilibrate in (True, False):
-                tried.append(_attempt(self._started(linear, tolerance, _Attempt(equilibrate=equilibrate))))
+                tried.append(self._tried(linear, tolerance, _Attempt(equilibrate=equilibrate)))
                 if not tried[-1].failure:
                     return self._solution(gradient, linear, tried, tolerance)
         return self.solve(gradient)
@@ -250,11 +255,11 @@ class PreparedLeastSquares:
     def _solution(self, gradient: Array, linear: Array, tried: list[_Outcome], tolerance: float) -> Solution:
         """The last point that was tried, and the largest bound: that of a failed attempt is as true as any."""
         stated = self._stated
-        theta = stated.scale * np.array(tried[-1].result.x)
+        theta = stated.scale * tried[-1].point
         theta[stated.nonnegative] = np.maximum(theta[stated.nonnegative], 0.0)  # what is below is within the tolerance
         beta = stated.project(theta)
         cost = float(beta @ self._hessian @ beta - 2 * gradient @ beta) + stated.regularisation(theta)
-        duals = [np.array(outcome.result.z) for outcome in tried if outcome.result is not None]
+        duals = [outcome.dual for outcome in tried if len(outcome.point)]
         bounds = [self._lower_bound(linear, dual) for dual in duals if np.all(np.isfinite(dual))]
         return Solution(theta, cost, tolerance, min(cost, max(bounds, default=-np.inf)))
 
@@ -274,6 +279,12 @@ class PreparedLeastSquares:
         value = -0.5 * float(plain @ plain) + 0.5 * max(gain, 0.0) ** 2 / length
         return self._unit * (value + self._pull * float(self._stated.typical @ self._stated.typical))
 
+    def _tried(self, linear: Array, tolerance: float, attempt: _Attempt) -> _Outcome:
+        outcome = _attempt(self._started(linear, tolerance, attempt))
+        if attempt.whitened and len(outcome.point):
+            return outcome._replace(point=solve_triangular(self._factor.T, outcome.point))
+        return outcome
+
     def _started(self, linear: Array, tolerance: float, attempt: _Attempt) -> Any:
         settings = _settings(tolerance)
         settings.presolve_enable = False  # it would forbid updates
@@ -282,7 +293,12 @@ class PreparedLeastSquares:
         settings.static_regularization_constant = attempt.constant
         settings.tol_feas = tolerance
         offsets, rows, cones = self._stated.rows
-        return clarabel.DefaultSolver(self._quadratic, linear, rows, offsets, cones, settings)
+        quadratic = self._quadratic
+        if attempt.whitened:
+            both = solve_triangular(self._factor, np.column_stack([linear, rows.T.toarray()]), lower=True)
+            linear, rows = both[:, 0], scipy.sparse.csc_matrix(both[:, 1:].T)
+            quadratic = scipy.sparse.eye(len(linear), format="csc")
+        return clarabel.DefaultSolver(quadratic, linear, rows, offsets, cones, settings)
 
 
 def _settings(tolerance: float) -> Any:
@@ -298,11 +314,13 @@ class _Outcome(NamedTuple):
     """Of an attempt.
 
     Attributes:
-        result: Clarabel's; None where there is none.
+        point: (P,) x; empty where there is none.
+        dual: its multipliers; empty where there are none.
         failure: in words why it is no solution; empty where it is.
     """
 
-    result: Any
+    point: Array
+    dual: Array
     failure: str
 
 
@@ -313,8 +331,9 @@ def _attempt(solver: Any) -> _Outcome:
     except BaseException as error:
         if type(error).__name__ != "PanicException":  # Rust's, raised by pyo3, cannot be imported
             raise
-        return _Outcome(None, f"panic: {error}")
-    return _Outcome(result, "" if result.status == clarabel.SolverStatus.Solved else str(result.status))
+        return _Outcome(np.empty(0), np.empty(0), f"panic: {error}")
+    failure = "" if result.status == clarabel.SolverStatus.Solved else str(result.status)
+    return _Outcome(np.array(result.x), np.array(result.z), failure)
 
 
 def pull_weight(energy: float, least: float = LEAST_PULL) -> float:
@@ -349,7 +368,7 @@ def move_inside(cone: Cone, coefficients: BaseCoefficients, theta: Array) -> Arr
     outcome = _attempt(clarabel.DefaultSolver(*stated, settings))
     if outcome.failure:
         raise SolverError("moving parameters inside the cone", outcome.failure)
-    return theta + free @ np.array(outcome.result.x)[:-1]
+    return theta + free @ outcome.point[:-1]
 
 
 def solve_precisely(

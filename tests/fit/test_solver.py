@@ -1,3 +1,4 @@
+from pathlib import Path
 from types import SimpleNamespace
 
 import clarabel
@@ -14,7 +15,9 @@ from bayesid.model.catalogue import make_terms
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.inertia import PSEUDO_INERTIA_BASIS, from_pseudo_inertia, pseudo_inertia
 from bayesid.model.model import Model
+from bayesid.model.robot import load_robot
 from bayesid.model.terms import STANDARD, RigidBody
+from bayesid.model.terms.load_dependent_friction import LoadDependentFriction
 from bayesid.simulation.parameters import random_parameters
 
 
@@ -351,6 +354,26 @@ def test_well_conditioned_nonnegative_least_squares_are_solved(seed, options):
     for signs, cost in zip(small.assignments, small.costs, strict=True):
         solution = solver.solve(signs @ small.moments.gradient)
         assert solution.cost + small.energy == pytest.approx(cost, abs=1e-5 * small.energy)
+
+
+def test_a_problem_of_curvatures_that_differ_by_twelve_orders_is_solved_to_the_tolerance():
+    """From the identification of a simulated UR10e one of whose joints hardly moves, with friction by the load.
+
+    In the parameters' own units Clarabel ended with a numerical error, or a gap of a thousandth of the cost.
+    """
+    stalled = np.load(Path(__file__).with_name("stalled_cone.npz"))
+    robot = load_robot("ur10e")
+    by_load = LoadDependentFriction(joints=(3,), smoothing=(0.02,), links=(1.0,) * 60)
+    model = Model(robot, (*make_terms(STANDARD, robot, random_motion(6, 200)), by_load))
+    coefficients = base_coefficients(model)
+    hessian = np.zeros((len(coefficients), len(coefficients)))
+    hessian[np.triu_indices(len(coefficients))] = stalled["hessian"]
+    hessian += np.triu(hessian, 1).T
+    gradient = stalled["gradient"].astype(float)
+    for energy in (1e6, 1e7):
+        solution = ConeLeastSquares(model.cone, coefficients, hessian, energy).prepared().solve(gradient)
+        assert solution.tolerance == 1e-6
+        assert 0.0 <= solution.cost - solution.lower_bound < 1e-6 * abs(solution.cost)
 
 
 class PanicException(BaseException):
