@@ -54,21 +54,18 @@ def design_for_result(options: argparse.Namespace) -> str:
             effort_limits=_numbers(options.effort_limits, "--effort-limits"),
             clearance=clearance if isinstance(clearance, CollisionModel) else None,
             no_clearance="" if isinstance(clearance, CollisionModel) else clearance.reason,
+            payload=options.payload,
         )
         design = _design(options, identified, recorded, run, bars)
         bars.show("write", 0, 1)
         save_next_motion(design, folder)
-    for one in (clearance.left_out, clearance.inseparable) if isinstance(clearance, CollisionModel) else ():
-        if one:
-            pairs = ", ".join(" and ".join(pair) for pair in one)
-            warn(f"not watched: {pairs} are nearer than --margin in poses of the log, or in every pose")
     return f"{next_motion_text(design)}\nwritten to {folder}/"
 
 
 def _design(
     options: argparse.Namespace, identified: IdentifiedModel, recorded: Motion | None, run: RunSettings, bars: StageBars
 ) -> NextMotion:
-    about, between = _words(options.about), _words(options.between)
+    about, between = _words(options.about, "--about"), _words(options.between, "--between")
     found = _found(options.result)
     if between:
         found = Hypotheses((tuple(map(parse_key, between)),), found.changed)
@@ -148,6 +145,8 @@ def _clearance(options: argparse.Namespace, robot: Robot, poses: Array) -> Colli
     radii, tool = _numbers(options.capsules, "--capsules"), _numbers(options.tool, "--tool")
     if tool is not None and radii is None:
         raise InputError("is the end of capsules", "--tool", "give --capsules too")
+    if radii is not None and options.meshes:
+        raise InputError("are of the URDF's shapes, which capsules replace", "--meshes", "leave it or --capsules out")
     capsules = None
     if radii is not None:
         capsules = Capsules(radii[0] if len(radii) == 1 else radii, (0.0, 0.0, 0.0) if tool is None else tool)
@@ -165,8 +164,11 @@ def _poses(options: argparse.Namespace, robot: Robot, recorded: Motion | None) -
     return np.concatenate(parts) if parts else np.zeros((1, robot.n_joints))
 
 
-def _words(text: str | None) -> tuple[str, ...]:
-    return () if text is None else tuple(word.strip() for word in text.split(",") if word.strip())
+def _words(text: str | None, option: str) -> tuple[str, ...]:
+    words = () if text is None else tuple(word.strip() for word in text.split(",") if word.strip())
+    if text is not None and not words:
+        raise InputError("names nothing", option, "give names with commas between, or leave it out")
+    return words
 
 
 def _numbers(text: str | None, option: str) -> tuple[float, ...] | None:

@@ -45,6 +45,8 @@ _EXAMPLES = """examples:
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
     """The options of one command, its name as `command`; with bad ones, or where help is asked for, the program ends.
 
+    `given` holds the long options of the command line: a default may be what was given, and may not.
+
     Long options are looked up first: argparse would name those that are missing, not the misspelled one.
     """
     main = parser = make_parser()
@@ -54,15 +56,32 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
                 return main.parse_args(arguments)  # there is no such command, whatever its options
             break
         parser = parser.commands[word]
-    for word in takewhile(lambda word: word != "--", arguments):
-        name = word.partition("=")[0]
-        if name.startswith("--") and not any(known.startswith(name) for known in parser.options):
+    for name in _names(arguments):
+        if not any(known.startswith(name) for known in parser.options):
             parser.error(f"there is no option {name}{_suggestion(name, parser.options)}")
-    options = main.parse_args(_joined(arguments))
+    words = _joined(arguments)
+    options = main.parse_args(words)
+    options.given = frozenset(_options(parser, words))
     for value in vars(options).values():
         if isinstance(value, Path) and "+" not in value.name:  # between the files of one run
             check_name(value)
     return options
+
+
+def _names(words: Sequence[str]) -> list[str]:
+    """Long options, as they are written."""
+    before = takewhile(lambda word: word != "--", words)
+    return [word.partition("=")[0] for word in before if word.startswith("--")]
+
+
+def _options(parser: Parser, words: Sequence[str]) -> list[str]:
+    """Long options in full; argparse takes their beginnings too."""
+    return [
+        known
+        for name in _names(words)
+        for known in ([name] if name in parser.options else parser.options)
+        if known.startswith(name)
+    ]
 
 
 def _joined(arguments: Sequence[str]) -> list[str]:
@@ -502,13 +521,15 @@ def _add_excite(commands: _Commands) -> None:
 def _add_next_motion(parser: Parser) -> None:
     """What `excite --for` takes alone."""
     add = parser.add_section("with --for")
-    about = "coefficients, parameters, effects, or gains, payload, signs (default: all known to less than 10 %%)"
+    about = "coefficients, parameters, effects, or gains, payload, signs (default: all not known to 10 %%)"
     add("--about", metavar="NAME,..", help=about)
     between = "hypotheses to tell apart, EFFECT:JOINT each (default: those that a discrepancy could not tell apart)"
     add("--between", metavar="A,B,..", help=between)
     add("--criterion", choices=("D", "A"), default="D", help="D: all together; A: mean variance")
     start = "pose at both ends, rad or m (default: where the result's log began)"
     add("--start", metavar="Q1,..", help=start)
+    payload = "label of what the flange carries, one that the result knows (default: it carries nothing)"
+    add("--payload", default="", metavar="LABEL", help=payload)
     efforts = "largest |effort| of each joint, N m (default: those of --limits or of the robot's URDF)"
     add("--effort-limits", metavar="L1,..", help=efforts)
     capsules = "radii of capsules about the links, m, one for all or one each, instead of the URDF's collision shapes"

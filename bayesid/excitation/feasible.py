@@ -57,6 +57,15 @@ class Clearance(Protocol):
         """What the shapes are, in a sentence."""
         ...
 
+    @property
+    def not_watched(self) -> tuple[str, ...]:
+        """Pairs whose distances do not count, and why, in sentences."""
+        ...
+
+    def nearest(self, q: Array) -> tuple[float, tuple[str, str]]:
+        """The least distance of a pose (n,), m, and whose it is."""
+        ...
+
     def stays_clear(self, path: Callable[[Array], Array], t: Array, speed: Array) -> bool:
         """Whether a path (N,) -> (N, n), in each of K intervals between t (K + 1,) no faster than (K, n), is clear."""
         ...

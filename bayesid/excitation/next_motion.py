@@ -81,6 +81,7 @@ class RunSettings:
         effort_limits: (n,) largest |effort| of the actuators, N m, in place of those of `limits`.
         clearance: tells collisions, and what distance is to be kept; None where nothing does, which the result says.
         no_clearance: why nothing does.
+        payload: label of what the flange carries, one that the result knows; empty where it carries nothing.
 
     Raises:
         InputError: a number cannot be used.
@@ -97,6 +98,7 @@ class RunSettings:
     effort_limits: tuple[float, ...] | None = None
     clearance: Clearance | None = None
     no_clearance: str = "no shapes are known"
+    payload: str = ""
 
     def __post_init__(self) -> None:
         for value, (least, most), name, unit in (
@@ -251,9 +253,10 @@ class NextMotion:
         if limits is not None and limits.jerk is not None:
             said.append("jerks at every instant")
         if self.feasibility.limits_effort:
-            said.append(f"efforts within {BAND:g} standard deviations of their prediction")
+            carried = f", with {self.run.payload} on the flange" if self.run.payload else ""
+            said.append(f"efforts within {BAND:g} standard deviations of their prediction{carried}")
         if clearance is not None:
-            said.append(f"{clearance.margin:g} m from itself and the floor at every instant: {clearance.source}")
+            said.append(f"distances of {clearance.margin:g} m at every instant: {clearance.source}")
         return tuple(said)
 
 
@@ -275,7 +278,7 @@ def design_next(
         result: an identification, an identified model with its uncertainty, or a discrepancy, whose effects that its
             log cannot tell apart are then told apart by default.
         about: names of coefficients, parameters or effects, or `gains`, `payload`, `signs`; without any all
-            coefficients that are known to less than 10 %.
+            coefficients that are not known to 10 %.
         between: hypotheses to tell apart instead, as in ("stribeck_friction:3", "thermal_drift:3"), or classes of them.
         run: duration, rate, start, limits and what tells collisions.
         recorded: the motion of the result's log, where the result is a model alone: without it hypotheses are taken to
@@ -299,22 +302,23 @@ def design_next(
     changes = (TELLING_CHANGES if hypotheses.classes else CHANGES) if changes is None else changes
     _check_search(criterion, changes)
     known = known_of(identified, run.rate)
+    _check_payload(known, run.payload)
     assumed, run = run.limits is None, _settled(run, known, recorded)
     assert run.limits is not None
     feasibility = Feasibility.of(known, run.limits, run.clearance)
     basis, pose = SplineBasis(run.duration), np.array(run.start)
-    _check_start(feasibility, at_rest(basis, pose))
-    reference = usual_motion(known.model.robot, run.limits)
+    _check_start(feasibility, at_rest(basis, pose, run.payload))
+    reference = _usual(known, run)
     rivals = tuple(make_rivals(known, keys, recorded, reference, hypotheses.changed) for keys in hypotheses.classes)
-    goal = None if rivals else goal_of(known, about)
+    goal = None if rivals else goal_of(known, about, run.payload)
     design = _of_rivals(rivals) if goal is None else _of_goal(known, goal, run, criterion)
-    search = MotionSearch(design, feasibility, basis, pose)
+    search = MotionSearch(design, feasibility, basis, pose, run.payload)
     trajectory = _found(search, changes, progress)
     motion = trajectory.motion(_instants(run))
     told = partial(_prediction, known, goal, rivals)
     never = ((_SUPPOSED,) if known.supposed else ()) + (() if goal is None else goal.never)
     never += tuple(_cannot_tell(a, b) for one in rivals for a, b in inseparable(one, reference))
-    random = usual_motion(known.model.robot, run.limits, run.duration)
+    random = _usual(known, run, run.duration)
     return NextMotion(
         known=known,
         trajectory=trajectory,
@@ -336,6 +340,12 @@ def _check_search(criterion: str, changes: int) -> None:
         raise InputError(f"{criterion!r} cannot be used", "--criterion", f"give {' or '.join(CRITERIA)}")
     if changes < 1:
         raise InputError(f"{changes} changes cannot be tried", "--changes", f"give 1 or more, as {CHANGES}")
+
+
+def _check_payload(known: Known, payload: str) -> None:
+    if payload and payload not in known.model.payloads:
+        labels = ", ".join(known.model.payloads) or "none"
+        raise InputError(f"the result knows no {payload!r:.60}", "payload", f"give one that it knows: {labels}")
 
 
 def _taken(
@@ -533,13 +543,20 @@ def _prediction(
     )
 
 
+def _usual(known: Known, run: RunSettings, *duration: float) -> Motion:
+    """A random motion within the same limits."""
+    assert run.limits is not None
+    return replace(usual_motion(known.model.robot, run.limits, *duration), payload=np.array(run.payload))
+
+
 def _cannot_tell(one: str, other: str) -> str:
     return f"no motion can tell {one} from {other}: efforts are the same under both"
 
 
 def _unchecked(run: RunSettings, *, assumed: bool) -> tuple[str, ...]:
     assert run.limits is not None
-    said = ["the robot's own joint limits: usual ones are assumed (--limits)"] if assumed else []
+    usual = "the robot's own joint limits: usual ones are assumed, widened to where the log has been (--limits)"
+    said = [usual] if assumed else []
     if run.limits.effort is None:
         said.append("efforts: no limits are known (--effort-limits, or a URDF with them)")
     elif not np.isfinite(run.limits.effort).all():
@@ -550,6 +567,8 @@ def _unchecked(run: RunSettings, *, assumed: bool) -> tuple[str, ...]:
     if run.clearance is None:
         why = f"no collision model: {run.no_clearance}"
         said.append(f"collisions: {why} (--capsules R, or --robot with a URDF that has collision shapes)")
+    else:
+        said += [f"distances of {sentence}" for sentence in run.clearance.not_watched]
     return tuple(said)
 
 
@@ -566,4 +585,4 @@ def slowed(trajectory: SplineTrajectory, share: float, rate: float) -> Motion:
     duration = trajectory.duration / share
     t = np.linspace(0.0, duration, round(duration * rate) + 1)
     motion = trajectory.motion(share * t)
-    return Motion(t, motion.q, share * motion.dq, share**2 * motion.ddq)
+    return Motion(t, motion.q, share * motion.dq, share**2 * motion.ddq, payload=motion.payload)

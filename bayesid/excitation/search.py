@@ -89,12 +89,14 @@ class MotionSearch:
         feasibility: what to keep.
         basis: of the motion.
         pose: (n,) at both ends, rad.
+        payload: label of what the flange carries.
     """
 
     design: Design
     feasibility: Feasibility
     basis: SplineBasis
     pose: Array
+    payload: str = ""
 
     @cached_property
     def instants(self) -> Array:
@@ -108,7 +110,7 @@ class MotionSearch:
 
     def _motion(self, trajectory: SplineTrajectory) -> Motion:
         q, dq, ddq = (values @ trajectory.control for values in self._values)
-        return Motion(self.instants, q, dq, ddq, origin=0.0)
+        return Motion(self.instants, q, dq, ddq, 0.0, np.array(trajectory.payload))
 
     def run(self, changes: int, seed: int, done: Callable[[int], None]) -> SplineTrajectory:
         """The motion after so many changes were tried, from the best of some random ones."""
@@ -126,7 +128,7 @@ class MotionSearch:
 
     def _start(self, rng: np.random.Generator) -> SplineTrajectory:
         """A random motion, smaller and smaller until a robot can run it; at last none."""
-        still = at_rest(self.basis, self.pose)
+        still = at_rest(self.basis, self.pose, self.payload)
         step = np.zeros((len(self.basis), len(self.pose)))
         for joint in range(len(self.pose)):
             for _ in range(3):

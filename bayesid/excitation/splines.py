@@ -107,10 +107,12 @@ class SplineTrajectory:
     Attributes:
         basis: of its control points.
         control: (K, n) rad (m for a joint that slides).
+        payload: label of what the flange carries; empty where it carries nothing.
     """
 
     basis: SplineBasis
     control: Array
+    payload: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "control", frozen(self.control, (len(self.basis), None), "control"))
@@ -129,7 +131,7 @@ class SplineTrajectory:
             True
         """
         q, dq, ddq = (self.basis.values(t, order) @ self.control for order in range(3))
-        return Motion(t, q, dq, ddq, origin=0.0)
+        return Motion(t, q, dq, ddq, 0.0, np.array(self.payload))
 
     def bounds(self, order: int) -> tuple[Array, Array]:
         """(n,) least and largest Bernstein coefficient of the d-th derivative, which lies between them always."""
@@ -143,6 +145,6 @@ class SplineTrajectory:
         return speeds
 
 
-def at_rest(basis: SplineBasis, pose: Array) -> SplineTrajectory:
+def at_rest(basis: SplineBasis, pose: Array, payload: str = "") -> SplineTrajectory:
     """The motion that stays where it is."""
-    return SplineTrajectory(basis, np.tile(pose, (len(basis), 1)))
+    return SplineTrajectory(basis, np.tile(pose, (len(basis), 1)), payload)

@@ -16,11 +16,13 @@ _SHOWN = 12
 def next_motion_text(design: NextMotion) -> str:
     """What will be known, what no motion tells, how far limits are used, and what was not checked."""
     run, predicted = design.run, design.predicted
+    carried = f", with {run.payload} on the flange" if run.payload else ""
     lines = [
-        f"{design.known.model.robot.name}: {run.duration:g} s at {run.rate:g} Hz, from rest to rest",
+        f"{design.known.model.robot.name}: {run.duration:g} s at {run.rate:g} Hz, from rest to rest{carried}",
         *(_of_goal(design) if design.goal is not None else _of_rivals(predicted, design.of_random)),
         f"signs that will be certain: {predicted.certain_signs:.1%} of |effort| "
         f"(after a random motion {design.of_random.certain_signs:.1%})",
+        "the random motion keeps limits of positions, velocities and accelerations, not of efforts and distances",
         *(f"- {sentence}" for sentence in design.never),
         "",
         table(["joint", "starts at", "lowest", "highest", "speed", "acceleration", "effort"], _joints(design)),
@@ -37,10 +39,13 @@ def _of_goal(design: NextMotion) -> list[str]:
     after, random = design.predicted, design.of_random
     assert design.goal is not None
     lines = [
-        f"coefficients known to less than {KNOWN:.0%}: {after.open_now} now, {after.open} after this motion if the "
+        f"coefficients not known to {KNOWN:.0%}: {after.open_now} now, {after.open} after this motion if the "
         f"model is right, {after.open_lacking} if what it may lack stays as large; {random.open} after a random motion"
     ]
-    chosen = [k for k, name in enumerate(after.names) if name in design.goal.names] or list(range(len(after.names)))
+    chosen = [k for k, name in enumerate(after.names) if name in design.goal.names]
+    if not chosen:
+        lines.append(f"aimed at {len(design.goal.names)} sums of them; those of which most is learned on the way:")
+        chosen = list(range(len(after.names)))
     most = sorted(chosen, key=lambda k: after.sd[k] / after.sd_now[k])[:_SHOWN]
     rows = [
         [after.names[k], f"{after.mean[k]:.4g}", *(f"{sd[k]:.2g}" for sd in (after.sd_now, after.sd)), after.units[k]]
@@ -74,6 +79,8 @@ def _joints(design: NextMotion) -> list[list[str]]:
 
 
 def _clearance(design: NextMotion) -> str:
-    assert design.run.clearance is not None
-    least = float(design.run.clearance.distance(design.motion.q).min())
-    return f"least distance to itself and the floor: {least:.3f} m (to be kept: {design.run.clearance.margin:g} m)"
+    clearance, q = design.run.clearance, design.motion.q
+    assert clearance is not None
+    distances = clearance.distance(q)
+    least, (one, other) = clearance.nearest(q[int(distances.argmin())])
+    return f"least distance: {least:.3f} m, {one} to {other} (to be kept: {clearance.margin:g} m)"

@@ -138,6 +138,7 @@ def next_summary(design: NextMotion, programs: Programs) -> dict[str, Any]:
         "duration": design.run.duration,
         "rate": design.run.rate,
         "start": list(design.run.start or ()),
+        "payload": design.run.payload,
         "about": [] if design.goal is None else list(design.goal.names),
         "information_gain_nats": design.predicted.gain,
         "open_now": design.predicted.open_now,

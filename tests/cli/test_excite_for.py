@@ -98,6 +98,11 @@ def test_what_a_discrepancy_could_not_tell_apart_is_told_by_default(here):
         (("--robot", "kr5"), ("kr5", "another robot")),
         (("--duration", "0.1"), ("--duration",)),
         (("--changes", "0"), ("--changes",)),
+        (("--about", ""), ("--about",)),
+        (("--payload", "box"), ("payload", "box")),
+        (("--harm", "3"), ("--harmonics", "result")),
+        (("--noise", "0.05"), ("--noise", "result")),
+        (("--capsules", "0.03", "--meshes", "."), ("--meshes", "--capsules")),
     ],
 )
 def test_what_cannot_be_used_is_said_in_one_line(here, capsys, options, words):
@@ -109,8 +114,10 @@ def test_what_cannot_be_used_is_said_in_one_line(here, capsys, options, words):
 
 
 def test_options_of_a_result_want_one(here, capsys):
-    assert run("excite", "--robot", "kr5", "--about", "Fc2") == 2
-    assert "--for" in capsys.readouterr().err
+    for option in (("--about", "Fc2"), ("--criterion", "D"), ("--floor", "none")):
+        assert run("excite", "--robot", "kr5", *option) == 2
+        assert option[0] in (said := capsys.readouterr().err)
+        assert "--for" in said
     assert run("excite") == 2
     assert "--robot" in capsys.readouterr().err
 

@@ -110,10 +110,19 @@ def test_a_payload_that_no_log_has_shown_is_the_last_link_s(known):
 def test_payloads_that_logs_carried_are_theirs_alone():
     terms = ("rigid_body", CarriedPayload(label=("tool",)), "viscous_friction", CarriedPayload(label=("box",)))
     known = open_known(n=2, terms=terms)
-    goal = goal_of(known, ["payload"])
+    goal = goal_of(known, ["payload"], "tool")
     assert goal.never == ()
     assert not {"Fv1", "Fv2"} & set(goal.names)
-    assert len(goal.names) == 20
+    assert len(goal.names) == 10
+    of_tool = known.model.places[1]
+    names = [parameter.name for parameter in known.model.parameters[of_tool]]
+    assert [name.split(".")[0] for name in goal.names] == [name.split(".")[0] for name in names], goal.names
+
+
+def test_a_payload_that_the_motion_does_not_carry_is_told_by_none_of_it():
+    known = open_known(n=2, terms=("rigid_body", CarriedPayload(label=("tool",))))
+    with pytest.raises(InputError, match="as tool"):
+        goal_of(known, ["payload"])
 
 
 def test_signs_are_the_efforts_of_random_motions(known):

@@ -13,6 +13,7 @@ from bayesid.identification.pipeline import identify
 from bayesid.log.log import join_logs
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.robot import robot_from_table
+from bayesid.model.terms.payload import CarriedPayload
 from bayesid.model.terms.stribeck_friction import StribeckFriction
 from bayesid.simulation.logs import simulate
 
@@ -25,7 +26,7 @@ RUN = RunSettings(duration=5.0, rate=50.0, limits=replace(LIMITS, jerk=(150.0, 9
 class Table:
     """The second joint must stay below a height."""
 
-    source, margin = "a table", 0.05
+    source, margin, not_watched = "a table", 0.05, ("hand and table (held)",)
 
     def __init__(self, height):
         self.height = height
@@ -35,6 +36,9 @@ class Table:
 
     def distance(self, q):
         return self.height - q[:, 1]
+
+    def nearest(self, q):
+        return float(self.height - q[1]), ("arm", "table")
 
 
 def log_of(truth, motion, seed):
@@ -239,6 +243,25 @@ def test_equivalent_effects_make_a_class_of_which_the_found_one_is_the_first():
     assert equivalent_classes(found) == (want,)
 
 
+def test_a_payload_is_learned_of_where_the_flange_carries_it():
+    carrying = open_result(terms=(*TERMS, CarriedPayload(label=("tool",))))
+    run = replace(RUN, effort_limits=(150.0, 80.0, 30.0))
+    empty = design_next(carrying, ["Fc2"], run=run, **QUICK)
+    loaded = design_next(carrying, ["payload"], run=replace(run, payload="tool"), **QUICK)
+    places = [loaded.predicted.names.index(name) for name in loaded.goal.names]
+    assert len(places) == 10
+    before, without, after = loaded.predicted.sd_now[places], empty.predicted.sd[places], loaded.predicted.sd[places]
+    np.testing.assert_allclose(without, before, rtol=1e-6)
+    assert np.sum(after < 0.5 * before) >= 5
+    assert set(loaded.motion.payload) == {"tool"}
+    assert np.any(loaded.of_random.sd[places] < 0.9 * before)  # the random one carries it too
+    mean, _ = loaded.effort_band
+    np.testing.assert_allclose(mean, carrying.model.effort(loaded.motion, carrying.theta), atol=1e-8)
+    bare = replace(loaded.motion, payload=np.array(""))
+    assert np.abs(mean - carrying.model.effort(bare, carrying.theta)).max() > 1.0
+    assert any("tool on the flange" in sentence for sentence in loaded.checked)
+
+
 # ---------------------------------------------------------------------------------------------------------------
 # What is said
 # ---------------------------------------------------------------------------------------------------------------
@@ -248,7 +271,7 @@ def test_equivalent_effects_make_a_class_of_which_the_found_one_is_the_first():
         ({}, None, ("efforts: no limits are known", "jerks", "collisions")),
         ({"effort": EFFORT}, None, ("jerks", "collisions")),
         ({"effort": (60.0, np.inf, 1.6), "jerk": 150.0}, None, ("efforts of joints 2:", "collisions")),
-        ({"effort": 70.0, "jerk": 150.0}, Table(1.7), ()),
+        ({"effort": 70.0, "jerk": 150.0}, Table(1.7), ("distances of hand and table (held)",)),
     ],
 )
 def test_what_was_not_checked_is_said(result, limits, clearance, words):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 
 from bayesid.cli.next_motion import design_for_result
 from bayesid.cli.options import beliefs, read, reading_options, robot_of, term_names
@@ -18,8 +19,16 @@ from bayesid.progress import Progress
 from bayesid.report.excitation_text import design_text, judgement_text
 from bayesid.results.designs import DESIGN_FILES, DESIGN_MARKER, save_design
 
-_FOR_RESULT = ("about", "between", "start", "effort_limits", "capsules", "tool")
+_FOR_RESULT = (
+    *("--about", "--between", "--criterion", "--start", "--payload", "--effort-limits"),
+    *("--capsules", "--tool", "--floor", "--margin", "--meshes", "--changes"),
+)
 """Options that mean nothing without `--for`."""
+_FOR_ROBOT = (
+    *("--terms", "--harmonics", "--periods", "--noise", "--nominal", "--cutoff", "--seed"),
+    *("--gains", "--unsigned", "--degrees", "--no-degrees", "--columns", "--topic", "--joints"),
+)
+"""Options that mean nothing with it: the result has its own terms, noise and parameters."""
 
 
 def run(options: argparse.Namespace) -> None:
@@ -27,11 +36,10 @@ def run(options: argparse.Namespace) -> None:
     if options.result is not None:
         if options.log is not None:
             raise InputError("asks for a judgement and for a design", "--log", "leave it or --for out")
+        _refuse(options, _FOR_ROBOT, "means nothing for a result, which has its own", "leave it or --for out")
         show_unless_quiet(design_for_result(options), options)
         return
-    for name in _FOR_RESULT:
-        if getattr(options, name) is not None:
-            raise InputError("is for the motion after a result", f"--{name.replace('_', '-')}", "give --for RESULT_DIR")
+    _refuse(options, _FOR_RESULT, "is for the motion after a result", "give --for RESULT_DIR")
     if options.robot is None:
         raise InputError("no robot and no result", "excite", "give --robot R, or --for RESULT_DIR")
     robot = robot_of(options)
@@ -40,6 +48,13 @@ def run(options: argparse.Namespace) -> None:
     with StageBars(options.quiet) as bars:
         text = _design(robot, options, bars) if options.log is None else _judge(robot, options, bars)
     show_unless_quiet(text, options)
+
+
+def _refuse(options: argparse.Namespace, names: Sequence[str], said: str, remedy: str) -> None:
+    """Raises InputError if one of some options was given."""
+    for name in names:
+        if name in options.given:
+            raise InputError(said, name, remedy)
 
 
 def show_unless_quiet(text: str, options: argparse.Namespace) -> None:

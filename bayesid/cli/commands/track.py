@@ -168,7 +168,7 @@ def _alarm_parts(result: StreamResult, options: argparse.Namespace, last: float)
             lines.append(named_line(alarm, named[k].status.replace("_", " "), effects))
         elif alarm.kind != CONTACT:
             lines.append(change_line(alarm, str(options.result), str(options.log), last))
-    return lines
+    return list(dict.fromkeys(lines))  # of two alarms from one instant on the same is to be done
 
 
 # ---------------------------------------------------------------------------------------------------------------

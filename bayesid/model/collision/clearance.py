@@ -54,6 +54,24 @@ class CollisionModel:
     _slides: Mask = field(repr=False)
     _rates: dict[bytes, Array] = field(init=False, repr=False, default_factory=dict)
 
+    @property
+    def not_watched(self) -> tuple[str, ...]:
+        """Pairs whose distances do not count, and why, in sentences.
+
+        Example:
+            >>> shapes = bayesid.collision_model(robot, motion.q[::20], bayesid.Capsules(0.03), floor=None)
+            >>> shapes.not_watched
+            ()
+        """
+        near = f"nearer than {self.margin:g} m"
+        reasons = (
+            (self.left_out, f"{near} where the robot has been: their shapes are wider than the links"),
+            (self.inseparable, f"parts that are {near} in every pose"),
+        )
+        return tuple(
+            f"{', '.join(' and '.join(pair) for pair in pairs)} ({reason})" for pairs, reason in reasons if pairs
+        )
+
     def distance(self, q: Array) -> Array:
         """(N,) the least distance of all pairs, m; below zero where they overlap.
 
