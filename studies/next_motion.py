@@ -147,8 +147,11 @@ def trial(scenario: Scenario, seed: int) -> Row:
     return {**dict.fromkeys(_COLUMNS), **row}
 
 
-def _truth(name: str, seed: int, noise: float, *, limited: bool = True) -> _Truth:
-    robot = random_arm(seed) if name == ARM else make_robot(name)
+def _robot(name: str, seed: int) -> Robot:
+    return random_arm(seed) if name == ARM else make_robot(name)
+
+
+def _truth(robot: Robot, seed: int, noise: float, *, limited: bool = True) -> _Truth:
     usual = _random(robot.n_joints, _DURATION, seed)
     model = Model(robot, make_terms(STANDARD, robot, usual))
     theta = random_parameters(model, np.random.default_rng(seed))
@@ -186,10 +189,11 @@ def _random(n: int, duration: float, seed: int, still: int | None = None, most: 
 # Coefficients
 # ---------------------------------------------------------------------------------------------------------------
 def _of_coefficients(scenario: Scenario, seed: int) -> Row:
-    truth = _truth(scenario.robot, seed, _SENSOR, limited=scenario.limited)
-    n = truth.model.robot.n_joints
+    robot = _robot(scenario.robot, seed)
+    n = robot.n_joints
     still = int(np.random.default_rng([seed, 1]).integers(1, n - 1))
     first = _random(n, _DURATION, seed, still)
+    truth = _truth(robot, seed, _SENSOR, limited=scenario.limited)
     log = truth.log(first, seed)
     now = _identified(truth, log, seed)
     run = RunSettings(duration=_DURATION, rate=_RATE, limits=truth.limits)
@@ -229,7 +233,7 @@ def _identified(truth: _Truth, log: Log, seed: int) -> Identification:
     return identify(
         truth.model.robot,
         log,
-        STANDARD,
+        truth.model.terms,
         complete="only-uncertainty",
         search=Certified(budget=_BUDGET, repeatable=True),
         posterior=Sampling(seed=seed, repeatable=True),
@@ -300,7 +304,7 @@ def kept_limits(truth: _Truth, design: NextMotion) -> Row:
 # Hypotheses
 # ---------------------------------------------------------------------------------------------------------------
 def _of_hypotheses(scenario: Scenario, seed: int) -> Row:
-    healthy = _truth(scenario.robot, seed, _FINER)
+    healthy = _truth(_robot(scenario.robot, seed), seed, _FINER)
     learned = _random(healthy.model.robot.n_joints, _LEARNED, seed)
     search = Certified(budget=_BUDGET, repeatable=True)
     known = identify(

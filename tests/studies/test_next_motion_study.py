@@ -63,7 +63,7 @@ def test_a_random_arm_is_of_seven_joints_and_its_seed():
 
 
 def test_a_limit_that_is_broken_between_samples_is_seen():
-    truth = next_motion._truth("kr5", 1, 0.05)
+    truth = next_motion._truth(next_motion._robot("kr5", 1), 1, 0.05)
     basis = SplineBasis(2.0)
     control = np.zeros((len(basis), 6))
     control[4:-4, 2] = 0.2
