@@ -304,7 +304,7 @@ def kept_limits(truth: _Truth, design: NextMotion) -> Row:
 # Hypotheses
 # ---------------------------------------------------------------------------------------------------------------
 def _of_hypotheses(scenario: Scenario, seed: int) -> Row:
-    healthy = _truth(_robot(scenario.robot, seed), seed, _FINER)
+    healthy = _truth(_robot(scenario.robot, seed), seed, _FINER, limited=scenario.limited)
     learned = _random(healthy.model.robot.n_joints, _LEARNED, seed)
     search = Certified(budget=_BUDGET, repeatable=True)
     known = identify(
