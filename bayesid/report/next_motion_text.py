@@ -61,7 +61,10 @@ def _of_rivals(predicted: PredictedKnowledge, random: PredictedKnowledge) -> lis
         told = "yes" if value >= TELLING else "no"
         rows.append([*pair, f"{value:.3g}", told, f"{random.log10_bayes_factors[pair]:.3g}"])
     heading = ["if true", "against", "log10 Bayes factor", "told apart", "random motion"]
-    return [table(heading, rows), "expected, and of the form that imitates best; told apart from 2 on"]
+    return [
+        table(heading, rows),
+        "expected with the noise as it is known, of the form that imitates best; told apart from 2 on",
+    ]
 
 
 def _joints(design: NextMotion) -> list[list[str]]:
