@@ -569,6 +569,8 @@ def _unchecked(run: RunSettings, *, assumed: bool) -> tuple[str, ...]:
         said.append(f"collisions: {why} (--capsules R, or --robot with a URDF that has collision shapes)")
     else:
         said += [f"distances of {sentence}" for sentence in run.clearance.not_watched]
+        if run.payload:
+            said.append(f"distances of {run.payload}: no shape of it is known (--tool may reach around it)")
     return tuple(said)
 
 

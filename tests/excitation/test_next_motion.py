@@ -260,6 +260,8 @@ def test_a_payload_is_learned_of_where_the_flange_carries_it():
     bare = replace(loaded.motion, payload=np.array(""))
     assert np.abs(mean - carrying.model.effort(bare, carrying.theta)).max() > 1.0
     assert any("tool on the flange" in sentence for sentence in loaded.checked)
+    near = design_next(carrying, ["payload"], run=replace(run, payload="tool", clearance=Table(1.7)), changes=2)
+    assert any(sentence.startswith("distances of tool:") for sentence in near.unchecked)
 
 
 # ---------------------------------------------------------------------------------------------------------------
