@@ -27,7 +27,7 @@ from bayesid.excitation.known import inverse
 
 
 @dataclass(frozen=True)
-class Case:
+class FormKnowledge:
     """What one form of a hypothesis holds for true.
 
     Attributes:
@@ -59,7 +59,7 @@ class BayesFactors:
             covariance.
     """
 
-    def __init__(self, r: int, pairs: Sequence[tuple[Case, Sequence[Case]]]) -> None:
+    def __init__(self, r: int, pairs: Sequence[tuple[FormKnowledge, Sequence[FormKnowledge]]]) -> None:
         self._r = r
         self._truths = list({id(true): true for true, _ in pairs}.values())
         place = {id(true): k for k, true in enumerate(self._truths)}

@@ -15,7 +15,7 @@ import numpy as np
 
 from bayesid.arrays import Array, Integers
 from bayesid.errors import InputError
-from bayesid.excitation.bayes_factors import BayesFactors, Case
+from bayesid.excitation.bayes_factors import BayesFactors, FormKnowledge
 from bayesid.excitation.known import Known, information_of, inverse
 from bayesid.fit.effects.explanation import LN10
 from bayesid.fit.effects.hypotheses import EffectKey, forms_of, maker
@@ -150,7 +150,7 @@ class RivalEffects:
         )
 
     @cached_property
-    def _truth(self) -> dict[str, tuple[Case, RivalForm]]:
+    def _truth(self) -> dict[str, tuple[FormKnowledge, RivalForm]]:
         """What is true where each of the hypotheses is, and in which form."""
         found = next((rival for rival in self.rivals if rival.own is not None), None)
         cases = {}
@@ -167,11 +167,11 @@ class RivalEffects:
                 cases[rival.name] = max(mimics, key=lambda mimic: mimic[0].fit)
         return cases
 
-    def _mimic(self, form: RivalForm, found: Rival) -> Case:
+    def _mimic(self, form: RivalForm, found: Rival) -> FormKnowledge:
         return self._after(form, np.concatenate([self.known.mean, np.asarray(found.own)]), found.forms[0])
 
     @cached_property
-    def _under(self) -> dict[tuple[int, str], Case]:
+    def _under(self) -> dict[tuple[int, str], FormKnowledge]:
         """What each form of a hypothesis holds for true after the earlier recording, where another one is true."""
         cases = {}
         for true, other in self.pairs:
@@ -185,7 +185,7 @@ class RivalEffects:
         truths = [self._truth[one.name] for one in self.rivals if one is not rival]
         return max(self._after(form, case.mean, of).fit for case, of in truths)
 
-    def _after(self, form: RivalForm, truth: Array, of: RivalForm) -> Case:
+    def _after(self, form: RivalForm, truth: Array, of: RivalForm) -> FormKnowledge:
         """A form after the earlier recording, in which another form was true with quantities (R,)."""
         r = len(self.known)
         own, true = (np.concatenate([np.arange(r), one.columns]) for one in (form, of))
@@ -197,7 +197,7 @@ class RivalEffects:
         precision = before + seen
         estimate = inverse(precision) @ pull
         fit = float(pull @ estimate - mean @ before @ mean)
-        return Case(own, estimate, precision, fit)
+        return FormKnowledge(own, estimate, precision, fit)
 
 
 def make_rivals(

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from bayesid.excitation.bayes_factors import BayesFactors, Case
+from bayesid.excitation.bayes_factors import BayesFactors, FormKnowledge
 
 R, EXTRA = 5, (2, 1, 3, 2)
 """Coefficients, and own columns of four cases."""
@@ -26,7 +26,7 @@ def cases(rng):
     for start, end in pairwise(ends.tolist()):
         columns = np.concatenate([np.arange(R), np.arange(start, end)])
         own = every[np.ix_(columns, columns)]
-        made.append(Case(columns, rng.standard_normal(len(columns)) / np.sqrt(np.diag(own)), own))
+        made.append(FormKnowledge(columns, rng.standard_normal(len(columns)) / np.sqrt(np.diag(own)), own))
     return made
 
 
