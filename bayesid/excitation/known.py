@@ -13,7 +13,7 @@ by the first, for no motion changes what a model lacks.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -72,6 +72,15 @@ class Known:
     def memory(self) -> bool:
         """Whether a row of the model depends on other instants too."""
         return any(effect.memory for effect in self.model.effects)
+
+    @property
+    def undelayed(self) -> Known:
+        """The same of efforts at the instants of the motion, not some time later, when they are logged.
+
+        That matters neither to what a motion from rest to rest tells nor to its limits, and with a delay every instant
+        depends on all others.
+        """
+        return replace(self, model=self.model.undelayed)
 
     def columns(self, motion: Motion) -> Array:
         """(N, n, R) N m per unit of each quantity: of readings that are made efforts by the gains as they are."""

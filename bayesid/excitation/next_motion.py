@@ -301,7 +301,8 @@ def design_next(
     identified, recorded, hypotheses = _taken(result, recorded, between, about)
     changes = (TELLING_CHANGES if hypotheses.classes else CHANGES) if changes is None else changes
     _check_search(criterion, changes)
-    known = known_of(identified, run.rate)
+    delayed = known_of(identified, run.rate)  # a delay may be among the hypotheses
+    known = delayed.undelayed
     _check_payload(known, run.payload)
     assumed, run = run.limits is None, _settled(run, known, recorded)
     assert run.limits is not None
@@ -309,7 +310,7 @@ def design_next(
     basis, pose = SplineBasis(run.duration), np.array(run.start)
     _check_start(feasibility, at_rest(basis, pose, run.payload))
     reference = _usual(known, run)
-    rivals = tuple(make_rivals(known, keys, recorded, reference, hypotheses.changed) for keys in hypotheses.classes)
+    rivals = tuple(make_rivals(delayed, keys, recorded, reference, hypotheses.changed) for keys in hypotheses.classes)
     goal = None if rivals else goal_of(known, about, run.payload)
     design = _of_rivals(rivals) if goal is None else _of_goal(known, goal, run, criterion)
     search = MotionSearch(design, feasibility, basis, pose, run.payload)
@@ -466,7 +467,7 @@ def _check_start(feasibility: Feasibility, still: SplineTrajectory) -> None:
         if not lower <= at <= upper:
             said = f"joint {j} starts at {at:.4g}, its limits are {lower:.4g} to {upper:.4g}"
             raise InputError(said, "--start", "give a pose within --limits, or limits that hold the log's first pose")
-    mean, sd = feasibility.effort_band(still.motion(np.zeros(3)))
+    mean, sd = feasibility.effort_band(still.motion(np.linspace(0.0, still.duration, 3)))
     for j, (value, spread, limit) in enumerate(zip(mean[0], sd[0], feasibility.effort, strict=True), start=1):
         if abs(value) + BAND * spread > limit:
             needed = f"{value:.3g} +- {BAND * spread:.3g} N m"

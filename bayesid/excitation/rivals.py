@@ -219,7 +219,7 @@ def make_rivals(
         raise InputError("takes two different hypotheses", "--between", "as in stribeck_friction:3,thermal_drift:3")
     bare, found = _without(known, [key for key in keys if key not in changed])
     prior = None if earlier is None else _before(known, bare, earlier)
-    bare, steps = _as_before(bare, {key: changed[key] for key in keys if key in changed})
+    bare, steps = _as_before(bare.undelayed, {key: changed[key] for key in keys if key in changed})
     scene_motion = reference if earlier is None else earlier
     effort = np.einsum("njr,r->nj", bare.columns(scene_motion), bare.mean)
     scene = bare.model.scene(scene_motion, bare.theta, effort, np.abs(effort))

@@ -142,6 +142,8 @@ class Effect:
     """Whether it is but a finer form of a standard term: completes a model, but is nothing that could be missing."""
     of_sensor: ClassVar[bool] = False
     """Whether it changes what is read of the efforts, not what makes them."""
+    of_clock: ClassVar[bool] = False
+    """Whether it changes only when they are read."""
     of_table: ClassVar[bool] = False
     """Whether it is an error of the robot's table, which one of another row may look like."""
     shape_units: ClassVar[Mapping[str, str]] = {}

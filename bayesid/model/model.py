@@ -121,6 +121,17 @@ class Model:
         return replace(self, distortions=tuple(d for d in self.distortions if not d.of_sensor))
 
     @property
+    def undelayed(self) -> Model:
+        """The model of the efforts at the instants of the motion, not some time later, when they are logged.
+
+        Example:
+            >>> from bayesid.model.distortions.delay import Delay
+            >>> model.extend(Delay(lag=(0.01,))).undelayed.lag
+            0.0
+        """
+        return replace(self, distortions=tuple(d for d in self.distortions if not d.of_clock))
+
+    @property
     def lag(self) -> float:
         """By how much the efforts of all joints lag behind the motion, s.
 

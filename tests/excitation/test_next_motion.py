@@ -12,6 +12,7 @@ from bayesid.excitation.next_motion import NextMotion, RunSettings, design_next,
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import join_logs
 from bayesid.model.coefficients import base_coefficients
+from bayesid.model.distortions.delay import Delay
 from bayesid.model.robot import robot_from_table
 from bayesid.model.terms.payload import CarriedPayload
 from bayesid.model.terms.stribeck_friction import StribeckFriction
@@ -68,6 +69,25 @@ def design(result):
 # ---------------------------------------------------------------------------------------------------------------
 # The motion
 # ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("joints", [(), (2,)])
+def test_when_efforts_are_logged_is_of_no_account(truth, joints):
+    """A real robot's model has a delay as a rule: the same motion, limits and predictions as without it."""
+    delayed = replace(truth, model=truth.model.extend(Delay(joints=joints, lag=(0.012,))))
+    with_delay, without = (design_next(one, run=RUN, changes=30) for one in (delayed, truth))
+    np.testing.assert_array_equal(with_delay.trajectory.control, without.trajectory.control)
+    np.testing.assert_allclose(with_delay.largest_effort, without.largest_effort, rtol=1e-9)
+    np.testing.assert_allclose(with_delay.predicted.sd, without.predicted.sd, rtol=1e-9)
+    assert with_delay.known.model.parameters == without.known.model.parameters
+
+
+def test_a_delay_is_told_from_friction(truth):
+    """As a hypothesis it stays, and so do the motions that show it: the faster, the better."""
+    delayed = replace(truth, model=truth.model.extend(Delay(lag=(0.012,))))
+    told = design_next(delayed, between=("delay:", "stribeck_friction:2"), run=RUN, changes=10)
+    factors = told.predicted.log10_bayes_factors
+    assert factors["delay", "stribeck_friction:2"] > 0.0
+
+
 def test_the_motion_keeps_all_limits_at_every_millisecond_with_the_true_parameters(truth, design):
     t = np.linspace(0.0, 5.0, 5001)
     motion, limits = design.trajectory.motion(t), design.run.limits

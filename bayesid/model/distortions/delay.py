@@ -38,6 +38,7 @@ class Delay(Distortion):
     variable: ClassVar[str] = "time"
     shown_by: ClassVar[str] = "fast changes of acceleration"
     of_effort: ClassVar[bool] = True
+    of_clock: ClassVar[bool] = True
     phrase: ClassVar[Phrase] = Phrase(
         "{whose} efforts lag {lag} behind the motion.",
         "a delay",
