@@ -69,7 +69,7 @@ def near_names(name: str, known: Iterable[str]) -> str:
         >>> near_names("Fc7", ["Fc1", "Fc2", "Fv1", "Ia3"])
         'did you mean Fc2 or Fc1?'
     """
-    near = get_close_matches(name, list(known), n=3, cutoff=_NEAR)
+    near = get_close_matches(name, list(dict.fromkeys(known)), n=3, cutoff=_NEAR)
     likeness = [SequenceMatcher(None, one, name).ratio() for one in near]
     meant = [one for one, share in zip(near, likeness, strict=True) if share == likeness[0]]
     return f"did you mean {' or '.join(meant)}?" if meant else ""

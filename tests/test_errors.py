@@ -8,7 +8,7 @@ from conftest import small_robot, smooth_motion
 
 import bayesid
 from bayesid.cli.parser import make_parser
-from bayesid.errors import PYTHON_NAMES, InputError, in_python
+from bayesid.errors import PYTHON_NAMES, InputError, in_python, near_names
 from bayesid.log.log import Log, write_log
 
 
@@ -76,3 +76,7 @@ def test_numbers_in_place_of_lists_are_refused(log, tmp_path):
     assert refusal(bayesid.read_log, tmp_path / "log.csv", gains=14.0).startswith("gains: 14.0 is no list")
     assert refusal(bayesid.read_log, tmp_path / "log.csv", joints=7).startswith("joints: 7 is no list")
     assert "joints=[7]" in refusal(bayesid.plot.style.each_joint, 7, 7, None, 1.0)
+
+
+def test_a_name_is_suggested_once():
+    assert near_names("Fc9", ["Fc6", "Fc6", "Ia3"]) == "did you mean Fc6?"

@@ -150,9 +150,25 @@ def _clearance(options: argparse.Namespace, robot: Robot, poses: Array) -> Colli
     capsules = None
     if radii is not None:
         capsules = Capsules(radii[0] if len(radii) == 1 else radii, (0.0, 0.0, 0.0) if tool is None else tool)
-    floor = None if options.floor == "none" else _numbers(options.floor, "--floor")
-    height = None if floor is None else floor[0]
-    return collision_model(robot, poses, capsules, height, options.margin, options.meshes)
+    if radii is None and (robot.origin is None or robot.origin.urdf is None):
+        for name in ("--floor", "--margin", "--meshes"):
+            if name in options.given:
+                remedy = "give --capsules R, or --robot with a URDF that has collision shapes"
+                raise InputError("means nothing where the shapes of the links are not known", name, remedy)
+    return collision_model(robot, poses, capsules, _height(options.floor), options.margin, options.meshes)
+
+
+def _height(text: str) -> float | None:
+    """Of the floor, m."""
+    if text == "none":
+        return None
+    try:
+        height = float(text)
+    except ValueError:
+        height = np.nan
+    if not np.isfinite(height):
+        raise InputError(f"{text!r:.60} is no height", "--floor", "give m over the base's origin, or none")
+    return height
 
 
 def _poses(options: argparse.Namespace, robot: Robot, recorded: Motion | None) -> Array:

@@ -487,7 +487,7 @@ def _add_excite(commands: _Commands) -> None:
         "a motion to record, for a robot or for what a result leaves open; or what a log's motion leaves undecided"
     )
     examples = [
-        "bayesid excite --for result --effort-limits 330,330,150,56,56,56 --capsules 0.06 --out next",
+        "bayesid excite --for result --effort-limits 330,330,150,56,56,56 --capsules 0.06 --floor=-0.8 --out next",
         "bayesid excite --for result --about Fc3,gains --out next",
         "bayesid excite --for found --between stribeck_friction:3,thermal_drift:3 --out next",
         "bayesid excite --robot ur10e --out motion",

@@ -42,6 +42,8 @@ from bayesid.simulation.trajectories import MotionLimits
 CHANGES, TELLING_CHANGES = 2500, 1000
 """That either of two searches tries by default: for coefficients, and for hypotheses, of which a change costs more.
 1500 in place of 400 told 137 pairs of 240 rather than 136, and 272 of 470 rather than 261, in two open logs."""
+_SAID = 8
+"""Numbers that a message repeats; a round number."""
 _SEARCHES = 2
 """From different random motions, the better of which counts: one a processor of a small machine."""
 _MOST_RECORDED = 4000
@@ -107,6 +109,9 @@ class RunSettings:
         ):
             if not least <= value <= most:
                 raise InputError(f"{value:g} {unit} cannot be used", name, f"give {least:g} to {most:g} {unit}")
+        if self.clearance is not None and not self.clearance.margin >= 0.0:
+            said = f"{self.clearance.margin:g} m would let the robot touch itself"
+            raise InputError(said, "--margin", "give a distance of 0 m or more")
 
 
 @dataclass(frozen=True)
@@ -346,7 +351,7 @@ def _check_search(criterion: str, changes: int) -> None:
 def _check_payload(known: Known, payload: str) -> None:
     if payload and payload not in known.model.payloads:
         labels = ", ".join(known.model.payloads) or "none"
-        raise InputError(f"the result knows no {payload!r:.60}", "payload", f"give one that it knows: {labels}")
+        raise InputError(f"the result knows no {payload!r:.60}", "--payload", f"give one that it knows: {labels}")
 
 
 def _taken(
@@ -367,6 +372,8 @@ def _taken(
     if isinstance(result, Identification):
         recorded = result.signals.motion if recorded is None else recorded
         result = _with_lacking(result)
+    if not isinstance(result, IdentifiedModel):
+        raise InputError(f"{result!r:.60} is no result", "design_next", "give what identify or load_model returned")
     if recorded is not None and len(recorded) > _MOST_RECORDED:
         recorded = recorded[:: -(-len(recorded) // _MOST_RECORDED)]
     return result, recorded, named
@@ -444,10 +451,11 @@ def _settled(run: RunSettings, known: Known, recorded: Motion | None) -> RunSett
         upper = np.maximum(limits.upper, recorded.q.max(axis=0)).tolist()
         limits = replace(limits, lower=tuple(lower), upper=tuple(upper))
     if run.effort_limits is not None:
-        try:
-            limits = check_limits(replace(limits, effort=run.effort_limits), robot)
-        except ValueError as error:
-            raise InputError(str(error), "--effort-limits", "give one positive number a joint, N m") from None
+        efforts = np.asarray(run.effort_limits, dtype=float)
+        if efforts.shape not in ((1,), (robot.n_joints,)) or not (efforts > 0.0).all():
+            said = f"{', '.join(f'{value:g}' for value in efforts.ravel()[:_SAID])} for {robot.n_joints} joints"
+            raise InputError(said, "--effort-limits", "give a positive number for each joint, or one for all, N m")
+        limits = check_limits(replace(limits, effort=run.effort_limits), robot)
     if run.start is not None:
         start = np.array(run.start, dtype=float)
     elif recorded is not None:
@@ -466,7 +474,7 @@ def _check_start(feasibility: Feasibility, still: SplineTrajectory) -> None:
     for j, (at, lower, upper) in enumerate(zip(pose, feasibility.lower, feasibility.upper, strict=True), start=1):
         if not lower <= at <= upper:
             said = f"joint {j} starts at {at:.4g}, its limits are {lower:.4g} to {upper:.4g}"
-            raise InputError(said, "--start", "give a pose within --limits, or limits that hold the log's first pose")
+            raise InputError(said, "--start", "give a pose within the limits, or --limits that hold it")
     mean, sd = feasibility.effort_band(still.motion(np.linspace(0.0, still.duration, 3)))
     for j, (value, spread, limit) in enumerate(zip(mean[0], sd[0], feasibility.effort, strict=True), start=1):
         if abs(value) + BAND * spread > limit:

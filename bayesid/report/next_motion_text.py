@@ -47,11 +47,9 @@ def _of_goal(design: NextMotion) -> list[str]:
         lines.append(f"aimed at {len(design.goal.names)} sums of them; those of which most is learned on the way:")
         chosen = list(range(len(after.names)))
     most = sorted(chosen, key=lambda k: after.sd[k] / after.sd_now[k])[:_SHOWN]
-    rows = [
-        [after.names[k], f"{after.mean[k]:.4g}", *(f"{sd[k]:.2g}" for sd in (after.sd_now, after.sd)), after.units[k]]
-        for k in most
-    ]
-    return [*lines, table(["name", "value", "sd now", "sd then", "unit"], rows)]
+    sds = after.sd_now, after.sd, random.sd
+    rows = [[after.names[k], f"{after.mean[k]:.4g}", *(f"{sd[k]:.2g}" for sd in sds), after.units[k]] for k in most]
+    return [*lines, table(["name", "value", "sd now", "sd then", "random motion", "unit"], rows)]
 
 
 def _of_rivals(predicted: PredictedKnowledge, random: PredictedKnowledge) -> list[str]:
@@ -61,10 +59,13 @@ def _of_rivals(predicted: PredictedKnowledge, random: PredictedKnowledge) -> lis
         told = "yes" if value >= TELLING else "no"
         rows.append([*pair, f"{value:.3g}", told, f"{random.log10_bayes_factors[pair]:.3g}"])
     heading = ["if true", "against", "log10 Bayes factor", "told apart", "random motion"]
-    return [
+    lines = [
         table(heading, rows),
-        "expected with the noise as it is known, of the form that imitates best; told apart from 2 on",
+        f"expected with the noise as it is known, of the form that imitates best; told apart from {TELLING:g} on",
     ]
+    if all(value < TELLING for value in predicted.log10_bayes_factors.values()):
+        lines.append("this motion is not expected to tell any apart: a longer one may (--duration), or wider --limits")
+    return lines
 
 
 def _joints(design: NextMotion) -> list[list[str]]:

@@ -396,3 +396,15 @@ def test_a_joint_that_slides_needs_limits():
     base = base_coefficients(sliding.model)
     sliding = replace(sliding, precision=np.eye(len(base)))
     assert_refused(lambda: design_next(sliding, changes=1), "--limits", "joint 2 slides")
+
+
+def test_a_folder_is_no_result():
+    with pytest.raises(InputError, match=r"'result' is no result.*load_model"):
+        design_next("result")
+
+
+def test_a_margin_that_lets_links_overlap_is_refused(monkeypatch):
+    for margin in (-0.01, float("nan")):
+        monkeypatch.setattr(Table, "margin", margin)
+        with pytest.raises(InputError, match=r"^margin: .* would let the robot touch"):
+            RunSettings(clearance=Table(1.0))

@@ -136,6 +136,21 @@ def test_radii_are_checked():
             collision_model(robot, np.zeros(7), Capsules(radii))
 
 
+def test_a_tool_is_checked():
+    robot, _ = arm()
+    for tool in ((0.0, 0.1), (0.0, 0.0, float("inf"))):
+        with pytest.raises(InputError, match=r"^tool: \d numbers"):
+            collision_model(robot, np.zeros(7), Capsules(0.05, tool))
+
+
+def test_capsules_that_tell_nothing_are_refused():
+    """They were asked for: a motion that nobody has checked must not pass for one that was."""
+    robot, rest = load_robot("ur10e"), np.array([0.0, -1.2, 1.5, -1.0, -1.5, 0.0])
+    for radius, margin in ((5.0, 0.01), (0.06, 2.0)):
+        with pytest.raises(InputError, match=rf"all distances are less than {margin:g} m.*narrower"):
+            collision_model(robot, rest, Capsules(radius), floor=None, margin=margin)
+
+
 # ---------------------------------------------------------------------------------------------------------------
 # Which pairs count
 # ---------------------------------------------------------------------------------------------------------------

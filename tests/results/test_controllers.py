@@ -296,5 +296,6 @@ def test_heads_are_comments_in_ascii():
     for program, mark in ((krl_program, ";"), (rsi_table, "#"), (urscript, "#"), (joint_trajectory, "#")):
         text = program(what)
         assert text.isascii()
-        assert max(map(len, [line for line in text.splitlines() if line.startswith(mark)])) < 120
+        comments = [line for line in text.splitlines() if line.startswith(mark) and "ros2 topic pub" not in line]
+        assert max(map(len, comments)) < 120  # but of a command that is to be copied
         assert "END" not in [line.strip() for line in text.splitlines()][:-1]

@@ -56,7 +56,7 @@ class CollisionModel:
 
     @property
     def not_watched(self) -> tuple[str, ...]:
-        """Pairs whose distances do not count, and why, in sentences.
+        """Pairs of which parts do not count, and why, in sentences.
 
         Example:
             >>> shapes = bayesid.collision_model(robot, motion.q[::20], bayesid.Capsules(0.03), floor=None)
@@ -66,11 +66,10 @@ class CollisionModel:
         near = f"nearer than {self.margin:g} m"
         reasons = (
             (self.left_out, f"{near} where the robot has been: their shapes are wider than the links"),
-            (self.inseparable, f"parts that are {near} in every pose"),
+            (self.inseparable, f"{near} in every pose"),
         )
-        return tuple(
-            f"{', '.join(' and '.join(pair) for pair in pairs)} ({reason})" for pairs, reason in reasons if pairs
-        )
+        named = [(", ".join(" and ".join(pair) for pair in pairs), reason) for pairs, reason in reasons if pairs]
+        return tuple(f"parts of {pairs} ({reason})" for pairs, reason in named)
 
     def distance(self, q: Array) -> Array:
         """(N,) the least distance of all pairs, m; below zero where they overlap.

@@ -30,9 +30,11 @@ class NoShapes:
 
     Attributes:
         reason: in a few words.
+        too_near: whether there are links that could meet, but nearer to each other than the margin anyway.
     """
 
     reason: str
+    too_near: bool = False
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,8 @@ def collision_model(
 
     Raises:
         InputError: radii or meshes cannot be used; or a link was below the floor, or nearer to it than the margin,
-            where the robot has been.
+            where the robot has been; or all that could meet is nearer than the margin anyway, so that capsules tell
+            nothing.
 
     Example:
         >>> shapes = bayesid.collision_model(robot, motion.q[::20], bayesid.Capsules(0.03), floor=None)
@@ -90,7 +93,10 @@ def collision_model(
         shapes, source = _from_urdf(robot, folders)
     if not shapes:
         return NoShapes(f"the URDF of robot {robot.name} has no collision shapes")
-    return _Making(robot, shapes, np.atleast_2d(rest), floor, margin).model(source)
+    found = _Making(robot, shapes, np.atleast_2d(rest), floor, margin).model(source)
+    if isinstance(found, NoShapes) and found.too_near and capsules is not None:
+        raise InputError(found.reason, "--capsules", "give narrower ones or a smaller --margin, or leave it out")
+    return found
 
 
 def _capsules(robot: Robot, given: Capsules) -> tuple[list[Shape], str]:
@@ -141,6 +147,9 @@ class _Making:
         self._check_floor(nearest)
         moves: Mask = np.any(self._reach.rates(self._apart, np.ones(self._robot.n_joints)), axis=1)
         kept = [pair for pair, one_moves in zip(self._apart, moves, strict=True) if one_moves and pair not in wide]
+        if not kept and (wide or self._together):
+            near = f"all distances are less than {self._margin:g} m, in every pose or where the robot has been"
+            return NoShapes(near, too_near=True)
         if not kept:
             return NoShapes("the robot has no two links, nor one and the floor, whose distance could tell anything")
         return CollisionModel(

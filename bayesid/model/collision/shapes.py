@@ -59,9 +59,9 @@ def capsules(robot: Robot, radii: float | Sequence[float], tool: Sequence[float]
         tool: (3,) the end of what is mounted, in the last link's frame, m.
 
     Raises:
-        InputError: a radius is not positive, or there is not one for each.
+        InputError: a radius is not positive, or there is not one for each; or the tool's end is no point.
     """
-    widths = _widths(robot, radii)
+    widths, tool = _widths(robot, radii), _point(tool)
     standard = any(not np.array_equal(joint.link_frame, np.eye(4)) for joint in robot.joints)
     found = []
     for body in range(BASE, robot.n_joints):
@@ -86,12 +86,20 @@ def _widths(robot: Robot, radii: float | Sequence[float]) -> list[float]:
     return given
 
 
+def _point(tool: Sequence[float]) -> Array:
+    """(3,) m."""
+    point = np.asarray(tool, dtype=float)
+    if point.shape != (3,) or not np.isfinite(point).all():
+        raise InputError(f"{point.size} numbers", "--tool", "give x,y,z of its end in the last link's frame, m")
+    return point
+
+
 def _rod(joint: Joint) -> Array | None:
     """(2, 3) the line of a joint that slides, which lengthens as it does; None of one that turns."""
     return np.zeros((2, 3)) if joint.prismatic else None
 
 
-def _lines(robot: Robot, body: int, tool: Sequence[float], standard: bool) -> Iterator[Array]:
+def _lines(robot: Robot, body: int, tool: Array, standard: bool) -> Iterator[Array]:
     """Corners of a link's lines, in its joint's frame."""
     here = None if body == BASE else robot.joints[body]
     children = [joint for joint in robot.joints if joint.parent == body]
@@ -106,7 +114,7 @@ def _lines(robot: Robot, body: int, tool: Sequence[float], standard: bool) -> It
             yield np.stack([np.zeros(3), far - along * (along @ far), far])
     if here is not None and not children:
         flange = here.link_frame[:3, 3]
-        end = flange + here.link_frame[:3, :3] @ np.asarray(tool, dtype=float)
+        end = flange + here.link_frame[:3, :3] @ tool
         yield np.stack([np.zeros(3), here.axis * (here.axis @ flange), flange, end])
 
 

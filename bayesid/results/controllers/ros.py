@@ -33,11 +33,11 @@ def joint_trajectory(planned: PlannedMotion) -> str:
         "#",
         f"between its points, which quintics join, it is {points.deviation:.2g} rad (m) from the motion at most",
         f"the first {_LEAD:g} s bring the robot to the start pose from wherever it is: move it near by hand before",
-        "ros2 topic pub --once /joint_trajectory_controller/joint_trajectory trajectory_msgs/msg/JointTrajectory "
-        '"$(cat joint_trajectory.yaml)"',
     )
     lines = [
         *head,
+        "# ros2 topic pub --once /joint_trajectory_controller/joint_trajectory trajectory_msgs/msg/JointTrajectory "
+        '"$(cat joint_trajectory.yaml)"',
         "header: {stamp: {sec: 0, nanosec: 0}, frame_id: ''}",
         f"joint_names: {json.dumps(planned.joint_names)}",
         "points:",
