@@ -42,6 +42,9 @@ from bayesid.simulation.trajectories import MotionLimits
 CHANGES, TELLING_CHANGES = 2500, 1000
 """That either of two searches tries by default: for coefficients, and for hypotheses, of which a change costs more.
 1500 in place of 400 told 137 pairs of 240 rather than 136, and 272 of 470 rather than 261, in two open logs."""
+_WHOLE = 4
+"""Of these changes one in so many is tried where a row depends on the whole motion: each takes three to four times as
+long then (UR10e with hysteresis, 20 s)."""
 _SAID = 8
 """Numbers that a message repeats; a round number."""
 _SEARCHES = 2
@@ -304,7 +307,6 @@ def design_next(
     """
     began = time.perf_counter()
     identified, recorded, hypotheses = _taken(result, recorded, between, about)
-    changes = (TELLING_CHANGES if hypotheses.classes else CHANGES) if changes is None else changes
     _check_search(criterion, changes)
     delayed = known_of(identified, run.rate)  # a delay may be among the hypotheses
     known = delayed.undelayed
@@ -319,7 +321,7 @@ def design_next(
     goal = None if rivals else goal_of(known, about, run.payload)
     design = _of_rivals(rivals) if goal is None else _of_goal(known, goal, run, criterion)
     search = MotionSearch(design, feasibility, basis, pose, run.payload)
-    trajectory = _found(search, changes, progress)
+    trajectory = _found(search, _usual_changes(design, goal) if changes is None else changes, progress)
     motion = trajectory.motion(_instants(run))
     told = partial(_prediction, known, goal, rivals)
     never = ((_SUPPOSED,) if known.supposed else ()) + (() if goal is None else goal.never)
@@ -341,10 +343,16 @@ def design_next(
     )
 
 
-def _check_search(criterion: str, changes: int) -> None:
+def _usual_changes(design: Design, goal: Goal | None) -> int:
+    """As many as take some half a minute."""
+    usual = TELLING_CHANGES if goal is None else CHANGES
+    return usual // _WHOLE if design.whole else usual
+
+
+def _check_search(criterion: str, changes: int | None) -> None:
     if criterion not in CRITERIA:
         raise InputError(f"{criterion!r} cannot be used", "--criterion", f"give {' or '.join(CRITERIA)}")
-    if changes < 1:
+    if changes is not None and changes < 1:
         raise InputError(f"{changes} changes cannot be tried", "--changes", f"give 1 or more, as {CHANGES}")
 
 
