@@ -1,6 +1,7 @@
 """Results that leave much open, made by hand: no log is identified, and all is known of them."""
 
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 from conftest import small_robot, smooth_motion
@@ -11,6 +12,7 @@ from bayesid.identification.identified_model import IdentifiedModel, ParameterDr
 from bayesid.model.catalogue import make_terms
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
+from bayesid.simulation.logs import SimulatedEffect, with_effects
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import MotionLimits
 
@@ -26,16 +28,24 @@ LIMITS = MotionLimits(
 )
 
 
+NONE = MappingProxyType({})
+
+
 def earlier_motion(n=3, seed=6):
     """4 s at 50 Hz: what the result's log was of."""
     return smooth_motion(n, 4.0, 50.0, seed=seed)
 
 
-def open_result(n=3, terms=TERMS, seed=2, share=0.02):
-    """A model whose coefficients have a loose prior, and a short log on top that counts for a small share of itself."""
+def open_result(n=3, terms=TERMS, seed=2, share=0.02, effects=NONE):
+    """A model whose coefficients have a loose prior, and a short log on top that counts for a small share of itself.
+
+    The model may have more effects, of some levels, in the second joint or in the whole robot.
+    """
     robot, motion = small_robot(n, seed=seed), earlier_motion(n)
     model = Model(robot, make_terms(terms, robot, motion))
     theta = random_parameters(model, np.random.default_rng(seed))
+    added = [SimulatedEffect(name, 2, level) for name, level in effects.items()]
+    model, theta = with_effects(model, theta, motion, added, seed)
     base = base_coefficients(model.before_sensors)
     noise = Noise(*(values[:n] for values in vars(NOISE).values()))
     rows = (model.columns(motion)[:, :, base.kept] / noise.sigma[:, None]).reshape(-1, len(base))

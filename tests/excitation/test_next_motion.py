@@ -11,6 +11,7 @@ from bayesid.excitation.feasible import BAND
 from bayesid.excitation.next_motion import NextMotion, RunSettings, design_next, equivalent_classes, slowed
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import join_logs
+from bayesid.model.catalogue import effect_names
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.distortions.delay import Delay
 from bayesid.model.robot import robot_from_table
@@ -78,6 +79,17 @@ def test_when_efforts_are_logged_is_of_no_account(truth, joints):
     np.testing.assert_allclose(with_delay.largest_effort, without.largest_effort, rtol=1e-9)
     np.testing.assert_allclose(with_delay.predicted.sd, without.predicted.sd, rtol=1e-9)
     assert with_delay.known.model.parameters == without.known.model.parameters
+
+
+@pytest.mark.parametrize("effect", effect_names())
+def test_whatever_effects_a_model_has_a_motion_is_found_for_it(effect):
+    """That keeps its limits, and tells more than standing still."""
+    strong = replace(RUN, limits=replace(LIMITS, effort=(200.0, 40.0, 9.0)))
+    level = 0.03 if effect == "dead_zone" else 0.01  # it grows in steps, from sample to sample
+    design = design_next(open_result(effects={effect: level}), run=strong, changes=12)
+    assert np.all(design.largest_effort <= design.feasibility.effort)
+    assert np.all(design.predicted.sd <= design.predicted.sd_now * (1.0 + 1e-9))
+    assert design.predicted.gain > 0.1
 
 
 def test_a_delay_is_told_from_friction(truth):

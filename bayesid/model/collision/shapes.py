@@ -61,14 +61,14 @@ def capsules(robot: Robot, radii: float | Sequence[float], tool: Sequence[float]
     Raises:
         InputError: a radius is not positive, or there is not one for each; or the tool's end is no point.
     """
-    widths, tool = _widths(robot, radii), _point(tool)
+    widths, end = _widths(robot, radii), _point(tool)
     standard = any(not np.array_equal(joint.link_frame, np.eye(4)) for joint in robot.joints)
     found = []
     for body in range(BASE, robot.n_joints):
         name = "base" if body == BASE else f"link {body + 1}"
         start = _rod(robot.joints[body]) if body != BASE else None
         found += [] if start is None else [Shape(name, body, start, widths[body], rod=True)]
-        lines = [line for corners in _lines(robot, body, tool, standard) for line in _pieces(corners)]
+        lines = [line for corners in _lines(robot, body, end, standard) for line in _pieces(corners)]
         if not lines and body != BASE:
             lines = [np.zeros((2, 3))]
         found += [Shape(name, body, line, widths[max(body, 0)]) for line in lines]
