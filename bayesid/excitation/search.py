@@ -4,8 +4,8 @@ Information adds up over instants, and a change of some control points moves a s
 columns are made anew. What samples count for is looked at all over, as the top speed says which of them stand still.
 What is tried is a bump of some width, a stretch of constant speed (down to creeping), the same stretch again at another
 time, or a new random wave, in one joint or several, at once as long as it may be (`Feasibility.shortened`). A change
-that tells less, or that a robot cannot run, is dropped; so every motion on the way is possible, the first one of which
-is standing still.
+that tells less, or that a robot cannot run, is dropped, and its opposite is tried; so every motion on the way is
+possible. The first one is the best of some random ones within the limits.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from bayesid.excitation.feasible import Feasibility
 from bayesid.excitation.known import information_of
 from bayesid.excitation.splines import DEGREE, ENDS, SplineBasis, SplineTrajectory, at_rest
 from bayesid.motion import Motion
+from bayesid.simulation.trajectories import MotionLimits, random_trajectory
 
 INSTANTS = 20.0
 """1/s at which information is summed while searching: five a period of what the fastest spline does, and as many as
@@ -29,6 +30,9 @@ _STARTS = 8
 """Random motions of which the best is the start; a round number, not studied."""
 _HALVINGS = 8
 """Of a random motion that is not possible, until it is given up."""
+_RISE = 1.0
+"""s in which a start leaves its pose, and comes back to it: as long as usual arms need. A round number; not studied."""
+_SEEDS = 2**31
 _SLOWEST = 1e-3
 """Share of the velocity limit: the slowest speed that is tried, a tenth of what counts as standing still."""
 _WIDEST = 0.4
@@ -117,9 +121,13 @@ class MotionSearch:
         rng = np.random.default_rng(seed)
         starts = [self._judged(self._start(rng)) for _ in range(_STARTS)]
         best = min(starts, key=lambda tried: tried.cost)
+        opposite: Array | None = None
         for k in range(changes):
             done(k)
-            best = self._changed(best, rng)
+            step = self._step(best.trajectory, rng) if opposite is None else opposite
+            tried = self._changed(best, step)
+            opposite = -step if tried is best and opposite is None else None
+            best = tried
         return best.trajectory
 
     def cost(self, trajectory: SplineTrajectory) -> float:
@@ -127,13 +135,13 @@ class MotionSearch:
         return self._judged(trajectory).cost
 
     def _start(self, rng: np.random.Generator) -> SplineTrajectory:
-        """A random motion, smaller and smaller until a robot can run it; at last none."""
+        """A random motion that uses the limits, smaller and smaller until a robot can run it; at last none."""
         still = at_rest(self.basis, self.pose, self.payload)
-        step = np.zeros((len(self.basis), len(self.pose)))
+        step = self._random(rng) - self.pose
+        step[:ENDS] = step[-ENDS:] = 0.0
         for joint in range(len(self.pose)):
-            for _ in range(3):
-                step += self._bump(joint, rng)
-        step *= self.feasibility.shortened(still, step)
+            alone = np.where(np.arange(len(self.pose)) == joint, step, 0.0)
+            step[:, joint] *= self.feasibility.shortened(still, alone)
         for _ in range(_HALVINGS):
             moved = replace(still, control=still.control + step)
             if self.feasibility.possible(moved):
@@ -141,15 +149,27 @@ class MotionSearch:
             step = 0.5 * step
         return still
 
+    def _random(self, rng: np.random.Generator) -> Array:
+        """(K, n) control points of a random motion that begins and ends in the pose, by its values at their places."""
+        can, places, n = self.feasibility, self.basis.places, len(self.pose)
+        lower, upper, velocity, acceleration = (
+            tuple(each.tolist()) for each in (can.lower, can.upper, can.rates[0], can.rates[1])
+        )
+        limits = MotionLimits(lower, upper, velocity, acceleration)
+        wave = random_trajectory(n, self.basis.duration, seed=int(rng.integers(_SEEDS)), limits=limits)
+        away = np.minimum(places, self.basis.duration - places) / min(_RISE, 0.5 * self.basis.duration)
+        share = np.sin(0.5 * np.pi * np.clip(away, 0.0, 1.0)) ** 2
+        control: Array = self.pose + share[:, None] * (wave.motion(places).q - self.pose)
+        return control
+
     def _judged(self, trajectory: SplineTrajectory) -> _Tried:
         motion = self._motion(trajectory)
         columns, weights = self.design.columns(motion), self.design.weights(motion, 1.0 / INSTANTS)
         information = information_of(columns, weights)
         return _Tried(trajectory, columns, weights, information, self.design.worth(information))
 
-    def _changed(self, best: _Tried, rng: np.random.Generator) -> _Tried:
-        """The motion with one change, if that is better and possible."""
-        step = self._step(best.trajectory, rng)
+    def _changed(self, best: _Tried, step: Array) -> _Tried:
+        """The motion with a change (K, n) of its control points, if that is better and possible."""
         share = self.feasibility.shortened(best.trajectory, step)
         if not share > 0.0:
             return best
@@ -188,7 +208,7 @@ class MotionSearch:
     def _step(self, trajectory: SplineTrajectory, rng: np.random.Generator) -> Array:
         """(K, n) a change of the control points."""
         n = len(self.pose)
-        kinds = (self._bump_of, self._constant_speed, self._again)
+        kinds = (self._bump, self._constant_speed, self._again)
         count = 1 + rng.binomial(n - 1, 0.5) if rng.random() < 0.3 else 1
         step = np.zeros_like(trajectory.control)
         kind = kinds[rng.choice(len(kinds), p=(0.6, 0.25, 0.15))]
@@ -204,14 +224,7 @@ class MotionSearch:
         first = ENDS + int(rng.integers(0, free - width + 1))
         return first, first + width
 
-    def _bump(self, joint: int, rng: np.random.Generator) -> Array:
-        step = np.zeros((len(self.basis), len(self.pose)))
-        step[:, joint] = self._bump_of(at_rest(self.basis, self.pose), joint, self._span(rng), rng)
-        return step
-
-    def _bump_of(
-        self, trajectory: SplineTrajectory, joint: int, span: tuple[int, int], rng: np.random.Generator
-    ) -> Array:
+    def _bump(self, trajectory: SplineTrajectory, joint: int, span: tuple[int, int], rng: np.random.Generator) -> Array:
         """A smooth bump, either way."""
         first, last = span
         size = (self.feasibility.upper[joint] - self.feasibility.lower[joint]) * np.exp(

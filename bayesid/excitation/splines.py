@@ -60,6 +60,11 @@ class SplineBasis:
         return len(self.knots) - DEGREE - 1
 
     @cached_property
+    def places(self) -> Array:
+        """(K,) instants, s, whose values control points stand for: means of their inner knots (de Boor, chapter XI)."""
+        return np.array([self.knots[k + 1 : k + DEGREE + 1].mean() for k in range(len(self))])
+
+    @cached_property
     def _differences(self) -> tuple[Array, ...]:
         """(K - d, K) what takes control points to those of the d-th derivative, d = 0 to 3 (de Boor, chapter X)."""
         maps = [np.eye(len(self))]

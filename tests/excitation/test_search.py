@@ -21,11 +21,12 @@ DURATION = 3.0
 
 
 class Watched(MotionSearch):
-    """Remembers every motion that was tried and is the best."""
+    """Remembers every motion that was the best, and what was tried of it."""
 
-    def _changed(self, best, rng):
-        after = super()._changed(best, rng)
+    def _changed(self, best, step):
+        after = super()._changed(best, step)
         self.__dict__.setdefault("steps", []).append((best, after))
+        self.__dict__.setdefault("tried", []).append(step)
         return after
 
 
@@ -62,7 +63,7 @@ def searched(known):
     """Under limits of efforts that some motions within the others break."""
     efforts = largest_of(known)
     search = search_of(known, Watched, limits=replace(LIMITS, effort=efforts), clearance=Wall())
-    trajectory = search.run(400, 3, lambda k: None)
+    trajectory = search.run(400, 4, lambda k: None)
     return search, trajectory
 
 
@@ -108,7 +109,7 @@ def test_every_motion_on_the_way_is_possible(searched):
 def test_limits_of_efforts_and_the_wall_are_felt_by_the_search(known, searched):
     """Without them the same search finds motions that break both: they were no idle tests."""
     search, _ = searched
-    free = search_of(known).run(400, 3, no_progress).motion(np.linspace(0.0, DURATION, 3001))
+    free = search_of(known).run(400, 4, no_progress).motion(np.linspace(0.0, DURATION, 3001))
     mean, sd = search.feasibility.effort_band(free)
     assert np.any(np.abs(mean) + 4.0 * sd > search.feasibility.effort)
     assert free.q[:, 0].min() < -0.55
@@ -123,6 +124,37 @@ def test_the_worth_never_falls_and_rises(searched):
     for before, after in search.steps:
         assert after is before or after.cost < before.cost
     assert search.cost(trajectory) == pytest.approx(costs[-1], rel=1e-9)
+
+
+def test_what_was_no_better_is_tried_the_other_way_once(searched):
+    search, _ = searched
+    fresh, turned = True, 0
+    for (before, after), step, following in zip(search.steps, search.tried, search.tried[1:], strict=False):
+        failed = after is before
+        if fresh and failed and step.any():
+            np.testing.assert_array_equal(following, -step)
+            turned += 1
+        elif step.any():
+            assert not np.array_equal(following, -step)
+        fresh = not (fresh and failed)
+    assert turned > 50
+
+
+def test_it_starts_from_a_motion_that_uses_the_limits(known):
+    """As good as a random motion of a robot is, but from rest to rest at the pose."""
+    search = search_of(known)
+    start = search.run(1, 0, no_progress)
+    motion = start.motion(np.linspace(0.0, DURATION, 3001))
+    limits = search.feasibility
+    used = [
+        np.abs(part).max(axis=0) / most for part, most in ((motion.dq, limits.rates[0]), (motion.ddq, limits.rates[1]))
+    ]
+    room = [(motion.q - limits.lower).min(axis=0), (limits.upper - motion.q).min(axis=0)] / (
+        limits.upper - limits.lower
+    )
+    assert np.all((np.maximum(*used) > 0.6) | (room.min(axis=0) < 0.1))
+    np.testing.assert_allclose(motion.q[[0, -1]], [POSE, POSE], atol=1e-12)
+    np.testing.assert_allclose(motion.dq[[0, -1]], 0.0, atol=1e-9)
 
 
 def test_a_change_that_is_not_possible_is_never_kept(known):

@@ -122,3 +122,11 @@ def test_the_control_points_are_checked():
         SplineTrajectory(basis, np.zeros((len(basis) + 1, 2)))
     with pytest.raises(ValueError, match="not finite"):
         SplineTrajectory(basis, np.full((len(basis), 2), np.nan))
+
+
+def test_a_straight_line_is_that_of_its_values_at_the_places():
+    """Whose exactness defines them (de Boor, chapter XI)."""
+    basis = SplineBasis(3.7)
+    t = np.linspace(0.0, 3.7, 57)
+    np.testing.assert_allclose(basis.values(t) @ basis.places, t, atol=1e-13)
+    assert np.all(np.diff(basis.places) > 0.0)
