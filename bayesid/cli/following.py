@@ -13,9 +13,9 @@ from bayesid.errors import InputError
 from bayesid.files.writing import plain
 from bayesid.log.rows import Row, RowReader
 from bayesid.monitor.figures import StreamFigures, looked_at
-from bayesid.monitor.replay import timed
+from bayesid.monitor.replay import contradicts, timed
 from bayesid.monitor.tracked import Tracked
-from bayesid.monitor.tracker import SignTracker
+from bayesid.monitor.tracker import GAP, SignTracker
 from bayesid.process import one_blas_thread
 from bayesid.results.stream_folder import stream_line, stream_names
 
@@ -56,6 +56,7 @@ def follow(tracker: SignTracker, reader: RowReader, file: TextIO | None) -> Stre
             if looked_at(now) and file is not None:
                 file.write(f"{line}\n")
         _answer(line)
+    steps.end()
     if unread_signs.any() and reader.assumed:
         those = ", ".join(map(str, (np.flatnonzero(unread_signs) + 1).tolist()))
         warn(f"negative efforts of joints {those} were taken without their signs; --unsigned says which have none")
@@ -79,7 +80,7 @@ def _answer(line: str) -> None:
 
 
 class _Steps:
-    """Whether rows come about as often as their rate says, by the first of them."""
+    """Whether rows come about as often as their rate says, by the first of them, or by all where there are fewer."""
 
     def __init__(self, rate: float) -> None:
         self._rate, self._last = rate, np.nan
@@ -91,11 +92,24 @@ class _Steps:
                 self._steps.append(t - self._last)
             self._last = t if np.isfinite(t) else self._last
             if len(self._steps) == _STEPS:
-                self._check(float(np.median(self._steps)))
+                self._check()
 
-    def _check(self, step: float) -> None:
+    def end(self) -> None:
+        """A few rows may have come in bursts or with pauses: that is no reason to lose them."""
+        if 0 < len(self._steps) < _STEPS:
+            self._compare(float(np.median(self._steps)))
+
+    def _check(self) -> None:
+        step = float(np.median(self._steps))
         if not 1.0 / _OFF < step * self._rate < _OFF:
             usual = 1.0 / self._rate
             said = f"rows are {step:.6g} s apart by their time, at {self._rate:g} Hz they would be {usual:.6g} s"
             remedy = "give the time's unit in the header, as in t[ms], or the --rate of the rows"
             raise InputError(said, "standard input", remedy)
+        self._compare(step)
+
+    def _compare(self, step: float) -> None:
+        if contradicts(self._rate, step):
+            rate = f"{1.0 / step:.4g}"
+            lost = "rows come after gaps, and nothing is known" if step * self._rate > GAP else "lag is not kept"
+            warn(f"rows come at {rate} Hz by their time, not at {self._rate:g} Hz: {lost}; give --rate {rate}")

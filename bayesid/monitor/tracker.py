@@ -32,7 +32,7 @@ _SPAN = 0.12
 shorter one is noisy. Set by hand on pushes that MuJoCo plays and logs of a UR10e; not studied."""
 _FEWEST = 10.0
 """Periods that the window spans at least: of fewer samples the noise is not known. Not studied."""
-_GAP = 5.0
+GAP = 5.0
 """Periods without a sample from which on what was before is forgotten: friction may have turned round meanwhile."""
 _SET_BACK = 5
 """Samples in a row, each before the newest and after the one before it, that tell of a clock that was set back: fewer
@@ -111,7 +111,8 @@ class SignTracker:
 
     Args:
         model: an identification, or its model as `bayesid.load_model` gives it.
-        rate: of the samples, Hz; they may jitter, be late or be missing.
+        rate: of the samples, Hz; they may jitter, be late or be missing. One that is more than five times too high
+            makes a gap of every step, and nothing is known: `counts.gaps` then grows with `counts.updates`.
         lag: s that the caller can wait: an instant is judged with the samples up to so much later. Half of it lets the
             motion be seen from both sides, half the signs.
         signed: (n,) joints whose effort is signed; by default none, and absolute values are taken.
@@ -463,7 +464,7 @@ class SignTracker:
             counts.set_back += 1
             self._forget(state)
             self._forget_times(state, ahead)
-        elif state.motion.count and ahead > _GAP / self.rate:
+        elif state.motion.count and ahead > GAP / self.rate:
             counts.gaps += 1
             self._forget(state)
         state.late = 0, np.inf

@@ -31,16 +31,28 @@ def track_rows(figures: StreamFigures, smoothing: Agreement | None) -> list[tupl
     return rows
 
 
-def track_lines(smoothing: Agreement | None, status: str, known: Agreement | None, seen: bool = False) -> list[Check]:
-    """How the stream's signs compare with the smoothing of the whole log and, where it has them, with its own."""
+def track_lines(
+    smoothing: Agreement | None, status: str, known: Agreement | None, seen: bool = False, *, signed: bool = False
+) -> list[Check]:
+    """How the stream's signs compare with the smoothing of the whole log and, where it has them, with its own.
+
+    Args:
+        smoothing: agreement with the smoothing; None where there is none.
+        status: why not.
+        known: agreement with the log's signs, of a stream without them.
+        seen: whether the model was identified from this log.
+        signed: whether the efforts of all joints have signs in the log.
+    """
     said = []
     if smoothing is None:
         said.append(Check("Signs", "look", f"not compared with a smoothing of the whole log: {status}"))
     elif smoothing.samples.any():
         where = " (the log that the model was identified from)" if seen else ""
         said.append(Check("Signs", "good", f"{_agreed(smoothing, 'those of a smoothing of the whole log')}{where}"))
-    else:
+    elif signed:
         said.append(Check("Signs", "good", "known in the log: there was none to find"))
+    else:
+        said.append(Check("Signs", "look", "not compared: there is no sample in motion whose sign both have found"))
     if known is not None and known.samples.any():
         told = _agreed(known, "those in the log, where absolute values alone are fed")
         said.append(Check("Signs that are known", "good", told))

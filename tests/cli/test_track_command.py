@@ -257,6 +257,23 @@ def test_units_gains_and_names_count_as_in_files(place, monkeypatch, capfd):
     np.testing.assert_allclose(strange, stream_of(capfd.readouterr().out), rtol=1e-4, atol=1e-4)
 
 
+@pytest.mark.parametrize("rows", [20, 120])
+def test_a_stream_at_another_rate_is_told_once(place, monkeypatch, capfd, rows):
+    """All rows come after gaps at 500 Hz, though nothing is wrong with any of them: 50 Hz it should have been."""
+    lines = (place / "log.csv").read_text().splitlines()[: 1 + rows]
+    on_input(monkeypatch, "\n".join(lines).encode())
+    assert run("track", "result", "-", "--follow", "--rate", 500, "--quiet") == 0
+    out, err = capfd.readouterr()
+    assert np.isnan(stream_of(out)[:, 1:4]).all()
+    assert err.count("\n") == 1
+    assert err.startswith("warning: ")
+    assert "give --rate 50" in err
+    for near in (20, 50, 125):
+        on_input(monkeypatch, "\n".join(lines).encode())
+        assert run("track", "result", "-", "--follow", "--rate", near, "--quiet") == 0
+        assert capfd.readouterr().err == ""
+
+
 def test_signs_of_a_stream_count_where_it_is_said(place, monkeypatch, capfd):
     content = (place / "signed.csv").read_bytes()
     on_input(monkeypatch, content)
@@ -343,6 +360,8 @@ BAD = {
     "no log": (("result", "absent.csv"), "", ["absent.csv", "no such file"]),
     "lag": (("result", "log.csv", "--lag", 2), "", ["--lag", "2 s"]),
     "rate": (("result", "log.csv", "--rate", 0), "", ["a rate of 0 Hz"]),
+    "rate of another log": (("result", "log.csv", "--rate", 500), "", ["--rate", "50 Hz", "500 Hz", "leave it out"]),
+    "slow rate": (("result", "log.csv", "--rate", 10), "", ["--rate", "50 Hz", "10 Hz", "leave it out"]),
     "alarms": (("result", "log.csv", "--false-alarms", 0), "", ["--false-alarms"]),
     "gains": (("result", "log.csv", "--gains", "1,2,3"), "", ["drop --gains"]),
     "picture": (("result", "log.csv", "--plot", "bmp"), "", ["--plot", "'bmp'"]),

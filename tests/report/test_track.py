@@ -55,7 +55,10 @@ def test_what_was_not_compared_is_said():
     (line,) = track_lines(None, "the log is too short", None)
     assert (line.state, "too short" in line.message) == ("look", True)
     none = Agreement.of(np.ones((3, 2)), np.ones((3, 2), dtype=bool), np.zeros((3, 2), dtype=bool))
-    assert "known in the log" in track_lines(none, "done", None)[0].message
+    assert "known in the log" in track_lines(none, "done", None, signed=True)[0].message
+    (line,) = track_lines(none, "done", None)
+    assert (line.state, "no sample in motion" in line.message) == ("look", True)
+    assert "known" not in line.message
 
 
 def test_what_became_of_the_rows_is_one_line():

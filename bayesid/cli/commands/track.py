@@ -82,7 +82,8 @@ def _replay(options: argparse.Namespace) -> None:
         save_replay(folder, result, streamed, options.plot)
     if not options.quiet:
         seen = offline is not None and offline.seen
-        show(*_parts(result, options, float(log.t[-1]), seen), f"written to {folder}/")
+        said = track_lines(result.smoothing, result.smoothing_status, result.known, seen, signed=bool(log.signed.all()))
+        show(*map(line_of, said), *_parts(result, options, float(log.t[-1])), f"written to {folder}/")
 
 
 def _tracker(
@@ -145,11 +146,9 @@ def _name(identified: IdentifiedModel, log: Log, alarm: Alarm) -> Named:
     return Named(found.status, tuple((one.effect, one.joints) for one in found.added))
 
 
-def _parts(result: StreamResult, options: argparse.Namespace, last: float, seen: bool) -> list[RenderableType]:
-    """What ends the command."""
-    known = track_lines(result.smoothing, result.smoothing_status, result.known, seen)
+def _parts(result: StreamResult, options: argparse.Namespace, last: float) -> list[RenderableType]:
+    """What ends the command, behind how the signs compare."""
     return [
-        *map(line_of, known),
         "",
         table(list(HEADINGS), [list(row) for row in track_rows(result.figures, result.smoothing)]),
         NOTE,
