@@ -296,7 +296,7 @@ class SignTracker:
         if values.size != state.motion.values.shape[1] or reading.size != self.n_joints:
             raise self._misfit(values.size, reading.size)
         if not self._taken(state, t, values):
-            latest = self._nothing(float(t)) if state.latest is None else state.latest
+            latest = self._nothing(np.nan) if state.latest is None else state.latest
             return replace(latest, fresh=False, alarms=())
         self._estimator.add(state.motion, float(t), values)
         reading = np.where(self.signed, reading, np.abs(reading)) if self._any_signed else np.abs(reading)
@@ -308,7 +308,7 @@ class SignTracker:
         state.recent.log.add(t, values[:n], reading, values[n : 2 * n] if state.velocities else values[:0])
         local = self._estimator.fit(state.motion)
         if local is None or len(state.readings) <= self._behind or state.readings[0][0] < local.t - local.scale:
-            state.latest = self._nothing(float(t))
+            state.latest = self._nothing(state.readings[0][0])
         else:
             state.latest = self._look(state, local, *state.readings[0])
         return state.latest
@@ -348,7 +348,7 @@ class SignTracker:
             "t": t,
             "predicted": here.effort,
             "predicted_sd": np.sqrt(square),
-            "external": state.observed.external,
+            "external": state.observed.external if local.full else np.full(self.n_joints, np.nan),
             "threshold": limit,
             "state": tuple([UNKNOWN if changed else MOVING if moves else REST for changed, moves in joints]),
             "contact": contact,
@@ -358,7 +358,7 @@ class SignTracker:
         }
         state.waiting.append(_Waiting(reading, held, here.effort, known_now))
         if found is None:
-            return replace(self._nothing(t), alarms=alarms)
+            return replace(self._nothing(state.waiting[0].known["t"]), alarms=alarms)
         return self._with_signs(state.waiting.pop(0), found, alarms)
 
     def _with_signs(self, waiting: _Waiting, probability: Array, alarms: tuple[Alarm, ...]) -> Tracked:
@@ -520,17 +520,17 @@ class SignTracker:
         return SignFilter.of(self._noise, at_rest, self.rate, self._sign_wait)
 
     def _nothing(self, t: float) -> Tracked:
-        """What is known without a motion."""
+        """What is known without a motion, of the oldest sample that is waited for: its instant, s."""
         unknown = np.full(self.n_joints, np.nan)
         return Tracked(
-            t=t - self.lag,
+            t=t,
             probability=np.full(self.n_joints, 0.5),
             effort=unknown,
             effort_sd=unknown,
             predicted=unknown,
             predicted_sd=unknown,
             residual=unknown,
-            external=np.zeros(self.n_joints),
+            external=unknown,
             threshold=np.full(self.n_joints, np.inf),
             state=(UNKNOWN,) * self.n_joints,
             contact=(),

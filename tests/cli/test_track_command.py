@@ -220,6 +220,12 @@ def test_rows_that_are_followed_are_answered_as_the_recording_is(place, monkeypa
     np.testing.assert_allclose(stream, recorded, rtol=1e-6, atol=1e-7)
     np.testing.assert_array_equal(answers[-len(stream) :], stream)
     assert np.isnan(answers[0, 1:4]).all()
+    assert np.isnan(answers[0, 10:]).all()
+    logged = [line.split(",")[0] for line in content.decode().splitlines()[1:]]
+    t = [line.split(",")[0] for line in out.splitlines()[1:]]
+    assert t[0] == logged[0]
+    assert set(t) <= set(logged)
+    assert t == sorted(t, key=float)
     assert alarms == of_recording
     raised = [json.loads(line) for line in err.splitlines() if line.startswith("{")]
     assert [one["kind"] for one in raised if one["kind"] != "contact"] == [

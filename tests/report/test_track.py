@@ -91,7 +91,8 @@ def made_stream(n=2, alarms=(PAYLOAD, CONTACT)):
         "predicted": 0.9 * wave,
         "predicted_sd": 0.1 + 0.0 * wave,
     }
-    parts |= {"external": 0.1 * wave, "threshold": np.where(wave > 0.9, np.inf, 1.0)}
+    known = (t > 0.12)[:, None]  # of the first instants no torque is told
+    parts |= {"external": np.where(known, 0.1 * wave, np.nan), "threshold": np.where(wave > 0.9, np.inf, 1.0)}
     return Replay(t, **parts, alarms=alarms, counts=Counts(), figures=figures(), lag=0.0, rate=50.0)
 
 
@@ -106,6 +107,7 @@ def test_every_joint_has_its_effort_and_its_external_torque():
     assert any(line.get_xdata()[0] == PAYLOAD.raised for line in effort.get_lines())
     assert "payload" in [text.get_text() for text in effort.texts]
     assert external.get_ylabel() == "external\ntorque, N m"
+    assert 1.0 < external.get_ylim()[1] < 2.0
     (key,) = figure.legends
     assert {"model", "threshold of a contact", "contact", "change, when it was said"} <= {
         text.get_text() for text in key.get_texts()
