@@ -26,6 +26,8 @@ from bayesid.signs.search.protocol import Search, SignProblem
 _MOST_INDIVIDUAL = 200
 """Stretches of each joint that are kept by themselves: some 10 kB each, and what a certified search of a minute has."""
 
+_BY_DATA, _BY_EARLIER, _BY_PRIOR = "data", "earlier log", "prior"
+
 
 class Accumulator:
     """A running identification: chunks of a stream go in, coefficients with their uncertainty come out at any time.
@@ -142,7 +144,9 @@ class Accumulator:
         """The base coefficients from all that came, one record each: to iterate over, or `.to_dataframe()`.
 
         By weighted least squares without the cone; `model()` has the parameters in it. `sd` counts effective samples,
-        less for signs in doubt, and what the model may lack or its gains leave open.
+        less for signs in doubt, and what the model may lack or its gains leave open. With `earlier`, `prior_sd` is the
+        sd by the model's own log alone, which counts the same, and `decided_by` is "earlier log" where that log has
+        more than a tenth of the information; "prior" where nothing shows a coefficient.
 
         Example:
             >>> running = bayesid.Accumulator(result)
@@ -152,15 +156,23 @@ class Accumulator:
         """
         known, normal = self._setting.coefficients, self._normal()
         beta = least_squares(normal.hessian, normal.gradient, known.project(self._identified.theta))
-        sd, before = np.sqrt(np.diag(self.covariance)), np.sqrt(np.diag(covariance_of(self._shown_before())[0]))
-        by_data = np.isfinite(sd) & (sd**2 <= OF_PRIOR * before**2)
-        told = np.where(np.isfinite(before), before, np.nan)
+        now, before, more = (
+            np.diag(part)
+            for part in (
+                covariance_of(normal.hessian - normal.lost)[0],
+                covariance_of(self._shown_before())[0],
+                self._lacking,
+            )
+        )
+        decided = np.where(now <= OF_PRIOR * before, _BY_DATA, np.where(np.isfinite(before), _BY_EARLIER, _BY_PRIOR))
+        decided = np.where(np.isfinite(now), decided, _BY_PRIOR)
+        sd, told = np.sqrt(now + more), np.sqrt(np.where(np.isfinite(before), before + more, np.nan))
         words = zip(known.names, known.expressions, known.units, strict=True)
         ends = beta - NORMAL_95 * sd, beta + NORMAL_95 * sd
         numbers = np.column_stack([beta, sd, *ends, told]).tolist()
         rows = (
-            Coefficient(*names, mean, own, lower, upper, "data" if data else "prior", of_prior, np.nan)
-            for names, (mean, own, lower, upper, of_prior), data in zip(words, numbers, by_data, strict=True)
+            Coefficient(*names, mean, own, lower, upper, by, of_prior, np.nan)
+            for names, (mean, own, lower, upper, of_prior), by in zip(words, numbers, decided.tolist(), strict=True)
         )
         return Records(Coefficient, tuple(rows))
 
@@ -189,9 +201,7 @@ class Accumulator:
             True
         """
         normal = self._normal()
-        covariance = covariance_of(normal.hessian - normal.lost)[0]
-        more = (self._identified.lacking, self._identified.by_gains)
-        return covariance + sum(part for part in more if part is not None)
+        return covariance_of(normal.hessian - normal.lost)[0] + self._lacking
 
     @property
     def effective_samples(self) -> Array:
@@ -269,6 +279,12 @@ class Accumulator:
         """The model's, its autocorrelation time in samples of the stream."""
         running, noise = self._running, self._identified.noise
         return noise.with_time_of_model(running.steps / running.span) if running.steps else noise
+
+    @property
+    def _lacking(self) -> Array:
+        """(r, r) by what the model may lack and its gains leave open, which no stream makes less."""
+        parts = self._identified.lacking, self._identified.by_gains
+        return sum((part for part in parts if part is not None), np.zeros_like(self._identified.precision))
 
     @property
     def _weights(self) -> Array:

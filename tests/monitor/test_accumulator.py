@@ -213,6 +213,27 @@ def test_what_was_known_before_counts_if_it_is_to():
     np.testing.assert_allclose(running.covariance, np.linalg.inv(information + left), rtol=1e-6, atol=1e-12)
 
 
+@pytest.mark.parametrize(("sharper", "decided_by"), [(0.01, "data"), (100.0, "earlier log")])
+def test_what_decides_is_the_stream_or_the_log_before_it(sharper, decided_by):
+    """By their information alone: what the model may lack is in the sd before as it is in the sd now."""
+    case = stream()
+    rows = case.rows(case.noise).reshape(-1, len(case.coefficients))
+    lacking, by_gains = (np.diag(np.full(len(case.beta), size)) for size in (3.0, 1.0))
+    precision = sharper * rows.T @ rows
+    model = replace(case.identified(precision=precision), lacking=lacking, by_gains=by_gains)
+    running = fed(case, bayesid.Accumulator(model, earlier=True), moving=np.ones(case.effort.shape, dtype=bool))
+    table = running.coefficients()
+    assert {one.decided_by for one in table} == {decided_by}
+    expected = np.sqrt(np.diag(np.linalg.inv(precision)) + 4.0)
+    np.testing.assert_allclose([one.prior_sd for one in table], expected, rtol=1e-6)
+    assert all(2.0 < one.sd < one.prior_sd for one in table)
+    alone = fed(case, bayesid.Accumulator(model), moving=np.ones(case.effort.shape, dtype=bool))
+    assert {one.decided_by for one in alone.coefficients()} == {"data"}
+    assert np.isnan([one.prior_sd for one in alone.coefficients()]).all()
+    blank = bayesid.Accumulator(case.identified(), earlier=True)  # of whose model no log has shown anything
+    assert {one.decided_by for one in blank.coefficients()} == {"prior"}
+
+
 def test_the_model_is_in_the_cone_and_near_the_coefficients():
     case = stream()
     running = fed(case, bayesid.Accumulator(case.identified()), 3, moving=np.ones(case.effort.shape, dtype=bool))
