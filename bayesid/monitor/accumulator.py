@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from bayesid.arrays import Array, Integers, Mask
@@ -15,9 +17,11 @@ from bayesid.identification.prediction import NORMAL_95, check_payloads
 from bayesid.identification.records import Coefficient, Records, named
 from bayesid.model.coefficients import base_coefficients
 from bayesid.monitor.estimates import Normal, least_squares
+from bayesid.monitor.figures import looked_at
 from bayesid.monitor.sign_check import SignCheck, check_signs
 from bayesid.monitor.stream_moments import Setting, StreamMoments, advanced, condensed
 from bayesid.monitor.stretches import StreamSamples
+from bayesid.monitor.tracked import MOVING, Tracked
 from bayesid.motion import SLOWEST, STANDSTILL, Motion
 from bayesid.posterior.inference import OF_PRIOR
 from bayesid.signs.search.certified import Certified
@@ -99,6 +103,8 @@ class Accumulator:
     def add(self, motion: Motion, effort: Array, probability: Array, moving: Mask | None = None) -> None:
         """Takes one more chunk of the stream; where it cannot be used, nothing has changed.
 
+        What a tracker says goes in by `add_tracked`; other chunks come with a motion as `Signals.motion`.
+
         Of a model whose effects remember (`delay`, `hysteresis`) the last 16 samples wait for the next chunk, and every
         chunk makes the columns of the 4096 samples before it again: give it long ones.
 
@@ -139,6 +145,35 @@ class Accumulator:
         sign = np.where(setting.signed, np.where(values >= 0.0, 1.0, -1.0), 2.0 * of_plus - 1.0)
         samples = StreamSamples(motion, speed, magnitude, sign, used & readable)
         self._running = advanced(setting, self._running, samples, top[-1])
+
+    def add_tracked(self, records: Iterable[Tracked], payload: str = "") -> None:
+        """Takes what a tracker has said, record by record: its motion and signs, where its joints are "moving".
+
+        Records that brought nothing new or know nothing yet are left out, and efforts that were not read.
+
+        Args:
+            records: of a `SignTracker`, in their order, each once; long chunks are faster than many.
+            payload: label of what the flange carries, as the tracker was given it.
+
+        Raises:
+            InputError: joints do not suit, time does not go on, as after a clock was set back, or the model knows no
+                payload of this label.
+
+        Example:
+            >>> tracker, running = bayesid.SignTracker(result, rate=50.0, lag=0.04), bayesid.Accumulator(result)
+            >>> running.add_tracked([tracker.update(t, q, e) for t, q, e in zip(log.t, log.q, log.effort)])
+            >>> running.coefficient("Fc2").decided_by
+            'data'
+        """
+        known = [one for one in records if looked_at(one)]
+        if not known:
+            return
+        t, q, dq, ddq, effort, probability = (
+            np.array([getattr(one, name) for one in known]) for name in ("t", "q", "dq", "ddq", "effort", "probability")
+        )
+        moving = (np.array([one.state for one in known]) == MOVING) & np.isfinite(effort)
+        motion = Motion(t, q, dq, ddq, payload=np.array(payload))
+        self.add(motion, np.nan_to_num(effort), probability, moving)
 
     def coefficients(self) -> Records[Coefficient]:
         """The base coefficients from all that came, one record each: to iterate over, or `.to_dataframe()`.

@@ -234,6 +234,45 @@ def test_what_decides_is_the_stream_or_the_log_before_it(sharper, decided_by):
     assert {one.decided_by for one in blank.coefficients()} == {"prior"}
 
 
+@pytest.mark.parametrize("signed", [[False] * 3, [False, True, False]])
+def test_records_of_a_tracker_are_chunks(signed):
+    """With readings that are missing, samples that bring nothing, and the first ones, of which nothing is known."""
+    case = stream()
+    tracker = bayesid.SignTracker(case.identified(), RATE, lag=0.05, signed=signed)
+    readings = np.where(signed, case.measured, np.abs(case.measured))
+    readings[300:320, 2] = np.nan
+    q = case.motion.q.copy()
+    q[500] = np.nan
+    records = [tracker.update(*row) for row in zip(case.motion.t, q, readings, strict=True)]
+    records.insert(400, replace(records[399], fresh=False))
+    told, by_hand_of = (bayesid.Accumulator(case.identified(), signed=np.array(signed)) for _ in range(2))
+    for part in (records[:3], records[3:450], records[450:]):
+        told.add_tracked(part)
+    used = [one for one in records if one.fresh and np.isfinite(one.predicted).all()]
+    assert len(used) > 1100
+    parts = {name: np.array([getattr(one, name) for one in used]) for name in ("t", "q", "dq", "ddq")}
+    effort = np.array([one.effort for one in used])
+    moving = (np.array([one.state for one in used]) == "moving") & np.isfinite(effort)
+    assert (np.isnan(effort).sum(axis=0) == [0, 0, 20]).all()
+    probability = np.array([one.probability for one in used])
+    by_hand_of.add(Motion(**parts), np.nan_to_num(effort), probability, moving)
+    np.testing.assert_allclose(means(told), means(by_hand_of), rtol=1e-9)
+    np.testing.assert_allclose(sds(told), sds(by_hand_of), rtol=1e-9)
+    off = (means(told) - case.beta) / sds(told)
+    assert np.abs(off).max() < 6.0
+
+
+def test_records_of_a_flange_that_carries_something():
+    case = stream()
+    tracker = bayesid.SignTracker(case.identified(), RATE)
+    records = [tracker.update(case.motion.t[k], case.motion.q[k], np.abs(case.measured[k])) for k in range(200)]
+    running = bayesid.Accumulator(case.identified())
+    with pytest.raises(InputError, match="tool1"):
+        running.add_tracked(records, payload="tool1")
+    running.add_tracked([])
+    assert np.isinf(sds(running)).all()
+
+
 def test_the_model_is_in_the_cone_and_near_the_coefficients():
     case = stream()
     running = fed(case, bayesid.Accumulator(case.identified()), 3, moving=np.ones(case.effort.shape, dtype=bool))
