@@ -13,7 +13,7 @@ from bayesid.report.verdicts import Check
 from bayesid.report.words import joints_in_words, rounded
 
 HEADINGS = ("joint", "signs agree", "sure (99 %)", "RMS residual, N m", "external / threshold")
-NOTE = "external / threshold: the largest external torque; beyond 1 it is a contact, or a change"
+NOTE = "external / threshold: the most that two samples in a row have of it; beyond 1 it is a contact, or a change"
 _SOON = 0.05
 """s after which an alarm is not said to have come later."""
 _NOTHING = "-"
@@ -27,7 +27,8 @@ def track_rows(figures: StreamFigures, smoothing: Agreement | None) -> list[tupl
     for j in range(n):
         shares = [_NOTHING if part is None else _percent(float(part[j])) for part in (agree, sure)]
         rms, pushed = float(figures.rms[j]), float(figures.pushed[j])
-        rows.append((str(j + 1), *shares, _NOTHING if rms != rms else rounded(rms), f"{pushed:.2f}"))
+        known = [_or_nothing(value, text) for value, text in ((rms, rounded(rms)), (pushed, f"{pushed:.2f}"))]
+        rows.append((str(j + 1), *shares, *known))
     return rows
 
 
@@ -127,4 +128,8 @@ def _agreed(one: Agreement, what: str) -> str:
 
 
 def _percent(share: float) -> str:
-    return _NOTHING if share != share else f"{share:.1%}"
+    return _or_nothing(share, f"{share:.1%}")
+
+
+def _or_nothing(value: float, text: str) -> str:
+    return _NOTHING if value != value else text

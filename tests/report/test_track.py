@@ -1,12 +1,15 @@
 """What is said and drawn of a stream."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from bayesid.monitor.alarms import Alarm
+from bayesid.monitor.changes import ChangeTest, Sums
 from bayesid.monitor.figures import StreamFigures, UpdateTimes
 from bayesid.monitor.replay import Agreement, Replay
-from bayesid.monitor.tracked import Counts
+from bayesid.monitor.tracked import Counts, Tracked
 from bayesid.report.plot.stream import stream_figure
 from bayesid.report.track_text import HEADINGS, alarm_line, change_line, count_line, track_lines, track_rows
 
@@ -48,6 +51,25 @@ def test_signs_of_samples_that_count_are_compared():
     ]
     (line,) = track_lines(found, "done", None)
     assert "60.0% of the samples in motion" in line.message
+
+
+def test_an_external_torque_is_told_as_the_test_of_a_contact_takes_it():
+    """Of two samples in a row the lesser: one alone beyond the threshold is none; nothing where none is known."""
+    ratios = np.array([[np.nan, 0.2], [0.5, 9.0], [1.64, 0.3], [0.9, 0.4], [0.3, 1.2], [0.2, -1.1], [0.1, np.nan]])
+    limit = np.array([20.0, 4.0])
+    nothing, nobody = np.zeros(2), np.full(2, np.nan)
+    now = Tracked(0.0, *[nothing] * 6, nobody, limit, ("moving",) * 2, (), (), *[nothing] * 3)
+    of_stream = StreamFigures.of_joints(2)
+    assert [row[-1] for row in track_rows(of_stream, None)] == ["-", "-"]
+    for ratio in ratios:
+        of_stream.add(replace(now, external=ratio * limit))
+    np.testing.assert_allclose(of_stream.pushed, [0.9, 1.1])
+    of_stream.add(replace(now, external=50.0 * limit, threshold=np.full(2, np.inf)))
+    of_stream.add(replace(now, external=50.0 * limit))
+    np.testing.assert_allclose(of_stream.pushed, [0.9, 1.1])
+    test, sums = ChangeTest(None, 50.0, 0.01), Sums.begin(2)
+    felt = np.array([test.push(sums, ratio * limit, limit) for ratio in ratios])
+    np.testing.assert_array_equal(felt.any(axis=0), of_stream.pushed > 1.0)
 
 
 def test_what_was_not_compared_is_said():
