@@ -11,7 +11,7 @@ from bayesid.errors import InputError
 from bayesid.fit.least_squares import covariance_of
 from bayesid.fit.noise import Noise
 from bayesid.fit.solver import solve_precisely
-from bayesid.identification.identification import Identification
+from bayesid.identification.identification import Identification, identified_of
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.prediction import NORMAL_95, check_payloads
 from bayesid.identification.records import Coefficient, Records, named
@@ -54,7 +54,7 @@ class Accumulator:
             most in doubt; `check_signs` can turn each of them, and the others of a joint only together.
 
     Raises:
-        InputError: `forget`, `signed` or `most_individual` cannot be used.
+        InputError: the model, `forget`, `signed` or `most_individual` cannot be used.
 
     Example:
         >>> running = bayesid.Accumulator(result.identified, forget=60.0)
@@ -74,7 +74,7 @@ class Accumulator:
         signed: Mask | None = None,
         most_individual: int = _MOST_INDIVIDUAL,
     ) -> None:
-        identified = model.identified if isinstance(model, Identification) else model
+        identified = identified_of(model, "model")
         n = identified.model.robot.n_joints
         if forget is not None and not 0.0 < forget < np.inf:
             raise InputError(f"a time constant of {forget!r} s", "forget", "give seconds, or None to forget nothing")
@@ -347,7 +347,7 @@ class Accumulator:
     # -----------------------------------------------------------------------------------------------------------
     def _check_begun(self) -> None:
         if not self._running.totals.weight.any():
-            raise InputError("no sample in motion has come yet", "add", "add chunks of the stream first")
+            raise InputError("no sample in motion has come yet", "Accumulator", "add chunks of the stream first")
 
     def _check_motion(self, motion: Motion) -> None:
         """A chunk's motion is of this robot and goes on where the one before has ended."""

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from bayesid.arrays import Array, Mask, some
 from bayesid.errors import InputError
-from bayesid.identification.identification import Identification
+from bayesid.identification.identification import Identification, identified_of
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.log.log import Log
 from bayesid.monitor.alarms import Alarm, Alarms
@@ -40,6 +40,8 @@ are late. As many as the periods of a gap."""
 _LOOKS = 20.0
 """Hz at which the columns of the model are made: they cost as much as all the rest, and what is made of them, the sd of
 the effort and the look of a change, stays much the same so long."""
+_MOST_ALARMS = 3600.0
+"""False alarms an hour: one a second, with which nobody is served. A round number."""
 _FASTEST = 2e4
 """Hz; no controller logs faster: a rate in mHz, or a period in its place, is told."""
 
@@ -121,7 +123,7 @@ class SignTracker:
             twice what it was on the log that it was identified from, at most.
 
     Raises:
-        InputError: the rate, the lag, the rate of false alarms, the label or `signed` cannot be used.
+        InputError: the model, the rate, the lag, the rate of false alarms, the label or `signed` cannot be used.
 
     Example:
         >>> tracker = bayesid.SignTracker(bayesid.load_model("result"), rate=50.0, lag=0.05)
@@ -140,7 +142,7 @@ class SignTracker:
         payload: str = "",
         false_alarms: float = 0.01,
     ) -> None:
-        self._identified = model.identified if isinstance(model, Identification) else model
+        self._identified = identified_of(model, "model")
         self.n_joints = self._identified.model.robot.n_joints
         _check(self._identified, rate, lag, payload, false_alarms)
         self.rate, self.signed = float(rate), _signed(signed, self.n_joints)
@@ -558,8 +560,9 @@ def _check(identified: IdentifiedModel, rate: float, lag: float, payload: str, f
         raise InputError(f"a rate of {rate:g} Hz", "rate", f"give the samples' rate in Hz, 1 to {_FASTEST:g}")
     if not (np.isfinite(lag) and 0.0 <= lag <= 1.0):
         raise InputError(f"a lag of {lag:g} s", "--lag", "give 0 to 1, in seconds")
-    if not (np.isfinite(false_alarms) and 0.0 < false_alarms <= 3600.0):
-        raise InputError(f"{false_alarms:g} false alarms an hour", "--false-alarms", "give more than 0")
+    if not 0.0 < false_alarms <= _MOST_ALARMS:
+        remedy = f"give more than 0, and {_MOST_ALARMS:g} at most"
+        raise InputError(f"{false_alarms:g} false alarms an hour", "--false-alarms", remedy)
     if payload and payload not in identified.model.payloads:
         known = ", ".join(identified.model.payloads) or "none"
         raise InputError(f"the model knows no payload {payload!r}", "--payload", f"give one that it knows: {known}")

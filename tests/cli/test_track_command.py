@@ -369,6 +369,11 @@ BAD = {
     "rate of another log": (("result", "log.csv", "--rate", 500), "", ["--rate", "50 Hz", "500 Hz", "leave it out"]),
     "slow rate": (("result", "log.csv", "--rate", 10), "", ["--rate", "50 Hz", "10 Hz", "leave it out"]),
     "alarms": (("result", "log.csv", "--false-alarms", 0), "", ["--false-alarms"]),
+    "many alarms": (
+        ("result", "log.csv", "--false-alarms", 1e9),
+        "",
+        ["--false-alarms", "more than 0, and 3600 at most"],
+    ),
     "gains": (("result", "log.csv", "--gains", "1,2,3"), "", ["drop --gains"]),
     "picture": (("result", "log.csv", "--plot", "bmp"), "", ["--plot", "'bmp'"]),
     "no stream": (("result", "log.csv", "--follow", "--rate", 50), "", ["log.csv", "give -"]),

@@ -1,7 +1,8 @@
 import pickle
 import re
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -260,6 +261,13 @@ def test_records_of_a_tracker_are_chunks(signed):
     np.testing.assert_allclose(sds(told), sds(by_hand_of), rtol=1e-9)
     off = (means(told) - case.beta) / sds(told)
     assert np.abs(off).max() < 6.0
+
+
+@pytest.mark.parametrize("make", [bayesid.Accumulator, partial(bayesid.SignTracker, rate=RATE)])
+def test_what_is_no_result_is_told_how_to_become_one(make):
+    for given, remedy in (("ur", "'ur'"), (Path("ur"), "'ur'"), (3, "folder")):
+        with pytest.raises(InputError, match=re.escape(f"is no result; give bayesid.load_model({remedy})")):
+            make(given)
 
 
 def test_records_of_a_flange_that_carries_something():
@@ -534,7 +542,7 @@ def test_a_restored_accumulator_goes_on_to_the_digit():
 def test_bad_chunks_are_told_and_change_nothing():
     case = stream()
     running = bayesid.Accumulator(case.identified())
-    with pytest.raises(InputError, match="add: no sample in motion has come yet; add chunks"):
+    with pytest.raises(InputError, match="Accumulator: no sample in motion has come yet; add chunks"):
         running.check_signs()
     motion, effort, sign = case.motion[:50], np.abs(case.measured[:50]), case.sign[:50]
     running.add(motion, effort, sign)
