@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from typing import TextIO
+from typing import BinaryIO, TextIO
 
 import numpy as np
 
@@ -29,13 +29,37 @@ class NobodyReadsError(Exception):
     """Whoever read the rows has gone; no `OSError`, which would be taken for one of the folder's files."""
 
 
+class Announced:
+    """A stream whose header is answered by that of the answers at once: who waits for it before the first row gets it.
+
+    Args:
+        stream: of text.
+        n: joints of the robot.
+    """
+
+    def __init__(self, stream: BinaryIO, n: int) -> None:
+        self._stream, self._names = stream, ",".join(stream_names(n))
+
+    def readline(self, most: int, /) -> bytes:
+        """The next line.
+
+        Raises:
+            NobodyReadsError: stdout is closed.
+        """
+        line = self._stream.readline(most)
+        if self._names and line.strip():
+            _answer(self._names)
+            self._names = ""
+        return line
+
+
 @one_blas_thread
 def follow(tracker: SignTracker, reader: RowReader, file: TextIO | None) -> StreamFigures:
-    """A row on stdout for each row of a stream, at once, and its alarms on stderr.
+    """A row on stdout for each row of a stream, at once, and its alarms on stderr; the header stands there already.
 
     Args:
         tracker: that has seen nothing yet.
-        reader: of the stream.
+        reader: of the stream, an `Announced` one.
         file: gets the rows too, but for those that bring nothing new.
 
     Raises:
@@ -45,7 +69,6 @@ def follow(tracker: SignTracker, reader: RowReader, file: TextIO | None) -> Stre
     n = tracker.n_joints
     figures, steps, unread_signs = StreamFigures.of_joints(n), _Steps(tracker.rate), np.zeros(n, dtype=bool)
     line = ",".join(["nan"] * len(stream_names(n)))
-    _answer(",".join(stream_names(n)))
     for row in reader:
         if row is not None:
             steps.add(row.t)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rich.console import RenderableType
 
-from bayesid.cli.following import NobodyReadsError, follow
+from bayesid.cli.following import Announced, NobodyReadsError, follow
 from bayesid.cli.options import read, reading_options
 from bayesid.cli.progress import StageBars
 from bayesid.cli.tables import line_of
@@ -188,9 +188,9 @@ def _follow(options: argparse.Namespace) -> None:
     folder = None if options.out is None else check_folder(options.out, STREAM_FILES, STREAM)
     identified = load_model(options.result)
     _tracker(options, identified, options.rate)  # bad options need no rows
-    reader = _reader(options, identified)
-    tracker = _tracker(options, identified, options.rate, reader.signed.tolist())
     try:
+        reader = _reader(options, identified)
+        tracker = _tracker(options, identified, options.rate, reader.signed.tolist())
         if folder is None:
             figures = follow(tracker, reader, None)
         else:
@@ -208,7 +208,8 @@ def _reader(options: argparse.Namespace, identified: IdentifiedModel) -> RowRead
     columns = Options(**said, currents=gains is not None)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
-        reader = RowReader(sys.stdin.buffer, _SOURCE, gains, unsigned, degrees, columns)
+        stream = Announced(sys.stdin.buffer, identified.model.robot.n_joints)
+        reader = RowReader(stream, _SOURCE, gains, unsigned, degrees, columns)
     for said_of_it in [*(str(one.message) for one in caught), *reader.notes]:
         warn(said_of_it)
     robot = identified.model.robot
