@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from typing import TextIO
+from typing import BinaryIO, TextIO
 
 import numpy as np
 
@@ -13,9 +13,9 @@ from bayesid.errors import InputError
 from bayesid.files.writing import plain
 from bayesid.log.rows import Row, RowReader
 from bayesid.monitor.figures import StreamFigures, looked_at
-from bayesid.monitor.replay import timed
+from bayesid.monitor.replay import contradicts, timed
 from bayesid.monitor.tracked import Tracked
-from bayesid.monitor.tracker import SignTracker
+from bayesid.monitor.tracker import GAP, SignTracker
 from bayesid.process import one_blas_thread
 from bayesid.results.stream_folder import stream_line, stream_names
 
@@ -29,13 +29,37 @@ class NobodyReadsError(Exception):
     """Whoever read the rows has gone; no `OSError`, which would be taken for one of the folder's files."""
 
 
+class Announced:
+    """A stream whose header is answered by that of the answers at once: who waits for it before the first row gets it.
+
+    Args:
+        stream: of text.
+        n: joints of the robot.
+    """
+
+    def __init__(self, stream: BinaryIO, n: int) -> None:
+        self._stream, self._names = stream, ",".join(stream_names(n))
+
+    def readline(self, most: int, /) -> bytes:
+        """The next line.
+
+        Raises:
+            NobodyReadsError: stdout is closed.
+        """
+        line = self._stream.readline(most)
+        if self._names and line.strip():
+            _answer(self._names)
+            self._names = ""
+        return line
+
+
 @one_blas_thread
 def follow(tracker: SignTracker, reader: RowReader, file: TextIO | None) -> StreamFigures:
-    """A row on stdout for each row of a stream, at once, and its alarms on stderr.
+    """A row on stdout for each row of a stream, at once, and its alarms on stderr; the header stands there already.
 
     Args:
         tracker: that has seen nothing yet.
-        reader: of the stream.
+        reader: of the stream, an `Announced` one.
         file: gets the rows too, but for those that bring nothing new.
 
     Raises:
@@ -45,7 +69,6 @@ def follow(tracker: SignTracker, reader: RowReader, file: TextIO | None) -> Stre
     n = tracker.n_joints
     figures, steps, unread_signs = StreamFigures.of_joints(n), _Steps(tracker.rate), np.zeros(n, dtype=bool)
     line = ",".join(["nan"] * len(stream_names(n)))
-    _answer(",".join(stream_names(n)))
     for row in reader:
         if row is not None:
             steps.add(row.t)
@@ -56,6 +79,7 @@ def follow(tracker: SignTracker, reader: RowReader, file: TextIO | None) -> Stre
             if looked_at(now) and file is not None:
                 file.write(f"{line}\n")
         _answer(line)
+    steps.end()
     if unread_signs.any() and reader.assumed:
         those = ", ".join(map(str, (np.flatnonzero(unread_signs) + 1).tolist()))
         warn(f"negative efforts of joints {those} were taken without their signs; --unsigned says which have none")
@@ -79,7 +103,7 @@ def _answer(line: str) -> None:
 
 
 class _Steps:
-    """Whether rows come about as often as their rate says, by the first of them."""
+    """Whether rows come about as often as their rate says, by the first of them, or by all where there are fewer."""
 
     def __init__(self, rate: float) -> None:
         self._rate, self._last = rate, np.nan
@@ -91,11 +115,24 @@ class _Steps:
                 self._steps.append(t - self._last)
             self._last = t if np.isfinite(t) else self._last
             if len(self._steps) == _STEPS:
-                self._check(float(np.median(self._steps)))
+                self._check()
 
-    def _check(self, step: float) -> None:
+    def end(self) -> None:
+        """A few rows may have come in bursts or with pauses: that is no reason to lose them."""
+        if 0 < len(self._steps) < _STEPS:
+            self._compare(float(np.median(self._steps)))
+
+    def _check(self) -> None:
+        step = float(np.median(self._steps))
         if not 1.0 / _OFF < step * self._rate < _OFF:
             usual = 1.0 / self._rate
             said = f"rows are {step:.6g} s apart by their time, at {self._rate:g} Hz they would be {usual:.6g} s"
             remedy = "give the time's unit in the header, as in t[ms], or the --rate of the rows"
             raise InputError(said, "standard input", remedy)
+        self._compare(step)
+
+    def _compare(self, step: float) -> None:
+        if contradicts(self._rate, step):
+            rate = f"{1.0 / step:.4g}"
+            lost = "rows come after gaps, and nothing is known" if step * self._rate > GAP else "lag is not kept"
+            warn(f"rows come at {rate} Hz by their time, not at {self._rate:g} Hz: {lost}; give --rate {rate}")

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from os import PathLike
 from typing import ClassVar
 
 import numpy as np
 
 from bayesid.arrays import TINY, Array, Integers, Mask
-from bayesid.errors import in_python
+from bayesid.errors import InputError, in_python
 from bayesid.fit.knowledge import Beliefs, Knowledge
 from bayesid.fit.least_squares import Fit
 from bayesid.fit.noise import Noise
@@ -481,3 +482,21 @@ class Identification:
 
 def _decided_by(data: bool) -> str:
     return "data" if data else "prior"
+
+
+def identified_of(model: object, name: str) -> IdentifiedModel:
+    """The model of a result of any kind.
+
+    Args:
+        model: an `Identification`, or its model, whatever a caller has given.
+        name: of the argument.
+
+    Raises:
+        InputError: it is neither.
+    """
+    if isinstance(model, Identification):
+        return model.identified
+    if not isinstance(model, IdentifiedModel):
+        folder = repr(str(model)) if isinstance(model, str | PathLike) else "folder"
+        raise InputError(f"{model!r:.60} is no result", name, f"give bayesid.load_model({folder})")
+    return model

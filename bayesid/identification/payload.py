@@ -26,7 +26,7 @@ from bayesid.errors import InputError
 from bayesid.files.bounded import LARGEST
 from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.identification.gains import BY_PRIOR, IdentifiedGains
-from bayesid.identification.identification import Identification
+from bayesid.identification.identification import Identification, identified_of
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.options import Preparation, call_of, call_of_log
 from bayesid.identification.pipeline import QUICK, identify_again
@@ -308,7 +308,7 @@ def identify_payload(
         (False, None)
     """
     began = time.perf_counter()
-    known = _known(earlier)
+    known = identified_of(earlier, "earlier")
     if common_sd is None:
         common_sd = 0.0 if known.gains is None else known.gains.factor_sd
     stated = None if known_mass is None else _stated(known_mass)
@@ -347,14 +347,6 @@ def identify_payload(
         ),
         seconds=time.perf_counter() - began,
     )
-
-
-def _known(earlier: object) -> IdentifiedModel:
-    if isinstance(earlier, Identification):
-        return earlier.identified
-    if not isinstance(earlier, IdentifiedModel):
-        raise InputError(f"{earlier!r:.60} is no earlier result", "earlier", "give bayesid.load_model(folder)")
-    return earlier
 
 
 def _ratios_warning(gains: IdentifiedGains | None) -> list[str]:

@@ -24,8 +24,8 @@ class Coefficient:
         sd: its standard deviation; inf where the log shows nothing of it.
         lower: lower end of its 95 % interval.
         upper: upper end.
-        decided_by: "data" or "prior".
-        prior_sd: what the prior alone knows; NaN without a posterior.
+        decided_by: "data" or "prior"; of an `Accumulator` also "earlier log".
+        prior_sd: what the prior alone knows, or of an `Accumulator` the earlier log; NaN without one.
         nominal: what the nominal parameters give; NaN where they do not give one.
     """
 

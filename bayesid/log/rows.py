@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import BinaryIO, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.log.formats.base import Options
-from bayesid.log.formats.rows import follow_rows, lines_of
+from bayesid.log.formats.rows import Stream, follow_rows, lines_of
 from bayesid.log.formats.table import DEGREE
 from bayesid.log.gains import Gains
 from bayesid.log.log import angle_unit, gains_of_table, signed_joints
@@ -57,7 +57,7 @@ class RowReader:
 
     def __init__(
         self,
-        stream: BinaryIO,
+        stream: Stream,
         source: str,
         gains: Sequence[float] | Gains | str | None = None,
         unsigned: str | None = None,

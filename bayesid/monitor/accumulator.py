@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from bayesid.arrays import Array, Integers, Mask
@@ -9,15 +11,17 @@ from bayesid.errors import InputError
 from bayesid.fit.least_squares import covariance_of
 from bayesid.fit.noise import Noise
 from bayesid.fit.solver import solve_precisely
-from bayesid.identification.identification import Identification
+from bayesid.identification.identification import Identification, identified_of
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.prediction import NORMAL_95, check_payloads
 from bayesid.identification.records import Coefficient, Records, named
 from bayesid.model.coefficients import base_coefficients
 from bayesid.monitor.estimates import Normal, least_squares
+from bayesid.monitor.figures import looked_at
 from bayesid.monitor.sign_check import SignCheck, check_signs
 from bayesid.monitor.stream_moments import Setting, StreamMoments, advanced, condensed
 from bayesid.monitor.stretches import StreamSamples
+from bayesid.monitor.tracked import MOVING, Tracked
 from bayesid.motion import SLOWEST, STANDSTILL, Motion
 from bayesid.posterior.inference import OF_PRIOR
 from bayesid.signs.search.certified import Certified
@@ -25,6 +29,8 @@ from bayesid.signs.search.protocol import Search, SignProblem
 
 _MOST_INDIVIDUAL = 200
 """Stretches of each joint that are kept by themselves: some 10 kB each, and what a certified search of a minute has."""
+
+_BY_DATA, _BY_EARLIER, _BY_PRIOR = "data", "earlier log", "prior"
 
 
 class Accumulator:
@@ -48,7 +54,7 @@ class Accumulator:
             most in doubt; `check_signs` can turn each of them, and the others of a joint only together.
 
     Raises:
-        InputError: `forget`, `signed` or `most_individual` cannot be used.
+        InputError: the model, `forget`, `signed` or `most_individual` cannot be used.
 
     Example:
         >>> running = bayesid.Accumulator(result.identified, forget=60.0)
@@ -68,7 +74,7 @@ class Accumulator:
         signed: Mask | None = None,
         most_individual: int = _MOST_INDIVIDUAL,
     ) -> None:
-        identified = model.identified if isinstance(model, Identification) else model
+        identified = identified_of(model, "model")
         n = identified.model.robot.n_joints
         if forget is not None and not 0.0 < forget < np.inf:
             raise InputError(f"a time constant of {forget!r} s", "forget", "give seconds, or None to forget nothing")
@@ -96,6 +102,8 @@ class Accumulator:
 
     def add(self, motion: Motion, effort: Array, probability: Array, moving: Mask | None = None) -> None:
         """Takes one more chunk of the stream; where it cannot be used, nothing has changed.
+
+        What a tracker says goes in by `add_tracked`; other chunks come with a motion as `Signals.motion`.
 
         Of a model whose effects remember (`delay`, `hysteresis`) the last 16 samples wait for the next chunk, and every
         chunk makes the columns of the 4096 samples before it again: give it long ones.
@@ -138,11 +146,42 @@ class Accumulator:
         samples = StreamSamples(motion, speed, magnitude, sign, used & readable)
         self._running = advanced(setting, self._running, samples, top[-1])
 
+    def add_tracked(self, records: Iterable[Tracked], payload: str = "") -> None:
+        """Takes what a tracker has said, record by record: its motion and signs, where its joints are "moving".
+
+        Records that brought nothing new or know nothing yet are left out, and efforts that were not read.
+
+        Args:
+            records: of a `SignTracker`, in their order, each once; long chunks are faster than many.
+            payload: label of what the flange carries, as the tracker was given it.
+
+        Raises:
+            InputError: joints do not suit, time does not go on, as after a clock was set back, or the model knows no
+                payload of this label.
+
+        Example:
+            >>> tracker, running = bayesid.SignTracker(result, rate=50.0, lag=0.04), bayesid.Accumulator(result)
+            >>> running.add_tracked([tracker.update(t, q, e) for t, q, e in zip(log.t, log.q, log.effort)])
+            >>> running.coefficient("Fc2").decided_by
+            'data'
+        """
+        known = [one for one in records if looked_at(one)]
+        if not known:
+            return
+        t, q, dq, ddq, effort, probability = (
+            np.array([getattr(one, name) for one in known]) for name in ("t", "q", "dq", "ddq", "effort", "probability")
+        )
+        moving = (np.array([one.state for one in known]) == MOVING) & np.isfinite(effort)
+        motion = Motion(t, q, dq, ddq, payload=np.array(payload))
+        self.add(motion, np.nan_to_num(effort), probability, moving)
+
     def coefficients(self) -> Records[Coefficient]:
         """The base coefficients from all that came, one record each: to iterate over, or `.to_dataframe()`.
 
         By weighted least squares without the cone; `model()` has the parameters in it. `sd` counts effective samples,
-        less for signs in doubt, and what the model may lack or its gains leave open.
+        less for signs in doubt, and what the model may lack or its gains leave open. With `earlier`, `prior_sd` is the
+        sd by the model's own log alone, which counts the same, and `decided_by` is "earlier log" where that log has
+        more than a tenth of the information; "prior" where nothing shows a coefficient.
 
         Example:
             >>> running = bayesid.Accumulator(result)
@@ -152,15 +191,23 @@ class Accumulator:
         """
         known, normal = self._setting.coefficients, self._normal()
         beta = least_squares(normal.hessian, normal.gradient, known.project(self._identified.theta))
-        sd, before = np.sqrt(np.diag(self.covariance)), np.sqrt(np.diag(covariance_of(self._shown_before())[0]))
-        by_data = np.isfinite(sd) & (sd**2 <= OF_PRIOR * before**2)
-        told = np.where(np.isfinite(before), before, np.nan)
+        now, before, more = (
+            np.diag(part)
+            for part in (
+                covariance_of(normal.hessian - normal.lost)[0],
+                covariance_of(self._shown_before())[0],
+                self._lacking,
+            )
+        )
+        decided = np.where(now <= OF_PRIOR * before, _BY_DATA, np.where(np.isfinite(before), _BY_EARLIER, _BY_PRIOR))
+        decided = np.where(np.isfinite(now), decided, _BY_PRIOR)
+        sd, told = np.sqrt(now + more), np.sqrt(np.where(np.isfinite(before), before + more, np.nan))
         words = zip(known.names, known.expressions, known.units, strict=True)
         ends = beta - NORMAL_95 * sd, beta + NORMAL_95 * sd
         numbers = np.column_stack([beta, sd, *ends, told]).tolist()
         rows = (
-            Coefficient(*names, mean, own, lower, upper, "data" if data else "prior", of_prior, np.nan)
-            for names, (mean, own, lower, upper, of_prior), data in zip(words, numbers, by_data, strict=True)
+            Coefficient(*names, mean, own, lower, upper, by, of_prior, np.nan)
+            for names, (mean, own, lower, upper, of_prior), by in zip(words, numbers, decided.tolist(), strict=True)
         )
         return Records(Coefficient, tuple(rows))
 
@@ -189,9 +236,7 @@ class Accumulator:
             True
         """
         normal = self._normal()
-        covariance = covariance_of(normal.hessian - normal.lost)[0]
-        more = (self._identified.lacking, self._identified.by_gains)
-        return covariance + sum(part for part in more if part is not None)
+        return covariance_of(normal.hessian - normal.lost)[0] + self._lacking
 
     @property
     def effective_samples(self) -> Array:
@@ -271,6 +316,12 @@ class Accumulator:
         return noise.with_time_of_model(running.steps / running.span) if running.steps else noise
 
     @property
+    def _lacking(self) -> Array:
+        """(r, r) by what the model may lack and its gains leave open, which no stream makes less."""
+        parts = self._identified.lacking, self._identified.by_gains
+        return sum((part for part in parts if part is not None), np.zeros_like(self._identified.precision))
+
+    @property
     def _weights(self) -> Array:
         """(n,) sd of the noise, N m, as if only every effective sample counted."""
         noise = self._noise
@@ -296,7 +347,7 @@ class Accumulator:
     # -----------------------------------------------------------------------------------------------------------
     def _check_begun(self) -> None:
         if not self._running.totals.weight.any():
-            raise InputError("no sample in motion has come yet", "add", "add chunks of the stream first")
+            raise InputError("no sample in motion has come yet", "Accumulator", "add chunks of the stream first")
 
     def _check_motion(self, motion: Motion) -> None:
         """A chunk's motion is of this robot and goes on where the one before has ended."""

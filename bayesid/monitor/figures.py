@@ -45,9 +45,11 @@ class StreamFigures:
     Attributes:
         moving: (n,) instants in motion.
         squares: (n,) sum of the squared residuals in motion, (N m)^2.
-        pushed: (n,) largest external torque over its threshold so far.
+        pushed: (n,) largest external torque over its threshold so far, of two samples in a row the lesser, as the test
+            of a contact takes it (`bayesid.monitor.changes`); nan while none is known.
         instants: that were looked at.
         times: of the updates.
+        last: (n,) external torque over its threshold in the last sample; nan where it was not known.
     """
 
     moving: Integers
@@ -55,11 +57,12 @@ class StreamFigures:
     pushed: Array
     instants: int = 0
     times: UpdateTimes = field(default_factory=UpdateTimes)
+    last: Array | None = None
 
     @classmethod
     def of_joints(cls, n: int) -> StreamFigures:
         """Before the first sample."""
-        return cls(np.zeros(n, dtype=np.int64), np.zeros(n), np.zeros(n))
+        return cls(np.zeros(n, dtype=np.int64), np.zeros(n), np.full(n, np.nan))
 
     def add(self, now: Tracked) -> None:
         """One instant more that was looked at."""
@@ -67,7 +70,10 @@ class StreamFigures:
         counts = np.array([state != REST for state in now.state]) & np.isfinite(now.residual)
         self.moving += counts
         self.squares += np.where(counts, now.residual, 0.0) ** 2
-        self.pushed = np.fmax(self.pushed, np.abs(now.external) / now.threshold)
+        ratio = np.where(np.isfinite(now.threshold), np.abs(now.external) / now.threshold, np.nan)
+        if self.last is not None:
+            self.pushed = np.fmax(self.pushed, np.minimum(ratio, self.last))
+        self.last = ratio
 
     @property
     def rms(self) -> Array:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesid.arrays import Array, Mask
+from bayesid.errors import InputError
 from bayesid.identification.identification import SURE
 from bayesid.identification.validation import Validation
 from bayesid.log.log import Log
@@ -18,6 +19,10 @@ from bayesid.monitor.tracker import SignTracker
 from bayesid.process import one_blas_thread
 from bayesid.progress import SILENT, Progress
 
+FARTHEST = 3.0
+"""Factor between a tracker's rate and that of the rows up to which they are taken for the same: half the rows may be
+lost. Lag and false alarms, which count samples, are off by that much, signs are not; beyond 5 every row comes after a
+gap (`bayesid.monitor.tracker`). A round number; of a UR10e's log at 100 Hz signs agree as often at 25 to 400 Hz."""
 _TOLD = 1000
 """Rows between two messages of the progress."""
 
@@ -69,6 +74,11 @@ def timed(tracker: SignTracker, figures: StreamFigures, t: float, q: Array, effo
     return now
 
 
+def contradicts(rate: float, step: float) -> bool:
+    """Whether a tracker's rate, Hz, is not that of rows that are typically so far apart, s."""
+    return step > 0.0 and not 1.0 / FARTHEST <= rate * step <= FARTHEST
+
+
 @one_blas_thread
 def replay(tracker: SignTracker, log: Log, progress: Progress = SILENT) -> Replay:
     """Feeds a log to a tracker that has seen nothing yet.
@@ -77,7 +87,13 @@ def replay(tracker: SignTracker, log: Log, progress: Progress = SILENT) -> Repla
         tracker: of the log's robot.
         log: its rows go in as they are: with repeated instants and gaps, and not at an even rate.
         progress: called as progress("track", rows done, rows).
+
+    Raises:
+        InputError: the tracker's rate contradicts the log.
     """
+    if contradicts(tracker.rate, log.period):
+        said = f"the log has rows at {1.0 / log.period:.4g} Hz, not at {tracker.rate:g} Hz"
+        raise InputError(said, "--rate", f"leave it out, or give at most {FARTHEST:g} times more or less")
     n, rows = log.n_joints, len(log)
     figures, seen = StreamFigures.of_joints(n), 0
     t, parts = np.empty(rows), {name: np.empty((rows, n)) for name in _PARTS}

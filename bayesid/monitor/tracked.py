@@ -17,15 +17,18 @@ class Tracked:
     """What is known of n joints at an instant.
 
     Attributes:
-        t: the instant, s: the newest sample's, less the tracker's lag.
+        t: the instant, s: that of the oldest sample that is still waited for, which is the tracker's lag before the
+            newest one. At first, and after a gap, it stays that of the first sample for as long as it must be waited
+            for, and of a record that says nothing it is the sample of which nothing is known; nan before any sample
+            could be used. It never goes back, unless the clock was set back.
         probability: (n,) P(sign = +) of the effort; 0 or 1 where it is signed, 0.5 where nothing is known.
         effort: (n,) the reading with its likelier sign, N m; nan where there is none.
         effort_sd: (n,) sd of the effort about that, N m: by the doubt about its sign, and the sensor's noise.
         predicted: (n,) the model's effort, N m; nan before there are enough samples.
         predicted_sd: (n,) its sd, N m: by parameters and motion.
         residual: (n,) effort - predicted, N m.
-        external: (n,) external torque of each joint by the momentum observer, N m.
-        threshold: (n,) beyond which it is one, N m.
+        external: (n,) external torque of each joint by the momentum observer, N m; nan while it is not known.
+        threshold: (n,) beyond which it is one, N m; inf while that is not known.
         state: (n,) of each joint: "moving", "rest" or "unknown".
         contact: joints (from 1) whose external torque is beyond the threshold.
         alarms: that this sample has raised.

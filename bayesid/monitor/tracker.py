@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from bayesid.arrays import Array, Mask, some
 from bayesid.errors import InputError
-from bayesid.identification.identification import Identification
+from bayesid.identification.identification import Identification, identified_of
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.log.log import Log
 from bayesid.monitor.alarms import Alarm, Alarms
@@ -32,7 +32,7 @@ _SPAN = 0.12
 shorter one is noisy. Set by hand on pushes that MuJoCo plays and logs of a UR10e; not studied."""
 _FEWEST = 10.0
 """Periods that the window spans at least: of fewer samples the noise is not known. Not studied."""
-_GAP = 5.0
+GAP = 5.0
 """Periods without a sample from which on what was before is forgotten: friction may have turned round meanwhile."""
 _SET_BACK = 5
 """Samples in a row, each before the newest and after the one before it, that tell of a clock that was set back: fewer
@@ -40,6 +40,8 @@ are late. As many as the periods of a gap."""
 _LOOKS = 20.0
 """Hz at which the columns of the model are made: they cost as much as all the rest, and what is made of them, the sd of
 the effort and the look of a change, stays much the same so long."""
+_MOST_ALARMS = 3600.0
+"""False alarms an hour: one a second, with which nobody is served. A round number."""
 _FASTEST = 2e4
 """Hz; no controller logs faster: a rate in mHz, or a period in its place, is told."""
 
@@ -111,7 +113,8 @@ class SignTracker:
 
     Args:
         model: an identification, or its model as `bayesid.load_model` gives it.
-        rate: of the samples, Hz; they may jitter, be late or be missing.
+        rate: of the samples, Hz; they may jitter, be late or be missing. One that is more than five times too high
+            makes a gap of every step, and nothing is known: `counts.gaps` then grows with `counts.updates`.
         lag: s that the caller can wait: an instant is judged with the samples up to so much later. Half of it lets the
             motion be seen from both sides, half the signs.
         signed: (n,) joints whose effort is signed; by default none, and absolute values are taken.
@@ -120,7 +123,7 @@ class SignTracker:
             twice what it was on the log that it was identified from, at most.
 
     Raises:
-        InputError: the rate, the lag, the rate of false alarms, the label or `signed` cannot be used.
+        InputError: the model, the rate, the lag, the rate of false alarms, the label or `signed` cannot be used.
 
     Example:
         >>> tracker = bayesid.SignTracker(bayesid.load_model("result"), rate=50.0, lag=0.05)
@@ -139,7 +142,7 @@ class SignTracker:
         payload: str = "",
         false_alarms: float = 0.01,
     ) -> None:
-        self._identified = model.identified if isinstance(model, Identification) else model
+        self._identified = identified_of(model, "model")
         self.n_joints = self._identified.model.robot.n_joints
         _check(self._identified, rate, lag, payload, false_alarms)
         self.rate, self.signed = float(rate), _signed(signed, self.n_joints)
@@ -295,7 +298,7 @@ class SignTracker:
         if values.size != state.motion.values.shape[1] or reading.size != self.n_joints:
             raise self._misfit(values.size, reading.size)
         if not self._taken(state, t, values):
-            latest = self._nothing(float(t)) if state.latest is None else state.latest
+            latest = self._nothing(np.nan) if state.latest is None else state.latest
             return replace(latest, fresh=False, alarms=())
         self._estimator.add(state.motion, float(t), values)
         reading = np.where(self.signed, reading, np.abs(reading)) if self._any_signed else np.abs(reading)
@@ -307,7 +310,7 @@ class SignTracker:
         state.recent.log.add(t, values[:n], reading, values[n : 2 * n] if state.velocities else values[:0])
         local = self._estimator.fit(state.motion)
         if local is None or len(state.readings) <= self._behind or state.readings[0][0] < local.t - local.scale:
-            state.latest = self._nothing(float(t))
+            state.latest = self._nothing(state.readings[0][0])
         else:
             state.latest = self._look(state, local, *state.readings[0])
         return state.latest
@@ -347,7 +350,7 @@ class SignTracker:
             "t": t,
             "predicted": here.effort,
             "predicted_sd": np.sqrt(square),
-            "external": state.observed.external,
+            "external": state.observed.external if local.full else np.full(self.n_joints, np.nan),
             "threshold": limit,
             "state": tuple([UNKNOWN if changed else MOVING if moves else REST for changed, moves in joints]),
             "contact": contact,
@@ -357,7 +360,7 @@ class SignTracker:
         }
         state.waiting.append(_Waiting(reading, held, here.effort, known_now))
         if found is None:
-            return replace(self._nothing(t), alarms=alarms)
+            return replace(self._nothing(state.waiting[0].known["t"]), alarms=alarms)
         return self._with_signs(state.waiting.pop(0), found, alarms)
 
     def _with_signs(self, waiting: _Waiting, probability: Array, alarms: tuple[Alarm, ...]) -> Tracked:
@@ -463,7 +466,7 @@ class SignTracker:
             counts.set_back += 1
             self._forget(state)
             self._forget_times(state, ahead)
-        elif state.motion.count and ahead > _GAP / self.rate:
+        elif state.motion.count and ahead > GAP / self.rate:
             counts.gaps += 1
             self._forget(state)
         state.late = 0, np.inf
@@ -519,17 +522,17 @@ class SignTracker:
         return SignFilter.of(self._noise, at_rest, self.rate, self._sign_wait)
 
     def _nothing(self, t: float) -> Tracked:
-        """What is known without a motion."""
+        """What is known without a motion, of the oldest sample that is waited for: its instant, s."""
         unknown = np.full(self.n_joints, np.nan)
         return Tracked(
-            t=t - self.lag,
+            t=t,
             probability=np.full(self.n_joints, 0.5),
             effort=unknown,
             effort_sd=unknown,
             predicted=unknown,
             predicted_sd=unknown,
             residual=unknown,
-            external=np.zeros(self.n_joints),
+            external=unknown,
             threshold=np.full(self.n_joints, np.inf),
             state=(UNKNOWN,) * self.n_joints,
             contact=(),
@@ -557,8 +560,9 @@ def _check(identified: IdentifiedModel, rate: float, lag: float, payload: str, f
         raise InputError(f"a rate of {rate:g} Hz", "rate", f"give the samples' rate in Hz, 1 to {_FASTEST:g}")
     if not (np.isfinite(lag) and 0.0 <= lag <= 1.0):
         raise InputError(f"a lag of {lag:g} s", "--lag", "give 0 to 1, in seconds")
-    if not (np.isfinite(false_alarms) and 0.0 < false_alarms <= 3600.0):
-        raise InputError(f"{false_alarms:g} false alarms an hour", "--false-alarms", "give more than 0")
+    if not 0.0 < false_alarms <= _MOST_ALARMS:
+        remedy = f"give more than 0, and {_MOST_ALARMS:g} at most"
+        raise InputError(f"{false_alarms:g} false alarms an hour", "--false-alarms", remedy)
     if payload and payload not in identified.model.payloads:
         known = ", ".join(identified.model.payloads) or "none"
         raise InputError(f"the model knows no payload {payload!r}", "--payload", f"give one that it knows: {known}")

@@ -13,7 +13,7 @@ from bayesid.report.verdicts import Check
 from bayesid.report.words import joints_in_words, rounded
 
 HEADINGS = ("joint", "signs agree", "sure (99 %)", "RMS residual, N m", "external / threshold")
-NOTE = "external / threshold: the largest external torque; beyond 1 it is a contact, or a change"
+NOTE = "external / threshold: the most that two samples in a row have of it; beyond 1 it is a contact, or a change"
 _SOON = 0.05
 """s after which an alarm is not said to have come later."""
 _NOTHING = "-"
@@ -27,20 +27,33 @@ def track_rows(figures: StreamFigures, smoothing: Agreement | None) -> list[tupl
     for j in range(n):
         shares = [_NOTHING if part is None else _percent(float(part[j])) for part in (agree, sure)]
         rms, pushed = float(figures.rms[j]), float(figures.pushed[j])
-        rows.append((str(j + 1), *shares, _NOTHING if rms != rms else rounded(rms), f"{pushed:.2f}"))
+        known = [_or_nothing(value, text) for value, text in ((rms, rounded(rms)), (pushed, f"{pushed:.2f}"))]
+        rows.append((str(j + 1), *shares, *known))
     return rows
 
 
-def track_lines(smoothing: Agreement | None, status: str, known: Agreement | None, seen: bool = False) -> list[Check]:
-    """How the stream's signs compare with the smoothing of the whole log and, where it has them, with its own."""
+def track_lines(
+    smoothing: Agreement | None, status: str, known: Agreement | None, seen: bool = False, *, signed: bool = False
+) -> list[Check]:
+    """How the stream's signs compare with the smoothing of the whole log and, where it has them, with its own.
+
+    Args:
+        smoothing: agreement with the smoothing; None where there is none.
+        status: why not.
+        known: agreement with the log's signs, of a stream without them.
+        seen: whether the model was identified from this log.
+        signed: whether the efforts of all joints have signs in the log.
+    """
     said = []
     if smoothing is None:
         said.append(Check("Signs", "look", f"not compared with a smoothing of the whole log: {status}"))
     elif smoothing.samples.any():
         where = " (the log that the model was identified from)" if seen else ""
         said.append(Check("Signs", "good", f"{_agreed(smoothing, 'those of a smoothing of the whole log')}{where}"))
-    else:
+    elif signed:
         said.append(Check("Signs", "good", "known in the log: there was none to find"))
+    else:
+        said.append(Check("Signs", "look", "not compared: there is no sample in motion whose sign both have found"))
     if known is not None and known.samples.any():
         told = _agreed(known, "those in the log, where absolute values alone are fed")
         said.append(Check("Signs that are known", "good", told))
@@ -115,4 +128,8 @@ def _agreed(one: Agreement, what: str) -> str:
 
 
 def _percent(share: float) -> str:
-    return _NOTHING if share != share else f"{share:.1%}"
+    return _or_nothing(share, f"{share:.1%}")
+
+
+def _or_nothing(value: float, text: str) -> str:
+    return _NOTHING if value != value else text

@@ -220,6 +220,12 @@ def test_rows_that_are_followed_are_answered_as_the_recording_is(place, monkeypa
     np.testing.assert_allclose(stream, recorded, rtol=1e-6, atol=1e-7)
     np.testing.assert_array_equal(answers[-len(stream) :], stream)
     assert np.isnan(answers[0, 1:4]).all()
+    assert np.isnan(answers[0, 10:]).all()
+    logged = [line.split(",")[0] for line in content.decode().splitlines()[1:]]
+    t = [line.split(",")[0] for line in out.splitlines()[1:]]
+    assert t[0] == logged[0]
+    assert set(t) <= set(logged)
+    assert t == sorted(t, key=float)
     assert alarms == of_recording
     raised = [json.loads(line) for line in err.splitlines() if line.startswith("{")]
     assert [one["kind"] for one in raised if one["kind"] != "contact"] == [
@@ -255,6 +261,23 @@ def test_units_gains_and_names_count_as_in_files(place, monkeypatch, capfd):
     on_input(monkeypatch, (place / "log.csv").read_bytes())
     assert run(*FOLLOW, "--quiet") == 0
     np.testing.assert_allclose(strange, stream_of(capfd.readouterr().out), rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("rows", [20, 120])
+def test_a_stream_at_another_rate_is_told_once(place, monkeypatch, capfd, rows):
+    """All rows come after gaps at 500 Hz, though nothing is wrong with any of them: 50 Hz it should have been."""
+    lines = (place / "log.csv").read_text().splitlines()[: 1 + rows]
+    on_input(monkeypatch, "\n".join(lines).encode())
+    assert run("track", "result", "-", "--follow", "--rate", 500, "--quiet") == 0
+    out, err = capfd.readouterr()
+    assert np.isnan(stream_of(out)[:, 1:4]).all()
+    assert err.count("\n") == 1
+    assert err.startswith("warning: ")
+    assert "give --rate 50" in err
+    for near in (20, 50, 125):
+        on_input(monkeypatch, "\n".join(lines).encode())
+        assert run("track", "result", "-", "--follow", "--rate", near, "--quiet") == 0
+        assert capfd.readouterr().err == ""
 
 
 def test_signs_of_a_stream_count_where_it_is_said(place, monkeypatch, capfd):
@@ -295,10 +318,11 @@ def say(running, text):
 
 def test_each_row_is_answered_before_the_next_comes(place, live):
     header, *rows = (place / "log.csv").read_bytes().splitlines(keepends=True)
-    say(live, header + rows[0][:7])
+    say(live, b"\n" + header)
+    assert live.stdout.readline().decode().strip().split(",") == NAMES  # before any row: nobody waits for the other
+    say(live, rows[0][:7])
     time.sleep(0.05)
     say(live, rows[0][7:])
-    assert live.stdout.readline().decode().strip().split(",") == NAMES
     assert live.stdout.readline().count(b",") == len(NAMES) - 1
     for row in rows[1:40]:
         say(live, row)
@@ -343,7 +367,14 @@ BAD = {
     "no log": (("result", "absent.csv"), "", ["absent.csv", "no such file"]),
     "lag": (("result", "log.csv", "--lag", 2), "", ["--lag", "2 s"]),
     "rate": (("result", "log.csv", "--rate", 0), "", ["a rate of 0 Hz"]),
+    "rate of another log": (("result", "log.csv", "--rate", 500), "", ["--rate", "50 Hz", "500 Hz", "leave it out"]),
+    "slow rate": (("result", "log.csv", "--rate", 10), "", ["--rate", "50 Hz", "10 Hz", "leave it out"]),
     "alarms": (("result", "log.csv", "--false-alarms", 0), "", ["--false-alarms"]),
+    "many alarms": (
+        ("result", "log.csv", "--false-alarms", 1e9),
+        "",
+        ["--false-alarms", "more than 0, and 3600 at most"],
+    ),
     "gains": (("result", "log.csv", "--gains", "1,2,3"), "", ["drop --gains"]),
     "picture": (("result", "log.csv", "--plot", "bmp"), "", ["--plot", "'bmp'"]),
     "no stream": (("result", "log.csv", "--follow", "--rate", 50), "", ["log.csv", "give -"]),

@@ -14,8 +14,10 @@ from scipy.io import savemat
 from bayesid.errors import InputError
 from bayesid.excitation.judgement import judge_log
 from bayesid.identification.pipeline import identify
+from bayesid.log.formats.base import Options
 from bayesid.log.formats.stated import parse_columns
 from bayesid.log.log import read_log
+from bayesid.log.rows import RowReader
 from bayesid.model.robot import load_robot
 
 ROWS = 60
@@ -171,6 +173,69 @@ def test_columns_of_single_joints_and_of_a_range(tmp_path, recorded):
     path = save(tmp_path / "log.csv", text(columns))
     stated = {"t": "clock", "q": "pose{3-4}", "tau1": "base", "tau2": "wrist"}
     assert_same(read_log(path, columns=stated), {name: recorded[name] for name in ("t", "q", "tau")})
+
+
+LOG = {"t": "t", "q": "q{}", "dq": "dq{}", "tau": "tau{}"}
+USUAL = {"t": "timestamp", "q": "actual_q_{}", "dq": "actual_qd_{}", "tau": "actual_current_as_torque_{}"}
+
+
+def renamed(recorded, names, start, kind, joint):
+    """A log in which a column of one joint has a name of its own."""
+    columns = flat(recorded, start=start, **names)
+    old = names[kind].replace("{}", str(joint - 1 + start))
+    return {"Gelenk_zwei" if name == old else name: values for name, values in columns.items()}
+
+
+@pytest.mark.parametrize("joint", [1, 2])
+@pytest.mark.parametrize("kind", ["q", "dq", "tau", "i"])
+def test_a_column_of_a_single_joint_that_is_named_stands_beside_the_others(tmp_path, recorded, kind, joint):
+    """These go by their own names, in a file, in memory and in a stream."""
+    names = LOG | ({"tau": "i{}"} if kind == "i" else {})
+    columns = renamed(recorded, names, 1, "tau" if kind == "i" else kind, joint) | {"Bemerkung": np.ones(ROWS)}
+    gains = [1.0, 1.0] if kind == "i" else None
+    stated = {f"{kind}{joint}": "Gelenk_zwei"}
+    content = text(columns)
+    assert_same(read_log(save(tmp_path / "log.csv", content), gains, columns=stated), recorded)
+    assert_same(read_log(columns, gains, columns=stated), recorded)
+    currents = gains is not None
+    reader = RowReader(
+        io.BytesIO(content.encode()), "stream", gains, options=Options(columns=stated, currents=currents)
+    )
+    rows = list(reader)
+    for part, expected in (("q", "q"), ("dq", "dq"), ("effort", "tau")):
+        np.testing.assert_allclose([getattr(row, part) for row in rows], recorded[expected], rtol=1e-13)
+
+
+@pytest.mark.parametrize("start", [0, 1])
+@pytest.mark.parametrize("kind", ["q", "dq", "tau"])
+def test_it_stands_beside_names_that_are_usual_elsewhere(tmp_path, recorded, kind, start):
+    path = save(tmp_path / "log.csv", text(renamed(recorded, USUAL, start, kind, 2)))
+    assert_same(read_log(path, columns={f"{kind}2": "Gelenk_zwei"}), recorded)
+
+
+def test_a_column_that_a_user_prefers_counts_in_place_of_the_joints_own(tmp_path, recorded):
+    columns = flat(recorded) | {"Geber": recorded["q"][:, 0] + 1.0}
+    expected = recorded | {"q": recorded["q"] + [1.0, 0.0]}
+    assert_same(read_log(save(tmp_path / "log.csv", text(columns)), columns={"q1": "Geber"}), expected)
+
+
+def test_joints_that_are_named_one_by_one_are_all_there_are(tmp_path, recorded):
+    """Of three joints by usual names the first two, in another order."""
+    third = {name: np.column_stack([recorded[name], recorded["q"][:, 0]]) for name in ("q", "dq", "tau")}
+    path = save(tmp_path / "log.csv", text(flat({"t": recorded["t"]} | third, start=0, **USUAL)))
+    stated = {f"{kind}{j}": USUAL[kind].replace("{}", str(2 - j)) for kind in ("q", "dq", "tau") for j in (1, 2)}
+    turned = {name: recorded[name][:, ::-1] for name in ("q", "dq", "tau")}
+    assert_same(read_log(path, columns=stated), recorded | turned)
+
+
+@pytest.mark.parametrize(("kind", "said"), [("q", "has no q beside it"), ("tau", "is missing")])
+def test_where_counting_begins_is_not_guessed(tmp_path, recorded, kind, said):
+    """Without the first joint's column those of joints 2 and 3 may be numbered from 0 or from 1."""
+    third = {name: np.column_stack([recorded[name], recorded["q"][:, 0]]) for name in ("q", "dq", "tau")}
+    columns = flat({"t": recorded["t"]} | third, start=0, **USUAL)
+    old = USUAL[kind].replace("{}", "0")
+    path = save(tmp_path / "log.csv", text({"first" if name == old else name: v for name, v in columns.items()}))
+    assert said in refusal(path, columns={f"{kind}1": "first"})
 
 
 @pytest.mark.parametrize(

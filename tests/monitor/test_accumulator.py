@@ -1,7 +1,8 @@
 import pickle
 import re
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -211,6 +212,73 @@ def test_what_was_known_before_counts_if_it_is_to():
     expected = np.linalg.solve(information + left, information @ beta + left @ case.beta)
     np.testing.assert_allclose(means(running), expected, rtol=FINE, atol=FINE * np.abs(beta).max())
     np.testing.assert_allclose(running.covariance, np.linalg.inv(information + left), rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize(("sharper", "decided_by"), [(0.01, "data"), (100.0, "earlier log")])
+def test_what_decides_is_the_stream_or_the_log_before_it(sharper, decided_by):
+    """By their information alone: what the model may lack is in the sd before as it is in the sd now."""
+    case = stream()
+    rows = case.rows(case.noise).reshape(-1, len(case.coefficients))
+    lacking, by_gains = (np.diag(np.full(len(case.beta), size)) for size in (3.0, 1.0))
+    precision = sharper * rows.T @ rows
+    model = replace(case.identified(precision=precision), lacking=lacking, by_gains=by_gains)
+    running = fed(case, bayesid.Accumulator(model, earlier=True), moving=np.ones(case.effort.shape, dtype=bool))
+    table = running.coefficients()
+    assert {one.decided_by for one in table} == {decided_by}
+    expected = np.sqrt(np.diag(np.linalg.inv(precision)) + 4.0)
+    np.testing.assert_allclose([one.prior_sd for one in table], expected, rtol=1e-6)
+    assert all(2.0 < one.sd < one.prior_sd for one in table)
+    alone = fed(case, bayesid.Accumulator(model), moving=np.ones(case.effort.shape, dtype=bool))
+    assert {one.decided_by for one in alone.coefficients()} == {"data"}
+    assert np.isnan([one.prior_sd for one in alone.coefficients()]).all()
+    blank = bayesid.Accumulator(case.identified(), earlier=True)  # of whose model no log has shown anything
+    assert {one.decided_by for one in blank.coefficients()} == {"prior"}
+
+
+@pytest.mark.parametrize("signed", [[False] * 3, [False, True, False]])
+def test_records_of_a_tracker_are_chunks(signed):
+    """With readings that are missing, samples that bring nothing, and the first ones, of which nothing is known."""
+    case = stream()
+    tracker = bayesid.SignTracker(case.identified(), RATE, lag=0.05, signed=signed)
+    readings = np.where(signed, case.measured, np.abs(case.measured))
+    readings[300:320, 2] = np.nan
+    q = case.motion.q.copy()
+    q[500] = np.nan
+    records = [tracker.update(*row) for row in zip(case.motion.t, q, readings, strict=True)]
+    records.insert(400, replace(records[399], fresh=False))
+    told, by_hand_of = (bayesid.Accumulator(case.identified(), signed=np.array(signed)) for _ in range(2))
+    for part in (records[:3], records[3:450], records[450:]):
+        told.add_tracked(part)
+    used = [one for one in records if one.fresh and np.isfinite(one.predicted).all()]
+    assert len(used) > 1100
+    parts = {name: np.array([getattr(one, name) for one in used]) for name in ("t", "q", "dq", "ddq")}
+    effort = np.array([one.effort for one in used])
+    moving = (np.array([one.state for one in used]) == "moving") & np.isfinite(effort)
+    assert (np.isnan(effort).sum(axis=0) == [0, 0, 20]).all()
+    probability = np.array([one.probability for one in used])
+    by_hand_of.add(Motion(**parts), np.nan_to_num(effort), probability, moving)
+    np.testing.assert_allclose(means(told), means(by_hand_of), rtol=1e-9)
+    np.testing.assert_allclose(sds(told), sds(by_hand_of), rtol=1e-9)
+    off = (means(told) - case.beta) / sds(told)
+    assert np.abs(off).max() < 6.0
+
+
+@pytest.mark.parametrize("make", [bayesid.Accumulator, partial(bayesid.SignTracker, rate=RATE)])
+def test_what_is_no_result_is_told_how_to_become_one(make):
+    for given, remedy in (("ur", "'ur'"), (Path("ur"), "'ur'"), (3, "folder")):
+        with pytest.raises(InputError, match=re.escape(f"is no result; give bayesid.load_model({remedy})")):
+            make(given)
+
+
+def test_records_of_a_flange_that_carries_something():
+    case = stream()
+    tracker = bayesid.SignTracker(case.identified(), RATE)
+    records = [tracker.update(case.motion.t[k], case.motion.q[k], np.abs(case.measured[k])) for k in range(200)]
+    running = bayesid.Accumulator(case.identified())
+    with pytest.raises(InputError, match="tool1"):
+        running.add_tracked(records, payload="tool1")
+    running.add_tracked([])
+    assert np.isinf(sds(running)).all()
 
 
 def test_the_model_is_in_the_cone_and_near_the_coefficients():
@@ -474,7 +542,7 @@ def test_a_restored_accumulator_goes_on_to_the_digit():
 def test_bad_chunks_are_told_and_change_nothing():
     case = stream()
     running = bayesid.Accumulator(case.identified())
-    with pytest.raises(InputError, match="add: no sample in motion has come yet; add chunks"):
+    with pytest.raises(InputError, match="Accumulator: no sample in motion has come yet; add chunks"):
         running.check_signs()
     motion, effort, sign = case.motion[:50], np.abs(case.measured[:50]), case.sign[:50]
     running.add(motion, effort, sign)

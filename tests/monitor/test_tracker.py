@@ -58,6 +58,28 @@ def test_a_joint_with_a_sign_keeps_it():
         assert abs(record.effort[0]) == abs(e[0])
 
 
+@pytest.mark.parametrize("lag", [0.0, 0.02, 0.05, 0.2])
+def test_a_record_is_of_the_oldest_sample_that_is_waited_for(lag):
+    """So its time never goes back, nor before the first sample, nor into a gap; what is not known of it is nan."""
+    motion, effort = stream()
+    motion = replace(motion, t=motion.t + 0.37)
+    tracker, first = run(motion, effort, rows=slice(0, 150), lag=lag)
+    rest = run(motion, effort, tracker, slice(300, 450))[1]
+    for records, begin in ((first, 0), (rest, 300)):
+        t, samples = [record.t for record in records], motion.t[begin : begin + 150]
+        assert (t[0], t[-1]) == (samples[0], samples[149 - round(lag * RATE)])
+        assert set(t) <= set(samples)
+        assert (np.diff(t) >= 0.0).all()
+        assert np.isnan(records[0].external).all()
+        known = np.array([np.isfinite(record.external).all() for record in records])
+        limited = np.array([np.isfinite(record.threshold).all() for record in records])
+        assert (known == limited).all()
+        assert known[60:].all()
+    nothing = SignTracker(identified(), RATE, lag).update(0.0, [np.nan] * 3, np.zeros(3))
+    assert np.isnan(nothing.t)
+    assert not nothing.fresh
+
+
 def test_states_and_what_is_not_known_yet():
     model, theta = truth()
     still = motion_of(2)[np.full(100, 700)]

@@ -1,12 +1,15 @@
 """What is said and drawn of a stream."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from bayesid.monitor.alarms import Alarm
+from bayesid.monitor.changes import ChangeTest, Sums
 from bayesid.monitor.figures import StreamFigures, UpdateTimes
 from bayesid.monitor.replay import Agreement, Replay
-from bayesid.monitor.tracked import Counts
+from bayesid.monitor.tracked import Counts, Tracked
 from bayesid.report.plot.stream import stream_figure
 from bayesid.report.track_text import HEADINGS, alarm_line, change_line, count_line, track_lines, track_rows
 
@@ -50,12 +53,34 @@ def test_signs_of_samples_that_count_are_compared():
     assert "60.0% of the samples in motion" in line.message
 
 
+def test_an_external_torque_is_told_as_the_test_of_a_contact_takes_it():
+    """Of two samples in a row the lesser: one alone beyond the threshold is none; nothing where none is known."""
+    ratios = np.array([[np.nan, 0.2], [0.5, 9.0], [1.64, 0.3], [0.9, 0.4], [0.3, 1.2], [0.2, -1.1], [0.1, np.nan]])
+    limit = np.array([20.0, 4.0])
+    nothing, nobody = np.zeros(2), np.full(2, np.nan)
+    now = Tracked(0.0, *[nothing] * 6, nobody, limit, ("moving",) * 2, (), (), *[nothing] * 3)
+    of_stream = StreamFigures.of_joints(2)
+    assert [row[-1] for row in track_rows(of_stream, None)] == ["-", "-"]
+    for ratio in ratios:
+        of_stream.add(replace(now, external=ratio * limit))
+    np.testing.assert_allclose(of_stream.pushed, [0.9, 1.1])
+    of_stream.add(replace(now, external=50.0 * limit, threshold=np.full(2, np.inf)))
+    of_stream.add(replace(now, external=50.0 * limit))
+    np.testing.assert_allclose(of_stream.pushed, [0.9, 1.1])
+    test, sums = ChangeTest(None, 50.0, 0.01), Sums.begin(2)
+    felt = np.array([test.push(sums, ratio * limit, limit) for ratio in ratios])
+    np.testing.assert_array_equal(felt.any(axis=0), of_stream.pushed > 1.0)
+
+
 def test_what_was_not_compared_is_said():
     assert [len(row) for row in track_rows(figures(), None)] == [len(HEADINGS)] * 2
     (line,) = track_lines(None, "the log is too short", None)
     assert (line.state, "too short" in line.message) == ("look", True)
     none = Agreement.of(np.ones((3, 2)), np.ones((3, 2), dtype=bool), np.zeros((3, 2), dtype=bool))
-    assert "known in the log" in track_lines(none, "done", None)[0].message
+    assert "known in the log" in track_lines(none, "done", None, signed=True)[0].message
+    (line,) = track_lines(none, "done", None)
+    assert (line.state, "no sample in motion" in line.message) == ("look", True)
+    assert "known" not in line.message
 
 
 def test_what_became_of_the_rows_is_one_line():
@@ -88,7 +113,8 @@ def made_stream(n=2, alarms=(PAYLOAD, CONTACT)):
         "predicted": 0.9 * wave,
         "predicted_sd": 0.1 + 0.0 * wave,
     }
-    parts |= {"external": 0.1 * wave, "threshold": np.where(wave > 0.9, np.inf, 1.0)}
+    known = (t > 0.12)[:, None]  # of the first instants no torque is told
+    parts |= {"external": np.where(known, 0.1 * wave, np.nan), "threshold": np.where(wave > 0.9, np.inf, 1.0)}
     return Replay(t, **parts, alarms=alarms, counts=Counts(), figures=figures(), lag=0.0, rate=50.0)
 
 
@@ -103,6 +129,7 @@ def test_every_joint_has_its_effort_and_its_external_torque():
     assert any(line.get_xdata()[0] == PAYLOAD.raised for line in effort.get_lines())
     assert "payload" in [text.get_text() for text in effort.texts]
     assert external.get_ylabel() == "external\ntorque, N m"
+    assert 1.0 < external.get_ylim()[1] < 2.0
     (key,) = figure.legends
     assert {"model", "threshold of a contact", "contact", "change, when it was said"} <= {
         text.get_text() for text in key.get_texts()

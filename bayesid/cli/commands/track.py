@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rich.console import RenderableType
 
-from bayesid.cli.following import NobodyReadsError, follow
+from bayesid.cli.following import Announced, NobodyReadsError, follow
 from bayesid.cli.options import read, reading_options
 from bayesid.cli.progress import StageBars
 from bayesid.cli.tables import line_of
@@ -82,7 +82,8 @@ def _replay(options: argparse.Namespace) -> None:
         save_replay(folder, result, streamed, options.plot)
     if not options.quiet:
         seen = offline is not None and offline.seen
-        show(*_parts(result, options, float(log.t[-1]), seen), f"written to {folder}/")
+        said = track_lines(result.smoothing, result.smoothing_status, result.known, seen, signed=bool(log.signed.all()))
+        show(*map(line_of, said), *_parts(result, options, float(log.t[-1])), f"written to {folder}/")
 
 
 def _tracker(
@@ -145,11 +146,9 @@ def _name(identified: IdentifiedModel, log: Log, alarm: Alarm) -> Named:
     return Named(found.status, tuple((one.effect, one.joints) for one in found.added))
 
 
-def _parts(result: StreamResult, options: argparse.Namespace, last: float, seen: bool) -> list[RenderableType]:
-    """What ends the command."""
-    known = track_lines(result.smoothing, result.smoothing_status, result.known, seen)
+def _parts(result: StreamResult, options: argparse.Namespace, last: float) -> list[RenderableType]:
+    """What ends the command, behind how the signs compare."""
     return [
-        *map(line_of, known),
         "",
         table(list(HEADINGS), [list(row) for row in track_rows(result.figures, result.smoothing)]),
         NOTE,
@@ -189,9 +188,9 @@ def _follow(options: argparse.Namespace) -> None:
     folder = None if options.out is None else check_folder(options.out, STREAM_FILES, STREAM)
     identified = load_model(options.result)
     _tracker(options, identified, options.rate)  # bad options need no rows
-    reader = _reader(options, identified)
-    tracker = _tracker(options, identified, options.rate, reader.signed.tolist())
     try:
+        reader = _reader(options, identified)
+        tracker = _tracker(options, identified, options.rate, reader.signed.tolist())
         if folder is None:
             figures = follow(tracker, reader, None)
         else:
@@ -209,7 +208,8 @@ def _reader(options: argparse.Namespace, identified: IdentifiedModel) -> RowRead
     columns = Options(**said, currents=gains is not None)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
-        reader = RowReader(sys.stdin.buffer, _SOURCE, gains, unsigned, degrees, columns)
+        stream = Announced(sys.stdin.buffer, identified.model.robot.n_joints)
+        reader = RowReader(stream, _SOURCE, gains, unsigned, degrees, columns)
     for said_of_it in [*(str(one.message) for one in caught), *reader.notes]:
         warn(said_of_it)
     robot = identified.model.robot

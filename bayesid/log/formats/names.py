@@ -71,12 +71,13 @@ def choose(
         columns = convention.stated(header, columns or {}, currents=currents)
         columns = {key: pattern for key, pattern in columns.items() if not motion or kind_part(key) not in ("tau", "i")}
     stated = stated_columns(header, columns, where, described(header)) if columns else []
-    kinds, taken = {kind_part(source.name) for source in stated}, {source.place for source in stated}
-    kinds |= {"tau", "i"} if motion or kinds & {"tau", "i"} else set()
+    kinds, named = _settled(columns or {}, stated, motion=motion)
+    taken, names = {source.place for source in stated}, {source.name for source in stated}
     readings = [reading for reading in read_labels(header) if reading.place not in taken and reading.kind not in kinds]
-    families = _families(readings, kinds, where, currents=currents)
+    families = _families(readings, kinds, named, where, currents=currents)
     _check_start(families, where)
-    found = [*stated, *(_source(one, family) for family in families for one in family.values())]
+    sources = (_source(one, family) for family in families for one in family.values())
+    found = [*stated, *(source for source in sources if source.name not in names)]
     if part:
         return _part(found, header, where)
     lacking = "" if convention is None else convention.lacking
@@ -119,18 +120,35 @@ def _unit_of(kind: str, label: str) -> float | None:
     return None if unit is None else factor_of(kind, unit)
 
 
-def _families(readings: Sequence[Reading], stated: Set[str], where: str, *, currents: bool) -> list[_Family]:
+def _settled(
+    columns: Mapping[str, str], stated: Sequence[SourceColumn], *, motion: bool
+) -> tuple[set[str], dict[str, set[int]]]:
+    """Kinds of which no more columns are looked for, and of others the joints whose columns a user has named."""
+    kinds = {kind_part(source.name) for source in stated}
+    named: dict[str, set[int]] = {kind: set() for kind in kinds - columns.keys()}
+    for source in stated:
+        if source.name != "t" and kind_part(source.name) in named:
+            named[kind_part(source.name)].add(_joint(source.name))
+    efforts = {"tau", "i"} if motion or kinds & {"tau", "i"} else set()
+    return (kinds | efforts) - named.keys(), named
+
+
+def _families(
+    readings: Sequence[Reading], stated: Set[str], named: Mapping[str, Set[int]], where: str, *, currents: bool
+) -> list[_Family]:
     """Of each kind that a log needs, and that nobody has stated, the columns to be used.
 
-    Those with a log's own names come first; where these and the stated ones make a whole log, no others are looked at.
+    Those with a log's own names come first; where these and the stated ones make a whole log, no others are looked at
+    but for kinds of which some joints' columns are named.
     """
     own = {kind: _own_family(readings, kind, where) for kind in WORDS}
+    own |= {kind: own[kind] or _others_beside(readings, kind, joints) for kind, joints in named.items()}
     first, second = ("i", "tau") if currents else ("tau", "i")
-    effort = next((kind for kind in (first, second) if own[kind]), None)
-    known = {*stated, *(kind for kind in WORDS if own[kind])}
+    effort = next((kind for kind in (first, second) if own[kind] or kind in named), None)
+    known = {*stated, *named, *(kind for kind in WORDS if own[kind])}
     if {"t", "q"} <= known and known & {"tau", "i"}:
         return [own[kind] for kind in ("t", "q", effort, "dq") if kind is not None and own[kind]]
-    needed = [kind for kind in ("t", "q", "dq") if kind not in stated]
+    needed = [kind for kind in ("t", "q", "dq") if kind not in stated and (own[kind] or kind not in named)]
     found = [own[kind] or _other_family(readings, kind, where) for kind in needed]
     if effort is not None:
         found.append(own[effort])
@@ -167,6 +185,21 @@ def _other_family(readings: Sequence[Reading], kind: str, where: str) -> _Family
         first, second, *_ = families.values()
         raise _either(next(iter(first.values())), next(iter(second.values())), where)
     return next(iter(families.values()), {})
+
+
+def _others_beside(readings: Sequence[Reading], kind: str, joints: Set[int]) -> _Family:
+    """The columns of a kind that go by one other word, beside those of joints that are named; empty where it is open.
+
+    Joints 1, 2, .. named one by one may be all that are meant; and without the first joint's column nobody knows
+    whether the others count from 0 or from 1.
+    """
+    if len(joints) > 1 and max(joints) == len(joints):
+        return {}
+    those = [one for one in readings if one.kind == kind and one.rank == OTHER]
+    family = {one.number: one for one in those}
+    if len({one.word for one in those}) != 1 or len(family) < len(those) or (1 in joints and 0 not in family):
+        return {}
+    return family
 
 
 def _either(first: Reading, second: Reading, where: str) -> InputError:

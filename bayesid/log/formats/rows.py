@@ -6,7 +6,7 @@ import csv
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from itertools import chain
-from typing import BinaryIO
+from typing import Protocol
 
 import numpy as np
 
@@ -24,6 +24,13 @@ _ENOUGH = 3
 """Lines that show how a table is written: the header, units beneath it, and the first row of values."""
 _FOLLOWED = "utf-8", "utf-8-sig", "cp1252"
 """Encodings in which a line ends with the byte of a line's end."""
+
+
+class Stream(Protocol):
+    """What gives lines of text."""
+
+    def readline(self, most: int, /) -> bytes:
+        """The next line, or so many bytes of it; empty at the end."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +82,7 @@ class TextRows:
         return Table(columns, self.source, rows_of(self.source), self.notes)
 
 
-def lines_of(stream: BinaryIO, source: str) -> Iterator[bytes]:
+def lines_of(stream: Stream, source: str) -> Iterator[bytes]:
     """The lines of a stream as soon as each is there.
 
     Raises:

@@ -85,7 +85,8 @@ def _external(ax: Axes, streamed: Replay, j: int) -> None:
         _curve(ax, streamed.t, sign * threshold, label, ORANGE, 0.8, "dashed")
     _curve(ax, streamed.t, external, "external torque", BLUE, 1.1)
     finite = threshold[np.isfinite(threshold)]
-    most = max(float(np.abs(external).max(initial=0.0)), float(np.median(finite)) if finite.size else 0.0)
+    largest = float(np.abs(external).max(initial=0.0, where=np.isfinite(external)))
+    most = max(largest, float(np.median(finite)) if finite.size else 0.0)
     if most > 0.0:
         ax.set_ylim(-_CLEAR * most, _CLEAR * most)
     ax.set_ylabel("external\ntorque, N m", fontsize=SIZE - 1.0, color=INK)
