@@ -30,7 +30,7 @@ from bayesid.excitation.search import Design, MotionSearch
 from bayesid.excitation.splines import SplineBasis, SplineTrajectory, at_rest
 from bayesid.fit.effects.added_effect import AddedEffect
 from bayesid.fit.effects.hypotheses import EffectKey
-from bayesid.identification.identification import KNOWN, Identification
+from bayesid.identification.identification import KNOWN, Identification, identified_of
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.model.catalogue import main_forms
 from bayesid.model.coefficients import base_coefficients
@@ -380,8 +380,7 @@ def _taken(
     if isinstance(result, Identification):
         recorded = result.signals.motion if recorded is None else recorded
         result = _with_lacking(result)
-    if not isinstance(result, IdentifiedModel):
-        raise InputError(f"{result!r:.60} is no result", "design_next", "give what identify or load_model returned")
+    result = identified_of(result, "result")
     if recorded is not None and len(recorded) > _MOST_RECORDED:
         recorded = recorded[:: -(-len(recorded) // _MOST_RECORDED)]
     return result, recorded, named
