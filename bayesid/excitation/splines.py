@@ -61,7 +61,7 @@ class SplineBasis:
 
     @cached_property
     def places(self) -> Array:
-        """(K,) instants, s, whose values control points stand for: means of their inner knots (de Boor, chapter XI)."""
+        """(K,) s, where the curve is about at its control points, the means of inner knots (de Boor, chapter XI)."""
         return np.array([self.knots[k + 1 : k + DEGREE + 1].mean() for k in range(len(self))])
 
     @cached_property
