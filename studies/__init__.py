@@ -19,16 +19,21 @@ from bayesid.errors import InputError
 from bayesid.study.names import STUDIES
 from bayesid.study.study import Finished, Study, run_study
 
-__all__ = ["STUDIES", "Finished", "Study", "load", "run_study"]
+WITH_FLOOR = ("real",)
+
+__all__ = ["STUDIES", "WITH_FLOOR", "Finished", "Study", "load", "run_study"]
 
 
-def load(name: str) -> Study:
-    """The study of a name.
+def load(name: str, *, floor: bool = False) -> Study:
+    """The study of a name; or the one that holds its figures to a floor.
 
     Raises:
         InputError: there is none.
     """
     if name not in STUDIES:
         raise InputError(f"{name!r} is no study", "study", f"choose from {', '.join(STUDIES)}")
-    study: Study = import_module(f"bayesid.studies.{name}").STUDY
+    if floor and name not in WITH_FLOOR:
+        remedy = f"leave it out, or choose from {', '.join(WITH_FLOOR)}"
+        raise InputError(f"the study {name!r} has no floors", "--floor", remedy)
+    study: Study = import_module(f"bayesid.studies.{name}{'_floor' * floor}").STUDY
     return study

@@ -211,7 +211,7 @@ def kr5_masses(rng):
 
 def bare_robot(rng, kind):
     if kind == "kr5":
-        joints = tomllib.loads(KR5.read_text())["joints"]
+        joints = tomllib.loads(KR5.read_text(encoding="utf-8"))["joints"]
         masses = kr5_masses(rng)
     else:
         joints = random_joints(rng)
@@ -964,7 +964,7 @@ def write_log(path, log):
     header = ",".join(["t", *(f"q{i + 1}" for i in range(n)), *(f"tau{i + 1}" for i in range(n))])
     line = ",".join(["%.2f", *["%.15f"] * n, *["%.9e"] * n]) + "\n"
     values = np.column_stack([log.t, log.q, np.abs(log.measured)])
-    Path(path).write_text(header + "\n" + (line * len(values)) % tuple(values.ravel().tolist()))
+    Path(path).write_text(header + "\n" + (line * len(values)) % tuple(values.ravel().tolist()), encoding="utf-8")
 
 
 def truth_of(case, size):

@@ -102,7 +102,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
 
 def _scored(result: Identification, log: Log) -> Row:
     """Of signs and confidences."""
-    rows = _rows(result, log.t)
+    rows = grid_rows(result, log.t)
     moving = result.segments.per_sample(result.segments.moving, *result.probability.shape)[rows] > 0
     signs = result.sample_signs[rows]
     velocity = np.sign(result.model.robot.actuators(result.signals.motion).dq[rows])
@@ -110,7 +110,7 @@ def _scored(result: Identification, log: Log) -> Row:
     smooth = lowpass(signal.raw_effort, _SMOOTH_HZ, signal.rate)[rows]
     confidence = np.maximum(result.probability, 1.0 - result.probability)[rows]
     sure = confidence >= SURE
-    strong, every = _strong(log.effort), np.ones_like(log.effort, dtype=bool)
+    strong, every = is_strong(log.effort), np.ones_like(log.effort, dtype=bool)
     at_rest = ~moving & (log.effort != 0.0)
     wrong = _wrong_segments(result, log.effort, rows)
     posterior = result.posterior
@@ -119,7 +119,7 @@ def _scored(result: Identification, log: Log) -> Row:
         "segments": len(result.segments),
         "all": _share(signs, log.effort, strong),
         "motion": _share(signs, log.effort, strong & moving),
-        "smooth": _share(signs, smooth, _strong(smooth) & moving),
+        "smooth": _share(signs, smooth, is_strong(smooth) & moving),
         "smooth_truth_joints": [
             _share(np.sign(smooth)[:, j], log.effort[:, j], (strong & moving)[:, j]) for j in range(log.n_joints)
         ],
@@ -192,14 +192,15 @@ def _predicted(result: Identification, target: Log) -> Row:
     return {name: values.tolist() for name, values in figures.items()}
 
 
-def _rows(result: Identification, t: Array) -> Any:
+def grid_rows(result: Identification, t: Array) -> Any:
     """The grid's sample nearest to each row of the log."""
     motion = result.signals.motion
     nearest = np.rint((t - motion.t[0]) * result.signals.rate).astype(int)
     return np.clip(nearest, 0, len(motion) - 1)
 
 
-def _strong(effort: Array) -> Any:
+def is_strong(effort: Array) -> Any:
+    """Samples that count: with at least 5 % of their joint's largest effort."""
     return np.abs(effort) >= STRONG * np.abs(effort).max(axis=0)
 
 

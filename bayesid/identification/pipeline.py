@@ -75,7 +75,7 @@ _SMOOTHED = 24
 
 
 @one_blas_thread
-def identify(
+def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by their names
     robot: Robot | str | Path,
     log: LogSource,
     terms: Iterable[str | Term] = STANDARD,

@@ -45,6 +45,7 @@ class Study:
             of the clock. A module-level function: it runs in other processes.
         report: from rows to tables and a conclusion.
         draw: draws rows into an empty figure.
+        short: from rows to a line for each figure that is worse than it may be.
     """
 
     name: str
@@ -53,6 +54,7 @@ class Study:
     trial: Callable[[Scenario, int], Row]
     report: Callable[[Sequence[Row]], str]
     draw: Callable[[Sequence[Row], Figure], None]
+    short: Callable[[Sequence[Row]], list[str]] = lambda rows: []
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,11 @@ class Finished:
     def good(self) -> list[Row]:
         """All other rows."""
         return [row for row in self.rows if not row[ERROR]]
+
+    @property
+    def short(self) -> list[str]:
+        """A line for each figure that is worse than it may be."""
+        return self.study.short(self.good)
 
     @property
     def report(self) -> str:

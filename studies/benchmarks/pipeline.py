@@ -108,7 +108,7 @@ class Place:
 
     def parts(self, log: Path) -> list[Path]:
         """A log in parts as long as those that the workflow is timed on."""
-        header, *rows = log.read_text().splitlines(keepends=True)
+        header, *rows = log.read_text(encoding="utf-8").splitlines(keepends=True)
         parts: list[Path] = []
         for first in range(0, len(rows), self.samples):
             parts.append(self.folder / f"{log.stem}_{len(parts) + 1}.csv")
@@ -124,7 +124,7 @@ class Place:
         """An identification without signs: what it took, its summary, its folder."""
         out = self.folder / f"{log.stem}-result"
         ran = self.run("identify", log, "--robot", "ur10e", "--unsigned", "all", *options, "--out", out)
-        return ran, json.loads((out / "summary.json").read_text()), out
+        return ran, json.loads((out / "summary.json").read_text(encoding="utf-8")), out
 
 
 def identify(place: Place) -> list[Check]:
@@ -165,7 +165,7 @@ def discrepancy(place: Place) -> list[Check]:
         words = ("discrepancy", healthy, log, "--unsigned", "all", "--holdout", holdout)
         out = place.folder / f"{name}-gap"
         took.append(place.run(*words, "--out", out).seconds)
-        said = json.loads((out / "discrepancy.json").read_text())
+        said = json.loads((out / "discrepancy.json").read_text(encoding="utf-8"))
         found = [" ".join([effect["effect"], *map(str, effect["joints"])]) for effect in said["found"]]
         print(f"{name}: {took[-1]:.1f} s, {said['status']}: {', '.join(found) or 'nothing'}")
     return [_seconds("discrepancy, median", median(took), 4.0), _seconds("discrepancy, longest", max(took), 12.0)]
@@ -220,8 +220,8 @@ def many(place: Place) -> list[Check]:
 def _memory_of_all(process: int) -> float:
     """GB of a process and its children now, by Linux's /proc; 0 where there is none."""
     try:
-        children = Path(f"/proc/{process}/task/{process}/children").read_text().split()
-        maps = [Path(f"/proc/{one}/smaps_rollup").read_text() for one in (process, *children)]
+        children = Path(f"/proc/{process}/task/{process}/children").read_text(encoding="utf-8").split()
+        maps = [Path(f"/proc/{one}/smaps_rollup").read_text(encoding="utf-8") for one in (process, *children)]
     except OSError:  # one has just ended
         return 0.0
     return sum(int(kilobytes) for text in maps for kilobytes in re.findall(r"^Pss: +(\d+) kB", text, re.M)) / 1e6

@@ -105,7 +105,7 @@ def memory(count: int, scheduler: Cluster | None) -> str:
 
 def _peak(process: str) -> float:
     """MB, highest resident memory of a process."""
-    match = re.search(r"VmHWM:\s+(\d+) kB", Path(f"/proc/{process}/status").read_text())
+    match = re.search(r"VmHWM:\s+(\d+) kB", Path(f"/proc/{process}/status").read_text(encoding="utf-8"))
     assert match is not None
     return int(match[1]) / 1e3
 
@@ -129,7 +129,7 @@ def cluster() -> Iterator[Cluster]:
         while not file.exists() and time.monotonic() < end:
             time.sleep(_TICK)
         time.sleep(_TICK)
-        address = re.findall(r"tcp://[\d.:]+", file.read_text())[0]
+        address = re.findall(r"tcp://[\d.:]+", file.read_text(encoding="utf-8"))[0]
         options = ["--nthreads", "1", "--nworkers", str(_WORKERS), "--no-dashboard"]
         workers = _started([sys.executable, "-m", "distributed.cli.dask_worker", address, *options], place)
         try:

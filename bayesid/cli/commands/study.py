@@ -7,6 +7,7 @@ from pathlib import Path
 
 from bayesid.cli.progress import CountBar
 from bayesid.cli.terminal import show, warn
+from bayesid.errors import BayesidError
 from bayesid.files.writing import reserved
 from bayesid.studies import load
 from bayesid.study.results import check_results, save_results
@@ -15,7 +16,7 @@ from bayesid.study.study import run_study
 
 def run(options: argparse.Namespace) -> None:
     """A folder with the trials' rows, a report and a figure."""
-    study, folder = load(options.name), options.out or Path(f"bayesid-study-{options.name}")
+    study, folder = load(options.name, floor=options.floor), options.out or Path(f"bayesid-study-{options.name}")
     check_results(folder)
     with reserved(folder), CountBar("trials", options.quiet) as bar:
         finished = run_study(
@@ -33,3 +34,7 @@ def run(options: argparse.Namespace) -> None:
         warn(f"trial {row['trial']} failed: {row['error']}")
     if not options.quiet:
         show(text, f"written to {folder}/")
+    if finished.short:
+        raise BayesidError(
+            f"{options.name}: {len(finished.short)} figures are below their floor: see {folder}/report.txt"
+        )

@@ -22,7 +22,7 @@ UNITS: dict[str, dict[str, float]] = {
         "sec": 1.0,
         "msec": 1e-3,
         "usec": 1e-6,
-        "µs": 1e-6,
+        "µs": 1e-6,  # noqa: RUF001  the micro sign, beside the Greek letter
         "μs": 1e-6,
         "min": 60.0,
     },

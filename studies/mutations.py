@@ -1,0 +1,181 @@
+"""Do the tests notice a wrong sign, factor, index or comparison? Numerical lines are changed at random, one at a time.
+
+`python -m bayesid.studies.mutations --count 60 --seed 0` changes one expression of a copy of the source, runs the tests
+of that package (`tests/NAME`) until the first one fails, then those of `tests/identification`, and prints which changes
+no test noticed. The same seed and source give the same changes: two sets of tests can be compared. Some changes alter
+nothing that can be seen (a bound that is never reached): what counts is the share beside that of an earlier commit.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+PACKAGES = ("model", "fit", "signs", "posterior", "identification")
+LONGEST = 600
+"""s that the tests of one package may take under a change: an endless loop counts as noticed."""
+_SWAPPED: dict[type[ast.operator], ast.operator] = {
+    ast.Add: ast.Sub(),
+    ast.Sub: ast.Add(),
+    ast.Mult: ast.Div(),
+    ast.Div: ast.Mult(),
+}
+_TURNED: dict[type[ast.cmpop], ast.cmpop] = {
+    ast.Lt: ast.Gt(),
+    ast.Gt: ast.Lt(),
+    ast.LtE: ast.GtE(),
+    ast.GtE: ast.LtE(),
+    ast.Eq: ast.NotEq(),
+    ast.NotEq: ast.Eq(),
+}
+
+
+@dataclass(frozen=True)
+class Mutation:
+    """One changed expression.
+
+    Attributes:
+        path: of the file, below the root.
+        line: where the expression begins.
+        kind: sign, factor, index or comparison.
+        before: the expression.
+        after: what stands in its place.
+        place: (first line, first column, last line, last column) of it; columns in bytes.
+    """
+
+    path: str
+    line: int
+    kind: str
+    before: str
+    after: str
+    place: tuple[int, int, int, int]
+
+    def applied(self, source: str) -> str:
+        """The source with the change."""
+        first, begin, last, end = self.place
+        lines = source.encode().splitlines(keepends=True)
+        head, tail = lines[first - 1][:begin], lines[last - 1][end:]
+        changed = head + f"({self.after})".encode() + tail
+        return b"".join([*lines[: first - 1], changed, *lines[last:]]).decode()
+
+    def __str__(self) -> str:
+        """Where, and what became what."""
+        return f"{self.path}:{self.line} {self.kind}: {self.before} -> {self.after}"
+
+
+def mutations_of(source: str, path: str) -> Iterator[Mutation]:
+    """All changes of a file's functions; texts, annotations and what raises an error are left alone."""
+    for function in ast.walk(ast.parse(source)):
+        if isinstance(function, ast.FunctionDef):
+            for node in _numerical(function.body):
+                changed = _changed(node)
+                if changed is not None and isinstance(node, ast.expr):
+                    assert node.end_lineno is not None
+                    assert node.end_col_offset is not None
+                    place = (node.lineno, node.col_offset, node.end_lineno, node.end_col_offset)
+                    yield Mutation(path, node.lineno, changed[0], ast.unparse(node), changed[1], place)
+
+
+def _numerical(nodes: Sequence[ast.AST]) -> Iterator[ast.AST]:
+    for node in nodes:
+        if isinstance(node, ast.JoinedStr | ast.Raise | ast.FunctionDef):
+            continue
+        yield node
+        fields = [value for name, value in ast.iter_fields(node) if name not in ("annotation", "returns")]
+        flat = [item for value in fields for item in (value if isinstance(value, list) else [value])]
+        yield from _numerical([item for item in flat if isinstance(item, ast.AST)])
+
+
+def _changed(node: ast.AST) -> tuple[str, str] | None:
+    """Kind and text of the changed expression; None for what is not changed."""
+    if isinstance(node, ast.BinOp) and type(node.op) in _SWAPPED and not _is_text(node):
+        kind = "sign" if isinstance(node.op, ast.Add | ast.Sub) else "factor"
+        return kind, ast.unparse(ast.BinOp(node.left, _SWAPPED[type(node.op)], node.right))
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub) and not isinstance(node.operand, ast.Constant):
+        return "sign", ast.unparse(node.operand)
+    if isinstance(node, ast.Constant) and isinstance(node.value, float) and 0.0 < node.value < np.inf:
+        return "factor", repr(2.0 * node.value)
+    if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant) and isinstance(node.slice.value, int):
+        return "index", ast.unparse(ast.Subscript(node.value, ast.Constant(1 - node.slice.value), ast.Load()))
+    if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in _TURNED:
+        return "comparison", ast.unparse(ast.Compare(node.left, [_TURNED[type(node.ops[0])]], node.comparators))
+    return None
+
+
+def _is_text(node: ast.BinOp) -> bool:
+    parts = [part for side in (node.left, node.right) for part in ast.walk(side)]
+    return any(
+        isinstance(part, ast.JoinedStr) or (isinstance(part, ast.Constant) and isinstance(part.value, str))
+        for part in parts
+    )
+
+
+def drawn(root: Path, count: int, seed: int) -> list[Mutation]:
+    """So many changes, each kind as often as the others."""
+    found: dict[str, list[Mutation]] = {}
+    for package in PACKAGES:
+        for path in sorted((root / "bayesid" / package).rglob("*.py")):
+            name = path.relative_to(root).as_posix()
+            for mutation in mutations_of(path.read_text(encoding="utf-8"), name):
+                found.setdefault(mutation.kind, []).append(mutation)
+    rng = np.random.default_rng(seed)
+    kinds = sorted(found)
+    return [found[kind][rng.integers(len(found[kind]))] for kind, _ in zip(kinds * count, range(count), strict=False)]
+
+
+def noticed(mutation: Mutation, root: Path) -> bool:
+    """Whether a test fails under the change."""
+    package = mutation.path.split("/")[1]
+    with tempfile.TemporaryDirectory() as place:
+        copy = Path(place) / "bayesid"
+        copy.mkdir()
+        for name in ("bayesid", "studies", "tests", "docs"):
+            shutil.copytree(root / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
+        for name in ("pyproject.toml", "README.md"):
+            shutil.copy(root / name, copy / name)
+        changed = copy / mutation.path
+        changed.write_text(mutation.applied(changed.read_text(encoding="utf-8")), encoding="utf-8")
+        return any(_fails(copy, tests) for tests in dict.fromkeys((package, "identification")))
+
+
+def _fails(root: Path, tests: str) -> bool:
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", f"tests/{tests}"]
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    try:
+        ended = subprocess.run(command, cwd=root, env=environment, capture_output=True, timeout=LONGEST, check=False)
+    except subprocess.TimeoutExpired:
+        return True
+    return ended.returncode != 0
+
+
+def main() -> None:
+    """Prints which changes were noticed, and their share."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("--count", type=int, default=60, help="changes (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="by which they are drawn (default: %(default)s)")
+    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="at once (default: one a core)")
+    parser.add_argument(
+        "--root", type=Path, default=Path(__file__).parents[1], help="of the source (default: this one)"
+    )
+    options = parser.parse_args()
+    mutations, caught = drawn(options.root, options.count, options.seed), 0
+    with ThreadPoolExecutor(options.workers) as pool:
+        for mutation, failed in zip(mutations, pool.map(lambda m: noticed(m, options.root), mutations), strict=True):
+            caught += failed
+            print("noticed " if failed else "MISSED  ", mutation, flush=True)
+    print(f"{caught} of {len(mutations)} changes noticed ({caught / len(mutations):.0%})")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,158 @@
+"""The guard on real logs: what every log reaches with its signs hidden, beside the least that it may reach.
+
+`bayesid study real --floor` identifies all logs in $BAYESID_DATA without a posterior. The floors in `FLOORS` are what
+was reached when they were written, less a margin for other processors: raise them when results get better. A sample
+counts as in `bayesid.studies.real`.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bayesid.errors import InputError
+from bayesid.identification.identification import Identification
+from bayesid.identification.pipeline import identify
+from bayesid.log.log import Log, read_log
+from bayesid.studies import real
+from bayesid.study.record import Row
+from bayesid.study.study import Study
+
+if TYPE_CHECKING:
+    from bayesid.report.plot.trials import Figure
+
+
+@dataclass(frozen=True)
+class Floor:
+    """The least that a log may reach.
+
+    Attributes:
+        right: share of the strong samples in motion whose sign is right.
+        worst_joint: the same in the joint where it is least.
+        sure_wrong: samples of confidence >= 0.99 with the wrong sign, at most, of all samples.
+        proven: whether the search must prove its signs.
+        cpu: seconds of processor time, at most: three times what they were.
+    """
+
+    right: float
+    worst_joint: float
+    sure_wrong: int
+    proven: bool
+    cpu: float
+
+
+FLOORS: dict[str, Floor] = {}
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One log.
+
+    Attributes:
+        data: folder of the robots' folders.
+        log: robot/log.
+    """
+
+    data: str
+    log: str
+
+
+def plan(trials: int, seed: int) -> Sequence[tuple[Scenario, int]]:
+    """All logs, the slowest first.
+
+    Raises:
+        InputError: the logs are not there.
+    """
+    if not real.DATA.is_dir():
+        raise InputError("the real logs are not here", "$BAYESID_DATA", "set it to their folder: see docs/results.md")
+    logs = sorted(FLOORS, key=lambda log: -FLOORS[log].cpu)
+    return [(Scenario(str(real.DATA), log), seed) for log in logs][:trials]
+
+
+def trial(scenario: Scenario, seed: int) -> Row:
+    """Identifies one log without its signs, and counts."""
+    path = Path(scenario.data) / f"{scenario.log}.csv"
+    robot = next(path.with_name(name) for name in ("robot.toml", "robot.urdf") if path.with_name(name).is_file())
+    log, began = read_log(path), _processor_time()
+    result = identify(robot, log.rectified(), posterior=False)
+    return {**_counted(result, log), "timings": {"cpu": _processor_time() - began}}
+
+
+def _processor_time() -> float:
+    return float(sum(os.times()[:4]))
+
+
+def _counted(result: Identification, log: Log) -> Row:
+    rows = real.grid_rows(result, log.t)
+    moving = result.segments.per_sample(result.segments.moving, *result.probability.shape)[rows] > 0
+    right = result.sample_signs[rows] == np.sign(log.effort)
+    counted = real.is_strong(log.effort) & moving
+    confidence = np.maximum(result.probability, 1.0 - result.probability)[rows]
+    joints = [right[counted[:, j], j].mean() for j in range(log.n_joints) if counted[:, j].any()]
+    sure = confidence >= real.SURE
+    return {
+        "right": float(right[counted].mean()),
+        "joints": [float(share) for share in joints],
+        "sure": float(sure.mean()),
+        "sure_wrong": int((sure & ~right & (log.effort != 0.0)).sum()),
+        "proven": bool(result.search.certified),
+        "solves": result.search.solves,
+    }
+
+
+def below(rows: Sequence[Row]) -> list[str]:
+    """Each figure that is worse than its floor, and each log that is missing."""
+    found = {row["log"]: row for row in rows}
+    said = [f"{log}: no result" for log in FLOORS if log not in found]
+    for log, floor in FLOORS.items():
+        if log in found:
+            said += [f"{log}: {text}" for text in _below(found[log], floor)]
+    return said
+
+
+def _below(row: Row, floor: Floor) -> list[str]:
+    worst, cpu = min(row["joints"]), row["timings"]["cpu"]
+    checks = [
+        (row["right"] < floor.right, f"{row['right']:.4%} right, floor {floor.right:.2%}"),
+        (worst < floor.worst_joint, f"worst joint {worst:.4%} right, floor {floor.worst_joint:.2%}"),
+        (row["sure_wrong"] > floor.sure_wrong, f"{row['sure_wrong']} sure and wrong, at most {floor.sure_wrong}"),
+        (floor.proven and not row["proven"], "not proven"),
+        (cpu > floor.cpu, f"{cpu:.0f} s of processor time, at most {floor.cpu:.0f}"),
+    ]
+    return [text for failed, text in checks if failed]
+
+
+def report(rows: Sequence[Row]) -> str:
+    """A table, and what is below its floor."""
+    lines = [f"{'log':<17}  right %  worst joint %  sure %  sure and wrong  proven  CPU s   (floors in brackets)"]
+    for row in sorted(rows, key=lambda row: list(FLOORS).index(row["log"])):
+        floor = FLOORS[row["log"]]
+        lines.append(
+            f"{row['log']:<17} {row['right']:8.2%} ({floor.right:.2%}) {min(row['joints']):8.2%}"
+            f" ({floor.worst_joint:.2%}) {row['sure']:7.1%} {row['sure_wrong']:6} ({floor.sure_wrong})"
+            f" {'yes' if row['proven'] else 'no':>4} ({'yes' if floor.proven else 'no'})"
+            f" {row['timings']['cpu']:6.0f} ({floor.cpu:.0f})"
+        )
+    said = below(rows)
+    return "\n".join(
+        [*lines, "", *(f"below its floor: {text}" for text in said), *(["no figure below its floor"] * (not said))]
+    )
+
+
+def draw(rows: Sequence[Row], figure: Figure) -> None:
+    """Share of right signs of each log, beside its floor."""
+    ax = figure.subplots()
+    ordered = sorted(rows, key=lambda row: row["right"])
+    names = [row["log"] for row in ordered]
+    ax.plot([100.0 * row["right"] for row in ordered], names, "o", label="reached")
+    ax.plot([100.0 * FLOORS[name].right for name in names], names, "|", label="floor")
+    ax.set_xlabel("strong samples in motion with the right sign, %")
+    ax.legend()
+
+
+STUDY = Study("real --floor", len(FLOORS), plan, trial, report, draw, below)
