@@ -30,6 +30,7 @@ PYTHON_NAMES: Mapping[str, str] = {
     "--periods": "TrajectoryShape(periods=...)",
     "--posterior-budget": "Sampling(budget=...)",
     "--search-budget": "Certified(budget=...)",
+    "--time-limit": "Certified(time_limit=...), Sampling(time_limit=...)",
     "--without-noise": "noise=False",
 }
 """What an option of the command line is in Python, where it is no argument of the same name. Folders and files have an

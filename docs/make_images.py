@@ -37,7 +37,7 @@ def main() -> None:
         record_logs()
         monday, tuesday = (bayesid.read_log(f"{day}.csv", gains=GAINS) for day in ("monday", "tuesday"))
         os.chdir(DOCS)
-    search, sampling = bayesid.Certified(repeatable=True), bayesid.Sampling(repeatable=True)
+    search, sampling = bayesid.Certified(), bayesid.Sampling()
     result = bayesid.identify("kr5", monday, search=search, posterior=sampling)
     found = findings.find_findings(result).with_validation(result.validate(tuesday))
     pictures = {

@@ -168,7 +168,7 @@ def plan(trials: int, seed: int) -> Sequence[tuple[Scenario | Simulated, int]]:
 # ---------------------------------------------------------------------------------------------------------------
 def trial(scenario: Scenario | Simulated, seed: int) -> Row:
     """Simulates a log, identifies the robot without its signs and scores what is claimed."""
-    search, sampling = Witnessed(Certified(repeatable=True)), Sampling(seed=seed, repeatable=True)
+    search, sampling = Witnessed(Certified()), Sampling(seed=seed)
     if isinstance(scenario, Scenario):
         _, theta, log = _log(scenario, seed)
         result = identify(scenario.robot, log.rectified(), complete="off", search=search, posterior=sampling)

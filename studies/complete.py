@@ -204,10 +204,8 @@ def _identified(
     robot: Robot, log: Log, mode: Completeness, beliefs: Beliefs, posterior: bool, seed: int
 ) -> Identification:
     """From the log without its signs."""
-    sampling = Sampling(seed=seed, repeatable=True) if posterior else False
-    return identify(
-        robot, log.rectified(), complete=mode, search=Certified(repeatable=True), posterior=sampling, beliefs=beliefs
-    )
+    sampling = Sampling(seed=seed) if posterior else False
+    return identify(robot, log.rectified(), complete=mode, search=Certified(), posterior=sampling, beliefs=beliefs)
 
 
 def named(effect: str, joints: tuple[int, ...]) -> str:

@@ -81,7 +81,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
             join_logs(some),
             STANDARD,
             complete="off",
-            search=Certified(budget=_BUDGET, repeatable=True),
+            search=Certified(budget=_BUDGET),
             posterior=False,
             beliefs=beliefs,
         )

@@ -235,8 +235,8 @@ def _identified(truth: _Truth, log: Log, seed: int) -> Identification:
         log,
         truth.model.terms,
         complete="only-uncertainty",
-        search=Certified(budget=_BUDGET, repeatable=True),
-        posterior=Sampling(seed=seed, repeatable=True),
+        search=Certified(budget=_BUDGET),
+        posterior=Sampling(seed=seed),
     )
 
 
@@ -306,7 +306,7 @@ def kept_limits(truth: _Truth, design: NextMotion) -> Row:
 def _of_hypotheses(scenario: Scenario, seed: int) -> Row:
     healthy = _truth(_robot(scenario.robot, seed), seed, _FINER, limited=scenario.limited)
     learned = _random(healthy.model.robot.n_joints, _LEARNED, seed)
-    search = Certified(budget=_BUDGET, repeatable=True)
+    search = Certified(budget=_BUDGET)
     known = identify(
         healthy.model.robot, healthy.log(learned, seed), STANDARD, complete="off", search=search, posterior=False
     )
@@ -351,7 +351,7 @@ def _with_effect(healthy: _Truth, motion: Motion, effect: str, seed: int, attemp
 
 
 def _found(known: Identification, log: Log) -> Discrepancy:
-    return find_discrepancy(known, log, search=replace(QUICK, repeatable=True), posterior=False)
+    return find_discrepancy(known, log, search=QUICK, posterior=False)
 
 
 def _rivals(found: Discrepancy, key: EffectKey) -> tuple[str, ...]:

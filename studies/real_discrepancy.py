@@ -63,10 +63,10 @@ def plan(trials: int, seed: int) -> Sequence[tuple[Scenario, int]]:
 def trial(scenario: Scenario, seed: int) -> Row:
     """Finds what the model lacks; beside its gap that of an ordinary identification with known signs."""
     source, log = (read_log(Path(scenario.data) / f"{name}.csv") for name in (scenario.source, scenario.log))
-    search = Certified(repeatable=True)
+    search = Certified()
     model = identify("ur10e", source.rectified(), scenario.terms, complete="off", search=search, posterior=False)
     known = replace(model.identified, logs=frozenset())  # of the friction the log itself is asked: does it name all?
-    result = find_discrepancy(known, log.rectified(), search=replace(QUICK, repeatable=True), posterior=False)
+    result = find_discrepancy(known, log.rectified(), search=QUICK, posterior=False)
     refit = identify("ur10e", log, complete="off", search=search, posterior=False)
     of_refit = result.held_back.gap(refit.model.effort(result.held_back.signals.motion, refit.theta))
     return {

@@ -130,7 +130,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
         STANDARD,
         complete="off",
         search=_search(scenario),
-        posterior=Sampling(seed=seed, repeatable=True) if scenario.posterior else False,
+        posterior=Sampling(seed=seed) if scenario.posterior else False,
         preparation=Preparation(cutoff=scenario.cutoff or None, cutting=cutting),
         beliefs=Beliefs(links=_links(scenario.prior_width), nominal=_nominal(truth, scenario.nominal, seed)),
     )
@@ -179,7 +179,7 @@ def _trajectory(scenario: Scenario, robot: Robot, seed: int) -> FourierTrajector
 
 def _search(scenario: Scenario) -> Search:
     beam = Beam(width=scenario.beam_width, initial_segments=scenario.initial_segments, budget=np.inf)
-    return beam if scenario.search == "beam" else Certified(budget=_BUDGET, fallback=beam, repeatable=True)
+    return beam if scenario.search == "beam" else Certified(budget=_BUDGET, fallback=beam)
 
 
 def _links(width: float) -> Links | None:

@@ -96,7 +96,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
     model = Model(robot, make_terms(STANDARD, robot, learned))
     theta = random_parameters(model, np.random.default_rng(seed))
     log = simulate(model, theta, learned, rng=rng, noise=_NOISE)
-    search = Certified(budget=_BUDGET, repeatable=True)
+    search = Certified(budget=_BUDGET)
     known = identify(robot, log, STANDARD, complete="off", search=search, posterior=False).identified
     time = np.arange(round(_SECONDS * _RATE)) / _RATE
     motion = random_trajectory(n, _PERIOD, seed=seed + _ANOTHER).motion(time)

@@ -204,13 +204,17 @@ _SHARED: dict[str, dict[str, Any]] = {
         "type": float,
         "default": 60.0,
         "metavar": "S",
-        "help": "seconds that sampling may take; it ends when it has converged (default: %(default)g)",
+        "help": "work of sampling, about seconds of an idle machine; it ends when it has converged "
+        "(default: %(default)g)",
     },
     "--noise": {"type": float, "default": 0.05, "metavar": "REL", "help": "of each joint's RMS (default: 0.05)"},
     "--seed": {"type": _seed, "default": 0, "help": "of everything random (default: 0)"},
-    "--repeatable": {
-        "action": "store_true",
-        "help": "budgets count work, not seconds: the same result on a busy machine",
+    "--time-limit": {
+        "type": float,
+        "default": 600.0,
+        "metavar": "S",
+        "help": "seconds on the clock, for the search and for sampling each; the result says where it stopped one. "
+        "Budgets count work instead: the same result on a busy machine (default: %(default)g)",
     },
     "--workers": {"type": _whole, "metavar": "K", "help": "processes on this machine (default: one a core)"},
     "--scheduler": {"metavar": "tcp://HOST:PORT", "help": "of a Dask cluster, to run on its workers instead"},
@@ -309,7 +313,7 @@ def _add_identify(commands: _Commands) -> None:
     _share(parser, *_ROBOT, "--terms")
     search = "certified: the best signs with a proof; beam: T-PBPR (default: %(default)s)"
     parser.add_argument("--search", choices=("certified", "beam"), default="certified", help=search)
-    budget = "seconds for all searches, to which a fifth may come: a beam that stands by (default: %(default)g)"
+    budget = "work of all searches, about seconds of an idle core; a fallback adds up to 20 %% (default: %(default)g)"
     _share(parser, "--search-budget", default=30.0, help=budget)
     width, first = (
         "of the beam: nodes kept each step (default: 5)",
@@ -329,7 +333,7 @@ def _add_identify(commands: _Commands) -> None:
     )
     parser.add_argument("--kinematic-tolerance", metavar="LENGTH,ANGLE", help=tolerance)
     _share(parser, "--no-posterior", help="skip sampling; uncertainties leave the cone out")
-    _share(parser, "--posterior-budget", "--nominal", "--seed", "--repeatable")
+    _share(parser, "--posterior-budget", "--nominal", "--seed", "--time-limit")
     links = "scales of a link's mass and of its distances from its frame (default: from the robot and its efforts)"
     parser.add_argument("--links", metavar="KG,M", help=links)
     mode = "of the posterior that the model is written from, where it has several (default: 1, the heaviest)"
@@ -407,10 +411,11 @@ def _add_discrepancy(commands: _Commands) -> None:
     holdout = "another log, to score by (default: stretches of the log); of several logs, one more like the last"
     parser.add_argument("--holdout", type=Path, metavar="LOG", help=holdout)
     _share_reading(parser, "--cutoff")
-    budget = "seconds for the proof of the signs under a result's extended model (default: 3), or in the first log (30)"
+    budget = "work of the proof of signs, about seconds of an idle core: under a result's extended model (default: 3), "
+    budget += "or in the first log (30)"
     _share(parser, "--search-budget", help=budget)
     _share(parser, "--no-posterior", help="skip sampling of the extended model, and of the first log's")
-    _share(parser, "--posterior-budget", "--seed", "--repeatable")
+    _share(parser, "--posterior-budget", "--seed", "--time-limit")
     _share(parser, "--out", help="folder of the extended model (default: bayesid-discrepancy-LOG, of the last log)")
     _share(parser, "--quiet")
 
@@ -428,10 +433,10 @@ def _add_payload(commands: _Commands) -> None:
     mass = "of the payload, if it is known, and its standard deviation: tells how far off all efforts are"
     parser.add_argument("--known-mass", metavar="KG[~SD]", help=mass)
     _share_reading(parser, "--cutoff")
-    _share(parser, "--search-budget", help="seconds for the proof of the signs (default: 3)")
-    budget = "seconds that sampling may take; it ends when it has converged (default: %(default)g)"
+    _share(parser, "--search-budget", help="work of the proof of signs, about seconds of an idle core (default: 3)")
+    budget = "work of sampling, about seconds of an idle machine; it ends when it has converged (default: %(default)g)"
     _share(parser, "--posterior-budget", default=10.0, help=budget)
-    _share(parser, "--seed", "--repeatable")
+    _share(parser, "--seed", "--time-limit")
     _share(parser, "--out", help="folder for payload.json (default: none)")
     _share(parser, "--quiet")
 

@@ -101,8 +101,8 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
         beliefs: what is known of links and parameters beforehand (CAD, data sheet).
         progress: of long stages.
 
-    With `repeatable` set in `search` and `posterior` the same seed gives the same result, to the last digit, on a busy
-    machine too: budgets then count work instead of seconds.
+    The same seed gives the same result, to the last digit, on a busy machine too: budgets count work, not seconds. Only
+    a time limit ends work early, and the result says so.
 
     Returns:
         An `Identification`: signs with confidences, coefficients and parameters with standard deviations, warnings, and

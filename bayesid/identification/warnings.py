@@ -238,6 +238,11 @@ def edge_warning(fit: Fit, n_links: int) -> list[str]:
 
 def _search_warnings(signs: SegmentSigns) -> list[str]:
     search, warnings = signs.search, []
+    if search.timed_out:
+        warnings.append(
+            "the search was stopped by the time limit on the clock: a faster machine may find other signs; give a "
+            "larger --time-limit"
+        )
     if search.lower_bound is not None and not search.certified:
         gap = f"{not_ruled_out(search.cost - search.lower_bound, search.cost)}; give more --search-budget"
         warnings.append(f"the signs are not proven to be the best: {WITHHELD.get(search.withheld, gap)}")
@@ -271,6 +276,8 @@ def _posterior_warning(posterior: Posterior | None) -> list[str]:
     if posterior is None or posterior.converged:
         return []
     figures = convergence(posterior.max_rhat, posterior.min_ess)
+    if posterior.timed_out:
+        return [f"sampling was stopped by the time limit on the clock ({figures}); give a larger --time-limit"]
     return [f"the posterior has not converged ({figures}); give more --posterior-budget"]
 
 

@@ -122,6 +122,11 @@ class Posterior:
         return replace(self.draws, theta=theta, beta=theta @ self.target.likelihood.projection.T)
 
     @property
+    def timed_out(self) -> bool:
+        """Whether the time limit on the clock ended the sampling of a mode before it converged."""
+        return any(sampled.draws.timed_out for sampled in self.modes)
+
+    @property
     def converged(self) -> bool:
         """Whether every mode's draws have converged."""
         return all(sampled.draws.converged for sampled in self.modes)

@@ -13,12 +13,12 @@ from bayesid.errors import SolverError
 from bayesid.posterior.diagnostics import Diagnostics
 from bayesid.posterior.marginal_likelihood import Integration, MarginalLikelihood, integrate, mode_weights
 from bayesid.posterior.modes import Mode
-from bayesid.posterior.sampler import Draws, Sampling, sample
+from bayesid.posterior.sampler import Draws, Sampling, nominal_sweep, sample
 from bayesid.posterior.target import Target
 from bayesid.progress import Progress
 
 _SWEEPS_OF_A_MASS = 40.0
-"""Sweeps that take as long as a mode's mass, until one has been measured: 30 to 70 for arms of six and seven joints."""
+"""Sweeps that take as long as a mode's mass: 30 to 70 for arms of six and seven joints."""
 _NEGLIGIBLE = 1e-3
 """A mode of less weight leaves no draws: of the 4096 that posterior.nc keeps, four."""
 
@@ -45,13 +45,13 @@ def sample_modes(
 ) -> tuple[SampledMode, ...]:
     """The modes with draws and, where there are several, with their weights, heaviest first.
 
-    Each mode has its share of the time that remains, for its draws and its mass.
+    Each mode has its share of the budget that remains, for its draws and its mass.
 
     Args:
         target: the posterior.
         modes: where walkers start.
         sampling: for all modes together.
-        began: when the budget began, on the clock of `time.perf_counter`.
+        began: when the time limit began, on the clock of `time.perf_counter`.
         progress: called as progress(stage, sweeps done, sweeps expected).
 
     Raises:
@@ -59,19 +59,18 @@ def sample_modes(
     """
     draws: list[Draws] = []
     masses: list[MarginalLikelihood] = []
-
-    def leave(sweep: float) -> float:
-        if len(modes) == 1:
-            return 0.0
-        return masses[-1].seconds if masses else _SWEEPS_OF_A_MASS * sweep
-
+    several = len(modes) > 1
+    mass = _SWEEPS_OF_A_MASS * nominal_sweep(target, sampling.ensembles * sampling.walkers) * several
+    remaining = sampling.budget
     for k, mode in enumerate(modes):
-        remaining = sampling.budget - (time.perf_counter() - began)
-        share = replace(sampling, budget=max(0.0, remaining / (len(modes) - k)))
+        left = len(modes) - k
+        on_the_clock = max(0.0, sampling.time_limit - (time.perf_counter() - began)) / left
+        share = replace(sampling, budget=max(0.0, remaining / left), time_limit=on_the_clock)
         of_all = f" of mode {k + 1} of {len(modes)}" if len(modes) > 1 else ""
         progress(f"warm-up{of_all}", 0, 1)
-        draws.append(sample(target, mode.theta, share, progress.steps(f"posterior{of_all}"), leave))
-        if len(modes) > 1:
+        draws.append(sample(target, mode.theta, share, progress.steps(f"posterior{of_all}"), mass))
+        remaining -= draws[-1].spent + mass
+        if several:
             progress(f"weight{of_all}", 0, 1)
             masses.append(_mass(target, draws[-1], sampling.seed))
     if not masses:
@@ -112,6 +111,8 @@ def pool(modes: tuple[SampledMode, ...]) -> Draws:
         parameters=_worst([sampled.draws.parameters for sampled in modes]),
         converged=all(sampled.draws.converged for sampled in modes),
         seconds=sum(sampled.draws.seconds for sampled in modes),
+        spent=sum(sampled.draws.spent for sampled in modes),
+        timed_out=any(sampled.draws.timed_out for sampled in modes),
     )
 
 

@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import TypeVar
 
 import numpy as np
 
-from bayesid.arrays import TINY, Array, Integers
+from bayesid.arrays import Array, Integers
 from bayesid.errors import InputError
 from bayesid.posterior.diagnostics import Diagnostics, diagnose
 from bayesid.posterior.moves import Conditional, HitAndRun, InTurn, NoiseScales
@@ -35,13 +35,12 @@ _EARLY = 0.25
 out of chains whose warm-up is no part of them, and R-hat still compares early with late."""
 _GROWTH = 1.5
 """The run grows by this factor between checks of its diagnostics: at most a third of it is more than was needed."""
-_OVERHEAD = 10.0
-"""Sweeps whose diagnostics take as long as what diagnostics take of however few; measured for arms of six joints."""
 _OF_A_SWEEP = 0.2
-"""Seconds of the last diagnostics a sweep, over those of the sweep, until they have been measured: 0.1 to 0.2 for
-arms of six and seven joints."""
-_TICK = 1.0
-"""s of sweeps after which the clock is looked at, and progress told. A round number."""
+"""Work of the diagnostics, over that of the sweeps: 0.1 to 0.2 for arms of six and seven joints."""
+_AT_ONCE = 8
+"""Sweeps after which the clock is looked at, and progress told."""
+_LINE, _ENTRY, _PRODUCT = 2e-4, 1.5e-9, 1.5e-9
+"""Nominal seconds of a line, of an entry of the curvature and of a block's product with a coefficient."""
 _GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 """The golden section: its multiples spread evenly over the circle, however many they are (Knuth, TAOCP 3, 6.4)."""
 
@@ -59,10 +58,10 @@ class Sampling:
         max_rhat: wanted of every quantity; 1.01 is that of Vehtari et al. (2021).
         min_ess: wanted of every quantity, bulk and tail; 400 is theirs too.
         per_walker: the same for every walker, on average.
-        budget: seconds of wall time, warm-up, diagnostics and what weighs several modes included. However few, a mode
-            takes a few sweeps and its weighing.
-        seed: of all random numbers. Before the budget ends, the draws depend on nothing else.
-        repeatable: whether they are never to depend on anything else: the budget does not count then.
+        budget: nominal seconds of work, about those of an idle machine: warm-up, diagnostics and what weighs several
+            modes included. However few, a mode takes a few sweeps and its weighing.
+        time_limit: seconds on the clock; what they end early says so.
+        seed: of all random numbers. Unless the time limit ends the run, the draws depend on nothing else.
         mode: whose mean the model holds where there are several, from 1, the heaviest.
 
     Raises:
@@ -83,8 +82,8 @@ class Sampling:
     min_ess: float = 400.0
     per_walker: float = 4.0
     budget: float = 60.0
+    time_limit: float = 600.0
     seed: int = 0
-    repeatable: bool = False
     mode: int = 1
 
     def __post_init__(self) -> None:
@@ -92,6 +91,8 @@ class Sampling:
             raise InputError(f"there is no mode {self.mode}", "--mode", "give 1, the heaviest, or 2, 3, ..")
         if not 0.0 <= self.budget < np.inf:
             raise InputError(f"a budget of {self.budget:g} s", "--posterior-budget", "give 0 or more seconds")
+        if not self.time_limit >= 0.0:
+            raise InputError(f"a time limit of {self.time_limit:g} s", "--time-limit", "give 0 or more seconds")
 
     @property
     def wanted_ess(self) -> float:
@@ -116,7 +117,9 @@ class Draws:
         diagnostics: of the r coefficients, the n noise scales and the log density, in this order.
         parameters: of the P parameters: where data decide little they mix slowest, and no run waits for them.
         converged: whether every R-hat and effective sample size of `diagnostics` is as wanted.
-        seconds: of wall time.
+        seconds: on the clock.
+        spent: nominal seconds of the budget.
+        timed_out: whether the time limit ended the run before it converged.
     """
 
     theta: Array
@@ -127,6 +130,8 @@ class Draws:
     parameters: Diagnostics
     converged: bool
     seconds: float
+    spent: float = 0.0
+    timed_out: bool = False
 
     @property
     def sweeps(self) -> int:
@@ -158,103 +163,83 @@ class Draws:
 
 
 def sample(
-    target: Target,
-    theta: Array,
-    sampling: Sampling = Sampling(),
-    steps: Steps = no_steps,
-    leave: Callable[[float], float] = lambda sweep: 0.0,
+    target: Target, theta: Array, sampling: Sampling = Sampling(), steps: Steps = no_steps, leave: float = 0.0
 ) -> Draws:
-    """Samples until the diagnostics are as wanted, the budget ends or `most_sweeps` are done.
+    """Samples until the diagnostics are as wanted, the budget or the time limit ends, or `most_sweeps` are done.
 
     Args:
         target: the posterior of a branch.
         theta: (P,) the branch's optimum; it decides where the walkers start.
         sampling: with how many walkers, how long, how well.
-        steps: called as steps(sweeps done, sweeps expected), after every sweep; to look at them counts as one more.
-        leave: seconds of the budget to leave for what comes after, given those of a sweep.
+        steps: called as steps(sweeps done, sweeps expected); to look at them counts as one more.
+        leave: nominal seconds of the budget to leave for what comes after.
     """
-    clock = _Clock(sampling, leave)
+    walkers = sampling.ensembles * sampling.walkers
+    clock = _Clock(sampling, nominal_sweep(target, walkers), leave)
     moves, halves = _warmed_up(target, theta, sampling, clock)
     drawn: list[list[_Stretch]] = []
-    next_check, sweeps = sampling.first_look, 0
+    next_check, sweeps = min(sampling.first_look, clock.allowed), 0
     while True:
-        while sweeps < next_check and not (sweeps >= _FEWEST and clock.late(sweeps)):
-            count = clock.at_once(sweeps, next_check - sweeps)
-            drawn.append(clock.timed(count, [partial(_draw, target, moves, half, count) for half in halves]))
+        while sweeps < next_check and not (sweeps >= _FEWEST and clock.timed_out):
+            count = min(next_check - sweeps, _AT_ONCE)
+            drawn.append(in_parallel([partial(_draw, target, moves, half, count) for half in halves]))
             halves, sweeps = [stretch.end for stretch in drawn[-1]], sweeps + count
+            clock.swept(count)
             steps(sweeps, next_check + 1)
         theta, log_scale, beta, log_density = _chains(target, drawn, sampling, _too_early(sweeps, sampling))
-        quantities = np.concatenate([beta, log_scale, log_density[..., None]], axis=-1)
-        diagnostics = clock.diagnosed(quantities, theta.shape[-1])
+        diagnostics = diagnose(np.concatenate([beta, log_scale, log_density[..., None]], axis=-1))
         enough = sweeps >= sampling.first_look  # fewer sweeps can look like anything
         converged = enough and diagnostics.passes(sampling.max_rhat, sampling.wanted_ess)
-        if converged or clock.late(sweeps) or sweeps >= sampling.most_sweeps:
-            parameters = diagnose(theta)
-            return Draws(theta, log_scale, beta, log_density, diagnostics, parameters, converged, clock.seconds)
-        next_check = max(next_check, min(int(np.ceil(_GROWTH * sweeps)), sampling.most_sweeps))
+        if converged or clock.timed_out or sweeps >= clock.allowed:
+            ended = {"seconds": clock.seconds, "spent": clock.spent, "timed_out": clock.timed_out and not converged}
+            return Draws(theta, log_scale, beta, log_density, diagnostics, diagnose(theta), converged, **ended)
+        next_check = max(next_check, min(int(np.ceil(_GROWTH * sweeps)), clock.allowed))
+
+
+def nominal_sweep(target: Target, walkers: int) -> float:
+    """Nominal seconds of a sweep: of P lines that are cut by the cone, and of a sign for each of S blocks.
+
+    About those of one sweep on two idle cores, by arms of two to seven joints (`studies.benchmarks.posterior`).
+    """
+    parameters, (blocks, coefficients) = target.n_parameters, target.likelihood.gradient.shape
+    noises = target.likelihood.n_joints + 1
+    return parameters * _LINE + walkers * (_ENTRY * noises * parameters**2 + _PRODUCT * blocks * coefficients)
 
 
 class _Clock:
-    """What a run has taken, and what it will take to end it.
+    """The sweeps that a run may make, and the time limit on the clock.
 
     Args:
-        sampling: its budget.
-        leave: see `sample`.
+        sampling: its budget and time limit.
+        sweep: nominal seconds of a sweep of all walkers.
+        leave: nominal seconds of the budget to leave for what comes after.
+
+    Attributes:
+        allowed: sweeps after the warm-up that the budget and `most_sweeps` allow.
+        timed_out: whether the time limit ends the run before that.
     """
 
-    def __init__(self, sampling: Sampling, leave: Callable[[float], float]) -> None:
-        self._sampling, self._leave = sampling, leave
-        self._began = time.perf_counter()
-        self._sweeping, self._swept, self._closing = 0.0, 0, np.nan
+    def __init__(self, sampling: Sampling, sweep: float, leave: float) -> None:
+        began_with = HOT_SWEEPS + sampling.warm_up
+        within = int((sampling.budget - leave) / ((1.0 + _OF_A_SWEEP) * sweep)) - began_with
+        self.allowed = max(_FEWEST, min(within, sampling.most_sweeps))
+        self._began, self._sweep, self._done = time.perf_counter(), sweep, began_with
+        self._limit, self.timed_out = sampling.time_limit, False
 
     @property
     def seconds(self) -> float:
-        """Since it began."""
+        """On the clock, since it began."""
         return time.perf_counter() - self._began
 
     @property
-    def _sweep(self) -> float:
-        """Seconds of a sweep."""
-        return self._sweeping / max(self._swept, 1)
+    def spent(self) -> float:
+        """Nominal seconds of the sweeps made, warm-up and diagnostics included."""
+        return (1.0 + _OF_A_SWEEP) * self._sweep * self._done
 
-    def at_once(self, sweeps: int, planned: int) -> int:
-        """How many of the planned sweeps to do before the clock is looked at again, after so many."""
-        if self._sweep * planned > _TICK:
-            planned = max(1, int(_TICK / self._sweep))
-        if self._sampling.repeatable:
-            return planned
-        spare = self._sampling.budget - self.seconds - self._to_come(sweeps)
-        least = max(1, _FEWEST - sweeps)
-        return min(planned, least + max(0, int(spare / max(self._sweep + self._closing_of_a_sweep, TINY))))
-
-    def timed(self, sweeps: int, halves: Sequence[Callable[[], Result]]) -> list[Result]:
-        """What comes of so many sweeps by each half of the walkers."""
-        began = time.perf_counter()
-        results = in_parallel(halves)
-        self._sweeping, self._swept = self._sweeping + time.perf_counter() - began, self._swept + sweeps
-        return results
-
-    def diagnosed(self, quantities: Array, parameters: int) -> Diagnostics:
-        """Diagnostics of draws (D, E, W, K): what they take, those of the parameters will take in proportion."""
-        before, (sweeps, *_, count) = self.seconds, quantities.shape
-        diagnostics = diagnose(quantities)
-        self._closing = (self.seconds - before) * (1.0 + parameters / count) / (sweeps + _OVERHEAD)
-        return diagnostics
-
-    def late(self, sweeps: int = 0) -> bool:
-        """Whether to end after so many sweeps is as much as the budget allows."""
-        return not self._sampling.repeatable and self.seconds + self._to_come(sweeps) > self._sampling.budget
-
-    def _to_come(self, sweeps: int) -> float:
-        """Seconds that follow if the run ends after so many sweeps, or the fewest."""
-        most = max(sweeps, _FEWEST)
-        closing = self._closing_of_a_sweep * (most + _OVERHEAD)
-        return (most - sweeps) * self._sweep + closing + self._leave(self._sweep)
-
-    @property
-    def _closing_of_a_sweep(self) -> float:
-        """Seconds of the diagnostics at the end, a sweep."""
-        return _OF_A_SWEEP * self._sweep if np.isnan(self._closing) else self._closing
+    def swept(self, sweeps: int) -> None:
+        """Counts sweeps, and looks at the clock."""
+        self._done += sweeps
+        self.timed_out = self.timed_out or self.seconds > self._limit
 
 
 @dataclass(frozen=True)
@@ -285,16 +270,17 @@ def _warmed_up(target: Target, theta: Array, sampling: Sampling, clock: _Clock) 
     spread = [
         partial(_spread, target, centre, lines, count, random) for count, random in zip(walkers, randoms, strict=True)
     ]
-    halves = clock.timed(HOT_SWEEPS, spread)
+    halves = in_parallel(spread)
     moves, done, halfway = _moves(target, lines), 0, sampling.warm_up // 2
     while done < sampling.warm_up:
         if done == halfway:
             centre = find_centre(target, *target.split(np.concatenate([h.coordinates for h in halves]).mean(axis=0)))
             moves = _moves(target, Conditional(centre.covariance, block))
-        count = clock.at_once(0, (halfway if done < halfway else sampling.warm_up) - done)
-        halves = clock.timed(count, [partial(_move, moves, half, count) for half in halves])
+        count = min((halfway if done < halfway else sampling.warm_up) - done, _AT_ONCE)
+        halves = in_parallel([partial(_move, moves, half, count) for half in halves])
         done += count
-        if clock.late():
+        clock.swept(0)
+        if clock.timed_out:
             break
     return moves, halves
 

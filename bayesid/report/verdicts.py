@@ -303,6 +303,8 @@ def proof(summary: Summary) -> Check:
     if search.withheld:
         return Check(name, "look", f"not certified: {WITHHELD[search.withheld]}", f"{_TELL_APART}; {_ALTERNATIVES}")
     message = f"not proven: {not_ruled_out(search.gap or 0.0, search.cost or 0.0)}"
+    if search.timed_out:
+        return Check(name, "look", f"{message}; stopped by the clock", "give a larger --time-limit")
     return Check(name, "look", message, f"give more --search-budget, or a longer log{_more(summary, 'search')}")
 
 
@@ -317,6 +319,8 @@ def sampling(summary: Summary) -> Check:
     message = convergence(posterior.max_rhat, posterior.min_ess)
     if posterior.converged:
         return Check(name, "good", f"converged: {message}, at worst")
+    if posterior.timed_out:
+        return Check(name, "bad", f"stopped by the clock: {message}, at worst; {_WANTED}", "give a larger --time-limit")
     remedy = f"give more --posterior-budget{_more(summary, 'posterior')}"
     return Check(name, "bad", f"not converged: {message}, at worst; {_WANTED}", remedy)
 

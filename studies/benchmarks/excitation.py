@@ -75,7 +75,7 @@ def share_right(robot: Robot, motion: Motion, case: Case, seed: int) -> float:
     model = Model(robot, make_terms(case.terms, robot, motion))
     theta = random_parameters(model, rng)
     log = simulate(model, theta, motion, rng=rng, noise=case.noise)
-    search, preparation = Certified(budget=_BUDGET, repeatable=True), Preparation(cutoff=case.cutoff, cutting=_COARSE)
+    search, preparation = Certified(budget=_BUDGET), Preparation(cutoff=case.cutoff, cutting=_COARSE)
     result = identify(robot, log, case.terms, complete="off", search=search, posterior=False, preparation=preparation)
     effort = model.effort(motion, theta)
     strong = np.abs(effort) >= STRONG * np.abs(effort).max(axis=0)

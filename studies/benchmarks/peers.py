@@ -103,13 +103,12 @@ def read(data: Path, name: str) -> tuple[Robot, Log]:
 # ---------------------------------------------------------------------------------------------------------------
 # Methods
 # ---------------------------------------------------------------------------------------------------------------
-def by_bayesid(complete: Completeness, repeatable: bool = False) -> Method:
-    """`identify` on a log with signs; repeatable ones take the time that they take."""
+def by_bayesid(complete: Completeness) -> Method:
+    """`identify` on a log with signs."""
 
     @timed
     def answer(recording: Recording) -> Answer:
-        sampling = Sampling(repeatable=True) if repeatable else True
-        return _as_answer(identify(recording.robot, recording.log, complete=complete, posterior=sampling))
+        return _as_answer(identify(recording.robot, recording.log, complete=complete))
 
     return answer
 
@@ -128,7 +127,7 @@ def methods(short: bool) -> dict[str, Method]:
         "weighted + SDP": weighted_feasible,
     }
     others = {} if short else packages()
-    return {**plain, **others, OFF: by_bayesid("off", short), OURS: by_bayesid("auto", short)}
+    return {**plain, **others, OFF: by_bayesid("off"), OURS: by_bayesid("auto")}
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -86,7 +86,7 @@ def main(minutes: float = 60.0) -> None:
     truth = Model(robot, make_terms(STANDARD, robot, learned))
     theta = random_parameters(truth, np.random.default_rng(0))
     log = simulate(truth, theta, learned, rng=np.random.default_rng([0, 7]), noise=_NOISE)
-    search = Certified(budget=3.0, repeatable=True)
+    search = Certified(budget=3.0)
     known = identify(robot, log, STANDARD, complete="off", search=search, posterior=False).identified
     track(known, truth, theta, minutes)
     print(f"memory: {memory(known):,} bytes more after 50,000 updates")

@@ -126,7 +126,7 @@ def _folder(options: argparse.Namespace, given: Sequence[Path]) -> Path:
 
 def _search(options: argparse.Namespace, usual: float) -> Certified:
     budget = usual if options.search_budget is None else options.search_budget
-    return Certified(budget=budget, repeatable=options.repeatable)
+    return Certified(budget=budget, time_limit=options.time_limit)
 
 
 def _with_command(result: Discrepancy) -> Discrepancy:

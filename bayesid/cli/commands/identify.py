@@ -81,8 +81,8 @@ def _settings(options: argparse.Namespace, logs: Sequence[Recording]) -> dict[st
 def _search(options: argparse.Namespace) -> Search:
     beam = Beam(width=options.beam_width, initial_segments=options.initial_segments)
     if options.search == "beam":
-        return beam.limited(options.search_budget, options.repeatable)
-    return Certified(budget=options.search_budget, fallback=beam, repeatable=options.repeatable)
+        return beam.limited(options.search_budget, options.time_limit)
+    return Certified(budget=options.search_budget, time_limit=options.time_limit, fallback=beam)
 
 
 def _identify_each(options: argparse.Namespace, logs: Sequence[Recording], settings: Mapping[str, Any]) -> None:

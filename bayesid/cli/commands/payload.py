@@ -40,8 +40,8 @@ def _payload(options: argparse.Namespace, bars: StageBars) -> PayloadReading:
     bars.show("read", 0, 1)
     known_mass = None if options.known_mass is None else _mass(options.known_mass)
     budget = QUICK.budget if options.search_budget is None else options.search_budget
-    search = Certified(budget=budget, repeatable=options.repeatable)
-    posterior = Sampling(budget=options.posterior_budget, seed=options.seed, repeatable=options.repeatable)
+    search = Certified(budget=budget, time_limit=options.time_limit)
+    posterior = Sampling(budget=options.posterior_budget, time_limit=options.time_limit, seed=options.seed)
     identified = load_model(options.result)
     return identify_payload(
         identified,

@@ -88,6 +88,7 @@ class SearchSummary:
         sdp_solves: least-squares problems over the feasible parameters that were solved.
         nodes: partial assignments that were bounded.
         rounds: searches until no segment's predicted effort crossed zero.
+        timed_out: whether the time limit on the clock ended a search: a faster machine may give other signs.
     """
 
     method: str
@@ -110,6 +111,7 @@ class SearchSummary:
     sdp_solves: int
     nodes: int
     rounds: int
+    timed_out: bool = False
 
 
 @dataclass(frozen=True)
@@ -215,6 +217,7 @@ class PosteriorSummary:
         assignments: posterior probability of each assignment that the search lists.
         assignments_elsewhere: and of all others.
         excluded: share of a joint's squared effort, of the worst one, to which it gives signs that the search excludes.
+        timed_out: whether the time limit on the clock ended the sampling before it converged.
     """
 
     converged: bool
@@ -234,6 +237,7 @@ class PosteriorSummary:
     mode: int = 1
     excluded: Number = None
     pressed_windows: Mapping[str, Number] = field(default_factory=dict)
+    timed_out: bool = False
 
 
 @dataclass(frozen=True)
@@ -542,6 +546,7 @@ def _search(identification: Identification) -> SearchSummary:
         sdp_solves=search.solves,
         nodes=search.nodes,
         rounds=identification.rounds,
+        timed_out=search.timed_out,
     )
 
 
@@ -587,6 +592,7 @@ def _posterior(identification: Identification) -> PosteriorSummary | None:
         mode=posterior.chosen + 1,
         excluded=posterior.excluded,
         pressed_windows=dict(posterior.pressed),
+        timed_out=posterior.timed_out,
     )
 
 

@@ -44,10 +44,10 @@ class Beam(Search):
         width: w of T-PBPR, nodes that survive each step.
         initial_segments: s0 of T-PBPR, segments that are enumerated at the start.
         node_cost: what prices a node, made from (cone, coefficients, hessian, energy); None for the cone.
-        budget: seconds for all beams of an identification; those that follow once they are spent share a fifth. Where a
-            beam's time is up each leaf predicts the signs of the segments that no step has decided.
-        repeatable: whether the budget counts work in nominal seconds (`bayesid.signs.search.budget`) instead of the
-            clock's.
+        budget: nominal seconds of work for all beams of an identification (`bayesid.signs.search.budget`); those that
+            follow once they are spent share a fifth. Where a beam's budget ends each leaf predicts the signs of the
+            segments that no step has decided.
+        time_limit: seconds on the clock for all searches of an identification; what they end early says so.
 
     Example:
         >>> result = bayesid.identify(robot, log, terms, search=bayesid.Beam(width=3), posterior=False)
@@ -59,11 +59,13 @@ class Beam(Search):
     initial_segments: int = 5
     node_cost: NodeCostFactory | None = None
     budget: float = 10.0
-    repeatable: bool = False
+    time_limit: float = 600.0
 
     def __post_init__(self) -> None:
         if not self.budget >= 0.0:
             raise InputError(f"a budget of {self.budget:g} s", "--search-budget", "give 0 or more seconds")
+        if not self.time_limit >= 0.0:
+            raise InputError(f"a time limit of {self.time_limit:g} s", "--time-limit", "give 0 or more seconds")
         if self.width < 1:
             raise InputError(f"a beam of width {self.width}", "--beam-width", "give at least 1")
         if not 1 <= self.initial_segments <= _MOST_INITIAL:
@@ -80,14 +82,14 @@ class Beam(Search):
         """
         return self.node_cost is None
 
-    def limited(self, budget: float, repeatable: bool | None = None) -> Beam:
-        """The same search with another budget.
+    def limited(self, budget: float, time_limit: float) -> Beam:
+        """The same search with another budget, nominal seconds, and time limit, seconds.
 
         Example:
-            >>> bayesid.Beam().limited(2.5).budget
+            >>> bayesid.Beam().limited(2.5, 60.0).budget
             2.5
         """
-        return replace(self, budget=budget, repeatable=self.repeatable if repeatable is None else repeatable)
+        return replace(self, budget=budget, time_limit=time_limit)
 
     def find(self, problem: SignProblem, steps: Steps = no_steps) -> SearchResult:
         """A beam; in the first round a wider one too, where the fit is poor.
@@ -100,13 +102,14 @@ class Beam(Search):
             >>> len(result.signs), result.certified
             (56, False)
         """
-        budget = Budget(self.budget, self.repeatable, len(problem.hessian))
+        budget = Budget(self.budget, len(problem.hessian), self.time_limit)
         result = self._search(problem, self.width, budget, steps)
         if problem.earlier is not None or budget.over or not problem.is_poor(result):
-            return replace(result, spent=budget.spent)
+            return replace(result, spent=budget.spent, timed_out=budget.timed_out)
         wider = self._search(problem, _WIDER * self.width, budget, steps)
         best = min(result, wider, key=lambda candidate: candidate.cost)
-        return replace(best.with_work_of([wider if best is result else result]), spent=budget.spent)
+        best = best.with_work_of([wider if best is result else result])
+        return replace(best, spent=budget.spent, timed_out=budget.timed_out)
 
     def _search(self, problem: SignProblem, width: int, budget: Budget, steps: Steps) -> SearchResult:
         """A beam with its joints turned where that helps; the signs of an earlier search are not lost."""
@@ -164,7 +167,7 @@ def beam(
     """
     began = time.perf_counter()
     known, order = np.flatnonzero(moments.known), _search_order(moments)
-    budget = Budget(np.inf, False, 0) if budget is None else budget
+    budget = Budget(np.inf, 0) if budget is None else budget
     pricing = _Pricing(node_cost, budget)
     hessian = moments.hessian_of(known)
     energy = float(moments.energy[known].sum())

@@ -1,14 +1,17 @@
-"""Budgets of searches: seconds of the clock or, where a run is to be repeatable, of the work done; and one for a run.
+"""Budgets of searches: the work that a search may do, and one budget for all searches of an identification.
 
-A budget in seconds of the clock ends wherever the machine has got to by then. Where a search must give the same result
-in every run it counts its work instead, in *nominal seconds*: numbers of steps, sign choices, cone problems and pairs
-of segments, each times about what it takes on one core.
+A budget in seconds of the clock would end wherever the machine has got to by then. Searches count their work instead,
+in *nominal seconds*: numbers of steps, sign choices, cone problems and pairs of segments, each times about what it
+takes on one core. The same log gives the same result on a busy machine. A time limit on the clock ends a search too,
+which its result then says.
 """
 
 from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+
+import numpy as np
 
 from bayesid.progress import SILENT, Progress, Steps, no_steps
 from bayesid.signs.search.protocol import Budgeted, Search, SignProblem
@@ -39,17 +42,20 @@ class NominalSeconds:
 
 
 class Budget:
-    """Seconds from now on, and what of them is spent.
+    """The work that may be done, and what of it is done.
 
     Args:
-        seconds: of the budget.
-        repeatable: whether these are nominal seconds, so that the budget ends at the same point of every run.
+        seconds: nominal seconds of work.
         coefficients: r, by which the price of a sign choice goes.
+        time_limit: seconds of the clock from now on.
+
+    Attributes:
+        timed_out: whether the time limit has ended it before the work was done.
     """
 
-    def __init__(self, seconds: float, repeatable: bool, coefficients: int) -> None:
-        self.seconds = seconds
-        self._began, self.repeatable, self._coefficients = time.perf_counter(), repeatable, coefficients
+    def __init__(self, seconds: float, coefficients: int, time_limit: float = np.inf) -> None:
+        self.seconds, self.timed_out = seconds, False
+        self._ends, self._coefficients = time.perf_counter() + time_limit, coefficients
         self._steps = self._choices = self._solved = self._pairs = 0
 
     def count(self, steps: int = 0, choices: int = 0, parameters: int = 0, pairs: int = 0) -> None:
@@ -61,9 +67,7 @@ class Budget:
 
     @property
     def spent(self) -> float:
-        """Seconds since the start: by the clock or, where a run is to be repeatable, by the work done."""
-        if not self.repeatable:
-            return time.perf_counter() - self._began
+        """Nominal seconds of the work done."""
         price = NominalSeconds()
         counted = price.step * self._steps + price.choice * self._coefficients * self._choices
         return counted + price.solve * self._solved + price.pair * self._pairs
@@ -71,7 +75,10 @@ class Budget:
     @property
     def over(self) -> bool:
         """Whether it has ended."""
-        return self.spent > self.seconds
+        if self.spent > self.seconds:
+            return True
+        self.timed_out = self.timed_out or time.perf_counter() > self._ends
+        return self.timed_out
 
 
 class OneBudget(Search):
@@ -84,7 +91,7 @@ class OneBudget(Search):
     """
 
     def __init__(self, search: Search) -> None:
-        self._search, self._spent = search, 0.0
+        self._search, self._spent, self._began = search, 0.0, time.perf_counter()
 
     @property
     def any_model(self) -> bool:
@@ -105,7 +112,8 @@ class OneBudget(Search):
             return self._search
         whole = self._search.budget
         left = whole - self._spent
-        return self._search.limited(left if left > 0.0 else max(left + AFTERWARDS * whole, 0.0))
+        on_the_clock = max(self._search.time_limit - (time.perf_counter() - self._began), 0.0)
+        return self._search.limited(left if left > 0.0 else max(left + AFTERWARDS * whole, 0.0), on_the_clock)
 
     def _counted(self, result: SearchResult) -> SearchResult:
         self._spent += result.spent

@@ -52,15 +52,14 @@ class Certified(Search):
     """The certified search as a method.
 
     Attributes:
-        budget: seconds for the proof. All proofs of an identification share them, and the fallback with them: what is
-            left of them and a fifth (`bayesid.signs.search.budget`).
+        budget: nominal seconds of work for the proof (`bayesid.signs.search.budget`). All proofs of an identification
+            share them, and the fallback with them: what is left of them and a fifth.
         missed_mass: posterior mass that its list of assignments may leave out, relative to the best assignment's.
         fallback: another search, which tries too where the budget ends before the proof does.
-        repeatable: whether the budget counts work in nominal seconds (`bayesid.signs.search.budget`) instead of the
-            clock's.
+        time_limit: seconds on the clock for all searches of an identification; what they end early says so.
 
     Example:
-        >>> search = bayesid.Certified(budget=30.0, repeatable=True)
+        >>> search = bayesid.Certified(budget=30.0)
         >>> result = bayesid.identify(robot, log, terms, search=search, posterior=False)
         >>> result.search.certified
         True
@@ -69,7 +68,7 @@ class Certified(Search):
     budget: float = 30.0
     missed_mass: float = 1e-3
     fallback: Search = Beam()
-    repeatable: bool = False
+    time_limit: float = 600.0
 
     def __post_init__(self) -> None:
         if not self.fallback.any_model:
@@ -77,17 +76,19 @@ class Certified(Search):
             raise InputError("a certificate holds for least squares in the cone only", "node_cost", remedy)
         if not 0.0 <= self.budget < np.inf:
             raise InputError(f"a budget of {self.budget:g} s", "--search-budget", "give 0 or more seconds")
+        if not self.time_limit >= 0.0:
+            raise InputError(f"a time limit of {self.time_limit:g} s", "--time-limit", "give 0 or more seconds")
         if not 0.0 < self.missed_mass < 1.0:
             raise InputError(f"a missed mass of {self.missed_mass:g}", "missed_mass", "give a number between 0 and 1")
 
-    def limited(self, budget: float, repeatable: bool | None = None) -> Certified:
-        """The same search with another budget.
+    def limited(self, budget: float, time_limit: float) -> Certified:
+        """The same search with another budget, nominal seconds, and time limit, seconds.
 
         Example:
-            >>> bayesid.Certified().limited(2.5).budget
+            >>> bayesid.Certified().limited(2.5, 60.0).budget
             2.5
         """
-        return replace(self, budget=budget, repeatable=self.repeatable if repeatable is None else repeatable)
+        return replace(self, budget=budget, time_limit=time_limit)
 
     def find(self, problem: SignProblem, steps: Steps = no_steps) -> SearchResult:
         """Candidates without a proof; in the first round a share of the budget too, where the fit is poor.
@@ -124,17 +125,18 @@ class Certified(Search):
         left = max((1.0 + AFTERWARDS) * self.budget - result.spent, 0.0)
         fallback = self.fallback
         if isinstance(fallback, Budgeted):
-            fallback = fallback.limited(left, self.repeatable)
+            fallback = fallback.limited(left, max(self.time_limit - result.seconds, 0.0))
         other = fallback.find(replace(problem, earlier=result), progress.steps("search, beam"))
         best = replace(other, lower_bound=result.lower_bound) if other.cost < result.cost else result
         work = {name: getattr(result, name) + getattr(other, name) for name in ("nodes", "solves", "spent")}
         method = f"{result.method}, then {other.method}"
-        return replace(best, method=method, width=other.width, pruning=other.pruning, **work)
+        timed_out = result.timed_out or other.timed_out
+        return replace(best, method=method, width=other.width, pruning=other.pruning, timed_out=timed_out, **work)
 
     def _search(self, problem: SignProblem, budget: float, steps: Steps) -> SearchResult:
         start = None if problem.earlier is None else problem.earlier.theta
         return certified(
-            problem.moments, problem.solver(), budget, self.missed_mass, start, steps, repeatable=self.repeatable
+            problem.moments, problem.solver(), budget, self.missed_mass, start, steps, time_limit=self.time_limit
         )
 
 
@@ -145,7 +147,7 @@ def certified(
     missed: float = 1e-3,
     start: Array | None = None,
     steps: Steps = no_steps,
-    repeatable: bool = False,
+    time_limit: float = np.inf,
     limits: Limits = Limits(),
 ) -> SearchResult:
     """Finds the best signs and proves as much about all others as the budget allows.
@@ -153,11 +155,11 @@ def certified(
     Args:
         moments: scaled moments of S segments.
         solver: for the cone and for H and energy of all segments.
-        budget: seconds; the candidates are looked for however few they are.
+        budget: nominal seconds of work; the candidates are looked for however few they are.
         missed: the mass, relative to the best assignment's, that the branches may leave out.
         start: (P,) parameters of an earlier search; what they predict is a candidate too.
         steps: called as steps(percent of the budget that is spent, 100); where the search ends, as steps(100, 100).
-        repeatable: whether the budget counts work in nominal seconds instead (`Problem`).
+        time_limit: seconds on the clock.
         limits: how much work to do at each step.
 
     Raises:
@@ -165,7 +167,7 @@ def certified(
     """
     began = time.perf_counter()
     steps(0, 100)
-    problem = Problem(moments, solver, budget, repeatable, limits, steps)
+    problem = Problem(moments, solver, budget, time_limit, limits, steps)
     best, lower_bound, proof = _first(problem, start), 0.0, None
     try:
         least = least_costs(problem)
@@ -187,6 +189,7 @@ def certified(
         tolerance=problem.tolerance,
         seconds=seconds,
         spent=problem.spent if budget > 0.0 else 0.0,
+        timed_out=problem.timed_out and budget > 0.0,
     )
 
 

@@ -40,8 +40,8 @@ class Problem:
     Args:
         moments: scaled moments of S segments.
         solver: for the cone and for H and energy of all segments.
-        budget: seconds from now on.
-        repeatable: whether these are nominal seconds (`bayesid.signs.search.budget`).
+        budget: nominal seconds of work (`bayesid.signs.search.budget`).
+        time_limit: seconds on the clock from now on.
         limits: how much work to do.
         steps: called as steps(percent of the budget that is spent, 100), while there is any left.
 
@@ -62,12 +62,12 @@ class Problem:
         moments: Moments,
         solver: ConeLeastSquares,
         budget: float,
-        repeatable: bool = False,
+        time_limit: float = np.inf,
         limits: Limits = Limits(),
         steps: Steps = no_steps,
     ) -> None:
         self.pull, centre = solver.pull()
-        self._budget = Budget(budget, repeatable, len(self.pull))
+        self._budget = Budget(budget, len(self.pull), time_limit)
         self.moments, self.limits, self._solver = moments, limits, solver
         self._hessian, self.energy = moments.hessian.total(), float(moments.energy.sum())
         self._unconstrained = UnconstrainedBound(self._hessian + self.pull, 0.0)
@@ -90,8 +90,13 @@ class Problem:
 
     @property
     def spent(self) -> float:
-        """Seconds since the start (`Budget.spent`)."""
+        """Nominal seconds of the work done."""
         return self._budget.spent
+
+    @property
+    def timed_out(self) -> bool:
+        """Whether the time limit has ended the search."""
+        return self._budget.timed_out
 
     @property
     def out_of_time(self) -> bool:

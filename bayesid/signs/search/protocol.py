@@ -130,19 +130,18 @@ class Search(Protocol):
 
 @runtime_checkable
 class Budgeted(Protocol):
-    """A search that ends when its time is up."""
+    """A search that ends when its budget is spent."""
 
     @property
     def budget(self) -> float:
-        """Seconds that all its runs in an identification share."""
+        """Nominal seconds of work that all its runs in an identification share."""
 
-    def limited(self, budget: float, repeatable: bool | None = None) -> Search:
-        """The same search with another budget.
+    @property
+    def time_limit(self) -> float:
+        """Seconds on the clock that they may take."""
 
-        Args:
-            budget: seconds.
-            repeatable: whether they count work instead of the clock's; as before by default.
-        """
+    def limited(self, budget: float, time_limit: float) -> Search:
+        """The same search with another budget, nominal seconds, and time limit, seconds."""
 
 
 class PreparedNode(Protocol):

@@ -98,7 +98,8 @@ class SearchResult:
             the best assignment depends on the noise weights; empty otherwise.
         pull: what rho adds to the cost; None if the nodes' price is the user's.
         pruning: what became of a beam's nodes; None without one.
-        spent: seconds of the budget, nominal ones where the search is repeatable; 0 where it had none to spend.
+        spent: nominal seconds of work; 0 where the search had no budget.
+        timed_out: whether the time limit on the clock has ended it: a faster machine may give another result.
     """
 
     signs: Integers
@@ -121,6 +122,7 @@ class SearchResult:
     pull: float | None = None
     pruning: Pruning | None = None
     spent: float = 0.0
+    timed_out: bool = False
 
     def with_work_of(self, others: Iterable[SearchResult]) -> SearchResult:
         """The result with nodes, solves and pruning of other searches counted too."""
@@ -131,6 +133,7 @@ class SearchResult:
             nodes=sum(result.nodes for result in every),
             solves=sum(result.solves for result in every),
             spent=sum(result.spent for result in every),
+            timed_out=any(result.timed_out for result in every),
             pruning=None
             if self.pruning is None
             else replace(sum(counted, Pruning()), **self._at_the_end(self.pruning)),
