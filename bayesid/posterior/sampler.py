@@ -191,8 +191,18 @@ def sample(
         enough = sweeps >= sampling.first_look  # fewer sweeps can look like anything
         converged = enough and diagnostics.passes(sampling.max_rhat, sampling.wanted_ess)
         if converged or clock.timed_out or sweeps >= clock.allowed:
-            ended = {"seconds": clock.seconds, "spent": clock.spent, "timed_out": clock.timed_out and not converged}
-            return Draws(theta, log_scale, beta, log_density, diagnostics, diagnose(theta), converged, **ended)
+            return Draws(
+                theta,
+                log_scale,
+                beta,
+                log_density,
+                diagnostics,
+                parameters=diagnose(theta),
+                converged=converged,
+                seconds=clock.seconds,
+                spent=clock.spent,
+                timed_out=clock.timed_out and not converged,
+            )
         next_check = max(next_check, min(int(np.ceil(_GROWTH * sweeps)), clock.allowed))
 
 
