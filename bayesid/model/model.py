@@ -26,7 +26,7 @@ LOOK_BACK = 4096
 """Samples before a chunk that effects with a memory see: presliding is forgotten after a few strokes, 4 s at 1 kHz."""
 LOOK_AHEAD = 16
 """Samples behind a chunk: the end of a cubic spline is felt 0.27 times less with every sample, 1e-9 after these."""
-_REMEMBERED = 256_000_000
+REMEMBERED = 256_000_000
 """Bytes of columns that a model remembers of the motion that it saw last: those of 150,000 samples of six joints and 84
 parameters. One log is looked at ten times under a model, and making its columns costs more than all that is done with
 them. A round number."""
@@ -337,7 +337,7 @@ class _Latest:
             yield known[first]
             first += 1
         for k, (rows, columns) in enumerate(make(motion, first), start=first):
-            if k == len(known) and known is self._chunks and self._bytes + columns.nbytes <= _REMEMBERED:
+            if k == len(known) and known is self._chunks and self._bytes + columns.nbytes <= REMEMBERED:
                 known.append((rows, columns))
                 self._bytes += columns.nbytes
             yield rows, columns

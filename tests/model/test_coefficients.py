@@ -9,45 +9,15 @@ from oracles import assert_close, random_motion, random_table
 from bayesid.model.catalogue import make_effect, make_terms
 from bayesid.model.coefficients import base_coefficients, embedding
 from bayesid.model.model import Model
-from bayesid.model.robot import BUILT_IN, load_robot, robot_from_table
+from bayesid.model.robot import load_robot, robot_from_table
 from bayesid.model.terms import STANDARD, RigidBody
 
-# Gaz and De Luca, Table II, its wrapped lines put right (DESIGN.md, section 5)
-TABLE_II = """
-J1yy + J2yy + J3zz + a1^2 m1 + (a1^2 - a2^2) m2 + (a1^2 - a2^2 - a3^2) M3 + 2 a1 mc1x
-J2xx - J2yy + a2^2 M2
-J3xx - J3zz + J4zz + a3^2 m3 + (d4^2 + a3^2) M4 - 2 d4 mc4y
-J3xz
-J3yy + J4zz - a3^2 m3 + (d4^2 - a3^2) M4 - 2 d4 mc4y
-J3yz
-J4xx - J4zz + J5zz
-J4yy + J5zz
-J5xx + J6yy - J5zz + d6^2 m6 - 2 d6 mc6z
-J5xy
-J5xz
-J5yy + J6yy + d6^2 m6 - 2 d6 mc6z
-J5yz
-J6xx - J6yy
-J6xy
-J6xz
-J6yz
-J6zz
-a2 M2 + mc2x
-mc2y
-a3 M3 + mc3x
-d4 M4 - mc4y + mc3z
-mc4x
-mc5y + mc4z
-d6 m6 + mc5z - mc6z
-mc6x
-mc6y
-""".strip().splitlines()
-
-TABLES = {
-    **{f"standard{n}": random_table("standard", n, seed=n) for n in (1, 3, 5)},
-    **{f"modified{n}": random_table("modified", n, seed=n, coupled=True) for n in (2, 4, 6)},
+DIFFERENT = ("kr5", "panda", "ur10e", "tx40")  # standard, modified, parallel axes, coupled wrist
+ROBOTS = {name: load_robot(name) for name in DIFFERENT} | {
+    "standard1": robot_from_table(random_table("standard", 1, seed=1), "test"),
+    "prismatic": robot_from_table(random_table("standard", 5, seed=5), "test"),
+    "modified4": robot_from_table(random_table("modified", 4, seed=4, coupled=True), "test"),
 }
-ROBOTS = {name: load_robot(name) for name in BUILT_IN} | {k: robot_from_table(t, "test") for k, t in TABLES.items()}
 
 
 def evaluate(expression, model, theta):
@@ -92,7 +62,6 @@ def torque_rows(robot, samples, seed):
     return np.array([c / length for c, length in zip(columns, lengths, strict=True) if length > 1e-9 * lengths.max()]).T
 
 
-@pytest.mark.parametrize("name", ROBOTS)
 def test_rank_is_that_of_newton_euler(name):
     singular = np.linalg.svd(torque_rows(ROBOTS[name], 150, seed=7), compute_uv=False)
     singular = np.append(singular, 1e-16)  # a full rank ends at rounding
@@ -110,22 +79,12 @@ def test_numbers_of_coefficients():
     assert sum(name.startswith(("Fv", "Fc", "offset")) for name in names) == 18
 
 
-@pytest.mark.parametrize("expression", TABLE_II)
-def test_table_two_of_the_paper_is_in_the_row_space(expression):
-    model = Model(load_robot("kr5"), (RigidBody(),))
-    row = evaluate(expression, model, np.eye(60))
-    projection = base_coefficients(model).projection
-    weights = np.linalg.lstsq(projection.T, row, rcond=None)[0]
-    np.testing.assert_allclose(weights @ projection, row, rtol=0, atol=1e-9)
-
-
-@pytest.mark.parametrize("name", [*BUILT_IN, *TABLES])
 def test_expressions_say_what_is_computed(name):
     model = Model(ROBOTS[name], (RigidBody(),))
     coefficients, theta = base_coefficients(model), np.random.default_rng(3).normal(size=(4, len(model.parameters)))
     found = np.array([evaluate(expression, model, theta) for expression in coefficients.expressions]).T
     exact = all(not re.search(r"\d\.\d", expression) for expression in coefficients.expressions)
-    assert exact or name not in BUILT_IN, "every length of a built-in robot is spelled out"
+    assert exact or name not in DIFFERENT, "every length of a built-in robot is spelled out"
     assert_close(found, coefficients.project(theta), 1e-9 if exact else 1e-5)
 
 
@@ -136,15 +95,9 @@ def test_efforts_depend_on_the_coefficients_alone(model, coefficients):
     expected = columns @ theta.T
     assert_close(columns[:, :, coefficients.kept] @ coefficients.project(theta).T, expected, 1e-10)
     assert_close(columns @ coefficients.lift(coefficients.project(theta)).T, expected, 1e-10)
-
-
-def test_lift_then_project_changes_nothing(coefficients):
-    beta = np.random.default_rng(2).normal(size=(3, len(coefficients)))
+    beta = rng.normal(size=(3, len(coefficients)))
     np.testing.assert_allclose(coefficients.project(coefficients.lift(beta)), beta, rtol=0, atol=1e-11)
     np.testing.assert_allclose(coefficients.project(coefficients.lift(beta[0])), beta[0], rtol=0, atol=1e-11)
-
-
-def test_coefficients_are_named_after_what_they_are_built_on(model, coefficients):
     r = len(coefficients)
     assert len(set(coefficients.names)) == len(set(coefficients.expressions)) == len(coefficients.units) == r
     assert list(coefficients.names) == [model.parameters[k].name for k in coefficients.kept]
@@ -152,19 +105,21 @@ def test_coefficients_are_named_after_what_they_are_built_on(model, coefficients
     assert all(np.diff(coefficients.kept) > 0)
 
 
-def test_another_seed_finds_the_same(model, coefficients):
-    first, second = coefficients, base_coefficients(model, seed=11)
-    assert first.expressions == second.expressions
-    np.testing.assert_allclose(first.projection, second.projection, rtol=0, atol=1e-9)
+def test_neither_another_seed_nor_an_earlier_model_of_the_same_structure_changes_anything():
+    for name in ("tx40", "modified4"):
+        model, first = standard(name)
+        for second in (base_coefficients(model, seed=11), base_coefficients(model, earlier=model)):
+            assert first.names == second.names
+            np.testing.assert_allclose(first.projection, second.projection, rtol=0, atol=1e-8)
+        assert first.expressions == base_coefficients(model, seed=11).expressions
 
 
-@pytest.mark.parametrize("gravity", [[0.0, 0.0, 0.0], [4.0, 2.0, -8.0]])
-def test_gravity_decides_what_the_first_link_shows(gravity):
+def test_gravity_decides_what_the_first_link_shows():
     """About a vertical first axis only Jzz shows; a tilted base adds two first moments."""
-    robot = replace(load_robot("panda"), gravity=np.array(gravity))
-    names = base_coefficients(Model(robot, (RigidBody(),))).names
-    expected = ("J1zz",) if not any(gravity) else ("J1zz", "mc1x", "mc1y")
-    assert tuple(name for name in names if name[1:2] == "1" or name[2:3] == "1") == expected
+    for gravity, expected in (([0.0] * 3, ("J1zz",)), ([4.0, 2.0, -8.0], ("J1zz", "mc1x", "mc1y"))):
+        robot = replace(load_robot("panda"), gravity=np.array(gravity))
+        names = base_coefficients(Model(robot, (RigidBody(),))).names
+        assert tuple(name for name in names if name[1:2] == "1" or name[2:3] == "1") == expected
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -200,12 +155,6 @@ def test_efforts_of_both_models_depend_on_the_coefficients_of_both(name):
     motion = random_motion(ROBOTS[name].n_joints, 20, seed=8)
     for columns in (whole.columns(motion), part.columns(motion) @ embedding(part, whole)):
         assert_close(columns[:, :, both.kept] @ both.project(theta), columns @ theta, 1e-9)
-
-
-def test_an_earlier_model_of_the_same_structure_changes_nothing(model, coefficients):
-    alone, both = coefficients, base_coefficients(model, earlier=model)
-    assert alone.names == both.names
-    np.testing.assert_allclose(alone.projection, both.projection, rtol=0, atol=1e-8)
 
 
 def test_two_logs_show_a_payloads_mass_and_neither_does_alone():

@@ -11,11 +11,10 @@ from bayesid.model.catalogue import forms, make_effect, make_terms
 from bayesid.model.effects import Effect
 from bayesid.model.felt import FeltColumns
 from bayesid.model.model import Model
-from bayesid.model.terms import STANDARD
+from bayesid.model.terms import STANDARD, ViscousFriction
 from bayesid.simulation.parameters import random_parameters
 
 JOINTS = 3
-SOUGHT = [name for name, kind in forms().items() if kind.can_be_missing]
 
 
 def scene_of(motion, robot=None):
@@ -31,20 +30,20 @@ def scene():
     return scene_of(smooth_motion(JOINTS, 3.0, 50.0, seed=2))
 
 
-@pytest.mark.parametrize("name", SOUGHT)
-def test_changes_by_joint_are_those_of_all_joints(name, scene):
+def test_changes_by_joint_are_those_of_all_joints(scene):
     """In the joints named there, and zero in all others."""
-    found = list(forms()[name].variants(scene))
-    assert found
-    for form in (found[0], found[len(found) // 2], found[-1]):
-        shift, columns = form.change(scene)
-        shifts, rows = form.change_by_joint(scene)
-        for j in range(JOINTS):
-            np.testing.assert_allclose(shifts.get(j, np.zeros(len(shift))), shift[:, j], rtol=1e-12, atol=1e-14)
-            blank = np.zeros(columns[:, j].shape)
-            np.testing.assert_allclose(rows.get(j, blank), columns[:, j], rtol=1e-12, atol=1e-14)
-        assert set(shifts) <= set(rows) or not rows
-        assert all(np.any(shift) for shift in shifts.values())
+    for kind in (kind for kind in forms().values() if kind.can_be_missing):
+        found = list(kind.variants(scene))
+        assert found
+        for form in (found[0], found[len(found) // 2], found[-1]):
+            shift, columns = form.change(scene)
+            shifts, rows = form.change_by_joint(scene)
+            for j in range(JOINTS):
+                np.testing.assert_allclose(shifts.get(j, np.zeros(len(shift))), shift[:, j], rtol=1e-12, atol=1e-14)
+                blank = np.zeros(columns[:, j].shape)
+                np.testing.assert_allclose(rows.get(j, blank), columns[:, j], rtol=1e-12, atol=1e-14)
+            assert set(shifts) <= set(rows) or not rows
+            assert all(np.any(shift) for shift in shifts.values())
 
 
 def test_an_effect_of_one_joint_is_asked_for_there_alone(scene):
@@ -61,15 +60,15 @@ def test_only_gains_payloads_and_tables_need_an_earlier_log():
     }
 
 
-@pytest.mark.parametrize("name", ["payload", "tool_wrench"])
-def test_a_payload_makes_no_effort_that_the_last_link_could_not(name, scene):
+def test_a_payload_makes_no_effort_that_the_last_link_could_not(scene):
     """Its columns are in the span of the model's; those of a wrench at the tool are not."""
     model = Model(scene.robot, make_terms(STANDARD, scene.robot, scene.motion))
     span = model.columns(scene.motion).reshape(-1, len(model.parameters))
-    form = next(iter(forms()[name].variants(scene)))
-    columns = form.change(scene)[1].reshape(len(span), -1)
-    left = np.abs(columns - span @ np.linalg.lstsq(span, columns, rcond=None)[0]).max()
-    assert form.needs_earlier == (left < 1e-8 * np.abs(columns).max())
+    for name in ("payload", "tool_wrench"):
+        form = next(iter(forms()[name].variants(scene)))
+        columns = form.change(scene)[1].reshape(len(span), -1)
+        left = np.abs(columns - span @ np.linalg.lstsq(span, columns, rcond=None)[0]).max()
+        assert (left < 1e-8 * np.abs(columns).max()) == form.needs_earlier == (name == "payload")
 
 
 def at_rate(rate):
@@ -111,44 +110,58 @@ def test_other_effects_are_always_resolved(scene):
     assert all(next(iter(kind.variants(scene))).resolved(sparse) for kind in plain if kind.can_be_missing)
 
 
-def test_a_model_remembers_the_columns_of_the_motion_it_saw_last(monkeypatch):
-    robot = small_robot(JOINTS)
-    motions = [smooth_motion(JOINTS, 1.0, 50.0, seed=seed) for seed in (3, 4)]
-    made, model = [], Model(robot, make_terms(STANDARD, robot, motions[0]))
+MADE = []
+
+
+class Counted(ViscousFriction):
+    """Counts how often its columns are made."""
+
+    def fill(self, columns, robot, motion):
+        MADE.append(len(motion))
+        super().fill(columns, robot, motion)
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """A model that counts, of three joints, and the function that makes its columns without counting."""
     monkeypatch.setenv("OMP_NUM_THREADS", "1")  # what a copy of the process makes is not counted
-    plain = Model._plain_columns
-    monkeypatch.setattr(Model, "_plain_columns", lambda *args: made.append(args) or plain(*args))
+    robot = small_robot(JOINTS)
+    rigid = make_effect("rigid_body", {})
+    plain = Model(robot, (rigid, ViscousFriction()))
+    MADE.clear()
+    return Model(robot, (rigid, Counted())), plain.columns
+
+
+def test_a_model_remembers_the_columns_of_the_motion_it_saw_last(counted):
+    model, plain = counted
+    motions = [smooth_motion(JOINTS, 1.0, 50.0, seed=seed) for seed in (3, 4)]
     for motion, calls in ((motions[0], 1), (motions[0], 1), (motions[1], 2), (motions[0], 3)):
         ((rows, columns),) = model.chunks(motion)
-        assert len(made) == calls
+        assert len(MADE) == calls
         assert rows == slice(0, len(motion))
-        np.testing.assert_array_equal(columns, plain(model, robot, motion))
+        np.testing.assert_array_equal(columns, plain(motion))
         columns[:] = np.nan  # a caller's own
-    same = pickle.loads(pickle.dumps(model))
-    assert next(iter(same.chunks(motions[0])))[1].shape == columns.shape
-    assert len(made) == 4
+    assert next(iter(pickle.loads(pickle.dumps(model)).chunks(motions[0])))[1].shape == columns.shape
+    assert len(MADE) == 4
     model.forget()
     assert len(list(model.chunks(motions[0]))) == 1
-    assert len(made) == 5
+    assert len(MADE) == 5
 
 
 @pytest.mark.parametrize("kept", [0, 2, 4])
-def test_a_model_remembers_as_many_chunks_as_memory_goes(monkeypatch, kept):
-    robot, motion = small_robot(JOINTS), smooth_motion(JOINTS, 1.0, 50.0, seed=3)
-    made, model = [], Model(robot, make_terms(STANDARD, robot, motion))
-    plain, whole = Model._plain_columns, model.columns(motion)
-    monkeypatch.setattr(Model, "_plain_columns", lambda *args: made.append(args) or plain(*args))
-    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+def test_a_model_remembers_as_many_chunks_as_memory_goes(monkeypatch, counted, kept):
+    (model, plain), motion = counted, smooth_motion(JOINTS, 1.0, 50.0, seed=3)
+    whole = plain(motion)
     monkeypatch.setattr("bayesid.model.model.CHUNK", 13)  # of 50 samples
     size = FeltColumns.of(whole[:13]).nbytes
-    monkeypatch.setattr("bayesid.model.model._REMEMBERED", kept * size + size // 2)
+    monkeypatch.setattr("bayesid.model.model.REMEMBERED", kept * size + size // 2)
     next(model.felt_chunks(motion))  # somebody who asks for a part leaves it to the others
     for calls in (4 - min(kept, 1), 4 - kept, 4 - kept):
-        made.clear()
+        MADE.clear()
         chunks = list(model.chunks(motion))
         assert [rows for rows, _ in chunks] == [slice(0, 13), slice(13, 26), slice(26, 39), slice(39, 50)]
         np.testing.assert_allclose(np.concatenate([columns for _, columns in chunks]), whole, rtol=1e-13)
-        assert len(made) == calls
+        assert len(MADE) == calls
 
 
 def test_copies_of_the_process_make_the_same_columns(monkeypatch):

@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 
 import bayesid
-from bayesid.model.catalogue import make_terms
+from bayesid.cli import main
+from bayesid.model.catalogue import forms, make_terms
 from bayesid.model.model import Model
 from bayesid.model.parameters import Cone
+from bayesid.model.registered import registered_effects
 from bayesid.model.robot import robot_from_table
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
@@ -22,7 +24,6 @@ ROOT = Path(__file__).resolve().parents[2]
 NAMES = ("fan_drag", "crossover")
 SCRIPT = r"""
 import json
-from types import SimpleNamespace
 
 import numpy as np
 import tomli_w
@@ -30,56 +31,36 @@ import tomli_w
 from bayesid.fit.effects.hypotheses import hypotheses
 from bayesid.fit.noise import Noise
 from bayesid.identification.identified_model import IdentifiedModel
-from bayesid.model.catalogue import effect_names, make_effect, noun
+from bayesid.model.catalogue import make_effect, make_terms, noun
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
 from bayesid.model.robot import load_robot
-from bayesid.model.catalogue import make_terms
-from bayesid.report.discrepancy_verdicts import discrepancy_checks
 from bayesid.results.export import mjcf, urdf
 from bayesid.results.model_file import load_model, model_table
-from bayesid.simulation import logs
-from bayesid.simulation.logs import parse_effect, simulate_log
+from bayesid.simulation.logs import parse_effect, with_effects
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
 
-logs.exciting_trajectory = lambda model, _, duration, seed: random_trajectory(6, duration, seed=seed)  # no search
 robot = load_robot("tx40")
-said = {"names": effect_names()}
-
-# Simulated, each at its level in its joint
-chosen = [parse_effect(text, robot) for text in ("fan_drag:2:0.3", "crossover:3:0.1")]
-plain, with_both = (simulate_log(robot, 3.0, 50.0, 0.0, effects, 1)[1] for effects in ((), chosen))
-change = with_both.effort - plain.effort
-size = np.sqrt(np.mean(change**2, axis=0)) / np.sqrt(np.mean(plain.effort**2, axis=0))
-said["levels"] = [float(size[1]), float(size[2])]
-said["others"] = float(np.abs(np.delete(change, [1, 2], axis=1)).max())
-
-# A term of a model, and a candidate for what is missing from one
 motion = random_trajectory(6, 4.0, seed=1).motion(np.arange(200) / 50.0)
 rigid = Model(robot, make_terms(["rigid_body", "viscous_friction"], robot, motion))
 theta = random_parameters(rigid, np.random.default_rng(1))
 effort = rigid.effort(motion, theta)
+said = {}
+
+# Simulated, each at its level in its joint
+chosen = [parse_effect(text, robot) for text in ("fan_drag:2:0.3", "crossover:3:0.1")]
+both, with_both = with_effects(rigid, theta, motion, chosen, 1)
+change = both.effort(motion, with_both) - effort
+size = np.sqrt(np.mean(change**2, axis=0)) / np.sqrt(np.mean(effort**2, axis=0))
+said["levels"] = [float(size[1]), float(size[2])]
+said["others"] = float(np.abs(np.delete(change, [1, 2], axis=1)).max())
+
+# Candidates for what is missing from a model
 scene = rigid.scene(motion, theta, effort, np.abs(effort))
 candidates = [one for group in hypotheses(rigid, scene, np.ones(effort.shape, bool)) for one in group]
-sizes = np.full(6, 0.5)
-for name, number in (("fan_drag", ("c2", 6.0, 0.1, "N m s^2/rad^2")), ("crossover", ("width2", 0.4, np.nan, "N m"))):
-    forms = [one for one in candidates if one.effect == name]
-    in_joint_2 = next(one for one in forms if one.joints == (2,))
-    effect = SimpleNamespace(
-        hypothesis=in_joint_2, effect=name, joints=(2,), parameters={number[0]: number[1:]}, readable={},
-        description=None,
-        probability=0.99, equivalent=(), elsewhere=(), size=None, cost=None,
-    )
-    result = SimpleNamespace(
-        added=[effect], before=sizes, after=sizes, holdout="later.csv", where=[],
-        floor=SimpleNamespace(rms=sizes, lasting=sizes > 1.0),
-        unexplained=[], not_testable=[], refused=[], all_along=(), sets=(), identification=SimpleNamespace(model=rigid),
-    )
-    said[name] = {
-        "joints": sorted({one.joints for one in forms}), "noun": noun(name),
-        "paragraph": discrepancy_checks(result)[0].message,
-    }
+for name in ("fan_drag", "crossover"):
+    said[name] = [sorted({one.joints for one in candidates if one.effect == name}), noun(name)]
 
 # In files
 own = [make_effect("fan_drag", {"joints": [2]}), make_effect("crossover", {"joints": [3], "width": [0.5]})]
@@ -91,8 +72,7 @@ noise = Noise(*np.full((4, 6), 0.5))
 with open("model.toml", "w") as file:
     file.write(tomli_w.dumps(model_table(IdentifiedModel(model, theta, noise, precision))))
 again = load_model(".")
-said["read back"] = again.model.terms == model.terms and again.model.distortions == model.distortions
-said["values"] = bool(np.array_equal(again.theta, theta))
+said["read back"] = again.model.effects == model.effects and bool(np.array_equal(again.theta, theta))
 print(json.dumps(said))
 """
 
@@ -139,31 +119,16 @@ def said(package):
     return json.loads(done.stdout)
 
 
-def test_new_effects_are_simulated_at_their_levels(said):
-    assert {"fan_drag", "crossover", "viscous_friction"} <= set(said["names"])
+def test_registered_effects_are_simulated_sought_exported_and_read_back(said):
     assert said["levels"] == pytest.approx([0.3, 0.1], rel=0.01)
     assert said["others"] < 1e-12
-
-
-def test_new_effects_are_candidates_in_every_joint_and_are_spoken_of(said):
-    each = [[j] for j in range(1, 7)]
-    assert said["fan_drag"]["joints"] == said["crossover"]["joints"] == each
-    assert said["fan_drag"]["noun"] == "a fan's drag"
-    drag = "Joint 2 needs the drag of a fan, 6.00 +- 0.10 N m s^2/rad^2 times the squared speed"
-    assert said["fan_drag"]["paragraph"] == drag
-    loss = "Joint 2's efforts read too small, those of 0.400 N m by half"
-    assert said["crossover"]["paragraph"] == loss
-
-
-def test_new_effects_stand_at_the_head_of_exports(said):
+    joints = [[j] for j in range(1, 7)]
+    assert said["fan_drag"] == [joints, "a fan's drag"]
+    assert said["crossover"][0] == joints
     for lines in said["remarks"]:
         assert "fan_drag: c2 = 1.25 N m s^2/rad^2" in lines
         assert "crossover: width3 = 0.5 N m" in lines
-
-
-def test_models_with_new_effects_come_back(said):
     assert said["read back"]
-    assert said["values"]
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -184,54 +149,65 @@ joints = [
 """
 
 
-def run_commands(folder, *commands):
-    """In one process, up to the first that fails: its code is the process's."""
-    return run(folder, "-c", COMMANDS, json.dumps(commands))
-
-
-def test_a_registered_term_is_named_on_the_command_line_and_read_back(package):
+def test_a_registered_term_is_named_on_the_command_line_and_read_back(package, capsys):
+    """The last of the commands, which run in one process, misspells it: its code is the process's."""
     (package / "arm.toml").write_text(ARM)
-    simulate = "simulate --robot arm.toml --duration 6 --noise 0.02 --effect fan_drag:2:0.4 --seed 3 --out log.csv"
     terms = "rigid_body,viscous_friction,coulomb_friction,torque_offset,fan_drag"
-    done = run_commands(package, simulate.split(), [*IDENTIFY, "--terms", terms, "--out", "result"])
-    assert done.returncode == 0, done.stderr
-    validate = "validate result log.csv --out validated"
-    close = run_commands(package, validate.split(), [*IDENTIFY, "--terms", "rigid_body,fan_drug", "--out", "no"])
-    assert (package / "validated").is_dir(), close.stderr
-    assert close.returncode == 2
-    assert "did you mean fan_drag?" in close.stderr
+    simulate = "simulate --robot arm.toml --duration 6 --noise 0.02 --effect fan_drag:2:0.4 --seed 3 --out log.csv"
+    commands = [
+        simulate.split(),
+        [*IDENTIFY, "--terms", terms, "--out", "result"],
+        ["validate", "result", "log.csv", "--out", "validated"],
+        [*IDENTIFY, "--terms", "rigid_body,fan_drug", "--out", "no"],
+    ]
+    done = run(package, "-c", COMMANDS, json.dumps(commands))
+    assert (package / "validated").is_dir(), done.stderr
+    assert done.returncode == 2
+    assert "did you mean fan_drag?" in done.stderr
 
-    elsewhere = run(
-        ROOT, "-m", "bayesid.cli", "validate", package / "result", package / "log.csv", "--out", package / "v"
-    )
-    assert elsewhere.returncode == 2
-    (line,) = elsewhere.stderr.splitlines()
+    elsewhere = main(["validate", str(package / "result"), str(package / "log.csv"), "--out", str(package / "v")])
+    assert elsewhere == 2
+    (line,) = capsys.readouterr().err.splitlines()
     assert "unknown term 'fan_drag'" in line
     assert "install the package that registers it" in line
 
 
+@pytest.fixture
+def forgotten():
+    """Packages are looked at anew."""
+
+    def forget():
+        registered_effects.cache_clear()
+        forms.cache_clear()
+
+    forget()
+    yield
+    forget()
+
+
+CLASS = "from bayesid.model.terms import Term\nclass Any(Term):\n    "
+
+
 @pytest.mark.parametrize(
-    ("source", "entry", "expected"),
+    ("source", "expected"),
     [
-        ("raise OSError('no licence')", "Any", "cannot be loaded (OSError: no licence)"),
-        ("Any = 3", "Any", "wrong:Any is no effect's class with a name"),
-        ("from bayesid.model.terms import Term\nclass Any(Term):\n    pass", "Any", "is no effect's class with a name"),
-        (
-            "from bayesid.model.terms import Term\nclass Any(Term):\n    name = 'payload'",
-            "Any",
-            "wrong registers an effect of this name too",
-        ),
+        ("raise OSError('no licence')", "cannot be loaded (OSError: no licence)"),
+        ("Any = 3", "wrong_1:Any is no effect's class with a name"),
+        (CLASS + "pass", "is no effect's class with a name"),
+        (CLASS + "name = 'payload'", "registers an effect of this name too"),
     ],
+    ids=range(4),
 )
-def test_a_package_that_registers_nonsense_is_named(tmp_path, source, entry, expected):
-    install(tmp_path, "wrong", source, {"any": entry})
-    done = run(
-        tmp_path, "-m", "bayesid.cli", "simulate", "--robot", "kr5", "--effect", "payload:6:0.1", "--out", "x.csv"
-    )
-    assert done.returncode == 2, done.stderr
-    (line,) = done.stderr.splitlines()
+def test_a_package_that_registers_nonsense_is_named(
+    tmp_path, monkeypatch, capsys, forgotten, request, source, expected
+):
+    module = f"wrong_{request.node.callspec.id}"  # one that no other case has imported
+    install(tmp_path, module, source, {"any": "Any"})
+    monkeypatch.syspath_prepend(tmp_path)
+    assert main(["simulate", "--robot", "kr5", "--effect", "payload:6:0.1", "--out", str(tmp_path / "x.csv")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
     assert expected in line
-    assert "wrong" in line
+    assert module in line
     assert not (tmp_path / "x.csv").exists()
 
 

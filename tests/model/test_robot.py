@@ -1,7 +1,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from oracles import (
     STEP,
@@ -20,14 +19,17 @@ from oracles import (
 )
 
 from bayesid.errors import InputError
-from bayesid.model.robot import BUILT_IN, load_robot, robot_from_table, robot_from_urdf, robot_table
+from bayesid.model.kinematics import pose
+from bayesid.model.robot import load_robot, robot_from_table, robot_from_urdf, robot_table
 from bayesid.motion import Motion
 
-RANDOM = [(convention, n) for convention in ("standard", "modified") for n in range(1, 8)]
+DIFFERENT = ("kr5", "panda", "tx40")  # standard, modified, coupled wrist
 TABLES = {
-    **{f"{convention}{n}": random_table(convention, n, seed=n) for convention, n in RANDOM},
-    **{f"{convention}{n}coupled": random_table(convention, n, seed=n, coupled=True) for convention, n in RANDOM[1::2]},
-    **{name: built_in_table(name) for name in BUILT_IN},
+    "one joint": random_table("standard", 1, seed=1),
+    "standard": random_table("standard", 4, seed=4, coupled=True),
+    "modified": random_table("modified", 5, seed=5),
+    "modified, coupled": random_table("modified", 6, seed=6, coupled=True),
+    **{name: built_in_table(name) for name in DIFFERENT},
 }
 
 
@@ -58,9 +60,8 @@ def test_gravity_torque_is_the_slope_of_the_potential_energy(name):
 @pytest.mark.parametrize("name", TABLES)
 def test_frames_are_the_products_of_the_dh_matrices(name):
     robot, q = robot_from_table(TABLES[name], "test"), random_motion(len(TABLES[name]["joints"]), 1).q[0]
-    data = robot._pinocchio.createData()
-    pin.forwardKinematics(robot._pinocchio, data, q)
-    found = [data.oMi[i].homogeneous @ joint.link_frame for i, joint in enumerate(robot.joints, start=1)]
+    frames = zip(pose(robot, q).joint_frames, robot.joints, strict=True)
+    found = [frame @ joint.link_frame for frame, joint in frames]
     np.testing.assert_allclose(found, dh_chain(TABLES[name])(q)[0], rtol=0, atol=1e-14)
 
 
@@ -95,7 +96,7 @@ def test_planar_arm_of_the_textbooks():
     assert_close(robot.regressor(motion) @ theta.ravel(), expected, 1e-13)
 
 
-@pytest.mark.parametrize("name", ["tx40", "standard4coupled", "modified5coupled"])
+@pytest.mark.parametrize("name", ["tx40", "standard", "modified, coupled"])
 def test_transmission_conserves_power(name):
     robot = robot_from_table(TABLES[name], "test")
     motion, theta = random_motion(robot.n_joints, 10), parameters_of(random_clouds(robot.n_joints))
@@ -107,16 +108,7 @@ def test_transmission_conserves_power(name):
     assert_close(np.sum(efforts / np.abs(np.diag(robot.transmission)) * motor_speeds, axis=1), power, 1e-12)
 
 
-@pytest.mark.parametrize("name", BUILT_IN)
-def test_built_in_robots_load(name):
-    robot = load_robot(name)
-    assert robot.n_joints == len(TABLES[name]["joints"])
-    assert (robot.transmission is not None) == (name == "tx40")
-    assert all(value != 0.0 for value in robot.lengths.values())
-    assert robot.same_kinematics(robot_from_table(TABLES[name], "test"))
-
-
-@pytest.mark.parametrize("name", [*BUILT_IN, "standard5", "modified5coupled"])
+@pytest.mark.parametrize("name", TABLES)
 def test_robot_table_comes_back_the_same(name):
     robot = robot_from_table(TABLES[name], "test")
     back, motion = robot_from_table(robot_table(robot), "test"), random_motion(robot.n_joints)
@@ -138,22 +130,17 @@ def test_a_table_may_tell_rated_efforts(convention):
             robot_from_table({"convention": convention, "joints": [{**rows[1], "rated_effort": wrong}]}, "test")
 
 
-CHANGES = [("a", 0.1), ("alpha", 0.1), ("d", 0.1), ("theta", 0.1), ("type", "prismatic")]
-
-
-@pytest.mark.parametrize(("key", "value"), CHANGES)
-@pytest.mark.parametrize("joint", [0, 2, 5])
-def test_another_geometry_is_not_the_same(key, value, joint):
-    table = built_in_table("kr5")
-    row = table["joints"][joint]
-    row[key] = value if key == "type" else row[key] + value
-    assert not robot_from_table(table, "test").same_kinematics(load_robot("kr5"))
-
-
-@pytest.mark.parametrize("change", [{"gravity": [0.0, 0.1, -9.81]}, {"transmission": np.diag([1, 1, 1, 1, 1, -2.0])}])
-def test_another_mounting_or_gear_is_not_the_same(change):
-    assert not replace(load_robot("kr5"), **change).same_kinematics(load_robot("kr5"))
-    assert not load_robot("kr5").same_kinematics(load_robot("panda"))
+def test_another_geometry_mounting_or_gear_is_not_the_same():
+    kr5 = load_robot("kr5")
+    assert kr5.same_kinematics(robot_from_table(built_in_table("kr5"), "test"))
+    for joint, key, value in ((0, "a", 0.1), (5, "alpha", 0.1), (2, "d", 0.1), (5, "theta", 0.1), (2, "type", "")):
+        table = built_in_table("kr5")
+        row = table["joints"][joint]
+        row[key] = "prismatic" if key == "type" else row[key] + value
+        assert not robot_from_table(table, "test").same_kinematics(kr5)
+    assert not replace(kr5, gravity=[0.0, 0.1, -9.81]).same_kinematics(kr5)
+    assert not replace(kr5, transmission=np.diag([1, 1, 1, 1, 1, -2.0])).same_kinematics(kr5)
+    assert not kr5.same_kinematics(load_robot("panda"))
 
 
 def test_urdf_with_fixed_continuous_and_skewed_joints(tmp_path):
@@ -185,18 +172,14 @@ HEAD = 'convention = "standard"\n'
 BAD_TOML = {
     "convention = ": "is not valid TOML",
     "": "key 'convention' is missing",
-    ROW: "key 'convention' is missing",
     'convention = "denavit"\n' + ROW: "unknown convention 'denavit'",
     HEAD: "key 'joints' is missing",
-    HEAD + "joints = []": "key 'joints' is missing",
     HEAD + "joints = [1]": "joint 1: is not a table",
     HEAD + ROW + ROW.replace("alpha = 0.2\n", ""): "joint 2: key 'alpha' is missing",
     HEAD + ROW + ROW.replace("0.3", '"x"'): "joint 2: key 'd' cannot be used",
     HEAD + ROW.replace("0.3", "nan"): "joint 1: key 'd' cannot be used",
-    HEAD + ROW.replace("0.3", "[1, 2]"): "joint 1: key 'd' cannot be used",
     HEAD + ROW + 'type = "helical"\n': "joint 1: unknown joint type 'helical'",
     HEAD + "gravity = [0, 9.81]\n" + ROW: "key 'gravity' cannot be used",
-    HEAD + 'gravity = "down"\n' + ROW: "key 'gravity' cannot be used",
     HEAD + "transmission = [[1, 2], [3, 4]]\n" + ROW: "key 'transmission' cannot be used",
     HEAD + "transmission = [1, 1]\n" + ROW + ROW: "key 'transmission' cannot be used",
     HEAD + "transmission = [[1, 2], [2, 4]]\n" + ROW + ROW: "key 'transmission' cannot be used",
@@ -204,11 +187,11 @@ BAD_TOML = {
 }
 
 
-@pytest.mark.parametrize(("text", "said"), BAD_TOML.items())
-def test_bad_dh_file(tmp_path, text, said):
+def test_bad_dh_files_are_refused(tmp_path):
     path = tmp_path / "arm.toml"
-    path.write_text(text)
-    assert said in refusal(path)
+    for text, said in BAD_TOML.items():
+        path.write_text(text)
+        assert said in refusal(path)
 
 
 def arm(joint='<axis xyz="0 1 0"/>', kind="revolute", parent="b", child="l", extra=""):
@@ -244,18 +227,17 @@ BAD_URDF = {
 }
 
 
-@pytest.mark.parametrize(("text", "said"), BAD_URDF.items())
-def test_bad_urdf(tmp_path, capfd, text, said):
+def test_bad_urdfs_are_refused(tmp_path, capfd):
     path = tmp_path / "arm.urdf"
-    path.write_text(text)
-    assert said in refusal(path)
+    for text, said in BAD_URDF.items():
+        path.write_text(text)
+        assert said in refusal(path)
     assert capfd.readouterr() == ("", ""), "the URDF library's own complaints are not ours"
 
 
-@pytest.mark.parametrize("joint", ["", "<limit/>", '<limit effort="x"/>', '<dynamics damping="x"/>', "<axis/>"])
-def test_urdf_parts_that_do_not_move_the_arm_do_not_matter(joint):
-    robot = robot_from_urdf(arm(joint), "test")
-    np.testing.assert_array_equal(robot.joints[0].axis, [1, 0, 0])
+def test_urdf_parts_that_do_not_move_the_arm_do_not_matter():
+    for joint in ("", "<limit/>", '<limit effort="x"/>', '<dynamics damping="x"/>', "<axis/>"):
+        np.testing.assert_array_equal(robot_from_urdf(arm(joint), "test").joints[0].axis, [1, 0, 0])
 
 
 def test_no_such_file_and_no_text(tmp_path):

@@ -1,5 +1,6 @@
 """URDFs as strangers have them: grippers, several arms, floating bases; the full model by Pinocchio is the oracle."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -99,15 +100,7 @@ CASES = {
     "a gripper": (HAND, {}, {"finger1": 0.0, "finger2": 0.3}, ["j1", "j2", "j3"]),
     "a gripper that is stretched out": (HAND, {"hold": {"finger1": 0.4}}, {"finger1": 0.4, "finger2": 0.1}, None),
     "a tip before the end": (HAND, {"tip": "l2"}, {"j3": 0.0, "finger1": 0.0, "finger2": 0.3}, ["j1", "j2"]),
-    "a finger as the tip": (HAND, {"tip": "f1"}, {"finger2": 0.3}, ["j1", "j2", "j3", "finger1"]),
     "all of a tree": (TORSO, {}, {}, ["lift", "bend", "left1", "left2", "left3", "right1", "right2", "tail"]),
-    "one arm": (TORSO, {"tip": "lc"}, dict.fromkeys(("right1", "right2", "tail"), 0.0), None),
-    "one arm by a joint": (
-        TORSO,
-        {"tip": "right1"},
-        dict.fromkeys(("left1", "left2", "left3", "right2", "tail"), 0.0),
-        None,
-    ),
     "one arm on a torso that stands": (
         TORSO,
         {"tip": "lc", "hold": {"lift": 0.35, "bend": -0.7}},
@@ -129,16 +122,10 @@ def test_what_is_held_is_at_rest_in_the_full_model(case):
     assert_close(robot.regressor(motion) @ parameters, torques, 1e-12)
 
 
-@pytest.mark.parametrize("text", [HAND, TORSO, LEGS])
-def test_joints_stand_in_pinocchios_order(text):
-    names = [name for name in pin.buildModelFromXML(text).names if name != "universe" and "finger" not in name]
-    assert [one.name for one in robot_from_urdf(text, "test").joints] == names
-
-
-def test_the_position_of_what_is_held_matters():
-    """Else the case above would prove nothing."""
-    low, high = (robot_from_urdf(TORSO, "test", "lc", {"bend": angle}) for angle in (0.1, -0.7))
-    assert not low.same_kinematics(high)
+def test_joints_stand_in_pinocchios_order():
+    for text in (HAND, TORSO, LEGS):
+        names = [name for name in pin.buildModelFromXML(text).names if name != "universe" and "finger" not in name]
+        assert [one.name for one in robot_from_urdf(text, "test").joints] == names
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -148,39 +135,40 @@ def notes(text, **chosen):
     return robot_from_urdf(text, "test", **chosen).notes
 
 
+def held(text, **chosen):
+    """Names of the joints that notes tell as held."""
+    told = [re.match("joints? (.*?) (?:is|are) held", note) for note in notes(text, **chosen)]
+    return [name for found in told if found for name in found[1].split(", ")]
+
+
 def test_an_arm_alone_has_nothing_to_tell():
     assert notes(urdf(joint("j1", "revolute", "base", "l1"), joint("j2", "prismatic", "l1", "l2"))) == ()
 
 
 def test_grippers_are_held_and_told():
-    held = ("joints finger1, finger2 are held: a gripper is not identified",)
-    assert notes(HAND) == held
-    assert notes(HAND.replace(MIMIC, "")) != held, "random places: the fingers do not oppose each other"
+    assert held(HAND) == ["finger1", "finger2"]
+    assert "gripper" in notes(HAND)[0]
     fingers = [
         f'<joint name="{name}" type="KIND"><parent link="l1"/><child link="{name}_"/><axis xyz="0 {way} 0"/></joint>'
         for name, way in (("left", "1"), ("right", "-1"))
     ]
     for kind in ("prismatic", "revolute"):
         text = urdf(joint("j1", "revolute", "base", "l1"), *(finger.replace("KIND", kind) for finger in fingers))
-        assert notes(text) == ("joints left, right are held: a gripper is not identified",)
-        same_way = text.replace("0 -1 0", "0 1 0")
-        assert notes(same_way) == (), "two tools side by side"
+        assert held(text) == ["left", "right"]
+        assert notes(text.replace("0 -1 0", "0 1 0")) == (), "two tools side by side"
     on_the_base = text.replace('parent link="l1"', 'parent link="base"')
     assert robot_from_urdf(on_the_base, "test").n_joints == 3
 
 
-def test_a_leader_that_is_the_arms_own_is_identified():
-    """One finger alone, or a parallel linkage: its followers are held, and that this is not true is told."""
-    follows = '<mimic joint="j1"/>'
-    last = urdf(joint("j1", "revolute", "base", "l1"), joint("j2", "revolute", "l1", "l2", extra=follows))
-    said = "joint j2 is held: in the model it does not follow joint j1"
-    assert notes(last) == (said,)
-    bar = urdf(
-        joint("j1", "revolute", "base", "l1"),
-        joint("j2", "revolute", "base", "bar", extra=follows),
-        joint("j3", "revolute", "l1", "l3"),
-    )
-    assert notes(bar) == (said,)
+def test_followers_are_held_and_their_leader_is_identified():
+    """A follower of a leader that is the arm's own, in a parallel linkage, or of one that stands still."""
+    first, follows = joint("j1", "revolute", "base", "l1"), '<mimic joint="j1"/>'
+    last = urdf(first, joint("j2", "revolute", "l1", "l2", extra=follows))
+    bar = urdf(first, joint("j2", "revolute", "base", "bar", extra=follows), joint("j3", "revolute", "l1", "l3"))
+    still = urdf(first, joint("j2", "revolute", "l1", "l2", extra='<mimic joint="gone"/>'))
+    for text in (last, bar, still):
+        assert held(text) == ["j2"]
+    assert "joint j1" in notes(last)[0], "that it does not follow is told"
     assert [one.name for one in robot_from_urdf(bar, "test").joints] == ["j1", "j3"]
 
 
@@ -190,63 +178,42 @@ def test_a_follower_on_the_chain_is_refused_but_not_beyond_the_tip():
         joint("j2", "revolute", "l1", "l2", extra='<mimic joint="j1" multiplier="-1"/>'),
         joint("j3", "revolute", "l2", "l3"),
     )
-    with pytest.raises(
-        InputError, match=r"test, joint j2: follows joint j1 \(<mimic>\) and carries joint j3; .*by tip"
-    ):
+    with pytest.raises(InputError, match=r"joint j2: follows joint j1 .* carries joint j3; .*by tip"):
         robot_from_urdf(text, "test")
-    assert notes(text, tip="l1") == ("joints j2, j3 are held: not on the chain to l1",)
+    assert held(text, tip="l1") == ["j2", "j3"]
 
 
-def test_followers_of_what_stands_still_are_held():
-    text = urdf(
-        joint("j1", "revolute", "base", "l1"), joint("j2", "revolute", "l1", "l2", extra='<mimic joint="gone"/>')
-    )
-    assert notes(text) == ("joint j2 is held: mimic joints are not identified",)
-
-
-def test_a_tip_and_what_is_asked_for_are_told():
-    off = "joints left1, left2, left3, tail are held: not on the chain to right2"
-    base = "2 chains of joints begin at floor: it is taken as fixed to the ground"
-    asked = "joint lift (at 0.25) is held: as asked"
-    assert notes(TORSO, tip="right2", hold={"lift": 0.25}) == (off, asked, base)
-
-
-def test_many_joints_are_counted():
+def test_what_a_tip_leaves_out_and_what_is_asked_for_are_told():
+    assert held(TORSO, tip="right2", hold={"lift": 0.25}) == ["left1", "left2", "left3", "tail", "lift (at 0.25)"]
     text = urdf(
         joint("j1", "revolute", "base", "l1"), *(joint(f"k{k:02}", "revolute", "l1", f"m{k}") for k in range(12))
     )
-    (told,) = notes(text, tip="l1")
-    assert told == "joints k00, k01, k02, k03, k04, k05, k06, k07 and 4 more are held: not on the chain to l1"
+    assert held(text, tip="l1") == [*(f"k{k:02}" for k in range(7)), "k07 and 4 more"]
 
 
 def test_a_base_that_may_move_is_told():
-    said = "2 chains of joints begin at trunk: it is taken as fixed to the ground"
-    assert notes(LEGS) == (said,)
-    assert notes(LEGS, tip="a1")[-1] == said
+    for chosen in ({}, {"tip": "a1"}):
+        assert "2 chains of joints begin at trunk" in notes(LEGS, **chosen)[-1]
     assert notes(LEGS.replace('"trunk"', '"world"')) == (), "that base is the ground"
     for kind in ("floating", "planar"):
         free = LEGS.replace("</robot>", f'<link name="world"/>{joint("root", kind, "world", "trunk")}</robot>')
-        assert notes(free) == (f"joint root is {kind}: trunk is taken as fixed to the ground",)
+        assert f"joint root is {kind}" in notes(free)[0]
         assert robot_from_urdf(free, "test").n_joints == 4
     carried = LEGS.replace("</robot>", f'<link name="cup"/>{joint("lid", "floating", "a2_", "cup")}</robot>')
-    assert notes(carried)[0] == "joint lid is floating: cup is taken as fixed to a2_"
+    assert "joint lid is floating" in notes(carried)[0]
 
 
-@pytest.mark.parametrize(
-    ("chosen", "said"),
-    [
-        ({"tip": "left_3"}, "test: has no link or joint 'left_3'; tip takes left3"),
-        ({"tip": "xyz"}, "test: has no link or joint 'xyz'; tip takes lc, rb, tip_of_tail"),
-        ({"hold": {"lift2": 0.0}}, "test: has no moving joint 'lift2'; hold takes lift"),
-        ({"hold": {"weld": 0.0}}, "test: has no moving joint 'weld'; hold takes"),
-        ({"hold": {"lift": np.nan}}, "hold: key 'lift' cannot be used"),
-        ({"tip": "trunk"}, "test: no joint moves on the chain to trunk; tip takes lc, rb, tip_of_tail"),
-    ],
-)
-def test_choices_that_cannot_be(chosen, said):
-    with pytest.raises(InputError) as caught:
-        robot_from_urdf(TORSO, "test", **chosen)
-    assert str(caught.value).startswith(said)
+def test_choices_that_cannot_be_are_refused():
+    for chosen, said in (
+        ({"tip": "left_3"}, "no link or joint 'left_3'; tip takes left3"),
+        ({"tip": "xyz"}, "no link or joint 'xyz'; tip takes lc, rb, tip_of_tail"),
+        ({"hold": {"lift2": 0.0}}, "no moving joint 'lift2'; hold takes lift"),
+        ({"hold": {"weld": 0.0}}, "no moving joint 'weld'"),
+        ({"hold": {"lift": np.nan}}, "'lift'"),
+        ({"tip": "trunk"}, "no joint moves on the chain to trunk; tip takes lc, rb, tip_of_tail"),
+    ):
+        with pytest.raises(InputError, match=said):
+            robot_from_urdf(TORSO, "test", **chosen)
 
 
 def test_meshes_and_inertias_do_not_matter():
@@ -265,17 +232,14 @@ def test_a_loop_apart_from_the_base_is_refused():
         robot_from_urdf(urdf(joint("j1", "revolute", "base", "l1"), *loop), "test")
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
+def test_xacro_files_are_told_from_urdfs():
+    for text in (
         '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm/><link name="b"/></robot>',
         '<robot name="r" xmlns:xacro="http://ros.org/wiki/xacro"><link name="b"><xacro:inertia m="1"/></link></robot>',
         '<robot name="r"><xacro:arm prefix="left"/></robot>',
-    ],
-)
-def test_xacro_files_are_told_from_urdfs(text):
-    with pytest.raises(InputError, match=r"is a xacro file, not a URDF; run `xacro 'my arm' > robot.urdf`"):
-        robot_from_urdf(text, "my arm")
+    ):
+        with pytest.raises(InputError, match=r"is a xacro file.*`xacro 'my arm' > robot.urdf`"):
+            robot_from_urdf(text, "my arm")
 
 
 def test_what_xacro_leaves_behind_is_a_urdf():
@@ -307,25 +271,18 @@ def test_the_table_of_a_robot_keeps_names_and_notes():
     assert "notes" not in robot_table(load_robot("kr5"))
 
 
-@pytest.mark.parametrize(
-    ("limit", "rated"),
-    [
+def test_effort_limits_are_rated_efforts_where_they_can_be_meant():
+    """Of the second joint alone; the table in model.toml keeps it."""
+    for limit, rated in (
         ('<limit effort="87.5" velocity="3"/>', 87.5),
-        ('<limit effort="0" velocity="3"/>', None),
-        ('<limit effort="1000000" velocity="3"/>', None),
-        ('<limit effort="inf"/>', None),
-        ('<limit effort="strong"/>', None),
+        *((f'<limit effort="{effort}"/>', None) for effort in ("0", "1000000", "inf", "strong")),
         ("<limit/>", None),
         ("", None),
-    ],
-)
-def test_effort_limits_are_rated_efforts_where_they_can_be_meant(limit, rated):
-    """Of the second joint alone; the table in model.toml keeps it."""
-    text = urdf(joint("a", "revolute", "base", "l1", "0 0 1"), joint("b", "continuous", "l1", "l2", "0 1 0", limit))
-    robot = robot_from_urdf(text, "test")
-    back = robot_from_table(robot_table(robot), "test")
-    for one in (robot, back):
-        assert [joint.rated_effort for joint in one.joints] == [9.0, rated]
+    ):
+        text = urdf(joint("a", "revolute", "base", "l1", "0 0 1"), joint("b", "continuous", "l1", "l2", "0 1 0", limit))
+        robot = robot_from_urdf(text, "test")
+        for one in (robot, robot_from_table(robot_table(robot), "test")):
+            assert [joint.rated_effort for joint in one.joints] == [9.0, rated]
 
 
 def test_a_table_is_one_chain():
@@ -348,12 +305,11 @@ def test_limbs_are_proposed_for_a_log_of_fewer_joints():
 
 
 def test_every_proposal_has_as_many_joints():
-    robot = robot_from_urdf(TORSO, "test")
     for count in range(1, 6):
-        for option in chains_of(robot, count):
+        for option in chains_of(robot_from_urdf(TORSO, "test"), count):
             tip, _, hold = option.removeprefix("--tip ").partition(" --hold ")
-            held = dict.fromkeys([word.partition("=")[0] for word in hold.split(",") if word], 0.0)
-            assert robot_from_urdf(TORSO, "test", tip, held).n_joints == count
+            positions = dict.fromkeys([word.partition("=")[0] for word in hold.split(",") if word], 0.0)
+            assert robot_from_urdf(TORSO, "test", tip, positions).n_joints == count
 
 
 def test_other_numbers_of_joints_are_refused_with_the_way_out():
@@ -374,14 +330,9 @@ def test_identifications_say_what_is_held(tmp_path):
     log = bayesid.simulate_log(robot, 8.0, 50.0, 0.05, (), seed=2)[1]
     result = bayesid.identify(robot, log, complete="off", posterior=False)
     assert result.warnings[0] == robot.notes[0]
-    options, call = result.provenance.options, result.provenance.call
+    options = result.provenance.options
     assert (options["robot"], options["tip"]) == (str(path), "l2")
-    again = eval(call, {"bayesid": bayesid, "log": log})
-    np.testing.assert_array_equal(again.identified.theta, result.identified.theta)
-    turned = replace(robot, gravity=np.array([0.0, 9.81, 0.0]))
-    assert bayesid.identify(turned, log, complete="off", posterior=False).provenance.call.startswith(
-        "bayesid.identify(robot, log, "
-    )
+    assert robot.origin.in_python in result.provenance.call
 
 
 def test_motion_is_that_of_the_chain():

@@ -1,7 +1,7 @@
 from collections import Counter
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cache
-from pathlib import Path
+from itertools import cycle
 
 import numpy as np
 import pytest
@@ -86,7 +86,7 @@ def robot_of(kind, seed):
     return replace(robot, links=tuple(body_of(*cloud) for cloud in clouds)), clouds
 
 
-@pytest.mark.parametrize(("kind", "seed"), [("kr5", 0), *(("random", seed) for seed in range(8))])
+@pytest.mark.parametrize(("kind", "seed"), [("kr5", 0), *(("random", seed) for seed in range(2))])
 def test_rigid_efforts_obey_virtual_work(kind, seed):
     robot, clouds = robot_of(kind, seed)
     motion = random_motion(robot.n, 4, seed)
@@ -121,16 +121,14 @@ def test_trouble_leaves_the_told_table_and_the_motion_alone():
 
 
 def test_a_low_pass_keeps_what_is_slow():
-    t = blind.times()
-    slow, fast = (np.sin(2.0 * np.pi * f * t)[:, None] for f in (1.0, 30.0))
+    slow, fast = (np.sin(2.0 * np.pi * f * blind.times())[:, None] for f in (1.0, 30.0))
     inner = slice(200, -200)
     np.testing.assert_allclose(blind.low_passed(slow + fast, 8.0)[inner], slow[inner], atol=0.01)
     assert blind.low_passed(fast, 0.0) is fast
 
 
-@pytest.mark.parametrize("slow", [False, True])
-def test_speeds_and_accelerations_are_derivatives(slow):
-    series = blind.random_series(np.random.default_rng(2), 5, slow)
+def test_speeds_and_accelerations_are_derivatives():
+    series = blind.random_series(np.random.default_rng(2), 5, True)
     t = blind.times()
     q, dq, ddq = series(t)
     later = series(t + 1j * STEP)
@@ -182,8 +180,7 @@ def test_standard_joints_have_friction_of_a_plausible_size():
 
 
 # --- Size
-@pytest.mark.parametrize("setup", ROBOTS, ids=lambda s: "-".join(map(str, s[1:])))
-@pytest.mark.parametrize("effect", ALL)
+@pytest.mark.parametrize(("effect", "setup"), list(zip(ALL, cycle(ROBOTS))), ids=ALL)
 def test_effect_has_the_size_asked_for(effect, setup):
     seed, robot, style, slow = setup
     size = {"kr5": 2.0, "random": 7.0 if slow else 0.6}[robot]
@@ -204,7 +201,7 @@ def test_effect_has_the_size_asked_for(effect, setup):
     assert shown > 0.3 * size
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(3))
 def test_each_of_two_effects_has_the_size_asked_for(seed):
     rng = np.random.default_rng(seed)
     names = tuple(rng.choice(blind.EFFECTS, 2, replace=False).tolist())
@@ -219,14 +216,13 @@ def test_each_of_two_effects_has_the_size_asked_for(seed):
 
 
 def test_two_effects_share_a_joint_about_half_of_the_time():
-    pairs = [blind.simulate(seed, ("torque_offset", "joint_spring"), 4.0, "kr5", "bare").hidden for seed in range(40)]
+    pairs = [blind.simulate(seed, ("torque_offset", "joint_spring"), 4.0, "kr5", "bare").hidden for seed in range(20)]
     shared = sum(one.draft.joint == other.draft.joint for one, other in pairs)
-    assert 10 <= shared <= 30
+    assert 3 <= shared <= 17
 
 
-@pytest.mark.parametrize("setup", ROBOTS, ids=lambda s: s[1])
-def test_noise_is_white_and_the_same_in_all_logs(setup):
-    case = healthy(*setup)
+def test_noise_is_white_and_the_same_in_all_logs():
+    case = healthy(*ROBOTS[1])
     share = case.noise / blind.rms(case.baseline.clean)
     assert np.all((share >= 0.0099) & (share <= 0.0301))
     for log in (case.baseline, case.log, case.holdout):
@@ -237,17 +233,13 @@ def test_noise_is_white_and_the_same_in_all_logs(setup):
 
 
 # --- Physics of the effects: what has which sign
-@pytest.mark.parametrize("kind", ["kr5", "random"])
-@pytest.mark.parametrize("effect", FRICTION)
-def test_friction_opposes_the_motion(effect, kind):
-    play = scene(kind, True)
-    for draft in forms(effect, play).values():
-        power = torque(draft, play) * play.dq[:, draft.joint]
-        assert power.min() >= 0
-        assert power.max() > 0
-
-
-def test_friction_of_cables_and_cold_joints_opposes_the_motion():
+def test_friction_opposes_the_motion():
+    play = scene("random", True)
+    for effect in FRICTION:
+        for draft in forms(effect, play).values():
+            power = torque(draft, play) * play.dq[:, draft.joint]
+            assert power.min() >= 0
+            assert power.max() > 0
     play = scene()
     cases = [("cable_drag", {"friction"}), ("thermal_drift", {"coulomb", "viscous", "both"})]
     for effect, names in cases:
@@ -277,9 +269,8 @@ def test_asymmetric_coulomb_has_two_levels():
         assert max(abs(levels)) == 1.0
 
 
-@pytest.mark.parametrize("width", [0.02, 0.1])
-def test_hysteresis_loses_energy_and_saturates(width):
-    q = np.sin(np.linspace(0, 12, 3000))
+def test_hysteresis_loses_energy_and_saturates():
+    q, width = np.sin(np.linspace(0, 12, 3000)), 0.1
     for z in (blind.stop_operator(q, width), blind.dahl(q, width), blind.bouc_wen(q, width, 0.7, 2.0)):
         work = np.sum(0.5 * (z[1:] + z[:-1]) * np.diff(q))
         assert work > 0.5 * np.abs(np.diff(q)).sum()
@@ -329,36 +320,34 @@ def test_rotor_and_offset():
     assert signs == {-1.0, 1.0}
 
 
-@pytest.mark.parametrize("slow", [False, True])
-def test_ripple_is_resolved(slow):
-    play = scene("random", slow)
+def test_ripple_is_resolved():
+    play = scene("random", False)
     for draft in drafts("torque_ripple", play, 30):
         order = draft.parameters["order"] * (2 if draft.parameters["second"] else 1)
         assert 5 <= order <= 60
         assert order * np.abs(np.diff(play.q[:, draft.joint])).max() < np.pi / 2
 
 
-@pytest.mark.parametrize("kind", ["kr5", "random"])
-def test_held_mass_pulls_down(kind):
-    play = scene(kind)
+def test_held_mass_pulls_down():
+    play = scene("random")
     draft = next(drafts("payload", play))
-    body = blind.Body(2.5, np.array(draft.parameters["centre"]), 2.5 * np.array(draft.parameters["inertia_per_mass"]))
+    mass, centre = 2.5, np.array(draft.parameters["centre"])
+    body = blind.Body(mass, centre, mass * np.array(draft.parameters["inertia_per_mass"]))
     expected = play.robot.loaded(body).rigid_efforts(play.q, play.dq, play.ddq) - play.rigid
-    assert_close(draft.act(play, play.healthy(), 2.5) - play.healthy(), expected, 1e-9)
-    point = [(np.array([draft.parameters["centre"]]), np.ones(1))]
+    assert_close(draft.act(play, play.healthy(), mass) - play.healthy(), expected, 1e-9)
+    point = [(centre[None], np.ones(1))]
     clouds = [(np.zeros((1, 3)), np.zeros(1))] * (play.robot.n - 1) + point
     q = play.q[300]
     still = Motion([0.0], [q], np.zeros((1, len(q))), np.zeros((1, len(q))))
     held = joint_torques(dh_chain(play.robot.table), clouds, blind.GRAVITY, still)[0]
     none = np.zeros((1, len(q)))
-    unit = blind.Body(1.0, body.centre, body.inertia / 2.5)
+    unit = blind.Body(1.0, centre, body.inertia / mass)
     found = play.robot.loaded(unit).rigid_efforts(q[None], none, none) - play.robot.rigid_efforts(q[None], none, none)
     assert_close(found[0], held, 1e-9)
 
 
-@pytest.mark.parametrize("kind", ["kr5", "random"])
-def test_tilted_base_turns_gravity(kind):
-    play = scene(kind)
+def test_tilted_base_turns_gravity():
+    play = scene("random")
     draft = next(drafts("base_tilt", play))
     angle, heading = 0.03, draft.parameters["heading"]
     slope = 9.81 * np.sin(angle) * np.array([-np.sin(heading), np.cos(heading), 0.0])
@@ -385,9 +374,8 @@ def wrench_torques(play, parameters, k):
     return -(at_flange.T @ force + one.T @ across - other.T @ across)
 
 
-@pytest.mark.parametrize("kind", ["kr5", "random"])
-def test_wrench_on_the_tool_obeys_virtual_work(kind):
-    play, seen = scene(kind), set()
+def test_wrench_on_the_tool_obeys_virtual_work():
+    play, seen = scene("random"), set()
     for draft in drafts("tool_wrench", play, 12):
         seen.add((draft.parameters["frame"], any(draft.parameters["torque_per_force"])))
         found = draft.act(play, play.healthy(), 1.0) - play.healthy()
@@ -465,58 +453,6 @@ def test_what_is_outside_the_catalogue_is_not_explained_by_it():
             assert blind.rms(rest) > 0.3 * blind.rms(found), form
 
 
-# --- Files
-@pytest.fixture(scope="module")
-def folders(tmp_path_factory):
-    """One robot's folders and truths, by effect."""
-    root, made = tmp_path_factory.mktemp("cases"), {}
-    for i, effect in enumerate((None, *ALL)):
-        folder = root / str(i)
-        made[effect] = folder, blind.make_case(folder, 21, effect, 4.0, "kr5", "standard", True)
-    return made
-
-
-def test_folder_holds_no_hint(folders):
-    whole = {path.name: path.read_bytes() for path in folders[None][0].iterdir()}
-    assert sorted(whole) == sorted(blind.FILES)
-    for effect, (folder, _) in folders.items():
-        found = {path.name: path.read_bytes() for path in folder.iterdir()}
-        assert found.keys() == whole.keys()
-        for name in ("baseline.csv", "robot.toml", "terms.txt"):
-            assert found[name] == whole[name]
-        for name in ("log.csv", "holdout.csv"):
-            assert len(found[name]) == len(whole[name])
-            assert (found[name] == whole[name]) == (effect is None)
-            assert found[name].splitlines()[0] == b"t,q1,q2,q3,q4,q5,q6,tau1,tau2,tau3,tau4,tau5,tau6"
-
-
-def test_logs_are_the_three_motions_with_efforts_without_sign(folders):
-    for folder, truth in folders.values():
-        motions = []
-        for name in ("baseline", "log", "holdout"):
-            values = np.loadtxt(folder / f"{name}.csv", delimiter=",", skiprows=1)
-            assert values.shape == (blind.SAMPLES, 13)
-            np.testing.assert_allclose(values[:, 0], np.arange(blind.SAMPLES) / 100)
-            assert values[:, 7:].min() >= 0
-            motions.append(values[:, 1:7])
-            if name != "baseline":
-                efforts = getattr(truth, f"{name}_efforts")
-                np.testing.assert_allclose(values[:, 7:], np.abs(efforts), rtol=1e-9)
-                assert (efforts < 0).any()
-                np.testing.assert_array_equal(np.sign(efforts), getattr(truth, f"{name}_signs"))
-        assert all(np.abs(a - b).max() > 0.5 for a, b in zip(motions, motions[1:] + motions[:1], strict=True))
-
-
-def test_only_the_hidden_effect_separates_the_logs(folders):
-    for effect, (_, truth) in folders.items():
-        if effect is None or effect in blind.READERS:
-            continue
-        difference = blind.rms(truth.log_efforts - folders[None][1].log_efforts) / truth.noise
-        assert difference.max() == pytest.approx(4.0, rel=0.02)
-        assert truth.effects == (effect,)
-        assert truth.joints in (((),), (tuple((np.flatnonzero(difference) + 1).tolist()),))
-
-
 def test_sensors_act_before_or_after_the_noise():
     zeros = {}
     for seed in range(6):
@@ -525,75 +461,3 @@ def test_sensors_act_before_or_after_the_noise():
         zeros[case.parameters["noise_before_sensor"]] = np.mean(case.log.measured[:, j] == 0)
     assert zeros[True] > 0
     assert zeros[False] == 0
-
-
-def test_floor_is_what_noise_leaves(folders):
-    truth = folders["torque_offset"][1]
-    assert np.all(truth.floor <= 1.1 * truth.noise)
-    assert np.all(truth.floor > 0.5 * truth.noise)
-
-
-def test_truth_comes_back_the_same(folders, tmp_path):
-    pair = blind.make_case(tmp_path / "case", 5, ("clipping", "delay"), 3.0)
-    for truth in (folders[None][1], folders["payload"][1], folders[blind.OUTSIDE][1], pair):
-        blind.write_truth(tmp_path / "truth.npz", truth)
-        back = blind.read_truth(tmp_path / "truth.npz")
-        for field in fields(blind.Truth):
-            found, expected = getattr(back, field.name), getattr(truth, field.name)
-            if field.name in blind.ARRAYS:
-                np.testing.assert_array_equal(found, expected)
-            else:
-                assert found == expected
-                assert type(found) is type(expected)
-    assert folders[None][1].effects == ()
-    assert folders[None][1].size == 0.0
-
-
-def test_cases_are_reproducible(folders, tmp_path):
-    truth = blind.make_case(tmp_path, 21, "payload", 4.0, "kr5", "standard", True)
-    np.testing.assert_array_equal(truth.log_efforts, folders["payload"][1].log_efforts)
-    assert all((tmp_path / name).read_bytes() == (folders["payload"][0] / name).read_bytes() for name in blind.FILES)
-
-
-def test_generator_is_no_part_of_bayesid():
-    homes = {getattr(value, "__module__", "") or "" for value in vars(blind).values()}
-    assert {home for home in homes if home.startswith("bayesid")} == {blind.__name__}
-    text = Path(blind.__file__).read_text()
-    assert "import bayesid" not in text
-    assert "from bayesid" not in text
-
-
-# --- Plan
-def test_plan_is_balanced():
-    cases = blind.plan(300, 7)
-    single = [case for case in cases if isinstance(case.effect, str) and case.effect != blind.OUTSIDE]
-    pairs = [case for case in cases if isinstance(case.effect, tuple)]
-    beyond = [case for case in cases if case.effect == blind.OUTSIDE]
-    assert [len(single), len(pairs), sum(c.effect is None for c in cases), len(beyond)] == [220, 25, 30, 25]
-    assert set(Counter(case.effect for case in single).values()) == {11}
-    assert {case.effect for case in single} == set(blind.EFFECTS)
-    assert all(len(set(case.effect)) == 2 for case in pairs)
-    for name in blind.EFFECTS:
-        sizes = np.log([case.size for case in single if case.effect == name])
-        assert np.log(0.5) <= sizes.min() < np.log(0.8)
-        assert np.log(6) < sizes.max() <= np.log(10)
-        assert {case.style for case in single if case.effect == name} == {"bare", "standard"}
-        assert {case.robot for case in single if case.effect == name} == {"kr5", "random"}
-    assert all(3 <= case.size <= 10 for case in pairs + beyond)
-    assert len({case.seed for case in cases}) == 300
-    assert 140 <= sum(case.style == "bare" for case in cases) <= 160
-
-
-@pytest.mark.parametrize("trials", [8, 9, 20, 57, 100])
-def test_smaller_plans_have_every_kind(trials):
-    cases = blind.plan(trials, 3)
-    assert len(cases) == trials
-    kinds = Counter(
-        "pair" if isinstance(c.effect, tuple) else c.effect if c.effect in (None, "outside") else "single"
-        for c in cases
-    )
-    assert len(kinds) == 4
-    assert kinds["single"] >= 0.6 * trials
-    singles = Counter(c.effect for c in cases if c.effect in blind.EFFECTS)
-    assert max(singles.values()) - min(singles.get(name, 0) for name in blind.EFFECTS) <= 1
-    assert cases == blind.plan(trials, 3) != blind.plan(trials, 4)

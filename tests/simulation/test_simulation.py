@@ -1,11 +1,11 @@
 from functools import cache
+from itertools import product
 
 import numpy as np
 import pytest
 from scipy import stats
 
 from bayesid.errors import InputError
-from bayesid.log.log import read_log, write_log
 from bayesid.model.catalogue import main_forms, make_terms
 from bayesid.model.distortions import delay
 from bayesid.model.distortions.gain_error import GainError
@@ -49,9 +49,8 @@ def test_without_noise_the_efforts_are_newton_and_euler():
     assert log.signed.all()
 
 
-@pytest.mark.parametrize("noise", [0.01, 0.05, 0.3])
-def test_noise_is_white_gaussian_and_of_the_size_asked_for(noise):
-    model, motion = paper_model(), motion_of(6, 4000)
+def test_noise_is_white_gaussian_and_of_the_size_asked_for():
+    model, motion, noise = paper_model(), motion_of(6, 4000), 0.3
     clean = model.effort(motion, nominal_parameters())
     log = simulate(model, nominal_parameters(), motion, rng=np.random.default_rng(11), noise=noise, signed=True)
     z = (log.effort - clean) / (noise * rms(clean))
@@ -63,10 +62,9 @@ def test_noise_is_white_gaussian_and_of_the_size_asked_for(noise):
     assert min(stats.kstest(column, "norm").pvalue for column in z.T) > 1e-4
 
 
-@pytest.mark.parametrize("colour", [0.5, 0.9])
-def test_coloured_noise_has_the_size_of_white_noise_and_the_memory_asked_for(colour):
+def test_coloured_noise_has_the_size_of_white_noise_and_the_memory_asked_for():
     """AR(1): variance as in the white case from the first sample on, correlation colour^k at lag k."""
-    model, motion = paper_model(), motion_of(6, 20_000)
+    model, motion, colour = paper_model(), motion_of(6, 20_000), 0.9
     clean = model.effort(motion, nominal_parameters())
     log = simulate(
         model, nominal_parameters(), motion, rng=np.random.default_rng(12), noise=0.2, colour=colour, signed=True
@@ -98,31 +96,33 @@ def test_coloured_noise_is_stationary_from_its_first_sample():
         assert lowest < (z[:, sample] ** 2).sum() < highest
 
 
-def test_no_colour_is_white():
-    model, motion = paper_model(), motion_of(6)
-    plain, white = (
-        simulate(model, nominal_parameters(), motion, rng=np.random.default_rng(1), **options)
-        for options in ({}, {"colour": 0.0})
-    )
-    np.testing.assert_array_equal(plain.effort, white.effort)
-
-
-@pytest.mark.parametrize("colour", [1.0, -0.1, 1.5, np.nan])
-def test_a_colour_that_is_none(colour):
-    with pytest.raises(ValueError, match="correlation"):
-        simulate(paper_model(), nominal_parameters(), motion_of(6), rng=np.random.default_rng(0), colour=colour)
+@pytest.mark.parametrize(
+    ("option", "values"),
+    [
+        ("colour", [1.0, -0.1, np.nan]),
+        ("noise", [-0.1, np.nan, np.inf]),
+        ("sensor", [np.full(6, -0.1), np.full(6, np.nan), np.full(6, np.inf), np.full(5, 0.1), np.full((6, 1), 0.1)]),
+    ],
+)
+def test_noise_that_cannot_be_is_refused(option, values):
+    for value in values:
+        with pytest.raises(ValueError, match={"colour": "correlation"}.get(option, option)):
+            simulate(paper_model(), nominal_parameters(), motion_of(6), rng=np.random.default_rng(1), **{option: value})
 
 
 def test_an_unsigned_log_is_the_absolute_value_of_the_signed_one():
-    model, motion = paper_model(), motion_of(6)
-    signed, unsigned = (
-        simulate(model, nominal_parameters(), motion, rng=np.random.default_rng(4), noise=0.2, signed=keep)
-        for keep in (True, False)
+    """Of all joints, or of some; and another generator makes another log."""
+    model, motion, some = paper_model(), motion_of(6), np.array([True, False, True, False, False, True])
+    signed, unsigned, both, other = (
+        simulate(model, nominal_parameters(), motion, rng=np.random.default_rng(seed), noise=0.2, signed=keep)
+        for seed, keep in ((4, True), (4, False), (4, tuple(some)), (5, True))
     )
     np.testing.assert_array_equal(unsigned.effort, np.abs(signed.effort))
-    assert unsigned.effort.min() >= 0.0
+    np.testing.assert_array_equal(both.effort, np.where(some, signed.effort, unsigned.effort))
+    np.testing.assert_array_equal(both.signed, some)
     assert not unsigned.signed.any()
     assert np.any(signed.effort < 0.0, axis=0).all()
+    assert np.all(np.mean(signed.effort == other.effort, axis=0) < 0.01)
 
 
 def test_a_sensor_is_as_noisy_in_any_motion():
@@ -139,14 +139,6 @@ def test_a_sensor_is_as_noisy_in_any_motion():
         assert np.abs(left[:, 5]).max() == 0.0
 
 
-@pytest.mark.parametrize(
-    "sensor", [np.full(6, -0.1), np.full(6, np.nan), np.full(6, np.inf), np.full(5, 0.1), np.full((6, 1), 0.1)]
-)
-def test_an_impossible_sensor_is_refused(sensor):
-    with pytest.raises(ValueError, match="sensor"):
-        simulate(paper_model(), nominal_parameters(), motion_of(6), rng=np.random.default_rng(1), sensor=sensor)
-
-
 def test_the_noise_is_rectified_too():
     """Where the effort is far smaller than the noise, |noise| is left: its mean is sqrt(2 / pi) sd, not zero."""
     model, motion = paper_model(), motion_of(6, 20_000)
@@ -159,56 +151,30 @@ def test_the_noise_is_rectified_too():
         assert mean == pytest.approx(np.sqrt(2 / np.pi), abs=4 * 0.6 / np.sqrt(small[:, j].sum()) + 0.005)
 
 
-def test_some_joints_may_keep_their_sign():
-    signed = (True, False, True, False, False, True)
-    log = simulate(paper_model(), nominal_parameters(), motion_of(6), rng=np.random.default_rng(3), signed=signed)
-    np.testing.assert_array_equal(log.signed, signed)
-    np.testing.assert_array_equal(np.any(log.effort < 0, axis=0), signed)
-
-
-def test_same_generator_same_log_other_generator_another():
-    model, motion = paper_model(), motion_of(6)
-    first, again, other = (
-        simulate(model, nominal_parameters(), motion, rng=np.random.default_rng(seed)) for seed in (1, 1, 2)
-    )
-    np.testing.assert_array_equal(first.effort, again.effort)
-    assert np.all(np.mean(first.effort == other.effort, axis=0) < 0.01)
-
-
-def test_a_simulated_log_survives_the_way_through_a_file(tmp_path):
-    log = simulate(paper_model(), nominal_parameters(), motion_of(6), rng=np.random.default_rng(1))
-    write_log(tmp_path / "log.csv", log)
-    back = read_log(tmp_path / "log.csv")
-    np.testing.assert_allclose(back.effort, log.effort, rtol=1e-8)
-    np.testing.assert_array_equal(back.signed, log.signed)
-
-
-@pytest.mark.parametrize("noise", [-0.1, float("nan"), float("inf")])
-def test_impossible_noise_is_refused(noise):
-    with pytest.raises(ValueError, match="noise"):
-        simulate(paper_model(), nominal_parameters(), motion_of(6), rng=np.random.default_rng(1), noise=noise)
-
-
 # ---------------------------------------------------------------------------------------------------------------
 # random_parameters
 # ---------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("name", ROBOTS)
-def test_random_parameters_lie_strictly_inside_the_cone(name):
+def test_random_parameters_are_those_of_a_plausible_robot(name):
+    """Strictly inside the cone; links get lighter towards the tip; other effects are a share of the joint's torque."""
     model = default_model(name)
-    for seed in range(20):
+    n = model.robot.n_joints
+    for seed in range(10):
         theta = random_parameters(model, np.random.default_rng(seed))
-        assert theta.shape == (len(model.parameters),)
         assert np.all(theta[model.cone.nonnegative] > 0.0)
         assert np.all(model.cone.smallest_eigenvalues(theta) > 1e-5)
-
-
-@pytest.mark.parametrize("name", ROBOTS)
-def test_links_get_lighter_towards_the_tip_and_have_a_plausible_mass(name):
-    model = Model(load_robot(name), (RigidBody(),))
-    for seed in range(10):
-        masses = random_parameters(model, np.random.default_rng(seed)).reshape(-1, 10)[:, 9]
+        masses = theta[: 10 * n].reshape(-1, 10)[:, 9]
         assert np.all(np.diff(masses) < 0.0)
         assert 5.0 < masses.sum() < 80.0
+    rng = np.random.default_rng(60)
+    arrays = {key: rng.uniform(-limit, limit, (2000, n)) for key, limit in (("q", 2.0), ("dq", 2.0), ("ddq", 5.0))}
+    columns, size = model.columns(Motion(np.arange(2000.0), **arrays)), 10 * n
+    rigid = rms(columns[:, :, :size] @ theta[:size])
+    for k, term in enumerate(model.terms[1:]):
+        part = slice(size + k * n, size + (k + 1) * n)
+        share = rms(columns[:, :, part] @ theta[part]) / rigid
+        low, high = (0.01, 0.05) if term.name == "torque_offset" else (0.05, 0.25)
+        assert np.all((share > 0.85 * low) & (share < 1.15 * high))
 
 
 def test_centres_of_mass_lie_along_the_links():
@@ -220,23 +186,6 @@ def test_centres_of_mass_lie_along_the_links():
         assert share.min() > 0.1
         assert share.max() < 0.9
         assert share.mean() == pytest.approx(0.5, abs=0.1)
-
-
-@pytest.mark.parametrize("name", ROBOTS)
-def test_other_effects_are_a_share_of_the_joints_torque(name):
-    model = default_model(name)
-    n, theta = model.robot.n_joints, random_parameters(model, np.random.default_rng(6))
-    rng = np.random.default_rng(60)
-    limits = {"q": 2.0, "dq": 2.0, "ddq": 5.0}
-    arrays = {key: rng.uniform(-limit, limit, (2000, n)) for key, limit in limits.items()}
-    motion = Motion(np.arange(2000.0), **arrays)
-    columns, size = model.columns(motion), 10 * n
-    rigid = rms(columns[:, :, :size] @ theta[:size])
-    for k, term in enumerate(model.terms[1:]):
-        part = slice(size + k * n, size + (k + 1) * n)
-        share = rms(columns[:, :, part] @ theta[part]) / rigid
-        low, high = (0.01, 0.05) if term.name == "torque_offset" else (0.05, 0.25)
-        assert np.all((share > 0.85 * low) & (share < 1.15 * high))
 
 
 def test_parameters_are_asymmetric_and_differ_by_seed():
@@ -268,13 +217,8 @@ def test_a_model_without_bodies_and_a_model_of_one_joint():
 NAMES = tuple(main_forms())
 SIMPLE = ("viscous_friction", "coulomb_friction", "torque_offset", "rotor_inertia")
 OF_ALL = tuple(name for name, kind in main_forms().items() if not kind.by_joint)
-OF_TABLE = ("link_length", "link_twist", "link_offset", "joint_zero", "gear_ratio")  # of this joint and those before it
-REACHED = {("link_length", 3), ("link_twist", 4), ("joint_zero", 2), ("gear_ratio", 3)}
-OUT_OF_REACH = {
-    ("tool_wrench", 6),  # the force acts on the flange, which lies on the last axis
-    ("base_tilt", 4, 0.3),
-    ("base_tilt", 6, 0.3),  # the wrist is light
-}
+OF_TABLE = {"link_length": 3, "link_twist": 4, "joint_zero": 2, "gear_ratio": 3, "link_offset": None}
+"""Of this joint and those before it; each with the joint in which a table can be as far off as here."""
 
 
 @cache
@@ -297,36 +241,24 @@ def test_delays_go_as_far_as_motions_and_gains_as_far_as_levels():
     assert GainError(gain=(1.0,)).largest_magnitude(None) >= highest
 
 
-@pytest.mark.parametrize("level", [0.05, 0.3])
-@pytest.mark.parametrize("joint", range(1, 7))
-@pytest.mark.parametrize("name", NAMES)
-def test_an_effect_has_its_level_on_its_joint(name, joint, level):
-    text = f"{name}:{joint}:{level}"
-    if name in OF_TABLE and ((name, joint) not in REACHED or level > 0.1):
-        pytest.skip("no table is as far off as this")
-    if {(name, joint), (name, joint, level)} & OUT_OF_REACH:
-        with pytest.raises(InputError, match=f"'{text}' cannot be had") as refusal:
-            efforts(text)
-        assert "\n" not in str(refusal.value)
-        return
-    healthy, found = efforts(), efforts(text)
-    change = found - healthy
-    assert rms(change)[joint - 1] == pytest.approx(level * rms(healthy)[joint - 1], rel=0.01)
-    others = np.delete(np.abs(change).max(axis=0), joint - 1)
-    if name != "delay" and name not in OF_TABLE:  # of one joint or of all
-        assert others.any() == (name in OF_ALL)
+@pytest.mark.parametrize("name", [name for name in NAMES if name != "link_offset"])
+def test_an_effect_has_its_level_on_its_joint(name):
+    for joint, level in ((OF_TABLE[name], 0.05),) if name in OF_TABLE else ((2, 0.3), (5, 0.05)):
+        healthy = efforts()
+        change = efforts(f"{name}:{joint}:{level}") - healthy
+        assert rms(change)[joint - 1] == pytest.approx(level * rms(healthy)[joint - 1], rel=0.01)
+        others = np.delete(np.abs(change).max(axis=0), joint - 1)
+        if name != "delay" and name not in OF_TABLE:  # of one joint or of all
+            assert others.any() == (name in OF_ALL)
 
 
-@pytest.mark.parametrize(("robot", "joint"), [("tx40", 5), ("panda", 6)])
-@pytest.mark.parametrize("name", NAMES)
-def test_an_effect_has_its_level_on_other_robots(name, robot, joint):
-    """The TX40's wrist is coupled; its flange lies on the axes of the wrist."""
-    if name in OF_TABLE:
-        pytest.skip("no table is as far off as this")
-    if (name, robot) == ("tool_wrench", "tx40"):
-        joint = 3
-    change = efforts(f"{name}:{joint}:0.1", robot=robot) - efforts(robot=robot)
-    assert rms(change)[joint - 1] == pytest.approx(0.1 * rms(efforts(robot=robot))[joint - 1], rel=0.01)
+def test_an_effect_has_its_level_on_a_coupled_wrist():
+    """Of the TX40, whose flange lies on the axes of the wrist: a force there is felt further up."""
+    healthy = efforts(robot="tx40")
+    for name in (name for name in NAMES if name not in OF_TABLE):
+        joint = 3 if name == "tool_wrench" else 5
+        change = efforts(f"{name}:{joint}:0.1", robot="tx40") - healthy
+        assert rms(change)[joint - 1] == pytest.approx(0.1 * rms(healthy)[joint - 1], rel=0.01)
 
 
 def test_seeds_choose_the_form():
@@ -345,13 +277,10 @@ def test_seeds_choose_the_form():
     assert delayed == {1, 6}
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_friction_springs_and_bodies_are_physical(name):
+def test_friction_springs_and_bodies_are_physical():
     """What cannot be negative is positive: dissipation, stiffness, mass; a lag is not a lead."""
-    if name == "link_offset":
-        pytest.skip("no table is as far off as this")
     robot = load_robot("kr5")
-    for seed in range(4):
+    for name, seed in product((name for name in NAMES if name not in OF_TABLE), range(2)):
         theta, motion = nominal_parameters(), random_trajectory(6, 12.0, seed=seed).motion(np.arange(601) / 50)
         model = Model(robot, (RigidBody(),))
         model, theta = simulation.with_effects(model, theta, motion, [SimulatedEffect(name, 4, 0.1)], seed)
@@ -417,58 +346,33 @@ def test_sensors_read_the_noise_as_well(noise):
     assert (blind[:, 0] == 0.0).sum() > 20
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_a_level_of_zero_is_no_effect(name):
-    np.testing.assert_array_equal(efforts(f"{name}:6:0", noise=0.1), efforts(noise=0.1))
+def test_a_level_of_zero_is_no_effect():
+    for name in ("viscous_friction", "payload", "delay", "clipping"):
+        np.testing.assert_array_equal(efforts(f"{name}:6:0", noise=0.1), efforts(noise=0.1))
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "delay:2:5",
-        "base_tilt:6:100",
-        "clipping:3:1.5",
-        "dead_zone:3:1.2",
-        "tool_wrench:6:1",
-        "dead_zone:2:0.001",  # so few efforts are so small that one sample more makes a difference
-    ],
-)
-def test_levels_out_of_reach_are_refused(text):
-    with pytest.raises(InputError, match="cannot be had") as refusal:
-        efforts(text)
-    assert repr(text) in str(refusal.value)
-    assert refusal.value.where == "--effect"
-    assert "\n" not in str(refusal.value)
+def test_levels_out_of_reach_are_refused():
+    few = "dead_zone:2:0.001"  # so few efforts are so small that one sample more makes a difference
+    of_flange, light = "tool_wrench:6:1", "base_tilt:6:100"  # the force acts on the last axis; the wrist is light
+    for text in ("delay:2:5", "base_tilt:4:0.3", light, "clipping:3:1.5", "dead_zone:3:1.2", of_flange, few):
+        with pytest.raises(InputError, match="cannot be had") as refusal:
+            efforts(text)
+        assert repr(text) in str(refusal.value)
+        assert refusal.value.where == "--effect"
+        assert "\n" not in str(refusal.value)
 
 
 def test_a_gain_may_be_large():
     np.testing.assert_allclose(efforts("gain_error:1:1000")[:, 0], 1001.0 * efforts()[:, 0], rtol=1e-5)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "rigid_body:1:0.1",
-        "hysteresis.smooth:1:0.1",
-        "dead_zone.shrinking:1:0.1",
-        "friction:1:0.1",
-        "payload:7:0.1",
-        "payload:0:0.1",
-        "payload:1:-0.1",
-        "payload:1:1e4",
-        "payload:1:nan",
-        "payload",
-        "payload:1",
-        "payload:1:0.1:2",
-        "payload:one:0.1",
-        "payload:1:much",
-        "",
-    ],
-)
-def test_what_is_no_effect(text):
-    with pytest.raises(InputError) as refusal:
-        parse_effect(text, load_robot("kr5"))
-    assert repr(text) in str(refusal.value)
-    assert "\n" not in str(refusal.value)
-    assert all(name in str(refusal.value) for name in NAMES)
-    assert "." not in refusal.value.remedy
+def test_what_is_no_effect_is_refused():
+    names = ("rigid_body:1:0.1", "hysteresis.smooth:1:0.1", "dead_zone.shrinking:1:0.1", "friction:1:0.1", "")
+    joints = ("payload:7:0.1", "payload:0:0.1", "payload:one:0.1")
+    levels = ("payload:1:-0.1", "payload:1:1e4", "payload:1:nan", "payload:1:much")
+    for text in (*names, *joints, *levels, "payload", "payload:1", "payload:1:0.1:2"):
+        with pytest.raises(InputError) as refusal:
+            parse_effect(text, load_robot("kr5"))
+        assert repr(text) in str(refusal.value)
+        assert "\n" not in str(refusal.value)
+        assert all(name in str(refusal.value) for name in NAMES)

@@ -51,8 +51,8 @@ def test_derivatives_agree_with_finite_differences():
     np.testing.assert_allclose((after.dq - before.dq) / (2 * h), here.ddq, atol=2e-5)
 
 
-@pytest.mark.parametrize("periods", [1, 3])
-def test_the_duration_holds_a_whole_number_of_periods(periods):
+def test_the_duration_holds_a_whole_number_of_periods():
+    periods = 3
     series = random_trajectory(4, DURATION, seed=2, periods=periods)
     ends = series.motion(np.array([0.0, DURATION, DURATION / periods]))
     for values in (ends.q, ends.dq, ends.ddq):
@@ -60,8 +60,7 @@ def test_the_duration_holds_a_whole_number_of_periods(periods):
     assert series.frequency * DURATION == pytest.approx(periods, abs=1e-12)
 
 
-@pytest.mark.parametrize("harmonics", [1, 5, 9])
-@pytest.mark.parametrize("duration", [2.0, 13.33, 60.0])
+@pytest.mark.parametrize(("harmonics", "duration"), [(1, 13.33), (5, 2.0), (9, 60.0)])
 def test_each_joint_touches_one_limit_and_breaks_none(harmonics, duration):
     limits = MotionLimits(lower=(-2.0, -3.0, -0.4), upper=(2.0, -0.1, 2.5), velocity=(3.0, 1.0, 2.0), acceleration=8.0)
     middle, half = np.array([0.0, -1.55, 1.05]), np.array([2.0, 1.45, 1.45])
@@ -137,19 +136,16 @@ def test_another_robot_other_limits_and_several_periods():
     assert condition_number(model, coefficients, series.motion(np.linspace(0, 20, 500))) < 6.0
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [
+def test_limits_that_leave_no_room_are_refused():
+    for wrong in (
         {"lower": 1.0, "upper": 1.0},
         {"lower": (-1.0, 2.0), "upper": (1.0, 1.0)},
         {"velocity": 0.0},
         {"acceleration": (3.0, -1.0)},
         {"upper": float("nan")},
-    ],
-)
-def test_limits_that_leave_no_room_are_refused(wrong):
-    with pytest.raises(ValueError, match="limit"):
-        MotionLimits(**wrong)
+    ):
+        with pytest.raises(ValueError, match="limit"):
+            MotionLimits(**wrong)
 
 
 def test_bad_arguments_are_refused():
