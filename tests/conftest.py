@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import os
+import shutil
+from contextlib import redirect_stdout
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # matrices are small: BLAS threads only get into each other's way
 
+import command_line
 import numpy as np
 import pytest
 import source_tree  # noqa: F401
@@ -72,3 +76,37 @@ def any_motion():
 @pytest.fixture
 def rng():
     return np.random.default_rng(0)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Commands
+# ---------------------------------------------------------------------------------------------------------------
+@pytest.fixture(scope="session")
+def arm_shop(tmp_path_factory):
+    """A robot file, logs that `simulate` made of it, and what `identify` made of one, for all tests of commands."""
+    place = tmp_path_factory.mktemp("shop")
+    (place / "arm.toml").write_text(command_line.ARM)
+    options = ("--duration", 6, "--noise", 0.03, "--seed", 2, "--effect", "viscous_friction:1:0.3")
+    arm = ("--robot", place / "arm.toml")
+    assert command_line.run("simulate", *arm, "--out", place / "log.csv", *options) == 0
+    options = ("--seed", 7, "--repeatable", "--no-report")
+    with redirect_stdout(io.StringIO()) as printed:
+        assert command_line.run("identify", place / "log.csv", *arm, "--out", place / "result", *options) == 0
+    (place / "terminal.txt").write_text(printed.getvalue())
+    return place
+
+
+@pytest.fixture
+def arm_place(arm_shop, tmp_path, monkeypatch):
+    """A folder of one's own with robot and log in it; commands run there, so what they leave is seen."""
+    for name in ("arm.toml", "log.csv"):
+        (tmp_path / name).write_bytes((arm_shop / name).read_bytes())
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def arm_result(arm_shop, arm_place):
+    """The result folder, to be changed."""
+    shutil.copytree(arm_shop / "result", arm_place / "result")
+    return arm_place / "result"

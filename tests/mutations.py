@@ -7,7 +7,7 @@ import re
 import resource
 import signal
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import contextmanager
 
 import pytest
@@ -28,67 +28,15 @@ HOSTILE_NUMBERS = (
     *("0x10", "1_0", "\u0661", "1,5", "", "-", "--1", "1e", "true", "4294967296", "2147483648"),
 )
 HOSTILE_WORDS = (
-    *(
-        b"\0",
-        b"\xff",
-        b"\xff\xfe",
-        b"\xef\xbb\xbf",
-        b"\x1b[31m",
-        b"\r",
-        b"\n\n",
-        b"\x85",
-        b"\x1a",
-        b"#",
-        b"%",
-        b'"',
-        b"'",
-    ),
-    *(
-        b"[" * 3000,
-        b"{" * 3000,
-        b"(" * 300,
-        b"a." * 3000,
-        b"9" * 5001,
-        "\u0661".encode(),
-        b"q" + b"9" * 5000,
-        b"=",
-        b",",
-    ),
-    *(
-        b";",
-        b"\t",
-        b" " * 3000,
-        b"[deg]",
-        b"]",
-        b"}",
-        b"&lt;",
-        b"<a>",
-        b"</link>",
-        b"-->",
-        b"nan",
-        b"1e308",
-        b"_" * 3000,
-    ),
+    *(bytes([letter]) for letter in b"\0\xff\r\x85\x1a#%\"'=,;\t]}"),
+    *(b"\xff\xfe", b"\xef\xbb\xbf", b"\x1b[31m", b"\n\n", b"[deg]", b"&lt;", b"<a>", b"</link>", b"-->"),
+    *(word * 3000 for word in (b"[", b"{", b"a.", b" ", b"_")),
+    *(b"nan", b"1e308", b"(" * 300, b"9" * 5001, "\u0661".encode(), b"q" + b"9" * 5000),
 )
 HOSTILE_VALUES = (
-    *(
-        None,
-        True,
-        -1,
-        0,
-        2**31,
-        2**70,
-        10**400,
-        1e308,
-        -1e308,
-        1e-320,
-        float("nan"),
-        float("inf"),
-        "",
-        "a\x01b",
-        "x" * 3000,
-    ),
-    *([], {}, [[]], [1, "a"], [1e308] * 3, {"a": {"b": []}}, "1e308", "\u0661", [None], [[1.0] * 4] * 4, -5, 3.5),
+    *(None, True, -1, 0, 2**31, 2**70, 10**400, 1e308, -1e308, 1e-320, float("nan"), float("inf"), -5, 3.5),
+    *("", "a\x01b", "x" * 3000, "1e308", "\u0661"),
+    *([], {}, [[]], [1, "a"], [1e308] * 3, {"a": {"b": []}}, [None], [[1.0] * 4] * 4),
 )
 _NUMBER = re.compile(rb"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 
@@ -143,19 +91,20 @@ def fuzz(inputs: st.SearchStrategy, check: Callable[[object], object], examples:
     """Has a check look at so many inputs, the same ones every time."""
 
     @settings(
-        max_examples=examples,
-        derandomize=True,
-        database=None,
-        deadline=None,
-        phases=[Phase.generate],
-        suppress_health_check=list(HealthCheck),
-        report_multiple_bugs=False,
+        **{"max_examples": examples, "derandomize": True, "database": None, "deadline": None},
+        **{"phases": [Phase.generate], "suppress_health_check": list(HealthCheck), "report_multiple_bugs": False},
     )
     @given(inputs)
     def one(content):
         check(content)
 
     one()
+
+
+def mutated_files(samples: Mapping[str, tuple[str, bytes]]) -> st.SearchStrategy:
+    """(name, content) with the bytes of one of some files changed."""
+    each = [st.tuples(st.just(name), mutated_bytes(content)) for name, (_, content) in samples.items()]
+    return st.one_of(each)
 
 
 @st.composite

@@ -4,9 +4,9 @@ import csv
 
 import numpy as np
 import pytest
+from command_line import run
 
 import bayesid
-from bayesid import cli
 from bayesid.cli.parser import make_parser
 
 pytestmark = pytest.mark.usefixtures("any_motion")
@@ -35,14 +35,6 @@ def place(recorded, tmp_path, monkeypatch):
     return tmp_path
 
 
-def run(*arguments):
-    """Exit code of `bayesid ARGUMENTS`."""
-    try:
-        return cli.main([str(argument) for argument in arguments])
-    except SystemExit as end:
-        return end.code
-
-
 @pytest.mark.parametrize("columns", [COLUMNS, "columns.toml"])
 def test_a_strangers_log_is_read_by_the_columns_named(place, recorded, monkeypatch, columns):
     seen = []
@@ -57,25 +49,6 @@ def test_a_strangers_log_is_read_by_the_columns_named(place, recorded, monkeypat
     np.testing.assert_allclose(seen[0].t, recorded.t, atol=1e-12)
     np.testing.assert_allclose(seen[0].q, recorded.q, atol=1e-13)
     np.testing.assert_allclose(seen[0].effort, recorded.effort, rtol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (("--gains", GAINS), "column q1 is missing among Zeit [ms] (t), Lage {} [Grad] (not used), Strom{} (i), "),
-        (("--gains", GAINS), 'say which columns are meant with --columns t="Zeit [ms]",q="Lage {} [Grad]",i="Strom{}"'),
-        (("--columns", COLUMNS), "the log holds currents but no gains are given; give --gains K1,..,Kn"),
-        (("--columns", "x=1"), "--columns: 'x' is no column of a log; give t, q, dq, tau or i, or one joint's as q1"),
-        (("--columns", "nowhere.toml"), "--columns nowhere.toml: cannot be read (No such file or directory)"),
-    ],
-)
-def test_one_line_leads_to_the_right_command(place, capfd, arguments, says):
-    capfd.readouterr()
-    assert run("identify", "messung.csv", "--robot", "kr5", *arguments, "--out", "out") == 2
-    out, err = capfd.readouterr()
-    assert out == ""
-    assert err.count("\n") == 1
-    assert says in err
 
 
 def test_every_command_that_reads_a_log_has_the_option(place, capfd):

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import TWO_JOINTS
 from toy_study import toy_study
 
 import bayesid
@@ -21,16 +22,9 @@ from bayesid.study.study import run_study
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 
-ARM = """convention = "standard"
-name = "arm"
-joints = [
-  {a = 0.0, alpha = 1.5707963267948966, d = 0.4, theta = 0.0},
-  {a = 0.35, alpha = 0.0, d = 0.0, theta = 0.0},
-]
-"""
 TERMS = "--terms rigid_body,viscous_friction"
 IDENTIFY = f"--robot arm.toml {TERMS} --complete off --no-posterior --no-report --quiet"
-MOMENTS = [10, pytest.param(100, marks=pytest.mark.long)]
+LONG = [pytest.param(100, marks=pytest.mark.long)]
 PATIENCE = 120.0
 """s, after which a command that nobody kills hangs."""
 TABLES = ("model.toml", "segments.csv", "coefficients.csv", "parameters.csv", "signed_log.csv")
@@ -40,7 +34,7 @@ TABLES = ("model.toml", "segments.csv", "coefficients.csv", "parameters.csv", "s
 def shop(tmp_path_factory):
     """A robot, logs, and what commands make of them that nobody kills."""
     place = tmp_path_factory.mktemp("shop")
-    (place / "arm.toml").write_text(ARM)
+    (place / "arm.toml").write_text(TWO_JOINTS)
     before = os.getcwd()
     os.chdir(place)
     try:
@@ -125,21 +119,21 @@ def is_one_of(folder, wholes):
     read_findings(folder)
 
 
-@pytest.mark.parametrize("moments", MOMENTS)
+@pytest.mark.parametrize("moments", [4, *LONG])
 def test_identify(place, moments):
     commands = [f"identify {name}.csv {IDENTIFY} --out result" for name in "ab"]
     seconds(commands[1])
     kill_at_random(commands, moments, lambda: is_one_of(place / "result", [place / "of-a", place / "of-b"]))
 
 
-@pytest.mark.parametrize("moments", [3, *MOMENTS[1:]])
+@pytest.mark.parametrize("moments", LONG)
 def test_discrepancy(place, moments):
     commands = [f"discrepancy of-a {name}.csv --no-posterior --out gap --quiet" for name in "bc"]
     seconds(commands[1])
     kill_at_random(commands, moments, lambda: is_one_of(place / "gap", [place / "gap-b", place / "gap-c"]))
 
 
-@pytest.mark.parametrize("moments", MOMENTS)
+@pytest.mark.parametrize("moments", [6, *LONG])
 def test_report(place, moments):
     def check():
         assert (place / "of-a" / "report.html").read_text().rstrip().endswith("</html>")
@@ -148,7 +142,7 @@ def test_report(place, moments):
     kill_at_random(["report of-a --quiet"], moments, check)
 
 
-@pytest.mark.parametrize("moments", MOMENTS)
+@pytest.mark.parametrize("moments", [6, *LONG])
 def test_study(place, moments, monkeypatch):
     """Rows are added, run after run: none is lost once it stands, and none changes."""
     here = {"workers": 0}

@@ -5,8 +5,8 @@ import json
 
 import numpy as np
 import pytest
+from command_line import ARM, run
 
-from bayesid import cli
 from bayesid.log.log import write_log
 from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
@@ -15,25 +15,9 @@ from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
 
-ARM = """
-name = "arm"
-convention = "modified"
-joints = [
-  {a = 0.0, alpha = 0.0, d = 0.3, theta = 0.0},
-  {a = 0.15, alpha = -1.2, d = 0.1, theta = 0.3},
-  {a = 0.4, alpha = 0.5, d = 0.2, theta = -0.4},
-]
-"""
 TOOL = np.array([0.06, 0.004, -0.006, 0.05, 0.01, 0.04, 0.1, -0.16, 0.24, 2.0])
 """A body of 2 kg, 0.15 m from the flange, beside its axis."""
 QUICK = "--no-posterior", "--no-report", "--complete", "off", "--terms", "rigid_body,viscous_friction"
-
-
-def run(*arguments):
-    try:
-        return cli.main([str(argument) for argument in arguments])
-    except SystemExit as end:
-        return end.code
 
 
 @pytest.fixture(scope="module")
@@ -110,85 +94,3 @@ def test_file_that_lists_logs(place):
     )
     assert run("identify", "runs/setup.toml", "--robot", "arm.toml", *QUICK, "--quiet") == 0
     assert carried(place / "bayesid-setup") == {"plain.csv": None, "loaded.csv": "tool1", "again.csv": "payload"}
-
-
-BAD_OPTIONS = {
-    "no mass": (["--payload", "loaded.csv"], "names no mass and log"),
-    "no log": (["--payload", "2.8@"], "names no mass and log"),
-    "empty mass": (["--payload", "@loaded.csv"], "has no mass in kg"),
-    "word": (["--payload", "heavy@loaded.csv"], "has no mass in kg"),
-    "unit": (["--payload", "2.8kg@loaded.csv"], "has no mass in kg"),
-    "negative": (["--payload=-2.8@loaded.csv"], "both above 0"),
-    "infinite": (["--payload", "inf@loaded.csv"], "both above 0"),
-    "not a number": (["--payload", "nan@loaded.csv"], "both above 0"),
-    "sd of zero": (["--payload", "2.8~0@loaded.csv"], "both above 0"),
-    "sd that is none": (["--payload", "2.8~x@loaded.csv"], "has no mass in kg"),
-    "label": (["--payload", "tool 1:2.8@loaded.csv"], "'tool 1' is no label"),
-    "empty label": (["--payload", ":2.8@loaded.csv"], "'' is no label"),
-    "missing": (["--payload", "2.8@missing.csv"], "missing.csv"),
-    "log without payload": (["--log", "loaded.csv"], "names no log and payload"),
-    "payload without log": (["--log", ":payload=tool1"], "names no log and payload"),
-    "bad label": (["--log", "loaded.csv:payload=a-b"], "'a-b' is no label"),
-    "two masses": (["--payload", "2.8@loaded.csv", "--payload", "2.9@again.csv"], "2.8 +- 0.0028 kg"),
-    "twice": (["--payload", "2.8@loaded.csv", "--log", "loaded.csv:payload=b"], "is named twice"),
-    "also plain": (["--payload", "2.8@plain.csv"], "is named twice"),
-    "each": (["--each", "--payload", "2.8@loaded.csv"], "--each"),
-    "nominal": (["--nominal", "nominal.csv", "--payload", "2.8@loaded.csv"], "m_payload is stated by --payload too"),
-}
-
-
-@pytest.mark.parametrize("case", BAD_OPTIONS)
-def test_bad_options_are_one_line(case, place, capsys):
-    options, said = BAD_OPTIONS[case]
-    (place / "nominal.csv").write_text("name,mean,sd\nm_payload,2.8,0.1\n")
-    assert run("identify", "plain.csv", "--robot", "arm.toml", *options, *QUICK, "--out", "result") == 2
-    _is_one_line(capsys.readouterr().err, said)
-    assert not (place / "result").exists()
-
-
-def test_payloads_alone_are_refused(place, capsys):
-    (place / "setup.toml").write_text('[[logs]]\nfile = "loaded.csv"\npayload = "tool1"\n')
-    assert run("identify", "setup.toml", "--robot", "arm.toml", *QUICK, "--out", "result") == 2
-    _is_one_line(capsys.readouterr().err, "no log without a payload")
-
-
-BAD_FILES = {
-    "not TOML": ("[[logs", "setup.toml"),
-    "empty": ("", "lists no logs"),
-    "no list": ('logs = "plain.csv"', "lists no logs"),
-    "no tables": ('logs = ["plain.csv"]', "lists no logs"),
-    "unknown table": ('[[log]]\nfile = "plain.csv"', "unknown key 'log'"),
-    "unknown key": ('[[logs]]\nfile = "plain.csv"\npaylod = "a"', "unknown key 'paylod'; did you mean payload"),
-    "no file": ('[[logs]]\npayload = "a"', "log 1: names no file"),
-    "file that is none": ("[[logs]]\nfile = 3", "log 1: names no file"),
-    "word for mass": ('[[logs]]\nfile = "plain.csv"\nmass = "2.8"', "log 1: mass = '2.8' is no mass"),
-    "true for mass": ('[[logs]]\nfile = "plain.csv"\nmass = true', "is no mass in kg"),
-    "three for mass": ('[[logs]]\nfile = "plain.csv"\nmass = [1.0, 2.0, 3.0]', "is no mass in kg"),
-    "none for mass": ('[[logs]]\nfile = "plain.csv"\nmass = []', "is no mass in kg"),
-    "no mass": ('[[logs]]\nfile = "plain.csv"\nmass = 0', "both above 0"),
-    "huge mass": (f'[[logs]]\nfile = "plain.csv"\nmass = {"9" * 17}', "both above 0"),
-    "label": ('[[logs]]\nfile = "plain.csv"\npayload = "a b"', "'a b' is no label"),
-    "empty label": ('[[logs]]\nfile = "plain.csv"\npayload = ""', "'' is no label"),
-    "label that is none": ('[[logs]]\nfile = "plain.csv"\npayload = 1', "'1' is no label"),
-    "missing": ('[[logs]]\nfile = "missing.csv"', "missing.csv"),
-}
-
-
-@pytest.mark.parametrize("case", BAD_FILES)
-def test_bad_files_are_one_line(case, place, capsys):
-    text, said = BAD_FILES[case]
-    (place / "setup.toml").write_text(text)
-    assert run("identify", "setup.toml", "--robot", "arm.toml", *QUICK, "--out", "result") == 2
-    _is_one_line(capsys.readouterr().err, said)
-
-
-def test_list_that_is_not_there(place, capsys):
-    assert run("identify", "setup.toml", "--robot", "arm.toml", *QUICK) == 2
-    _is_one_line(capsys.readouterr().err, "setup.toml")
-
-
-def _is_one_line(error, said):
-    lines = error.strip().splitlines()
-    assert len(lines) == 1, error
-    assert said in lines[0]
-    assert "Traceback" not in error

@@ -1,16 +1,14 @@
 """`bayesid robot`: files made from data sheets, robots shown and listed."""
 
 import re
-import shlex
 import tomllib
 import xml.etree.ElementTree as ET
 
 import matplotlib.image
 import numpy as np
 import pytest
+from command_line import assert_refused, run
 
-from bayesid import cli
-from bayesid.cli.parser import parse
 from bayesid.errors import InputError
 from bayesid.model.kinematics import pose
 from bayesid.model.robot import load_robot
@@ -36,13 +34,6 @@ ROWS = [
 ]
 
 
-def run(*arguments):
-    try:
-        return cli.main([str(argument) for argument in arguments])
-    except SystemExit as end:
-        return end.code
-
-
 @pytest.fixture
 def place(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -52,20 +43,7 @@ def place(tmp_path, monkeypatch):
 
 @pytest.fixture
 def refused(place, capfd):
-    """Code 2, one line with the given words, nothing printed or written."""
-
-    def check(*arguments, says):
-        before = {path: path.read_bytes() for path in place.iterdir() if path.is_file()}
-        assert run(*arguments) == 2
-        out, err = capfd.readouterr()
-        assert out == ""
-        assert err.count("\n") == 1
-        assert err.startswith("bayesid")
-        for word in says:
-            assert word in err
-        assert {path: path.read_bytes() for path in place.iterdir() if path.is_file()} == before
-
-    return check
+    return lambda *arguments, says: assert_refused(capfd, arguments, says, place)
 
 
 def rows_of(path):
@@ -129,33 +107,26 @@ def test_a_joint_that_slides():
     assert "d = 0.2" in text
 
 
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        (
-            "a,alpha,d,theta\n25,0,0.4,0",
-            "joint 1: column a holds 25, too much for m; name the column with its unit: a[mm]",
-        ),
-        ("a,alpha,d,theta\n0,0,0,0\n0,-90,0.4,0", "joint 2: column alpha holds -90, too much for rad"),
-        ("a,alpha,d\n0,0,0", "column theta is missing (a, alpha, d)"),
-        ("a[deg],alpha,d,theta\n0,0,0,0", "column a[deg] is in 'deg'; give it in mm, cm or m"),
-        ("a,alpha[mm],d,theta\n0,0,0,0", "column alpha[mm] is in 'mm'; give it in deg or rad"),
-        ("a,alpha,d,theta\n0,0,0,0\n0,x,0,0", "joint 2: column alpha holds 'x', not a number"),
-        ("a,alpha,d,theta\n0,0,0,0\n0,0,0", "joint 2: holds 3 values, the header names 4"),
-        ("a,alpha,d,theta\n0,0,0,0\n0,0,0,0,0", "joint 2: holds 5 values, the header names 4"),
-        ("a,alpha,d,theta,r\n0,0,0,0,0", "has two columns for a: a and r"),
-        ("a,alpha,d,theta,type\n0,0,0,0,round", "joint 1: unknown joint type 'round'"),
-        ("a,alpha,d,theta\n0,0,nan,0", "joint 1: column d holds 'nan', not a number"),
-        ("0,0,0,0\n0,0,0,0", "column a is missing (0, 0, 0, 0)"),
-        ("a,alpha,d,theta\n", "holds no joint"),
-        ("", "column a is missing (no header)"),
-    ],
-)
-def test_tables_that_are_none(text, says):
-    with pytest.raises(
-        InputError, match=re.escape(f"here: {says}" if not says.startswith("joint") else f"here, {says}")
-    ):
-        robot_file(text, "arm", "standard", "here")
+TABLES = {
+    "a,alpha,d,theta\n25,0,0.4,0": ", joint 1: column a holds 25, too much for m; name the column with its unit: a[mm]",
+    "a,alpha,d,theta\n0,0,0,0\n0,-90,0.4,0": ", joint 2: column alpha holds -90, too much for rad",
+    "a,alpha,d\n0,0,0": ": column theta is missing (a, alpha, d)",
+    "a[deg],alpha,d,theta\n0,0,0,0": ": column a[deg] is in 'deg'; give it in mm, cm or m",
+    "a,alpha[mm],d,theta\n0,0,0,0": ": column alpha[mm] is in 'mm'; give it in deg or rad",
+    "a,alpha,d,theta\n0,0,0,0\n0,x,0,0": ", joint 2: column alpha holds 'x', not a number",
+    "a,alpha,d,theta\n0,0,0,0\n0,0,0": ", joint 2: holds 3 values, the header names 4",
+    "a,alpha,d,theta,r\n0,0,0,0,0": ": has two columns for a: a and r",
+    "a,alpha,d,theta,type\n0,0,0,0,round": ", joint 1: unknown joint type 'round'",
+    "a,alpha,d,theta\n0,0,nan,0": ", joint 1: column d holds 'nan', not a number",
+    "a,alpha,d,theta\n": ": holds no joint",
+    "": ": column a is missing (no header)",
+}
+
+
+def test_tables_that_are_none():
+    for text, says in TABLES.items():
+        with pytest.raises(InputError, match=re.escape(f"here{says}")):
+            robot_file(text, "arm", "standard", "here")
 
 
 def test_the_template_says_what_to_fill_in_and_is_no_robot_before(place, refused, capfd):
@@ -275,33 +246,3 @@ def test_list_has_all_built_in_robots(capfd):
         assert line.split()[1] == str(len(table["joints"]))
         assert table["description"] in line
         assert table["source"] in line
-
-
-@pytest.mark.parametrize("action", [(), ("new",), ("show",), ("list",)])
-def test_examples_of_the_help_can_be_typed(action, capfd):
-    assert run("robot", *action, "--help") == 0
-    out, err = capfd.readouterr()
-    assert err == ""
-    assert all(len(line) <= 120 for line in out.splitlines())
-    examples = [line.strip() for line in out.partition("examples:")[2].splitlines() if line.startswith("  bayesid ")]
-    assert examples
-    for example in examples:
-        words = shlex.split(example.partition(" | ")[0])[1:]
-        options = parse(words)
-        assert (options.command, options.action) == ("robot", words[1])
-        assert not action or (words[1],) == action
-
-
-def test_mistyped_actions_and_options(refused):
-    refused("robot", says=["ACTION"])
-    refused("robot", "shw", says=["did you mean show?"])
-    refused("robot", "show", "kr5", "--qq", "0", says=["there is no option --qq"])
-    refused("robot", "new", "--forse", "--out", "a.toml", says=["did you mean --force?"])
-
-
-@pytest.mark.parametrize("shell", ["bash", "zsh", "tcsh"])
-def test_completion_names_the_actions(shell, capfd):
-    assert run("completion", shell) == 0
-    out = capfd.readouterr().out
-    assert "robot" in out
-    assert "--convention" in out

@@ -5,9 +5,9 @@ import shlex
 import tomllib
 
 import pytest
+from command_line import run
 
 import bayesid
-from bayesid import cli
 
 ENDS = {
     "lift": ("prismatic", "trunk", "chest", "0 0 1"),
@@ -32,14 +32,6 @@ def urdf():
         ends = f'<parent link="{parent}"/><child link="{child}"/><axis xyz="{axis}"/>'
         text += f'<joint name="{name}" type="{kind}">{ends}{place}{limit}{mimic}</joint>'
     return f'<robot name="two_arms">{text}</robot>'
-
-
-def run(*arguments):
-    """Exit code of `bayesid ARGUMENTS`."""
-    try:
-        return cli.main([str(argument) for argument in arguments])
-    except SystemExit as end:
-        return end.code
 
 
 @pytest.fixture(scope="module")

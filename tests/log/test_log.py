@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from log_files import refusal
 
 from bayesid.errors import InputError
 from bayesid.log.log import Log, Piece, find_logs, join_logs, read_log, write_log
@@ -47,16 +48,6 @@ def as_currents(table):
     return table
 
 
-def refusal(path, **options):
-    """The one line that refuses a log."""
-    with pytest.raises(InputError) as caught:
-        read_log(path, **options)
-    message = caught.value.on_command_line
-    assert "\n" not in message
-    assert caught.value.remedy
-    return message
-
-
 def test_good_log_is_read_as_it_is(table, save):
     log = read_log(save(table))
     expected = np.array(table[1:], dtype=float)
@@ -70,29 +61,22 @@ def test_good_log_is_read_as_it_is(table, save):
     ("row", "name", "text", "said"),
     [
         (2, "q1", "nan", "column q1 holds nan"),
-        (9, "q2", "inf", "column q2 holds inf"),
         (9, "tau1", "-inf", "column tau1 holds -inf"),
         (31, "dq2", "1e400", "column dq2 holds inf"),
-        (31, "tau2", "1e280", "column tau2 holds 1e+280"),
         (61, "q2", "-1e280", "column q2 holds -1e+280"),
         (2, "t", "nan", "column t holds nan"),
         (61, "t", "1e282", "time jumps, from 0.58 s to 1e+282 s"),
         (17, "t", "0.03", "time runs backwards, from 0.14 s to 0.03 s"),
-        (5, "q2", "off", "column q2 holds 'off', not a number"),
         (5, "tau2", "", "column tau2 holds '', not a number"),
         (5, "q1", "1_000", "column q1 holds '1_000', not a number"),
     ],
 )
-@pytest.mark.parametrize("end", ["\n", "\r\n"])
-def test_bad_value_is_named_with_its_row_and_column(table, save, row, name, text, said, end):
+def test_bad_value_is_named_with_its_row_and_column(table, save, row, name, text, said):
     table[row - 1][column(table, name)] = text
-    assert f"log.csv, row {row}: {said};" in refusal(save(table, end))
-
-
-def test_blank_lines_count_as_rows(table, save):
-    table[20][1] = "nan"
-    table.insert(4, [])
-    assert "row 22: column q1 holds nan" in refusal(save(table))
+    for end in ("\n", "\r\n"):
+        assert f"log.csv, row {row}: {said};" in refusal(save(table, end))
+    table.insert(1, [])  # a blank line counts
+    assert f"log.csv, row {row + 1}: {said};" in refusal(save(table))
 
 
 def test_corrupted_first_time(table, save):
@@ -100,11 +84,12 @@ def test_corrupted_first_time(table, save):
     assert "row 3: time runs backwards, from 1e+282 s to 0.01 s" in refusal(save(table))
 
 
-@pytest.mark.parametrize(("cells", "said"), [(3, "holds 3 values, the header names 7"), (8, "holds 8 values")])
 @pytest.mark.parametrize("row", [7, ROWS + 1])
-def test_row_of_the_wrong_length(table, save, cells, said, row):
-    table[row - 1] = [*table[row - 1], "1"][:cells]
-    assert f"row {row}: {said}" in refusal(save(table))
+def test_row_of_the_wrong_length(table, save, row):
+    table[row - 1] = good = [*table[row - 1], "1"]
+    assert f"row {row}: holds 8 values" in refusal(save(table))
+    table[row - 1] = good[:3]
+    assert f"row {row}: holds 3 values, the header names 7" in refusal(save(table))
 
 
 @pytest.mark.parametrize(
@@ -116,28 +101,21 @@ def test_row_of_the_wrong_length(table, save, cells, said, row):
         ("dq2", "v2", "column dq2 is missing"),
         ("tau2", "x", "column tau2 is missing"),
         ("q2", "x", "column tau2 has no q beside it"),
+        ("q2", "q1", "column q1 appears twice"),
+        ("dq1", "t", "column t appears twice"),
     ],
 )
-def test_header_without_a_needed_column(table, save, old, new, said):
+def test_header_that_cannot_be_used(table, save, old, new, said):
     table[0][column(table, old)] = new
     assert f"row 1: {said}" in refusal(save(table))
 
 
-@pytest.mark.parametrize(("old", "new"), [("q2", "q1"), ("dq1", "t"), ("tau2", "tau1"), ("tau1", "dq2")])
-def test_duplicate_column(table, save, old, new):
-    table[0][column(table, old)] = new
-    assert f"row 1: column {new} appears twice" in refusal(save(table))
-
-
-def test_header_without_efforts(table, save):
-    table[0][-2:] = ["a", "b"]
-    assert "row 1: column tau1 (or i1 with gains) is missing" in refusal(save(table))
-
-
-def test_header_shorter_than_the_rows(table, save):
+def test_headers_without_efforts_or_of_another_length(table, save):
     for row in table[1:]:
         row.append("1")
     assert "row 1: has 7 names for 8 columns" in refusal(save(table))
+    table[0][-2:] = ["a", "b", "c"]
+    assert "row 1: column tau1 (or i1 with gains) is missing" in refusal(save(table))
 
 
 @pytest.mark.parametrize("rows", [0, 1, 49])
@@ -160,26 +138,9 @@ def test_columns_without_information(table, save, name, value, said):
     assert said in refusal(save(table))
 
 
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
-        (b"", "does not begin with a header"),
-        (b"\n\n", "does not begin with a header"),
-        (b"\x89PNG\r\n\x1a\n\xff\xfe", "is a document or a picture"),
-        (b"t,q1,tau1\n" + b"\xe9\xff", "is text in an encoding that is not known"),
-        (b"a" * 200_000, "is not text"),
-        (b"t;q1;tau1\n0;1;2\n", "holds 1 rows, too few"),
-    ],
-)
-def test_file_that_is_no_csv(tmp_path, content, said):
-    path = tmp_path / "log.csv"
-    path.write_bytes(content)
-    assert said in refusal(path)
-
-
-@pytest.mark.parametrize("name", ["absent.csv", "."])
-def test_no_such_file(tmp_path, name):
-    assert "no such file" in refusal(tmp_path / name)
+def test_no_such_file(tmp_path):
+    for name in ("absent.csv", "."):
+        assert "no such file" in refusal(tmp_path / name)
 
 
 def test_ignored_columns_may_hold_anything(table, save):
@@ -190,19 +151,12 @@ def test_ignored_columns_may_hold_anything(table, save):
     assert "row 7: column tau1 holds '?'" in refusal(save(table))
 
 
-@pytest.mark.parametrize("form", ["bom", "quoted", "spaces", "times repeat"])
-def test_harmless_forms(table, save, form):
-    if form == "bom":
-        table[0][0] = "\ufefft"
-    elif form == "times repeat":
-        table[9][0] = table[8][0]
-    else:
-        table = [[{"quoted": f'"{cell}"', "spaces": f" {cell} "}[form] for cell in row] for row in table]
+def test_times_may_repeat(table, save):
+    table[9][0] = table[8][0]
     assert len(read_log(save(table))) == ROWS
 
 
-@pytest.mark.parametrize("offset", [0.0, 1.7e9])
-@pytest.mark.parametrize("velocity", [True, False])
+@pytest.mark.parametrize(("offset", "velocity"), [(0.0, True), (1.7e9, False)])
 def test_write_then_read_gives_the_same_log(tmp_path, offset, velocity):
     rng = np.random.default_rng(2)
     effort = rng.normal(size=(ROWS, 3)) * 10.0 ** rng.integers(-6, 3, (ROWS, 3))
@@ -233,9 +187,12 @@ def test_unsigned_joints_are_recognised_or_named(table, save, unsigned, signed):
     np.testing.assert_array_equal(log.effort, np.where(signed, recorded, np.abs(recorded)))
 
 
-@pytest.mark.parametrize("word", ["", "0", "3", "-1", "1.0", "1,", "1;2", "ALL", "\u00b2"])
-def test_bad_unsigned_option(table, save, word):
-    assert refusal(save(table), unsigned=word).startswith("--unsigned: ")
+def test_bad_unsigned_option(table, save):
+    path = save(table)
+    for word in ("", "0", "3", "-1", "1.0", "1,", "1;2", "ALL", "\u00b2", "1,,2", "9" * 5000):
+        said = refusal(path, unsigned=word)
+        assert said.startswith("--unsigned: ")
+        assert len(said) < 200
 
 
 @pytest.mark.parametrize("unsigned", [None, "all", "none", "1"])
@@ -249,18 +206,16 @@ def test_currents_times_gains(table, save, unsigned):
     np.testing.assert_array_equal(log.effort, np.where(signed, current * gains, np.abs(current) * np.abs(gains)))
 
 
-@pytest.mark.parametrize(
-    ("gains", "said"),
-    [
+def test_bad_gains(table, save):
+    path = save(as_currents(table))
+    for gains, said in (
         (None, "no gains are given"),
         ([1.0], "--gains: 1 gains for 2 joints"),
         ([1.0, 2.0, 3.0], "--gains: 3 gains for 2 joints"),
         ([1.0, 0.0], "--gains: a gain is zero or not finite"),
         ([1.0, np.nan], "--gains: a gain is zero or not finite"),
-    ],
-)
-def test_bad_gains(table, save, gains, said):
-    assert said in refusal(save(as_currents(table)), gains=gains)
+    ):
+        assert said in refusal(path, gains=gains)
 
 
 def test_gains_for_torques(table, save):
@@ -273,22 +228,19 @@ def test_torques_come_before_currents(table, save):
     np.testing.assert_array_equal(read_log(save(table)).effort[0], np.array(table[1][-4:-2], dtype=float))
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
+def test_log_checks_its_arrays():
+    good = {"t": np.arange(8.0), "q": np.ones((8, 2)), "effort": np.ones((8, 2)), "signed": [True, False]}
+    assert not Log(**good).q.flags.writeable
+    for change, said in (
         ({"t": np.arange(9.0)}, "t has shape"),
         ({"t": -np.arange(8.0)}, "time runs backwards"),
         ({"effort": np.ones((8, 3))}, "effort has shape"),
         ({"q": np.full((8, 2), np.nan)}, "not finite"),
         ({"signed": [True]}, "signed has shape"),
         ({"effort": -np.ones((8, 2))}, "cannot be negative"),
-    ],
-)
-def test_log_checks_its_arrays(change, said):
-    good = {"t": np.arange(8.0), "q": np.ones((8, 2)), "effort": np.ones((8, 2)), "signed": [True, False]}
-    assert not Log(**good).q.flags.writeable
-    with pytest.raises(ValueError, match=said):
-        Log(**good | change)
+    ):
+        with pytest.raises(ValueError, match=said):
+            Log(**good | change)
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -303,9 +255,8 @@ def recorded(rows=100, period=0.01, joints=2, start=5.0, velocities=False, signe
     return Log(t, q, effort, known, np.cos(t[:, None] + np.arange(joints)) if velocities else None, name)
 
 
-@pytest.mark.parametrize("velocities", [False, True])
-def test_logs_join_with_a_pause_between_them(velocities):
-    first, second = recorded(80, start=1.7e9, velocities=velocities), recorded(60, start=-3.0, velocities=velocities)
+def test_logs_join_with_a_pause_between_them():
+    first, second = recorded(80, start=1.7e9, velocities=True), recorded(60, start=-3.0, velocities=True)
     joined = join_logs([first, second, first])
     assert len(joined) == 220
     np.testing.assert_array_equal(joined.q, np.concatenate([first.q, second.q, first.q]))
@@ -314,8 +265,7 @@ def test_logs_join_with_a_pause_between_them(velocities):
     assert (steps[[79, 139]] >= 1.0).all(), "longer than 20 periods, which is a pause, and than any filter"
     np.testing.assert_allclose(np.delete(steps, [79, 139]), 0.01, rtol=1e-4)
     assert joined.source == "log + log + log"
-    if velocities:
-        np.testing.assert_array_equal(joined.dq, np.concatenate([first.dq, second.dq, first.dq]))
+    np.testing.assert_array_equal(joined.dq, np.concatenate([first.dq, second.dq, first.dq]))
 
 
 def test_a_single_log_is_not_touched():
@@ -368,27 +318,14 @@ def test_the_clock_of_joined_logs():
     np.testing.assert_array_equal(joined.clock(joined.t)[0], np.repeat([0, 1], [100, 60]))
 
 
-@pytest.mark.parametrize(
-    "pieces",
-    [
-        [(0, 50)],
-        [(0, 50), (60, 100)],
-        [(0, 60), (50, 100)],
-        [(1, 50), (50, 100)],
-        [(50, 100), (0, 50)],
-        [(0, 50), (50, 101)],
-    ],
-)
-def test_pieces_hold_all_rows_in_their_order(pieces):
+def test_pieces_hold_all_rows_in_their_order():
     log = recorded(100)
-    with pytest.raises(ValueError, match="one after the other"):
-        replace(log, pieces=tuple(Piece("log", a, b, np.arange(b - a)) for a, b in pieces))
-
-
-@pytest.mark.parametrize(("rows", "times", "said"), [((5, 5), 0, "no rows"), ((0, 5), 4, "piece's t has shape")])
-def test_a_piece_has_rows_and_a_time_for_each(rows, times, said):
-    with pytest.raises(ValueError, match=said):
-        Piece("log", *rows, np.arange(times))
+    for rows in ([(0, 50)], [(0, 50), (60, 100)], [(0, 60), (50, 100)], [(1, 50), (50, 100)], [(50, 100), (0, 50)]):
+        with pytest.raises(ValueError, match="one after the other"):
+            replace(log, pieces=tuple(Piece("log", a, b, np.arange(b - a)) for a, b in rows))
+    for a, b, times, said in ((5, 5, 0, "no rows"), (0, 5, 4, "piece's t has shape")):
+        with pytest.raises(ValueError, match=said):
+            Piece("log", a, b, np.arange(times))
 
 
 @pytest.mark.parametrize(("period", "repeats"), [(0.2, 1), (0.05, 5), (0.01, 1)])
@@ -419,9 +356,8 @@ def shelf(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.parametrize(
-    ("patterns", "found"),
-    [
+def test_paths_and_patterns_name_logs(shelf):
+    for patterns, found in (
         (["runs/b.csv", "link.csv"], ["runs/b.csv", "link.csv"]),
         (["no/where.csv"], ["no/where.csv"]),
         (["runs/*.csv"], ["runs/10.csv", "runs/2.csv", "runs/A.csv", "runs/a.csv", "runs/b.csv"]),
@@ -431,32 +367,24 @@ def shelf(tmp_path, monkeypatch):
         (["x[1].csv"], ["x[1].csv"]),
         (["x*.csv"], ["x[1].csv"]),
         (["runs/folder.csv"], ["runs/folder.csv"]),
-    ],
-)
-def test_paths_and_patterns_name_logs(shelf, patterns, found):
-    assert [path.as_posix() for path in find_logs(patterns)] == found
+    ):
+        assert [path.as_posix() for path in find_logs(patterns)] == found
 
 
-@pytest.mark.parametrize("pattern", ["runs/*.txt", "runs/z?.csv", "nowhere/*", "runs/fol*", "[", "z" * 300 + "*"])
-def test_a_pattern_that_matches_nothing(shelf, pattern):
-    with pytest.raises(InputError) as caught:
-        find_logs(["runs/a.csv", pattern])
-    assert str(caught.value).startswith(f"{pattern}: matches no file; ")
-
-
-@pytest.mark.parametrize(
-    ("patterns", "said"),
-    [
+def test_patterns_that_match_nothing_or_a_log_twice(shelf):
+    for pattern in ("runs/*.txt", "nowhere/*", "runs/fol*", "[", "z" * 300 + "*"):
+        with pytest.raises(InputError) as caught:
+            find_logs(["runs/a.csv", pattern])
+        assert str(caught.value).startswith(f"{pattern}: matches no file; ")
+    for patterns, said in (
         (["runs/a.csv", "runs/b.csv", "runs/a.csv"], "runs/a.csv: is named twice"),
         (["runs/*.csv", "runs/a.csv"], "runs/a.csv: is named twice"),
         (["runs/a.csv", "runs/deep/../a.csv"], "runs/deep/../a.csv: is the same file as runs/a.csv"),
         (["runs/a.csv", "link.csv"], "link.csv: is the same file as runs/a.csv"),
-    ],
-)
-def test_a_log_that_is_named_twice(shelf, patterns, said):
-    with pytest.raises(InputError) as caught:
-        find_logs(patterns)
-    assert str(caught.value).startswith(f"{said}; name every log once")
+    ):
+        with pytest.raises(InputError) as caught:
+            find_logs(patterns)
+        assert str(caught.value).startswith(f"{said}; name every log once")
 
 
 @pytest.mark.parametrize(

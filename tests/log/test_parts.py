@@ -1,13 +1,11 @@
 """One run in several files: joined by time, positions at the stamps of the efforts, efforts as they were recorded."""
 
-import warnings
-
 import numpy as np
 import pytest
 from conftest import real_log
+from log_files import flat, read, refusal, save, text
 
 from bayesid import cli
-from bayesid.errors import InputError
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log, read_log
 from bayesid.log.motions import read_motion
@@ -27,42 +25,15 @@ def efforts(t):
 
 
 def columns(t, **blocks):
-    """Columns by name; of arrays a number a joint, from 1."""
-    table = {"t": t}
-    for name, values in blocks.items():
-        table |= {f"{name}{j}": column for j, column in enumerate(values.T, start=1)}
-    return table
-
-
-def write(path, table, separator=","):
-    rows = [
-        separator.join(table),
-        *(separator.join(map(repr, row)) for row in zip(*(v.tolist() for v in table.values()), strict=True)),
-    ]
-    path.write_text("\n".join(rows))
-    return path
-
-
-def read(source, *arguments, **options):
-    """A log, and what was said about it."""
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
-        log = read_log(source, *arguments, **options)
-    return log, " ".join(str(one.message) for one in said)
-
-
-def refusal(source, **options):
-    with pytest.raises(InputError) as caught:
-        read_log(source, **options)
-    return caught.value.on_command_line
+    return flat({"t": t, **blocks})
 
 
 @pytest.fixture
 def places(tmp_path):
     """Positions at 125 Hz from 0 s to 10 s, efforts at 100 Hz from 1 s to 11 s."""
     slow, fast = 1.003 + np.arange(1000) / 100.0, np.arange(1250) / 125.0
-    return write(tmp_path / "q.csv", columns(fast, q=motion(fast))), write(
-        tmp_path / "tau.csv", columns(slow, tau=efforts(slow)), ";"
+    return save(tmp_path / "q.csv", columns(fast, q=motion(fast))), save(
+        tmp_path / "tau.csv", text(columns(slow, tau=efforts(slow)), ";")
     )
 
 
@@ -79,16 +50,14 @@ def test_positions_and_efforts_in_two_files(places):
     assert "q.csv (125 Hz) by a spline; 101 rows that others do not cover are left out" in said
 
 
-@pytest.mark.parametrize("form", ["paths", "dicts", "mixed"])
-def test_parts_from_python(places, form):
-    fast = np.arange(1250) / 125.0
+def test_parts_from_python(places):
+    fast, slow = np.arange(1250) / 125.0, 1.003 + np.arange(1000) / 100.0
     given = {"t": fast, "q": motion(fast)}
-    slow = 1.003 + np.arange(1000) / 100.0
-    taken = {"paths": list(places), "dicts": [given, {"t": slow, "tau": efforts(slow)}], "mixed": (given, places[1])}
-    log, _ = read(taken[form])
     whole, _ = read("+".join(map(str, places)))
-    np.testing.assert_allclose(log.q, whole.q, atol=1e-12)
-    np.testing.assert_array_equal(log.effort, whole.effort)
+    for parts in (list(places), [given, {"t": slow, "tau": efforts(slow)}], (given, places[1])):
+        log, _ = read(parts)
+        np.testing.assert_allclose(log.q, whole.q, atol=1e-12)
+        np.testing.assert_array_equal(log.effort, whole.effort)
 
 
 def test_a_file_a_joint_without_numbers(tmp_path):
@@ -96,7 +65,7 @@ def test_a_file_a_joint_without_numbers(tmp_path):
     t = np.arange(400) / 250.0
     for j in range(N):
         table = {"Zeit": t, "Istposition [Grad]": np.rad2deg(motion(t)[:, j]), "Istmoment [Nm]": efforts(t)[:, j]}
-        write(tmp_path / f"trace_{j + 1}.csv", table, ";")
+        save(tmp_path / f"trace_{j + 1}.csv", text(table, ";"))
     log, said = read(f"{tmp_path}/trace_?.csv+")
     np.testing.assert_allclose(log.q, motion(t), atol=1e-12)
     np.testing.assert_array_equal(log.effort, efforts(t))
@@ -106,8 +75,8 @@ def test_a_file_a_joint_without_numbers(tmp_path):
 
 def test_efforts_at_other_stamps_are_taken_from_the_nearest(tmp_path):
     t, other = np.arange(500) / 100.0, 0.004 + np.arange(500) / 100.0
-    first = write(tmp_path / "a.csv", columns(t, q=motion(t)) | {"tau1": efforts(t)[:, 0]})
-    second = write(tmp_path / "b.csv", {"t": other, "tau2": efforts(other)[:, 1]})
+    first = save(tmp_path / "a.csv", columns(t, q=motion(t)) | {"tau1": efforts(t)[:, 0]})
+    second = save(tmp_path / "b.csv", {"t": other, "tau2": efforts(other)[:, 1]})
     log, said = read(f"{first}+{second}")
     np.testing.assert_array_equal(log.effort[:, 1], efforts(other)[1:, 1])
     assert "b.csv at its nearest stamps, 4 ms off at most" in said
@@ -118,7 +87,7 @@ def test_rows_in_a_pause_of_the_positions_are_left_out(tmp_path):
     t = np.arange(1000) / 100.0
     kept = t[(t < 4.0) | (t > 5.0)]
     held = np.repeat(motion(kept)[::2], 2, axis=0)[: len(kept)]
-    paths = write(tmp_path / "q.csv", columns(kept, q=held)), write(tmp_path / "i.csv", columns(t, i=efforts(t)))
+    paths = save(tmp_path / "q.csv", columns(kept, q=held)), save(tmp_path / "i.csv", columns(t, i=efforts(t)))
     log, _ = read("+".join(map(str, paths)), [1.0, 1.0])
     inside = (log.t > 0.05) & (log.t < 9.9)
     np.testing.assert_allclose(log.q[inside], motion(log.t[inside]), atol=2e-3)
@@ -132,8 +101,8 @@ def test_rows_in_a_pause_of_the_positions_are_left_out(tmp_path):
 def test_parts_that_are_not_of_one_time(tmp_path, change, said):
     t = np.arange(1100) / 100.0
     paths = (
-        write(tmp_path / "q.csv", columns(t, q=motion(t))),
-        write(tmp_path / "tau.csv", columns(t + change, tau=efforts(t))),
+        save(tmp_path / "q.csv", columns(t, q=motion(t))),
+        save(tmp_path / "tau.csv", columns(t + change, tau=efforts(t))),
     )
     line = refusal("+".join(map(str, paths)))
     assert said in line
@@ -143,25 +112,16 @@ def test_parts_that_are_not_of_one_time(tmp_path, change, said):
 def test_parts_that_do_not_make_a_log(places, tmp_path):
     q, tau = places
     t = np.arange(1250) / 125.0
-    more = write(tmp_path / "more.csv", columns(t, q=motion(t)))
+    more = save(tmp_path / "more.csv", columns(t, q=motion(t)))
     assert "q1 is in " in refusal(f"{q}+{more}+{tau}")
     assert "no part holds efforts tau1.. or i1..; add the file that does" in refusal(f"{q}+")
     assert "no part holds positions q1..; add the file that does" in refusal(f"{tau}+")
     assert "no such file" in refusal(f"{q}+nowhere.csv")
-    one = write(tmp_path / "one.csv", columns(t, tau=efforts(t)[:, :1]))
+    one = save(tmp_path / "one.csv", columns(t, tau=efforts(t)[:, :1]))
     assert "tau2 is in no part; add its file: there are positions of 2 joints" in refusal(f"{q}+{one}")
     assert "no column is called Last{} in any part" in refusal(f"{q}+{tau}", columns={"i": "Last{}"})
-    timeless = write(tmp_path / "timeless.csv", {"x": t, "tau1": t, "tau2": t})
+    timeless = save(tmp_path / "timeless.csv", {"x": t, "tau1": t, "tau2": t})
     assert "column t is missing among x, tau{}; say which it is with --columns t=" in refusal(f"{q}+{timeless}")
-
-
-def test_columns_that_a_user_names_are_in_one_of_the_parts(tmp_path):
-    t = np.arange(400) / 100.0
-    q = write(tmp_path / "q.csv", {"Uhr": t * 1e3} | columns(t, Lage=motion(t)))
-    tau = write(tmp_path / "i.csv", {"Uhr": t * 1e3} | columns(t, Last=efforts(t)))
-    log, _ = read(f"{q}+{tau}", [1.0, 1.0], columns={"t": "Uhr [ms]", "q": "Lage{}", "i": "Last{}"})
-    np.testing.assert_allclose(log.q, motion(t), atol=1e-12)
-    np.testing.assert_array_equal(log.effort, efforts(t))
 
 
 def test_the_line_about_a_part_leads_to_the_others(places, capfd):
@@ -172,18 +132,19 @@ def test_the_line_about_a_part_leads_to_the_others(places, capfd):
 
 def test_a_motion_in_parts(tmp_path):
     t = np.arange(300) / 100.0
-    paths = [write(tmp_path / f"{j}.csv", {"t": t, f"q{j + 1}": motion(t)[:, j]}) for j in range(N)]
+    paths = [save(tmp_path / f"{j}.csv", {"t": t, f"q{j + 1}": motion(t)[:, j]}) for j in range(N)]
     with pytest.warns(UserWarning, match="joined by time: 300 rows"):
         np.testing.assert_array_equal(read_motion("+".join(map(str, paths))).q, motion(t))
 
 
 @pytest.mark.long
+@pytest.mark.real
 def test_a_real_log_in_two_files_gives_the_same_signs(tmp_path):
     """Positions at 50 Hz, efforts at 100 Hz: 99.9 % of the signs are those of the whole log."""
     every = read_log(real_log("ur10e/a_50s.csv")).rectified()
     whole = Log(every.t[:1999], every.q[:1999], every.effort[:1999], every.signed)
-    position = write(tmp_path / "q.csv", columns(whole.t[::2], q=whole.q[::2]))
-    effort = write(tmp_path / "tau.csv", columns(whole.t, tau=whole.effort))
+    position = save(tmp_path / "q.csv", columns(whole.t[::2], q=whole.q[::2]))
+    effort = save(tmp_path / "tau.csv", columns(whole.t, tau=whole.effort))
     joined, said = read(f"{position}+{effort}")
     np.testing.assert_array_equal(joined.effort, whole.effort)
     assert "joined by time: 1,999 rows at the stamps of " in said
@@ -191,12 +152,13 @@ def test_a_real_log_in_two_files_gives_the_same_signs(tmp_path):
     assert np.mean((signs(whole) >= 0.5)[loud] == (signs(joined) >= 0.5)[loud]) >= 0.999
 
 
-@pytest.mark.parametrize("name", ["ur10e/a_50s.csv", "ur10e/b_20s.csv", "tx40/a.csv"])
+@pytest.mark.real
+@pytest.mark.parametrize("name", ["ur10e/b_20s.csv", "tx40/a.csv"])
 def test_efforts_of_a_real_log_at_a_lower_rate(tmp_path, name):
     """The log is then what it would be with the other rows left out, time stamps that jitter and all."""
     whole = read_log(real_log(name)).rectified()
-    position = write(tmp_path / "q.csv", columns(whole.t, q=whole.q))
-    effort = write(tmp_path / "tau.csv", columns(whole.t[1::3], tau=whole.effort[1::3]))
+    position = save(tmp_path / "q.csv", columns(whole.t, q=whole.q))
+    effort = save(tmp_path / "tau.csv", columns(whole.t[1::3], tau=whole.effort[1::3]))
     joined, _ = read(f"{position}+{effort}")
     np.testing.assert_array_equal(joined.effort, whole.effort[1::3])
     np.testing.assert_allclose(joined.q, whole.q[1::3], atol=5e-4)
