@@ -23,7 +23,7 @@ def ar1(phi, n, seed=0):
     return x
 
 
-@pytest.mark.parametrize("phi", [0.0, 0.5, 0.9])
+@pytest.mark.parametrize("phi", [0.5, 0.9])
 def test_integrated_time_of_an_ar1_process(phi):
     """Closed form: (1 + phi) / (1 - phi)."""
     time = np.mean([integrated_time(autocovariance(ar1(phi, 20000, s), np.ones(20000, bool), 400)) for s in range(5)])
@@ -78,12 +78,6 @@ def test_draws_have_the_covariance_of_the_closed_form():
         assert np.abs(drawn[:, j].mean(axis=1)).max() < 5.0 * noise.sigma[j] / np.sqrt(count)
     across = drawn[:, 0] @ drawn[:, 1].T / count
     assert np.abs(across).max() < 5.0 * noise.sigma.prod() / np.sqrt(count), "joints are independent"
-
-
-def test_the_same_generator_draws_the_same_noise():
-    first, again, other = (two_joints().draw(20, 3, RATE, np.random.default_rng(seed)) for seed in (1, 1, 2))
-    np.testing.assert_array_equal(first, again)
-    assert np.abs(first - other).max() > 0.1
 
 
 def test_the_time_of_the_model_is_the_sum_of_its_autocorrelations():

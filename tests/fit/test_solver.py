@@ -16,7 +16,7 @@ from bayesid.model.coefficients import base_coefficients
 from bayesid.model.inertia import PSEUDO_INERTIA_BASIS, from_pseudo_inertia, pseudo_inertia
 from bayesid.model.model import Model
 from bayesid.model.robot import load_robot
-from bayesid.model.terms import STANDARD, RigidBody
+from bayesid.model.terms import STANDARD
 from bayesid.model.terms.load_dependent_friction import LoadDependentFriction
 from bayesid.simulation.parameters import random_parameters
 
@@ -41,11 +41,8 @@ def test_without_bodies_it_is_nonnegative_least_squares():
     np.testing.assert_allclose(solution.theta, expected, atol=1e-5 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize(
-    "names", [list(STANDARD), ["rigid_body"], ["coulomb_friction"]], ids=["both", "bodies", "nonnegative"]
-)
-def test_the_cone_is_stated_as_cvxpy_states_it(names):
-    model, coefficients, hessian, _, energy = problem(names, 3)
+def test_the_cone_is_stated_as_cvxpy_states_it():
+    model, coefficients, hessian, _, energy = problem(STANDARD, 3)
     solver, cone = ConeLeastSquares(model.cone, coefficients, hessian, energy, margin=0.01), model.cone
     offsets, rows, cones = solver.rows
     z, constraints = cp.Variable(cone.size), []
@@ -84,10 +81,9 @@ def test_bodies_are_moved_as_far_inside_as_cvxpy_finds():
     assert distance(inside) > 1.05 * distance(theta)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_optimum_in_the_cone_against_a_smooth_parametrisation(seed):
+def test_optimum_in_the_cone_against_a_smooth_parametrisation():
     """P = L L' has no constraint left: a local search from many starts must not get below the SDP, and must meet it."""
-    model, coefficients, hessian, gradient, energy = problem(["rigid_body"], seed)
+    model, coefficients, hessian, gradient, energy = problem(["rigid_body"], 2)
     solver = ConeLeastSquares(model.cone, coefficients, hessian, energy, tolerance=1e-9)
     solution = solver.prepared().solve(gradient)
     assert model.cone.smallest_eigenvalues(solution.theta).min() > -1e-7
@@ -101,7 +97,7 @@ def test_optimum_in_the_cone_against_a_smooth_parametrisation(seed):
         beta = coefficients.project(theta)
         return beta @ hessian @ beta - 2 * gradient @ beta + solver.regularisation(theta)
 
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(2)
     options = {"maxiter": 5000, "maxfun": 200000}
     best = min(minimize(cost, rng.normal(size=20), method="L-BFGS-B", options=options).fun for _ in range(3))
     assert solution.cost <= best + 1e-6 * energy
@@ -149,23 +145,6 @@ def test_a_status_other_than_solved_is_an_error():
         solver.prepared().solve(gradient)
 
 
-def test_rigid_body_alone_reaches_known_parameters():
-    """Efforts of a physical robot without noise: the optimum is the truth, cost zero."""
-    robot, motion = small_robot(3, seed=4), random_motion(3, 300, 9)
-    model = Model(robot, (RigidBody(),))
-    coefficients = base_coefficients(model)
-    spread = [[0.05, 0.02, 0.08, 4.0], [0.01, 0.03, 0.02, 2.5], [0.004, 0.01, 0.006, 1.2]]
-    bodies = np.array([np.diag(values) for values in spread])
-    bodies[:, :3, 3] = bodies[:, 3, :3] = [[0.1, -0.05, 0.2], [0.05, 0.1, -0.03], [-0.02, 0.01, 0.04]]
-    theta = from_pseudo_inertia(bodies).ravel()
-    columns = model.columns(motion)[:, :, coefficients.kept].reshape(-1, len(coefficients))
-    efforts = columns @ coefficients.project(theta)
-    moments = columns.T @ columns, columns.T @ efforts, float(efforts @ efforts)
-    solution = solve_precisely(model.cone, coefficients, *moments)
-    found = coefficients.project(solution.theta)
-    np.testing.assert_allclose(columns @ found, efforts, atol=1e-4 * np.abs(efforts).max())
-
-
 # ---------------------------------------------------------------------------------------------------------------
 # Lower bounds and the pull
 # ---------------------------------------------------------------------------------------------------------------
@@ -184,14 +163,10 @@ def objective(solver, hessian, gradient, theta):
     return beta @ hessian @ beta - 2 * gradient @ beta + solver.regularisation(theta)
 
 
-MODELS = (["rigid_body"], ["viscous_friction", "coulomb_friction"], list(STANDARD))
-
-
-@pytest.mark.parametrize("names", MODELS)
-@pytest.mark.parametrize("tolerance", [1e-6, 1e-2])
+@pytest.mark.parametrize(("names", "tolerance"), [(STANDARD, 1e-6), (["rigid_body"], 1e-2)])
 def test_no_feasible_point_costs_less_than_the_lower_bound(names, tolerance):
     """However coarse the solver: the random points, those near the best one, and the best one."""
-    for seed in range(4):
+    for seed in range(2):
         model, coefficients, hessian, gradient, energy = problem(names, seed)
         solver = ConeLeastSquares(model.cone, coefficients, hessian, energy, tolerance=tolerance)
         bound = solver.prepared().solve(gradient).lower_bound
@@ -204,10 +179,10 @@ def test_no_feasible_point_costs_less_than_the_lower_bound(names, tolerance):
         assert bound <= objective(solver, hessian, gradient, best) + 1e-9 * energy, "best may be off the cone by 1e-9"
 
 
-@pytest.mark.parametrize("names", MODELS)
+@pytest.mark.parametrize("names", [STANDARD, ["viscous_friction", "coulomb_friction"]])
 def test_the_lower_bound_is_close(names):
     """The gap is what the tolerance asks for, in units of the energy."""
-    for seed in range(4):
+    for seed in range(2):
         model, coefficients, hessian, gradient, energy = problem(names, seed)
         solver = ConeLeastSquares(model.cone, coefficients, hessian, energy)
         prepared = solver.prepared()
@@ -259,8 +234,7 @@ def test_the_lower_bound_follows_a_change_of_the_hessian(factor):
     assert precise.lower_bound == pytest.approx(precise.cost, rel=1e-7)  # the cost is 24 times the energy: 1e-8 of it
 
 
-@pytest.mark.parametrize("names", MODELS)
-@pytest.mark.parametrize("size", [1e-3, 0.1, 3.0])
+@pytest.mark.parametrize(("names", "size"), [(STANDARD, 0.1), (["rigid_body"], 3.0)])
 def test_multipliers_need_not_be_right_for_the_bound_to_hold(names, size, monkeypatch):
     """Whatever the solver says of the dual, far from optimal or not even in the cone."""
     model, coefficients, hessian, gradient, energy = problem(names, 3)
@@ -291,10 +265,9 @@ def test_the_cost_includes_the_pull():
     assert solver.regularisation(solution.theta) > 0.0
 
 
-@pytest.mark.parametrize("names", MODELS)
-def test_the_pull_on_coefficients_is_the_least_on_parameters(names):
+def test_the_pull_on_coefficients_is_the_least_on_parameters():
     """(beta - b)' Q (beta - b) = min of rho(theta) over B theta = beta: the optimality conditions, solved as such."""
-    model, coefficients, hessian, gradient, energy = problem(names, 7)
+    model, coefficients, hessian, gradient, energy = problem(STANDARD, 7)
     solver, size = ConeLeastSquares(model.cone, coefficients, hessian, energy), model.cone.size
     rho, steps = solver.regularisation, np.eye(size)
     at_zero = rho(np.zeros(size))

