@@ -7,6 +7,7 @@ from bayesid.fit.knowledge import Beliefs, read_nominal
 from bayesid.identification.pipeline import identify
 from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
+from bayesid.posterior.sampler import Sampling
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
@@ -106,7 +107,8 @@ def test_a_known_parameter_that_the_data_leave_open_is_what_it_is_said_to_be(mod
     names = [parameter.name for parameter in model.parameters]
     first = names.index("m1")
     assert np.abs(model.columns(MOTION)[:, :, first]).max() == 0.0
-    stated = identify(model.robot, log, TERMS, beliefs=Beliefs(nominal={"m1": (31.5, 0.4)}))
+    beliefs, sampling = Beliefs(nominal={"m1": (31.5, 0.4)}), Sampling(walkers=16, repeatable=True)
+    stated = identify(model.robot, log, TERMS, complete="off", posterior=sampling, beliefs=beliefs)
     draws, count = stated.posterior.draws.theta[..., first], 400.0
     assert draws.mean() == pytest.approx(31.5, abs=5.0 * 0.4 / np.sqrt(count))
     assert draws.std() == pytest.approx(0.4, rel=5.0 / np.sqrt(2.0 * count))
