@@ -42,9 +42,6 @@ def whole():
     return plain_model().extend(make_effect("joint_spring", {"joints": (2,)})).extend(make_effect("tool_wrench", {}))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Information
-# ---------------------------------------------------------------------------------------------------------------
 def test_information_and_a_second_log_are_both_logs_together(whole, rng):
     """The first log knows nothing of what was added: its columns there are zero. Constants apart, all is the same."""
     part = plain_model()
@@ -90,11 +87,6 @@ def test_parameters_in_another_order_are_found_by_their_names(rng):
     assert_close(info.gradient, rows.T @ (effort / SIZES).ravel(), 1e-9)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Embedding
-# ---------------------------------------------------------------------------------------------------------------
-
-
 def test_a_whole_that_lacks_a_parameter_holds_no_such_part():
     names = ("rigid_body", "torque_offset")
     with pytest.raises(ValueError, match="is not in list"):
@@ -104,9 +96,6 @@ def test_a_whole_that_lacks_a_parameter_holds_no_such_part():
         knowledge.coefficients(plain_model(names))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Changes
-# ---------------------------------------------------------------------------------------------------------------
 NAMES, SD = ("Fv2", "mc3x", "offset1"), np.array([0.4, 0.05, 3.0])
 
 
@@ -136,9 +125,6 @@ def test_widened_needs_no_inverse_of_what_is_known():
     assert_close(knowledge.widened(NAMES, SD).precision, np.linalg.inv(nearly), 1e-5)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Other coefficients
-# ---------------------------------------------------------------------------------------------------------------
 def test_what_a_model_cannot_show_by_itself_is_integrated_out():
     """Its own coefficients are sums of those that an earlier log tells apart: their covariance, dense."""
     part, rng = plain_model(), np.random.default_rng(2)

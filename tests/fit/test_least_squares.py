@@ -47,9 +47,6 @@ def arm():
     return Arm()
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Expected signs
-# ---------------------------------------------------------------------------------------------------------------
 def z_scores(estimates, truth):
     """(r,) of the mean of estimates (K, r)."""
     estimates = np.array(estimates)
@@ -86,9 +83,6 @@ def test_known_signs_are_ordinary_least_squares(arm):
     np.testing.assert_allclose(half.beta, 0.5 * arm.beta, atol=1e-3)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Noise
-# ---------------------------------------------------------------------------------------------------------------
 COLOURED = Noise(np.array([0.2]), np.array([0.6]), np.array([-0.01 / np.log(0.9)]), np.ones(1))
 
 
@@ -136,9 +130,6 @@ def test_standard_deviations_rest_on_the_noise_before_the_fit(arm):
     np.testing.assert_allclose(found.sd, np.sqrt(variance), rtol=1e-6)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# What an earlier log has shown
-# ---------------------------------------------------------------------------------------------------------------
 def earlier_log(arm, spread):
     """Columns and efforts of another motion, in units of their noise, and their information."""
     motion = smooth_motion(1, 3.0, RATE, seed=17)

@@ -4,7 +4,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import random_motion, small_robot
-from sign_problems import synthetic
 
 from bayesid.fit.moments import join_moments, moments
 from bayesid.log.segments import Segments
@@ -14,7 +13,6 @@ from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
 from bayesid.model.terms import STANDARD
 from bayesid.motion import Motion
-from bayesid.signs.search.certified import certified
 
 
 @pytest.fixture(scope="module")
@@ -65,9 +63,6 @@ def test_residuals_by_joint_equal_those_of_the_rows(case):
     assert m.rms_effort(3)[2] == pytest.approx(np.sqrt(np.mean(effort[np.r_[0:99, 100:101], 2] ** 2)))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Shared parts of the Hessian
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def long_case():
     """Two joints of three with many segments, some of known sign; energies of no particular order."""
@@ -171,9 +166,6 @@ def test_moments_with_different_parts_do_not_add(whole):
         whole.compact(2) + whole
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Many logs
-# ---------------------------------------------------------------------------------------------------------------
 def pieces(long_case, count):
     """The case cut into pieces of equal length, each with its own share of the segments."""
     model, coefficients, motion, effort, segments = long_case
@@ -234,23 +226,3 @@ def test_an_individual_segment_of_joined_moments_has_its_own_hessian(long_case):
     assert np.all(individual[joined.individual])
     for k in np.flatnonzero(joined.individual):
         np.testing.assert_allclose(joined.hessian[joined.part[k]], exact[k], rtol=1e-11, atol=1e-9)
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Searches on shared parts
-# ---------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(("cone", "most"), [("half", 1), ("body", 2)])
-def test_the_certified_search_is_right_on_shared_parts(cone, most):
-    for seed in range(4):
-        problem = synthetic(
-            seed, 8, joints=2, cone=cone, size=5, noise=0.5, spread=(1.0, 5.0)[seed % 2], known=seed % 2, scale=3.0
-        )
-        compacted = problem.moments.compact(most)
-        assert not np.all(compacted.individual)
-        result = certified(compacted, problem.solver())
-        assert result.lower_bound <= problem.least + problem.precision
-        assert problem.price(result.signs) == pytest.approx(result.cost, abs=problem.exact)
-        assert not result.certified or result.cost <= problem.least + 2 * problem.exact
-        assert result.certified
-        inside = problem.costs <= result.cost + result.within - problem.exact
-        assert np.all(problem.assignments[inside][:, result.settled] == result.signs[result.settled])

@@ -29,9 +29,6 @@ def written(tmp_path, text):
     return path
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Reading
-# ---------------------------------------------------------------------------------------------------------------
 def test_names_means_and_deviations(tmp_path):
     path = written(tmp_path, "name,mean,sd\nm2,1.25,0.1\nmc2x,-3e-2,5e-3\n")
     assert read_nominal(path) == {"m2": (1.25, 0.1), "mc2x": (-0.03, 0.005)}
@@ -71,9 +68,6 @@ def test_a_file_that_cannot_be_read(tmp_path):
         assert "\n" not in str(refusal.value)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Of a model
-# ---------------------------------------------------------------------------------------------------------------
 def test_known_parameters_stand_in_the_models_order(model):
     stated = {"Fv2": (0.5, 0.1), "m1": (2.0, 0.3), "mc1y": (-0.4, 0.2)}
     nominal = Beliefs(nominal=stated).of(model.parameters)
@@ -93,9 +87,6 @@ def test_values_that_cannot_be_used_are_refused(model):
         assert "\n" not in str(refusal.value)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# In an identification
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def log(model):
     theta = random_parameters(model, np.random.default_rng(2))

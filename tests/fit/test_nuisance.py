@@ -82,16 +82,6 @@ def test_covariance_is_that_of_effects_with_these_moments(size):
     assert (np.diag(expected) / np.diag(plain)).max() > 1.001
 
 
-def test_covariance_is_the_scatter_of_estimates_when_effects_come_and_go():
-    """Monte Carlo: 20000 logs, each with noise and amplitudes drawn anew; a variance's error is 1 %."""
-    case, rng, draws = Case(), np.random.default_rng(5), 20_000
-    y, z = case.rows(case.model), case.rows(case.columns)
-    amplitudes = np.linalg.cholesky(case.moments) @ rng.normal(size=(SUMMED, draws))
-    estimates = np.linalg.lstsq(y, z @ amplitudes + rng.normal(size=(len(y), draws)), rcond=None)[0]
-    white = case.rows(case.made().whiten(case.model))
-    assert_covariance(np.linalg.inv(white.T @ white), np.cov(estimates), 0.05)
-
-
 def test_estimates_of_least_squares_stay():
     case = Case()
     nuisance = case.made()
@@ -113,17 +103,6 @@ def test_root_is_that_of_the_inverse_spread():
     root = case.rows(nuisance.whiten(unit * case.weight[:, None]))
     np.testing.assert_allclose(root, root.T, atol=1e-9)
     np.testing.assert_allclose(root.T @ root @ spread, np.eye(len(y)), atol=EXACT)
-
-
-def test_samples_that_are_not_used_stay_and_say_nothing():
-    case = Case(seed=3)
-    nuisance = case.made()
-    found = nuisance.whiten(case.effort)
-    np.testing.assert_array_equal(found[~case.used], case.effort[~case.used])
-    assert np.all(found[case.used] != case.effort[case.used])
-    spoiled = [np.where(case.used[:, :, None], values, 1e6) for values in (case.columns, case.model)]
-    again = case.made(columns=spoiled[0].__getitem__, model=in_chunks(spoiled[1]))
-    np.testing.assert_allclose(again.whiten(case.effort)[case.used], found[case.used], rtol=1e-9)
 
 
 @pytest.mark.parametrize("what", ["effort", "model"])
@@ -160,9 +139,6 @@ def test_long_logs_are_kept_in_single_precision(count, precision):
     assert_covariance(np.linalg.inv(white.T @ white), expected, 1e-5)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# In a fit
-# ---------------------------------------------------------------------------------------------------------------
 class Arm:
     """Two joints, their efforts known with signs, and columns of effects that nobody asked for."""
 

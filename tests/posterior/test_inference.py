@@ -46,9 +46,6 @@ def mass_at_draws(log, posterior, signs, where):
     return np.where(signs[where] > 0, odds, 1.0 - odds).prod(axis=-1)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Signs and assignments, one mode
-# ---------------------------------------------------------------------------------------------------------------
 def doubtful(seed=5):
     """One joint, two free parameters, one sign known and five in doubt; the noise is larger than its reference."""
     log = make_log(
@@ -142,9 +139,6 @@ def test_without_a_list_nothing_is_said_about_assignments():
     assert posterior.elsewhere is None
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Two modes
-# ---------------------------------------------------------------------------------------------------------------
 def test_two_modes_are_weighed_as_quadrature_weighs_them():
     log = near_symmetric(-2.5)
     axes = (cells(-3.2, 3.2, 100), cells(0.0, 1.6, 40), cells(-0.9, 1.2, 16), cells(-1.2, 1.9, 16))
@@ -260,9 +254,6 @@ def test_pooled_diagnostics_are_the_worst():
     assert pool((given(1.0, 0, 24),)).converged
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Seed and budget
-# ---------------------------------------------------------------------------------------------------------------
 def test_the_seed_decides_the_draws():
     log = near_symmetric(0.6)
     search = log.search()

@@ -95,9 +95,6 @@ def data(tmp_path):
     return az.from_netcdf(tmp_path / "posterior.nc")
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# What it holds
-# ---------------------------------------------------------------------------------------------------------------
 def test_groups_dimensions_and_names(data):
     assert set(data) == {"posterior", "sample_stats", "log_likelihood", "observed_data", "constant_data"}
     posterior = data.posterior
@@ -213,9 +210,6 @@ def test_what_does_not_belong_together_is_refused():
         keep(problem.draws(), problem.target, other, problem.labels, {})
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# The pointwise likelihood
-# ---------------------------------------------------------------------------------------------------------------
 def _brute_force(problem, theta, log_scale, k):
     """Tempered normal densities of a segment's rows, the mean over both signs if it is unknown."""
     j = problem.moments.joint[k]
@@ -330,9 +324,6 @@ def test_blocks_at_the_same_times_are_told_apart():
     assert names[:4] == ["A1 0.00-1.00 s", "A2 0.00-1.00 s", "A3 0.00-1.00 s", "A1 0.00-1.00 s (2)"]
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# ArviZ with it
-# ---------------------------------------------------------------------------------------------------------------
 def _autoregressive(shape, correlation, size, rng):
     """(D, E, W, size) stationary AR(1) walkers of unit variance."""
     values = rng.standard_normal((*shape, size))
@@ -387,9 +378,6 @@ def test_plots(data):
     pyplot.close("all")
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Files
-# ---------------------------------------------------------------------------------------------------------------
 def test_draws_come_back(tmp_path):
     problem = Problem()
     draws, made = problem.draws(), problem.kept()

@@ -11,9 +11,6 @@ from bayesid.posterior.modes import starting_points
 from bayesid.signs.search.result import SearchResult
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# How many
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("proven", [True, False])
 def test_both_sides_of_a_near_symmetry(proven):
     log = alone(1.5)
@@ -130,9 +127,6 @@ def test_a_list_holds_what_turning_single_joints_does_not():
     assert sorted(int(np.sum(np.sign(mode.theta) != np.sign(search.theta))) for mode in alone) == [0, 1, 1, 1]
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Where
-# ---------------------------------------------------------------------------------------------------------------
 def test_centres_lie_strictly_inside():
     log = make_log(
         (1.5, 0.0, 0.0),

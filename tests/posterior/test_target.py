@@ -83,9 +83,6 @@ def test_the_quadratic_function_is_the_density_for_given_signs():
     assert np.allclose(-bend, precision, rtol=1e-6, atol=1e-6 * np.abs(precision).max())
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Sizes
-# ---------------------------------------------------------------------------------------------------------------
 def test_what_the_log_does_not_show_is_as_large_as_the_earlier_one_says():
     new = make_log((1.0, 40.0, 0.3, 0.1), rows=(20, 20), known=(1, 1), sees=((1.0, 0.0, 0.0, 0.0),), sigma=(0.5,))
     likelihood = make_likelihood(new.moments, new.coefficients, new.sigma, new.time, np.zeros(2, dtype=int))

@@ -124,12 +124,3 @@ def test_only_a_whole_group_is_taken_as_it_lies():
         for k, one in enumerate(group):
             np.testing.assert_array_equal(stack[k, :2].T, one.rows[1])
             np.testing.assert_array_equal(stack[k, 2], one.shift.get(1, np.zeros(COUNT)))
-
-
-def test_an_effect_alone_keeps_no_other_in_memory():
-    view = stacked(effects(3, shifted=True))[2]
-    alone = view.alone
-    for found, expected in ((alone.rows, view.rows), (alone.shift, view.shift)):
-        for j, array in expected.items():
-            np.testing.assert_array_equal(found[j], array)
-            assert found[j].base is None

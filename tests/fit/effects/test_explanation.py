@@ -3,6 +3,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from dense_errors import bridging, covariance, whitening
 from scipy.integrate import simpson
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal, norm
@@ -18,33 +19,9 @@ RATE = 50.0
 ERRORS = (ErrorModel(0.3, 0.5, 0.1, RATE), ErrorModel(1.1, 0.7, 0.3, RATE))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Dense formulas
-# ---------------------------------------------------------------------------------------------------------------
-def bridging(used):
-    """(N, N) matrix that puts what is not used on straight lines between its used neighbours."""
-    places, rows = np.arange(len(used)), np.flatnonzero(used)
-    return np.stack([np.interp(places, rows, np.eye(len(used))[rows, k]) for k in places], axis=1)
-
-
 def used_filter(error, used):
     """The same matrix from used samples to used samples."""
-    return (filter_matrix(error, len(used)) @ bridging(used))[np.ix_(used, used)]
-
-
-def filter_matrix(error, count):
-    """(count, count) T with T x white, of unit size: x_i - phi x_(i-1) is a moving average of order one."""
-    phi = np.exp(-1.0 / (error.correlation * error.rate))
-    own = error.coloured**2 * (1.0 - phi**2) + error.white**2 * (1.0 + phi**2)
-    next_to = -phi * error.white**2
-    theta = min(np.roots([next_to, own, next_to]).real, key=abs)
-    shift = np.eye(count, k=-1)
-    return np.linalg.solve(np.eye(count) - theta * shift, np.eye(count) - phi * shift) / np.sqrt(-next_to / theta)
-
-
-def stationary(error, count):
-    apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count))) / error.rate
-    return error.white**2 * np.eye(count) + error.coloured**2 * np.exp(-apart / error.correlation)
+    return (whitening(error, len(used)) @ bridging(used))[np.ix_(used, used)]
 
 
 @dataclass
@@ -52,7 +29,6 @@ class Dense:
     """The used samples of all joints below each other: columns, effort and covariance of the error."""
 
     data: Observations
-    stationary: bool = False
 
     @property
     def used(self):
@@ -78,12 +54,9 @@ class Dense:
 
     def covariance(self):
         blocks = []
-        for j, (error, rows) in enumerate(zip(ERRORS, self.used, strict=False)):
-            if self.stationary:
-                blocks.append(stationary(error, len(self.data.effort))[np.ix_(rows, rows)])
-            else:
-                inverse = np.linalg.inv(used_filter(error, self.data.used[:, j]))
-                blocks.append(inverse @ inverse.T)
+        for error, used in zip(ERRORS, self.data.used.T, strict=True):
+            inverse = np.linalg.inv(used_filter(error, used))
+            blocks.append(inverse @ inverse.T)
         return block_diag(*blocks)
 
     def least_squares(self, effects=()):
@@ -113,12 +86,9 @@ class Dense:
         return multivariate_normal(np.zeros(len(left)), total).logpdf(left - amplitudes @ columns.T)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# A log of two joints and effects on it
-# ---------------------------------------------------------------------------------------------------------------
 def noise(count, rng):
     """Cholesky."""
-    return np.stack([np.linalg.cholesky(stationary(e, count)) @ rng.standard_normal(count) for e in ERRORS], axis=1)
+    return np.stack([np.linalg.cholesky(covariance(e, count)) @ rng.standard_normal(count) for e in ERRORS], axis=1)
 
 
 def made_data(count=120, seed=0, gaps=True, amount=0.0):
@@ -181,9 +151,6 @@ def kept(monkeypatch):
     return fixed
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Explanations
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("chosen", "last_is_extra"), [((), False), ((1, 3), True), ((2, 0), True), ((3, 2, 1, 0), False)]
 )
@@ -250,9 +217,6 @@ def test_evidence_of_two_amplitudes_is_the_integral(positive, tolerance, kept):
     assert gain == pytest.approx(expected - nothing, abs=tolerance)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# What is left
-# ---------------------------------------------------------------------------------------------------------------
 def test_what_is_left_is_judged_by_its_own_likeliest_error():
     """As noise within the limits, or as anything, at the price of log N, whichever is likelier."""
     data = replace(made_data(300, gaps=False), limits=np.array([[0.2, 0.1], [9.0, 9.0]]))
@@ -303,9 +267,6 @@ def test_mean_square_is_that_of_used_samples_in_units_of_the_floor():
     np.testing.assert_allclose(data.mean_square(residual), [16.0, 4.0])
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Many at once
-# ---------------------------------------------------------------------------------------------------------------
 def family(effect, size, seed=9):
     """Effects of the same joints and number of amplitudes, all different."""
     rng = np.random.default_rng(seed)
@@ -332,14 +293,6 @@ def test_screen_gains_what_an_explanation_would(kind, already, kept):
         assert np.ptp(gains) > 0.01
 
 
-def test_screen_takes_effects_of_which_only_some_have_a_shift(kept):
-    data, effect = kept(made_data()), made_effects()[3]
-    group = [effect, replace(effect, shift={1: effect.shift[1]}), replace(effect, shift={})]
-    regression = Regression(data)
-    expected = [regression.explain(ERRORS, one).log_evidence - regression.explain(ERRORS).log_evidence for one in group]
-    np.testing.assert_allclose(Screening(regression, ERRORS).gains(group)[0], expected, atol=1e-6)
-
-
 def test_visible_is_the_mean_gain_of_effects_of_their_usual_size(kept):
     """Over 400 draws of amplitudes, coefficients and noise (of the filter's own covariance)."""
     effect, rng = made_effects()[0], np.random.default_rng(3)
@@ -362,28 +315,6 @@ def test_visible_is_the_mean_gain_of_effects_of_their_usual_size(kept):
     assert visible > 3.0
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Unused samples
-# ---------------------------------------------------------------------------------------------------------------
-def spoiled(effect, used):
-    """Something else where samples do not count."""
-    rows = {j: np.where(used[:, j, None], one, 1e3) for j, one in effect.rows.items()}
-    shift = {j: np.where(used[:, j], one, -1e3) for j, one in effect.shift.items()}
-    return replace(effect, rows=rows, shift=shift)
-
-
-@pytest.mark.parametrize("kind", [0, 3])
-def test_unused_samples_say_nothing(kind, kept):
-    data, effects = kept(made_data(amount=0.4)), made_effects()
-    bad = [spoiled(one, data.used) for one in effects]
-    clean = Regression(data, [effects[0]]).explain(ERRORS, effects[kind])
-    found = Regression(data, [bad[0]]).explain(ERRORS, bad[kind])
-    np.testing.assert_allclose(found.residual, clean.residual, atol=1e-9)
-    assert found.log_evidence == pytest.approx(clean.log_evidence, abs=1e-8)
-    gains = [Screening(Regression(data, [group[0]]), ERRORS).gains([group[kind]])[0] for group in (effects, bad)]
-    np.testing.assert_allclose(gains[0], gains[1], atol=1e-8)
-
-
 @pytest.mark.parametrize("limit", [0.02, 0.45])
 def test_noise_is_not_fitted_where_it_is_out_of_the_question(limit):
     """The evidence is that of the likelier one all the same."""
@@ -396,21 +327,3 @@ def test_noise_is_not_fitted_where_it_is_out_of_the_question(limit):
     untouched = evidence.JudgedJoint(residual, data.used[:, 0], RATE, limits)
     assert untouched.evidence == joint.evidence
     assert ("noise" in vars(untouched)) == (limit > 0.3)
-
-
-def test_columns_that_do_not_show_in_a_joint_are_whitened_to_nothing():
-    data, effect = made_data(), made_effects()[0]
-    data = replace(data, columns=data.columns * np.array([[True, True, False], [True, False, True]]))
-    regression = Regression(data, [effect])
-    for j, error in enumerate(ERRORS):
-        rows = effect.rows.get(j, np.zeros((len(data.used), len(effect.sd)))) * data.used[:, j, None]
-        effort = data.effort[:, j] - effect.shift.get(j, 0.0) * data.used[:, j]
-        expected = error.whiten(np.column_stack([data.columns[:, j], rows, effort]), data.used[:, j])
-        white, shows = regression.whitened(j, error), expected[:, :-1].any(axis=0)
-        np.testing.assert_array_equal(
-            np.sort(white.index), np.flatnonzero(shows | (np.arange(5) > 2) * bool(rows.any()))
-        )
-        found = np.column_stack([white.model, white.others]) / error.scale
-        expected = expected[:, [*white.index, -1]]
-        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12)
-        np.testing.assert_allclose(white.products / error.scale**2, expected.T @ expected, rtol=0.0, atol=1e-9)

@@ -97,9 +97,6 @@ TERMS = (
 )
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Terms
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("name", "joints", "which", "amplitude"), TERMS, ids=[term[0] for term in TERMS])
 def test_a_term_is_added_with_its_amplitudes(poor, name, joints, which, amplitude):
     found = [poor.found(name, joints, which)]
@@ -113,17 +110,6 @@ def test_a_term_is_added_with_its_amplitudes(poor, name, joints, which, amplitud
     assert extension.knowledge is poor.knowledge
 
 
-def test_several_terms_come_in_their_order(poor):
-    picked = [TERMS[k] for k in (3, 0, 4, 1)]
-    found, amplitudes = [poor.found(*one[:3]) for one in picked], [one[3] for one in picked]
-    extension = poor.extended(found, amplitudes)
-    assert_close(extension.model.effort(MOTION, extension.theta), predicted(poor, found, amplitudes), 1e-9)
-    np.testing.assert_array_equal(extension.theta[-15:], np.concatenate(amplitudes))
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Changes of what was there
-# ---------------------------------------------------------------------------------------------------------------
 def test_a_change_moves_the_models_own_parameters(full):
     found, amplitudes = [full.found("coulomb_friction", (2,)), full.found("torque_offset", (3,))], [[-0.6], [1.9]]
     assert [one.changes for one in found] == [("Fc2",), ("offset3",)]
@@ -155,9 +141,6 @@ def test_parameters_stay_where_the_log_says_nothing(full):
     assert np.abs(full.coefficients.lift(same) - full.knowledge.theta).max() > 0.1
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Distortions
-# ---------------------------------------------------------------------------------------------------------------
 DISTORTIONS = (
     ("gain_error", (2,), [0.13], 1e-9),
     ("clipping", (1,), [], 1e-9),

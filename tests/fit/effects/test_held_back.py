@@ -35,19 +35,6 @@ def test_rise_and_its_standard_error_are_those_of_the_mean_of_blocks():
     np.testing.assert_allclose(error, [0.8 / 4.0, 0.0], atol=1e-15)
 
 
-def test_standard_error_is_the_scatter_of_repeated_logs():
-    """Blocks drawn at random; the error of a scatter from 4000 of them is 1 %, that of the mean error less."""
-    rng = np.random.default_rng(3)
-    drawn = [errors(rng.gamma(3.0, 0.5, BLOCKS)).rise(errors(rng.gamma(2.0, 0.7, BLOCKS))) for _ in range(4000)]
-    rises, found = (np.ravel(values) for values in zip(*drawn, strict=True))
-    scale = np.sqrt(BLOCKS / (BLOCKS - 1))  # of a sample's own scatter
-    assert np.sqrt(np.mean(found**2)) * scale == pytest.approx(rises.std(), rel=0.05)
-    assert rises.mean() == pytest.approx(1.5 - 1.4, abs=4.5 * rises.std() / np.sqrt(4000))
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Above a level, and growth
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("sd", "sure"), [(2.6, True), (2.7, False)])
 def test_above_a_level_is_sure_by_the_scatter_of_the_blocks(sd, sure):
     """A mean square of 5 over a level of 2 N m: 1 against 1.5 sd / 4."""
@@ -65,9 +52,6 @@ def test_growth_is_as_large_and_as_sure_as_the_help_of_an_effect(rise, sd, grown
     assert not before.surely_grown(errors(1.0 + rise, 3.0)).any()
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Harm
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("rise", "visible"), [(-0.5, False), (0.039, False), (0.041, True)])
 def test_harm_is_visible_from_four_per_cent_of_the_square_on(rise, visible):
     """The same in all blocks, so beyond all doubt."""
@@ -83,9 +67,6 @@ def test_harm_is_sure_from_one_standard_error_on():
         np.testing.assert_array_equal(found, [share > 1.0])
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Help
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("share", "borne_out"), [(0.095, False), (0.105, True)])
 def test_help_is_worth_a_term_from_a_tenth_of_the_square_on(share, borne_out):
     before, after = errors(2.0, 9.0), errors(2.0, 9.0 * (1.0 - share))

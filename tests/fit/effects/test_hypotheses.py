@@ -70,9 +70,6 @@ def case(*names, extra=()):
     return Case(names or STANDARD, extra)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# The catalogue
-# ---------------------------------------------------------------------------------------------------------------
 UNTRIED = {"rigid_body", "learned_effect", "payload.carried"}
 """What others are missing from, what has no name, and what logs say themselves."""
 
@@ -97,17 +94,6 @@ def test_every_effect_is_tried_wherever_it_may_be():
         assert found == expected.get(name, alone if by_joint else {()}), name
 
 
-def test_hypotheses_of_one_list_act_in_the_same_joints_with_as_many_amplitudes():
-    for group in case().groups:
-        assert len({(one.source.name, one.joints, len(one.columns.sd)) for one in group}) == 1
-        assert len({frozenset(one.columns.joints) for one in group}) == 1
-    names = [(one.source, tuple(one.columns.sd)) for one in case().all()]
-    assert len(set(names)) == len(names)
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Rows
-# ---------------------------------------------------------------------------------------------------------------
 def test_rows_are_the_terms_columns():
     model, motion = case().model, case().motion
     checked = set()
@@ -167,9 +153,6 @@ def test_what_leaves_no_trace_in_used_samples_is_left_out():
     assert widths.min() >= 0.3 * np.abs(one.effort[:, 1]).max()
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Prior sizes
-# ---------------------------------------------------------------------------------------------------------------
 def test_an_amplitude_of_one_sd_is_three_tenths_of_the_joints_effort():
     """At its largest, in used samples, beside the RMS of the measured efforts there."""
     one = case()
@@ -200,9 +183,6 @@ def test_what_cannot_be_negative_is_marked():
         assert one.changes == ()
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Changes of what the model holds
-# ---------------------------------------------------------------------------------------------------------------
 HELD = {"viscous_friction": "Fv", "coulomb_friction": "Fc", "torque_offset": "offset", "rotor_inertia": "Ia"}
 
 
@@ -245,15 +225,6 @@ def test_another_form_of_an_effect_that_the_model_holds_is_new():
     assert couple.changes == ()
 
 
-def test_a_payload_that_the_model_holds_may_have_changed():
-    found = Case(("rigid_body",), (("payload", {}),)).of("payload")
-    assert [one.changes[-1] for one in found] == ["mp3"] * 3
-    assert [one.columns.sd[9] for one in found] == [0.1, 0.5, 3.0]
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Other numbers
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("name", "number", "value"),
     [("torque_ripple", "harmonic", 7.3), ("stribeck_friction", "speed", 0.44), ("dead_zone", "width", 0.9)],
