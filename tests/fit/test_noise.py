@@ -91,6 +91,15 @@ def test_the_time_of_the_model_is_the_sum_of_its_autocorrelations():
     assert half.with_time_of_model(RATE).autocorrelation == pytest.approx(1.0 + 2.0 * 16.0 / 25.0)
 
 
+def test_a_scaled_noise_is_larger_and_no_other():
+    noise = two_joints()
+    larger = noise.scaled(np.array([2.0, 0.5]))
+    np.testing.assert_allclose(larger.sigma, [2.0 * np.hypot(0.7, 0.5), 0.5 * np.hypot(0.2, 1.5)])
+    np.testing.assert_allclose(larger.white, [1.4, 0.1])
+    for name in ("correlation", "autocorrelation"):
+        np.testing.assert_array_equal(getattr(larger, name), getattr(noise, name))
+
+
 SLOW = Noise(np.array([0.3]), np.array([1.0]), np.array([-0.01 / np.log(0.9)]), np.array([1.0 + 2.0 * 9.0 / 1.09]))
 """AR(1) of 0.9 at 100 Hz, and white noise; its time in closed form."""
 
