@@ -6,7 +6,7 @@ from conftest import small_robot, smooth_motion
 from scipy.optimize import minimize
 
 from bayesid.fit.evidence import Evidence
-from bayesid.fit.gains import GainPrior, _Problem, fit_gains, likely_gains, prior_of, signed_moments
+from bayesid.fit.gains import GainPrior, fit_gains, likely_gains, prior_of, signed_moments
 from bayesid.fit.knowledge import Links, Nominal
 from bayesid.fit.noise import Noise
 from bayesid.log.gains import Gains
@@ -104,23 +104,6 @@ def test_their_covariance_is_the_inverse_curvature_of_all_rows(case):
     )
     covariance = np.linalg.inv(curvature)
     np.testing.assert_allclose(found.covariance, covariance, atol=0.03 * np.abs(covariance).max())
-
-
-def test_the_slope_is_that_of_the_profile(case):
-    """Away from the minimum, with something stated of a link and of a friction, against central differences."""
-    names = [parameter.name for parameter in case.model.parameters]
-    mean, sd = np.full(len(names), np.nan), np.full(len(names), np.nan)
-    for name, value in (("m3", 2.0), ("Fc2", 1.5)):
-        mean[names.index(name)], sd[names.index(name)] = value, 0.2 * value
-    problem = _Problem.of(case.evidence, case.moments, case.noise, LINKS, Nominal(mean, sd))
-    log, step = np.array([0.1, -0.15, 0.2]), 1e-3
-    theta = problem.profile(log)[1]
-    differences = [
-        (problem.profile(log + step * axis)[0] - problem.profile(log - step * axis)[0]) / (2.0 * step)
-        for axis in np.eye(3)
-    ]
-    slope = problem.slope(theta, log)
-    np.testing.assert_allclose(slope, differences, atol=1e-3 * np.abs(slope).max())
 
 
 def test_a_common_factor_leaves_no_trace(case):

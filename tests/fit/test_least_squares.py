@@ -1,17 +1,15 @@
 import numpy as np
 import pytest
 from conftest import small_robot, smooth_motion
-from scipy import stats
 
 from bayesid.fit.evidence import Evidence
-from bayesid.fit.knowledge import Information, Knowledge
+from bayesid.fit.knowledge import Information
 from bayesid.fit.least_squares import fit_signed
-from bayesid.fit.noise import Noise, residual_noise
+from bayesid.fit.noise import Noise
 from bayesid.log.signals import Signals
-from bayesid.model.catalogue import make_effect, make_terms
+from bayesid.model.catalogue import make_terms
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
-from bayesid.simulation.parameters import random_parameters
 
 RATE = 100.0
 VALUES = {"J1xx": 0.9, "J1yy": 0.7, "J1zz": 1.1, "m1": 3.0, "mc1x": 0.05, "mc1y": -0.04, "Fv1": 0.8, "offset1": 0.3}
@@ -49,9 +47,6 @@ def arm():
     return Arm()
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Expected signs
-# ---------------------------------------------------------------------------------------------------------------
 def z_scores(estimates, truth):
     """(r,) of the mean of estimates (K, r)."""
     estimates = np.array(estimates)
@@ -88,9 +83,6 @@ def test_known_signs_are_ordinary_least_squares(arm):
     np.testing.assert_allclose(half.beta, 0.5 * arm.beta, atol=1e-3)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Noise
-# ---------------------------------------------------------------------------------------------------------------
 COLOURED = Noise(np.array([0.2]), np.array([0.6]), np.array([-0.01 / np.log(0.9)]), np.ones(1))
 
 
@@ -117,18 +109,6 @@ def test_the_noise_is_what_there_was_and_the_residual_what_is_left():
     assert times["noise"].mean() == pytest.approx(np.log(truth.autocorrelation[0]), abs=3.5 * spread)
 
 
-def test_the_residual_is_that_of_the_nearer_sign(arm):
-    """Of a rectified effort the sign is the prediction's; a measured effort has its own."""
-    for signed in (True, False):
-        found = noisy_fit(arm, 3, signed)
-        effort = arm.effort + COLOURED.draw(len(arm.effort), 1, RATE, np.random.default_rng(3))[:, :, 0]
-        used = arm.signals(effort).inner
-        nearest = effort if signed else np.sign(found.predicted) * np.abs(effort)
-        expected = residual_noise(nearest - found.predicted, used, RATE)
-        for name in ("white", "coloured", "correlation", "autocorrelation"):
-            np.testing.assert_allclose(getattr(found.residual, name), getattr(expected, name), rtol=1e-9)
-
-
 def test_a_long_log_is_not_corrected(arm):
     short = noisy_fit(arm, 5)
     long = noisy_fit(arm, 5, most_corrected=len(arm.effort) - 1)
@@ -150,9 +130,6 @@ def test_standard_deviations_rest_on_the_noise_before_the_fit(arm):
     np.testing.assert_allclose(found.sd, np.sqrt(variance), rtol=1e-6)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# What an earlier log has shown
-# ---------------------------------------------------------------------------------------------------------------
 def earlier_log(arm, spread):
     """Columns and efforts of another motion, in units of their noise, and their information."""
     motion = smooth_motion(1, 3.0, RATE, seed=17)
@@ -213,55 +190,3 @@ def test_the_information_of_both_logs_adds(arm):
 def assert_inverse(covariance, information):
     scale = np.sqrt(np.outer(np.diag(information), np.diag(information)))
     np.testing.assert_allclose(covariance * scale, np.linalg.inv(information / scale), rtol=1e-6, atol=1e-6)
-
-
-def test_to_know_nothing_is_to_have_no_earlier_log(arm):
-    effort = arm.effort + 0.2 * arm.size * np.random.default_rng(9).standard_normal(arm.effort.shape)
-    found = [arm.fit(effort, np.sign(arm.effort), True, nothing) for nothing in (None, Information.none(5))]
-    assert np.abs((found[0].beta - found[1].beta) / found[0].sd).max() < 1e-3
-    np.testing.assert_allclose(found[0].sd, found[1].sd, rtol=1e-6)
-    np.testing.assert_allclose(found[0].information, found[1].information, rtol=1e-6)
-
-
-class Loaded:
-    """An arm of three joints, known from a log without its payload of 1.9 kg, and a log with it."""
-
-    def __init__(self):
-        robot = small_robot(3, 2)
-        self.first, self.second = smooth_motion(3, 10.0, RATE, seed=3), smooth_motion(3, 10.0, RATE, seed=12)
-        self.part = Model(robot, make_terms(["rigid_body", "viscous_friction"], robot, self.first))
-        self.whole = self.part.extend(make_effect("payload", {}))
-        self.theta = random_parameters(self.part, np.random.default_rng(1))
-        self.body = np.array([0.05, 0.004, -0.006, 0.06, 0.003, 0.04, 0.13, -0.07, 0.19, 1.9])
-        self.names = [parameter.name for parameter in self.whole.parameters]
-
-    def fit(self, model, coefficients, motion, theta, seed, information=None):
-        effort = model.effort(motion, theta)
-        noisy = effort + 0.03 * np.random.default_rng(seed).standard_normal(effort.shape)
-        every = np.ones_like(effort, dtype=bool)
-        signals = Signals(motion, noisy, noisy, np.ones(3, dtype=bool), RATE, 20.0, {}, every)
-        return fit_signed(Evidence(model, coefficients, signals, every, every, information), np.sign(effort))
-
-
-def test_a_payload_is_weighed_by_one_who_knew_the_robot_without_it():
-    """Its mass makes a coefficient with the last link's in any later log; the earlier one tells them apart."""
-    case = Loaded()
-    plain = base_coefficients(case.part)
-    before = case.fit(case.part, plain, case.first, case.theta, 1)
-    knowledge = Knowledge(case.part, before.theta, before.information)
-    coefficients = knowledge.coefficients(case.whole)
-    theta = np.concatenate([case.theta, case.body])
-    known = knowledge.information(case.whole, coefficients)
-    found = case.fit(case.whole, coefficients, case.second, theta, 2, known)
-    lift = np.linalg.pinv(coefficients.projection)[case.names.index("mp3")]
-    sd = float(np.sqrt(lift @ found.covariance @ lift))
-    assert sd < 0.1
-    assert found.theta[case.names.index("mp3")] == pytest.approx(1.9, abs=4.5 * sd)
-    assert case.whole.cone.contains(found.theta, 1e-9)
-    off = found.beta - coefficients.project(theta)
-    assert off @ np.linalg.solve(found.covariance, off) < stats.chi2.isf(1e-5, len(off))
-    moved = theta.copy()
-    moved[case.names.index("mp3")] -= 0.7
-    moved[case.names.index("m3")] += 0.7
-    np.testing.assert_allclose(case.whole.effort(case.second, moved), case.whole.effort(case.second, theta), atol=1e-9)
-    assert len(base_coefficients(case.whole)) == len(plain) < len(coefficients)

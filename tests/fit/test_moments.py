@@ -4,9 +4,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import random_motion, small_robot
-from sign_problems import synthetic
 
-from bayesid.fit.moments import Moments, join_moments, moments
+from bayesid.fit.moments import join_moments, moments
 from bayesid.log.segments import Segments
 from bayesid.model import model as model_module
 from bayesid.model.catalogue import make_terms
@@ -14,7 +13,6 @@ from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
 from bayesid.model.terms import STANDARD
 from bayesid.motion import Motion
-from bayesid.signs.search.certified import certified
 
 
 @pytest.fixture(scope="module")
@@ -52,24 +50,6 @@ def test_chunks_add_to_the_whole(case, monkeypatch):
         np.testing.assert_allclose(getattr(chunked, name), getattr(whole, name), rtol=1e-11, atol=1e-9)
 
 
-def test_two_logs_join(case):
-    model, coefficients, motion, effort, segments = case
-    m = moments(model, coefficients, motion, effort, segments)
-    both = m.join(m)
-    beta, signs = np.random.default_rng(3).normal(size=len(coefficients)), np.array([1, 1, -1, 1, -1])
-    twice = np.concatenate([signs, -signs])
-    assert both.cost(beta, twice) == pytest.approx(m.cost(beta, signs) + m.cost(beta, -signs))
-
-
-def test_moments_of_different_segments_do_not_add(case):
-    model, coefficients, motion, effort, segments = case
-    m = moments(model, coefficients, motion, effort, segments)
-    double = m + m
-    np.testing.assert_allclose(double.gradient, 2 * m.gradient)
-    with pytest.raises(ValueError, match="same segments"):
-        m + moments(model, coefficients, motion, effort, segments[np.array([0, 1])])
-
-
 def test_residuals_by_joint_equal_those_of_the_rows(case):
     model, coefficients, motion, effort, segments = case
     m = moments(model, coefficients, motion, effort, segments)
@@ -83,9 +63,6 @@ def test_residuals_by_joint_equal_those_of_the_rows(case):
     assert m.rms_effort(3)[2] == pytest.approx(np.sqrt(np.mean(effort[np.r_[0:99, 100:101], 2] ** 2)))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Shared parts of the Hessian
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def long_case():
     """Two joints of three with many segments, some of known sign; energies of no particular order."""
@@ -116,7 +93,7 @@ def same_sums(moments, other):
     np.testing.assert_allclose(moments.hessian.total(), other.hessian.total(), rtol=1e-11, atol=1e-8)
 
 
-@pytest.mark.parametrize("most", [0, 1, 2, 5, 100])
+@pytest.mark.parametrize("most", [0, 2, 100])
 def test_parts_can_be_shared_from_the_start_or_afterwards(long_case, whole, most):
     streamed, compacted = moments(*long_case, most_individual=most), whole.compact(most)
     np.testing.assert_array_equal(streamed.part, compacted.part)
@@ -125,7 +102,7 @@ def test_parts_can_be_shared_from_the_start_or_afterwards(long_case, whole, most
     same_sums(compacted, whole)
 
 
-@pytest.mark.parametrize("most", [0, 1, 2, 5, 100])
+@pytest.mark.parametrize("most", [1, 5])
 def test_the_strongest_unknown_segments_keep_a_part_of_their_own(whole, most):
     compacted = whole.compact(most)
     for j in range(3):
@@ -138,7 +115,7 @@ def test_the_strongest_unknown_segments_keep_a_part_of_their_own(whole, most):
         assert len(np.unique(compacted.part[weak])) == min(1, len(weak))
 
 
-@pytest.mark.parametrize("most", [0, 1, 2, 5, 100])
+@pytest.mark.parametrize("most", [0, 2])
 def test_a_part_is_of_one_joint_and_of_known_or_unknown_signs(whole, most):
     compacted = whole.compact(most)
     assert len(compacted.hessian) == len(np.unique(compacted.part)) <= (most + 2) * 3
@@ -147,14 +124,6 @@ def test_a_part_is_of_one_joint_and_of_known_or_unknown_signs(whole, most):
         assert len(np.unique(whole.joint[members])) == 1
         assert len(np.unique(whole.known[members] != 0)) == 1
         np.testing.assert_allclose(compacted.hessian[part], whole.hessian[members].sum(axis=0), rtol=1e-11, atol=1e-8)
-
-
-def test_individual_is_who_shares_with_nobody(whole):
-    assert np.all(whole.individual)
-    compacted = whole.compact(2)
-    by_hand = [np.sum(compacted.part == part) == 1 for part in compacted.part]
-    np.testing.assert_array_equal(compacted.individual, by_hand)
-    assert np.sum(compacted.individual & (whole.known == 0)) == 4, "two each of joints 1 and 3; joint 2's is known"
 
 
 def test_the_hessian_of_some_segments_is_that_of_their_parts(whole):
@@ -180,12 +149,6 @@ def test_costs_residuals_and_scaling_do_not_see_the_parts(whole):
     np.testing.assert_allclose(compacted.scaled(sigma).hessian[:], whole.scaled(sigma).compact(2).hessian[:], rtol=1e-9)
 
 
-def test_a_part_once_shared_stays_shared(whole):
-    again = whole.compact(1).compact(100)
-    np.testing.assert_array_equal(again.individual, whole.compact(1).individual)
-    same_sums(again, whole)
-
-
 def test_joined_moments_keep_their_parts_apart(whole):
     first, other = whole.compact(1), whole.compact(2).scaled(np.array([0.5, 2.0, 3.0]))
     both = first.join(other)
@@ -203,9 +166,6 @@ def test_moments_with_different_parts_do_not_add(whole):
         whole.compact(2) + whole
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Many logs
-# ---------------------------------------------------------------------------------------------------------------
 def pieces(long_case, count):
     """The case cut into pieces of equal length, each with its own share of the segments."""
     model, coefficients, motion, effort, segments = long_case
@@ -225,7 +185,7 @@ def pieces(long_case, count):
         yield moments(model, coefficients, piece, effort[first:last], cut, most_individual=2)
 
 
-@pytest.mark.parametrize("count", [1, 2, 6, 12])
+@pytest.mark.parametrize("count", [1, 6])
 def test_pieces_join_to_the_whole(long_case, whole, count):
     """Rows are neither lost nor counted twice; segments that a border cuts are two, in the order of the pieces."""
     joined = join_moments(pieces(long_case, count), most_individual=2)
@@ -240,13 +200,6 @@ def test_pieces_join_to_the_whole(long_case, whole, count):
     apart = list(pieces(long_case, count))
     np.testing.assert_array_equal(joined.gradient, np.concatenate([piece.gradient for piece in apart]))
     np.testing.assert_array_equal(joined.known, np.concatenate([piece.known for piece in apart]))
-
-
-@pytest.mark.parametrize("most", [1, 2, 4])
-def test_joined_moments_stay_small(long_case, most):
-    joined = join_moments(pieces(long_case, 12), most)
-    assert len(joined.hessian) <= (most + 2) * 3
-    assert len(joined) > 3 * (most + 2), "or nothing is shared"
 
 
 def test_pieces_are_let_go_once_they_are_joined(long_case):
@@ -264,47 +217,12 @@ def test_pieces_are_let_go_once_they_are_joined(long_case):
     assert max(most) <= 3, "the generators' own, and at most one or two on their way in"
 
 
-def test_memory_is_bounded_on_the_way(long_case, monkeypatch):
-    sizes, join = [], Moments.join
-
-    def measured(self, *others):
-        joined = join(self, *others)
-        sizes.append(len(joined.hessian))
-        return joined
-
-    monkeypatch.setattr(Moments, "join", measured)
-    joined = join_moments(pieces(long_case, 12), most_individual=1)
-    assert 3 <= len(sizes) <= 12
-    assert max(sizes) <= 2 * (1 + 2) * 3 + max(len(piece.hessian) for piece in pieces(long_case, 12))
-    assert len(joined.hessian) <= (1 + 2) * 3
-
-
 def test_an_individual_segment_of_joined_moments_has_its_own_hessian(long_case):
     joined = join_moments(pieces(long_case, 6), most_individual=2)
+    assert len(joined.hessian) <= (2 + 2) * 3 < len(joined), "some are shared"
     apart = list(pieces(long_case, 6))
     exact = np.concatenate([piece.hessian[piece.part] for piece in apart])
     individual = np.concatenate([piece.individual for piece in apart])
     assert np.all(individual[joined.individual])
     for k in np.flatnonzero(joined.individual):
         np.testing.assert_allclose(joined.hessian[joined.part[k]], exact[k], rtol=1e-11, atol=1e-9)
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Searches on shared parts
-# ---------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("cone", ["orthant", "half", "body"])
-@pytest.mark.parametrize("most", [1, 2])
-def test_the_certified_search_is_right_on_shared_parts(cone, most):
-    for seed in range(6):
-        problem = synthetic(
-            seed, 8, joints=2, cone=cone, size=5, noise=0.5, spread=(1.0, 5.0)[seed % 2], known=seed % 2, scale=3.0
-        )
-        compacted = problem.moments.compact(most)
-        assert not np.all(compacted.individual)
-        result = certified(compacted, problem.solver())
-        assert result.lower_bound <= problem.least + problem.precision
-        assert problem.price(result.signs) == pytest.approx(result.cost, abs=problem.exact)
-        assert not result.certified or result.cost <= problem.least + 2 * problem.exact
-        assert result.certified
-        inside = problem.costs <= result.cost + result.within - problem.exact
-        assert np.all(problem.assignments[inside][:, result.settled] == result.signs[result.settled])

@@ -16,7 +16,7 @@ from bayesid.model.coefficients import base_coefficients
 from bayesid.model.inertia import PSEUDO_INERTIA_BASIS, from_pseudo_inertia, pseudo_inertia
 from bayesid.model.model import Model
 from bayesid.model.robot import load_robot
-from bayesid.model.terms import STANDARD, RigidBody
+from bayesid.model.terms import STANDARD
 from bayesid.model.terms.load_dependent_friction import LoadDependentFriction
 from bayesid.simulation.parameters import random_parameters
 
@@ -32,20 +32,8 @@ def problem(names, seed, n=2, noise=0.3):
     return model, coefficients, columns.T @ columns, columns.T @ efforts, float(efforts @ efforts)
 
 
-def test_without_bodies_it_is_nonnegative_least_squares():
-    model, coefficients, hessian, gradient, energy = problem(["viscous_friction", "coulomb_friction"], 3)
-    solution = solve_precisely(model.cone, coefficients, hessian, gradient, energy)
-    root = np.linalg.cholesky(hessian).T
-    expected, distance = nnls(root, np.linalg.solve(root.T, gradient))
-    assert (expected == 0).any(), "the cone should bind, or the test shows nothing"
-    np.testing.assert_allclose(solution.theta, expected, atol=1e-5 * np.abs(expected).max())
-
-
-@pytest.mark.parametrize(
-    "names", [list(STANDARD), ["rigid_body"], ["coulomb_friction"]], ids=["both", "bodies", "nonnegative"]
-)
-def test_the_cone_is_stated_as_cvxpy_states_it(names):
-    model, coefficients, hessian, _, energy = problem(names, 3)
+def test_the_cone_is_stated_as_cvxpy_states_it():
+    model, coefficients, hessian, _, energy = problem(STANDARD, 3)
     solver, cone = ConeLeastSquares(model.cone, coefficients, hessian, energy, margin=0.01), model.cone
     offsets, rows, cones = solver.rows
     z, constraints = cp.Variable(cone.size), []
@@ -84,10 +72,9 @@ def test_bodies_are_moved_as_far_inside_as_cvxpy_finds():
     assert distance(inside) > 1.05 * distance(theta)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_optimum_in_the_cone_against_a_smooth_parametrisation(seed):
+def test_optimum_in_the_cone_against_a_smooth_parametrisation():
     """P = L L' has no constraint left: a local search from many starts must not get below the SDP, and must meet it."""
-    model, coefficients, hessian, gradient, energy = problem(["rigid_body"], seed)
+    model, coefficients, hessian, gradient, energy = problem(["rigid_body"], 1)
     solver = ConeLeastSquares(model.cone, coefficients, hessian, energy, tolerance=1e-9)
     solution = solver.prepared().solve(gradient)
     assert model.cone.smallest_eigenvalues(solution.theta).min() > -1e-7
@@ -101,24 +88,11 @@ def test_optimum_in_the_cone_against_a_smooth_parametrisation(seed):
         beta = coefficients.project(theta)
         return beta @ hessian @ beta - 2 * gradient @ beta + solver.regularisation(theta)
 
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(1)
     options = {"maxiter": 5000, "maxfun": 200000}
-    best = min(minimize(cost, rng.normal(size=20), method="L-BFGS-B", options=options).fun for _ in range(3))
+    best = min(minimize(cost, rng.normal(size=20), method="L-BFGS-B", options=options).fun for _ in range(2))
     assert solution.cost <= best + 1e-6 * energy
     assert solution.cost == pytest.approx(best, abs=2e-4 * energy)
-
-
-def test_a_statement_is_prepared_for_many_hessians_and_gradients():
-    model, coefficients, hessian, gradient, energy = problem(STANDARD, 5)
-    solver = ConeLeastSquares(model.cone, coefficients, hessian, energy)
-    first = solver.prepared().solve(gradient)
-    prepared = solver.prepared(3.0 * hessian)
-    tripled = prepared.solve(3.0 * gradient)
-    assert tripled.cost == pytest.approx(3.0 * first.cost, rel=1e-2), "but for the pull, which does not triple"
-    flipped = prepared.solve(-3.0 * gradient)
-    fresh = solver.prepared(3.0 * hessian).solve(-3.0 * gradient)
-    assert flipped.cost == pytest.approx(fresh.cost, rel=1e-4)
-    assert flipped.cost != pytest.approx(tripled.cost, rel=1e-2)
 
 
 def test_margin_keeps_parameters_strictly_inside():
@@ -149,26 +123,6 @@ def test_a_status_other_than_solved_is_an_error():
         solver.prepared().solve(gradient)
 
 
-def test_rigid_body_alone_reaches_known_parameters():
-    """Efforts of a physical robot without noise: the optimum is the truth, cost zero."""
-    robot, motion = small_robot(3, seed=4), random_motion(3, 300, 9)
-    model = Model(robot, (RigidBody(),))
-    coefficients = base_coefficients(model)
-    spread = [[0.05, 0.02, 0.08, 4.0], [0.01, 0.03, 0.02, 2.5], [0.004, 0.01, 0.006, 1.2]]
-    bodies = np.array([np.diag(values) for values in spread])
-    bodies[:, :3, 3] = bodies[:, 3, :3] = [[0.1, -0.05, 0.2], [0.05, 0.1, -0.03], [-0.02, 0.01, 0.04]]
-    theta = from_pseudo_inertia(bodies).ravel()
-    columns = model.columns(motion)[:, :, coefficients.kept].reshape(-1, len(coefficients))
-    efforts = columns @ coefficients.project(theta)
-    moments = columns.T @ columns, columns.T @ efforts, float(efforts @ efforts)
-    solution = solve_precisely(model.cone, coefficients, *moments)
-    found = coefficients.project(solution.theta)
-    np.testing.assert_allclose(columns @ found, efforts, atol=1e-4 * np.abs(efforts).max())
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Lower bounds and the pull
-# ---------------------------------------------------------------------------------------------------------------
 def feasible(cone, rng):
     """A random point of the cone, of any size."""
     theta = rng.normal(size=cone.size) * 10.0 ** rng.uniform(-3, 1)
@@ -184,14 +138,10 @@ def objective(solver, hessian, gradient, theta):
     return beta @ hessian @ beta - 2 * gradient @ beta + solver.regularisation(theta)
 
 
-MODELS = (["rigid_body"], ["viscous_friction", "coulomb_friction"], list(STANDARD))
-
-
-@pytest.mark.parametrize("names", MODELS)
-@pytest.mark.parametrize("tolerance", [1e-6, 1e-2])
+@pytest.mark.parametrize(("names", "tolerance"), [(STANDARD, 1e-6), (["rigid_body"], 1e-2)])
 def test_no_feasible_point_costs_less_than_the_lower_bound(names, tolerance):
     """However coarse the solver: the random points, those near the best one, and the best one."""
-    for seed in range(4):
+    for seed in range(2):
         model, coefficients, hessian, gradient, energy = problem(names, seed)
         solver = ConeLeastSquares(model.cone, coefficients, hessian, energy, tolerance=tolerance)
         bound = solver.prepared().solve(gradient).lower_bound
@@ -202,21 +152,6 @@ def test_no_feasible_point_costs_less_than_the_lower_bound(names, tolerance):
         costs = [objective(solver, hessian, gradient, point) for point in points]
         assert bound <= min(costs)
         assert bound <= objective(solver, hessian, gradient, best) + 1e-9 * energy, "best may be off the cone by 1e-9"
-
-
-@pytest.mark.parametrize("names", MODELS)
-def test_the_lower_bound_is_close(names):
-    """The gap is what the tolerance asks for, in units of the energy."""
-    for seed in range(4):
-        model, coefficients, hessian, gradient, energy = problem(names, seed)
-        solver = ConeLeastSquares(model.cone, coefficients, hessian, energy)
-        prepared = solver.prepared()
-        usual, precise = prepared.solve(gradient), prepared.solve_precisely(gradient)
-        assert 0.0 <= usual.cost - usual.lower_bound <= 1e-5 * energy
-        assert 0.0 <= precise.cost - precise.lower_bound <= max(1e-8, 10 * precise.tolerance) * energy
-        assert precise.tolerance <= 1e-7  # how fine Clarabel gets rests on the processor's rounding; it names it
-        assert usual.lower_bound <= precise.cost
-        assert precise.lower_bound <= usual.cost + 1e-9 * energy
 
 
 def test_the_lower_bound_meets_what_active_sets_find():
@@ -259,8 +194,7 @@ def test_the_lower_bound_follows_a_change_of_the_hessian(factor):
     assert precise.lower_bound == pytest.approx(precise.cost, rel=1e-7)  # the cost is 24 times the energy: 1e-8 of it
 
 
-@pytest.mark.parametrize("names", MODELS)
-@pytest.mark.parametrize("size", [1e-3, 0.1, 3.0])
+@pytest.mark.parametrize(("names", "size"), [(STANDARD, 0.1), (["rigid_body"], 3.0)])
 def test_multipliers_need_not_be_right_for_the_bound_to_hold(names, size, monkeypatch):
     """Whatever the solver says of the dual, far from optimal or not even in the cone."""
     model, coefficients, hessian, gradient, energy = problem(names, 3)
@@ -291,10 +225,9 @@ def test_the_cost_includes_the_pull():
     assert solver.regularisation(solution.theta) > 0.0
 
 
-@pytest.mark.parametrize("names", MODELS)
-def test_the_pull_on_coefficients_is_the_least_on_parameters(names):
+def test_the_pull_on_coefficients_is_the_least_on_parameters():
     """(beta - b)' Q (beta - b) = min of rho(theta) over B theta = beta: the optimality conditions, solved as such."""
-    model, coefficients, hessian, gradient, energy = problem(names, 7)
+    model, coefficients, hessian, gradient, energy = problem(STANDARD, 7)
     solver, size = ConeLeastSquares(model.cone, coefficients, hessian, energy), model.cone.size
     rho, steps = solver.regularisation, np.eye(size)
     at_zero = rho(np.zeros(size))
@@ -337,9 +270,6 @@ def test_a_cone_without_constraints_is_plain_least_squares():
     assert solution.lower_bound == pytest.approx(solution.cost, abs=1e-9 * energy)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Where Clarabel has had trouble
-# ---------------------------------------------------------------------------------------------------------------
 STALLED = (
     (1645, {"segments": 8, "size": 5, "noise": 0.5, "spread": 3.0, "longest": 4, "scale": 100.0}),
     (14496, {"segments": 8, "size": 7, "noise": 0.5, "longest": 3, "scale": 10.0}),
@@ -397,26 +327,6 @@ def test_a_solver_that_panics_is_an_error(monkeypatch):
         solver.prepared().solve(gradient)
     with pytest.raises(SolverError, match="cone least squares"):
         solver.prepared().solve_precisely(gradient)
-
-
-def test_after_a_panic_the_next_attempt_is_made(monkeypatch):
-    model, coefficients, hessian, gradient, energy = problem(["rigid_body"], 2)
-    solver = ConeLeastSquares(model.cone, coefficients, hessian, energy)
-    expected, make, made = solver.prepared().solve(gradient), clarabel.DefaultSolver, []
-
-    class PanicsOnce:
-        def __init__(self, *arguments):
-            made.append(None)
-            self.inner, self.panics = make(*arguments), len(made) == 1
-
-        def solve(self):
-            if self.panics:
-                raise PanicException("Eigval error: Eigen(1)")
-            return self.inner.solve()
-
-    monkeypatch.setattr("bayesid.fit.solver.clarabel.DefaultSolver", PanicsOnce)
-    again = ConeLeastSquares(model.cone, coefficients, hessian, energy).prepared().solve(gradient)
-    assert again.cost == pytest.approx(expected.cost, abs=1e-5 * energy)
 
 
 def test_an_attempt_that_fails_counts_for_the_bound(monkeypatch):

@@ -4,6 +4,7 @@ import warnings
 
 import arviz as az
 import numpy as np
+import pytest
 
 import bayesid
 from bayesid.fit.hessians import Hessians
@@ -139,6 +140,7 @@ def test_likelihoods_of_blocks_multiply_to_the_segments():
         assert np.allclose(apart[:, blocks.moments.part[blocks.segment == k]].sum(axis=1), whole[:, k], atol=1e-3)
 
 
+@pytest.mark.long
 def test_few_blocks_are_too_much_to_leave_out():
     """Whole segments are: of this log's one in fourteen had a Pareto k above 0.7."""
     log, _ = simulate_log(bayesid.load_robot("kr5"), duration=6.0, rate=60.0, noise=0.05, effects=[], seed=2)

@@ -33,14 +33,12 @@ KNOWN = {
 }
 
 
-@pytest.mark.parametrize("name", KNOWN)
-def test_known_values(name):
-    draws, expected = KNOWN[name]
-    assert alone(draws) == pytest.approx(expected, rel=1e-6)
+def test_known_values():
+    for name, (draws, expected) in KNOWN.items():
+        assert alone(draws) == pytest.approx(expected, rel=1e-6), name
 
 
-@pytest.mark.parametrize("sweeps", [4, 6, 12, 25, 60])
-@pytest.mark.parametrize("kept", [-0.6, 0.0, 0.9])
+@pytest.mark.parametrize(("sweeps", "kept"), [(4, 0.9), (6, 0.0), (12, -0.6), (25, 0.9), (60, 0.9)])
 def test_the_same_as_arviz(sweeps, kept, rng):
     """Walkers of an autoregression; as they are, skewed, with many equal values, and an ensemble elsewhere."""
     draws = rng.standard_normal((sweeps, 3, 5, 4))
@@ -65,9 +63,9 @@ def test_a_constant_has_converged():
     assert alone(np.full((4, 50), 2.5)) == (1.0, 200.0, 200.0)
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_what_is_not_finite_passes_no_test(value):
-    draws = waves()
-    draws[2, 17] = value
-    assert np.isnan(alone(draws)).all()
-    assert not diagnose(draws.T[:, :, None, None]).passes(1e9, 0.0)
+def test_what_is_not_finite_passes_no_test():
+    for value in (np.nan, np.inf):
+        draws = waves()
+        draws[2, 17] = value
+        assert np.isnan(alone(draws)).all()
+        assert not diagnose(draws.T[:, :, None, None]).passes(1e9, 0.0)

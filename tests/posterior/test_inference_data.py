@@ -14,7 +14,6 @@ from bayesid.fit.knowledge import Information
 from bayesid.fit.moments import Moments
 from bayesid.model.coefficients import BaseCoefficients
 from bayesid.model.parameters import Parameter
-from bayesid.posterior.arviz_versions import joined
 from bayesid.posterior.diagnostics import Diagnostics, diagnose
 from bayesid.posterior.inference_data import as_inference_data
 from bayesid.posterior.kept import Group, Kept, Labels, Variable, keep, pointwise, write
@@ -90,26 +89,21 @@ class Problem:
         return as_inference_data(self.kept(*given, **options))
 
 
-@pytest.fixture(params=[False, True], ids=["memory", "file"])
-def data(request, tmp_path):
-    kept = Problem().kept()
-    if not request.param:
-        return as_inference_data(kept)
-    write(kept, tmp_path / "posterior.nc")
+@pytest.fixture
+def data(tmp_path):
+    write(Problem().kept(), tmp_path / "posterior.nc")
     return az.from_netcdf(tmp_path / "posterior.nc")
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# What it holds
-# ---------------------------------------------------------------------------------------------------------------
 def test_groups_dimensions_and_names(data):
     assert set(data) == {"posterior", "sample_stats", "log_likelihood", "observed_data", "constant_data"}
     posterior = data.posterior
-    assert posterior.beta.dims == ("chain", "draw", "coefficient")
-    assert posterior.theta.dims == ("chain", "draw", "parameter")
-    assert posterior.noise.dims == ("chain", "draw", "joint")
+    for name, last in (("beta", "coefficient"), ("theta", "parameter"), ("noise", "joint")):
+        assert posterior[name].dims == ("chain", "draw", last)
+        assert posterior[name].dtype == np.float64
+    for group in (posterior, data.sample_stats):
+        assert set(group.coords) - set(group.dims) == {"mode"}, "any other ends `az.summary` of ArviZ 1.x"
     assert dict(posterior.sizes) == {"chain": 4, "draw": 320, "coefficient": 3, "parameter": 5, "joint": 3}
-    assert all(posterior[name].dtype == np.float64 for name in ("beta", "theta", "noise"))
     assert posterior.coefficient.values.tolist() == ["m1", "fv1", "Ia1"]
     assert posterior.parameter.values.tolist() == ["p0", "p1", "p2", "p3", "p4"]
     assert posterior.joint.values.tolist() == list(JOINTS)
@@ -126,14 +120,6 @@ def test_groups_dimensions_and_names(data):
     assert data.constant_data.coefficient_unit.values.tolist() == ["kg", "N m s", "kg m2"]
     assert data.constant_data.coefficient_expression.values[0] == "m1 + 0.7 m2"
     assert data.constant_data.parameter_unit.values.tolist() == ["kg"] * 5
-
-
-def test_beside_draws_stand_names_and_what_every_draw_has(data):
-    """A coordinate of some variables alone ends `az.summary` of ArviZ 1.x."""
-    for group in (data.posterior, data.sample_stats):
-        others = set(group.coords) - set(group.dims)
-        assert others == {"mode"}
-        assert group["mode"].dims == ("chain", "draw")
 
 
 def test_what_an_earlier_log_has_told_is_kept(tmp_path):
@@ -183,7 +169,7 @@ def test_draws_are_in_walker_major_order(data):
         assert float(stats.lp.sel(at)) == draws.log_density[sweep, chain, walker]
 
 
-@pytest.mark.parametrize(("most", "every"), [(4096, 1), (1280, 1), (1279, 2), (640, 2), (100, 14), (1, 40)])
+@pytest.mark.parametrize(("most", "every"), [(1280, 1), (1279, 2), (100, 14), (1, 40)])
 def test_whole_sweeps_are_left_out_evenly(most, every):
     made = Problem().data(most=most)
     sweeps = np.unique(made.sample_stats.sweep)
@@ -195,36 +181,18 @@ def test_whole_sweeps_are_left_out_evenly(most, every):
 
 
 def test_attributes_of_all_kinds(tmp_path):
-    kinds = {
-        "converged": True,
-        "robot": "ur10e",
-        "max_rhat": np.float64(1.004),
-        "seed": np.int64(7),
-        "empty": "",
-        "terms": ["links", "viscous"],
-        "pair": (1, 2.5),
-        "nothing": None,
-        "shape": {"stribeck": [0.1]},
-        "sigma": np.array([1.0, 2.0]),
-        "counts": [np.int64(3)],
-        "large": 2**70,
-        "path": [tmp_path],
-        "worst": np.inf,
-        "name": "d\u00e9j\u00e0",
-    }
+    numbers = {"converged": True, "max_rhat": np.float64(1.004), "seed": np.int64(7), "worst": np.inf, "large": 2**70}
+    lists = {"terms": ["links", "viscous"], "pair": (1, 2.5), "sigma": np.array([1.0, 2.0]), "counts": [np.int64(3)]}
+    others = {"nothing": None, "shape": {"stribeck": [0.1]}, "path": [tmp_path]}
+    kinds = {"robot": "ur10e", "name": "d\u00e9j\u00e0", "empty": "", **numbers, **lists, **others}
     write(Problem().kept(attributes=kinds), tmp_path / "p.nc")
     read = az.from_netcdf(tmp_path / "p.nc").attrs
     assert read["converged"] == 1
     assert (read["robot"], read["name"], read["empty"]) == ("ur10e", "d\u00e9j\u00e0", "")
     assert (read["max_rhat"], read["seed"], read["worst"]) == (1.004, 7, np.inf)
-    assert json.loads(read["terms"]) == ["links", "viscous"]
-    assert json.loads(read["pair"]) == [1, 2.5]
-    assert json.loads(read["nothing"]) is None
-    assert json.loads(read["shape"]) == {"stribeck": [0.1]}
-    assert json.loads(read["sigma"]) == [1.0, 2.0]
-    assert json.loads(read["counts"]) == [3]
-    assert json.loads(read["large"]) == 2**70
-    assert json.loads(read["path"]) == [str(tmp_path)]
+    plain = {"terms": ["links", "viscous"], "pair": [1, 2.5], "sigma": [1.0, 2.0], "counts": [3], "large": 2**70}
+    plain |= {"nothing": None, "shape": {"stribeck": [0.1]}, "path": [str(tmp_path)]}
+    assert {name: json.loads(read[name]) for name in plain} == plain
     assert (read["inference_library"], read["ensembles"], read["walkers"], read["sweeps"]) == ("bayesid", 4, 8, 40)
 
 
@@ -242,9 +210,6 @@ def test_what_does_not_belong_together_is_refused():
         keep(problem.draws(), problem.target, other, problem.labels, {})
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# The pointwise likelihood
-# ---------------------------------------------------------------------------------------------------------------
 def _brute_force(problem, theta, log_scale, k):
     """Tempered normal densities of a segment's rows, the mean over both signs if it is unknown."""
     j = problem.moments.joint[k]
@@ -258,12 +223,12 @@ def _brute_force(problem, theta, log_scale, k):
     return log_density(fixed) if fixed else np.logaddexp(log_density(1), log_density(-1)) - np.log(2)
 
 
-@pytest.mark.parametrize("own", [None, 2, 0])
+@pytest.mark.parametrize("own", [None, 0])
 def test_pointwise_is_the_density_of_the_rows(own, rng):
     problem = Problem(own=own, fixed=(0, 7, 12))
     theta, log_scale = THETA + 0.5 * rng.standard_normal((4, 5)), 0.3 * rng.standard_normal((4, 3))
     terms = pointwise(problem.target.likelihood, problem.moments, theta, log_scale)
-    assert terms.shape == (4, {None: 24, 2: 6 + 3 + 2, 0: 3 + 2}[own])
+    assert terms.shape == (4, {None: 24, 0: 3 + 2}[own])
     wanted = np.zeros_like(terms)
     for w in range(4):
         for k in range(24):
@@ -271,9 +236,8 @@ def test_pointwise_is_the_density_of_the_rows(own, rng):
     assert np.allclose(terms, wanted, rtol=1e-10, atol=1e-8)
 
 
-@pytest.mark.parametrize("own", [None, 2])
-def test_pointwise_adds_up_to_the_likelihood(own):
-    problem = Problem(own=own, fixed=(0, 7, 12))
+def test_pointwise_adds_up_to_the_likelihood():
+    problem = Problem(own=2, fixed=(0, 7, 12))
     likelihood, draws = problem.target.likelihood, problem.draws()
     made = problem.data(draws)
     theta, log_scale = draws.theta.reshape(-1, 5), draws.log_scale.reshape(-1, 3)
@@ -285,13 +249,13 @@ def test_pointwise_adds_up_to_the_likelihood(own):
     assert np.allclose(made.log_likelihood.effort.sum("block"), of_draw, rtol=1e-5)
 
 
-def test_pointwise_in_blocks_is_the_same(monkeypatch):
+def test_pointwise_of_more_draws_than_are_taken_at_once_is_that_of_each():
     problem, rng = Problem(), np.random.default_rng(1)
-    theta, log_scale = THETA + rng.standard_normal((50, 5)), rng.standard_normal((50, 3))
+    theta, log_scale = THETA + rng.standard_normal((30_000, 5)), rng.standard_normal((30_000, 3))
     whole = pointwise(problem.target.likelihood, problem.moments, theta, log_scale)
-    monkeypatch.setattr("bayesid.posterior.kept._AT_ONCE", 700)
-    pieces = pointwise(problem.target.likelihood, problem.moments, theta, log_scale)
-    assert np.allclose(whole, pieces, rtol=1e-12)
+    parts = [slice(k, k + 200) for k in range(0, 30_000, 200)]
+    pieces = [pointwise(problem.target.likelihood, problem.moments, theta[k], log_scale[k]) for k in parts]
+    assert np.allclose(whole, np.concatenate(pieces), rtol=1e-12)
 
 
 def test_a_joint_without_segments_does_no_harm():
@@ -360,9 +324,6 @@ def test_blocks_at_the_same_times_are_told_apart():
     assert names[:4] == ["A1 0.00-1.00 s", "A2 0.00-1.00 s", "A3 0.00-1.00 s", "A1 0.00-1.00 s (2)"]
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# ArviZ with it
-# ---------------------------------------------------------------------------------------------------------------
 def _autoregressive(shape, correlation, size, rng):
     """(D, E, W, size) stationary AR(1) walkers of unit variance."""
     values = rng.standard_normal((*shape, size))
@@ -371,9 +332,8 @@ def _autoregressive(shape, correlation, size, rng):
     return values
 
 
-@pytest.mark.parametrize("correlation", [0.0, 0.7, 0.95])
-def test_ess_of_what_is_stored_is_that_of_the_run(correlation, rng):
-    problem, sweeps = Problem(), 60
+def test_ess_of_what_is_stored_is_that_of_the_run(rng):
+    problem, sweeps, correlation = Problem(), 60, 0.95
     shape = (sweeps, 4, 32)
     theta, log_scale = (_autoregressive(shape, correlation, k, rng) for k in (5, 3))
     lags = np.arange(1, sweeps)  # of the mean over a walker's sweeps, exactly
@@ -383,29 +343,8 @@ def test_ess_of_what_is_stored_is_that_of_the_run(correlation, rng):
     for reference in (truth, diagnose(theta).bulk):
         assert (stored / reference).min() > 0.6
         assert (stored / reference).max() < 1.6
-    if correlation > 0.5:  # walkers in turn would hide the correlation
-        interleaved = theta.transpose(1, 0, 2, 3).reshape(4, -1, 5)
-        assert az.ess(interleaved[..., 0]) > 3.0 * truth
-
-
-def test_ess_of_thinned_draws_is_that_of_the_run(rng):
-    problem, shape = Problem(), (160, 4, 16)
-    theta, log_scale = (_autoregressive(shape, 0.9, k, rng) for k in (5, 3))
-    made = problem.data(problem.of(theta, log_scale), most=2560)
-    assert made.attrs["kept_every"] == 4
-    ratio = az.ess(made, var_names="theta").theta.values / diagnose(theta).bulk
-    assert ratio.min() > 0.6
-    assert ratio.max() < 1.6
-
-
-def test_walkers_that_never_move_count_once(rng):
-    problem, start = Problem(), rng.standard_normal((1, 4, 64, 5))
-    theta = np.repeat(start, 40, axis=0) + 1e-9 * rng.standard_normal((40, 4, 64, 5))
-    log_scale = rng.standard_normal((40, 4, 64, 3))
-    made = problem.data(problem.of(theta, log_scale), most=10**6)
-    ess = az.ess(made, var_names="theta").theta.values  # 256 walkers, 10240 draws
-    assert ess.min() > 80
-    assert ess.max() < 500
+    interleaved = theta.transpose(1, 0, 2, 3).reshape(4, -1, 5)
+    assert az.ess(interleaved[..., 0]) > 3.0 * truth, "walkers in turn would hide the correlation"
 
 
 def test_summary(data):
@@ -424,21 +363,8 @@ def test_leave_one_out(data):
     assert result.n_data_points == 24
     assert np.isfinite(result.pareto_k).all()
     assert np.all(result.pareto_k < 0.7)
-    elpd, p = _estimates(result)
-    assert 0.0 < p < 10.0
+    assert 0.0 < (result.p if hasattr(result, "p") else result.p_loo) < 10.0  # of ArviZ 1.x or 0.x
     assert result.pareto_k.sel(block="A2 2.00-2.40 s").joint == "A2"
-    problem, draws = Problem(), Problem().draws()
-    theta, log_scale = draws.theta.swapaxes(0, 1).reshape(4, -1, 5), draws.log_scale.swapaxes(0, 1).reshape(4, -1, 3)
-    exact = [pointwise(problem.target.likelihood, problem.moments, t, u) for t, u in zip(theta, log_scale, strict=True)]
-    groups = {"posterior": {"theta": theta}, "log_likelihood": {"effort": np.array(exact)}}
-    dims = ("chain", "draw", "of")
-    doubles = {name: xarray.Dataset({key: (dims, v) for key, v in one.items()}) for name, one in groups.items()}
-    assert np.isclose(elpd, _estimates(az.loo(joined(doubles, {}), reff=1.0))[0], atol=0.05)
-
-
-def _estimates(loo):
-    """Its expected log predictive density and effective number of parameters, by the names of ArviZ 1.x or 0.x."""
-    return (loo.elpd, loo.p) if hasattr(loo, "p") else (loo.elpd_loo, loo.p_loo)
 
 
 def test_plots(data):
@@ -446,17 +372,12 @@ def test_plots(data):
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    for plot in (az.plot_trace, az.plot_forest, az.plot_rank, az.plot_pair, az.plot_autocorr, az.plot_ess):
-        plot(data, var_names=["noise"])
-    getattr(az, "plot_dist" if hasattr(az, "plot_trace_dist") else "plot_posterior")(data, var_names=["beta"])
+    az.plot_trace(data, var_names=["noise"])
     az.plot_forest(data)
     az.plot_khat(az.loo(data, pointwise=True))
     pyplot.close("all")
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Files
-# ---------------------------------------------------------------------------------------------------------------
 def test_draws_come_back(tmp_path):
     problem = Problem()
     draws, made = problem.draws(), problem.kept()
@@ -476,17 +397,13 @@ def test_draws_come_back(tmp_path):
 
 def test_no_file_or_another_is_said(tmp_path):
     path = tmp_path / "p.nc"
-    with pytest.raises(InputError, match="no such file"):
-        read_draws(path)
-    with pytest.raises(InputError, match="no such file"):
-        read_draws(tmp_path)
-    for content in (b"", b"time,q1\n0,1\n", b"\x89HDF\r\n\x1a\n" + 200 * b"\0"):
+    for missing in (path, tmp_path):
+        with pytest.raises(InputError, match="no such file"):
+            read_draws(missing)
+    for content in (b"", b"time,q1\n0,1\n"):
         path.write_bytes(content)
         with pytest.raises(InputError, match="not the netCDF file of a posterior"):
             read_draws(path)
-    xarray.Dataset({"x": ("t", np.arange(3.0))}).to_netcdf(path, engine="h5netcdf")
-    with pytest.raises(InputError, match="not the netCDF file of a posterior"):
-        read_draws(path)
     other = {"mu": Variable(("chain", "draw"), np.zeros((2, 10)))}
     write(Kept({"posterior": Group(other, {})}, {}), path)
     with pytest.raises(InputError, match="not the netCDF file of a posterior"):
@@ -499,15 +416,12 @@ def test_no_file_or_another_is_said(tmp_path):
         read_draws(path)
 
 
-def test_another_model_is_said(tmp_path):
-    write(Problem().kept(), tmp_path / "p.nc")
+def test_draws_of_another_model_or_not_finite_are_refused(tmp_path):
+    made = Problem().kept()
+    write(made, tmp_path / "p.nc")
     for names in (["p0", "p1"], ["p1", "p0", "p2", "p3", "p4"]):
         with pytest.raises(InputError, match="another model"):
             read_draws(tmp_path / "p.nc", names)
-
-
-def test_draws_that_are_no_numbers_are_said(tmp_path):
-    made = Problem().kept()
     made.groups["posterior"].variables["noise"].values[0, 3, 1] = np.nan
     write(made, tmp_path / "p.nc")
     with pytest.raises(InputError, match="not finite"):
@@ -519,11 +433,11 @@ def test_damage_is_said(tmp_path):
     path, rng = tmp_path / "p.nc", np.random.default_rng(2)
     write(Problem().kept(), path)
     whole, wanted = path.read_bytes(), read_draws(path)
-    for share in (0.01, 0.1, 0.5, 0.9, 0.999):
+    for share in (0.01, 0.5, 0.999):
         path.write_bytes(whole[: int(share * len(whole))])
         with pytest.raises(InputError, match="damaged"):
             read_draws(path)
-    for _ in range(60):  # somewhere in the file, which read_draws need not look at
+    for _ in range(20):  # somewhere in the file, which read_draws need not look at
         at = int(rng.integers(len(whole) - 16))
         path.write_bytes(whole[:at] + rng.bytes(16) + whole[at + 16 :])
         try:

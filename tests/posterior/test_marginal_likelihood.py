@@ -20,10 +20,9 @@ from bayesid.posterior.sampler import Sampling, sample
 MANY = Integration(groups=10, walkers=400)
 
 
-@pytest.mark.parametrize("theta", [0.3, -0.6])
-def test_one_dimension_matches_quadrature(theta, rng):
+def test_one_dimension_matches_quadrature(rng):
     region = Region.of(Cone.orthant(1))
-    target = simulate(target_in(region, np.ones(1)), np.array([theta]), np.zeros(1), rng, rows=20, segments=5)
+    target = simulate(target_in(region, np.ones(1)), np.array([-0.6]), np.zeros(1), rng, rows=20, segments=5)
     exact = quadrature(target, [np.linspace(0, 3, 3001)[1:] - 5e-4, np.linspace(-1.5, 1.5, 400)])[0]
     draws = sample(target, np.array([0.1]), Sampling(walkers=32))
     mass = integrate(target, draws, MANY)
@@ -31,17 +30,17 @@ def test_one_dimension_matches_quadrature(theta, rng):
     assert mass.standard_error < 0.1
 
 
-@pytest.mark.parametrize("theta", [(0.5, 0.2), (1.5, -1.0)])
-def test_two_dimensions_match_quadrature(theta, rng):
+def test_two_dimensions_match_quadrature(rng):
+    theta = (1.5, -1.0)
     target = simulate(target_in(disc(), np.zeros(2)), np.array(theta), np.zeros(1), rng, rows=20, segments=5)
-    axes = [np.linspace(-1, 1, 800), np.linspace(-0.3, 1, 520), np.linspace(-1.2, 1.2, 20)]
+    axes = [np.linspace(-1, 1, 400), np.linspace(-0.3, 1, 260), np.linspace(-1.2, 1.2, 20)]
     exact = quadrature(target, axes)[0]
     draws = sample(target, np.array(theta), Sampling(walkers=32))
     mass = integrate(target, draws, MANY)
     assert abs(mass.log_value - exact) < max(4 * mass.standard_error, 0.06)
 
 
-@pytest.mark.parametrize("mean", [0.5, -3.0, -12.0])
+@pytest.mark.parametrize("mean", [0.5, -12.0])
 def test_share_of_a_half_line(mean):
     region = Region.of(Cone.orthant(1))
     normal = Normal(np.array([[4.0]]), np.array([4.0 * mean]))

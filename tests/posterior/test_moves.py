@@ -7,40 +7,19 @@ from scipy import stats
 
 from bayesid.model.inertia import from_pseudo_inertia
 from bayesid.model.parameters import Cone
-from bayesid.posterior import moves
 from bayesid.posterior.moves import Conditional, HitAndRun, InTurn, NoiseScales
 from bayesid.posterior.region import Region
 
 
-class Mixed:
-    """The axes in random order, and the directions of another family after them."""
-
-    def __init__(self, family):
-        self.family = family
-
-    def draw(self, random):
-        lines = self.family.draw(random)
-        return np.concatenate([np.eye(len(lines))[:, np.argsort(random.random_sample(len(lines)))], lines], axis=1)
-
-
-def families(covariance):
-    size = len(covariance)
-    root = np.linalg.cholesky(covariance)
-    return {
-        "conditional": Conditional(covariance, np.arange(size) % 2),
-        "rotated": Rotated(root),
-        "wrong covariance": Conditional(np.diag(np.diag(covariance)), np.zeros(size, dtype=np.int64)),
-        "mixed": Mixed(Rotated(root)),
-    }
-
-
-@pytest.mark.parametrize("family", ["conditional", "rotated", "wrong covariance", "mixed"])
-def test_without_a_cone_the_draws_are_the_exact_normal_distribution(family, rng):
+@pytest.mark.parametrize("right", [True, False])
+def test_without_a_cone_the_draws_are_the_exact_normal_distribution(right, rng):
+    """Also by directions of a wrong covariance."""
     make = target_in(whole_space(4), np.zeros(4))
     target = simulate(make, rng.standard_normal(4), np.zeros(2), rng, known=1.0, common=2.0)
     precision, linear = target.quadratic(np.zeros(4), np.zeros(2))
     covariance = np.linalg.inv(precision)
-    move = HitAndRun(target, families(covariance)[family])
+    used = covariance if right else np.diag(np.diag(covariance))
+    move = HitAndRun(target, Conditional(used, np.arange(4) % 2))
     draws = samples_of(move, np.zeros((200, 6)), 150, np.random.RandomState(0))
     assert np.all(draws[..., 4:] == 0.0)
     walkers = draws[..., :4].mean(axis=0)  # independent of each other
@@ -52,8 +31,8 @@ def test_without_a_cone_the_draws_are_the_exact_normal_distribution(family, rng)
     assert np.all(np.abs(products.mean(axis=0) - covariance) < 4.5 * error)
 
 
-@pytest.mark.parametrize("temperature", [1.0, 3.0])
-def test_information_pulls_whatever_the_noise_scale(temperature, rng):
+def test_information_pulls_whatever_the_noise_scale(rng):
+    temperature = 3.0
     make, log_scale = target_in(whole_space(3), np.zeros(3), prior_sd=0.8), np.array([0.9, -0.6])
     target = simulate(make, np.array([1.0, -0.5, 0.2]), log_scale, rng, rows=24, segments=6, known=1.0)
     columns = rng.standard_normal((9, 3)) * np.array([3.0, 1.0, 0.0]) + rng.standard_normal((9, 1))
@@ -72,30 +51,6 @@ def test_information_pulls_whatever_the_noise_scale(temperature, rng):
     assert np.all(np.abs(products.mean(axis=0) - covariance) < 4.5 * products.std(axis=0, ddof=1) / np.sqrt(200))
 
 
-def test_information_and_a_cone_match_quadrature(rng):
-    theta = np.array([0.85, -0.25])
-    target = simulate(target_in(disc(), np.zeros(2)), theta, np.zeros(1), rng, rows=20, segments=5, known=0.6)
-    columns = rng.standard_normal((6, 2)) + np.array([0.0, 1.5])
-    effort = columns @ np.array([0.5, 0.4]) + rng.standard_normal(6)
-    target = replace(target, information=information_of(columns, effort))
-    _, mean, sd = quadrature(target, [np.linspace(-1, 1, 150), np.linspace(-0.3, 1, 150), np.linspace(-1.2, 1.2, 80)])
-    draws = samples_of(moves_of(target, 2), np.zeros((200, 3)), 200, np.random.RandomState(0))
-    assert_matches(draws, mean, sd)
-
-
-def test_sweep_follows_the_slopes(rng, monkeypatch):
-    """Steps to each line's maximum are coordinate ascent, which ends at the maximum."""
-    monkeypatch.setattr(moves, "draw_on_line", lambda *given: given[4] / given[5])
-    columns = rng.standard_normal((2, 30, 4)) + 1.5 * rng.standard_normal((2, 30, 1))
-    parts, weights = columns.swapaxes(1, 2) @ columns, rng.uniform(0.5, 2.0, (2, 3))
-    theta, maximum = rng.standard_normal((4, 3)), rng.standard_normal((4, 3))
-    lines = np.tile(np.eye(4), 200)
-    slopes = np.einsum("cw,cij,jw->iw", weights, parts, maximum - theta)
-    curvature = lines.T @ parts @ lines
-    steps = moves.sweep(whole_space(4), theta, lines, lines.T @ slopes, curvature, weights, np.random.RandomState(0))
-    assert np.allclose(theta + lines @ steps, maximum, atol=1e-6)
-
-
 def moves_of(target, size):
     return InTurn([HitAndRun(target, Rotated(np.eye(size))), NoiseScales(target)])
 
@@ -109,11 +64,10 @@ def assert_matches(draws, mean, sd):
     assert np.all(np.abs(squares.mean(axis=0) - sd**2) < 4.5 * error)
 
 
-@pytest.mark.parametrize("known", [0.0, 0.5])
-def test_one_nonnegative_parameter_and_the_noise_match_quadrature(known, rng):
+def test_one_nonnegative_parameter_and_the_noise_match_quadrature(rng):
     region = Region.of(Cone.orthant(1))
     make = target_in(region, np.ones(1))
-    target = simulate(make, np.array([0.1]), np.zeros(1), rng, rows=20, segments=5, known=known)
+    target = simulate(make, np.array([0.1]), np.zeros(1), rng, rows=20, segments=5, known=0.0)
     _, mean, sd = quadrature(target, [np.linspace(0, 3, 1500)[1:], np.linspace(-1.5, 1.5, 400)])
     draws = samples_of(moves_of(target, 1), np.tile([0.5, 0.0], (200, 1)), 300, np.random.RandomState(0))
     assert_matches(draws, mean, sd)
@@ -158,6 +112,7 @@ def assert_matches_sample(draws, kept):
         assert stats.ks_2samp(thinned, kept[:, k]).pvalue > 1e-4
 
 
+@pytest.mark.long
 def test_simulation_based_calibration():
     """Ranks of prior draws among posterior draws are uniform (Talts et al. 2018): the moves are right as a whole."""
     rng, random = np.random.default_rng(5), np.random.RandomState(5)
@@ -177,12 +132,3 @@ def test_simulation_based_calibration():
     for k in range(4):
         counts = np.bincount(ranks[:, k] // 2, minlength=10)
         assert stats.chisquare(counts).pvalue > 1e-3, (k, counts)
-
-
-def test_noise_scales_are_those_of_the_residual(rng):
-    scale = np.array([0.5, -0.4])
-    make = target_in(whole_space(2), np.zeros(2), log_scale_sd=1.0)
-    target = simulate(make, np.array([1.0, -1.0]), scale, rng, rows=4000, segments=20, known=1.0)
-    draws = samples_of(moves_of(target, 2), np.zeros((50, 4)), 40, np.random.RandomState(0))
-    assert np.allclose(draws[..., 2:].mean(axis=(0, 1)), scale, atol=0.06)
-    assert np.allclose(draws[..., 2:].std(axis=(0, 1)), 1 / np.sqrt(2 * 2000), rtol=0.1)

@@ -48,8 +48,10 @@ def between(low, high, at, many=20_000):
     return Brackets.of((low - at) * ones, (high - at) * ones, (0.3 - at) / 1.44 * ones, ones / 1.44)
 
 
-@pytest.mark.parametrize("share", [0.01, 0.6])
-@pytest.mark.parametrize(("low", "high"), [(-1.0, 0.5), (3.0, np.inf), (-np.inf, -8.0), (20.0, 21.0), (-0.1, 30.0)])
+@pytest.mark.parametrize(
+    ("low", "high", "share"),
+    [(-1.0, 0.5, 0.6), (3.0, np.inf, 0.01), (-np.inf, -8.0, 0.6), (20.0, 21.0, 0.01), (-0.1, 30.0, 0.6)],
+)
 def test_a_normal_distribution_between_two_bounds(low, high, share):
     at = max(low, -9.0) + share * (min(high, 22.0) - max(low, -9.0))
     draws = at + between(low, high, at).draw(np.random.RandomState(0))[0]
@@ -57,7 +59,7 @@ def test_a_normal_distribution_between_two_bounds(low, high, share):
     assert stats.kstest(draws, stats.truncnorm(a, b, 0.3, 1.2).cdf).pvalue > 1e-3
 
 
-@pytest.mark.parametrize("at", [-5.0, 0.2, 0.9, 60.0])
+@pytest.mark.parametrize("at", [-5.0, 60.0])
 def test_a_bracket_cut_off_at_a_try_is_that_interval(at):
     brackets = between(-np.inf, np.inf, at)
     tries, log_share = brackets.draw(np.random.RandomState(0))
@@ -67,12 +69,11 @@ def test_a_bracket_cut_off_at_a_try_is_that_interval(at):
     assert np.allclose(brackets.shortened(chosen, tries, log_share).values, expected.values, rtol=1e-9, atol=1e-300)
 
 
-@pytest.mark.parametrize("idle", [0.1, 0.5])
-def test_walkers_that_stay_leave_the_distribution(idle, rng):
+def test_walkers_that_stay_leave_the_distribution(rng):
     """Uniform in an asymmetric corner of a two-dimensional cone before a step along a slanted line, and after it."""
     region = Region.of(Cone.rigid_bodies(1))
     fixed, direction = bodies(rng, 1, 0.3).ravel(), rng.standard_normal(10)
-    many = 40_000
+    many, idle = 40_000, 0.5
 
     def at(t):
         return fixed[:, None] + direction[:, None] * t
@@ -88,7 +89,7 @@ def test_walkers_that_stay_leave_the_distribution(idle, rng):
     assert np.std(start) > 0.0 < abs(stats.skew(start))
 
 
-@pytest.mark.parametrize("slope", [0.0, 4.0, -60.0])
+@pytest.mark.parametrize("slope", [4.0, -60.0])
 def test_line_inside_the_cone_is_drawn_exactly(slope, rng):
     region = Region.of(Cone.rigid_bodies(2))
     theta, direction = bodies(rng, 2, 0.01).ravel(), rng.standard_normal(20)

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from posterior_problems import information_of, simulate, target_in, whole_space
-from test_modes import make_log
+from posterior_logs import make_log
+from posterior_problems import information_of
 
-from bayesid.fit.knowledge import Information, Links
+from bayesid.fit.knowledge import Links
 from bayesid.model.parameters import Cone
 from bayesid.posterior.likelihood import make_likelihood
 from bayesid.posterior.prior import make_prior
@@ -83,33 +83,6 @@ def test_the_quadratic_function_is_the_density_for_given_signs():
     assert np.allclose(-bend, precision, rtol=1e-6, atol=1e-6 * np.abs(precision).max())
 
 
-@pytest.mark.parametrize("shape", [(3, 1), (5, 2)])
-def test_nothing_known_changes_no_bit(shape, rng):
-    size, n = shape
-    target = simulate(target_in(whole_space(size), np.zeros(size)), rng.standard_normal(size), np.zeros(n), rng)
-    same = replace(target, information=Information.none(size))
-    points = rng.standard_normal((20, size + n))
-    assert np.array_equal(target.log_density(points), same.log_density(points))
-    for without, with_none in zip(
-        *(which.quadratic(points[0, :size], points[0, size:]) for which in (target, same)), strict=True
-    ):
-        assert np.array_equal(without, with_none)
-
-
-def test_what_neither_log_shows_is_left_to_the_prior():
-    new, earlier = two_logs()
-    target = replace(new.target, information=information(earlier))
-    blind = np.array([-0.6, 2.0, 1.0, 0.0])
-    assert np.allclose(new.projection @ blind, 0.0)
-    theta = np.array([2.0, 0.1, -0.3, 0.5])
-    points = np.append(theta + np.array([[0.0], [1.5]]) * blind, np.full((2, 2), 0.2), axis=1)
-    of_prior = target.prior.log_density(points[:, :4], points[:, 4:])
-    assert np.isclose(np.diff(target.log_density(points))[0], np.diff(of_prior)[0], rtol=1e-9)
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Sizes
-# ---------------------------------------------------------------------------------------------------------------
 def test_what_the_log_does_not_show_is_as_large_as_the_earlier_one_says():
     new = make_log((1.0, 40.0, 0.3, 0.1), rows=(20, 20), known=(1, 1), sees=((1.0, 0.0, 0.0, 0.0),), sigma=(0.5,))
     likelihood = make_likelihood(new.moments, new.coefficients, new.sigma, new.time, np.zeros(2, dtype=int))

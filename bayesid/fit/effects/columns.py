@@ -59,10 +59,11 @@ class Whitening:
     Args:
         columns: (N, n, r) of the model.
         used: (N, n) samples that count.
+        most_bytes: that innovations kept may take together.
     """
 
-    def __init__(self, columns: Array, used: Mask) -> None:
-        self.columns, self.used = columns, used
+    def __init__(self, columns: Array, used: Mask, *, most_bytes: int = _MOST_BYTES) -> None:
+        self.columns, self.used, self._most_bytes = columns, used, most_bytes
         self._bare: dict[int, tuple[Integers, Array]] = {}
         self._kept = OrderedDict[tuple[object, ...], tuple[tuple[Array, ...], object]]()
         self._bytes = 0
@@ -143,7 +144,7 @@ class Whitening:
         made = make()
         self._kept[key] = made, owner
         self._bytes += sum(array.nbytes for array in made)
-        while self._bytes > _MOST_BYTES and len(self._kept) > 1:
+        while self._bytes > self._most_bytes and len(self._kept) > 1:
             _, (gone, _) = self._kept.popitem(last=False)
             self._bytes -= sum(array.nbytes for array in gone)
         return made

@@ -65,9 +65,9 @@ def joint_sets(
     forms = sorted(forms, key=lambda form: len(form.columns.sd))
     priors = np.array([log_prior(form) for form in forms])
     parts = [forms[k : k + _SCORED] for k in range(0, len(forms), _SCORED)]
-    alone = [_JointForms(data, joint, others, part).scores(np.arange(len(part))[:, None]) for part in parts]
+    alone = [JointForms(data, joint, others, part).scores(np.arange(len(part))[:, None]) for part in parts]
     kept = _spread(forms, np.concatenate(alone) + priors)
-    return _JointForms(data, joint, others, [forms[k] for k in kept]).best(priors[kept])
+    return JointForms(data, joint, others, [forms[k] for k in kept]).best(priors[kept])
 
 
 def _spread(forms: Sequence[Hypothesis], scores: Array) -> list[int]:
@@ -83,7 +83,7 @@ def _spread(forms: Sequence[Hypothesis], scores: Array) -> list[int]:
 
 
 @dataclass(frozen=True, eq=False)
-class _JointForms:
+class JointForms:
     """Forms that act in one joint alone, and what they are to explain there.
 
     Attributes:

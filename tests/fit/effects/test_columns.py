@@ -3,11 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayesid.fit.effects import columns as kept
 from bayesid.fit.effects.columns import Columns, Whitening, stacked, together
 from bayesid.fit.effects.error_model import ErrorModel, alike, bridged, unbridged
-from bayesid.fit.effects.explanation import Observations
-from bayesid.fit.knowledge import Information
 
 RATE, COUNT = 50.0, 90
 ERROR = ErrorModel(0.3, 0.5, 0.1, RATE)
@@ -83,17 +80,19 @@ def test_what_was_whitened_by_the_same_filter_is_kept(whitening, used):
         )
 
 
-def test_what_is_kept_is_bounded(whitening, used, monkeypatch):
-    monkeypatch.setattr(kept, "_MOST_BYTES", 5 * COUNT * 2 * 8)
+def test_what_is_kept_is_bounded(whitening, used):
+    bounded = Whitening(whitening.columns, used, most_bytes=5 * COUNT * 2 * 8)
     some = effects(12, shifted=False)
-    for effect in (*some, *some):
-        np.testing.assert_allclose(whitening.rows(effect, 0, ERROR), white(effect.rows[0], 0, used), atol=1e-12)
-    assert len(whitening._kept) == 5
-    assert whitening._bytes == 5 * COUNT * 2 * 8
+    first = [bounded.rows(effect, 0, ERROR) for effect in some]
+    for k in (11, 10, 9, 8, 7):
+        assert bounded.rows(some[k], 0, ERROR) is first[k]
+    for k, effect in enumerate(some[:7]):
+        again = bounded.rows(effect, 0, ERROR)
+        assert again is not first[k]
+        np.testing.assert_allclose(again, white(effect.rows[0], 0, used), atol=1e-12)
 
 
-@pytest.mark.parametrize("shifted", [False, True])
-@pytest.mark.parametrize("at_once", [False, True])
+@pytest.mark.parametrize(("shifted", "at_once"), [(True, True), (True, False), (False, True)])
 def test_products_of_a_group_are_those_of_whitened_columns(whitening, used, shifted, at_once):
     """Of three effects' columns, and changes behind them, with each other, the model's, one more effect's, and rest."""
     group, (more,) = effects(3, shifted), effects(1, shifted=False, seed=5)
@@ -116,18 +115,6 @@ def test_products_of_a_group_are_those_of_whitened_columns(whitening, used, shif
     assert (again is products) == whole
 
 
-def test_stacked_effects_are_views_of_one_array_and_otherwise_as_they_were():
-    plain = effects(3, shifted=True)
-    views = stacked(plain)
-    for one, other in zip(views, plain, strict=True):
-        for j in (0, 1):
-            np.testing.assert_array_equal(one.rows[j], other.rows[j])
-            assert one.rows[j].base is views[0].rows[j].base
-        assert one.shift.keys() == other.shift.keys()
-        np.testing.assert_array_equal(one.sd, other.sd)
-    np.testing.assert_array_equal(views[2].shift[1], plain[2].shift[1])
-
-
 def test_only_a_whole_group_is_taken_as_it_lies():
     views = stacked(effects(3, shifted=True))
     changed = replace(views[0], shift={1: np.arange(COUNT, dtype=float)})
@@ -137,24 +124,3 @@ def test_only_a_whole_group_is_taken_as_it_lies():
         for k, one in enumerate(group):
             np.testing.assert_array_equal(stack[k, :2].T, one.rows[1])
             np.testing.assert_array_equal(stack[k, 2], one.shift.get(1, np.zeros(COUNT)))
-
-
-def test_an_effect_alone_keeps_no_other_in_memory():
-    view = stacked(effects(3, shifted=True))[2]
-    alone = view.alone
-    for found, expected in ((alone.rows, view.rows), (alone.shift, view.shift)):
-        for j, array in expected.items():
-            np.testing.assert_array_equal(found[j], array)
-            assert found[j].base is None
-
-
-def test_observations_share_what_was_whitened_as_long_as_their_columns_are_the_same(used):
-    columns = np.random.default_rng(7).normal(size=(COUNT, 2, 3)) * used[:, :, None]
-    data = Observations(
-        columns, columns[:, :, 0], used, Information.none(3), np.ones(2), used.any(axis=0), np.ones((2, 2)), RATE
-    )
-    assert replace(data, effort=columns[:, :, 1]).whitening is data.whitening
-    other = replace(data, columns=2.0 * columns)
-    assert other.whitening is not data.whitening
-    np.testing.assert_array_equal(other.whitening.columns, 2.0 * columns)
-    assert replace(data, used=used.copy()).whitening.used is not used

@@ -50,9 +50,6 @@ def test_a_geometry_far_off_that_moves_nothing_is_not_spoken_of():
     assert geometry_far_off(9.0, np.full(5, 0.01), NAMES, SD) == ()
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# In an identification
-# ---------------------------------------------------------------------------------------------------------------
 def arm(alpha):
     """Two parallel axes, horizontal if alpha is a right angle."""
     rows = [{"a": 0.0, "alpha": alpha, "d": 0.0, "theta": 0.3}, {"a": 0.45, "alpha": 0.0, "d": 0.0, "theta": -0.2}]

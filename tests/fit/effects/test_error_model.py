@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from dense_errors import covariance
 from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
 
@@ -8,19 +9,11 @@ from bayesid.fit.effects.error_model import ErrorModel, bridged, fit_error
 RATE = 50.0
 MODELS = {
     "both": ErrorModel(0.3, 0.5, 0.1, RATE),
-    "mostly white": ErrorModel(1.4, 0.6, 0.3, RATE),
-    "mostly coloured": ErrorModel(0.02, 0.4, 0.06, RATE),
     "white": ErrorModel(0.7, 0.0, 0.1, RATE),
     "coloured": ErrorModel(0.0, 2.5, 0.08, RATE),
 }
 FORGOTTEN = 150
 """Samples after which the filter has forgotten how it began: theta^2 is below 0.73 in all of these models."""
-
-
-def covariance(error, count):
-    """White on the diagonal, and exp(-|dt| / T)."""
-    apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count))) / error.rate
-    return error.white**2 * np.eye(count) + error.coloured**2 * np.exp(-apart / error.correlation)
 
 
 def draws(error, count, replicates, seed):
@@ -42,9 +35,6 @@ def everything(count):
     return np.ones(count, dtype=bool)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Likelihood
-# ---------------------------------------------------------------------------------------------------------------
 def test_likelihood_is_that_of_the_dense_normal_once_the_beginning_is_forgotten(error):
     """p(later | earlier) = p(all) / p(earlier); what is left of the beginning is below theta^300 = 1e-20."""
     residual = draws(error, 500, 1, 3)[:, 0] * np.linspace(0.5, 1.7, 500)  # of the wrong size, which no formula minds
@@ -92,23 +82,6 @@ def test_what_is_not_used_lies_on_lines_between_what_is():
     np.testing.assert_array_equal(bridged(values, nothing), values)
 
 
-def test_gaps_make_nothing_surer_than_it_is(error):
-    """The score of a slow column varies no more than its square says, with a gap of 12 samples in every 60.
-
-    Of noise that is nothing but slow, a sample after a gap would count twelve times if zeros stood in the gap. 4.5
-    standard errors of a variance from 400 draws are 0.32; the lines cost a little.
-    """
-    used = np.arange(1200) % 60 >= 12
-    column = np.sin(np.arange(1200) / 70.0 + 1.0) + 0.4
-    values = draws(error, 1200 + FORGOTTEN, 400, 14)[FORGOTTEN:]
-    white = error.whiten(np.column_stack([column, values]), used)
-    scores = white[:, 0] @ white[:, 1:] / np.linalg.norm(white[:, 0])
-    assert 0.6 < np.var(scores) < 1.32
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Whitening
-# ---------------------------------------------------------------------------------------------------------------
 def test_whitened_noise_is_white_and_of_unit_size(error):
     """1200 x 50 innovations: lags of a white sequence are zero to 1 / sqrt(M), its variance one to sqrt(2 / M)."""
     white = error.whiten(draws(error, 1200 + FORGOTTEN, 50, 7), everything(1200 + FORGOTTEN))[FORGOTTEN:]
@@ -117,24 +90,6 @@ def test_whitened_noise_is_white_and_of_unit_size(error):
         assert np.mean(white[lag:] * white[:-lag]) == pytest.approx(0.0, abs=4.5 / np.sqrt(white.size))
 
 
-def test_whitening_is_linear_and_acts_on_every_column():
-    error = MODELS["both"]
-    values = np.random.default_rng(8).normal(size=(80, 2, 3))
-    every = everything(80)
-    found = error.whiten(values, every)
-    for j, k in np.ndindex(2, 3):
-        np.testing.assert_allclose(found[:, j, k], error.whiten(values[:, j, k], every), rtol=1e-12)
-    np.testing.assert_allclose(error.whiten(2.0 * values[:, 0] - values[:, 1], every), 2.0 * found[:, 0] - found[:, 1])
-
-
-def test_white_noise_is_divided_by_its_size():
-    values = np.random.default_rng(9).normal(size=40)
-    np.testing.assert_allclose(ErrorModel(0.7, 0.0, 0.1, RATE).whiten(values, everything(40)), values / 0.7, rtol=1e-12)
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Fit
-# ---------------------------------------------------------------------------------------------------------------
 FITTED = {
     "both": ErrorModel(0.3, 0.5, 0.1, RATE),
     "mostly white": ErrorModel(1.0, 0.5, 0.3, RATE),
@@ -142,20 +97,10 @@ FITTED = {
 }
 
 
-@pytest.mark.parametrize("name", FITTED)
-def test_fit_finds_what_was_drawn(name):
-    """Forty draws of 1500 samples: means of the logarithms within their own standard error, and 4 % for the bias."""
-    truth = FITTED[name]
-    values = draws(truth, 1500, 40, 10)
-    found = [fit_error(one, everything(1500), RATE)[0] for one in values.T]
-    for part in ("white", "coloured", "correlation"):
-        ratio = np.log([getattr(one, part) / getattr(truth, part) for one in found])
-        assert np.mean(ratio) == pytest.approx(0.0, abs=4.5 * np.std(ratio) / np.sqrt(40) + 0.04), part
-        assert np.std(ratio) < 0.6, part
-
-
-@pytest.mark.parametrize("limits", [None, (0.25, 0.9), (0.6, 0.3), (0.2, 0.2)])
-@pytest.mark.parametrize("name", FITTED)
+@pytest.mark.parametrize(
+    ("name", "limits"),
+    [("both", None), ("both", (0.25, 0.9)), ("mostly white", (0.6, 0.3)), ("mostly coloured", (0.2, 0.2))],
+)
 def test_fit_is_the_likeliest_of_all_within_the_limits(name, limits):
     """Against 12 x 12 x 9 points; where limits make a kink half a nat is little beside a decade, 2.3 of them."""
     residual = draws(FITTED[name], 800, 1, 11)[:, 0]
@@ -174,7 +119,7 @@ def test_fit_is_the_likeliest_of_all_within_the_limits(name, limits):
     assert value > best - (0.01 if limits is None else 0.5)
 
 
-@pytest.mark.parametrize("name", FITTED)
+@pytest.mark.parametrize("name", ["both", "mostly white"])
 def test_fit_is_likeliest_on_a_lattice_that_loses_little(name):
     """Against a simplex search from the truth, on a log with gaps; neighbours of the lattice two per cent away."""
     truth, used = FITTED[name], np.arange(900) % 90 >= 7
@@ -191,9 +136,9 @@ def test_fit_is_likeliest_on_a_lattice_that_loses_little(name):
     np.testing.assert_allclose(cells / 0.02, np.round(cells / 0.02), atol=1e-6)
 
 
-@pytest.mark.parametrize("rate", [100.0, 500.0])
-def test_fit_of_smooth_errors_is_likeliest_with_the_largest_share(rate):
+def test_fit_of_smooth_errors_is_likeliest_with_the_largest_share():
     """Nothing white: the share ends at its largest, 0.999, and the correlation time is the likeliest with that."""
+    rate = 100.0
     residual = draws(ErrorModel(0.0, 2.0, 0.6, rate), 900, 1, 22)[:, 0]
     found, value = fit_error(residual, everything(900), rate)
     assert (found.coloured / found.white) ** 2 == pytest.approx(np.exp(7.0), rel=1e-9)
@@ -203,29 +148,6 @@ def test_fit_of_smooth_errors_is_likeliest_with_the_largest_share(rate):
         for size in np.geomspace(0.4, 2.5, 60)
     )
     assert value > likeliest - 0.05
-
-
-def test_limits_bind_only_where_they_are_exceeded():
-    residual = draws(FITTED["both"], 800, 1, 12)[:, 0]
-    free, value = fit_error(residual, everything(800), RATE)
-    wide = fit_error(residual, everything(800), RATE, (1.1 * free.white, 1.1 * free.coloured))[1]
-    assert wide == pytest.approx(value, abs=0.01)
-    narrow = [fit_error(residual, everything(800), RATE, limits)[1] for limits in ((0.05, 2.0), (2.0, 0.25))]
-    assert max(narrow) < value - 2.3
-
-
-def test_fit_looks_at_used_samples_only():
-    """In their place are zeros; a tenth of the samples, in stretches, may not change what is found by much."""
-    truth, count = FITTED["mostly white"], 1500
-    used = np.arange(count) % 300 >= 30
-    values = draws(truth, count, 20, 13)
-    whole = [fit_error(one, everything(count), RATE)[0] for one in values.T]
-    parts = [fit_error(np.where(used, one, 0.0), used, RATE)[0] for one in values.T]
-    for part in ("white", "coloured"):
-        ratio = [np.log(getattr(a, part) / getattr(b, part)) for a, b in zip(parts, whole, strict=True)]
-        assert np.mean(ratio) == pytest.approx(0.0, abs=4.5 * np.std(ratio) / np.sqrt(20) + 0.03), part
-    spoiled = np.where(used, values[:, 0], 0.0)
-    assert fit_error(spoiled, used, RATE)[1] == pytest.approx(parts[0].log_likelihood(spoiled, used), rel=1e-9)
 
 
 def test_nothing_left_is_no_error():

@@ -3,6 +3,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from dense_errors import bridging, covariance, whitening
 from scipy.integrate import simpson
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal, norm
@@ -18,33 +19,9 @@ RATE = 50.0
 ERRORS = (ErrorModel(0.3, 0.5, 0.1, RATE), ErrorModel(1.1, 0.7, 0.3, RATE))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Dense formulas
-# ---------------------------------------------------------------------------------------------------------------
-def bridging(used):
-    """(N, N) matrix that puts what is not used on straight lines between its used neighbours."""
-    places, rows = np.arange(len(used)), np.flatnonzero(used)
-    return np.stack([np.interp(places, rows, np.eye(len(used))[rows, k]) for k in places], axis=1)
-
-
 def used_filter(error, used):
     """The same matrix from used samples to used samples."""
-    return (filter_matrix(error, len(used)) @ bridging(used))[np.ix_(used, used)]
-
-
-def filter_matrix(error, count):
-    """(count, count) T with T x white, of unit size: x_i - phi x_(i-1) is a moving average of order one."""
-    phi = np.exp(-1.0 / (error.correlation * error.rate))
-    own = error.coloured**2 * (1.0 - phi**2) + error.white**2 * (1.0 + phi**2)
-    next_to = -phi * error.white**2
-    theta = min(np.roots([next_to, own, next_to]).real, key=abs)
-    shift = np.eye(count, k=-1)
-    return np.linalg.solve(np.eye(count) - theta * shift, np.eye(count) - phi * shift) / np.sqrt(-next_to / theta)
-
-
-def stationary(error, count):
-    apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count))) / error.rate
-    return error.white**2 * np.eye(count) + error.coloured**2 * np.exp(-apart / error.correlation)
+    return (whitening(error, len(used)) @ bridging(used))[np.ix_(used, used)]
 
 
 @dataclass
@@ -52,7 +29,6 @@ class Dense:
     """The used samples of all joints below each other: columns, effort and covariance of the error."""
 
     data: Observations
-    stationary: bool = False
 
     @property
     def used(self):
@@ -78,12 +54,9 @@ class Dense:
 
     def covariance(self):
         blocks = []
-        for j, (error, rows) in enumerate(zip(ERRORS, self.used, strict=False)):
-            if self.stationary:
-                blocks.append(stationary(error, len(self.data.effort))[np.ix_(rows, rows)])
-            else:
-                inverse = np.linalg.inv(used_filter(error, self.data.used[:, j]))
-                blocks.append(inverse @ inverse.T)
+        for error, used in zip(ERRORS, self.data.used.T, strict=True):
+            inverse = np.linalg.inv(used_filter(error, used))
+            blocks.append(inverse @ inverse.T)
         return block_diag(*blocks)
 
     def least_squares(self, effects=()):
@@ -113,12 +86,9 @@ class Dense:
         return multivariate_normal(np.zeros(len(left)), total).logpdf(left - amplitudes @ columns.T)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# A log of two joints and effects on it
-# ---------------------------------------------------------------------------------------------------------------
 def noise(count, rng):
     """Cholesky."""
-    return np.stack([np.linalg.cholesky(stationary(e, count)) @ rng.standard_normal(count) for e in ERRORS], axis=1)
+    return np.stack([np.linalg.cholesky(covariance(e, count)) @ rng.standard_normal(count) for e in ERRORS], axis=1)
 
 
 def made_data(count=120, seed=0, gaps=True, amount=0.0):
@@ -163,9 +133,6 @@ def made_effects(count=120, seed=5):
     )
 
 
-EFFECTS = ("two amplitudes", "one amplitude", "shift", "both")
-
-
 @pytest.fixture
 def kept(monkeypatch):
     """Error models as they are: joints are recognised by which of their samples are used."""
@@ -184,11 +151,9 @@ def kept(monkeypatch):
     return fixed
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Explanations
-# ---------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("chosen", [(), (0,), (1, 3), (2, 0), (3, 2, 1, 0)])
-@pytest.mark.parametrize("last_is_extra", [False, True])
+@pytest.mark.parametrize(
+    ("chosen", "last_is_extra"), [((), False), ((1, 3), True), ((2, 0), True), ((3, 2, 1, 0), False)]
+)
 def test_explanation_is_generalised_least_squares(chosen, last_is_extra, kept):
     data, effects = kept(made_data()), made_effects()
     picked = [effects[k] for k in chosen]
@@ -222,19 +187,7 @@ def test_evidences_differ_by_the_density_of_the_efforts(kept):
     assert np.ptp(gains) > 3.0
 
 
-def test_against_the_stationary_covariance_only_the_beginning_differs(kept):
-    """Without gaps: a filter from rest gives the first sample sigma^2 / v, here 3 and 1.2 times, the weight due."""
-    data, effects = kept(made_data(400, gaps=False)), made_effects(400)
-    picked = (effects[0], effects[3])
-    found, (best, spread) = Regression(data, picked).explain(ERRORS), Dense(data, stationary=True).least_squares(picked)
-    sd = np.sqrt(np.diag(spread))
-    off = np.concatenate([found.beta, *found.amplitudes]) - best
-    assert np.abs(off / sd).max() < 0.4
-    np.testing.assert_allclose(np.concatenate(found.sd), sd[3:], rtol=0.05)
-
-
-@pytest.mark.parametrize("positive", [False, True])
-@pytest.mark.parametrize("amount", [-0.4, 0.0, 0.5])
+@pytest.mark.parametrize(("positive", "amount"), [(False, 0.5), (True, -0.4), (True, 0.5)])
 def test_evidence_of_one_amplitude_is_the_integral(positive, amount, kept):
     """Over its prior, normal or half-normal: exact for one amplitude."""
     data, effect = kept(made_data(amount=amount)), made_effects()[1]
@@ -249,8 +202,7 @@ def test_evidence_of_one_amplitude_is_the_integral(positive, amount, kept):
 
 
 @pytest.mark.parametrize(
-    ("positive", "tolerance"),
-    [((False, False), 1e-4), ((True, False), 1e-4), ((False, True), 1e-4), ((True, True), 0.1)],
+    ("positive", "tolerance"), [((False, False), 1e-4), ((True, False), 1e-4), ((True, True), 0.1)]
 )
 def test_evidence_of_two_amplitudes_is_the_integral(positive, tolerance, kept):
     """Of two half-normals the probability to be positive is taken for each by itself, which is exact for one."""
@@ -265,58 +217,6 @@ def test_evidence_of_two_amplitudes_is_the_integral(positive, tolerance, kept):
     assert gain == pytest.approx(expected - nothing, abs=tolerance)
 
 
-def test_product_of_two_sides_is_near_the_quadrant_of_correlated_amplitudes(kept):
-    """Twins that replace each other: the product is too large, but by less than a decade."""
-    data = kept(made_data(amount=0.6))
-    single = made_effects()[1].rows[1][:, 0]
-    twin = np.stack([single, single + 0.05 * np.cos(20.0 * np.arange(120) / RATE)], axis=1)
-    effect = Columns({1: twin}, {}, np.array([0.7, 0.7]), np.ones(2, dtype=bool))
-    free = replace(effect, positive=np.zeros(2, dtype=bool))
-    best, spread = Dense(data).least_squares((free,))
-    draws = np.random.default_rng(0).multivariate_normal(best[3:], spread[3:, 3:], 200_000)
-    quadrant = np.log(4.0 * np.mean((draws > 0.0).all(axis=1)))
-    sides = Regression(data).explain(ERRORS, effect).log_evidence - Regression(data).explain(ERRORS, free).log_evidence
-    alone = norm.logcdf(best[3:] / np.sqrt(np.diag(spread)[3:])).sum() + np.log(4.0)
-    assert sides == pytest.approx(alone, abs=1e-6)
-    correlation = spread[3, 4] / np.sqrt(spread[3, 3] * spread[4, 4])
-    assert correlation < -0.6
-    assert quadrant < sides < quadrant + np.log(10.0)
-
-
-def test_earlier_information_acts_as_a_second_log(kept):
-    """Joint 2 as a log of its own, of which the moments are known, or as a joint beside the first."""
-    both, effect = made_data(), replace(made_effects()[0], rows={0: made_effects()[0].rows[0]})
-    whitener = used_filter(ERRORS[1], both.used[:, 1])
-    rows, effort = (whitener @ values[both.used[:, 1], 1] for values in (both.columns, both.effort))
-    old = both.information
-    moments = Information(
-        old.hessian + rows.T @ rows, old.gradient + rows.T @ effort, old.energy + float(effort @ effort)
-    )
-    first = replace(
-        both,
-        columns=both.columns[:, :1],
-        effort=both.effort[:, :1],
-        used=both.used[:, :1],
-        information=moments,
-        floor=np.ones(1),
-        sharp=np.ones(1, bool),
-        limits=np.full((1, 2), np.inf),
-    )
-    found = []
-    for data, errors in ((both, ERRORS), (first, ERRORS[:1])):
-        kept(data)
-        found.append([Regression(data).explain(errors), Regression(data).explain(errors, effect)])
-    for one, other in zip(*found, strict=True):
-        np.testing.assert_allclose(one.beta, other.beta, rtol=1e-8)
-        np.testing.assert_allclose(one.root.T @ one.root, other.root.T @ other.root, rtol=1e-7, atol=1e-10)
-        np.testing.assert_allclose(one.residual[:, 0], other.residual[:, 0], atol=1e-9)
-    gains = [with_.log_evidence - without.log_evidence for without, with_ in found]
-    assert gains[0] == pytest.approx(gains[1], abs=1e-8)
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# What is left
-# ---------------------------------------------------------------------------------------------------------------
 def test_what_is_left_is_judged_by_its_own_likeliest_error():
     """As noise within the limits, or as anything, at the price of log N, whichever is likelier."""
     data = replace(made_data(300, gaps=False), limits=np.array([[0.2, 0.1], [9.0, 9.0]]))
@@ -367,9 +267,6 @@ def test_mean_square_is_that_of_used_samples_in_units_of_the_floor():
     np.testing.assert_allclose(data.mean_square(residual), [16.0, 4.0])
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Many at once
-# ---------------------------------------------------------------------------------------------------------------
 def family(effect, size, seed=9):
     """Effects of the same joints and number of amplitudes, all different."""
     rng = np.random.default_rng(seed)
@@ -382,8 +279,7 @@ def family(effect, size, seed=9):
     return made
 
 
-@pytest.mark.parametrize("already", [(), (0,), (1, 2)])
-@pytest.mark.parametrize("kind", range(4), ids=EFFECTS)
+@pytest.mark.parametrize(("kind", "already"), [(0, (1, 2)), (1, ()), (2, (0,)), (3, (1, 2))])
 def test_screen_gains_what_an_explanation_would(kind, already, kept):
     """With the errors kept; also where amplitudes have a sign, as long as none added before has."""
     data, effects = kept(made_data(amount=0.4)), made_effects()
@@ -395,14 +291,6 @@ def test_screen_gains_what_an_explanation_would(kind, already, kept):
         expected = [regression.explain(ERRORS, one).log_evidence - now.log_evidence for one in group]
         np.testing.assert_allclose(gains, expected, atol=1e-6)
         assert np.ptp(gains) > 0.01
-
-
-def test_screen_takes_effects_of_which_only_some_have_a_shift(kept):
-    data, effect = kept(made_data()), made_effects()[3]
-    group = [effect, replace(effect, shift={1: effect.shift[1]}), replace(effect, shift={})]
-    regression = Regression(data)
-    expected = [regression.explain(ERRORS, one).log_evidence - regression.explain(ERRORS).log_evidence for one in group]
-    np.testing.assert_allclose(Screening(regression, ERRORS).gains(group)[0], expected, atol=1e-6)
 
 
 def test_visible_is_the_mean_gain_of_effects_of_their_usual_size(kept):
@@ -427,69 +315,15 @@ def test_visible_is_the_mean_gain_of_effects_of_their_usual_size(kept):
     assert visible > 3.0
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Unused samples
-# ---------------------------------------------------------------------------------------------------------------
-def spoiled(effect, used):
-    """Something else where samples do not count."""
-    rows = {j: np.where(used[:, j, None], one, 1e3) for j, one in effect.rows.items()}
-    shift = {j: np.where(used[:, j], one, -1e3) for j, one in effect.shift.items()}
-    return replace(effect, rows=rows, shift=shift)
-
-
-@pytest.mark.parametrize("kind", range(4), ids=EFFECTS)
-def test_unused_samples_say_nothing(kind, kept):
-    data, effects = kept(made_data(amount=0.4)), made_effects()
-    bad = [spoiled(one, data.used) for one in effects]
-    clean = Regression(data, [effects[0]]).explain(ERRORS, effects[kind])
-    found = Regression(data, [bad[0]]).explain(ERRORS, bad[kind])
-    np.testing.assert_allclose(found.residual, clean.residual, atol=1e-9)
-    assert found.log_evidence == pytest.approx(clean.log_evidence, abs=1e-8)
-    gains = [Screening(Regression(data, [group[0]]), ERRORS).gains([group[kind]])[0] for group in (effects, bad)]
-    np.testing.assert_allclose(gains[0], gains[1], atol=1e-8)
-
-
-def test_what_is_left_is_judged_where_somebody_asks(monkeypatch):
-    """Each joint once for its error model, and once more for its noise where the limits bound that."""
-    fits = []
-    monkeypatch.setattr(evidence, "fit_error", lambda *args: fits.append(args) or fit_error(*args))
-    data = replace(made_data(300, gaps=False), limits=np.array([[0.2, 0.1], [9.0, 9.0]]))
-    found = Regression(data).explain(ERRORS)
-    assert not fits
-    assert found.errors == found.errors
-    assert len(fits) == 2
-    assert np.isfinite([found.log_evidence, found.log_evidence_as_noise]).all()
-    assert len(fits) == 3
-
-
-@pytest.mark.parametrize("limit", [0.02, 0.2, 0.45, 3.0])
+@pytest.mark.parametrize("limit", [0.02, 0.45])
 def test_noise_is_not_fitted_where_it_is_out_of_the_question(limit):
-    """The evidence is that of the likelier one all the same, and what noise may be at most is no less than it is."""
+    """The evidence is that of the likelier one all the same."""
     data = made_data(300, gaps=False)
     limits, residual = (limit, 0.8 * limit), np.array(noise(300, np.random.default_rng(4))[:, 0])
     joint = evidence.JudgedJoint(residual, data.used[:, 0], RATE, limits)
     after = evidence.JudgedJoint(1.01 * residual, data.used[:, 0], RATE, limits, joint)
-    assert joint._as_noise_at_most >= joint.noise - 0.05  # the lattice of the fit
     assert joint.evidence == max(joint.noise, joint.free)
     assert after.evidence == pytest.approx(max(after.noise, after.free), abs=1e-9)
     untouched = evidence.JudgedJoint(residual, data.used[:, 0], RATE, limits)
     assert untouched.evidence == joint.evidence
     assert ("noise" in vars(untouched)) == (limit > 0.3)
-
-
-def test_columns_that_do_not_show_in_a_joint_are_whitened_to_nothing():
-    data, effect = made_data(), made_effects()[0]
-    data = replace(data, columns=data.columns * np.array([[True, True, False], [True, False, True]]))
-    regression = Regression(data, [effect])
-    for j, error in enumerate(ERRORS):
-        rows = effect.rows.get(j, np.zeros((len(data.used), len(effect.sd)))) * data.used[:, j, None]
-        effort = data.effort[:, j] - effect.shift.get(j, 0.0) * data.used[:, j]
-        expected = error.whiten(np.column_stack([data.columns[:, j], rows, effort]), data.used[:, j])
-        white, shows = regression.whitened(j, error), expected[:, :-1].any(axis=0)
-        np.testing.assert_array_equal(
-            np.sort(white.index), np.flatnonzero(shows | (np.arange(5) > 2) * bool(rows.any()))
-        )
-        found = np.column_stack([white.model, white.others]) / error.scale
-        expected = expected[:, [*white.index, -1]]
-        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12)
-        np.testing.assert_allclose(white.products / error.scale**2, expected.T @ expected, rtol=0.0, atol=1e-9)

@@ -90,19 +90,13 @@ def poor():
 
 TERMS = (
     ("joint_spring", (2,), 0, [3.1, -0.8]),
-    ("torque_ripple", (3,), 4, [0.4, -0.9]),
     ("hysteresis", (1,), 2, [1.7]),
     ("tool_wrench", (), 0, [5.0, -3.0, 1.0]),
     ("asymmetric_coulomb", (2,), 0, [0.3, 1.9]),
-    ("thermal_drift", (3,), 1, [2.0, -0.7]),
-    ("load_dependent_friction", (1,), 0, [0.08]),
     ("payload", (), 1, [0.02, 0.001, -0.003, 0.03, 0.002, 0.015, 0.1, -0.06, 0.2, 1.3]),
 )
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Terms
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("name", "joints", "which", "amplitude"), TERMS, ids=[term[0] for term in TERMS])
 def test_a_term_is_added_with_its_amplitudes(poor, name, joints, which, amplitude):
     found = [poor.found(name, joints, which)]
@@ -116,17 +110,6 @@ def test_a_term_is_added_with_its_amplitudes(poor, name, joints, which, amplitud
     assert extension.knowledge is poor.knowledge
 
 
-def test_several_terms_come_in_their_order(poor):
-    picked = [TERMS[k] for k in (4, 0, 7, 1)]
-    found, amplitudes = [poor.found(*one[:3]) for one in picked], [one[3] for one in picked]
-    extension = poor.extended(found, amplitudes)
-    assert_close(extension.model.effort(MOTION, extension.theta), predicted(poor, found, amplitudes), 1e-9)
-    np.testing.assert_array_equal(extension.theta[-16:], np.concatenate(amplitudes))
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Changes of what was there
-# ---------------------------------------------------------------------------------------------------------------
 def test_a_change_moves_the_models_own_parameters(full):
     found, amplitudes = [full.found("coulomb_friction", (2,)), full.found("torque_offset", (3,))], [[-0.6], [1.9]]
     assert [one.changes for one in found] == [("Fc2",), ("offset3",)]
@@ -158,16 +141,11 @@ def test_parameters_stay_where_the_log_says_nothing(full):
     assert np.abs(full.coefficients.lift(same) - full.knowledge.theta).max() > 0.1
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Distortions
-# ---------------------------------------------------------------------------------------------------------------
 DISTORTIONS = (
     ("gain_error", (2,), [0.13], 1e-9),
     ("clipping", (1,), [], 1e-9),
-    ("dead_zone", (3,), [], 1e-9),
     ("dead_zone.shrinking", (2,), [], 1e-9),
     ("base_tilt", (), [0.004, -0.007, 0.0, 0.0], 2e-4),
-    ("delay", (), [0.002], 1e-4),
     ("delay", (1,), [0.002], 1e-4),
 )
 

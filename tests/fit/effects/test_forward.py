@@ -1,64 +1,24 @@
-"""Forward selection: against dense normal densities, quadrature and explicit refits, and on small logs made for it."""
+"""Forward selection: against dense normal densities, quadrature and explicit refits."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from dense_errors import bridging, whitening
+from effect_problems import RATE, made, observed, waves
 from scipy.integrate import quad
 from scipy.linalg import null_space
-from scipy.signal import lfilter
 from scipy.stats import multivariate_normal, norm
 
-from bayesid.fit.effects import forward
 from bayesid.fit.effects.columns import Columns
 from bayesid.fit.effects.error_model import ErrorModel, fit_error
-from bayesid.fit.effects.explanation import Observations
-from bayesid.fit.effects.forward import Products, Rules, select_forward
+from bayesid.fit.effects.forward import Products
 from bayesid.fit.knowledge import Information
 
-RATE = 50.0
 ERRORS = (ErrorModel(0.3, 0.5, 0.1, RATE), ErrorModel(1.1, 0.7, 0.3, RATE))
-SMALL = 160
-"""Samples, of which every one of the 16 blocks has ten."""
+SMALL = 160  # samples, of which every one of the 16 blocks has ten
 LONG = 10.0
 """Hz, at which they are a log of 16 seconds."""
-NEEDED = 12.0
-RULES = Rules(NEEDED, 16)
-
-
-@dataclass(frozen=True, eq=False)
-class Made:
-    """Anything that may explain efforts."""
-
-    columns: Columns
-    key: tuple[str, tuple[int, ...]]
-
-
-def made(name, rows, sd, positive=False, shift=None):
-    sides = np.broadcast_to(positive, len(sd)).copy()
-    return Made(Columns(rows, shift or {}, np.asarray(sd, dtype=float), sides), (name, tuple(j + 1 for j in rows)))
-
-
-def waves(rng, count, columns, joints=None, slowest=1.0, fastest=9.0):
-    """Sines, one for every column."""
-    shape = (columns,) if joints is None else (joints, columns)
-    t = np.arange(count) / RATE
-    return np.sin(np.multiply.outer(t, rng.uniform(slowest, fastest, shape)) + rng.uniform(0.0, 6.0, shape))
-
-
-def observed(columns, effort, used=None):
-    used = np.ones(effort.shape, dtype=bool) if used is None else used
-    n = effort.shape[1]
-    return Observations(
-        columns=columns * used[:, :, None],
-        effort=effort * used,
-        used=used,
-        information=Information.none(columns.shape[2]),
-        floor=np.ones(n),
-        sharp=np.ones(n, dtype=bool),
-        limits=np.full((n, 2), np.inf),
-        rate=RATE,
-    )
 
 
 def made_case(seed=3, positive=(False, False)):
@@ -80,29 +40,10 @@ def made_case(seed=3, positive=(False, False)):
     return Products(observed(columns, effort, used), candidates, list(ERRORS))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Gains
-# ---------------------------------------------------------------------------------------------------------------
-def whitening(error):
-    """(N, N) matrix that makes an error of unit innovations of an ARMA(1, 1) process, from rest."""
-    phi = np.exp(-1.0 / (error.correlation * error.rate))
-    own = error.coloured**2 * (1.0 - phi**2) + error.white**2 * (1.0 + phi**2)
-    next_to = -phi * error.white**2
-    theta = min(np.roots([next_to, own, next_to]).real, key=abs)
-    shift = np.eye(SMALL, k=-1)
-    return np.linalg.solve(np.eye(SMALL) - theta * shift, np.eye(SMALL) - phi * shift) / np.sqrt(-next_to / theta)
-
-
-def bridging(used):
-    """(N, N) matrix that puts what is not used on straight lines between its used neighbours."""
-    places, rows = np.arange(len(used)), np.flatnonzero(used)
-    return np.stack([np.interp(places, rows, np.eye(len(used))[rows, k]) for k in places], axis=1)
-
-
 def white(products, of_joint, errors=ERRORS):
     """Rows of all joints below each other, whitened."""
     used = products.data.used
-    parts = [whitening(e) @ bridging(used[:, j]) @ of_joint(j) for j, e in enumerate(errors)]
+    parts = [whitening(e, SMALL) @ bridging(used[:, j]) @ of_joint(j) for j, e in enumerate(errors)]
     return np.concatenate([(part.T * used[:, j]).T for j, part in enumerate(parts)])
 
 
@@ -122,14 +63,11 @@ class Dense:
             rows = self.left.T @ rows_of(products, candidate) * candidate.hypothesis.columns.sd
             self.covariance += rows @ rows.T
 
-    def log_density(self, mean=0.0):
-        return multivariate_normal(np.zeros(len(self.effort)), self.covariance).logpdf(self.effort - mean)
+    def log_density(self):
+        return multivariate_normal(np.zeros(len(self.effort)), self.covariance).logpdf(self.effort)
 
 
-PLACES = [(), (0,), (3, 2), (1, 0, 3)]
-
-
-@pytest.mark.parametrize("chosen", PLACES)
+@pytest.mark.parametrize("chosen", [(), (1, 0, 3)])
 def test_gains_are_those_of_dense_densities(chosen):
     products = made_case()
     before = [products.candidates[k] for k in chosen]
@@ -158,7 +96,7 @@ class DenseWithKnowledge(Dense):
             self.covariance += rows @ rows.T
 
 
-@pytest.mark.parametrize("chosen", PLACES)
+@pytest.mark.parametrize("chosen", [(), (3, 2)])
 def test_gains_with_an_earlier_log_and_uncertain_columns_are_those_of_dense_densities(chosen):
     """What is known of the coefficients is correlated and off; one uncertain column resembles a candidate's."""
     plain = made_case()
@@ -177,14 +115,9 @@ def test_gains_with_an_earlier_log_and_uncertain_columns_are_those_of_dense_dens
     without = DenseWithKnowledge(products, before).log_density()
     expected = [DenseWithKnowledge(products, [*before, one]).log_density() - without for one in tried]
     np.testing.assert_allclose(products.gains(before, tried), expected, rtol=1e-6, atol=1e-6)
-    of_plain = plain.gains(
-        [plain.candidates[k] for k in chosen], [c for k, c in enumerate(plain.candidates) if k not in chosen]
-    )
-    assert np.all(np.abs(of_plain - expected) > 0.01)
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize("which", [1, 2])
+@pytest.mark.parametrize(("which", "sign"), [(1, 1.0), (2, -1.0)])
 def test_one_sided_gains_are_integrals_over_one_side(which, sign):
     """Twice the prior on the side of zero that there is; the amplitude is negative, or is made to be positive."""
     products = made_case(positive=(which == 1, which == 2))
@@ -202,8 +135,6 @@ def test_one_sided_gains_are_integrals_over_one_side(which, sign):
     spread = 1.0 / np.sqrt(rows[:, 0] @ inverse @ rows[:, 0] + one.sd[0] ** -2.0)
     at_zero = others.log_density() - none
     slope, curvature = rows[:, 0] @ inverse @ others.effort, rows[:, 0] @ inverse @ rows[:, 0]
-    checked = others.log_density(0.3 * rows[:, 0]) - none
-    assert at_zero + 0.3 * slope - 0.5 * 0.3**2 * curvature == pytest.approx(checked, abs=1e-7)
 
     def integrand(amplitude):
         prior = 2.0 * norm.pdf(amplitude, scale=one.sd[0])
@@ -213,12 +144,6 @@ def test_one_sided_gains_are_integrals_over_one_side(which, sign):
     expected, _ = quad(integrand, 0.0, max(best, 0.0) + 12.0 * spread, points=[max(best, spread)], epsabs=0.0)
     (found,) = products.gains(before, [products.candidates[which]])
     assert found == pytest.approx(np.log(expected), abs=1e-5)
-    two_sided = made_case()
-    for rows in two_sided.candidates[which].hypothesis.columns.rows.values():
-        rows[:, 0] *= sign
-    two_sided = Products(two_sided.data, two_sided.hypotheses, list(ERRORS))
-    plain = two_sided.gains([two_sided.candidates[3]], [two_sided.candidates[which]])[0]
-    assert abs(found - plain) > 0.3
 
 
 def test_best_is_ridge_regression_and_the_residual_what_it_leaves():
@@ -232,9 +157,6 @@ def test_best_is_ridge_regression_and_the_residual_what_it_leaves():
     np.testing.assert_allclose(products.residual(chosen), unexplained(products, chosen, expected), atol=1e-7)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Blocks that are held back
-# ---------------------------------------------------------------------------------------------------------------
 def stacked(products, chosen, kept=None):
     """Whitened rows of some samples and of the priors, and efforts."""
     kept = np.tile(np.ones(SMALL, dtype=bool) if kept is None else kept, 2)
@@ -256,7 +178,7 @@ def unexplained(products, chosen, best):
     return left * data.used
 
 
-@pytest.mark.parametrize("which", [(), (2,), (0, 3, 1)])
+@pytest.mark.parametrize("which", [(), (0, 3, 1)])
 def test_held_back_blocks_are_predicted_by_fits_without_them(which):
     first = made_case()
     products = Products(replace(first.data, rate=LONG), first.hypotheses, list(ERRORS))
@@ -273,7 +195,7 @@ def test_held_back_blocks_are_predicted_by_fits_without_them(which):
     assert np.abs(found.rms / within - 1.0).max() > 0.01
 
 
-@pytest.mark.parametrize("base", [[], [0], [1, 4], [5]])
+@pytest.mark.parametrize("base", [[], [1, 4]])
 def test_sets_are_predicted_together_as_one_by_one(base):
     """One more candidate on top of a base, with and without a change, and a set that is none of these."""
     first, rng = made_case(), np.random.default_rng(8)
@@ -292,24 +214,6 @@ def test_sets_are_predicted_together_as_one_by_one(base):
         np.testing.assert_array_equal(errors.counts, products.held_back(one).counts)
 
 
-def test_any_number_of_samples_is_cut_into_blocks():
-    products = made_case()
-    shorter = slice(0, 157)
-    hypotheses = [
-        replace(h, columns=replace(h.columns, rows={j: rows[shorter] for j, rows in h.columns.rows.items()}))
-        for h in products.hypotheses
-    ]
-    data = products.data
-    data = replace(data, columns=data.columns[shorter], effort=data.effort[shorter], used=data.used[shorter], rate=LONG)
-    held = Products(data, hypotheses, list(ERRORS)).held_back(())
-    np.testing.assert_array_equal(held.counts.sum(axis=0), data.used.sum(axis=0))
-    every = Products(replace(data, used=np.ones_like(data.used)), hypotheses, list(ERRORS)).held_back(())
-    assert set(every.counts.ravel()) == {10, 11}
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Noise anew, and other forms
-# ---------------------------------------------------------------------------------------------------------------
 def assert_same(found, expected):
     np.testing.assert_allclose(found.hessian, expected.hessian, rtol=1e-10, atol=1e-9)
     np.testing.assert_allclose(found.gradient, expected.gradient, rtol=1e-10, atol=1e-9)
@@ -381,7 +285,7 @@ def test_other_forms_take_the_place_of_the_old_ones():
     assert kept == chosen
 
 
-@pytest.mark.parametrize("others", [(), (0,), (3, 1)])
+@pytest.mark.parametrize("others", [(0,), (3, 1)])
 def test_a_change_without_amplitude_is_whole_or_not_there(others):
     """On top of some candidates, one of which may have a change itself, against efforts without these changes."""
     first = made_case()
@@ -397,237 +301,3 @@ def test_a_change_without_amplitude_is_whole_or_not_there(others):
     chosen, expected = ([p.candidates[k] for k in with_it] for p in (products, after))
     np.testing.assert_allclose(products.residual(chosen), after.residual(expected), atol=1e-7)
     np.testing.assert_allclose(products.held_back(chosen).squares, after.held_back(expected).squares, rtol=1e-6)
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Selection
-# ---------------------------------------------------------------------------------------------------------------
-LOG = 640
-
-
-def log_of(seed, noise=1.0, memory=0.0, joints=2):
-    """Coefficients' waves, and noise: white, or AR(1)."""
-    rng = np.random.default_rng(seed)
-    columns = waves(rng, LOG, 4, joints=joints)
-    drawn = rng.normal(size=(LOG + 200, joints)) * np.sqrt(1.0 - memory**2)
-    error = lfilter([1.0], [1.0, -memory], drawn, axis=0)[200:]
-    return rng, columns, columns @ np.array([1.5, -0.7, 0.4, 2.0]) + noise * error
-
-
-def dictionary(rng, joints=2, each=8):
-    """Candidates of one or two columns, in each joint or in both."""
-    found = []
-    for k in range(each):
-        size = 1 + k % 2
-        for j in range(joints):
-            found.append(made(f"own{k}", {j: waves(rng, LOG, size, fastest=14.0)}, [0.8] * size, k % 3 == 0))
-        rows = {j: waves(rng, LOG, size, fastest=14.0) for j in range(joints)}
-        found.append(made(f"both{k}", rows, [0.5] * size))
-    return found
-
-
-def products_of(columns, effort, hypotheses):
-    """Errors as a fit of the model alone leaves them."""
-    data = observed(columns, effort)
-    left = []
-    for j in range(effort.shape[1]):
-        rest = effort[:, j] - columns[:, j] @ np.linalg.lstsq(columns[:, j], effort[:, j], rcond=None)[0]
-        left.append(fit_error(rest, data.used[:, j], RATE)[0])
-    return Products(data, hypotheses, left)
-
-
-def names(chosen):
-    return [c.hypothesis.key for c in chosen]
-
-
-@pytest.mark.parametrize("memory", [0.0, 0.9])
-@pytest.mark.parametrize("place", [4, 11])
-def test_the_group_that_is_there_is_found_and_no_other(place, memory):
-    rng, columns, effort = log_of(7 + place, 0.5, memory)
-    hypotheses = dictionary(rng)
-    for j, rows in hypotheses[place].columns.rows.items():
-        effort[:, j] += rows @ np.array([1.0, -0.6])[: rows.shape[1]]
-    products, chosen = select_forward(products_of(columns, effort, hypotheses), RULES)
-    assert names(chosen) == [hypotheses[place].key]
-    left = products.residual(chosen)
-    again = fit_error(left[:, 0], np.ones(LOG, dtype=bool), RATE)[0]
-    assert products.errors[0].sigma == pytest.approx(
-        again.sigma, rel=0.04
-    )  # noise is that of the result, but for a cell of the lattice of fits
-    assert np.sqrt(np.mean(left**2)) < 0.7
-
-
-@pytest.mark.parametrize("memory", [0.0, 0.9])
-def test_nothing_is_found_in_noise(memory):
-    """Twenty logs, 24 candidates each; a threshold of 0 nats is passed by some, held-back blocks by few of these."""
-    passed = borne_out = 0
-    for seed in range(20):
-        rng, columns, effort = log_of(100 + seed, 1.0, memory)
-        products = products_of(columns, effort, dictionary(rng))
-        passed += bool((products.gains((), products.candidates) > 0.0).any())
-        assert select_forward(products, RULES)[1] == []
-        borne_out += bool(select_forward(products, Rules(0.0, 16))[1])
-    assert passed > 5
-    assert borne_out <= passed / 3
-
-
-def test_noise_that_lasts_is_taken_for_an_effect_if_it_is_said_to_be_white():
-    """What the error model is for: slow candidates, on noise of a correlation of 0.9."""
-    most = []
-    for seed in range(6):
-        rng, columns, effort = log_of(200 + seed, 1.0, 0.9)
-        slow = [made(f"slow{k}", {0: waves(rng, LOG, 1, slowest=0.2, fastest=1.5)}, [0.8]) for k in range(8)]
-        products = products_of(columns, effort, slow)
-        believed = Products(products.data, slow, [ErrorModel(e.sigma, 1e-6, 0.1, RATE) for e in products.errors])
-        most.append([p.gains((), p.candidates).max() for p in (products, believed)])
-    right, wrong = np.max(most, axis=0)
-    assert right < NEEDED < wrong
-
-
-def white_errors():
-    return [ErrorModel(1.0, 1e-6, 0.1, RATE)]
-
-
-def three_of_one_joint(seed=5):
-    """Two effects, and a third that looks like both of them together."""
-    rng, columns, effort = log_of(seed, 0.2, joints=1)
-    one, other, own = waves(rng, LOG, 3, slowest=20.0, fastest=60.0).T
-    effort[:, 0] += one + other
-    hypotheses = [
-        made("sum", {0: (one + other + own)[:, None]}, [0.8]),
-        made("one", {0: one[:, None]}, [0.8]),
-        made("other", {0: other[:, None]}, [0.8]),
-    ]
-    return Products(observed(columns, effort), hypotheses, white_errors())
-
-
-def test_what_becomes_needless_goes():
-    products = three_of_one_joint()
-    assert np.argmax(products.gains((), products.candidates)) == 0
-    assert names(select_forward(products, Rules(NEEDED, 1))[1]) == [("sum", (1,))]
-    _, chosen = select_forward(three_of_one_joint(), RULES)
-    assert sorted(names(chosen)) == [("one", (1,)), ("other", (1,))]
-
-
-def test_what_resembles_the_sum_of_two_gives_its_place_to_one_of_them():
-    """It is needed beside the other, as a stand-in for the one that is not there yet: needless it never is."""
-    rng, columns, effort = log_of(3, 0.2, joints=1)
-    one, other, own = waves(rng, LOG, 3, slowest=20.0, fastest=60.0).T
-    effort[:, 0] += 1.6 * one + other
-    rows = {"sum": one + other + 0.2 * own, "one": one, "other": other}
-    hypotheses = [made(name, {0: column[:, None]}, [0.8]) for name, column in rows.items()]
-    products = Products(observed(columns, effort), hypotheses, white_errors())
-    assert np.argmax(products.gains((), products.candidates)) == 0
-    assert names(select_forward(products, Rules(NEEDED, 2))[1]) == [("other", (1,)), ("one", (1,))]
-
-
-def test_of_what_cannot_be_told_apart_that_of_the_fewest_columns_is_taken():
-    """The wide one holds what there is, and a column of no use; beside it something else of the joint."""
-    rng, columns, effort = log_of(6, 0.2, joints=1)
-    there, useless, more = waves(rng, LOG, 3, slowest=20.0, fastest=60.0).T
-    effort[:, 0] += 1.3 * there - 0.7 * more
-    wide = made("wide", {0: np.column_stack([there, useless])}, [0.8, 1e-3])
-    slim = made("slim", {0: there[:, None]}, [0.6])
-    beside = made("beside", {0: more[:, None]}, [0.8])
-    products = Products(observed(columns, effort), [wide, slim, beside], white_errors())
-    first, second, _ = products.gains((), products.candidates)
-    assert 0.0 < first - second < np.log(10.0)
-    assert sorted(names(select_forward(products, RULES)[1])) == [("beside", (1,)), ("slim", (1,))]
-
-
-def test_no_more_are_added_than_asked_for():
-    assert select_forward(three_of_one_joint(), Rules(NEEDED, 0))[1] == []
-
-
-def test_another_form_of_what_was_chosen_is_not_added():
-    """One effect in the same joint is chosen once, whatever its forms."""
-    rng, columns, effort = log_of(9, 0.3, joints=1)
-    rows = waves(rng, LOG, 2, slowest=3.0)
-    effort[:, 0] += rows @ [1.2, 0.8]
-    hypotheses = [made("same", {0: rows[:, [k]]}, [0.8]) for k in range(2)]
-    _, chosen = select_forward(products_of(columns, effort, hypotheses), RULES)
-    assert len(chosen) == 1
-
-
-def test_an_effect_that_harms_another_joint_is_refused():
-    """Its one amplitude is right in the first joint, where it says a lot, and wrong in the second."""
-    rng, columns, effort = log_of(11, 0.3)
-    rows = waves(rng, LOG, 1, slowest=3.0)
-    effort[:, 0] += 1.5 * rows[:, 0]
-    harmful = made("harmful", {0: rows, 1: 0.15 * rows}, [0.8])
-    products = products_of(columns, effort, [harmful])
-    assert products.gains((), products.candidates)[0] > 2.0 * NEEDED
-    assert select_forward(products, RULES)[1] == []
-    honest = made("honest", {0: rows}, [0.8])
-    _, chosen = select_forward(products_of(columns, effort, [harmful, honest]), RULES)
-    assert names(chosen) == [honest.key]
-
-
-def test_what_harms_most_in_the_end_goes_and_does_not_come_back(monkeypatch):
-    """Without "one" the error is the larger, so "other" is blamed for a harm that is made up."""
-    kept = names(select_forward(three_of_one_joint(), RULES)[1])
-    monkeypatch.setattr(forward, "harmed", lambda after, nothing: after.rms < 0.5 * nothing.rms)
-    products = three_of_one_joint()
-    _, chosen = select_forward(products, RULES)
-    left = {c.hypothesis.key: products.held_back([c]).rms[0] for c in products.candidates if c.hypothesis.key in kept}
-    assert names(chosen) == [min(left, key=left.get)]
-
-
-def distorted():
-    """A distortion, its first form and its right one, and a term that looks like most of it."""
-    rng, columns, effort = log_of(13, 0.2, joints=1)
-    own, change, other = waves(rng, LOG, 3, slowest=20.0, fastest=60.0).T
-    effort[:, 0] += 1.5 * own + change
-    alike = made("alike", {0: (0.8 * own + 1.4 * change)[:, None]}, [0.8])
-    off = made("distortion", {0: (own + 0.3 * other)[:, None]}, [0.8])
-    right = made("distortion", {0: own[:, None]}, [0.8], shift={0: change})
-    return Products(observed(columns, effort), [off, alike], [ErrorModel(1.0, 1e-6, 0.1, RATE)]), off, right
-
-
-def test_a_distortion_is_sharpened_and_what_looks_like_it_is_needless_then():
-    products, off, right = distorted()
-    asked = []
-
-    def sharpen(current, chosen):
-        asked.append(names(chosen))
-        found = {off.key} <= set(names(chosen)) and off in current.hypotheses
-        return {id(off): right} if found else {}
-
-    found, chosen = select_forward(products, Rules(NEEDED, 16, sharpen))
-    assert asked == [[("alike", (1,))], [("alike", (1,)), off.key], [off.key]]
-    assert [c.hypothesis for c in chosen] == [right]
-    assert np.sqrt(np.mean(found.residual(chosen) ** 2)) == pytest.approx(0.2, rel=0.1)
-
-
-def test_a_distortion_that_others_make_needless_goes():
-    """In its right form it was there to begin with, but is a term's likeness here."""
-    products, _, right = distorted()
-    own, change = right.columns.rows[0], right.columns.shift[0][:, None]
-    term = made("term", {0: np.hstack([own, change])}, [2.0, 2.0])
-    products = Products(products.data, [term, right], list(products.errors))
-    assert products.gains([products.candidates[0]], [products.candidates[1]])[0] < 1.0
-    _, chosen = select_forward(products, RULES, {term.key, right.key})
-    assert len(chosen) == 1
-
-
-def test_a_selection_may_begin_with_what_is_only_worth_it_together():
-    """Signal in two columns that nearly cancel: neither helps alone, so growth from nothing adds none."""
-    rng, columns, effort = log_of(19, 0.2, joints=1)
-    common, small = waves(rng, LOG, 2, slowest=20.0, fastest=60.0).T
-    effort[:, 0] += small
-    pair = [made("one", {0: (common + 0.5 * small)[:, None]}, [2.0]), made("two", {0: common[:, None]}, [2.0])]
-    useless = made("useless", {0: waves(rng, LOG, 1)}, [0.8])
-    fresh = [products_of(columns, effort, [*pair, useless]) for _ in range(2)]
-    assert select_forward(fresh[0], Rules(40.0, 16))[1] == []
-    _, chosen = select_forward(fresh[1], Rules(40.0, 16), {one.key for one in (*pair, useless)})
-    assert set(names(chosen)) == {one.key for one in pair}
-
-
-def test_an_effect_of_more_joints_takes_the_place_of_itself_in_fewer():
-    rng, columns, effort = log_of(17, 0.3)
-    rows = waves(rng, LOG, 2, slowest=3.0)
-    effort += 1.2 * rows
-    alone = made("same", {0: rows[:, :1]}, [0.8])
-    both = replace(made("same", {j: rows[:, [j]] for j in (0, 1)}, [0.8]), key=("same", ()))
-    _, chosen = select_forward(products_of(columns, effort, [alone, both]), RULES, {alone.key})
-    assert names(chosen) == [both.key]

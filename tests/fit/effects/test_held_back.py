@@ -35,20 +35,7 @@ def test_rise_and_its_standard_error_are_those_of_the_mean_of_blocks():
     np.testing.assert_allclose(error, [0.8 / 4.0, 0.0], atol=1e-15)
 
 
-def test_standard_error_is_the_scatter_of_repeated_logs():
-    """Blocks drawn at random; the error of a scatter from 4000 of them is 1 %, that of the mean error less."""
-    rng = np.random.default_rng(3)
-    drawn = [errors(rng.gamma(3.0, 0.5, BLOCKS)).rise(errors(rng.gamma(2.0, 0.7, BLOCKS))) for _ in range(4000)]
-    rises, found = (np.ravel(values) for values in zip(*drawn, strict=True))
-    scale = np.sqrt(BLOCKS / (BLOCKS - 1))  # of a sample's own scatter
-    assert np.sqrt(np.mean(found**2)) * scale == pytest.approx(rises.std(), rel=0.05)
-    assert rises.mean() == pytest.approx(1.5 - 1.4, abs=4.5 * rises.std() / np.sqrt(4000))
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Above a level, and growth
-# ---------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(("sd", "sure"), [(0.0, True), (2.6, True), (2.7, False)])
+@pytest.mark.parametrize(("sd", "sure"), [(2.6, True), (2.7, False)])
 def test_above_a_level_is_sure_by_the_scatter_of_the_blocks(sd, sure):
     """A mean square of 5 over a level of 2 N m: 1 against 1.5 sd / 4."""
     found = errors(spread(5.0, sd), 0.24)
@@ -65,10 +52,7 @@ def test_growth_is_as_large_and_as_sure_as_the_help_of_an_effect(rise, sd, grown
     assert not before.surely_grown(errors(1.0 + rise, 3.0)).any()
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Harm
-# ---------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(("rise", "visible"), [(-0.5, False), (0.0, False), (0.039, False), (0.041, True), (0.5, True)])
+@pytest.mark.parametrize(("rise", "visible"), [(-0.5, False), (0.039, False), (0.041, True)])
 def test_harm_is_visible_from_four_per_cent_of_the_square_on(rise, visible):
     """The same in all blocks, so beyond all doubt."""
     before = errors(7.0, 0.3)
@@ -76,17 +60,14 @@ def test_harm_is_visible_from_four_per_cent_of_the_square_on(rise, visible):
     np.testing.assert_array_equal(harmed(errors(7.0, 0.3 * (1.0 + rise)), before), [False, visible])
 
 
-@pytest.mark.parametrize("share", [0.9, 1.1])
-def test_harm_is_sure_from_one_standard_error_on(share):
+def test_harm_is_sure_from_one_standard_error_on():
     """A rise of one, whose standard error is a quarter of the blocks' scatter."""
-    found = harmed(errors(spread(11.0, 4.0 / share)), errors(10.0))
-    np.testing.assert_array_equal(found, [share > 1.0])
+    for share in (0.9, 1.1):
+        found = harmed(errors(spread(11.0, 4.0 / share)), errors(10.0))
+        np.testing.assert_array_equal(found, [share > 1.0])
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Help
-# ---------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(("share", "borne_out"), [(0.05, False), (0.095, False), (0.105, True), (0.6, True)])
+@pytest.mark.parametrize(("share", "borne_out"), [(0.095, False), (0.105, True)])
 def test_help_is_worth_a_term_from_a_tenth_of_the_square_on(share, borne_out):
     before, after = errors(2.0, 9.0), errors(2.0, 9.0 * (1.0 - share))
     assert bears_out(after, before, [1]) is borne_out
@@ -102,25 +83,25 @@ def test_shares_of_joints_add_up(first, second, borne_out):
     assert bears_out(after, errors(1e-4, 1e4, 1.0), {0, 1}) is borne_out
 
 
-@pytest.mark.parametrize(("deviations", "borne_out"), [(1.3, False), (1.7, True)])
-def test_help_must_be_sure(deviations, borne_out):
+def test_help_must_be_sure():
     """A fall of a third, by some standard errors."""
-    scatter = 1.0 / deviations * np.sqrt(BLOCKS)
-    assert bears_out(errors(spread(2.0, scatter)), errors(3.0), [0]) is borne_out
+    for deviations, borne_out in ((1.3, False), (1.7, True)):
+        scatter = 1.0 / deviations * np.sqrt(BLOCKS)
+        assert bears_out(errors(spread(2.0, scatter)), errors(3.0), [0]) is borne_out
 
 
-@pytest.mark.parametrize("elsewhere", [0.0, 1.0])
-def test_help_where_an_effect_acts_is_weighed_against_harm_elsewhere(elsewhere):
+def test_help_where_an_effect_acts_is_weighed_against_harm_elsewhere():
     """It helps much in two blocks; in the others it does nothing, or doubles the square in half of them."""
     acts = np.zeros(BLOCKS)
     acts[[5, 6]] = 1.0
-    harm = elsewhere * np.resize([1.0, 0.0], BLOCKS)
     before = errors(1.0 + 9.0 * acts)
-    assert bears_out(errors(1.0 + 3.0 * acts + harm * (1.0 - acts)), before, [0]) is (elsewhere == 0.0)
-    assert bears_out(before, errors(1.0 + 3.0 * acts + harm * (1.0 - acts)), [0]) is False
+    for elsewhere in (0.0, 1.0):
+        after = errors(1.0 + 3.0 * acts + elsewhere * np.resize([1.0, 0.0], BLOCKS) * (1.0 - acts))
+        assert bears_out(after, before, [0]) is (elsewhere == 0.0)
+        assert bears_out(before, after, [0]) is False
 
 
-@pytest.mark.parametrize(("rise", "borne_out"), [(0.5, True), (0.75, True), (0.85, False)])
+@pytest.mark.parametrize(("rise", "borne_out"), [(0.75, True), (0.85, False)])
 def test_others_must_not_lose_more_than_an_effect_helps(rise, borne_out):
     """A fall by four fifths in one joint, a rise in another one."""
     before = errors(2.0, 5.0)
@@ -133,6 +114,5 @@ def test_joints_without_samples_say_nothing():
     np.testing.assert_array_equal(harmed(before, before), [False])
 
 
-@pytest.mark.parametrize(("duration", "blocks"), [(0.5, 4), (3.9, 4), (5.5, 5), (15.9, 15), (16.0, 16), (500.0, 16)])
-def test_blocks_last_a_second_unless_there_are_too_few(duration, blocks):
-    assert blocks_of(duration) == blocks
+def test_blocks_last_a_second_unless_there_are_too_few():
+    assert [blocks_of(duration) for duration in (0.5, 3.9, 5.5, 15.9, 16.0, 500.0)] == [4, 4, 5, 15, 16, 16]

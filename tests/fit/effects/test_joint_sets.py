@@ -7,7 +7,7 @@ from scipy.stats import multivariate_normal, norm
 
 from bayesid.fit.effects.columns import Columns
 from bayesid.fit.effects.explanation import Observations
-from bayesid.fit.effects.joint_sets import _JointForms, joint_sets
+from bayesid.fit.effects.joint_sets import JointForms, joint_sets
 from bayesid.fit.knowledge import Information
 
 COUNT, JOINT = 120, 1
@@ -78,7 +78,7 @@ def test_scores_are_log_densities(problem, with_others):
         {JOINT: rng.normal(size=(COUNT, 1))}, {JOINT: 0.05 * rng.normal(size=COUNT)}, np.array([0.3]), [False]
     )
     others = [more] if with_others else []
-    scored = _JointForms(data, JOINT, others, forms)
+    scored = JointForms(data, JOINT, others, forms)
     nothing = scored.scores(np.zeros((1, 0), dtype=np.int64))[0]
     for size in (1, 2, 3):
         sets = np.array(list(combinations(range(len(forms)), size)))
@@ -92,7 +92,7 @@ def test_an_amplitude_that_cannot_be_negative(problem):
     for side in (1.0, -1.0):
         sided = form("friction", side * rows, sd=(0.2,), positive=[True])
         free = form("friction", side * rows, sd=(0.2,))
-        scores = [_JointForms(data, JOINT, [], [one]).scores(np.array([[0]]))[0] for one in (sided, free)]
+        scores = [JointForms(data, JOINT, [], [one]).scores(np.array([[0]]))[0] for one in (sided, free)]
         grid = np.linspace(0.0, 1.6, 4001)  # of the amplitude, by quadrature
         used = data.used[:, JOINT]
         model, spread, expected = data.columns[used, JOINT], problem[2], problem[3]

@@ -58,9 +58,7 @@ class Case:
         return covariance @ rows.T @ left.T @ self.effort, covariance
 
 
-@pytest.mark.parametrize(
-    ("sd", "amplitudes"), [([0.5], [1.3]), ([0.5, 2.0, 0.1], [0.9, -1.0, 0.2]), ([3.0, 1.0], [2.0, 0.5])]
-)
+@pytest.mark.parametrize(("sd", "amplitudes"), [([0.5], [1.3]), ([0.5, 2.0, 0.1], [0.9, -1.0, 0.2])])
 def test_scale_of_a_group_maximises_the_penalised_evidence(sd, amplitudes):
     """On a grid of two per cent; the penalty makes zero a maximum too, which is left aside."""
     case = Case([sd], [amplitudes])
@@ -87,16 +85,6 @@ def test_scales_of_several_groups_are_a_common_maximum():
     assert np.all(doubled < -0.3)
 
 
-def test_moments_are_those_of_the_amplitudes_given_the_log():
-    case = Case([[0.5, 0.3], [1.0]], [[1.0, -0.4], [2.2]], seed=4)
-    found = case.learned()
-    mean, covariance = case.posterior(found.scales)
-    turn = np.zeros((3, 3))
-    turn[:2, :2], turn[2:, 2:] = found.turns
-    moments = turn @ found.moments @ turn.T
-    np.testing.assert_allclose(moments, covariance + np.outer(mean, mean), rtol=1e-6, atol=1e-9)
-
-
 def test_what_the_log_cannot_show_vanishes():
     """Columns of a thousandth of the error, and large ones of effects that are not there."""
     case = Case([[0.5], [1.0, 1.0], [0.8]], [[1.3], [0.0, 0.0], [0.0]], seed=7)
@@ -112,7 +100,7 @@ def test_what_the_log_cannot_show_vanishes():
     assert np.max(absent) < 0.3  # sqrt(4 / 120) is what four amplitudes of noise alone would be
 
 
-@pytest.mark.parametrize("amplitude", [0.0, 0.2, 6.0])
+@pytest.mark.parametrize("amplitude", [0.2, 6.0])
 def test_what_was_stated_never_shrinks_but_may_grow(amplitude):
     amplitudes, there = [[amplitude, 2.0 * amplitude], [0.9]], [True, False]
     case = Case([[1.0, 2.0], [0.5]], amplitudes, seed=2, least=[1.0, 0.0], there=there)
@@ -128,7 +116,7 @@ def test_what_was_stated_never_shrinks_but_may_grow(amplitude):
     np.testing.assert_allclose(moments, covariance + np.outer(mean, mean), rtol=1e-6, atol=1e-9)
 
 
-@pytest.mark.parametrize("amplitude", [0.0, 0.3, 5.0])
+@pytest.mark.parametrize("amplitude", [0.3, 5.0])
 def test_what_is_there_in_any_case_has_the_mean_square_that_belief_and_log_leave(amplitude):
     """By densities of all rows, on an even grid, beside another group that is searched for."""
     case = Case([[1.0, 0.5, 2.0], [0.5]], [amplitude * np.array([0.9, -0.6, 1.7]), [1.3]], seed=6, there=[True, False])
@@ -141,17 +129,6 @@ def test_what_is_there_in_any_case_has_the_mean_square_that_belief_and_log_leave
     assert (found.scales[0] < 1.0) == (amplitude < 1.0)
 
 
-def test_what_is_there_in_any_case_is_as_usual_where_the_log_cannot_show_it():
-    case = Case([[1.0, 2.0], [0.8]], [[0.0, 0.0], [0.0]], seed=7, there=[True, False])
-    for rows in case.rows:
-        rows *= 1e-3
-    found = case.learned()
-    np.testing.assert_allclose(found.scales, [1.0, 0.0], atol=5e-3)
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Directions
-# ---------------------------------------------------------------------------------------------------------------
 def with_collinear(part, sd=(0.5, 2.0), seed=3, *, there=False):
     """A group whose columns' sum is in the model's span, but for a part of it; and the difference's size."""
     case = Case([sd], [[0.9, -1.1]], seed=seed, there=[there])
@@ -176,18 +153,6 @@ def test_what_the_models_columns_stand_for_is_left_to_them(part):
         assert alone @ both == pytest.approx(0.0, abs=1e-6)
     else:
         assert abs(alone @ both) < 0.05 * np.linalg.norm(both)
-
-
-def test_one_column_takes_the_place_of_two_that_are_not_both_there():
-    """A group of the direction that is left has the same scale and the same moments."""
-    case = with_collinear(0.0)
-    found = case.learned()
-    single = with_collinear(0.0)
-    single.sds, single.rows = [np.array([1.0])], [case.rows[0] @ found.turns[0]]
-    again = single.learned()
-    np.testing.assert_allclose(found.scales, again.scales, rtol=1e-5)
-    np.testing.assert_allclose(found.moments, again.moments * again.turns[0] ** 2, rtol=1e-5)
-    assert found.scales[0] > 0.1
 
 
 @pytest.mark.parametrize(("part", "there"), [(0.5, False), (0.0, True)])

@@ -1,0 +1,48 @@
+"""Candidates of a forward selection and logs for it, all made of sines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesid.fit.effects.columns import Columns
+from bayesid.fit.effects.explanation import Observations
+from bayesid.fit.knowledge import Information
+
+RATE = 50.0
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """Anything that may explain efforts."""
+
+    columns: Columns
+    key: tuple[str, tuple[int, ...]]
+
+
+def made(name, rows, sd, positive=False, shift=None):
+    sides = np.broadcast_to(positive, len(sd)).copy()
+    return Made(Columns(rows, shift or {}, np.asarray(sd, dtype=float), sides), (name, tuple(j + 1 for j in rows)))
+
+
+def waves(rng, count, columns, joints=None, slowest=1.0, fastest=9.0):
+    """Sines, one for every column."""
+    shape = (columns,) if joints is None else (joints, columns)
+    t = np.arange(count) / RATE
+    return np.sin(np.multiply.outer(t, rng.uniform(slowest, fastest, shape)) + rng.uniform(0.0, 6.0, shape))
+
+
+def observed(columns, effort, used=None):
+    used = np.ones(effort.shape, dtype=bool) if used is None else used
+    n = effort.shape[1]
+    return Observations(
+        columns=columns * used[:, :, None],
+        effort=effort * used,
+        used=used,
+        information=Information.none(columns.shape[2]),
+        floor=np.ones(n),
+        sharp=np.ones(n, dtype=bool),
+        limits=np.full((n, 2), np.inf),
+        rate=RATE,
+    )

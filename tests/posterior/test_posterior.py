@@ -1,0 +1,192 @@
+"""What is read off the draws of a posterior."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from posterior_logs import FEW, LOG_SCALE_SD, infer_from, make_log, near_symmetric, nonnegative
+from posterior_problems import whole_space
+from scipy.stats import norm, truncnorm
+
+from bayesid.model.parameters import Cone
+from bayesid.posterior.diagnostics import Diagnostics
+from bayesid.posterior.inference import Posterior, widened
+from bayesid.posterior.likelihood import Likelihood
+from bayesid.posterior.modes import Mode
+from bayesid.posterior.prior import Prior
+from bayesid.posterior.region import Region
+from bayesid.posterior.sampled_modes import SampledMode
+from bayesid.posterior.sampler import Draws, Sampling
+from bayesid.posterior.target import Target
+
+
+def test_what_the_data_decide():
+    # the first and the third parameter show in their sum alone; the fourth not at all
+    log = make_log(
+        (1.0, -0.7, 0.8, 0.5),
+        rows=(30, 40, 30),
+        known=(1, 0, 0),
+        sd=(1.0, 0.5, 2.0, 0.1),
+        mean=(0.5, 0.0, 0.5, 0.5),
+        sigma=(0.3,),
+        projection=[[1.0, 0.0, 1.0, 0.0], [0.0, 1.0, 0.0, 0.0]],
+    )
+    posterior = infer_from(log, options=Sampling(walkers=4, budget=0.0))
+    assert np.array_equal(posterior.decided_by_data, [False, True, False, False])
+
+
+@pytest.mark.parametrize(("ratio", "decided"), [(8.0, False), (10.5, True)])
+def test_nine_tenths_of_the_precision_decide(ratio, decided):
+    log = make_log((1.0,), rows=(30, 40), known=(1, 1), sigma=(2.0,), time=(3.0,), mean=(1.0,))
+    information = sum(np.sum(y**2) for y, _ in log.rows) / (4.0 * 3.0)
+    posterior = infer_from(log, options=Sampling(walkers=4, budget=0.0))
+    scale = np.exp(-2.0 * posterior.draws.log_scale.mean())
+    log = replace(log, nominal=replace(log.nominal, sd=np.sqrt([ratio / (information * scale)])))
+    posterior = infer_from(log, options=Sampling(walkers=4, budget=0.0))
+    ratio_of_precisions = information * np.exp(-2.0 * posterior.draws.log_scale.mean()) * log.nominal.sd[0] ** 2
+    assert (ratio_of_precisions > 9.0) == decided
+    assert bool(posterior.decided_by_data[0]) == decided
+
+
+def numbered(sweeps, ensembles=4, walkers=16):
+    """A posterior whose draws are numbers, two parameters and one coefficient."""
+    sweep, place = np.meshgrid(np.arange(sweeps), np.arange(ensembles * walkers), indexing="ij")
+    theta = np.stack([sweep, place], axis=-1).astype(float).reshape(sweeps, ensembles, walkers, 2)
+    projection = np.array([[1.0, 10.0], [0.5, -1.0]])
+    zero = np.zeros((1, 2, 2)), np.zeros(1), np.ones(1), np.zeros((1, 2)), np.zeros(1, dtype=int)
+    likelihood = Likelihood(projection, *zero, np.zeros(1, dtype=int), np.ones(1))
+    prior = Prior(whole_space(2), np.zeros(2), np.ones(2), np.full(1, LOG_SCALE_SD), np.zeros(2))
+    log_scale = theta @ np.array([[0.0], [1e-3]]) + 1.0
+    none = Diagnostics(np.ones(1), np.ones(1), np.ones(1))
+    draws = Draws(theta, log_scale, theta @ projection.T, theta[..., 0], none, none, True, 1.0)
+    mode = SampledMode(Mode(np.zeros(2), np.ones(1, dtype=int), 0.0), draws, None, 1.0)
+    return Posterior(Target(prior, likelihood), None, None, (mode,), draws, np.ones(1), np.empty(0), None, 1.0, FEW)
+
+
+@pytest.mark.parametrize(("sweeps", "count"), [(8, 24), (51, 24), (24, 256), (255, 256), (510, 256)])
+def test_spread_draws_come_from_all_sweeps_and_walkers_alike(sweeps, count):
+    posterior = numbered(sweeps)
+    theta, log_scale = posterior.spread(count)
+    assert theta.shape == (count, 2)
+    assert log_scale.shape == (count, 1)
+    assert np.allclose(log_scale[:, 0], 1.0 + 1e-3 * theta[:, 1])
+    assert len(np.unique(theta, axis=0)) == count
+    for values, size, parts in ((theta[:, 0], sweeps, 8), (theta[:, 1], 64, 4), (theta[:, 1], 64, 8)):
+        counted = np.bincount((values * parts / size).astype(int), minlength=parts)
+        assert np.all(np.abs(counted - count / parts) <= 0.35 * count / parts)
+    early = theta[:, 0] < 0.5 * sweeps
+    assert abs(np.mean(theta[early, 1]) - np.mean(theta[~early, 1])) < 10.0
+
+
+def test_spread_of_more_than_there_are_is_all_of_them():
+    posterior = numbered(3, ensembles=2, walkers=5)
+    theta, log_scale = posterior.spread(1000)
+    assert len(theta) == 30
+    assert {tuple(row) for row in theta} == {tuple(row) for row in posterior.draws.theta.reshape(-1, 2)}
+    assert len(posterior.spread(7)[0]) == 7
+    assert len(numbered(8).spread()[0]) == 256
+
+
+def test_figures_of_the_draws():
+    posterior = numbered(11)
+    sweep, place = (values.ravel() for values in np.meshgrid(np.arange(11.0), np.arange(64.0)))
+    assert np.allclose(posterior.theta, [5.0, 31.5])
+    assert np.allclose(posterior.parameter_sd, [sweep.std(), place.std()])
+    a, b = np.var(sweep), np.var(place)  # independent by their make
+    covariance = np.array([[a + 100.0 * b, 0.5 * a - 10.0 * b], [0.5 * a - 10.0 * b, 0.25 * a + b]])
+    assert np.allclose(posterior.covariance, covariance * 704 / 703)
+    beta = np.stack([sweep + 10.0 * place, 0.5 * sweep - place])
+    low, high = posterior.interval(0.8)
+    for ends, share in ((low, 0.1), (high, 0.9)):
+        assert np.allclose([np.mean(values < end) for values, end in zip(beta, ends, strict=True)], share, atol=0.02)
+
+
+def test_one_coefficient_has_a_covariance_matrix():
+    posterior = infer_from(nonnegative(), options=Sampling(walkers=4, budget=0.0))
+    assert posterior.covariance.shape == (1, 1)
+    assert posterior.covariance[0, 0] == pytest.approx(np.var(posterior.draws.beta, ddof=1))
+    low, high = posterior.interval(0.9)
+    assert low.shape == high.shape == (1,)
+    assert np.mean((posterior.draws.beta > low) & (posterior.draws.beta < high)) == pytest.approx(0.9, abs=0.02)
+
+
+@pytest.mark.parametrize(("mean", "from_zero"), [(-1.0, True), (0.3, True), (8.0, False)])
+def test_a_coefficient_that_cannot_be_negative_has_the_shortest_interval(mean, from_zero):
+    """Normal draws cut at zero; far from it the shortest interval is the central one, of the free one it always is."""
+    posterior = normal_draws(np.eye(2), cone=Cone.orthant(1) + Cone.free(1))
+    drawn = truncnorm.rvs(-mean, np.inf, loc=mean, size=(400, 4, 16), random_state=1)
+    beta = np.stack([drawn, drawn], axis=-1)
+    posterior = replace(posterior, draws=replace(posterior.draws, theta=beta, beta=beta))
+    low, high = posterior.interval(0.95)
+    assert (low[0] == 0.0) == from_zero
+    np.testing.assert_allclose([low[1], high[1]], np.quantile(drawn, [0.025, 0.975]))
+    share = norm.sf(0.0, mean)
+    expected = mean + norm.isf(0.05 * share) if from_zero else mean + norm.isf(0.025)
+    assert high[0] == pytest.approx(expected, abs=0.06)
+
+
+def test_what_a_model_may_lack_widens_by_the_closed_form():
+    """A normal posterior: theta moves by Cov(theta, beta) H e; nothing else moves."""
+    plain = normal_draws(np.array([[2.0, 0.6], [0.6, 0.5]]))
+    information = np.linalg.inv(plain.covariance_of_log)
+    lacking = np.array([[3.0, -1.1], [-1.1, 0.7]])
+    wide = widened(plain, information, lacking)
+    error = 4.5 * np.sqrt(2.0 / plain.draws.log_density.size) * np.array([[5.0, 3.0], [3.0, 1.5]])
+    assert np.all(np.abs(wide.covariance - plain.covariance - lacking) < error)
+    np.testing.assert_array_equal(wide.theta, plain.theta)
+    np.testing.assert_array_equal(wide.covariance_of_log, plain.covariance_of_log)
+    assert np.all(wide.parameter_sd > 1.2 * plain.parameter_sd)
+    np.testing.assert_array_equal(widened(plain, information, lacking).shift, wide.shift)
+
+
+def test_what_a_model_may_lack_leaves_no_friction_below_zero():
+    """The second parameter cannot be negative; the first is as free as ever."""
+    log = near_symmetric(0.6)
+    posterior = infer_from(log, options=Sampling(walkers=8, budget=0.0))
+    information = np.diag([50.0, 50.0])
+    wide = widened(posterior, information, np.diag([0.09, 4.0]))
+    assert np.all(wide.uncertain.theta[..., 1] >= 0.0)
+    assert np.any(wide.uncertain.theta[..., 1] == 0.0)
+    assert np.all(posterior.uncertain.theta == posterior.draws.theta)
+    of_mode = wide.mode_of_draws == 0
+    assert np.all(np.sign(wide.draws.theta[of_mode][:, 0]) == np.sign(wide.theta[0]))
+    assert wide.shift[..., 1].std() > 0.0
+
+
+def test_what_efforts_show_in_sums_alone_gives_way_on_both_sides():
+    """One coefficient a + 2 m, of a mass near zero: kept there, it would let the sum move to one side only."""
+    plain = normal_draws(np.array([[2.0, -0.9], [-0.9, 0.5]]), cone=Cone.free(1) + Cone.orthant(1))
+    sums = np.array([[1.0, 2.0]])
+    likelihood = replace(plain.target.likelihood, projection=sums, hessian=np.zeros((1, 1, 1)))
+    theta = np.abs(plain.draws.theta - [0.0, -3.0])
+    draws = replace(plain.draws, theta=theta, beta=theta @ sums.T)
+    target, modes = replace(plain.target, likelihood=likelihood), (replace(plain.modes[0], draws=draws),)
+    plain = replace(plain, target=target, draws=draws, modes=modes)
+    wide = widened(plain, np.linalg.inv(plain.covariance_of_log), np.array([[9.0]]))
+    shift = (wide.uncertain.beta - plain.draws.beta).ravel()
+    assert np.any(wide.uncertain.theta[..., 1] < 0.0)
+    assert abs(shift.mean()) < 4.5 * 3.0 / np.sqrt(shift.size)
+    assert shift.std() == pytest.approx(3.0, rel=4.5 / np.sqrt(2.0 * shift.size))
+
+
+def normal_draws(covariance, cone=None):
+    """A posterior of two free parameters whose draws are normal, and are the coefficients."""
+    posterior = numbered(40)
+    theta = np.random.default_rng(5).multivariate_normal([1.0, -3.0], covariance, size=(400, 4, 16))
+    likelihood = replace(posterior.target.likelihood, projection=np.eye(2))
+    draws = replace(posterior.draws, theta=theta, beta=theta, log_density=theta[..., 0], log_scale=theta[..., :1])
+    mode = replace(posterior.modes[0], draws=draws)
+    target = replace(posterior.target, likelihood=likelihood)
+    if cone is not None:
+        target = replace(target, prior=replace(target.prior, region=Region.of(cone), inside=np.ones(2)))
+    return replace(posterior, target=target, draws=draws, modes=(mode,))
+
+
+def test_the_mean_of_two_modes_on_an_edge_is_inside():
+    log = near_symmetric(0.6)
+    log = replace(log, nominal=replace(log.nominal, mean=np.array([0.6, -3.0]), sd=np.array([2.0, 0.3])))
+    posterior = infer_from(log, options=Sampling(walkers=4, budget=0.0))
+    region = posterior.target.prior.region
+    assert region.contains(posterior.theta[:, None])[0]
+    assert np.all(region.contains(posterior.spread()[0].T))
+    assert posterior.theta[1] < 3.0 * posterior.parameter_sd[1]  # near the edge
