@@ -27,9 +27,6 @@ def trial_of(effort, used, motion=None):
     return Trial(signals, motion, used)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Costs
-# ---------------------------------------------------------------------------------------------------------------
 class Acting:
     """An effect in some (0-based) joints."""
 
@@ -87,9 +84,6 @@ def test_shares_of_nothing_are_not_known():
     assert np.isnan(EffortSize(1, 1.0, 2.0, 0.0, "rated effort").share)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Sizes
-# ---------------------------------------------------------------------------------------------------------------
 FRICTION, OFFSET = CoulombFriction(smoothing=(0.1, 0.1)), TorqueOffset(joints=(2,))
 MOTION = smooth_motion(2, 4.0, 100.0, seed=5)
 USED = np.repeat(np.arange(len(MOTION))[:, None] >= 100, 2, axis=1)
@@ -113,10 +107,14 @@ def case_of(rated=None, another_log=False):
 
 
 @pytest.mark.parametrize(
-    ("rated", "of", "reference"), [(None, "largest effort in this log", 30.0), (56.0, "rated effort", 56.0)]
+    ("rated", "another_log", "of", "reference"),
+    [
+        (None, True, "largest effort in this log", 30.0),
+        (None, False, "largest effort in this log", 30.0),
+        (56.0, True, "rated effort", 56.0),
+    ],
 )
-@pytest.mark.parametrize("another_log", [True, False])
-def test_a_terms_effort_is_held_against_the_rating_or_the_logs_largest(rated, of, reference, another_log):
+def test_a_terms_effort_is_held_against_the_rating_or_the_logs_largest(rated, another_log, of, reference):
     case = case_of(rated, another_log)
     extended = case.model.extend(OFFSET)
     found = worth.effort_size(case, hypothesis(OFFSET), extended, np.array([2.0, 5.0, -1.4]))

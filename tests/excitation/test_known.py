@@ -12,7 +12,6 @@ from bayesid.excitation.known import inverse, known_of
 from bayesid.identification.identified_model import ParameterDraws
 from bayesid.identification.pipeline import identify
 from bayesid.model.distortions.clipping import Clipping
-from bayesid.model.terms.hysteresis import Hysteresis
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.trajectories import random_trajectory
 
@@ -129,11 +128,6 @@ def test_what_sensors_make_of_efforts_is_no_part_of_what_is_known():
     known = known_of(clipped, 50.0)
     assert known.model.distortions == ()
     assert known.names == known_of(result, 50.0).names
-
-
-def test_memory_is_that_of_any_effect():
-    assert not open_known().memory
-    assert open_known(n=2, terms=("rigid_body", Hysteresis(width=(0.05, 0.02)))).memory
 
 
 def test_a_log_s_own_motion_is_worth_what_the_result_says_of_it():
