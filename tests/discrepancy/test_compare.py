@@ -1,27 +1,18 @@
 import numpy as np
 import pytest
 from conftest import small_robot, smooth_motion
+from made_trials import RATE, made_trial
 from scipy.signal import butter, sosfiltfilt
 
 from bayesid.discrepancy import compare
-from bayesid.discrepancy.compare import Trial, make_trial, noise_floor, shortened, where_it_shows
+from bayesid.discrepancy.compare import make_trial, noise_floor, shortened, where_it_shows
 from bayesid.fit.effects.error_model import fit_error
 from bayesid.fit.noise import Noise
 from bayesid.log.log import Log
-from bayesid.log.signals import Signals, prepare
+from bayesid.log.signals import prepare
 from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
 from bayesid.motion import Motion
-
-RATE = 100.0
-
-
-def made_trial(motion, effort, used=None, signed=False):
-    """A log as it would be after filters that cost nothing, every sample used unless stated otherwise."""
-    every = np.ones(effort.shape, dtype=bool)
-    flags = np.broadcast_to(np.asarray(signed, dtype=bool), effort.shape[1])
-    raw = np.where(flags, effort, np.abs(effort))
-    return Trial(Signals(motion, raw, raw, flags, RATE, 20.0, {}, every), motion, every if used is None else used)
 
 
 def periodic_motion(periods, period=4.0, samples=0):

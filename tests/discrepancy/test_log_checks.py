@@ -3,14 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import small_robot, smooth_motion
+from made_trials import RATE, made_trial
 
-from bayesid.discrepancy.compare import Trial
 from bayesid.discrepancy.log_checks import check_holdout, check_log, check_same_robot
 from bayesid.errors import InputError
 from bayesid.log.log import Log
-from bayesid.log.signals import Signals
 
-RATE = 100.0
 ROBOT = small_robot(2)
 
 
@@ -21,13 +19,6 @@ def log_of(n=2, duration=6.0, seed=1, source="log.csv"):
 
 def part_of(log, rows, source="part.csv"):
     return Log(log.t[rows], log.q[rows], log.effort[rows], log.signed, source=source)
-
-
-def trial_of(effort, used=None):
-    motion = smooth_motion(effort.shape[1], len(effort) / RATE, RATE)
-    every = np.ones(effort.shape, dtype=bool)
-    signals = Signals(motion, effort, effort, np.zeros(effort.shape[1], bool), RATE, 20.0, {}, every)
-    return Trial(signals, motion, every if used is None else used)
 
 
 def refused(check, *arguments):
@@ -64,31 +55,35 @@ def test_a_log_of_less_than_four_seconds_is_too_short():
     assert refused(check_holdout, ROBOT, log_of(seed=2), short).what == said.what
 
 
+MOTION = smooth_motion(2, 4.0, RATE)
 EFFORT = np.abs(3.0 * np.sin(np.arange(400) / 30.0)[:, None] * np.array([1.0, 2.0]) + np.array([0.5, -1.0]))
 
 
 def test_a_model_that_explains_one_joint_is_the_robots_and_one_that_explains_none_is_another_ones():
     """The other joint's effort may be a hundred times too large."""
-    check_same_robot(EFFORT, trial_of(EFFORT), log_of())
-    check_same_robot(EFFORT * np.array([1.0, 100.0]), trial_of(EFFORT), log_of())
-    check_same_robot(-EFFORT * np.array([1.0, 100.0]), trial_of(EFFORT), log_of())
-    assert refused(check_same_robot, EFFORT * np.array([9.0, 100.0]), trial_of(EFFORT), log_of()).where == "log.csv"
-    refused(check_same_robot, np.roll(EFFORT, 47, axis=0) + 3.0, trial_of(EFFORT), log_of())
+    check_same_robot(EFFORT, made_trial(MOTION, EFFORT), log_of())
+    check_same_robot(EFFORT * np.array([1.0, 100.0]), made_trial(MOTION, EFFORT), log_of())
+    check_same_robot(-EFFORT * np.array([1.0, 100.0]), made_trial(MOTION, EFFORT), log_of())
+    assert (
+        refused(check_same_robot, EFFORT * np.array([9.0, 100.0]), made_trial(MOTION, EFFORT), log_of()).where
+        == "log.csv"
+    )
+    refused(check_same_robot, np.roll(EFFORT, 47, axis=0) + 3.0, made_trial(MOTION, EFFORT), log_of())
 
 
 def test_samples_that_are_not_used_and_joints_with_few_are_not_asked():
     """Joint 1 would pass, but it hardly moves."""
     used = np.arange(400)[:, None] < np.array([150, 400])
-    refused(check_same_robot, EFFORT * np.array([1.0, 100.0]), trial_of(EFFORT, used), log_of())
-    check_same_robot(EFFORT * np.array([100.0, 1.0]), trial_of(EFFORT, used), log_of())
+    refused(check_same_robot, EFFORT * np.array([1.0, 100.0]), made_trial(MOTION, EFFORT, used), log_of())
+    check_same_robot(EFFORT * np.array([100.0, 1.0]), made_trial(MOTION, EFFORT, used), log_of())
     used = np.repeat(np.arange(400)[:, None] < 300, 2, axis=1)
-    check_same_robot(np.where(used, EFFORT, 1e3), trial_of(EFFORT, used), log_of())
+    check_same_robot(np.where(used, EFFORT, 1e3), made_trial(MOTION, EFFORT, used), log_of())
 
 
 def test_two_hundred_samples_in_motion_are_enough():
     enough, few = (np.arange(400)[:, None] < np.array([count, 50]) for count in (200, 199))
-    check_same_robot(EFFORT, trial_of(EFFORT, enough), log_of())
-    said = refused(check_same_robot, EFFORT, trial_of(EFFORT, few), log_of())
+    check_same_robot(EFFORT, made_trial(MOTION, EFFORT, enough), log_of())
+    said = refused(check_same_robot, EFFORT, made_trial(MOTION, EFFORT, few), log_of())
     assert "199 samples in motion" in said.what
     assert "200" in said.remedy
 

@@ -3,15 +3,14 @@
 import numpy as np
 import pytest
 from conftest import smooth_motion
+from made_trials import RATE, made_trial
 
-from bayesid.discrepancy.compare import Trial
 from bayesid.discrepancy.mixed_up import check_columns
 from bayesid.errors import InputError
 from bayesid.log.log import Log
-from bayesid.log.signals import Signals
 from bayesid.motion import Motion
 
-N, RATE = 3, 100.0
+N = 3
 
 
 def effort_of(motion):
@@ -28,9 +27,8 @@ def mixed(positions=(0, 1, 2), efforts=(0, 1, 2), sides=(1, 1, 1), model=effort_
     """The check of a log with such columns."""
     q, dq, ddq = (x[:, positions] * np.array(sides) for x in (MOTION.q, MOTION.dq, MOTION.ddq))
     motion, effort = Motion(MOTION.t, q, dq, ddq), EFFORT[:, efforts]
-    every, unsigned = np.ones(effort.shape, dtype=bool), np.zeros(N, dtype=bool)
-    signals = Signals(motion, effort, effort, unsigned, RATE, 20.0, {}, every)
-    check_columns(model, Trial(signals, motion, every), Log(motion.t, q, effort, unsigned, source="log.csv"))
+    log = Log(motion.t, q, effort, np.zeros(N, dtype=bool), source="log.csv")
+    check_columns(model, made_trial(motion, effort), log)
 
 
 @pytest.mark.parametrize(

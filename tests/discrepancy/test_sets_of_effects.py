@@ -83,13 +83,6 @@ def test_probabilities_are_of_effects_whatever_their_form():
     assert [one.probability for one in found] == pytest.approx([(1.0 + np.exp(-1.0)) / total, np.exp(-2.0) / total])
 
 
-def test_what_is_added_or_left_out_later_is_so_of_all_sets():
-    learned = ("learned_effect", (3,))
-    pair, skewed = made([DRY, SPRING], 10.0, 0.0), made([SKEW, SPRING], 8.0, 0.0)
-    found = weighed([pair, skewed], made([DRY, learned], 30.0, 0.0))
-    assert [set(one.effects) for one in found] == [{DRY, learned}, {SKEW, learned}]
-
-
 def test_a_set_that_always_looks_likelier_once_it_is_settled_again_is_not_settled_for_ever():
     """So it was with two errors of the robot's table: what a set is judged by moves with it."""
     both, dry = made([DRY, SPRING], 10.0, 0.0), made([DRY], 5.0, 0.0)

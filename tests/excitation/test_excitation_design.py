@@ -27,7 +27,7 @@ from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
 from bayesid.model.robot import robot_from_table
 from bayesid.model.terms import RigidBody, ViscousFriction
-from bayesid.report.excitation_text import design_text, judgement_text
+from bayesid.report.excitation_text import judgement_text
 from bayesid.results.designs import save_design
 from bayesid.simulation.exciting import condition_number, log_condition_of
 from bayesid.simulation.logs import simulate
@@ -238,11 +238,10 @@ def test_options_that_cannot_be_used_are_named(model):
         ({"terms": ("gravity",)}, "--terms"),
     ):
         options = {"duration": 6.0, "terms": TERMS, **wrong}
-        of_shape = {key: options.pop(key) for key in ("duration", "rate", "harmonics", "periods") if key in options}
-        of_objective = {key: options.pop(key) for key in ("noise",) if key in options}
+        shape = {key: options.pop(key) for key in ("duration", "rate", "harmonics", "periods") if key in options}
+        noise = {key: options.pop(key) for key in ("noise",) if key in options}
         with pytest.raises(InputError) as caught:
-            shape, objective = TrajectoryShape(**of_shape), Objective(**of_objective)
-            design_excitation(model.robot, shape=shape, objective=objective, **options)
+            design_excitation(model.robot, shape=TrajectoryShape(**shape), objective=Objective(**noise), **options)
         assert where in caught.value.on_command_line
 
 
@@ -266,23 +265,6 @@ def test_a_folder_holds_the_motion_and_the_series_that_makes_it(design, tmp_path
     (folder / "mine.txt").write_text("x")
     with pytest.raises(InputError, match=r"mine\.txt"):
         save_design(design, folder)
-
-
-def test_the_text_of_a_design_names_starting_position_and_what_is_not_checked(design):
-    text = design_text(design)
-    assert f"{design.motion.q[0, 1]:.3f}" in text
-    assert "not checked: collisions" in text
-    assert f"{design.reached.condition:.1f} reached" in text
-
-
-def test_the_figure_shows_every_joint_and_segment(design):
-    from bayesid.report.plot.designs import excitation
-
-    axes = excitation(design)
-    assert len(axes) == 12
-    np.testing.assert_allclose(axes[4].lines[0].get_ydata(), design.of_limits.dq[:, 1])
-    curves = axes[10].collections[0].get_segments()
-    assert len(curves) == np.sum(design.reached.segments.joint == 1)
 
 
 def test_a_joint_that_slides_needs_limits():

@@ -8,7 +8,7 @@ from open_results import LIMITS, TERMS, earlier_motion, gains_result, open_resul
 
 from bayesid.errors import InputError
 from bayesid.excitation.feasible import BAND
-from bayesid.excitation.next_motion import RunSettings, design_next, equivalent_classes, slowed
+from bayesid.excitation.next_motion import RunSettings, design_next, slowed
 from bayesid.excitation.rivals import TELLING
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import join_logs
@@ -16,7 +16,6 @@ from bayesid.model.coefficients import base_coefficients
 from bayesid.model.distortions.delay import Delay
 from bayesid.model.robot import robot_from_table
 from bayesid.model.terms.payload import CarriedPayload
-from bayesid.model.terms.stribeck_friction import StribeckFriction
 from bayesid.simulation.logs import simulate
 
 SENSOR = np.array([0.8, 0.3, 0.1])
@@ -88,14 +87,6 @@ def test_whatever_effects_a_model_has_a_motion_is_found_for_it(effect):
     assert np.all(design.largest_effort <= design.feasibility.effort)
     assert np.all(design.predicted.sd <= design.predicted.sd_now * (1.0 + 1e-9))
     assert design.predicted.gain > 0.1
-
-
-def test_a_delay_is_told_from_friction(truth):
-    """As a hypothesis it stays, and so do the motions that show it: the faster, the better."""
-    delayed = replace(truth, model=truth.model.extend(Delay(lag=(0.012,))))
-    told = design_next(delayed, between=("delay:", "stribeck_friction:2"), run=RUN, changes=10)
-    factors = told.predicted.log10_bayes_factors
-    assert factors["delay", "stribeck_friction:2"] > 0.0
 
 
 def test_the_motion_keeps_all_limits_at_every_millisecond_with_the_true_parameters(truth, design):
@@ -235,33 +226,6 @@ def test_hypotheses_are_told_better_than_by_a_random_motion(telling):
     assert told > 1.5 * by_random
     assert telling.never == ()
     assert "told apart    stribeck_friction:3 from thermal_drift:3" in repr(telling)
-
-
-def test_a_result_that_has_one_of_them(truth):
-    terms = (*TERMS, StribeckFriction(joints=(3,), smoothing=(0.02,), speed=(0.4,)))
-    found = open_result(terms=terms)
-    design = design_next(
-        found,
-        between=["stribeck_friction:3", "thermal_drift:3"],
-        run=replace(RUN, duration=3.0),
-        recorded=earlier_motion(),
-        changes=20,
-    )
-    assert design.rivals[0].rivals[0].own is not None
-    assert all(np.isfinite(value) for value in design.predicted.log10_bayes_factors.values())
-    assert len(design.predicted.names) == len(base_coefficients(found.model))
-
-
-def test_equivalent_effects_make_a_class_of_which_the_found_one_is_the_first():
-    found = [("delay", (), ()), ("stribeck_friction", (3,), ("thermal_drift", "payload", "torque_offset:2", "delay:"))]
-    want = (
-        ("stribeck_friction", (3,)),
-        ("thermal_drift", (3,)),
-        ("payload", ()),
-        ("torque_offset", (2,)),
-        ("delay", ()),
-    )
-    assert equivalent_classes(found) == (want,)
 
 
 def test_a_payload_is_learned_of_where_the_flange_carries_it():

@@ -14,7 +14,6 @@ from bayesid.excitation.reference import usual_motion
 from bayesid.excitation.rivals import inseparable, log10, make_rivals, parse_key
 from bayesid.model.distortions.base_tilt import BaseTilt
 from bayesid.model.distortions.delay import Delay
-from bayesid.model.distortions.gain_error import GainError
 from bayesid.model.terms.stribeck_friction import StribeckFriction
 
 PERIOD = 0.1
@@ -192,24 +191,6 @@ def test_without_an_effect_the_rest_keeps_what_is_known_of_it():
         atol=1e-9,
     )
     np.testing.assert_array_equal(bare.density, known.density)
-
-
-def test_a_distortion_that_was_found_is_its_change_without_amplitude(motion):
-    """A gain of 0.9 in joint 2 makes nine tenths of the effort there; the coefficients are those of rows without it."""
-    result = open_result(share=0.3)
-    distorted = replace(result, model=result.model.extend(GainError(joints=(2,), gain=(0.9,))))
-    rivals = make_rivals(
-        known_of(distorted, 100.0), keys("gain_error:2", "torque_offset:2"), earlier_motion(), earlier_motion()
-    )
-    gain = rivals.rivals[0]
-    np.testing.assert_array_equal(gain.own, [0.0, 1.0])
-    assert rivals.known.model.distortions == ()
-    columns = rivals.columns(motion)
-    effort = rivals.known.model.effort(motion, rivals.known.theta)
-    np.testing.assert_allclose(columns[:, :, : len(rivals.known)] @ rivals.known.mean, effort, atol=1e-9)
-    change = columns[:, :, gain.forms[0].columns] @ gain.own
-    np.testing.assert_allclose(change[:, 1], -0.1 * effort[:, 1], atol=1e-9)
-    assert not change[:, [0, 2]].any()
 
 
 WHOLE = [(BaseTilt(angle=(0.1, -0.05)), "base_tilt"), (Delay(lag=(0.02,)), "delay")]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import random_motion, real_log, small_robot, smooth_motion
+from conftest import real_log, small_robot, smooth_motion
 
 import bayesid
 from bayesid.errors import InputError
@@ -260,20 +260,6 @@ def test_standstill_does_not_count_however_the_stream_is_cut():
         np.testing.assert_allclose(means(own), means(told), rtol=FINE, atol=FINE)
 
 
-def test_joints_with_signs_take_their_own():
-    case = stream()
-    mixed = np.abs(case.measured)
-    mixed[:, 1] = case.measured[:, 1]
-    probability = (case.measured > 0.0).astype(float)
-    plain = fed(case, bayesid.Accumulator(case.identified()), 1, probability)
-    probability[:, 1] = 0.3
-    signed = fed(
-        case, bayesid.Accumulator(case.identified(), signed=[False, True, False]), 5, probability, effort=mixed
-    )
-    np.testing.assert_allclose(means(signed), means(plain), rtol=FINE, atol=FINE)
-    np.testing.assert_allclose(sds(signed), sds(plain), rtol=FINE)
-
-
 def test_what_the_model_may_lack_makes_them_less_certain():
     case = stream()
     size = len(case.coefficients)
@@ -471,19 +457,6 @@ def test_what_cannot_be_accumulated_is_told():
         for given, remedy in ((Path("ur"), "'ur'"), (3, "folder")):
             with pytest.raises(InputError, match=re.escape(f"bayesid.load_model({remedy})")):
                 make(given)
-
-
-def test_random_motion_of_one_sample_a_chunk():
-    """No chunk is too short, and an empty one changes nothing."""
-    case = stream()
-    motion = random_motion(3, 60, seed=2)
-    effort = case.model.effort(motion, case.theta)
-    running = bayesid.Accumulator(case.identified())
-    for k in range(60):
-        one = slice(k, k + 1)
-        running.add(motion[one], np.abs(effort[one]), (effort[one] > 0.0).astype(float), np.ones((1, 3), dtype=bool))
-    running.add(motion[:0], effort[:0], effort[:0])
-    np.testing.assert_allclose(means(running), case.beta, atol=1e-9)
 
 
 @pytest.mark.real

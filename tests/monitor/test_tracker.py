@@ -71,6 +71,8 @@ def test_a_record_is_of_the_oldest_sample_that_is_waited_for(lag):
         limited = np.array([np.isfinite(record.threshold).all() for record in records])
         assert (known == limited).all()
         assert known[60:].all()
+    assert tracker.counts.gaps == 1
+    assert rest[0].state == ("unknown",) * 3
     nothing = SignTracker(identified(), RATE, lag).update(0.0, [np.nan] * 3, np.zeros(3))
     assert np.isnan(nothing.t)
     assert not nothing.fresh
@@ -138,16 +140,6 @@ def test_an_effort_that_is_missing_is_the_model_s():
     assert (record.probability[1] > 0.5) == (record.predicted[1] > 0.0)
     assert np.isfinite(record.external).all()
     assert len(tracker.window()) == 200, "a row that lacks an effort is no row with an effort of zero"
-
-
-def test_after_a_gap_it_begins_anew():
-    motion, effort = stream()
-    tracker, _ = run(motion, effort, rows=slice(0, 400))
-    _, records = run(motion, effort, tracker, slice(600, 2000))
-    assert tracker.counts.gaps == 1
-    assert records[0].state == ("unknown",) * 3
-    assert right_share(records, motion, effort) > 0.99
-    assert not tracker.alarms
 
 
 def test_a_clock_that_is_set_back():

@@ -11,7 +11,7 @@ from bayesid.model.catalogue import make_terms
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
 from bayesid.model.terms import STANDARD
-from bayesid.studies import blind, complete
+from bayesid.studies import complete
 from bayesid.studies.complete_report import coverage, found, mean_ratio, torque_ratio
 from bayesid.studies.hidden import SHARES, make_case
 from bayesid.studies.readings import NOISES
@@ -84,21 +84,6 @@ def test_truth_of_effects_that_are_not_there_is_zero():
     truth = dict(zip(wider.names, case.truth(more, wider), strict=True))
     assert len(wider) > len(standard)
     assert np.allclose([truth[name] for name in standard.names], case.truth(model, standard))
-
-
-def test_a_robot_off_its_table_is_off_by_the_tolerance():
-    off, right = (make_case(of_class(name, robot="kr5"), 4) for name in ("dh_wide", "right"))
-    assert off.robot.same_kinematics(right.robot)
-    assert np.allclose(off.log.q, right.log.q)
-    assert not np.allclose(off.log.effort, right.log.effort)
-    steps = np.array([[row[key] for key in ("a", "d", "alpha", "theta")] for row in table_off(200)["joints"]])
-    assert np.allclose(steps.std(axis=0), [5e-3, 5e-3, *[0.5 * np.pi / 180] * 2], rtol=0.2)
-
-
-def table_off(count):
-    table = {"joints": [{"a": 0.0, "alpha": 0.0, "d": 0.0, "theta": 0.0}] * count}
-    scenario = of_class("dh_wide")
-    return blind.built_off(table, blind.Trouble(scenario.length, scenario.angle), np.random.default_rng(0))
 
 
 def test_noise_has_the_size_and_the_colour_it_is_given_and_eight_bits_have_so_many_values():

@@ -19,18 +19,6 @@ def test_speeds_and_accelerations_are_derivatives(name):
         assert np.mean(error > 1e-4 * (1.0 + np.abs(here[order + 1]))) <= least
 
 
-def test_moves_stay_within_reach_and_rest_in_between():
-    motion = point_to_point(np.random.default_rng(0), 6)
-    t = blind.times()
-    q, dq, _ = motion(t)
-    resting = motion.resting(t)
-    assert np.all(dq[resting] == 0.0)
-    assert np.mean(np.abs(dq[~resting]) > 1e-6) > 0.98
-    assert 0.2 < resting[blind.BEFORE :].mean() < 0.7
-    assert np.abs(q).max() < 2.01
-    assert 0.5 < np.abs(dq).max() < 5.0
-
-
 def test_a_joint_at_rest_is_held_by_any_share_of_its_dry_friction():
     rng = np.random.default_rng(1)
     arm = bare_robot(rng, "random")

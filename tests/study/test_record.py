@@ -1,15 +1,12 @@
 import math
 import os
 from contextlib import suppress
-from itertools import pairwise
-from pathlib import Path
 
 import pyarrow as pa
 import pytest
 from pyarrow import parquet
 
 from bayesid.errors import InputError
-from bayesid.study import record
 from bayesid.study.record import MisfitError, Record, read_rows
 
 MARKS = {"study": "toy", "bayesid": "1.0"}
@@ -131,46 +128,6 @@ def test_what_goes_wrong_in_a_save_leaves_the_file_before(tmp_path, monkeypatch,
     assert {path.name for path in tmp_path.iterdir()} == {"rows.parquet", "timings.parquet"}
     book.save(now=True)
     assert [row["trial"] for row in read_rows(tmp_path)] == [0, 1, 2]
-
-
-class Clock:
-    """Time that passes only when a test says so."""
-
-    now = 100.0
-
-    def perf_counter(self):
-        return self.now
-
-
-@pytest.mark.parametrize("writing", [0.1, 10.0])
-def test_writing_takes_a_fiftieth_of_the_time(tmp_path, monkeypatch, writing):
-    """Trials of a second; the first row is there at once, however long writing takes."""
-    clock, saved = Clock(), []
-
-    def write(content, path):
-        if not isinstance(path, Path):  # a row that is tried on
-            return
-        clock.now += writing / 2.0  # two tables
-        saved.append((path.name.strip(".").removesuffix(".part"), content.num_rows))
-        path.touch()
-
-    monkeypatch.setattr(record, "time", clock)
-    monkeypatch.setattr(parquet, "write_table", write)
-    book = Record(tmp_path, MARKS, resume=False)
-    for k in range(1000):
-        clock.now += 1.0
-        book.add({"trial": k}, {"seconds": 1.0})
-        book.save()
-    rows = [count for name, count in saved if name == "rows.parquet"]
-    assert rows[0] == 1
-    assert len(rows) * writing <= 1000 / 50 + 2 * writing
-    gap = max(1, round(50 * writing))
-    assert {after - before for before, after in pairwise(rows)} <= {gap, gap + 1}
-    book.save(now=True)
-    assert saved[-1] == ("rows.parquet", 1000)
-    count = len(saved)
-    book.save(now=True)
-    assert len(saved) == count, "nothing has come since"
 
 
 def test_resumed_it_holds_what_was_there(tmp_path):

@@ -4,11 +4,9 @@ import sys
 import threading
 import time
 from collections import Counter
-from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import closing
 from functools import partial
 from importlib.metadata import version
-from types import SimpleNamespace
 
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
@@ -16,7 +14,7 @@ from toy_study import alive, dask_client, dask_cluster, leave_mark, marks_in, wa
 
 from bayesid.errors import InputError
 from bayesid.study import runner
-from bayesid.study.runner import Cluster, LostSchedulerError, attempt, connect, flow, run
+from bayesid.study.runner import connect, run
 
 ON_CLUSTER = "BAYESID_TEST_CLUSTER"
 """Variable that stands in the environment of a cluster's workers, and of no other process."""
@@ -108,62 +106,6 @@ def test_what_becomes_of_tasks(where, tmp_path, request, monkeypatch):
         assert (survived.value, survived.error, survived.died) == ("die once", "", False)
 
 
-class FakePool:
-    """All tasks that are at hand at a time share one worker, and if one of them kills it, all are lost."""
-
-    attempts, lost, many = 2, "WorkerDied: it did", 3
-
-    def __init__(self, *_):
-        self.peak, self.closed, self._at_hand, self._worker = 0, False, [], ThreadPoolExecutor(1)
-
-    def room(self, waiting):
-        return self.many
-
-    def submit(self, function, task):
-        self._at_hand.append((function, task, Future()))
-        self.peak = max(self.peak, len(self._at_hand))
-        self._worker.submit(self._work)
-        return self._at_hand[-1][-1]
-
-    def _work(self):
-        time.sleep(0.01)
-        now, self._at_hand = self._at_hand, []
-        for function, task, future in now:
-            if ("die",) in [task for _, task, _ in now]:
-                future.set_exception(ConnectionError())
-            else:
-                future.set_result(attempt(function, task))
-
-    def died(self, failure):
-        return isinstance(failure, ConnectionError)
-
-    def close(self):
-        self.closed = True
-
-
-def test_no_more_tasks_at_hand_than_there_is_room():
-    pool = FakePool()
-    assert [outcome.value for outcome in everything(flow(pool, do, [("square", k) for k in range(50)])).values()]
-    assert pool.peak == pool.many
-    assert pool.closed
-
-
-def test_a_task_does_not_die_of_another_one():
-    tasks = [("square", 1), ("die",), ("square", 2), ("die",), *[("square", k) for k in range(3, 7)]]
-    found = everything(flow(FakePool(), do, tasks))
-    assert [found[k].died for k in range(len(tasks))] == [task == ("die",) for task in tasks]
-
-
-def test_no_more_processes_than_tasks(monkeypatch):
-    asked = []
-    monkeypatch.setattr(runner, "connect", None)
-    monkeypatch.setattr(runner, "Processes", lambda workers: asked.append(workers) or FakePool())
-    assert list(run(do, [])) == list(run(do, [], scheduler="tcp://127.0.0.1:1")) == []
-    everything(run(do, [("square", 1)] * 3, workers=8))
-    everything(run(do, [("square", 1)] * 3, workers=2))
-    assert asked == [3, 2]
-
-
 def test_closed_early_local_workers_end_at_once(tmp_path):
     marks = tmp_path / "marks"
     with closing(run(do, [("nap", str(marks), 600.0)] * 5, workers=2)) as batches:
@@ -184,25 +126,6 @@ def test_closed_early_a_cluster_is_asked_to_stop(cluster, tmp_path):
     assert len(marks_in(marks)) < 10
 
 
-def test_a_scheduler_that_is_gone():
-    """What its client raises depends on when it is asked; test_kill.py kills one."""
-    for error in (OSError("connection reset"), AttributeError("ncores"), CancelledError()):
-
-        def gone(*_, error=error):
-            raise error
-
-        executor = SimpleNamespace(submit=gone)
-        client = SimpleNamespace(nthreads=gone, status="closing", get_executor=lambda pure, one=executor: one)
-        pool = Cluster(client)
-        with pytest.raises(LostSchedulerError):
-            pool.room(1)
-        with pytest.raises(LostSchedulerError):
-            pool.submit(do, ("square", 1))
-        client.status = "running"
-        with pytest.raises(type(error)):
-            pool.submit(do, ("square", 1))
-
-
 def refusal(call=None, **where):
     with pytest.raises(InputError) as error:
         run(do, SAFE, **where) if call is None else call()
@@ -212,6 +135,7 @@ def refusal(call=None, **where):
 
 
 def test_places_that_there_are_none_of():
+    assert list(run(do, [])) == list(run(do, [], scheduler="tcp://127.0.0.1:1")) == []  # without tasks none is needed
     assert refusal(workers=-1).startswith("--workers: -1 workers")
     for address in ("", "cluster", "127.0.0.1:8786", "tcp://127.0.0.1", "http://127.0.0.1:8786"):
         assert refusal(scheduler=address).startswith(f"--scheduler: {address!r} is no address")

@@ -62,9 +62,6 @@ def refusal(*arguments, **options):
     return error.value.on_command_line
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Rows
-# ---------------------------------------------------------------------------------------------------------------
 def test_a_row_a_trial_and_a_failing_trial_is_one(undisturbed):
     finished = undisturbed[1]
     rows, failed = finished.rows, finished.rows[FAILED]
@@ -130,9 +127,6 @@ def test_a_result_that_no_column_holds_is_an_error_of_its_trial(tmp_path):
         run_study(replace(toy_study(), trial=clashing), 1, workers=0)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Going on
-# ---------------------------------------------------------------------------------------------------------------
 def test_resumed_it_runs_what_is_missing(undisturbed, tmp_path, monkeypatch):
     """The trial that failed is not missing; with more trials, only these are."""
     study, folder = toy_study(tmp_path / "marks"), tmp_path / "rows"
@@ -199,9 +193,6 @@ def test_what_ends_a_study_early_leaves_the_rows_that_came(undisturbed, tmp_path
             run_study(toy_study(), workers=0, progress=stop)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# On the command line
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.fixture
 def toy(monkeypatch, tmp_path):
     """`bayesid study toy` in a folder of its own."""
@@ -295,9 +286,6 @@ def test_ctrl_c_ends_the_command(undisturbed, tmp_path, when):
         assert rows_of(folder) == rows_of(undisturbed[0])
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# All studies
-# ---------------------------------------------------------------------------------------------------------------
 def test_the_command_line_lists_all_studies_and_loads_none(capsys):
     with pytest.raises(SystemExit) as end:
         cli.main(["study", "--help"])
