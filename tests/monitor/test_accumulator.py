@@ -227,7 +227,7 @@ def test_records_of_a_tracker_are_chunks():
     np.testing.assert_allclose(sds(told), sds(by_hand_of), rtol=1e-9)
     assert np.abs((means(told) - case.beta) / sds(told)).max() < 6.0
     with pytest.raises(InputError, match="tool1"):
-        told.add_tracked(records, payload="tool1")
+        bayesid.Accumulator(case.identified()).add_tracked(records, payload="tool1")
 
 
 def test_the_model_is_in_the_cone_and_near_the_coefficients():
