@@ -8,7 +8,7 @@ from open_results import LIMITS, TERMS, earlier_motion, gains_result, open_resul
 
 from bayesid.errors import InputError
 from bayesid.excitation.feasible import BAND
-from bayesid.excitation.next_motion import RunSettings, design_next, slowed
+from bayesid.excitation.next_motion import RunSettings, design_next, equivalent_classes, slowed
 from bayesid.excitation.rivals import TELLING
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import join_logs
@@ -226,6 +226,18 @@ def test_hypotheses_are_told_better_than_by_a_random_motion(telling):
     assert told > 1.5 * by_random
     assert telling.never == ()
     assert "told apart    stribeck_friction:3 from thermal_drift:3" in repr(telling)
+
+
+def test_equivalent_effects_make_a_class_of_which_the_found_one_is_the_first():
+    found = [("delay", (), ()), ("stribeck_friction", (3,), ("thermal_drift", "payload", "torque_offset:2", "delay:"))]
+    same = [
+        ("stribeck_friction", (3,)),
+        ("thermal_drift", (3,)),
+        ("payload", ()),
+        ("torque_offset", (2,)),
+        ("delay", ()),
+    ]
+    assert equivalent_classes(found) == (tuple(same),)
 
 
 def test_a_payload_is_learned_of_where_the_flange_carries_it():
