@@ -31,22 +31,19 @@ def mixed(positions=(0, 1, 2), efforts=(0, 1, 2), sides=(1, 1, 1), model=effort_
     check_columns(model, made_trial(motion, effort), log)
 
 
-@pytest.mark.parametrize(
-    ("what", "said", "remedy"),
-    [
+def test_what_is_mixed_up_is_said_with_what_mends_it():
+    for what, said, remedy in (
         ({"positions": [0, 2, 1], "efforts": [0, 2, 1]}, "joints 2 and 3", "columns q2 and q3, and"),
         ({"positions": [1, 0, 2]}, "positions of joints 1 and 2", "columns q1 and q2"),
         ({"efforts": [2, 1, 0]}, "efforts of joints 1 and 3", "columns tau1 and tau3"),
         ({"sides": [1, -1, 1]}, "positions of joint 2", "column q2"),
-    ],
-)
-def test_what_is_mixed_up_is_said_with_what_mends_it(what, said, remedy):
-    with pytest.raises(InputError) as caught:
-        mixed(**what)
-    assert said in caught.value.what
-    assert caught.value.where == "log.csv"
-    assert remedy in caught.value.remedy
-    assert "\n" not in str(caught.value)
+    ):
+        with pytest.raises(InputError) as caught:
+            mixed(**what)
+        assert said in caught.value.what
+        assert caught.value.where == "log.csv"
+        assert remedy in caught.value.remedy
+        assert "\n" not in str(caught.value)
 
 
 def test_columns_in_their_places_pass_and_so_does_what_no_exchange_mends():

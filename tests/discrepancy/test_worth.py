@@ -97,21 +97,18 @@ def case_of(rated=None, another_log=False):
     return Case(knowledge, None, None, log, held_back, None)
 
 
-@pytest.mark.parametrize(
-    ("rated", "another_log", "of", "reference"),
-    [
+def test_a_terms_effort_is_held_against_the_rating_or_the_logs_largest():
+    for rated, another_log, of, reference in (
         (None, True, "largest effort in this log", 30.0),
         (None, False, "largest effort in this log", 30.0),
         (56.0, True, "rated effort", 56.0),
-    ],
-)
-def test_a_terms_effort_is_held_against_the_rating_or_the_logs_largest(rated, another_log, of, reference):
-    case = case_of(rated, another_log)
-    extended = case.model.extend(OFFSET)
-    found = worth.effort_size(case, hypothesis(OFFSET), extended, np.array([2.0, 5.0, -1.4]))
-    assert (found.joint, found.of, found.reference) == (2, of, reference)
-    assert (found.rms, found.largest) == pytest.approx((1.4, 1.4))
-    assert found.share == pytest.approx(1.4 / reference)
+    ):
+        case = case_of(rated, another_log)
+        extended = case.model.extend(OFFSET)
+        found = worth.effort_size(case, hypothesis(OFFSET), extended, np.array([2.0, 5.0, -1.4]))
+        assert (found.joint, found.of, found.reference) == (2, of, reference)
+        assert (found.rms, found.largest) == pytest.approx((1.4, 1.4))
+        assert found.share == pytest.approx(1.4 / reference)
 
 
 def test_the_effort_of_a_change_is_what_the_change_makes():

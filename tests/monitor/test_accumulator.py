@@ -359,34 +359,31 @@ def test_a_joint_that_is_turned_as_a_whole_is_found_though_its_stretches_were_me
     assert [one.joint for one in check.stretches if one.merged] == [2]
 
 
-def numbers_of(speed, magnitude, sign, used, t=None, edge=None):
+def numbers_of(speed, magnitude, sign, used, t, edge=None):
     """(N,) of one joint with noise of 1 N m, and the last sample."""
     column = [np.array(values, dtype=float)[:, None] for values in (speed, magnitude, sign)]
-    t = np.arange(len(speed)) / RATE if t is None else np.array(t)
+    t = np.array(t)
     motion = Motion(t, *(np.zeros((len(t), 1)),) * 3)
     samples = StreamSamples(motion, *column, np.array(used, dtype=bool)[:, None])
     number, last = numbered(Edge.none(1) if edge is None else edge, samples, np.ones(1), np.zeros(1, dtype=bool))
     return number[:, 0].tolist(), last
 
 
-@pytest.mark.parametrize(
-    ("samples", "numbers"),
-    [
-        (([1] * 5, [9] * 5, [1, 0.2, -0.3, -1, 1], [1] * 5), [1, 1, 2, 2, 3]),  # the likelier sign changes
-        (([1, 2, -1, -1, 0], [9] * 5, [1] * 5, [1] * 5), [1, 1, 2, 2, 2]),  # the actuator turns round
-        (([1] * 5, [9, 3, 2, 1, 3], [1] * 5, [1] * 5), [1, 1, 1, 1, 2]),  # |effort| comes out of 2 sd of noise
-        (([1] * 5, [9] * 5, [1] * 5, [0, 1, 0, 1, 1]), [UNUSED, 1, UNUSED, 2, 2]),
-        (([1] * 5, [9] * 5, [1] * 5, [1] * 5, [0.0, 0.1, 0.6, 1.2, 1.3]), [1, 1, 1, 2, 2]),  # a pause
-    ],
-)
-def test_stretches_end_where_signs_may_change_in_one_chunk_or_in_many(samples, numbers):
-    assert numbers_of(*samples)[0] == numbers
-    found, edge = [], None
-    for k in range(5):
-        t = samples[4] if len(samples) > 4 else np.arange(5) / RATE
-        number, edge = numbers_of(*([values[k]] for values in samples[:4]), [t[k]], edge)
-        found += number
-    assert found == numbers
+def test_stretches_end_where_signs_may_change_in_one_chunk_or_in_many():
+    times, one, large = np.arange(5) / RATE, [1] * 5, [9] * 5
+    for samples, numbers in (
+        ((one, large, [1, 0.2, -0.3, -1, 1], one, times), [1, 1, 2, 2, 3]),  # the likelier sign changes
+        (([1, 2, -1, -1, 0], large, one, one, times), [1, 1, 2, 2, 2]),  # the actuator turns round
+        ((one, [9, 3, 2, 1, 3], one, one, times), [1, 1, 1, 1, 2]),  # |effort| comes out of 2 sd of noise
+        ((one, large, one, [0, 1, 0, 1, 1], times), [UNUSED, 1, UNUSED, 2, 2]),
+        ((one, large, one, one, [0.0, 0.1, 0.6, 1.2, 1.3]), [1, 1, 1, 2, 2]),  # a pause
+    ):
+        assert numbers_of(*samples)[0] == numbers
+        found, edge = [], None
+        for k in range(5):
+            number, edge = numbers_of(*([values[k]] for values in samples), edge=edge)
+            found += number
+        assert found == numbers
 
 
 def test_memory_stays_bounded():
