@@ -178,8 +178,8 @@ def trial(scenario: Scenario, seed: int) -> Row:
     """The ranks of one trial."""
     rng = np.random.default_rng([_STREAM, seed])
     truth, log_scale = draw_prior(rng)
-    effort, signs = _simulate(truth, log_scale, rng)
-    target = _target(effort, signs, scenario.flaw)
+    effort, signs = simulated(truth, log_scale, rng)
+    target = target_of(effort, signs, scenario.flaw)
     unknown = target.likelihood.unknown
     draws = sample(target, target.prior.inside, replace(_SAMPLING, seed=int(rng.integers(2**31))))
     theta, scale = _independent(draws, rng)
@@ -197,7 +197,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
     }
 
 
-def _simulate(theta: Array, log_scale: Array, rng: np.random.Generator) -> tuple[Array, Integers]:
+def simulated(theta: Array, log_scale: Array, rng: np.random.Generator) -> tuple[Array, Integers]:
     """Efforts (N, n), every segment turned by its sign, and the signs (S,)."""
     given = setting()
     signs = rng.choice([-1, 1], len(given.segments))
@@ -207,7 +207,7 @@ def _simulate(theta: Array, log_scale: Array, rng: np.random.Generator) -> tuple
     return given.segments.per_sample(signs, *effort.shape) * effort, signs
 
 
-def _target(effort: Array, signs: Integers, flaw: str) -> Target:
+def target_of(effort: Array, signs: Integers, flaw: str) -> Target:
     """The posterior of efforts (N, n), given the signs (S,) of the segments that are not summed out."""
     given, prior = setting(), setting().prior
     sigma = 0.5 * SIGMA if flaw == "noise" else SIGMA

@@ -197,7 +197,7 @@ def _likeliest(sets: EffectSets, nothing: EffectSet, progress: Progress) -> Effe
     for effect in _of_several_joints(sets, nothing):
         if effect.key not in best.keys and sets.looked_at <= MOST_SETS:
             tried = [sets.settled([*some, effect], best.data) for some in ((), best.effects)]
-            other = _polished(sets, max(tried, key=lambda one: one.log_posterior))
+            other = polished(sets, max(tried, key=lambda one: one.log_posterior))
             best = _improved(sets, other) if other.log_posterior > best.log_posterior else best
     progress("naming effects", 2, 3)
     return best
@@ -264,7 +264,7 @@ def _improved(sets: EffectSets, best: EffectSet) -> EffectSet:
         beside = {j: _elsewhere(best, j) for j in _unsettled(sets.case, best) if looks[j] < _LOOKS}
         left = [(j, forms) for j, forms in beside.items() if (j, forms) not in looked]
         if not left or sets.looked_at > MOST_SETS:
-            return _polished(sets, best)
+            return polished(sets, best)
         looked.add(left[0])
         looks[left[0][0]] += 1
         best = _improved_in(sets, sets.anchored(best), left[0][0])
@@ -324,7 +324,7 @@ def _with_some_of(
     return [sets.settled([*others, *some], data, {joint}) for of_size in leading for _, some in of_size]
 
 
-def _polished(sets: EffectSets, best: EffectSet) -> EffectSet:
+def polished(sets: EffectSets, best: EffectSet) -> EffectSet:
     """The same in better forms, as long as that makes it likelier; without what is not needed.
 
     Forms that were had before are not tried again: what a set is judged by moves with it, and may make it look likelier
@@ -371,7 +371,7 @@ def _borne_out(sets: EffectSets, chosen: EffectSet) -> list[EffectSet]:
     while chosen.forms not in seen and len(seen) < _ROUNDS:
         seen.add(chosen.forms)
         _look_around(sets, chosen)
-        minimal = _minimal(sets)
+        minimal = minimal_sets(sets)
         chosen = minimal[0]
     return minimal
 
@@ -414,7 +414,7 @@ def _look_around(sets: EffectSets, chosen: EffectSet) -> None:
             sets.settled([*chosen.without(*gone), rival], chosen.data, rival.columns.joints, rival)
 
 
-def _minimal(sets: EffectSets) -> list[EffectSet]:
+def minimal_sets(sets: EffectSets) -> list[EffectSet]:
     """Sets that predict held-back data as well as any, within the error, and no part of which does: likeliest first.
 
     Errors are judged by what the best set leaves of each joint: it is no less than the noise.

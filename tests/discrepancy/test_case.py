@@ -16,12 +16,7 @@ from bayesid.model.terms.hysteresis import Hysteresis
 from bayesid.simulation.parameters import random_parameters
 
 N = 3
-ORDERS = (
-    ("rigid_body", "viscous_friction"),
-    ("viscous_friction", "rigid_body", "rotor_inertia"),
-    ("torque_offset", "payload", "coulomb_friction", "rigid_body"),
-    ("viscous_friction", "coulomb_friction"),
-)
+ORDERS = (("torque_offset", "payload", "coulomb_friction", "rigid_body"), ("viscous_friction", "coulomb_friction"))
 
 
 def test_what_is_uncertain_is_the_geometry_in_its_tolerance():
@@ -61,7 +56,7 @@ def test_effects_see_the_links_wherever_their_term_stands(names):
     np.testing.assert_array_equal(scene.links, expected.ravel())
 
 
-@pytest.mark.parametrize("added", [(), ("payload", "hysteresis"), ("delay",)])
+@pytest.mark.parametrize("added", [("payload", "hysteresis"), ("delay",)])
 def test_effort_of_an_extended_model_is_its_own(added):
     """The model's own columns are made once, whichever terms come after them; a distortion changes them all."""
     robot, motion = small_robot(N, seed=2), smooth_motion(N, 2.0, 50.0, seed=4)

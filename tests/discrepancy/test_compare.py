@@ -1,27 +1,18 @@
 import numpy as np
 import pytest
 from conftest import small_robot, smooth_motion
+from made_trials import RATE, made_trial
 from scipy.signal import butter, sosfiltfilt
 
 from bayesid.discrepancy import compare
-from bayesid.discrepancy.compare import Trial, make_trial, noise_floor, shortened, where_it_shows
+from bayesid.discrepancy.compare import make_trial, noise_floor, shortened, where_it_shows
 from bayesid.fit.effects.error_model import fit_error
 from bayesid.fit.noise import Noise
 from bayesid.log.log import Log
-from bayesid.log.signals import Signals, prepare
+from bayesid.log.signals import prepare
 from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
 from bayesid.motion import Motion
-
-RATE = 100.0
-
-
-def made_trial(motion, effort, used=None, signed=False):
-    """A log as it would be after filters that cost nothing, every sample used unless stated otherwise."""
-    every = np.ones(effort.shape, dtype=bool)
-    flags = np.broadcast_to(np.asarray(signed, dtype=bool), effort.shape[1])
-    raw = np.where(flags, effort, np.abs(effort))
-    return Trial(Signals(motion, raw, raw, flags, RATE, 20.0, {}, every), motion, every if used is None else used)
 
 
 def periodic_motion(periods, period=4.0, samples=0):
@@ -41,9 +32,6 @@ def rms(values):
     return np.sqrt(np.mean(np.square(values), axis=0))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Trials
-# ---------------------------------------------------------------------------------------------------------------
 def test_gap_is_the_rms_of_what_is_left():
     """Joint 1 has its own signs, joint 2 those of the prediction: 3 and -2 leave 5 in the one, 1 in the other."""
     motion = smooth_motion(2, 1.0, RATE)
@@ -111,9 +99,6 @@ def test_a_long_log_is_stood_for_by_stretches_of_it():
     assert shortened(few) is few
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# The floor
-# ---------------------------------------------------------------------------------------------------------------
 def noise_of(white, coloured, correlation=(0.1, 0.1)):
     return Noise(np.array(white), np.array(coloured), np.array(correlation), np.ones(len(white)))
 
@@ -125,8 +110,10 @@ def periodic_trial(noise, periods=3, seed=0, samples=0, signed=False):
     return made_trial(motion, noisy, signed=signed), noisy - effort
 
 
-@pytest.mark.parametrize("noise", [noise_of((0.3, 2.0), (1e-9, 1e-9)), noise_of((0.1, 0.5), (0.4, 1.2))])
-@pytest.mark.parametrize(("periods", "samples"), [(2, 0), (2, 1), (3, 0), (3, 170)])
+@pytest.mark.parametrize(
+    ("noise", "periods", "samples"),
+    [(noise_of((0.3, 2.0), (1e-9, 1e-9)), 2, 1), (noise_of((0.1, 0.5), (0.4, 1.2)), 3, 170)],
+)
 def test_floor_of_repeated_periods_is_the_sd_of_what_does_not_repeat(noise, periods, samples):
     """N pairs, 21 of which are as one where the noise lasts for 0.1 s (and a half lasts longer where a period comes
     in three): within 4.5 sd of the estimate, whatever the model and the log before have left."""
@@ -138,32 +125,6 @@ def test_floor_of_repeated_periods_is_the_sd_of_what_does_not_repeat(noise, peri
     as_one = 1.0 + 20.0 * (noise.coloured[0] > 0.01)
     pairs = (len(trial.used) - 400) / as_one / (1.5 if periods > 2 else 1.0)
     np.testing.assert_allclose(floor.rms, noise.sigma, rtol=4.5 / np.sqrt(2.0 * pairs))
-
-
-def test_a_repeated_motion_is_found_where_a_joint_stands_still():
-    noise = noise_of((0.3, 2.0), (1e-9, 1e-9))
-    trial, _ = periodic_trial(noise)
-    motion, rng = trial.signals.motion, np.random.default_rng(2)
-    still = np.column_stack([motion.q, 0.4 + 2e-6 * rng.standard_normal(len(motion))])
-    motion = Motion(motion.t, still, np.zeros_like(still), np.zeros_like(still))
-    effort = np.column_stack([trial.signals.raw_effort, 3.0 + 0.7 * rng.standard_normal(len(motion))])
-    floor = noise_floor(made_trial(motion, effort), np.zeros_like(effort), noise_of((1.0,) * 3, (1.0,) * 3, (0.1,) * 3))
-    assert floor.origin == ("repeated periods",) * 3
-    np.testing.assert_allclose(floor.rms, [0.3, 2.0, 0.7], rtol=0.15)
-
-
-def test_unused_samples_and_hidden_signs_do_not_spoil_the_repeated_periods():
-    """Away from zero |effort| repeats as the effort does."""
-    noise = noise_of((0.3, 0.3), (1e-9, 1e-9))
-    trial, _ = periodic_trial(noise)
-    raw = trial.signals.raw_effort.copy()
-    raw[350:380] = 1e3
-    used = np.ones_like(trial.used)
-    used[350:380] = False
-    floor = noise_floor(
-        made_trial(trial.signals.motion, raw, used), np.zeros_like(raw), noise_of((9.0, 9.0), (9.0, 9.0))
-    )
-    np.testing.assert_allclose(floor.rms, 0.3, rtol=4.5 / np.sqrt(2.0 * 770 / 1.5))
 
 
 def test_a_motion_that_nearly_repeats_does_not():
@@ -199,20 +160,21 @@ def test_floor_is_the_earlier_noise_where_the_earlier_model_was_good():
 
 
 def test_the_fast_part_is_that_of_white_noise_whatever_lasts():
-    """Slow residuals of 8 N m over white noise; gaps, beside which differences mean nothing, are skipped."""
+    """Slow residuals of 8 and 20 N m, a random walk; gaps, beside which differences mean nothing, are skipped."""
     trial, _ = other_trial(noise_of((0.3, 2.0), (0.5, 0.2)))
-    t, rng = trial.signals.motion.t, np.random.default_rng(3)
-    residual = 8.0 * np.sin(t)[:, None] + np.array([0.3, 2.0]) * rng.standard_normal((len(t), 2))
-    used = np.arange(len(t))[:, None] % np.array([50, 37]) > 4
-    floor = noise_floor(
-        made_trial(trial.signals.motion, trial.signals.raw_effort, used),
-        np.where(used, residual, 0.0),
-        noise_of((99.0, 99.0), (99.0, 99.0)),
-    )
+    motion, rng, poor = trial.signals.motion, np.random.default_rng(3), noise_of((99.0, 99.0), (99.0, 99.0))
+    slow = np.sin(motion.t)[:, None]
+    white = np.array([0.3, 2.0]) * rng.standard_normal((len(motion), 2))
+    used = np.arange(len(motion))[:, None] % np.array([50, 37]) > 4
+    gaps = made_trial(motion, trial.signals.raw_effort, used)
+    floor = noise_floor(gaps, np.where(used, 8.0 * slow + white, 0.0), poor)
     np.testing.assert_allclose(floor.rms, [0.3, 2.0], rtol=0.06)
+    floor = noise_floor(trial, 20.0 * slow + 0.3 * np.cumsum(white, axis=0) + white, poor)
+    assert floor.origin == ("fast part of the residual",) * 2
+    np.testing.assert_allclose(floor.rms, np.array([0.3, 2.0]) * np.sqrt(1.0 + 0.5 * 0.3**2 + 0.3), rtol=0.1)
 
 
-@pytest.mark.parametrize(("cutoff", "order"), [(8.0, 2), (4.0, 2), (8.0, 4)])
+@pytest.mark.parametrize(("cutoff", "order"), [(4.0, 2), (8.0, 4)])
 def test_of_a_low_passed_log_neighbours_do_not_tell_the_noise(cutoff, order):
     """Half the mean squared difference of filtered noise is sd^2 (1 - r), r its correlation at the lag: next to nothing
     between neighbours, where it grows as lag^2. A hidden sign that is taken for the other one is a jump."""
@@ -225,17 +187,6 @@ def test_of_a_low_passed_log_neighbours_do_not_tell_the_noise(cutoff, order):
     assert floor.origin == ("fast part of the residual of a log that was low-passed",) * 2
     share = floor.rms / passed.std(axis=0)
     assert np.all((share > 0.4) & (share < 1.0))
-
-
-def test_slow_model_errors_are_no_low_pass():
-    """A slow residual of 20 times the noise, a random walk beside it: neighbours still tell the noise."""
-    trial, _ = other_trial(noise_of((0.3, 2.0), (0.5, 0.2)))
-    t, rng = trial.signals.motion.t, np.random.default_rng(3)
-    white = np.array([0.3, 2.0]) * rng.standard_normal((len(t), 2))
-    walk = 0.3 * np.cumsum(white, axis=0)
-    floor = noise_floor(trial, 20.0 * np.sin(t)[:, None] + walk + white, noise_of((99.0, 99.0), (99.0, 99.0)))
-    assert floor.origin == ("fast part of the residual",) * 2
-    np.testing.assert_allclose(floor.rms, np.array([0.3, 2.0]) * np.sqrt(1.0 + 0.5 * 0.3**2 + 0.3), rtol=0.1)
 
 
 def test_a_floor_most_of_which_lasts_is_a_models_residual():
@@ -275,9 +226,6 @@ def test_limits_let_the_earlier_noise_pass_and_no_larger_one():
     assert np.mean(passed[2.0]) < 0.1
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Where
-# ---------------------------------------------------------------------------------------------------------------
 def where_case(seed=0):
     """Two joints whose positions, speeds, accelerations and loads have little to do with each other."""
     rng = np.random.default_rng(seed)
@@ -289,7 +237,6 @@ def where_case(seed=0):
 
 RESIDUALS = {
     "velocity": (lambda m, load: m.dq[:, 1], 0.9, 1.0),
-    "position": (lambda m, load: m.q[:, 1], 0.0, 0.12),
     "acceleration": (lambda m, load: m.ddq[:, 1], 0.88, 1.0),
     "load": (lambda m, load: load[:, 1], 0.3, 0.45),
     "time": (lambda m, load: m.t, 0.7, 1.0),
@@ -320,19 +267,6 @@ def test_the_variable_and_its_range_are_named(name):
     assert place[1] == pytest.approx(high, abs=1.0 / 12.0 + 0.01)
 
 
-def test_friction_shows_over_velocity_and_a_drift_over_time():
-    """Smooth functions over the whole range: the ends that hold most of it are named."""
-    trial, load, noise = where_case()
-    motion = trial.actuators
-    noise[:, 0] += 2.0 * np.tanh(motion.dq[:, 0] / 0.05)
-    noise[:, 1] += 2.0 * (1.0 - np.exp(-motion.t / 15.0)) ** 2
-    first, second = where_it_shows(trial, noise, load, np.array([0.1, 0.1]), [0, 1])
-    assert (first.variable, second.variable) == ("velocity", "time")
-    assert first.range[0] < 0.0 < first.range[1]
-    assert second.range[0] > 5.0
-    assert second.range[1] == pytest.approx(40.0, abs=0.1)
-
-
 def test_time_counts_from_the_beginning_of_the_recording():
     trial, load, _ = where_case()
     motion = trial.actuators
@@ -340,10 +274,3 @@ def test_time_counts_from_the_beginning_of_the_recording():
     np.testing.assert_allclose(compare.variables(made_trial(late, load), load, 0)["time"], motion.t, atol=1e-5)
     part = made_trial(late[1000:], load[1000:])
     assert compare.variables(part, load[1000:], 0)["time"][0] == pytest.approx(10.0, abs=1e-5)
-
-
-def test_nothing_above_the_floor_is_no_excess():
-    trial, load, noise = where_case()
-    (found,) = where_it_shows(trial, noise, load, np.array([0.2, 0.2]), [1])
-    assert found.excess == 0.0
-    assert found.joint == 2

@@ -21,8 +21,7 @@ from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
 from bayesid.model.robot import robot_table
 from bayesid.report.discrepancy_verdicts import discrepancy_checks
-from bayesid.report.pages.comparison_page import comparison_page
-from bayesid.report.timeline_text import columns, moved_parameters
+from bayesid.report.timeline_text import columns
 from bayesid.results.discrepancy_json import discrepancy_summary
 from bayesid.simulation.parameters import random_parameters
 
@@ -58,9 +57,6 @@ def keys(comparison, became):
     return {(one.name, one.joints) for one in comparison.of(became)}
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# What became of each effect
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def loaded():
     return compared(arm_log(1, sticky=5.0), arm_log(2, sticky=5.0, mass=MASS))
@@ -83,17 +79,19 @@ def test_a_payload_is_weighed_and_the_links_have_not_moved(loaded):
     assert abs(line.value[1, place] - MASS) < 4.0 * line.sd[1, place]
     assert line.moved[1, place]
     assert [line.tracked[c].name for c in np.flatnonzero(line.moved.any(axis=0))] == [PAYLOAD]
+    assert "payload" in repr(loaded)
 
 
-def test_what_only_the_first_log_shows_is_gone():
-    gone = compared(arm_log(1, sticky=5.0), arm_log(2))
+def test_what_only_the_first_log_shows_is_gone_and_logs_out_of_order_are_warned_of():
+    gone = compared(arm_log(1, sticky=5.0, name="arm-2026-08-01.csv"), arm_log(2, name="arm-2026-07-01.csv"))
     assert keys(gone, "gone") == {("stribeck_friction", (2,))}
-    assert keys(gone, "all_along") == set()
-    assert keys(gone, "changed") == set()
+    assert keys(gone, "all_along") == keys(gone, "changed") == set()
     assert [what.says for what in gone.of("gone")[0].by_log] == [SHOWN, ABSENT]
     assert gone.of("gone")[0].by_log[1].log10_ratio < -2.0
+    assert any("order of their dates" in warning for warning in gone.warnings)
 
 
+@pytest.mark.long
 def test_what_only_the_later_log_shows_has_changed():
     came = compared(arm_log(1), arm_log(2, sticky=5.0))
     assert keys(came, "changed") == {("stribeck_friction", (2,))}
@@ -101,110 +99,81 @@ def test_what_only_the_later_log_shows_has_changed():
     assert [what.says for what in came.of("changed")[0].by_log] == [ABSENT, SHOWN]
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# A time line of wear
-# ---------------------------------------------------------------------------------------------------------------
-@pytest.fixture(scope="module")
-def worn():
-    names = ("arm-2026-03-14.csv", "arm-2026-05-02.csv", "arm-2026-07-30.csv")
-    pairs = zip(names, (1.0, 1.15, 1.3), strict=True)
-    return compared(*(arm_log(k, worn=(1.0, factor, 1.0), name=name) for k, (name, factor) in enumerate(pairs, 1)))
+@pytest.mark.parametrize(
+    ("sticky", "told"),
+    [(5.0, (("stribeck_friction", (2,)),)), pytest.param(0.0, (), marks=pytest.mark.long)],
+    ids=["there again", "gone"],
+)
+def test_a_stored_model_tells_what_was_missing_all_along(loaded, sticky, told):
+    """Its completion is in the model; a later log bears it out by itself, or does not."""
+    result = bayesid.find_discrepancy(loaded.earlier, arm_log(3, sticky=sticky), posterior=False)
+    assert result.all_along == told
+    checks = [check for check in discrepancy_checks(result) if check.name == "Missing all along"]
+    assert [("Stribeck friction, joint 2" in check.message) for check in checks] == [True] * len(told)
+    listed = [{"effect": effect, "joints": list(joints)} for effect, joints in told]
+    assert discrepancy_summary(result)["all_along"] == listed
 
 
-def test_friction_that_grew_is_what_moved(worn):
-    line = worn.timeline
-    moved = {line.tracked[c].name for c in np.flatnonzero(line.moved.any(axis=0))}
-    assert moved == {"Fc2", "Fv2"}
-    for name, first in (("Fc2", COULOMB[1]), ("Fv2", VISCOUS[1])):
-        place = [one.name for one in line.tracked].index(name)
-        assert np.all(np.abs(line.value[:, place] - first * np.array([1.0, 1.15, 1.3])) < 4.0 * line.sd[:, place])
-    texts = {row.name: row for row in moved_parameters(worn)}
-    assert set(texts) == {"joint 2: Coulomb friction", "joint 2: viscous friction"}
-    row = texts["joint 2: Coulomb friction"]
-    change = 100.0 * (row.value[2] / row.value[0] - 1.0)
-    assert 20.0 < change < 40.0
-    assert row.text == f"joint 2: Coulomb friction {row.value[0]:.2f} -> {row.value[2]:.2f} N m ({change:+.0f} %)"
+WORN = {"arm-2026-03-14.csv": 1.0, "arm-2026-05-02.csv": 1.15, "arm-2026-07-30.csv": 1.3}
+"""Logs, and their friction in joint 2."""
+FIRST, SECOND, _ = WORN
 
 
-def test_dates_come_from_the_names(worn):
-    assert worn.dates.texts == ("2026-03-14", "2026-05-02", "2026-07-30")
-    assert "names" in worn.dates.basis
-    np.testing.assert_allclose(worn.dates.days, [0.0, 49.0, 138.0])
-
-
-def test_logs_out_of_order_are_warned_of():
-    first, second = (arm_log(k, name=f"arm-2026-0{9 - k}-01.csv") for k in (1, 2))
-    assert any("order of their dates" in warning for warning in compared(first, second).warnings)
-
-
-def test_the_page_and_the_short_text_say_it(worn):
-    page = comparison_page(worn)
-    assert "Changed since the first log" in page
-    assert "Missing all along" in page
-    assert "joint 2: Coulomb friction" in page
-    assert page.count("<svg") >= 3
-    assert "Fc2" in repr(worn)
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# The command
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def place(tmp_path_factory):
     folder = tmp_path_factory.mktemp("weeks")
-    write_log(folder / "2026-03-14.csv", arm_log(1))
-    write_log(folder / "2026-05-02.csv", arm_log(2, worn=(1.0, 1.4, 1.0)))
-    write_log(folder / "two.csv", first_two_joints(arm_log(3)))
+    for k, (name, factor) in enumerate(WORN.items(), 1):
+        write_log(folder / name, arm_log(k, worn=(1.0, factor, 1.0)))
+    log = arm_log(3)
+    write_log(folder / "two.csv", Log(log.t, log.q[:, :2], log.effort[:, :2], log.signed[:2]))
     write_log(folder / "copy.csv", arm_log(1))
     (folder / "arm.toml").write_bytes(tomli_w.dumps(robot_table(small_robot(3, seed=2))).encode())
     (folder / "result").mkdir()
     return folder
 
 
-def first_two_joints(log):
-    return Log(log.t, log.q[:, :2], log.effort[:, :2], log.signed[:2])
-
-
-def test_command_writes_json_time_line_and_report(place, tmp_path, capsys):
-    logs = [str(place / "2026-03-14.csv"), str(place / "2026-05-02.csv")]
+def test_the_command_finds_friction_that_grew_and_writes_json_time_line_and_report(place, tmp_path, capsys):
+    logs, out = [str(place / name) for name in WORN], tmp_path / "out"
     options = ["--robot", str(place / "arm.toml"), "--terms", ",".join(TERMS), "--no-posterior"]
-    assert main(["discrepancy", *logs, *options, "--out", str(tmp_path / "out")]) == 0
+    assert main(["discrepancy", *logs, *options, "--out", str(out)]) == 0
     assert "joint 2: Coulomb friction" in capsys.readouterr().out.replace("Joint", "joint")
-    written = json.loads((tmp_path / "out" / "discrepancy.json").read_text())
+    written = json.loads((out / "discrepancy.json").read_text())
     assert written["dates_from"] == "dates in the names of the files"
-    assert [log["date"] for log in written["logs"]] == ["2026-03-14", "2026-05-02"]
+    assert [log["date"] for log in written["logs"]] == ["2026-03-14", "2026-05-02", "2026-07-30"]
     assert {one["parameter"] for one in written["moved"]} == {"Fc2", "Fv2"}
     assert written["all_along"] == written["gone"] == []
-    rows = list(csv.DictReader((tmp_path / "out" / "timeline.csv").open()))
+    rows = list(csv.DictReader((out / "timeline.csv").open()))
     assert {"log", "date", "parameter", "value", "sd", "unit", "moved"} <= set(rows[0])
     assert {row["parameter"] for row in rows if row["moved"] == "True"} == {"Fc2", "Fv2"}
-    assert (tmp_path / "out" / "discrepancy.html").is_file()
-    assert (tmp_path / "out" / "report.html").is_file()
-    assert bayesid.load_model(tmp_path / "out").model.robot.n_joints == 3
+    for name, first in (("Fc2", COULOMB[1]), ("Fv2", VISCOUS[1])):
+        value, sd = np.array([[row["value"], row["sd"]] for row in rows if row["parameter"] == name], dtype=float).T
+        assert np.all(np.abs(value - first * np.array([*WORN.values()])) < 4.0 * sd)
+    page = (out / "discrepancy.html").read_text()
+    assert "joint 2: Coulomb friction" in page
+    assert page.count("<svg") >= 3
+    assert (out / "report.html").is_file()
+    assert bayesid.load_model(out).model.robot.n_joints == 3
 
 
-@pytest.mark.parametrize(
-    ("logs", "robot", "said"),
-    [
-        (["2026-03-14.csv"], True, "is one log"),
-        (["2026-03-14.csv", "2026-05-02.csv"], False, "give --robot"),
-        (["2026-03-14.csv", "2026-03-14.csv"], True, "is named twice"),
-        (["2026-03-14.csv", "copy.csv"], True, "the same recording"),
-        (["2026-03-14.csv", "two.csv"], True, "has 2 joints"),
-        (["result", "2026-03-14.csv", "2026-05-02.csv"], False, "2 logs beside a result"),
-        (["result", "2026-03-14.csv"], True, "a result has its own robot"),
-        (["2026-03-14.csv", "result"], True, "is a folder"),
-        (["2026-03-14.csv", "nowhere.csv"], True, "no such file"),
-    ],
-)
-def test_bad_input_is_one_line_and_exit_code_2(place, tmp_path, capsys, logs, robot, said):
-    options = ["--robot", str(place / "arm.toml")] if robot else []
-    arguments = [*map(str, (place / log for log in logs)), *options, "--no-posterior", "--out", str(tmp_path / "out")]
-    assert main(["discrepancy", *arguments]) == 2
-    error = capsys.readouterr().err.strip()
-    assert said in error
-    assert "\n" not in error
-    assert not (tmp_path / "out").exists()
+def test_bad_input_is_one_line_and_exit_code_2(place, tmp_path, capsys):
+    for logs, robot, said in (
+        ([FIRST], True, "is one log"),
+        ([FIRST, SECOND], False, "give --robot"),
+        ([FIRST, FIRST], True, "is named twice"),
+        ([FIRST, "copy.csv"], True, "the same recording"),
+        ([FIRST, "two.csv"], True, "has 2 joints"),
+        (["result", FIRST, SECOND], False, "2 logs beside a result"),
+        (["result", FIRST], True, "a result has its own robot"),
+        ([FIRST, "result"], True, "is a folder"),
+        ([FIRST, "nowhere.csv"], True, "no such file"),
+    ):
+        options = ["--robot", str(place / "arm.toml")] if robot else []
+        paths = [str(place / log) for log in logs]
+        assert main(["discrepancy", *paths, *options, "--no-posterior", "--out", str(tmp_path / "out")]) == 2
+        error = capsys.readouterr().err.strip()
+        assert said in error
+        assert "\n" not in error
+        assert not (tmp_path / "out").exists()
 
 
 def test_names_of_logs_are_short_and_each_another_one():
@@ -212,18 +181,3 @@ def test_names_of_logs_are_short_and_each_another_one():
     assert names_of([replace(log, source="a/x.csv"), replace(log, source="b/y.csv")]) == ("x.csv", "y.csv")
     assert names_of([replace(log, source="a/x.csv"), replace(log, source="b/x.csv")]) == ("a/x.csv", "b/x.csv")
     assert names_of([log, log]) == ("log 1", "log 2")
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Of a stored result, without its log
-# ---------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(("sticky", "told"), [(5.0, (("stribeck_friction", (2,)),)), (0.0, ())])
-def test_a_stored_model_tells_what_was_missing_all_along(loaded, sticky, told):
-    """Its completion is in the model; a later log bears it out by itself, or does not."""
-    result = bayesid.find_discrepancy(loaded.earlier, arm_log(3, sticky=sticky), posterior=False)
-    assert result.all_along == told
-    checks = [check for check in discrepancy_checks(result) if check.name == "Missing all along"]
-    assert [("Stribeck friction, joint 2" in check.message) for check in checks] == [True] * len(told)
-    assert discrepancy_summary(result)["all_along"] == [
-        {"effect": effect, "joints": list(joints)} for effect, joints in told
-    ]

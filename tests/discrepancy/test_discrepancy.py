@@ -17,7 +17,6 @@ from bayesid.fit.effects.explanation import LN10
 from bayesid.log.log import Log, read_log, write_log
 from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
-from bayesid.model.robot import robot_table
 from bayesid.results.discrepancy_json import discrepancy_summary
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
@@ -26,24 +25,24 @@ from bayesid.studies import blind
 TERMS = ("rigid_body", "viscous_friction")
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Blind cases: MuJoCo plays the robot, the effect is written independently, the truth is read last
-# ---------------------------------------------------------------------------------------------------------------
-def blind_case(folder, seed, effect, size, style="bare"):
-    truth = blind.make_case(folder, seed, effect, size, robot="random", style=style)
-    terms = (folder / "terms.txt").read_text().strip().split(",")
-    healthy = bayesid.identify(folder / "robot.toml", folder / "baseline.csv", terms=terms, posterior=False)
-    return healthy, truth
+def blind_case(folder, seed, effect, size=0.0, style="bare", robot="random", trouble=blind.NO_TROUBLE, holdout=True):
+    """What the workflow finds in a blind case, and the truth."""
+    truth = blind.make_case(folder, seed, effect, size, robot, style, trouble=trouble)
+    options = {"complete": "auto" if trouble == blind.NO_TROUBLE else "off", "posterior": False}
+    options["terms"] = (folder / "terms.txt").read_text().strip().split(",")
+    healthy = bayesid.identify(folder / "robot.toml", folder / "baseline.csv", **options)
+    held_back = folder / "holdout.csv" if holdout else None
+    return bayesid.find_discrepancy(healthy, folder / "log.csv", held_back, posterior=False), truth
 
 
 @pytest.mark.parametrize(
     ("effect", "style", "seed"),
     [
-        ("coulomb_friction", "bare", 3),
         ("clipping", "bare", 11),
         *(
             pytest.param(*case, marks=pytest.mark.long)
             for case in (
+                ("coulomb_friction", "bare", 3),
                 ("rotor_inertia", "standard", 14),
                 ("payload", "bare", 5),
                 ("base_tilt", "standard", 7),
@@ -53,10 +52,7 @@ def blind_case(folder, seed, effect, size, style="bare"):
     ],
 )
 def test_hidden_effect_is_named_and_added(tmp_path, effect, style, seed):
-    healthy, truth = blind_case(tmp_path / "case", seed, effect, 5.0, style)
-    result = bayesid.find_discrepancy(
-        healthy, tmp_path / "case" / "log.csv", tmp_path / "case" / "holdout.csv", posterior=False
-    )
+    result, truth = blind_case(tmp_path, seed, effect, 5.0, style)
     assert result.status == "explained"
     first = result.added[0]
     assert effect in (first.effect, *first.equivalent)
@@ -70,8 +66,7 @@ def test_hidden_effect_is_named_and_added(tmp_path, effect, style, seed):
 
 
 def test_nothing_hidden_nothing_named(tmp_path):
-    healthy, truth = blind_case(tmp_path / "case", 21, None, 0.0, "standard")
-    result = bayesid.find_discrepancy(healthy, tmp_path / "case" / "log.csv", posterior=False)
+    result, truth = blind_case(tmp_path, 21, None, style="standard", holdout=False)
     assert result.status == "no_discrepancy"
     assert not result.added
     assert not result.unexplained
@@ -82,10 +77,7 @@ def test_nothing_hidden_nothing_named(tmp_path):
 
 @pytest.mark.long
 def test_outside_of_the_catalogue_is_unexplained(tmp_path):
-    healthy, truth = blind_case(tmp_path / "case", 30, "outside", 6.0)
-    result = bayesid.find_discrepancy(
-        healthy, tmp_path / "case" / "log.csv", tmp_path / "case" / "holdout.csv", posterior=False
-    )
+    result, truth = blind_case(tmp_path, 30, "outside", 6.0)
     assert result.status == "unexplained"
     (joint,) = truth.joints[0]
     assert [j for j, _ in result.unexplained] == [joint]
@@ -93,23 +85,14 @@ def test_outside_of_the_catalogue_is_unexplained(tmp_path):
     assert not result.added
 
 
-@pytest.mark.parametrize(
-    ("trouble", "seed", "joints"),
-    [
-        (blind.Trouble(length=0.005, angle=np.deg2rad(0.5)), 6, {4, 5}),
-        pytest.param(blind.Trouble(memory=0.97), 4, {1}, marks=pytest.mark.long),
-    ],
-    ids=["wrong table", "lasting noise"],
-)
+WRONG_TABLE, LASTING_NOISE = blind.Trouble(length=0.005, angle=np.deg2rad(0.5)), blind.Trouble(memory=0.97)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("trouble", "seed", "joints"), [(WRONG_TABLE, 6, {4, 5}), (LASTING_NOISE, 4, {1})])
 def test_a_holdout_above_the_floor_or_growing_is_never_no_discrepancy(tmp_path, trouble, seed, joints):
     """Nothing is hidden and the log itself shows nothing; the truth is 1.7 and 2.0, or 1.3 times the noise."""
-    folder = tmp_path / "case"
-    truth = blind.make_case(folder, seed, None, 0.0, "kr5", "standard", trouble=trouble)
-    terms = (folder / "terms.txt").read_text().strip().split(",")
-    healthy = bayesid.identify(
-        folder / "robot.toml", folder / "baseline.csv", terms=terms, complete="off", posterior=False
-    )
-    result = bayesid.find_discrepancy(healthy, folder / "log.csv", folder / "holdout.csv", posterior=False)
+    result, truth = blind_case(tmp_path, seed, None, style="standard", robot="kr5", trouble=trouble)
     assert result.status == "unexplained"
     assert {joint for joint, _ in result.unexplained} == joints
     assert not result.added
@@ -120,29 +103,17 @@ def test_a_holdout_above_the_floor_or_growing_is_never_no_discrepancy(tmp_path, 
     off = result.floor.rms > 1.3 * truth.noise  # of which the earlier model's error is the larger part
     assert not off[~result.floor.lasting].any()
     written = discrepancy_summary(result)
-    assert [(one["joint"], tuple(one["seen_on"])) for one in written["unexplained"]] == list(
-        result.unexplained_on.items()
-    )
+    seen_on = [(one["joint"], tuple(one["seen_on"])) for one in written["unexplained"]]
+    assert seen_on == list(result.unexplained_on.items())
     assert written["gap"]["noise_floor_lasting"] == (np.flatnonzero(result.floor.lasting) + 1).tolist()
 
 
 @pytest.mark.parametrize(
-    ("trouble", "seed"),
-    [
-        pytest.param(blind.Trouble(length=0.005, angle=np.deg2rad(0.5)), 5, marks=pytest.mark.long),
-        (blind.Trouble(memory=0.97), 7),
-    ],
-    ids=["wrong table", "lasting noise"],
+    ("trouble", "seed"), [pytest.param(WRONG_TABLE, 5, marks=pytest.mark.long), (LASTING_NOISE, 7)]
 )
 def test_a_wrong_table_and_lasting_noise_pass_for_no_effect(tmp_path, trouble, seed):
     """A spring of log10 BF 13 and a cable of 7 without the geometry's columns, and with zeros in the gaps."""
-    folder = tmp_path / "case"
-    blind.make_case(folder, seed, None, 0.0, "kr5", "standard", trouble=trouble)
-    terms = (folder / "terms.txt").read_text().strip().split(",")
-    healthy = bayesid.identify(
-        folder / "robot.toml", folder / "baseline.csv", terms=terms, complete="off", posterior=False
-    )
-    result = bayesid.find_discrepancy(healthy, folder / "log.csv", folder / "holdout.csv", posterior=False)
+    result, _ = blind_case(tmp_path, seed, None, style="standard", robot="kr5", trouble=trouble)
     assert not result.added
     assert all(one.effect == "learned_effect" for one in result.refused)  # what is left is no function of the motion
 
@@ -163,9 +134,6 @@ def test_two_effects_in_one_joint_are_both_found(tmp_path):
     assert {"coulomb_friction", "gain_error"} <= named[truth.joints[0]]
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# A robot of three joints whose second one has grown a spring and lost friction
-# ---------------------------------------------------------------------------------------------------------------
 def arm_log(seed, extra=None, signed=False, duration=14.0, robot=2):
     """The same arm, whatever the seed; `extra` changes its effort (N, n)."""
     robot = small_robot(3, seed=robot)
@@ -186,9 +154,9 @@ def healthy():
     return bayesid.identify(small_robot(3, seed=2), arm_log(1), terms=TERMS, posterior=False)
 
 
-@pytest.mark.parametrize("signed", [False, True])
-def test_parameters_and_their_deviations_are_those_of_the_hidden_effect(healthy, signed):
-    result = bayesid.find_discrepancy(healthy, arm_log(2, spring, signed), arm_log(3, spring, signed), posterior=False)
+def test_parameters_and_their_deviations_are_those_of_the_hidden_effect(healthy):
+    """Of logs with signs; the command below has none."""
+    result = bayesid.find_discrepancy(healthy, arm_log(2, spring, True), arm_log(3, spring, True), posterior=False)
     (effect,) = result.added
     assert (effect.effect, effect.joints) == ("joint_spring", (2,))
     value, sd, unit = effect.parameters["k2"]
@@ -212,10 +180,7 @@ def test_what_the_model_has_already_is_a_change(healthy):
 
 @pytest.mark.long
 def test_held_back_stretches_choose_nothing(healthy):
-    """Nonsense in them leaves the first scores as they were, but for their edges; what is chosen fails on them.
-
-    There signs are told by their neighbours, across a standstill too.
-    """
+    """Nonsense in them leaves the first scores as they were, but for their edges; what is chosen fails on them."""
     log = arm_log(2, spring)
     held = np.isin(np.minimum(np.arange(len(log)) * BLOCKS // len(log), BLOCKS - 1), HELD_BACK_BLOCKS)
     inner = held & np.roll(held, 30) & np.roll(held, -30)
@@ -254,9 +219,6 @@ def test_what_a_log_cannot_show_is_not_testable(healthy):
     assert ("viscous_friction", (1,)) not in result.not_testable
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# The command
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def folder(healthy, tmp_path_factory):
     place = tmp_path_factory.mktemp("logs")
@@ -277,14 +239,15 @@ def test_command_leaves_report_and_extended_model(folder, capsys):
     written = json.loads((out / "discrepancy.json").read_text())
     assert written["status"] == "explained"
     assert [(effect["effect"], effect["joints"]) for effect in written["found"]] == [("joint_spring", [2])]
-    assert written["found"][0]["parameters"]["k2"]["unit"] == "N m/rad"
+    k2 = written["found"][0]["parameters"]["k2"]
+    assert k2["unit"] == "N m/rad"
+    assert abs(k2["value"] - 7.0) < 4.0 * k2["sd"] < 1.2
     assert written["where"][0]["joint"] == 2
     assert written["where"][0]["variable"] == "position"
     assert written["gap"]["holdout"].endswith("holdout.csv")
     assert written["gap"]["after"][1] < 0.5 * written["gap"]["before"][1]
     assert written["unexplained"] == []
-    page = (out / "discrepancy.html").read_text()
-    assert "joint_spring" in page or "spring" in page
+    assert "spring" in (out / "discrepancy.html").read_text()
     stored = bayesid.load_model(out)
     assert stored.seen(arm_log(1))  # what the earlier log has shown is in it
     assert stored.seen(read_log(folder / "log.csv"))
@@ -296,36 +259,31 @@ def test_command_leaves_report_and_extended_model(folder, capsys):
     assert again.status == "no_discrepancy"
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (lambda f: {"holdout": f / "log.csv"}, "same motion as the log"),
-        (lambda f: {"result": f / "nowhere"}, "holds no model.toml"),
-        (lambda f: {"log": f / "short.csv"}, "too short to tell what a model lacks"),
-        (lambda f: {"log": f / "two.csv"}, "the log has 2 joints"),
-        (lambda f: {"log": f / "other.csv"}, "the robot that the model was identified from"),
-        (lambda f: {"log": f / "still.csv"}, "constant"),
-        (lambda f: {"log": f / "first.csv"}, "a log that the model was identified from"),
-        (lambda f: {"holdout": f / "first.csv"}, "a log that the model was identified from"),
-        (lambda f: {"out": f}, "holds"),
-        (lambda f: {"result": f / "broken"}, "model.toml"),
-    ],
-)
-def test_bad_input_is_one_line_and_exit_code_2(folder, tmp_path, capsys, change, said):
+def test_bad_input_is_one_line_and_exit_code_2(folder, tmp_path, capsys):
     write_other_logs(folder)
-    options = {"result": folder / "healthy", "log": folder / "log.csv", "out": tmp_path / "out", **change(folder)}
-    arguments = ["discrepancy", str(options["result"]), str(options["log"]), "--no-posterior", "--out"]
-    holdout = ["--holdout", str(options["holdout"])] if "holdout" in options else []
-    assert main([*arguments, str(options["out"]), *holdout]) == 2
-    error = capsys.readouterr().err.strip()
-    assert said in error
-    assert "\n" not in error
-    assert not (tmp_path / "out").exists()
+    for change, said in (
+        ({"holdout": "log.csv"}, "same motion as the log"),
+        ({"result": "nowhere"}, "holds no model.toml"),
+        ({"log": "short.csv"}, "too short to tell what a model lacks"),
+        ({"log": "two.csv"}, "the log has 2 joints"),
+        ({"log": "other.csv"}, "the robot that the model was identified from"),
+        ({"log": "still.csv"}, "constant"),
+        ({"log": "first.csv"}, "a log that the model was identified from"),
+        ({"holdout": "first.csv"}, "a log that the model was identified from"),
+        ({"out": ""}, "holds"),
+        ({"result": "broken"}, "model.toml"),
+    ):
+        paths = {name: folder / file for name, file in {"result": "healthy", "log": "log.csv", **change}.items()}
+        options = ["--holdout", str(paths["holdout"])] if "holdout" in paths else []
+        options += ["--no-posterior", "--out", str(paths.get("out", tmp_path / "out"))]
+        assert main(["discrepancy", str(paths["result"]), str(paths["log"]), *options]) == 2
+        error = capsys.readouterr().err.strip()
+        assert said in error
+        assert "\n" not in error
+        assert not (tmp_path / "out").exists()
 
 
 def write_other_logs(folder):
-    if (folder / "two.csv").exists():
-        return
     log = arm_log(2)
     write_log(folder / "two.csv", Log(log.t, log.q[:, :2], log.effort[:, :2], log.signed[:2]))
     write_log(folder / "other.csv", arm_log(2, robot=9))
@@ -344,13 +302,7 @@ def test_nominal_model_says_what_it_does_not_know(folder, tmp_path):
     assert any("nothing is known" in warning for warning in result.warnings)
 
 
-def test_robot_survives_the_round_trip(folder):
-    assert robot_table(bayesid.load_model(folder / "healthy").model.robot)["name"] == "arm3"
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Real logs
-# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.real
 @pytest.mark.long
 def test_ur10e_payload():
     model = bayesid.identify("ur10e", read_log(real_log("ur10e/c_unloaded.csv")).rectified(), posterior=False)
@@ -360,6 +312,7 @@ def test_ur10e_payload():
     assert abs(result.added[0].parameters["mp6"][0] / 2.8 - 1.0) < 0.15
 
 
+@pytest.mark.real
 @pytest.mark.long
 def test_ur10e_friction():
     log = read_log(real_log("ur10e/a_50s.csv")).rectified()

@@ -1,19 +1,16 @@
 """Columns that are mixed up, against efforts made by hand."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from conftest import smooth_motion
+from made_trials import RATE, made_trial
 
-from bayesid.discrepancy.compare import Trial
 from bayesid.discrepancy.mixed_up import check_columns
 from bayesid.errors import InputError
 from bayesid.log.log import Log
-from bayesid.log.signals import Signals
 from bayesid.motion import Motion
 
-N, RATE = 3, 100.0
+N = 3
 
 
 def effort_of(motion):
@@ -26,45 +23,29 @@ MOTION = smooth_motion(N, 20.0, RATE, seed=3)
 EFFORT = np.abs(effort_of(MOTION) + 0.05 * np.random.default_rng(0).standard_normal((len(MOTION), N)))
 
 
-def mixed(positions=(0, 1, 2), efforts=(0, 1, 2), sides=(1, 1, 1)):
+def mixed(positions=(0, 1, 2), efforts=(0, 1, 2), sides=(1, 1, 1), model=effort_of):
     """The check of a log with such columns."""
     q, dq, ddq = (x[:, positions] * np.array(sides) for x in (MOTION.q, MOTION.dq, MOTION.ddq))
     motion, effort = Motion(MOTION.t, q, dq, ddq), EFFORT[:, efforts]
-    every, unsigned = np.ones(effort.shape, dtype=bool), np.zeros(N, dtype=bool)
-    signals = Signals(motion, effort, effort, unsigned, RATE, 20.0, {}, every)
-    log = Log(motion.t, motion.q, effort, unsigned, source="log.csv")
-    check_columns(effort_of, Trial(signals, motion, every), log)
+    log = Log(motion.t, q, effort, np.zeros(N, dtype=bool), source="log.csv")
+    check_columns(model, made_trial(motion, effort), log)
 
 
-def test_columns_in_their_places_pass():
+def test_what_is_mixed_up_is_said_with_what_mends_it():
+    for what, said, remedy in (
+        ({"positions": [0, 2, 1], "efforts": [0, 2, 1]}, "joints 2 and 3", "columns q2 and q3, and"),
+        ({"positions": [1, 0, 2]}, "positions of joints 1 and 2", "columns q1 and q2"),
+        ({"efforts": [2, 1, 0]}, "efforts of joints 1 and 3", "columns tau1 and tau3"),
+        ({"sides": [1, -1, 1]}, "positions of joint 2", "column q2"),
+    ):
+        with pytest.raises(InputError) as caught:
+            mixed(**what)
+        assert said in caught.value.what
+        assert caught.value.where == "log.csv"
+        assert remedy in caught.value.remedy
+        assert "\n" not in str(caught.value)
+
+
+def test_columns_in_their_places_pass_and_so_does_what_no_exchange_mends():
     mixed()
-
-
-@pytest.mark.parametrize(
-    ("what", "said", "remedy"),
-    [
-        (
-            {"positions": [0, 2, 1], "efforts": [0, 2, 1]},
-            "joints 2 and 3 look swapped",
-            "exchange columns q2 and q3, and",
-        ),
-        ({"positions": [1, 0, 2]}, "the positions of joints 1 and 2 look swapped", "exchange columns q1 and q2"),
-        ({"efforts": [2, 1, 0]}, "the efforts of joints 1 and 3 look swapped", "exchange columns tau1 and tau3"),
-        ({"sides": [1, -1, 1]}, "the positions of joint 2 look reversed", "multiply column q2"),
-    ],
-)
-def test_what_is_mixed_up_is_said_with_what_mends_it(what, said, remedy):
-    with pytest.raises(InputError) as caught:
-        mixed(**what)
-    assert caught.value.what.startswith(said)
-    assert caught.value.where == "log.csv"
-    assert caught.value.remedy.startswith(remedy)
-    assert "\n" not in str(caught.value)
-
-
-def test_what_no_exchange_mends_is_left_to_others():
-    """A log of another robot."""
-    log = replace(Log(MOTION.t, MOTION.q, EFFORT, np.zeros(N, dtype=bool)), source="log.csv")
-    every = np.ones(EFFORT.shape, dtype=bool)
-    signals = Signals(MOTION, EFFORT, EFFORT, log.signed, RATE, 20.0, {}, every)
-    check_columns(lambda motion: 5.0 * np.cos(3.0 * motion.q), Trial(signals, MOTION, every), log)
+    mixed(model=lambda motion: 5.0 * np.cos(3.0 * motion.q))  # another robot: for others to say

@@ -5,9 +5,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.stats import t
 
 from bayesid.discrepancy import selection
-from bayesid.discrepancy.sets import WeighedSet, weighed
+from bayesid.discrepancy.sets import weighed
 from bayesid.fit.effects.held_back import log_density, surely_better
 from bayesid.fit.effects.thresholds import Thresholds
 
@@ -45,7 +46,7 @@ def smallest(*found):
     )
     case = SimpleNamespace(held_back=held_back, thresholds=Thresholds())
     sets = SimpleNamespace(found={one.forms: one for one in found}, case=case)
-    return selection._minimal(sets)
+    return selection.minimal_sets(sets)
 
 
 DRY, SPRING, DRAG, SKEW = (("dry", (2,)), ("spring", (2,)), ("drag", (2,)), ("skew", (2,)))
@@ -82,19 +83,6 @@ def test_probabilities_are_of_effects_whatever_their_form():
     assert [one.probability for one in found] == pytest.approx([(1.0 + np.exp(-1.0)) / total, np.exp(-2.0) / total])
 
 
-def test_what_is_added_or_left_out_later_is_so_of_all_sets():
-    learned = ("learned_effect", (3,))
-    pair, skewed = made([DRY, SPRING], 10.0, 0.0), made([SKEW, SPRING], 8.0, 0.0)
-    found = weighed([pair, skewed], made([DRY, learned], 30.0, 0.0))
-    assert [set(one.effects) for one in found] == [{DRY, learned}, {SKEW, learned}]
-
-
-def test_what_stands_in_the_place_of_an_effect():
-    chosen, other = WeighedSet((DRY, SPRING), 0.8), WeighedSet((SKEW, SPRING, ("delay", (4,))), 0.2)
-    assert other.without(DRY, chosen) == (SKEW,)
-    assert other.without(SPRING, chosen) == ()
-
-
 def test_a_set_that_always_looks_likelier_once_it_is_settled_again_is_not_settled_for_ever():
     """So it was with two errors of the robot's table: what a set is judged by moves with it."""
     both, dry = made([DRY, SPRING], 10.0, 0.0), made([DRY], 5.0, 0.0)
@@ -109,12 +97,10 @@ def test_a_set_that_always_looks_likelier_once_it_is_settled_again_is_not_settle
     for effect in both.effects:
         effect.columns = SimpleNamespace(joints={1})
     sets = SimpleNamespace(anchored=lambda one: both, settled=settle, case=SimpleNamespace(thresholds=Thresholds()))
-    assert selection._polished(sets, both).keys == both.keys
+    assert selection.polished(sets, both).keys == both.keys
 
 
 def test_log_densities_are_students():
-    from scipy.stats import t
-
     residual, sd = np.array([[0.3, -2.0], [7.0, 0.1]]), np.array([0.5, 1.5])
     used = np.array([[True, True], [True, False]])
     expected = (t(4, scale=sd).logpdf(residual) - t(4, scale=sd).logpdf(0.0)) * used

@@ -5,31 +5,20 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import small_robot, smooth_motion
+from made_trials import RATE, made_trial
 
 from bayesid.discrepancy import worth
 from bayesid.discrepancy.case import Case, HeldBack
-from bayesid.discrepancy.compare import Trial
 from bayesid.fit.effects.columns import Columns
 from bayesid.fit.effects.hypotheses import Hypothesis
 from bayesid.fit.effects.worth import Cost, EffortSize
 from bayesid.fit.knowledge import Knowledge
-from bayesid.log.signals import Signals
 from bayesid.model.distortions.gain_error import GainError
 from bayesid.model.model import Model
 from bayesid.model.terms.coulomb_friction import CoulombFriction
 from bayesid.model.terms.torque_offset import TorqueOffset
 
 
-def trial_of(effort, used, motion=None):
-    motion = motion or smooth_motion(effort.shape[1], len(effort) / 100.0, 100.0)
-    every = np.ones(effort.shape, dtype=bool)
-    signals = Signals(motion, effort, effort, np.zeros(effort.shape[1], bool), 100.0, 8.0, {}, every)
-    return Trial(signals, motion, used)
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Costs
-# ---------------------------------------------------------------------------------------------------------------
 class Acting:
     """An effect in some (0-based) joints."""
 
@@ -66,9 +55,8 @@ def test_the_cost_is_the_error_without_an_effect_where_it_matters_most():
         asked.append((tuple(effects), on, joints))
         return fewer[tuple(effects)]
 
-    sets = SimpleNamespace(
-        case=SimpleNamespace(held_back=SimpleNamespace(trial=trial_of(effort, used))), settled=settled
-    )
+    trial = made_trial(smooth_motion(3, 4 / RATE, RATE), effort, used, signed=True)
+    sets = SimpleNamespace(case=SimpleNamespace(held_back=SimpleNamespace(trial=trial)), settled=settled)
     found = worth.costs(sets, chosen)
     assert asked == [((friction,), data, body.columns.joints), ((body,), data, friction.columns.joints)]
     assert [one.joint for one in found] == [2, 3]
@@ -87,9 +75,6 @@ def test_shares_of_nothing_are_not_known():
     assert np.isnan(EffortSize(1, 1.0, 2.0, 0.0, "rated effort").share)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Sizes
-# ---------------------------------------------------------------------------------------------------------------
 FRICTION, OFFSET = CoulombFriction(smoothing=(0.1, 0.1)), TorqueOffset(joints=(2,))
 MOTION = smooth_motion(2, 4.0, 100.0, seed=5)
 USED = np.repeat(np.arange(len(MOTION))[:, None] >= 100, 2, axis=1)
@@ -107,22 +92,23 @@ def case_of(rated=None, another_log=False):
     robot = small_robot(2)
     object.__setattr__(robot.joints[1], "rated_effort", rated)
     knowledge = Knowledge(Model(robot, (FRICTION,)), EARLIER, np.zeros((1, 1)))
-    log = trial_of(READ, USED, MOTION)
-    held_back = HeldBack(trial_of(READ * USED, USED, MOTION), "held back", another_log)
+    log = made_trial(MOTION, READ, USED, signed=True)
+    held_back = HeldBack(made_trial(MOTION, READ * USED, USED, signed=True), "held back", another_log)
     return Case(knowledge, None, None, log, held_back, None)
 
 
-@pytest.mark.parametrize(
-    ("rated", "of", "reference"), [(None, "largest effort in this log", 30.0), (56.0, "rated effort", 56.0)]
-)
-@pytest.mark.parametrize("another_log", [True, False])
-def test_a_terms_effort_is_held_against_the_rating_or_the_logs_largest(rated, of, reference, another_log):
-    case = case_of(rated, another_log)
-    extended = case.model.extend(OFFSET)
-    found = worth.effort_size(case, hypothesis(OFFSET), extended, np.array([2.0, 5.0, -1.4]))
-    assert (found.joint, found.of, found.reference) == (2, of, reference)
-    assert (found.rms, found.largest) == pytest.approx((1.4, 1.4))
-    assert found.share == pytest.approx(1.4 / reference)
+def test_a_terms_effort_is_held_against_the_rating_or_the_logs_largest():
+    for rated, another_log, of, reference in (
+        (None, True, "largest effort in this log", 30.0),
+        (None, False, "largest effort in this log", 30.0),
+        (56.0, True, "rated effort", 56.0),
+    ):
+        case = case_of(rated, another_log)
+        extended = case.model.extend(OFFSET)
+        found = worth.effort_size(case, hypothesis(OFFSET), extended, np.array([2.0, 5.0, -1.4]))
+        assert (found.joint, found.of, found.reference) == (2, of, reference)
+        assert (found.rms, found.largest) == pytest.approx((1.4, 1.4))
+        assert found.share == pytest.approx(1.4 / reference)
 
 
 def test_the_effort_of_a_change_is_what_the_change_makes():

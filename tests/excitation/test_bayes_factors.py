@@ -42,7 +42,7 @@ def plain(case, true, information):
     return 0.5 * (dets - case.mean @ case.precision @ case.mean + pull @ left @ pull + np.trace(left @ spread))
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_formula_with_dense_matrices(seed):
     rng = np.random.default_rng(seed)
     a, b, c, d = cases(rng)

@@ -9,7 +9,6 @@ from bayesid.errors import InputError
 from bayesid.excitation.design import Objective, TrajectoryShape, design_excitation
 from bayesid.excitation.expectation import expect
 from bayesid.excitation.judgement import judge_log
-from bayesid.excitation.limits import check_limits, read_limits
 from bayesid.excitation.resolvability import (
     JointFlips,
     SegmentFlips,
@@ -28,7 +27,7 @@ from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
 from bayesid.model.robot import robot_from_table
 from bayesid.model.terms import RigidBody, ViscousFriction
-from bayesid.report.excitation_text import design_text, judgement_text
+from bayesid.report.excitation_text import judgement_text
 from bayesid.results.designs import save_design
 from bayesid.simulation.exciting import condition_number, log_condition_of
 from bayesid.simulation.logs import simulate
@@ -78,9 +77,6 @@ def least_cost(columns, target, sigma):
     return float(rest @ rest)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Resolvability
-# ---------------------------------------------------------------------------------------------------------------
 def test_a_turned_segment_costs_what_least_squares_says(problem):
     columns, beta, motion, sigma = problem
     effort = columns @ beta
@@ -148,16 +144,6 @@ def test_the_chance_of_a_mistake_is_what_noise_makes_of_it():
     assert wrong == pytest.approx(float(mistaken(np.array([found]))[0]), abs=0.025)
 
 
-def test_an_arm_of_one_joint_can_be_turned_at_no_cost():
-    model = Model(small_robot(1, seed=5), (RigidBody(), ViscousFriction()))
-    expectation = expect(model, 1)
-    grams = joint_grams(expectation.columns(smooth_motion(1, 5.0, 50.0)))
-    flips = turn_joints(grams, expectation.betas[0], groups_of([0]))
-    energy = expectation.betas[0] @ grams[0] @ expectation.betas[0]
-    assert flips.groups == ((0,),)
-    assert flips.resolvability[0] < 1e-9 * energy
-
-
 def test_a_single_joint_has_a_design_too():
     shape = TrajectoryShape(duration=6.0, rate=50.0)
     design = design_excitation(small_robot(1, seed=5), TERMS, shape=shape, objective=Objective(evaluations=60))
@@ -189,9 +175,6 @@ def test_what_is_left_is_the_posterior_of_a_linear_regression(problem, model):
     assert 0.05 < sd.min() < sd.max() < 1.0
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Design
-# ---------------------------------------------------------------------------------------------------------------
 def test_a_series_from_rest_has_no_velocity_and_no_acceleration_at_its_ends():
     shape = from_rest(random_shape(3, 4, np.random.default_rng(6)))
     ends = within_limits(shape, 0.21, LIMITS).motion(np.array([0.0, 1 / 0.21]))
@@ -203,11 +186,13 @@ def test_a_series_from_rest_has_no_velocity_and_no_acceleration_at_its_ends():
 
 def test_a_design_keeps_its_limits_and_ends_where_it_starts(design):
     fine = design.trajectory.motion(np.linspace(0.0, 6.0, 10 * len(design.motion)))
+    assert design.reached.condition < 0.8 * design.start.condition
     assert np.all(fine.q >= LIMITS.lower)
     assert np.all(fine.q <= LIMITS.upper)
     assert np.all(np.abs(fine.dq) <= LIMITS.velocity)
     assert np.all(np.abs(fine.ddq) <= LIMITS.acceleration)
-    used = np.array([np.abs(values).max(axis=0) for values in vars_of(design.of_limits)])
+    of_limits = design.of_limits
+    used = np.array([np.abs(values).max(axis=0) for values in (of_limits.q, of_limits.dq, of_limits.ddq)])
     assert np.all(used <= 1.0)
     motion = design.motion
     assert motion.t[-1] == 6.0
@@ -215,14 +200,6 @@ def test_a_design_keeps_its_limits_and_ends_where_it_starts(design):
     np.testing.assert_allclose(motion.q[-1], motion.q[0], atol=1e-12)
     np.testing.assert_allclose(motion.dq[[0, -1]], 0.0, atol=1e-11)
     np.testing.assert_allclose(motion.ddq[[0, -1]], 0.0, atol=1e-10)
-
-
-def vars_of(motion):
-    return motion.q, motion.dq, motion.ddq
-
-
-def test_a_design_gains_on_its_start(design):
-    assert design.reached.condition < 0.8 * design.start.condition
 
 
 def test_the_figures_of_a_design_are_those_of_its_motion(design):
@@ -238,11 +215,6 @@ def test_the_figures_of_a_design_are_those_of_its_motion(design):
     np.testing.assert_array_equal(quality.magnitude, np.abs(quality.effort))
 
 
-def test_the_same_seed_gives_the_same_design(design, model):
-    again = design_excitation(model.robot, TERMS, objective=OBJECTIVE, **QUICK)
-    np.testing.assert_array_equal(again.motion.q, design.motion.q)
-
-
 def test_known_parameters_take_the_place_of_drawn_ones(model):
     names = [one.name for one in model.parameters]
     expectation = expect(model, 0, Beliefs(nominal={"m2": (3.25, 0.1), "Fv3": (0.4, 0.2)}))
@@ -253,9 +225,8 @@ def test_known_parameters_take_the_place_of_drawn_ones(model):
         expect(model, 0, Beliefs(nominal={"m9": (1.0, 0.1)}))
 
 
-@pytest.mark.parametrize(
-    ("wrong", "where"),
-    [
+def test_options_that_cannot_be_used_are_named(model):
+    for wrong, where in (
         ({"duration": 0.1}, "--duration"),
         ({"duration": float("nan")}, "--duration"),
         ({"rate": 3.0}, "--rate"),
@@ -265,17 +236,13 @@ def test_known_parameters_take_the_place_of_drawn_ones(model):
         ({"noise": 0.0}, "--noise"),
         ({"limits": MotionLimits(velocity=(1.0, 2.0))}, "--limits"),
         ({"terms": ("gravity",)}, "--terms"),
-    ],
-)
-def test_options_that_cannot_be_used_are_named(model, wrong, where):
-    options = {"duration": 6.0, "terms": TERMS, **wrong}
-    of_shape = {key: options.pop(key) for key in ("duration", "rate", "harmonics", "periods") if key in options}
-    of_objective = {key: options.pop(key) for key in ("noise",) if key in options}
-    with pytest.raises(InputError) as caught:
-        design_excitation(
-            model.robot, shape=TrajectoryShape(**of_shape), objective=Objective(**of_objective), **options
-        )
-    assert where in caught.value.on_command_line
+    ):
+        options = {"duration": 6.0, "terms": TERMS, **wrong}
+        shape = {key: options.pop(key) for key in ("duration", "rate", "harmonics", "periods") if key in options}
+        noise = {key: options.pop(key) for key in ("noise",) if key in options}
+        with pytest.raises(InputError) as caught:
+            design_excitation(model.robot, shape=TrajectoryShape(**shape), objective=Objective(**noise), **options)
+        assert where in caught.value.on_command_line
 
 
 def test_a_folder_holds_the_motion_and_the_series_that_makes_it(design, tmp_path):
@@ -300,85 +267,6 @@ def test_a_folder_holds_the_motion_and_the_series_that_makes_it(design, tmp_path
         save_design(design, folder)
 
 
-def test_the_text_of_a_design_names_starting_position_and_what_is_not_checked(design):
-    text = design_text(design)
-    assert f"{design.motion.q[0, 1]:.3f}" in text
-    assert "not checked: collisions" in text
-    assert f"{design.reached.condition:.1f} reached" in text
-
-
-def test_the_figure_shows_every_joint_and_segment(design):
-    from bayesid.report.plot.designs import excitation
-
-    axes = excitation(design)
-    assert len(axes) == 12
-    np.testing.assert_allclose(axes[4].lines[0].get_ydata(), design.of_limits.dq[:, 1])
-    curves = axes[10].collections[0].get_segments()
-    assert len(curves) == np.sum(design.reached.segments.joint == 1)
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Limits
-# ---------------------------------------------------------------------------------------------------------------
-def test_limits_from_a_table(tmp_path):
-    path = tmp_path / "limits.toml"
-    path.write_text("lower = [-1, -2.5]\nupper = 2\nvelocity = [1.5, 0.5]\n")
-    limits = read_limits(path)
-    assert limits == MotionLimits(lower=(-1.0, -2.5), upper=2.0, velocity=(1.5, 0.5))
-    assert check_limits(limits, small_robot(2)).acceleration == (15.0, 15.0)
-    with pytest.raises(InputError, match="2 numbers for 'lower'"):
-        check_limits(limits, small_robot(3))
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "lower = ",
-        "lower = 'low'",
-        "lower = [1, true]",
-        "lower = []",
-        "speed = 2",
-        "velocity = 0.0",
-        "upper = nan",
-        "lower = [3, 3]",
-        "lower = [-1, -2]\nupper = [1, 2, 3]",
-        "[lower]\na = 1",
-    ],
-)
-def test_limits_that_cannot_be_used_are_refused(tmp_path, text):
-    path = tmp_path / "limits.toml"
-    path.write_text(text)
-    with pytest.raises(InputError, match=r"limits\.toml"):
-        read_limits(path)
-
-
-def test_a_missing_file_of_limits_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"none\.toml"):
-        read_limits(tmp_path / "none.toml")
-
-
-def joint(name, kind, parent, child, limit=""):
-    links = f'<parent link="{parent}"/><child link="{child}"/>'
-    return f'<joint name="{name}" type="{kind}">{links}{limit}</joint>'
-
-
-def test_limits_from_a_urdf_follow_the_chain_not_the_file(tmp_path):
-    joints = [
-        joint("c", "continuous", "l2", "l3", '<limit velocity="0.9" effort="7"/>'),
-        joint("b", "prismatic", "flange", "l2", '<limit lower="-0.1" upper="0.4" velocity="0.2" effort="5"/>'),
-        joint("fixed", "fixed", "l1", "flange"),
-        joint("a", "revolute", "base", "l1", '<limit lower="-2.9" upper="1.7" velocity="2.1" effort="9"/>'),
-    ]
-    path = tmp_path / "arm.urdf"
-    path.write_text(f"<robot name='arm'>{''.join(joints)}</robot>")
-    assert read_limits(path) == MotionLimits(
-        (-2.9, -0.1, -2.0), (1.7, 0.4, 2.0), (2.1, 0.2, 0.9), effort=(9.0, 5.0, 7.0)
-    )
-    path.write_text(f"<robot name='arm'>{''.join(joints)}{joint('d', 'revolute', 'l1', 'l9')}</robot>")
-    with pytest.raises(InputError, match="branches"):
-        read_limits(path)
-
-
 def test_a_joint_that_slides_needs_limits():
     rows = [{"a": 0.1, "alpha": 0.3, "d": 0.2, "theta": 0.0, "type": kind} for kind in ("revolute", "prismatic")]
     robot = robot_from_table({"name": "slider", "convention": "standard", "joints": rows}, "test")
@@ -386,9 +274,6 @@ def test_a_joint_that_slides_needs_limits():
         design_excitation(robot, shape=TrajectoryShape(duration=5.0))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Judgement of a log
-# ---------------------------------------------------------------------------------------------------------------
 def log_of(model, trajectory, duration=20.0, rate=50.0, signed=False):
     motion = trajectory.motion(np.arange(round(duration * rate) + 1) / rate)
     rng = np.random.default_rng(7)
@@ -458,6 +343,7 @@ def test_a_log_of_another_robot_and_a_bad_noise_are_refused(model):
         judge_log(model.robot, log, noise=-1.0)
 
 
+@pytest.mark.real
 def test_a_real_log_of_the_ur10e_excites_well():
     judgement = judge_log("ur10e", real_log("ur10e/a_50s.csv"))
     assert judgement.light == "green"

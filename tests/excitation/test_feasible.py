@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from open_results import LIMITS, open_known
 
-from bayesid.excitation.feasible import BAND, FINE, Feasibility, largest_efforts
+from bayesid.excitation.feasible import BAND, Feasibility, largest_efforts
 from bayesid.excitation.limits import check_limits
 from bayesid.excitation.splines import DEGREE, ENDS, SplineBasis, at_rest
 from bayesid.model.terms.hysteresis import Hysteresis
@@ -60,13 +60,9 @@ def moved(trajectory, step, share=1.0):
     return replace(trajectory, control=trajectory.control + share * step)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Limits that are linear
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("limits", "order"),
     [
-        ({"lower": (-0.9, -FREE, -FREE)}, 0),
         ({"upper": (FREE, 0.9, 0.5)}, 0),
         ({"velocity": (0.9, 0.4, FREE)}, 1),
         ({"acceleration": (FREE, 9.0, 2.5)}, 2),
@@ -94,16 +90,6 @@ def test_a_shortened_step_touches_one_limit_and_breaks_none(known, basis, limits
     assert not feasibility.within_limits(moved(start, step, 1.0001 * share))
 
 
-def test_limits_of_both_sides_are_their_own(known, basis):
-    """Up there are 0.7 rad, down there are 0.2: a step and its opposite are shortened to these."""
-    feasibility, still = within(known, lower=(-0.4, -9.0, -9.0), upper=(0.5, 9.0, 9.0)), at_rest(basis, POSE)
-    step = np.zeros((len(basis), 3))
-    step[8, 0] = 1.0
-    top = still.basis.bernstein[0][:, 8].max()
-    assert feasibility.shortened(still, step) == pytest.approx(min(1.0, 0.7 / top))
-    assert feasibility.shortened(still, -step) == pytest.approx(0.2 / top)
-
-
 def test_a_step_that_is_none_and_one_that_has_all_the_room(known, basis):
     still = at_rest(basis, POSE)
     assert within(known).shortened(still, np.zeros((len(basis), 3))) == 0.0
@@ -119,7 +105,7 @@ def test_a_step_that_is_none_and_one_that_has_all_the_room(known, basis):
     assert touching.shortened(still, aside) == 1.0
 
 
-@pytest.mark.parametrize("limit", ["position", "velocity", "acceleration", "jerk"])
+@pytest.mark.parametrize("limit", ["position", "jerk"])
 def test_limits_hold_at_every_instant_of_a_shortened_step(known, basis, limit):
     limits = {"position": {"lower": LIMITS.lower, "upper": LIMITS.upper}, "jerk": {"jerk": (30.0, 80.0, 55.0)}}
     chosen = limits.get(limit) or {limit: getattr(LIMITS, limit)}
@@ -135,15 +121,6 @@ def test_limits_hold_at_every_instant_of_a_shortened_step(known, basis, limit):
     assert room.min() < 0.05  # and the limit is used
 
 
-def test_without_a_limit_of_jerk_any_jerk_is_possible(known, basis):
-    fast = moved(at_rest(basis, POSE), wave(basis, 3, 10.0))
-    assert within(known).within_limits(fast)
-    assert not within(known, jerk=50.0).within_limits(fast)
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Efforts
-# ---------------------------------------------------------------------------------------------------------------
 def test_the_band_is_that_of_the_coefficients_and_what_the_model_lacks(basis):
     known = open_known(lacking=0.7)
     motion = moved(at_rest(basis, POSE), wave(basis)).motion(np.linspace(0.5, 2.5, 23))
@@ -171,17 +148,6 @@ def test_limits_of_efforts_count_the_band(known, basis):
     assert within(known, effort=tuple(1.02 * banded)).possible(trajectory)
 
 
-def test_without_limits_of_efforts_none_are_computed(known, basis):
-    class Blind(Feasibility):
-        def effort_band(self, motion):
-            raise AssertionError
-
-    feasibility = Blind(**vars(within(known)))
-    assert not feasibility.limits_effort
-    assert feasibility.bears(at_rest(basis, POSE), 0.0, 3.1)
-    assert within(known, effort=(np.inf, 4.0, np.inf)).limits_effort
-
-
 def test_what_is_beyond_the_limit_between_two_samples_alone_is_refused():
     """A parabola whose top lies half way between two samples: none of them shows it, a quarter of its bend does."""
     t = np.arange(7.0)
@@ -197,7 +163,7 @@ def test_largest_efforts_hold_between_the_samples_of_a_motion(known):
     basis, missed = SplineBasis(5.0), 0
     feasibility = Feasibility.of(known, check_limits(LIMITS, known.model.robot), None)
     still = at_rest(basis, POSE)
-    for seed in range(12):
+    for seed in range(6):
         trajectory = moved(still, wave(basis, seed, 4.0), feasibility.shortened(still, wave(basis, seed, 4.0)))
         mean, sd = feasibility.effort_band(trajectory.motion(np.linspace(0.0, 5.0, 10_001)))
         finest = (np.abs(mean) + BAND * sd).max(axis=0)
@@ -206,24 +172,10 @@ def test_largest_efforts_hold_between_the_samples_of_a_motion(known):
         assert np.all(bound >= finest)
         assert np.all(bound <= 1.05 * finest)
         missed += int(((np.abs(coarse[0]) + BAND * coarse[1]).max(axis=0) < finest).sum())
-    assert missed > 12
+    assert missed > 6
 
 
-def test_efforts_of_a_window_are_judged_there_alone(known, basis):
-    """A late bump that is too strong leaves the first second as it was."""
-    step = np.zeros((len(basis), 3))
-    step[9:12] = 1.5
-    trajectory = moved(at_rest(basis, POSE), step)
-    before = float(basis.knots[9]) - FINE
-    feasibility = within(known)
-    still = largest_efforts(*feasibility.effort_band(at_rest(basis, POSE).motion(np.array([0.0, 0.1, 0.2]))))
-    limited = replace(feasibility, effort=1.01 * still)
-    assert limited.bears(trajectory, 0.0, before)
-    assert not limited.bears(trajectory, 0.0, 3.1)
-    assert not limited.bears(trajectory, before, float(basis.knots[11 + DEGREE + 1]))
-
-
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_windows_say_of_efforts_what_the_whole_motion_says(known, basis, seed):
     """Of a step in a window: where all was well before, the window alone says what all instants say, to the digit."""
     feasibility, rng = within(known), np.random.default_rng(seed)
@@ -248,9 +200,6 @@ def test_with_memory_efforts_are_those_of_the_whole_motion(basis):
     np.testing.assert_allclose(feasibility.largest_efforts(trajectory, 1.0, 1.5), whole, rtol=1e-12)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Collisions
-# ---------------------------------------------------------------------------------------------------------------
 def test_steps_into_a_collision_are_refused(known, basis):
     wall = FakeClearance(joint=0, wall=0.1)
     feasibility, still = within(known, clearance=wall), at_rest(basis, POSE)
@@ -275,10 +224,3 @@ def test_clearance_is_asked_for_the_window_with_speeds_that_hold(known, basis):
         fastest = np.abs(trajectory.motion(np.linspace(start, end, 501)).dq).max(axis=0)
         assert np.all(most >= fastest - 1e-12)
         assert np.all(most <= 1.2 * fastest + 0.2)  # of that interval, not of the whole motion
-
-
-def test_what_breaks_a_cheap_limit_is_not_asked_of_the_clearance(known, basis):
-    wall = FakeClearance(wall=9.0)
-    fast = moved(at_rest(basis, POSE), wave(basis, 3, 10.0))
-    assert not within(known, clearance=wall, velocity=0.5).possible(fast)
-    assert wall.asked == []

@@ -36,9 +36,6 @@ def with_gains(known, *joints):
     )
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Names
-# ---------------------------------------------------------------------------------------------------------------
 def test_without_a_name_all_that_is_open_is_asked_for(known):
     sd = np.sqrt(np.diag(np.linalg.inv(known.precision) + known.lacking))
     want = [name for name, one, mean in zip(known.names, sd, known.mean, strict=True) if one > 0.1 * abs(mean)]
@@ -57,27 +54,21 @@ def test_a_coefficient_by_its_name(known):
     np.testing.assert_allclose(goal.wanted, 0.1 * np.abs(known.mean[[known.names.index(one) for one in goal.names]]))
 
 
-def test_a_coefficient_that_is_a_sum_says_of_what(known):
+def test_a_parameter_that_shows_in_sums_or_not_at_all_says_so(known):
     goal = goal_of(known, ["mc2x"])
     assert goal.names == ("mc2x",)
-    assert goal.never == ("no motion can tell mc2x by itself: efforts show mc2x + a3 m3, which is aimed at",)
-
-
-def test_a_parameter_in_sums_names_them_all(known):
+    assert "mc2x + a3 m3" in goal.never[0]
     goal = goal_of(known, ["J2yy"])
     step = np.zeros(len(known.theta))
     step[[one.name for one in known.model.parameters].index("J2yy")] = 1.0
     moved = known.coefficients.project(step)
     want = tuple(name for name, change in zip(known.names, moved, strict=True) if abs(change) > 1e-6)
     assert goal.names == want == ("J1zz", "J2xx")
-    assert goal.never == ("no motion can tell J2yy by itself: efforts show it in J1zz, J2xx, which are aimed at",)
-
-
-def test_a_parameter_that_no_effort_depends_on_can_be_aimed_at_beside_others_alone(known):
+    assert "J1zz, J2xx" in goal.never[0]
     goal = goal_of(known, ["J1xx", "Fc1"])
     assert goal.names == ("Fc1",)
-    assert goal.never == ("no motion can tell J1xx: efforts do not depend on it",)
-    with pytest.raises(InputError, match="efforts do not depend on it"):
+    assert "J1xx" in goal.never[0]
+    with pytest.raises(InputError, match="do not depend on it"):
         goal_of(known, ["J1xx"])
 
 
@@ -117,12 +108,8 @@ def test_payloads_that_logs_carried_are_theirs_alone():
     of_tool = known.model.places[1]
     names = [parameter.name for parameter in known.model.parameters[of_tool]]
     assert [name.split(".")[0] for name in goal.names] == [name.split(".")[0] for name in names], goal.names
-
-
-def test_a_payload_that_the_motion_does_not_carry_is_told_by_none_of_it():
-    known = open_known(n=2, terms=("rigid_body", CarriedPayload(label=("tool",))))
     with pytest.raises(InputError, match="as tool"):
-        goal_of(known, ["payload"])
+        goal_of(known, ["payload"])  # of a motion that carries none
 
 
 def test_signs_are_the_efforts_of_random_motions(known):
@@ -135,29 +122,18 @@ def test_signs_are_the_efforts_of_random_motions(known):
     assert np.trace(goal.left(known.now)) == pytest.approx(want, rel=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("name", "near"),
-    [
-        ("Fc9", "Fc1"),
-        ("viscous_frictoin", "viscous_friction"),
-        ("payloads", "payload"),
-        ("mc3", "mc3x"),
-        ("J9", "J1zz"),
-    ],
-)
-def test_a_name_of_nothing_is_refused_with_those_near_it(known, name, near):
-    with pytest.raises(InputError) as caught:
-        goal_of(known, ["Fc1", name])
-    said = caught.value.on_command_line
-    assert said.startswith("--about")
-    assert repr(name) in said
-    assert near in said
-    assert "\n" not in said
+def test_a_name_of_nothing_is_refused_with_those_near_it(known):
+    near = {"Fc9": "Fc1", "viscous_frictoin": "viscous_friction", "payloads": "payload", "mc3": "mc3x", "J9": "J1zz"}
+    for name, other in near.items():
+        with pytest.raises(InputError) as caught:
+            goal_of(known, ["Fc1", name])
+        said = caught.value.on_command_line
+        assert said.startswith("--about")
+        assert repr(name) in said
+        assert other in said
+        assert "\n" not in said
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# What is told
-# ---------------------------------------------------------------------------------------------------------------
 def test_information_is_what_a_normal_recording_tells_of_sums_as_well_as_they_are_wanted(known):
     """Mutual information of the sums, with an error of what is wanted, and the recording: by determinants of all."""
     rng = np.random.default_rng(4)

@@ -11,8 +11,6 @@ from bayesid.excitation.expectation import expect
 from bayesid.excitation.known import inverse, known_of
 from bayesid.identification.identified_model import ParameterDraws
 from bayesid.identification.pipeline import identify
-from bayesid.model.distortions.clipping import Clipping
-from bayesid.model.terms.hysteresis import Hysteresis
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.trajectories import random_trajectory
 
@@ -121,19 +119,6 @@ def test_without_a_posterior_what_plausible_robots_have_in_common_is_the_prior()
     size = expect(known.model).size
     np.testing.assert_allclose(known.precision - precision, np.diag(size**-2.0), rtol=1e-9, atol=1e-9)
     assert np.sqrt(known.now[blind, blind]) == pytest.approx(size[blind])
-
-
-def test_what_sensors_make_of_efforts_is_no_part_of_what_is_known():
-    result = open_result()
-    clipped = replace(result, model=result.model.extend(Clipping(joints=(2,), limit=(0.5,))))
-    known = known_of(clipped, 50.0)
-    assert known.model.distortions == ()
-    assert known.names == known_of(result, 50.0).names
-
-
-def test_memory_is_that_of_any_effect():
-    assert not open_known().memory
-    assert open_known(n=2, terms=("rigid_body", Hysteresis(width=(0.05, 0.02)))).memory
 
 
 def test_a_log_s_own_motion_is_worth_what_the_result_says_of_it():

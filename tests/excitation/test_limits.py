@@ -1,4 +1,4 @@
-"""Limits of jerks and efforts from files; those of positions, velocities and accelerations: test_excitation_design."""
+"""Limits of motions from files."""
 
 import numpy as np
 import pytest
@@ -29,14 +29,13 @@ def urdf(tmp_path, *efforts):
     return path
 
 
-def test_jerks_and_efforts_from_a_table(tmp_path):
-    path = table(tmp_path, "velocity = 2.5\njerk = [200, 150.5]\neffort = 80\n")
+def test_limits_from_a_table(tmp_path):
+    path = table(tmp_path, "lower = [-1, -2.5]\nupper = 2\nvelocity = 2.5\njerk = [200, 150.5]\neffort = 80\n")
     limits = read_limits(path)
-    assert limits == MotionLimits(velocity=2.5, jerk=(200.0, 150.5), effort=80.0)
+    assert limits == MotionLimits((-1.0, -2.5), 2.0, 2.5, jerk=(200.0, 150.5), effort=80.0)
     each = check_limits(limits, small_robot(2))
-    assert each.jerk == (200.0, 150.5)
-    assert each.effort == (80.0, 80.0)
-    with pytest.raises(InputError, match="2 numbers for 'jerk'"):
+    assert (each.jerk, each.effort, each.acceleration) == ((200.0, 150.5), (80.0, 80.0), (15.0, 15.0))
+    with pytest.raises(InputError, match="2 numbers for 'lower'"):
         check_limits(limits, small_robot(3))
 
 
@@ -52,53 +51,68 @@ def test_without_these_keys_there_are_no_such_limits(tmp_path):
     np.testing.assert_array_equal(feasibility.upper, [1.0, 2.0, 3.0])
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "jerk = 0",
+def test_values_that_cannot_be_used_are_refused_in_one_line(tmp_path):
+    for text in (
+        "lower = ",
+        "lower = 'low'",
+        "lower = [1, true]",
+        "speed = 2",
+        "velocity = 0.0",
+        "upper = nan",
+        "lower = [3, 3]",
+        "lower = [-1, -2]\nupper = [1, 2, 3]",
+        "[lower]\na = 1",
         "jerk = [10, -1]",
-        "jerk = 'much'",
-        "jerk = nan",
-        "effort = 0.0",
-        "effort = [80, 0]",
         "effort = true",
         "effort = []",
         "effort = inf",
         "effort = [[1, 2], [3, 4]]",
         "jerk = [1, 2]\neffort = [1, 2, 3]",
-        "efforts = 80",
-    ],
-)
-def test_values_that_cannot_be_used_are_refused_in_one_line(tmp_path, text):
-    with pytest.raises(InputError) as caught:
-        read_limits(table(tmp_path, text))
-    said = caught.value.on_command_line
-    assert "limits.toml" in said
-    assert "\n" not in said
+    ):
+        with pytest.raises(InputError) as caught:
+            read_limits(table(tmp_path, text))
+        said = caught.value.on_command_line
+        assert "limits.toml" in said
+        assert "\n" not in said
+    with pytest.raises(InputError, match=r"none\.toml"):
+        read_limits(tmp_path / "none.toml")
+    for wrong in ({"jerk": 0.0}, {"effort": (3.0, -1.0)}, {"effort": float("nan")}):
+        with pytest.raises(ValueError, match="must be positive"):
+            MotionLimits(**wrong)
 
 
-@pytest.mark.parametrize("wrong", [{"jerk": 0.0}, {"effort": (3.0, -1.0)}, {"effort": float("nan")}])
-def test_limits_that_are_not_positive_are_no_limits(wrong):
-    with pytest.raises(ValueError, match="jerk and effort limits must be positive"):
-        MotionLimits(**wrong)
-
-
-def test_efforts_from_a_urdf_are_those_of_the_chain_from_base_to_tip(tmp_path):
+def test_limits_of_a_urdf_are_those_of_the_chain_from_base_to_tip_as_far_as_it_knows_them(tmp_path):
+    """Exporters write 0, or a huge number, where they know none."""
     limits = read_limits(urdf(tmp_path, 'effort="87"', 'effort="12.5"', 'effort="4"'))
     assert limits.effort == (87.0, 12.5, 4.0)
     assert limits.velocity == (2.0, 3.0, 4.0)
     assert limits.jerk is None
-
-
-def test_efforts_that_a_urdf_does_not_know_are_no_limits(tmp_path):
-    """Exporters write 0, or a huge number, where they know none."""
     some = read_limits(urdf(tmp_path, 'effort="0"', 'effort="12.5"', 'effort="1e30"', ""))
     assert some.effort == (np.inf, 12.5, np.inf, np.inf)
     assert check_limits(some, small_robot(4)).effort == some.effort
     assert read_limits(urdf(tmp_path, 'effort="0"', "", 'effort="-3"')).effort is None
-
-
-def test_an_effort_that_is_no_number_is_named_with_its_joint(tmp_path):
     with pytest.raises(InputError, match="joint j1") as caught:
         read_limits(urdf(tmp_path, 'effort="3"', 'effort="strong"'))
     assert "\n" not in caught.value.on_command_line
+
+
+def joint(name, kind, parent, child, limit=""):
+    links = f'<parent link="{parent}"/><child link="{child}"/>'
+    return f'<joint name="{name}" type="{kind}">{links}{limit}</joint>'
+
+
+def test_limits_of_a_urdf_are_read_through_fixed_joints_and_refused_where_it_branches(tmp_path):
+    joints = [
+        joint("c", "continuous", "l2", "l3", '<limit velocity="0.9" effort="7"/>'),
+        joint("b", "prismatic", "flange", "l2", '<limit lower="-0.1" upper="0.4" velocity="0.2" effort="5"/>'),
+        joint("fixed", "fixed", "l1", "flange"),
+        joint("a", "revolute", "base", "l1", '<limit lower="-2.9" upper="1.7" velocity="2.1" effort="9"/>'),
+    ]
+    path = tmp_path / "arm.urdf"
+    path.write_text(f"<robot name='arm'>{''.join(joints)}</robot>")
+    assert read_limits(path) == MotionLimits(
+        (-2.9, -0.1, -2.0), (1.7, 0.4, 2.0), (2.1, 0.2, 0.9), effort=(9.0, 5.0, 7.0)
+    )
+    path.write_text(f"<robot name='arm'>{''.join(joints)}{joint('d', 'revolute', 'l1', 'l9')}</robot>")
+    with pytest.raises(InputError, match="branches"):
+        read_limits(path)

@@ -8,21 +8,21 @@ from open_results import LIMITS, TERMS, earlier_motion, gains_result, open_resul
 
 from bayesid.errors import InputError
 from bayesid.excitation.feasible import BAND
-from bayesid.excitation.next_motion import NextMotion, RunSettings, design_next, equivalent_classes, slowed
+from bayesid.excitation.next_motion import RunSettings, design_next, equivalent_classes, slowed
 from bayesid.excitation.rivals import TELLING
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import join_logs
-from bayesid.model.catalogue import effect_names
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.distortions.delay import Delay
 from bayesid.model.robot import robot_from_table
 from bayesid.model.terms.payload import CarriedPayload
-from bayesid.model.terms.stribeck_friction import StribeckFriction
 from bayesid.simulation.logs import simulate
 
 SENSOR = np.array([0.8, 0.3, 0.1])
 EFFORT = (60.0, 8.5, 1.6)
 QUICK = {"changes": 100}
+EFFECTS = ("dead_zone", "hysteresis", "thermal_drift", "payload", "link_length", "gain_error", "base_tilt")
+"""That differ in how they act."""
 RUN = RunSettings(duration=5.0, rate=50.0, limits=replace(LIMITS, jerk=(150.0, 90.0, 120.0), effort=EFFORT))
 
 
@@ -68,13 +68,9 @@ def design(result):
     return design_next(result, run=RUN, **QUICK)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# The motion
-# ---------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("joints", [(), (2,)])
-def test_when_efforts_are_logged_is_of_no_account(truth, joints):
+def test_when_efforts_are_logged_is_of_no_account(truth):
     """A real robot's model has a delay as a rule: the same motion, limits and predictions as without it."""
-    delayed = replace(truth, model=truth.model.extend(Delay(joints=joints, lag=(0.012,))))
+    delayed = replace(truth, model=truth.model.extend(Delay(joints=(2,), lag=(0.012,))))
     with_delay, without = (design_next(one, run=RUN, changes=30) for one in (delayed, truth))
     np.testing.assert_array_equal(with_delay.trajectory.control, without.trajectory.control)
     np.testing.assert_allclose(with_delay.largest_effort, without.largest_effort, rtol=1e-9)
@@ -82,7 +78,7 @@ def test_when_efforts_are_logged_is_of_no_account(truth, joints):
     assert with_delay.known.model.parameters == without.known.model.parameters
 
 
-@pytest.mark.parametrize("effect", effect_names())
+@pytest.mark.parametrize("effect", EFFECTS)
 def test_whatever_effects_a_model_has_a_motion_is_found_for_it(effect):
     """That keeps its limits, and tells more than standing still."""
     strong = replace(RUN, limits=replace(LIMITS, effort=(200.0, 40.0, 9.0)))
@@ -91,14 +87,6 @@ def test_whatever_effects_a_model_has_a_motion_is_found_for_it(effect):
     assert np.all(design.largest_effort <= design.feasibility.effort)
     assert np.all(design.predicted.sd <= design.predicted.sd_now * (1.0 + 1e-9))
     assert design.predicted.gain > 0.1
-
-
-def test_a_delay_is_told_from_friction(truth):
-    """As a hypothesis it stays, and so do the motions that show it: the faster, the better."""
-    delayed = replace(truth, model=truth.model.extend(Delay(lag=(0.012,))))
-    told = design_next(delayed, between=("delay:", "stribeck_friction:2"), run=RUN, changes=10)
-    factors = told.predicted.log10_bayes_factors
-    assert factors["delay", "stribeck_friction:2"] > 0.0
 
 
 def test_the_motion_keeps_all_limits_at_every_millisecond_with_the_true_parameters(truth, design):
@@ -116,10 +104,9 @@ def test_the_motion_keeps_all_limits_at_every_millisecond_with_the_true_paramete
     assert np.all(design.largest_effort <= EFFORT)
 
 
-@pytest.mark.parametrize("rate", [10.0, 100.0])
-def test_a_motion_that_was_found_is_not_said_to_break_its_limits(result, rate):
+def test_a_motion_that_was_found_is_not_said_to_break_its_limits(result):
     """Whatever the rate of the controller: what was checked while searching is what is said."""
-    found = design_next(result, run=replace(RUN, rate=rate), **QUICK)
+    found = design_next(result, run=replace(RUN, rate=10.0), **QUICK)
     assert 1.0 in found.slow
     assert np.all(found.largest_effort <= EFFORT)
     mean, sd = effort_band(found, found.trajectory.motion(np.linspace(0.0, 5.0, 20_001)))
@@ -161,11 +148,6 @@ def test_a_start_of_one_s_own_and_none_that_is_known(result):
     np.testing.assert_allclose(told.motion.q[0], earlier_motion().q[0], atol=1e-12)
 
 
-def test_the_same_request_gives_the_same_motion(result, design):
-    again = design_next(result, run=RUN, **QUICK)
-    np.testing.assert_array_equal(again.trajectory.control, design.trajectory.control)
-
-
 def test_a_robot_that_must_not_touch_the_table_does_not(result, design):
     height = 0.5 * (design.motion.q[0, 1] + design.motion.q[:, 1].max())
     assert height > design.motion.q[0, 1] + 0.1
@@ -175,9 +157,6 @@ def test_a_robot_that_must_not_touch_the_table_does_not(result, design):
     assert not any("collisions" in sentence for sentence in kept.unchecked)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# What will be known
-# ---------------------------------------------------------------------------------------------------------------
 def test_what_was_predicted_is_what_an_identification_of_both_logs_finds(truth, log, result, design):
     """Standard deviations hang on the noise, known from 200 samples a joint to some 5 %, and its time from few more."""
     both = join_logs([log, log_of(truth, design.motion, 8)])
@@ -228,9 +207,6 @@ def test_what_is_asked_for_is_told_better_than_by_a_motion_for_all(result, desig
         assert about.predicted.sd[place] < design.predicted.sd[place]
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Hypotheses
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def telling(result):
     return design_next(
@@ -252,31 +228,16 @@ def test_hypotheses_are_told_better_than_by_a_random_motion(telling):
     assert "told apart    stribeck_friction:3 from thermal_drift:3" in repr(telling)
 
 
-def test_a_result_that_has_one_of_them(truth):
-    terms = (*TERMS, StribeckFriction(joints=(3,), smoothing=(0.02,), speed=(0.4,)))
-    found = open_result(terms=terms)
-    design = design_next(
-        found,
-        between=["stribeck_friction:3", "thermal_drift:3"],
-        run=replace(RUN, duration=3.0),
-        recorded=earlier_motion(),
-        changes=20,
-    )
-    assert design.rivals[0].rivals[0].own is not None
-    assert all(np.isfinite(value) for value in design.predicted.log10_bayes_factors.values())
-    assert len(design.predicted.names) == len(base_coefficients(found.model))
-
-
 def test_equivalent_effects_make_a_class_of_which_the_found_one_is_the_first():
     found = [("delay", (), ()), ("stribeck_friction", (3,), ("thermal_drift", "payload", "torque_offset:2", "delay:"))]
-    want = (
+    same = [
         ("stribeck_friction", (3,)),
         ("thermal_drift", (3,)),
         ("payload", ()),
         ("torque_offset", (2,)),
         ("delay", ()),
-    )
-    assert equivalent_classes(found) == (want,)
+    ]
+    assert equivalent_classes(found) == (tuple(same),)
 
 
 def test_a_payload_is_learned_of_where_the_flange_carries_it():
@@ -300,31 +261,20 @@ def test_a_payload_is_learned_of_where_the_flange_carries_it():
     assert any(sentence.startswith("distances of tool:") for sentence in near.unchecked)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# What is said
-# ---------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("limits", "clearance", "words"),
-    [
+def test_what_was_not_checked_and_what_no_motion_tells_is_said(result):
+    for limits, clearance, words in (
         ({}, None, ("efforts: no limits are known", "jerks", "collisions")),
-        ({"effort": EFFORT}, None, ("jerks", "collisions")),
         ({"effort": (60.0, np.inf, 1.6), "jerk": 150.0}, None, ("efforts of joints 2:", "collisions")),
         ({"effort": 70.0, "jerk": 150.0}, Table(1.7), ("distances of hand and table (held)",)),
-    ],
-)
-def test_what_was_not_checked_is_said(result, limits, clearance, words):
-    run = replace(RUN, duration=2.0, limits=replace(LIMITS, **limits), clearance=clearance)
-    unchecked = design_next(result, run=run, changes=2).unchecked
-    assert len(unchecked) == len(words)
-    for sentence, word in zip(unchecked, words, strict=True):
-        assert word in sentence
-        assert "\n" not in sentence
-
-
-def test_what_no_motion_tells_is_said(result):
+    ):
+        run = replace(RUN, duration=2.0, limits=replace(LIMITS, **limits), clearance=clearance)
+        unchecked = design_next(result, run=run, changes=2).unchecked
+        assert len(unchecked) == len(words)
+        for sentence, word in zip(unchecked, words, strict=True):
+            assert word in sentence
+            assert "\n" not in sentence
     design = design_next(result, ["m3", "Fc1"], run=replace(RUN, duration=2.0), changes=2)
-    assert design.never[0].startswith("no motion can tell m3 by itself")
-    assert isinstance(design, NextMotion)
+    assert "m3" in design.never[0]
     assert "coefficients" in repr(design)
 
 
@@ -346,23 +296,6 @@ def test_speeds_at_which_efforts_keep_their_limits(truth, design):
         assert (share in design.slow) == holds
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# What is refused
-# ---------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("options", "where"),
-    [
-        ({"duration": 1.0}, "--duration"),
-        ({"duration": float("nan")}, "--duration"),
-        ({"duration": 1e4}, "--duration"),
-        ({"rate": 5.0}, "--rate"),
-        ({"rate": float("inf")}, "--rate"),
-    ],
-)
-def test_runs_that_cannot_be_used_are_refused(options, where):
-    assert_refused(lambda: RunSettings(**options), where)
-
-
 def assert_refused(call, where, *words):
     with pytest.raises(InputError) as caught:
         call()
@@ -372,12 +305,19 @@ def assert_refused(call, where, *words):
     assert all(word in said for word in words)
 
 
-@pytest.mark.parametrize(
-    ("run", "options", "where", "words"),
-    [
+def test_runs_that_cannot_be_used_are_refused(monkeypatch):
+    for options in ({"duration": 1.0}, {"duration": float("nan")}, {"duration": 1e4}, {"rate": 5.0}, {"rate": np.inf}):
+        assert_refused(lambda options=options: RunSettings(**options), f"--{next(iter(options))}")
+    for margin in (-0.01, float("nan")):
+        monkeypatch.setattr(Table, "margin", margin)
+        with pytest.raises(InputError, match=r"^margin: "):
+            RunSettings(clearance=Table(1.0))
+
+
+def test_requests_that_cannot_be_met_are_refused(result):
+    for run, options, where, words in (
         ({"start": (0.1, 0.2)}, {}, "--start", ("2 numbers", "3 joints")),
         ({"start": (0.1, 0.2, float("nan"))}, {}, "--start", ()),
-        ({"start": (0.1, 0.2, 2.3)}, {}, "--start", ("joint 3 starts at 2.3",)),
         ({"start": (-1.5, 0.2, 0.1)}, {}, "--start", ("joint 1 starts at -1.5", "-1.4 to 0.9")),
         ({"limits": replace(LIMITS, velocity=(1.0, 2.0))}, {}, "--limits", ("2 numbers",)),
         ({"limits": replace(LIMITS, effort=(1.0, 2.0))}, {}, "--limits", ("'effort'",)),
@@ -387,15 +327,14 @@ def assert_refused(call, where, *words):
         ({}, {"between": ["torque_offset:1"]}, "--between", ()),
         ({}, {"about": ["Fc8"]}, "--about", ("Fc8",)),
         ({}, {"criterion": "E"}, "--criterion", ("'E'", "D or A")),
-    ],
-)
-def test_requests_that_cannot_be_met_are_refused(result, run, options, where, words):
-    assert_refused(lambda: design_next(result, run=replace(RUN, **run), changes=1, **options), where, *words)
-
-
-@pytest.mark.parametrize("changes", [0, -3])
-def test_a_search_without_a_change_is_refused(result, changes):
-    assert_refused(lambda: design_next(result, run=RUN, changes=changes), "--changes")
+        ({}, {"changes": 0}, "--changes", ()),
+    ):
+        options = {"changes": 1, **options}
+        assert_refused(
+            lambda run=run, more=options: design_next(result, run=replace(RUN, **run), **more), where, *words
+        )
+    with pytest.raises(InputError, match=r"'result' is no result.*load_model"):
+        design_next("result")
 
 
 def test_a_result_that_knows_nothing_says_what_stands_for_it(result):
@@ -412,15 +351,3 @@ def test_a_joint_that_slides_needs_limits():
     base = base_coefficients(sliding.model)
     sliding = replace(sliding, precision=np.eye(len(base)))
     assert_refused(lambda: design_next(sliding, changes=1), "--limits", "joint 2 slides")
-
-
-def test_a_folder_is_no_result():
-    with pytest.raises(InputError, match=r"'result' is no result.*load_model"):
-        design_next("result")
-
-
-def test_a_margin_that_lets_links_overlap_is_refused(monkeypatch):
-    for margin in (-0.01, float("nan")):
-        monkeypatch.setattr(Table, "margin", margin)
-        with pytest.raises(InputError, match=r"^margin: .* would let the robot touch"):
-            RunSettings(clearance=Table(1.0))

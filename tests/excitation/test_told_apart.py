@@ -14,7 +14,6 @@ from bayesid.excitation.reference import usual_motion
 from bayesid.excitation.rivals import inseparable, log10, make_rivals, parse_key
 from bayesid.model.distortions.base_tilt import BaseTilt
 from bayesid.model.distortions.delay import Delay
-from bayesid.model.distortions.gain_error import GainError
 from bayesid.model.terms.stribeck_friction import StribeckFriction
 
 PERIOD = 0.1
@@ -95,14 +94,10 @@ def assert_is_mean(value, factors):
     assert error < 0.2 * max(abs(value), 0.3)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Expected Bayes factors
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("one", "other"),
     [
         ("stribeck_friction:3", "thermal_drift:3"),
-        ("joint_spring:2", "torque_offset:2"),
         ("base_tilt", "gravity_spring:2"),
         ("gain_error:1", "asymmetric_coulomb:1"),
         ("link_length:3", "joint_zero:2"),
@@ -198,24 +193,6 @@ def test_without_an_effect_the_rest_keeps_what_is_known_of_it():
     np.testing.assert_array_equal(bare.density, known.density)
 
 
-def test_a_distortion_that_was_found_is_its_change_without_amplitude(motion):
-    """A gain of 0.9 in joint 2 makes nine tenths of the effort there; the coefficients are those of rows without it."""
-    result = open_result(share=0.3)
-    distorted = replace(result, model=result.model.extend(GainError(joints=(2,), gain=(0.9,))))
-    rivals = make_rivals(
-        known_of(distorted, 100.0), keys("gain_error:2", "torque_offset:2"), earlier_motion(), earlier_motion()
-    )
-    gain = rivals.rivals[0]
-    np.testing.assert_array_equal(gain.own, [0.0, 1.0])
-    assert rivals.known.model.distortions == ()
-    columns = rivals.columns(motion)
-    effort = rivals.known.model.effort(motion, rivals.known.theta)
-    np.testing.assert_allclose(columns[:, :, : len(rivals.known)] @ rivals.known.mean, effort, atol=1e-9)
-    change = columns[:, :, gain.forms[0].columns] @ gain.own
-    np.testing.assert_allclose(change[:, 1], -0.1 * effort[:, 1], atol=1e-9)
-    assert not change[:, [0, 2]].any()
-
-
 WHOLE = [(BaseTilt(angle=(0.1, -0.05)), "base_tilt"), (Delay(lag=(0.02,)), "delay")]
 
 
@@ -238,18 +215,12 @@ def test_effects_of_the_whole_robot_have_no_joints(distortion, key, reference, m
     assert rivals.memory == (key == "delay")
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# What no motion tells
-# ---------------------------------------------------------------------------------------------------------------
-def test_hypotheses_with_the_same_columns_are_never_told_and_named(known, motion, reference):
-    """Under another name the same effect: its factor is zero up to rounding, its pair inseparable."""
+def test_hypotheses_with_the_same_columns_are_never_told(known, motion, reference):
+    """Under another name the same effect: its factor is zero up to rounding."""
     rivals = make_rivals(known, keys("joint_spring:2", "torque_offset:2"), None, reference)
-    spring, offset = rivals.rivals
-    assert inseparable(rivals, reference) == []
-    twin = replace(spring, key=("torque_offset", (2,)), forms=spring.forms)
-    same = replace(rivals, rivals=(spring, twin))
-    expected = same.expected(information(rivals, motion))
-    np.testing.assert_allclose(list(expected.values()), 0.0, atol=1e-8)
+    spring = rivals.rivals[0]
+    same = replace(rivals, rivals=(spring, replace(spring, key=("torque_offset", (2,)))))
+    np.testing.assert_allclose(list(same.expected(information(rivals, motion)).values()), 0.0, atol=1e-8)
 
 
 def test_a_pair_that_no_motion_tells_apart_is_named(known, reference):
@@ -257,44 +228,22 @@ def test_a_pair_that_no_motion_tells_apart_is_named(known, reference):
     rivals = make_rivals(known, keys("gain_error:3", "thermal_drift:1"), None, reference)
     gain, drift = rivals.rivals
     assert inseparable(rivals, reference) == []
+    friction = make_rivals(known, keys("coulomb_friction:2", "stribeck_friction:2"), None, reference)
+    assert inseparable(friction, reference) == []  # the model has the one, not the other's second column
     as_gain = replace(drift, forms=(*drift.forms, replace(gain.forms[0])))  # one form that is alike is enough
     assert inseparable(replace(rivals, rivals=(gain, as_gain)), reference) == [("gain_error:3", "thermal_drift:1")]
 
 
-def test_a_friction_that_the_model_has_is_a_special_case_and_can_be_told(known, reference):
-    """Coulomb friction is among the model's columns, Stribeck friction's second column is not."""
-    rivals = make_rivals(known, keys("coulomb_friction:2", "stribeck_friction:2"), None, reference)
-    assert inseparable(rivals, reference) == []
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Names
-# ---------------------------------------------------------------------------------------------------------------
-def test_names_of_hypotheses():
+def test_names_of_hypotheses(known, reference):
     assert parse_key(" stribeck_friction:3") == ("stribeck_friction", (3,))
     assert parse_key("base_tilt") == ("base_tilt", ())
     assert log10(np.log(1000.0)) == pytest.approx(3.0)
-
-
-@pytest.mark.parametrize("text", ["friction:3", "stribeck_friction:x", "", "stribeck_friction:1.5"])
-def test_names_that_are_none_are_refused(text):
-    with pytest.raises(InputError) as caught:
-        parse_key(text)
-    assert caught.value.on_command_line.startswith("--between")
-    assert "\n" not in caught.value.on_command_line
-
-
-@pytest.mark.parametrize(
-    "names",
-    [
-        ("stribeck_friction:3",),
-        ("stribeck_friction:3", "stribeck_friction:3"),
-        ("stribeck_friction:3", "thermal_drift:7"),
-        ("stribeck_friction:3", "thermal_drift:0"),
-        ("stribeck_friction:3", "base_tilt:2"),
-    ],
-)
-def test_hypotheses_that_there_are_none_of_are_refused(known, reference, names):
-    with pytest.raises(InputError) as caught:
-        make_rivals(known, keys(*names), None, reference)
-    assert caught.value.on_command_line.startswith("--between")
+    refused = [lambda text=text: parse_key(text) for text in ("friction:3", "stribeck_friction:x", "", "delay:1.5")]
+    for names in ((), ("stribeck_friction:3",), ("thermal_drift:7",), ("thermal_drift:0",), ("base_tilt:2",)):
+        pair = keys("stribeck_friction:3", *names)
+        refused.append(lambda pair=pair: make_rivals(known, pair, None, reference))
+    for call in refused:
+        with pytest.raises(InputError) as caught:
+            call()
+        assert caught.value.on_command_line.startswith("--between")
+        assert "\n" not in caught.value.on_command_line

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import random_motion, real_log, small_robot, smooth_motion
+from conftest import real_log, small_robot, smooth_motion
 
 import bayesid
 from bayesid.errors import InputError
@@ -19,8 +19,7 @@ from bayesid.model.distortions.delay import Delay
 from bayesid.model.model import LOOK_AHEAD, LOOK_BACK, Model
 from bayesid.model.terms import STANDARD
 from bayesid.monitor import stream_moments
-from bayesid.monitor.stream_moments import condensed
-from bayesid.monitor.stretches import MERGED, UNUSED, Edge, StreamSamples, numbered
+from bayesid.monitor.stretches import UNUSED, Edge, StreamSamples, numbered
 from bayesid.motion import Motion
 from bayesid.simulation.parameters import random_parameters
 
@@ -109,10 +108,7 @@ def weights_of(case, accumulator):
     return noise.sigma * np.sqrt(noise.autocorrelation)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Coefficients
-# ---------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(("pieces", "seed"), [(1, 0), (7, 1), (150, 2)])
+@pytest.mark.parametrize(("pieces", "seed"), [(1, 0), (150, 2)])
 def test_coefficients_are_those_of_one_fit_to_the_whole_however_it_is_cut(pieces, seed):
     case = stream()
     probability, moving = doubted(case), some_moving(case)
@@ -127,10 +123,9 @@ def test_coefficients_are_those_of_one_fit_to_the_whole_however_it_is_cut(pieces
     np.testing.assert_allclose(sds(accumulator), np.sqrt(np.diag(np.linalg.inv(information))), rtol=FINE)
 
 
-@pytest.mark.parametrize("pieces", [1, 40])
-def test_with_forgetting_they_are_those_of_weighted_least_squares(pieces):
+def test_with_forgetting_they_are_those_of_weighted_least_squares():
     case = stream()
-    accumulator = fed(case, bayesid.Accumulator(case.identified(), forget=3.0), pieces, moving=some_moving(case))
+    accumulator = fed(case, bayesid.Accumulator(case.identified(), forget=3.0), 40, moving=some_moving(case))
     weight = np.exp((case.motion.t - case.motion.t[-1]) / 3.0)
     expected, weights = np.where(case.sign > 0.5, 1.0, -1.0) * np.abs(case.measured), weights_of(case, accumulator)
     beta, information = by_hand(case, weights, expected, some_moving(case), weight)
@@ -152,34 +147,6 @@ def test_estimates_scatter_as_their_sd_says_where_noise_is_coloured():
     # 40 draws of 20 and more coefficients that hang together: some 10 independent ones, 5 % of a standard deviation.
     # Counting samples by their integrated time takes the motion to be slow beside the noise, which costs some more.
     assert 0.8 < np.std(scores) < 1.25
-
-
-def test_an_uncertain_sign_tells_at_least_its_expectation_squared():
-    """Fisher's information of |e|, e ~ N(m, 1), by quadrature: E[(e tanh(e m))^2] - m^2 >= E[tanh(e m)^2]."""
-    e = np.linspace(-12.0, 20.0, 200_001)
-    for m in (0.01, 0.3, 1.0, 2.0, 4.0):
-        density = np.exp(-0.5 * (e - m) ** 2) / np.sqrt(2.0 * np.pi) * (e[1] - e[0])
-        sign = np.tanh(e * m)
-        known, told = density @ sign**2, density @ (e * sign) ** 2 - m**2
-        assert known - 1e-9 <= told <= 1.0
-
-
-def test_they_follow_a_change():
-    case = Stream(duration=40.0)
-    names = [parameter.name for parameter in case.model.parameters]
-    theta = case.theta.copy()
-    theta[names.index("Fv2")] *= 3.0
-    after = case.model.effort(case.motion, theta)
-    change = case.motion.t >= 20.0
-    effort = np.where(change[:, None], after, case.effort)
-    measured = effort + case.noise * np.random.default_rng(1).normal(size=effort.shape)
-    running = bayesid.Accumulator(case.identified(), forget=3.0)
-    for part in (slice(0, 2000), slice(2000, 4000)):
-        running.add(case.motion[part], np.abs(measured[part]), (effort[part] > 0.0).astype(float))
-        viscous = running.coefficient("Fv2")
-        true = (theta if part.start else case.theta)[names.index("Fv2")]
-        assert abs(viscous.mean - true) < 4.0 * viscous.sd + np.exp(-20.0 / 3.0) * 3.0 * true
-    assert theta[names.index("Fv2")] - case.theta[names.index("Fv2")] > 10.0 * viscous.sd  # it is a change
 
 
 def test_what_shows_nothing_stays_as_the_model_has_it():
@@ -235,10 +202,9 @@ def test_what_decides_is_the_stream_or_the_log_before_it(sharper, decided_by):
     assert {one.decided_by for one in blank.coefficients()} == {"prior"}
 
 
-@pytest.mark.parametrize("signed", [[False] * 3, [False, True, False]])
-def test_records_of_a_tracker_are_chunks(signed):
+def test_records_of_a_tracker_are_chunks():
     """With readings that are missing, samples that bring nothing, and the first ones, of which nothing is known."""
-    case = stream()
+    case, signed = stream(), [False, True, False]
     tracker = bayesid.SignTracker(case.identified(), RATE, lag=0.05, signed=signed)
     readings = np.where(signed, case.measured, np.abs(case.measured))
     readings[300:320, 2] = np.nan
@@ -259,26 +225,9 @@ def test_records_of_a_tracker_are_chunks(signed):
     by_hand_of.add(Motion(**parts), np.nan_to_num(effort), probability, moving)
     np.testing.assert_allclose(means(told), means(by_hand_of), rtol=1e-9)
     np.testing.assert_allclose(sds(told), sds(by_hand_of), rtol=1e-9)
-    off = (means(told) - case.beta) / sds(told)
-    assert np.abs(off).max() < 6.0
-
-
-@pytest.mark.parametrize("make", [bayesid.Accumulator, partial(bayesid.SignTracker, rate=RATE)])
-def test_what_is_no_result_is_told_how_to_become_one(make):
-    for given, remedy in (("ur", "'ur'"), (Path("ur"), "'ur'"), (3, "folder")):
-        with pytest.raises(InputError, match=re.escape(f"is no result; give bayesid.load_model({remedy})")):
-            make(given)
-
-
-def test_records_of_a_flange_that_carries_something():
-    case = stream()
-    tracker = bayesid.SignTracker(case.identified(), RATE)
-    records = [tracker.update(case.motion.t[k], case.motion.q[k], np.abs(case.measured[k])) for k in range(200)]
-    running = bayesid.Accumulator(case.identified())
+    assert np.abs((means(told) - case.beta) / sds(told)).max() < 6.0
     with pytest.raises(InputError, match="tool1"):
-        running.add_tracked(records, payload="tool1")
-    running.add_tracked([])
-    assert np.isinf(sds(running)).all()
+        bayesid.Accumulator(case.identified()).add_tracked(records, payload="tool1")
 
 
 def test_the_model_is_in_the_cone_and_near_the_coefficients():
@@ -291,9 +240,8 @@ def test_the_model_is_in_the_cone_and_near_the_coefficients():
     assert model.predict(case.motion, noise=False).sd_of_mean.shape == case.effort.shape
 
 
-@pytest.mark.parametrize("step", [1, 4])
-def test_samples_count_by_the_streams_own_rate(step):
-    case = stream()
+def test_samples_count_by_the_streams_own_rate():
+    case, step = stream(), 4
     running = bayesid.Accumulator(case.identified(correlation=0.1))
     running.add(case.motion[::step], np.abs(case.measured)[::step], case.sign[::step], case.effort[::step] != 0.0)
     expected = case.identified(correlation=0.1).noise.with_time_of_model(RATE / step).autocorrelation
@@ -308,22 +256,9 @@ def test_standstill_does_not_count_however_the_stream_is_cut():
     told = fed(case, bayesid.Accumulator(case.identified()), 1, moving=moving)
     for pieces in (1, 31):
         own = fed(case, bayesid.Accumulator(case.identified()), pieces)
+        own.add(case.motion[:0], case.effort[:0], case.sign[:0])  # of no sample: nothing changes
         np.testing.assert_allclose(own.effective_samples, told.effective_samples, rtol=1e-12)
         np.testing.assert_allclose(means(own), means(told), rtol=FINE, atol=FINE)
-
-
-def test_joints_with_signs_take_their_own():
-    case = stream()
-    mixed = np.abs(case.measured)
-    mixed[:, 1] = case.measured[:, 1]
-    probability = (case.measured > 0.0).astype(float)
-    plain = fed(case, bayesid.Accumulator(case.identified()), 1, probability)
-    probability[:, 1] = 0.3
-    signed = fed(
-        case, bayesid.Accumulator(case.identified(), signed=[False, True, False]), 5, probability, effort=mixed
-    )
-    np.testing.assert_allclose(means(signed), means(plain), rtol=FINE, atol=FINE)
-    np.testing.assert_allclose(sds(signed), sds(plain), rtol=FINE)
 
 
 def test_what_the_model_may_lack_makes_them_less_certain():
@@ -366,9 +301,6 @@ def test_effects_with_a_memory_see_over_the_borders(monkeypatch):
         np.testing.assert_allclose(means(one), beta, rtol=1e-6, atol=1e-6)  # 0.27^16 = 1e-9 at the ends
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Signs
-# ---------------------------------------------------------------------------------------------------------------
 TURNED = ((1, 2.0, 2.6), (0, 5.1, 5.9), (2, 8.0, 8.3))
 """Joint, start and end, s, of what a tracker has got wrong."""
 
@@ -381,11 +313,10 @@ def turned(case):
     return probability
 
 
-@pytest.mark.parametrize("pieces", [1, 60])
-def test_signs_that_were_turned_are_found_and_named(pieces):
+@pytest.mark.parametrize(("pieces", "forget"), [(1, None), (60, 30.0)])
+def test_signs_that_were_turned_are_found_and_named(pieces, forget):
     case = stream()
-    running = fed(case, bayesid.Accumulator(case.identified()), pieces, turned(case))
-    check = running.check_signs()
+    check = fed(case, bayesid.Accumulator(case.identified(), forget), pieces, turned(case)).check_signs()
     assert check.certified
     assert check.differ
     assert check.cost < check.cost_taken
@@ -402,123 +333,68 @@ def test_signs_that_were_turned_are_found_and_named(pieces):
     assert f"joint {check.stretches[0].joint}," in repr(check)
 
 
-def test_right_signs_do_not_differ():
+def test_the_check_does_not_depend_on_the_chunks_nor_on_how_many_stretches_are_kept():
     case = stream()
-    check = fed(case, bayesid.Accumulator(case.identified()), 9).check_signs()
-    assert (check.certified, check.differ) == (True, False)
-
-
-def test_the_check_does_not_depend_on_the_chunks():
-    case = stream()
-    few, many = (
-        fed(case, bayesid.Accumulator(case.identified()), pieces, turned(case)).check_signs() for pieces in (1, 90)
+    many, few, merged = (
+        fed(case, bayesid.Accumulator(case.identified(), most_individual=most), pieces, turned(case)).check_signs()
+        for pieces, most in ((90, 10_000), (1, 10_000), (40, 3))
     )
     assert few.cost == pytest.approx(many.cost, rel=1e-6)
     assert [(one.joint, one.start, one.end) for one in few.stretches] == [
         (one.joint, one.start, one.end) for one in many.stretches
     ]
+    assert merged.cost_taken == pytest.approx(few.cost_taken, rel=1e-6)  # what is merged adds up
+    assert merged.cost >= few.cost * (1.0 - 1e-6)
 
 
 def test_a_joint_that_is_turned_as_a_whole_is_found_though_its_stretches_were_merged():
     case = stream()
+    right = fed(case, bayesid.Accumulator(case.identified()), 9).check_signs()
+    assert (right.certified, right.differ) == (True, False)
     probability = case.sign.copy()
     probability[:, 1] = 1.0 - probability[:, 1]
     running = fed(case, bayesid.Accumulator(case.identified(), most_individual=3), 40, probability)
     check = running.check_signs()
     assert check.certified
-    merged = [one for one in check.stretches if one.merged]
-    assert [one.joint for one in merged] == [2]
+    assert [one.joint for one in check.stretches if one.merged] == [2]
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Stretches
-# ---------------------------------------------------------------------------------------------------------------
-def numbers_of(speed, magnitude, sign, used, t=None, edge=None):
+def numbers_of(speed, magnitude, sign, used, t, edge=None):
     """(N,) of one joint with noise of 1 N m, and the last sample."""
     column = [np.array(values, dtype=float)[:, None] for values in (speed, magnitude, sign)]
-    t = np.arange(len(speed)) / RATE if t is None else np.array(t)
+    t = np.array(t)
     motion = Motion(t, *(np.zeros((len(t), 1)),) * 3)
     samples = StreamSamples(motion, *column, np.array(used, dtype=bool)[:, None])
     number, last = numbered(Edge.none(1) if edge is None else edge, samples, np.ones(1), np.zeros(1, dtype=bool))
     return number[:, 0].tolist(), last
 
 
-@pytest.mark.parametrize(
-    ("samples", "numbers"),
-    [
-        (([1] * 5, [9] * 5, [1, 0.2, -0.3, -1, 1], [1] * 5), [1, 1, 2, 2, 3]),  # the likelier sign changes
-        (([1, 2, -1, -1, 0], [9] * 5, [1] * 5, [1] * 5), [1, 1, 2, 2, 2]),  # the actuator turns round
-        (([1] * 5, [9, 3, 2, 1, 3], [1] * 5, [1] * 5), [1, 1, 1, 1, 2]),  # |effort| comes out of 2 sd of noise
-        (([1] * 5, [9] * 5, [1] * 5, [0, 1, 0, 1, 1]), [UNUSED, 1, UNUSED, 2, 2]),
-        (([1] * 5, [9] * 5, [1] * 5, [1] * 5, [0.0, 0.1, 0.6, 1.2, 1.3]), [1, 1, 1, 2, 2]),  # a pause
-    ],
-)
-def test_stretches_end_where_signs_may_change_in_one_chunk_or_in_many(samples, numbers):
-    assert numbers_of(*samples)[0] == numbers
-    found, edge = [], None
-    for k in range(5):
-        t = samples[4] if len(samples) > 4 else np.arange(5) / RATE
-        number, edge = numbers_of(*([values[k]] for values in samples[:4]), [t[k]], edge)
-        found += number
-    assert found == numbers
-
-
-def kept_stretches(case, pieces, most, forget=None):
-    running = fed(case, bayesid.Accumulator(case.identified(), forget, most_individual=most), pieces, doubted(case))
-    return running._running, condensed(running._setting, running._running.pieces, running._running.edge)
-
-
-@pytest.mark.parametrize("pieces", [1, 90])
-@pytest.mark.parametrize("forget", [None, 4.0])
-def test_stretches_add_up_to_the_whole(pieces, forget):
-    running, stretches = kept_stretches(stream(), pieces, 2, forget)
-    moments, totals = stretches.moments, running.totals
-    np.testing.assert_allclose(moments.gradient.sum(axis=0), totals.gradient.sum(axis=0), rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(moments.hessian.total(), totals.hessian.sum(axis=0), rtol=1e-9, atol=1e-9)
-    assert moments.energy.sum() == pytest.approx(totals.energy.sum(), rel=1e-12)
-
-
-def test_stretches_most_in_doubt_stay_by_themselves_however_the_stream_is_cut():
-    case, most = stream(), 4
-    running, every = kept_stretches(case, 1, 10_000)
-    kept = {
-        (int(j), int(number))
-        for j in range(3)
-        for number in [
-            *every.number[every.moments.joint == j][np.argsort(-every.doubt[every.moments.joint == j])][:most],
-            running.edge.number[j],
-            MERGED,
-        ]
-    }
-    for pieces in (1, 20, 300):
-        _, stretches = kept_stretches(case, pieces, most)
-        assert set(zip(stretches.moments.joint.tolist(), stretches.number.tolist(), strict=True)) == kept
-        here = [
-            np.flatnonzero((every.moments.joint == j) & (every.number == k)) for j, k in sorted(kept) if k != MERGED
-        ]
-        alone = stretches.number != MERGED
-        for name in ("start", "end", "doubt"):
-            of_every = getattr(every, name)[np.concatenate(here)]
-            np.testing.assert_allclose(getattr(stretches, name)[alone], of_every, rtol=1e-9)
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# State
-# ---------------------------------------------------------------------------------------------------------------
-def parts_of(accumulator):
-    return sum(len(piece.moments.hessian) for piece in accumulator._running.pieces)
+def test_stretches_end_where_signs_may_change_in_one_chunk_or_in_many():
+    times, one, large = np.arange(5) / RATE, [1] * 5, [9] * 5
+    for samples, numbers in (
+        ((one, large, [1, 0.2, -0.3, -1, 1], one, times), [1, 1, 2, 2, 3]),  # the likelier sign changes
+        (([1, 2, -1, -1, 0], large, one, one, times), [1, 1, 2, 2, 2]),  # the actuator turns round
+        ((one, [9, 3, 2, 1, 3], one, one, times), [1, 1, 1, 1, 2]),  # |effort| comes out of 2 sd of noise
+        ((one, large, one, [0, 1, 0, 1, 1], times), [UNUSED, 1, UNUSED, 2, 2]),
+        ((one, large, one, one, [0.0, 0.1, 0.6, 1.2, 1.3]), [1, 1, 1, 2, 2]),  # a pause
+    ):
+        assert numbers_of(*samples)[0] == numbers
+        found, edge = [], None
+        for k in range(5):
+            number, edge = numbers_of(*([values[k]] for values in samples), edge=edge)
+            found += number
+        assert found == numbers
 
 
 def test_memory_stays_bounded():
     case, sizes = stream(), []
     running = bayesid.Accumulator(case.identified(), forget=20.0, most_individual=10)
-    for k in range(12):
-        later = Motion(case.motion.t + 12.0 * k, case.motion.q, case.motion.dq, case.motion.ddq)
+    for k in range(8):
+        later = replace(case.motion, t=case.motion.t + 12.0 * k)
         for part in cuts_of(len(later), 10, k):
             running.add(later[part], np.abs(case.measured)[part], case.sign[part])
-        sizes.append(len(pickle.dumps(running._running)))
-        assert parts_of(running) <= 2 * 3 * (10 + 2)  # in each joint 10, the last one and what is merged; twice
-    assert max(sizes[6:]) < 1.5 * max(sizes[:6])
+        sizes.append(len(pickle.dumps(running)))
+    assert max(sizes[4:]) < 1.3 * max(sizes[:4])
 
 
 def test_a_restored_accumulator_goes_on_to_the_digit():
@@ -568,33 +444,20 @@ def test_bad_chunks_are_told_and_change_nothing():
     running.add(later, effort, sign)
 
 
-@pytest.mark.parametrize("options", [{"forget": 0.0}, {"forget": np.inf}, {"signed": [True]}, {"most_individual": -1}])
-def test_bad_options_are_told(options):
-    with pytest.raises(InputError, match=next(iter(options))):
-        bayesid.Accumulator(stream().identified(), **options)
-
-
-def test_names_that_are_not_there_are_told():
-    with pytest.raises(InputError, match="did you mean Fc"):
-        bayesid.Accumulator(stream().identified()).coefficient("Fc7")
-
-
-def test_random_motion_of_one_sample_a_chunk():
-    """No chunk is too short, and an empty one changes nothing."""
+def test_what_cannot_be_accumulated_is_told():
     case = stream()
-    motion = random_motion(3, 60, seed=2)
-    effort = case.model.effort(motion, case.theta)
-    running = bayesid.Accumulator(case.identified())
-    for k in range(60):
-        one = slice(k, k + 1)
-        running.add(motion[one], np.abs(effort[one]), (effort[one] > 0.0).astype(float), np.ones((1, 3), dtype=bool))
-    running.add(motion[:0], effort[:0], effort[:0])
-    np.testing.assert_allclose(means(running), case.beta, atol=1e-9)
+    for options in ({"forget": 0.0}, {"forget": np.inf}, {"signed": [True]}, {"most_individual": -1}):
+        with pytest.raises(InputError, match=next(iter(options))):
+            bayesid.Accumulator(case.identified(), **options)
+    with pytest.raises(InputError, match="did you mean Fc"):
+        bayesid.Accumulator(case.identified()).coefficient("Fc7")
+    for make in (bayesid.Accumulator, partial(bayesid.SignTracker, rate=RATE)):
+        for given, remedy in ((Path("ur"), "'ur'"), (3, "folder")):
+            with pytest.raises(InputError, match=re.escape(f"bayesid.load_model({remedy})")):
+                make(given)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# A real log
-# ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.real
 def test_a_real_stream_agrees_with_the_identification_of_its_log():
     log = bayesid.read_log(real_log("ur10e/a_50s.csv")).rectified()
     search = bayesid.Certified(budget=5.0)

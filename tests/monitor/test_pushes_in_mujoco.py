@@ -55,23 +55,11 @@ def array_of(seen, name):
     return np.array([getattr(now, name) for now in seen])
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# The example
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def met(arm, result):
     """The run of the example, and what the tracker made of it."""
     run = CONTACT.meet(arm)
     return run, CONTACT.track(tracker_of(result), run)
-
-
-def test_the_ball_is_touched_as_long_as_it_is_there(met):
-    run, _ = met
-    touching = np.flatnonzero(run.external.any(axis=1))
-    began, ended = run.t[touching[[0, -1]]]
-    assert len(touching) == touching[-1] - touching[0] + 1
-    assert abs(began - CONTACT.BEGIN) < 0.01
-    assert 0.2 <= ended - began <= 0.5
 
 
 def test_contact_torques_are_jacobian_times_force(arm):
@@ -96,14 +84,11 @@ def test_the_example_finds_the_contact(met):
     start = run.t[beyond][0]
     raised = [alarm.raised for now in seen for alarm in now.alarms]
     assert start <= raised[0] <= start + 0.06
-
-
-def test_the_example_tells_when_and_which(met):
+    touched = run.t[run.external.any(axis=1)]
+    assert abs(touched[0] - CONTACT.BEGIN) < 0.01
     text = CONTACT.tell(*met)
-    assert f"touches the ball from {CONTACT.BEGIN:.2f}" in text
-    assert "felt by joints [1, 2, 3" in text  # the wrist's torques are no larger than their thresholds
+    assert f"{CONTACT.BEGIN:.2f}" in text
     assert "contact: said at" in text
-    assert len(text.partition("threshold   N m\n")[2].splitlines()) == N
 
 
 @pytest.mark.long
@@ -112,9 +97,6 @@ def test_the_example_runs():
     assert "contact: said at" in ran.stdout
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Pushes on single joints
-# ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Push:
     start: float
@@ -171,16 +153,12 @@ def test_pushes_are_found(arm, result):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", [2, 3])
-@pytest.mark.parametrize("motion", [0, 1])
+@pytest.mark.parametrize(("seed", "motion"), [(2, 0), (3, 1)])
 def test_pushes_of_minutes_are_found(seed, motion):
     arm = CONTACT.make_arm(seed)
     assert_found(*judged(arm, CONTACT.identify(arm), 60.0, motion))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Torques
-# ---------------------------------------------------------------------------------------------------------------
 def pushes_that_turn_nothing(arm, trajectory):
     """One of 0.8 s a joint, while its effort keeps its sign by itself; against it the motor has to work more."""
     starts, efforts = 1.5 + 1.5 * np.arange(12), largest(arm, trajectory)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pickle
 import sys
-import tracemalloc
 from dataclasses import fields, replace
 
 import numpy as np
@@ -18,9 +17,6 @@ from bayesid.identification.identification import Identification
 from bayesid.monitor.tracker import SignTracker
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Signs and efforts
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("lag", "least"), [(0.0, 0.99), (0.05, 0.997)])
 def test_signs(lag, least):
     motion, effort = stream()
@@ -58,7 +54,7 @@ def test_a_joint_with_a_sign_keeps_it():
         assert abs(record.effort[0]) == abs(e[0])
 
 
-@pytest.mark.parametrize("lag", [0.0, 0.02, 0.05, 0.2])
+@pytest.mark.parametrize("lag", [0.0, 0.2])
 def test_a_record_is_of_the_oldest_sample_that_is_waited_for(lag):
     """So its time never goes back, nor before the first sample, nor into a gap; what is not known of it is nan."""
     motion, effort = stream()
@@ -75,6 +71,8 @@ def test_a_record_is_of_the_oldest_sample_that_is_waited_for(lag):
         limited = np.array([np.isfinite(record.threshold).all() for record in records])
         assert (known == limited).all()
         assert known[60:].all()
+    assert tracker.counts.gaps == 1
+    assert rest[0].state == ("unknown",) * 3
     nothing = SignTracker(identified(), RATE, lag).update(0.0, [np.nan] * 3, np.zeros(3))
     assert np.isnan(nothing.t)
     assert not nothing.fresh
@@ -93,20 +91,17 @@ def test_states_and_what_is_not_known_yet():
     assert record.state == ("rest",) * 3
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# The stream as it comes
-# ---------------------------------------------------------------------------------------------------------------
 def same(one, other):
     """Whether two records are the same to the digit."""
     pairs = [(getattr(one, field.name), getattr(other, field.name)) for field in fields(one)]
     return all(np.array_equal(a, b, equal_nan=True) if isinstance(a, np.ndarray) else a == b for a, b in pairs)
 
 
-@pytest.mark.parametrize("lag", [0.0, 0.05])
-def test_a_restart_goes_on_to_the_digit(lag):
-    motion, effort = stream(2, changed(Fc2=2.5))
+def test_a_restart_goes_on_to_the_digit():
+    (motion, effort), lag = stream(2, changed(Fc2=2.5)), 0.05
     tracker, _ = run(motion, effort, rows=slice(0, 700), lag=lag)
-    kept = pickle.dumps(tracker.state())
+    state = tracker.state()
+    kept = pickle.dumps(state)
     other = SignTracker(identified(), RATE, lag=lag)
     other.restore(pickle.loads(kept))
     rest = slice(700, 1500)
@@ -114,15 +109,7 @@ def test_a_restart_goes_on_to_the_digit(lag):
     assert all(same(a, b) for a, b in zip(first, second, strict=True))
     assert tracker.alarms == other.alarms
     assert tracker.alarms
-
-
-def test_a_state_is_a_copy():
-    motion, effort = stream()
-    tracker, _ = run(motion, effort, rows=slice(0, 100))
-    state = tracker.state()
-    before = pickle.dumps(state)
-    run(motion, effort, tracker, slice(100, 200))
-    assert pickle.dumps(state) == before
+    assert pickle.dumps(state) == kept, "a state is a copy"
 
 
 def test_late_repeated_and_missing_samples_are_counted_and_change_nothing():
@@ -155,22 +142,11 @@ def test_an_effort_that_is_missing_is_the_model_s():
     assert len(tracker.window()) == 200, "a row that lacks an effort is no row with an effort of zero"
 
 
-def test_after_a_gap_it_begins_anew():
-    motion, effort = stream()
-    tracker, _ = run(motion, effort, rows=slice(0, 400))
-    _, records = run(motion, effort, tracker, slice(600, 2000))
-    assert tracker.counts.gaps == 1
-    assert records[0].state == ("unknown",) * 3
-    assert right_share(records, motion, effort) > 0.99
-    assert not tracker.alarms
-
-
-@pytest.mark.parametrize("back", [3.0, 400.0])
-def test_a_clock_that_is_set_back(back):
+def test_a_clock_that_is_set_back():
     """Five samples show it, the fifth of which is the first that counts; then all is as in a tracker that begins."""
     motion, effort = stream()
     tracker, _ = run(motion, effort, rows=slice(0, 1000))
-    later = replace(motion, t=motion.t - back)
+    later = replace(motion, t=motion.t - 400.0)
     _, records = run(later, effort, tracker, slice(1000, 2500))
     counts = tracker.counts
     assert (counts.set_back, counts.late, counts.updates, counts.gaps) == (1, 4, 2500 - 4, 0)
@@ -199,71 +175,30 @@ def test_what_happens_after_a_clock_was_set_back_is_timed_by_it():
     assert 6.0 <= times[1][1] <= 7.0
 
 
-def test_one_sample_from_the_future_does_no_lasting_harm():
+def test_neither_a_few_late_samples_nor_one_from_the_future_do_lasting_harm():
     motion, effort = stream()
-    tracker, _ = run(motion, effort, rows=slice(0, 300))
+    for order in ((6, 1, 2, 3, 4), (5, 1, 1, 2, 2, 2), (9, 8, 7, 6, 5, 4, 3, 2), (5, 1, 2, 3, 6, 1, 2, 3)):
+        tracker, _ = run(motion, effort, rows=slice(0, 101))
+        for k in order:
+            tracker.update(motion.t[100 + k], motion.q[100 + k], np.abs(effort[100 + k]))
+        assert tracker.counts.set_back == 0
+        assert tracker.counts.late + tracker.counts.updates == 101 + len(order)
     tracker.update(1e6, motion.q[300], np.abs(effort[300]))
-    _, records = run(motion, effort, tracker, slice(301, 1000))
+    _, records = run(motion, effort, tracker, slice(301, 600))
     assert tracker.counts.set_back == 1
     assert all(record.fresh for record in records[4:])
 
 
-@pytest.mark.parametrize(
-    "order", [(6, 1, 2, 3, 4), (5, 1, 1, 2, 2, 2), (9, 8, 7, 6, 5, 4, 3, 2), (5, 1, 2, 3, 6, 1, 2, 3)]
-)
-def test_a_few_late_samples_set_no_clock_back(order):
+def test_neither_objects_nor_the_state_grow_with_updates():
     motion, effort = stream()
-    tracker, _ = run(motion, effort, rows=slice(0, 101))
-    for k in order:
-        tracker.update(motion.t[100 + k], motion.q[100 + k], np.abs(effort[100 + k]))
-    assert tracker.counts.set_back == 0
-    assert tracker.counts.late + tracker.counts.updates == 101 + len(order)
-
-
-def test_jitter_and_lost_samples():
-    motion = motion_of(2, np.sort(T + np.random.default_rng(1).uniform(-0.3, 0.3, len(T)) / RATE))
-    kept = np.random.default_rng(2).random(len(T)) > 0.1
-    model, theta = truth()
-    effort = model.effort(motion, theta)
-    tracker, records = run(motion[kept], effort[kept])
-    assert right_share(records, motion[kept], effort[kept]) > 0.985
-    assert not tracker.alarms
-
-
-def test_memory_stays_flat():
-    motion, effort = stream()
-    tracker, _ = run(motion, effort, lag=0.05)
-    before = len(pickle.dumps(tracker.state()))
-    shifted = [tracker.update(30.0 + t, q, np.abs(e)) for t, q, e in zip(motion.t, motion.q, effort, strict=True)]
-    assert shifted
-    assert len(pickle.dumps(tracker.state())) <= before + 1000  # an alarm, where the motion jumps back
-
-
-def grown(updates, measure, warm):
-    """By how much a measure grows over so many updates, after others."""
-    motion, effort = stream()
-    period = 1200  # samples of the motion
-    tracker = SignTracker(identified(), RATE, lag=0.05)
-    for k in range(warm + updates):
-        if k == warm:
-            before = measure()
+    tracker, period = SignTracker(identified(), RATE, lag=0.05), 1200  # samples of the motion
+    for k in range(2000):
+        if k == 500:
+            blocks, size = sys.getallocatedblocks(), len(pickle.dumps(tracker.state()))
         tracker.update(k / RATE, motion.q[k % period], np.abs(effort[k % period]))
     assert not tracker.alarms
-    return measure() - before
-
-
-def test_no_object_is_kept_of_an_update():
-    assert grown(1_500, sys.getallocatedblocks, 500) < 500  # one of each update would be 1,500 blocks
-
-
-@pytest.mark.long
-def test_no_allocation_grows():
-    """Traced, which takes ten times as long."""
-    tracemalloc.start()
-    try:
-        assert grown(50_000, lambda: tracemalloc.get_traced_memory()[0], 5_000) < 20_000  # a float each: 1.2 MB
-    finally:
-        tracemalloc.stop()
+    assert sys.getallocatedblocks() - blocks < 500  # one of each update would be 1,500 blocks
+    assert len(pickle.dumps(tracker.state())) < 1.5 * size
 
 
 def test_thresholds_hold_from_the_start():
@@ -285,9 +220,6 @@ def test_thresholds_hold_from_the_start():
     assert shares[9:].mean() <= 0.01, shares
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# What happens to the robot
-# ---------------------------------------------------------------------------------------------------------------
 def pushed(joint, size, start, length=0.2):
     """A stream in which something pushes a joint (from 1) by a share of its effort's range: M ddq = tau + push."""
     motion, effort = stream()
@@ -298,7 +230,7 @@ def pushed(joint, size, start, length=0.2):
     return motion, effort, torque, during
 
 
-@pytest.mark.parametrize("joint", [1, 2, 3])
+@pytest.mark.parametrize("joint", [1, 3])
 def test_external_torque_is_that_which_pushes(joint):
     motion, _ = stream()
     quiet = np.flatnonzero(np.abs(motion.dq[:, joint - 1]) > 0.3 * motion.top_speed[joint - 1])
@@ -344,12 +276,7 @@ def with_payload():
 
 
 @pytest.mark.parametrize(
-    ("theta", "kind", "joint"),
-    [
-        (with_payload(), "payload", None),
-        (changed(Fc1=2.0, Fv1=1.5), "friction", 1),
-        (changed(Fc3=2.5, Fv3=2.0), "friction", 3),
-    ],
+    ("theta", "kind", "joint"), [(with_payload(), "payload", None), (changed(Fc3=2.5, Fv3=2.0), "friction", 3)]
 )
 def test_changes_are_named(theta, kind, joint):
     tracker, records = run(*stream(2, theta))
@@ -374,15 +301,6 @@ def test_a_gain_that_drops_is_named():
     assert abs(first.amount + 0.4) < 0.1
 
 
-def test_a_change_that_is_over_is_let_go():
-    motion, usual = stream()
-    effort = np.where((T < 8.0)[:, None], stream(2, changed(Fc1=2.5))[1], usual)
-    tracker, records = run(motion, effort)
-    assert records[790].state[0] == "unknown"
-    assert records[-1].state[0] != "unknown"
-    assert len([alarm for alarm in tracker.alarms if alarm.kind != "contact"]) == 1
-
-
 def test_the_window_of_a_change_is_a_log_for_a_discrepancy():
     tracker, _ = run(*stream(2, with_payload()), rows=slice(0, 1900))
     change = next(alarm for alarm in tracker.alarms if alarm.kind != "contact")
@@ -394,27 +312,12 @@ def test_the_window_of_a_change_is_a_log_for_a_discrepancy():
     assert "payload" in {name for effect in found.added for name in (effect.effect, *effect.equivalent)}
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# What cannot be
-# ---------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"rate": 0.0},
-        {"rate": np.nan},
-        {"lag": -1.0},
-        {"lag": 3.0},
-        {"signed": [True]},
-        {"payload": "tool1"},
-        {"false_alarms": 0.0},
-    ],
-)
-def test_bad_options(options):
-    with pytest.raises(InputError):
-        SignTracker(identified(), **{"rate": RATE, **options})
-
-
-def test_bad_samples():
+def test_what_cannot_be_tracked_is_refused():
+    bad = {"rate": [0.0, np.nan], "lag": [-1.0, 3.0], "signed": [[True]], "payload": ["tool1"], "false_alarms": [0.0]}
+    for name, values in bad.items():
+        for value in values:
+            with pytest.raises(InputError):
+                SignTracker(identified(), **{"rate": RATE, name: value})
     tracker = SignTracker(identified(), RATE)
     tracker.update(0.0, [0.0, 0.1, 0.2], [1.0, 2.0, 3.0])
     with pytest.raises(InputError, match="as in the first sample"):
@@ -423,22 +326,18 @@ def test_bad_samples():
         tracker.update(0.01, [0.0, 0.1], [1.0, 2.0, 3.0])
     with pytest.raises(InputError):
         SignTracker(identified(), RATE).window()
-    other = SignTracker(identified(), 2 * RATE)
     with pytest.raises(InputError, match="another"):
-        other.restore(tracker.state())
+        SignTracker(identified(), 2 * RATE).restore(tracker.state())
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Real logs as streams
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def ur10e() -> Identification:
     log = bayesid.read_log(real_log("ur10e/a_50s.csv"), unsigned="all")
     return bayesid.identify("ur10e", log, posterior=False)
 
 
-@pytest.mark.parametrize(("lag", "least"), [(0.0, 0.99), (0.05, 0.997)])
-@pytest.mark.parametrize("name", ["b_20s", "c_unloaded"])
+@pytest.mark.real
+@pytest.mark.parametrize(("lag", "least", "name"), [(0.0, 0.99, "b_20s"), (0.05, 0.997, "c_unloaded")])
 def test_real_streams(ur10e, name, lag, least):
     log = bayesid.read_log(real_log(f"ur10e/{name}.csv"))
     tracker = SignTracker(ur10e, RATE, lag)
@@ -457,6 +356,7 @@ def test_real_streams(ur10e, name, lag, least):
     assert not tracker.alarms
 
 
+@pytest.mark.real
 @pytest.mark.parametrize("of", ["a_50s", pytest.param("c_unloaded", marks=pytest.mark.long)])
 def test_a_real_payload(of, ur10e):
     """Streamed to the model of the unloaded arm: named within 2 s of motion."""

@@ -1,11 +1,6 @@
 """The benchmark of whole commands, on the shortest of its parts."""
 
-import os
 import re
-import signal
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
@@ -25,31 +20,10 @@ def test_a_part_prints_its_line_and_its_target(capsys, tmp_path, part, line, tar
     assert re.search(target, shown)
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-def test_memory_is_that_of_copies_too():
-    """A child that holds 315 MB of its own."""
-    code = "import os, time\nif os.fork() == 0: held = bytearray(os.urandom(1 << 20)) * 300\n"
-    code += "print(flush=True)\ntime.sleep(30)"
-    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as process:
-        for _ in range(2):
-            process.stdout.readline()
-        memory = pipeline._memory_of_all(process.pid)
-        for child in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split():
-            os.kill(int(child), signal.SIGKILL)
-        process.kill()
-    assert 0.3 < memory < 0.4
-
-
 def test_a_command_that_fails_is_named(tmp_path):
     place = pipeline.Place(tmp_path, tmp_path, short=True)
     with pytest.raises(RuntimeError, match=r"bayesid identify missing\.csv .* ended with 2"):
         place.run("identify", "missing.csv", "--robot", "kr5")
-
-
-def test_other_parts_are_refused(capsys):
-    with pytest.raises(SystemExit):
-        pipeline.main(["--parts", "identify,speed"])
-    assert "no part speed" in capsys.readouterr().err
 
 
 def test_a_log_in_parts_holds_every_row_once(tmp_path):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import time
 
 import numpy as np
 import pytest
@@ -15,9 +14,8 @@ from bayesid.model.terms import STANDARD
 from bayesid.signs.search.beam import beam
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
-from bayesid.studies.benchmarks.memory import hour
 from bayesid.studies.benchmarks.nodes_through_cvxpy import plain_node, tree_through_cvxpy
-from bayesid.studies.benchmarks.problems import Check, Recorder, Searched, cut, long_log, long_motion, timed
+from bayesid.studies.benchmarks.problems import Recorder, Searched
 from bayesid.studies.benchmarks.scip import FORMULATIONS, NoCone, scip_installed, solve_with_scip, without_cone
 from tests.conftest import small_robot, smooth_motion
 
@@ -46,39 +44,6 @@ class TestProblems:
     def test_the_pipelines_own_search_is_repeated_exactly(self, searched):
         assert searched.repeated().cost == pytest.approx(searched.result.search.cost, rel=1e-12)
         assert len(searched.problem.moments) == len(searched.result.searched)
-
-    def test_first_segments_are_those_that_begin_first(self, searched):
-        problem = searched.problem
-        first = problem.first(6)
-        assert len(first.moments) == first.unknown == 6
-        assert first.begins.max() <= np.sort(problem.begins)[6]
-        assert first.energy < problem.energy
-
-    def test_segments_that_share_a_hessian_are_refused(self, searched):
-        with pytest.raises(ValueError, match="share"):
-            searched.problem.moments.compact(2).chosen(np.arange(len(searched.problem.moments) - 1))
-
-    def test_long_motion_keeps_its_limits_and_uses_them(self):
-        motion = long_motion(3, 40.0, 50.0, seed=1)
-        assert len(motion) == 2000
-        assert np.abs(motion.q).max() < 2.05
-        assert np.abs(motion.dq).max() < 3.1
-        assert np.all(np.maximum(np.abs(motion.q).max(axis=0) / 2.0, np.abs(motion.dq).max(axis=0) / 3.0) > 0.95)
-
-    def test_a_log_is_cut(self):
-        log = long_log(4.0)
-        assert len(cut(log, 100)) == 100
-        assert not log.signed.any()
-
-    def test_short_work_is_timed_three_times(self):
-        calls = []
-        value, seconds = timed(lambda: calls.append(time.sleep(0.01)) or len(calls))
-        assert (value, len(calls)) == (3, 3)
-        assert seconds >= 0.01
-
-    def test_a_check_says_whether_it_is_met(self):
-        assert str(Check("a", "1 s", "<= 2 s", True)).endswith("met")
-        assert str(Check("a", "3 s", "<= 2 s", False)).endswith("MISSED")
 
 
 class TestThroughCvxpy:
@@ -118,11 +83,6 @@ class TestWithoutCone:
         assert problem.cost(signs) == pytest.approx(expected, abs=1e-9 * problem.energy)
         assert solution.lower_bound == solution.cost == solver.solve_precisely(gradient).cost
 
-    def test_one_sign_is_fixed(self, searched):
-        problem = without_cone(searched.problem)
-        assert problem.moments.known[np.argmax(problem.moments.energy)] == 1
-        assert np.count_nonzero(problem.moments.known) == 1
-
     def test_the_certified_search_finds_the_best_of_all_signs(self, searched):
         problem = without_cone(searched.problem.first(8))
         found = problem.certified()
@@ -138,10 +98,3 @@ class TestWithoutCone:
         assert found.proven
         assert found.cost == pytest.approx(best, abs=1e-6 * problem.energy)
         assert found.lower_bound == pytest.approx(best, abs=1e-5 * problem.energy)
-
-
-def test_a_minute_at_1_khz_is_solved_from_moments_alone():
-    row = hour(60.0)
-    assert row["instants"] == 60_000
-    assert row["right"] == 1.0
-    assert row["peak"] > 0.0

@@ -49,14 +49,11 @@ def drawn(form, seed=4, j=1):
     return torque[:, j] * draft.parameters["sign"], draft.parameters, draft.parameters["other_joint"] - 1
 
 
-@pytest.mark.parametrize("form", sorted(BY_HAND))
-def test_shape_of_a_form_by_hand(form):
-    shape, parameters, k = drawn(form)
-    expected = BY_HAND[form](parameters, Q[:, 1], Q[:, k], DQ[:, 1], DQ[:, k])
-    np.testing.assert_allclose(shape, expected, rtol=1e-12, atol=1e-15)
-
-
-def test_shapes_by_load_acceleration_and_time_by_hand():
+def test_shapes_of_forms_by_hand():
+    for form, by_hand in BY_HAND.items():
+        shape, parameters, k = drawn(form)
+        expected = by_hand(parameters, Q[:, 1], Q[:, k], DQ[:, 1], DQ[:, k])
+        np.testing.assert_allclose(shape, expected, rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(drawn("loaded_drag")[0], [-7.0 * 0.6, 3.0 * 1.1, 5.0 * 0.5])
     np.testing.assert_allclose(drawn("accelerating_only")[0], [0.4, 5.0, 0.2])
     shape, x, _ = drawn("slow_wave")
@@ -69,54 +66,17 @@ def test_shapes_by_load_acceleration_and_time_by_hand():
     np.testing.assert_allclose(shape, [g if 0 <= g < 1 else 0.0 for g in grown])
 
 
-@pytest.mark.parametrize("form", sorted(blind_forms.ONCE))
-def test_a_form_changes_with_its_variables_and_with_no_other(form):
-    """Every number of the play is replaced in turn."""
-    draft = blind_forms.draft_of(form, np.random.default_rng(7), PLAY, 2)
-    rng, moved = np.random.default_rng(0), set()
-    efforts = np.zeros((400, 3))
-    base = {name: rng.uniform(-2, 2, (400, 3)) for name in ("q", "dq", "ddq", "rigid")} | {"t": rng.uniform(0, 24, 400)}
-    before = draft.act(SimpleNamespace(**base), efforts, 1.0)
-    for name, array in base.items():
-        for column in range(1 if name == "t" else 3):
-            other = array.copy()
-            part = other if name == "t" else other[:, column]
-            part[:] = rng.permutation(part)
-            after = draft.act(SimpleNamespace(**base | {name: other}), efforts, 1.0)
-            if not np.allclose(after, before):
-                moved.add({"t": "t", "rigid": f"tau{column + 1}"}.get(name, f"{name}{column + 1}"))
-    assert sorted(moved) == draft.parameters["variables"]
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Kinds
-# ---------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("kind", KINDS)
-def test_more_cases_of_a_kind_begin_with_fewer(kind):
-    assert blind_sets.of_kind(kind, 30, 5)[:7] == blind_sets.of_kind(kind, 7, 5)
-
-
-def test_effects_come_about_equally_often():
-    cases = blind_sets.of_kind(blind_sets.PAIRS_TOGETHER, 34, 2)
-    times = {name: sum(name in case.effects for case in cases) for name in blind_sets.OF_JOINT}
-    assert sum(times.values()) == 68
-    assert max(times.values()) - min(times.values()) <= 2
-    assert all(len(set(case.effects)) == 2 for case in cases)
-
-
 def test_what_is_one_effect_is_never_hidden_as_two_in_one_joint():
     assert not blind_sets.allowed(("coulomb_friction", "hysteresis"), (2, 2))
     assert blind_sets.allowed(("coulomb_friction", "hysteresis"), (2, 3))
-    assert blind_sets.allowed(("coulomb_friction", "viscous_friction"), (2, 2))
     pairs = {frozenset(pair) for pair in blind_sets.possible(blind_sets.PAIRS_TOGETHER)}
     assert not pairs & blind_sets.ONE_EFFECT
     assert frozenset(("coulomb_friction", "viscous_friction")) in pairs
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("turn", range(2))
-def test_cases_of_a_kind_hide_what_they_say(kind, turn):
-    case = blind_sets.of_kind(kind, 2, 11)[turn]
+def test_cases_of_a_kind_hide_what_they_say(kind):
+    case = blind_sets.of_kind(kind, 1, 11)[0]
     logs, size = blind_sets.simulate(case)
     assert tuple(effect.name for effect in logs.hidden) == case.effects
     joints = [effect.draft.joint for effect in logs.hidden]
@@ -135,8 +95,8 @@ def test_cases_of_a_kind_hide_what_they_say(kind, turn):
         seen = changes["holdout" if kind == blind_sets.HOLDOUT_ONLY else "log"]
         assert seen.max() == pytest.approx(size, rel=blind.TOLERANCE)
         assert size >= 3.0
-    if case.effects and kind not in (blind_sets.LOG_ONLY, blind_sets.HOLDOUT_ONLY):
-        assert all(effect.holdout_size >= blind_sets.WANTED / 2 * size for effect in logs.hidden)
+    if kind == NOTHING:
+        assert size == 0.0
 
 
 def test_the_table_that_is_off_is_that_of_log_and_holdout():
@@ -153,19 +113,6 @@ def test_the_table_that_is_off_is_that_of_log_and_holdout():
     np.testing.assert_allclose(logs.log.clean, expected[BEFORE:], atol=1e-9)
 
 
-def test_readings_of_eight_bits_have_256_steps_all_along():
-    (case,) = blind_sets.of_kind("8-bit readings all along", 1, 3)
-    logs, _ = blind_sets.simulate(case)
-    measured = np.concatenate([log.measured for log in (logs.baseline, logs.log, logs.holdout)])
-    clean = np.concatenate([log.clean for log in (logs.baseline, logs.log, logs.holdout)])
-    for joint in range(measured.shape[1]):
-        levels = np.unique(measured[:, joint])
-        steps = levels / np.diff(levels).min()
-        np.testing.assert_allclose(steps, np.rint(steps), atol=1e-6)
-        assert np.abs(steps).max() == pytest.approx(128)
-        assert np.abs(measured - clean)[:, joint].max() <= np.diff(levels).min() / 2 * (1 + 1e-9)
-
-
 def test_stribeck_friction_all_along_rises_towards_standstill():
     trouble = TROUBLES["Stribeck all along"]
     scene = blind.drawn_scene(5, "kr5", "standard", True, True, trouble)
@@ -176,12 +123,3 @@ def test_stribeck_friction_all_along_rises_towards_standstill():
         assert slow.any()
         np.testing.assert_allclose(share[slow], trouble.stribeck, rtol=0.011)
         np.testing.assert_allclose(share[fast], 0.0, atol=1e-5)
-
-
-def test_nothing_is_nothing(tmp_path):
-    (case,) = blind_sets.of_kind(NOTHING, 1, 1)
-    truth = blind_sets.make_case(tmp_path, case)
-    assert truth.effects == ()
-    assert truth.size == 0.0
-    assert truth.parameters["kind"] == NOTHING
-    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(blind.FILES)

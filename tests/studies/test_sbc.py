@@ -21,9 +21,6 @@ def calibration(trials, flaw="", workers=0):
     return Calibration.of(run_study(study, trials, workers=workers).good)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# The sampler
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.mark.long
 def test_no_gross_miscalibration():
     ranks = calibration(24)
@@ -50,9 +47,6 @@ def test_smaller_flaws_are_found(flaw):
     assert calibration(100, flaw, workers=2).p < FALSE_ALARM
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# What the study rests on
-# ---------------------------------------------------------------------------------------------------------------
 def test_the_truth_comes_from_the_prior_that_is_stated(rng):
     """Rejection against hit-and-run, which has the prior's region and density from the code under test."""
     prior = setting().prior
@@ -60,7 +54,7 @@ def test_the_truth_comes_from_the_prior_that_is_stated(rng):
     assert prior.region.contains(truths.T).all()
     assert stats.kstest((scales / prior.log_scale_sd).ravel(), "norm").pvalue > 1e-4
     effort = np.ones((len(setting().motion), 2))
-    data = sbc._target(effort, np.ones(len(setting().segments), dtype=np.int64), "").likelihood
+    data = sbc.target_of(effort, np.ones(len(setting().segments), dtype=np.int64), "").likelihood
     nothing = replace(data, **{name: 0.0 * getattr(data, name) for name in ("hessian", "gradient", "energy")})
     target = Target(prior, nothing)
     move = HitAndRun(target, Conditional(np.diag(prior.sd**2), body_blocks(prior.region)))
@@ -74,7 +68,7 @@ def test_the_truth_comes_from_the_prior_that_is_stated(rng):
 
 def test_noise_is_held_and_signs_turn_whole_segments(rng):
     theta, log_scale = draw_prior(rng)
-    effort, signs = sbc._simulate(theta, log_scale, rng)
+    effort, signs = sbc.simulated(theta, log_scale, rng)
     given = setting()
     noise = given.segments.per_sample(signs, *effort.shape) * effort - given.model.effort(given.motion, theta)
     assert np.allclose(noise[::2, 1], noise[1::2, 1])
@@ -86,15 +80,15 @@ def test_noise_is_held_and_signs_turn_whole_segments(rng):
 
 def test_the_target_knows_the_signs_that_are_given_and_no_others(rng):
     theta, log_scale = draw_prior(rng)
-    effort, signs = sbc._simulate(theta, log_scale, rng)
+    effort, signs = sbc.simulated(theta, log_scale, rng)
     summed = setting().summed
     assert 0.2 <= summed.mean() <= 0.3
-    likelihood = sbc._target(effort, signs, "").likelihood
+    likelihood = sbc.target_of(effort, signs, "").likelihood
     assert np.array_equal(likelihood.fixed, np.where(summed, 0, signs))
     assert np.allclose(likelihood.count, [240.0, 120.0])
     turned = np.where(summed, -signs, signs)  # what the target does not know changes nothing
     effort *= setting().segments.per_sample(np.where(summed, -1, 1), *effort.shape)
-    other = sbc._target(effort, turned, "").likelihood
+    other = sbc.target_of(effort, turned, "").likelihood
     assert np.isclose(
         likelihood.log_likelihood(theta[None], log_scale[None]), other.log_likelihood(theta[None], log_scale[None])
     )
@@ -105,15 +99,11 @@ def ranks_of(truth, draws):
     return Calibration(("x",), ranks, np.random.default_rng(0).random(ranks.shape))
 
 
-@pytest.mark.parametrize(("mean", "sd", "uniform"), [(0, 1, True), (0.4, 1, False), (0, 0.6, False), (0, 1.7, False)])
-def test_ranks_separate_right_draws_from_wrong_ones(mean, sd, uniform, rng):
-    ranks = ranks_of(rng.standard_normal((200, 1)), mean + sd * rng.standard_normal((200, LAST)))
-    assert (ranks.p > 1e-3) == uniform
-    assert (ranks.chi_square[0] > 1e-3) == uniform
-
-
-def test_false_alarms_are_as_rare_as_stated():
-    rng = np.random.default_rng(0)
+def test_ranks_separate_right_draws_from_wrong_ones_with_false_alarms_as_rare_as_stated(rng):
+    for mean, sd, uniform in ((0, 1, True), (0.4, 1, False), (0, 0.6, False), (0, 1.7, False)):
+        ranks = ranks_of(rng.standard_normal((200, 1)), mean + sd * rng.standard_normal((200, LAST)))
+        assert (ranks.p > 1e-3) == uniform
+        assert (ranks.chi_square[0] > 1e-3) == uniform
     ranks = rng.integers(LAST + 1, size=(20, 500))
     calibrated = Calibration(tuple("x" * 500), ranks, rng.random(ranks.shape))
     for p in (calibrated.shift, calibrated.spread):
@@ -121,10 +111,7 @@ def test_false_alarms_are_as_rare_as_stated():
     assert calibrated.bins == 4
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# What the study has revealed
-# ---------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("scale", [1.7, -1.7])
+@pytest.mark.parametrize("scale", [1.7])
 def test_noise_far_from_its_reference_does_not_hold_the_walkers(scale, rng):
     """Walkers start at the reference; a proposal without the prior was accepted there once in 300 sweeps."""
     make = target_in(whole_space(2), np.zeros(2), log_scale_sd=0.5)

@@ -2,6 +2,7 @@
 
 import os
 import signal
+from contextlib import nullcontext
 
 import pytest
 from toy_study import (
@@ -24,12 +25,6 @@ from bayesid.study.study import run_study
 TRIALS = 40
 NAP = 0.1
 """s that a trial takes."""
-
-
-@pytest.fixture(scope="module")
-def cluster(tmp_path_factory):
-    with dask_cluster(tmp_path_factory.mktemp("cluster")) as running:
-        yield running
 
 
 @pytest.fixture(scope="module")
@@ -61,20 +56,17 @@ def check_end(folder, undisturbed):
     assert (folder / "rows.parquet").read_bytes() == (undisturbed / "rows.parquet").read_bytes()
 
 
-def test_the_same_rows_by_a_cluster(cluster, undisturbed, tmp_path):
-    finished = run_study(toy_study(tmp_path / "marks"), TRIALS, scheduler=cluster.address, out=tmp_path / "rows")
-    check_end(tmp_path / "rows", undisturbed)
-    assert os.getpid() not in {pid for pid, _ in marks_in(tmp_path / "marks")}
-    assert without_timings(finished.rows) == without_timings(read_rows(undisturbed))
-    assert executions(tmp_path / "marks") == dict.fromkeys(range(TRIALS), 1)
-
-
-@pytest.mark.parametrize("where", ["this machine", "cluster"])
-def test_worker_and_client_are_killed(where, undisturbed, tmp_path, request):
+@pytest.mark.parametrize("where", ["this machine", pytest.param("cluster", marks=pytest.mark.long)])
+def test_worker_and_client_are_killed(where, undisturbed, tmp_path):
     marks, folder = tmp_path / "marks", tmp_path / "rows"
     options = ["--trials", TRIALS, "--out", folder, "--workers", 2]
-    if where == "cluster":
-        options += ["--scheduler", request.getfixturevalue("cluster").address]
+    with dask_cluster(tmp_path) if where == "cluster" else nullcontext() as cluster:
+        if cluster is not None:
+            options += ["--scheduler", cluster.address]
+        kill_and_resume(where, undisturbed, marks, folder, options)
+
+
+def kill_and_resume(where, undisturbed, marks, folder, options):
     early, late = (gate(marks, seed) for seed in GATES)
     early.touch(), late.touch()
     with toy_client(marks, NAP, *options) as client:
@@ -98,9 +90,13 @@ def test_worker_and_client_are_killed(where, undisturbed, tmp_path, request):
     assert set(executions(marks)) == set(range(TRIALS))
 
 
-def test_the_scheduler_is_killed(undisturbed, tmp_path):
+def test_the_same_rows_by_a_cluster_whose_scheduler_is_killed_later(undisturbed, tmp_path):
     marks, folder = tmp_path / "marks", tmp_path / "rows"
     with dask_cluster(tmp_path, workers=1) as doomed:
+        run_study(toy_study(tmp_path / "first"), TRIALS, scheduler=doomed.address, out=tmp_path / "whole")
+        check_end(tmp_path / "whole", undisturbed)
+        assert os.getpid() not in {pid for pid, _ in marks_in(tmp_path / "first")}
+        assert executions(tmp_path / "first") == dict.fromkeys(range(TRIALS), 1)
 
         def doom(done, total, failed):
             if done >= 4:

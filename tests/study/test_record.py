@@ -1,37 +1,29 @@
 import math
 import os
-import threading
 from contextlib import suppress
-from itertools import pairwise
-from pathlib import Path
 
 import pyarrow as pa
 import pytest
 from pyarrow import parquet
 
 from bayesid.errors import InputError
-from bayesid.study import record
 from bayesid.study.record import MisfitError, Record, read_rows
 
 MARKS = {"study": "toy", "bayesid": "1.0"}
+OTHERS = ({"study": "noise"}, {"bayesid": "1.1"}, {"more": "yes"})
 
 
-@pytest.fixture
-def kept(tmp_path):
-    """Writes values under one name, a row each, and reads them back."""
-
-    def keep(*values):
-        book = Record(tmp_path / "rows", MARKS, resume=False)
-        for k, value in enumerate(values):
-            book.add({"trial": k, "value": value}, {"seconds": 1.0})
-        book.save(now=True)
-        return [row["value"] for row in read_rows(tmp_path / "rows")]
-
-    return keep
+def kept(folder, *values):
+    """Values under one name, a row each, written and read back."""
+    book = Record(folder, MARKS, resume=False)
+    for k, value in enumerate(values):
+        book.add({"trial": k, "value": value}, {"seconds": 1.0})
+    book.save(now=True)
+    return [row["value"] for row in read_rows(folder)]
 
 
-def fill(folder, trials, resume=False, marks=MARKS):
-    book = Record(folder, marks, resume)
+def fill(folder, trials, resume=False):
+    book = Record(folder, MARKS, resume)
     for k in trials:
         book.add({"trial": k, "value": k / 2}, {"seconds": 1.0})
         book.save(now=True)
@@ -46,9 +38,6 @@ def refusal(of, *arguments):
     return error.value.on_command_line
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# What a column holds
-# ---------------------------------------------------------------------------------------------------------------
 def test_rows_come_back_in_order_with_their_timings(tmp_path):
     book = Record(tmp_path, MARKS, resume=False)
     for k in (2, 0, 1):
@@ -59,43 +48,35 @@ def test_rows_come_back_in_order_with_their_timings(tmp_path):
     assert parquet.read_table(tmp_path / "rows.parquet").column_names == ["trial", "name"]
 
 
-@pytest.mark.parametrize(
-    "values",
-    [
+def test_columns_widen(tmp_path):
+    columns = (
         (1, 2.5, 3),
-        (2.5, 1),
         (None, 1, None, 2.5),
         ([], [1], [2.5], None, [None]),
-        ([], []),
-        (None, None),
         ([[1], []], [[2.5]]),
         ("a", None, ""),
         (True, None, False),
         (0.1, 1e-320, math.inf, 1 / 3),
         ({"a": 1}, {"b": [2.5]}),
-    ],
-)
-def test_columns_widen(kept, values):
-    expected = [{"a": None, "b": None} | value if isinstance(value, dict) else value for value in values]
-    assert kept(*values) == expected
+    )
+    for k, values in enumerate(columns):
+        expected = [{"a": None, "b": None} | value if isinstance(value, dict) else value for value in values]
+        assert kept(tmp_path / f"{k}", *values) == expected
 
 
-@pytest.mark.parametrize("value", ["text", [1.0], True, 1j, 2**64, 2**60 + 1, "\ud800", object(), {}])
-def test_a_misfit_leaves_no_trace(tmp_path, value):
+def test_a_misfit_leaves_no_trace(tmp_path):
     book = fill(tmp_path, [0])
-    with pytest.raises(MisfitError):
-        book.add({"trial": 1, "value": value, "more": 1}, {"seconds": 1.0})
+    for value in ("text", [1.0], True, 1j, 2**64, 2**60 + 1, "\ud800", object(), {}):
+        with pytest.raises(MisfitError):
+            book.add({"trial": 1, "value": value, "more": 1}, {"seconds": 1.0})
     book.add({"trial": 2, "value": 7.0}, {"seconds": 1.0})
     book.save(now=True)
     rows = read_rows(tmp_path)
     assert [(row["trial"], row["value"]) for row in rows] == [(0, 0.0), (2, 7.0)]
     assert "more" not in rows[0]
-
-
-@pytest.mark.parametrize("values", [(2**60 + 1, 0.5), (0.5, 2**60 + 1), ([2**60 + 1], [0.5]), ({}, {"a": 1})])
-def test_what_does_not_fit_with_the_rest_is_a_misfit_too(kept, values):
-    with pytest.raises(MisfitError):
-        kept(*values)
+    for k, values in enumerate([(2**60 + 1, 0.5), (0.5, 2**60 + 1), ([2**60 + 1], [0.5]), ({}, {"a": 1})]):
+        with pytest.raises(MisfitError):
+            kept(tmp_path / f"{k}", *values)
 
 
 def test_the_same_rows_make_the_same_file(tmp_path):
@@ -107,9 +88,6 @@ def test_the_same_rows_make_the_same_file(tmp_path):
     assert contents[0] == contents[1] == contents[2]
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# When it is written
-# ---------------------------------------------------------------------------------------------------------------
 def test_the_file_can_be_read_after_every_save(tmp_path):
     book = Record(tmp_path / "rows", MARKS, resume=False)
     assert not (tmp_path / "rows").exists()
@@ -117,7 +95,7 @@ def test_the_file_can_be_read_after_every_save(tmp_path):
         book.add({"trial": k, "value": k}, {"seconds": 1.0})
         book.save(now=True)
         assert [row["value"] for row in read_rows(tmp_path / "rows")] == list(range(k + 1))
-        assert len(read_rows(tmp_path / "rows")) == parquet.read_metadata(tmp_path / "rows/timings.parquet").num_rows
+        assert parquet.read_metadata(tmp_path / "rows/timings.parquet").num_rows == k + 1
     assert {path.name for path in (tmp_path / "rows").iterdir()} == {"rows.parquet", "timings.parquet"}
 
 
@@ -152,74 +130,6 @@ def test_what_goes_wrong_in_a_save_leaves_the_file_before(tmp_path, monkeypatch,
     assert [row["trial"] for row in read_rows(tmp_path)] == [0, 1, 2]
 
 
-def test_it_can_be_read_while_it_is_written(tmp_path):
-    """What is read is one of the files that stood there, never the head of one and the tail of another."""
-    contents = []
-    for count in (3, 30):
-        fill(tmp_path / f"{count}", range(count))
-        contents.append((tmp_path / f"{count}" / "rows.parquet").read_bytes())
-    folder, done = tmp_path / "3", threading.Event()
-
-    def write():
-        while not done.is_set():
-            for content in contents:
-                (folder / "aside").write_bytes(content)
-                (folder / "aside").replace(folder / "rows.parquet")
-
-    writer = threading.Thread(target=write)
-    writer.start()
-    try:
-        assert {len(read_rows(folder)) for _ in range(600)} == {3, 30}
-    finally:
-        done.set()
-        writer.join()
-
-
-class Clock:
-    """Time that passes only when a test says so."""
-
-    now = 100.0
-
-    def perf_counter(self):
-        return self.now
-
-
-@pytest.mark.parametrize("writing", [1e-4, 0.1, 10.0])
-def test_writing_takes_a_fiftieth_of_the_time(tmp_path, monkeypatch, writing):
-    """Trials of a second; the first row is there at once, however long writing takes."""
-    clock = Clock()
-    saved = []
-
-    def write(content, path):
-        if not isinstance(path, Path):  # a row that is tried on
-            return
-        clock.now += writing / 2.0  # two tables
-        saved.append((path.name.strip(".").removesuffix(".part"), content.num_rows))
-        path.touch()
-
-    monkeypatch.setattr(record, "time", clock)
-    monkeypatch.setattr(parquet, "write_table", write)
-    book = Record(tmp_path, MARKS, resume=False)
-    for k in range(2000):
-        clock.now += 1.0
-        book.add({"trial": k}, {"seconds": 1.0})
-        book.save()
-    book.save()
-    rows = [count for name, count in saved if name == "rows.parquet"]
-    assert rows[0] == 1
-    assert len(rows) * writing <= 2000 / 50 + 2 * writing
-    gaps = {after - before for before, after in pairwise(rows)}
-    assert gaps <= {max(1, round(50 * writing)), max(1, round(50 * writing)) + 1}
-    book.save(now=True)
-    assert saved[-1] == ("rows.parquet", 2000)
-    count = len(saved)
-    book.save(now=True)
-    assert len(saved) == count, "nothing has come since"
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# What is there already
-# ---------------------------------------------------------------------------------------------------------------
 def test_resumed_it_holds_what_was_there(tmp_path):
     fill(tmp_path, [0, 2])
     before = (tmp_path / "rows.parquet").read_bytes()
@@ -232,9 +142,6 @@ def test_resumed_it_holds_what_was_there(tmp_path):
     book.save(now=True)
     found = [(row["trial"], row["value"], row["timings"]["seconds"]) for row in read_rows(tmp_path)]
     assert found == [(0, 0.0, 1.0), (1, 5.0, 3.0)]
-
-
-def test_resumed_where_nothing_is(tmp_path):
     assert not Record(tmp_path / "new", MARKS, resume=True).rows
 
 
@@ -252,62 +159,48 @@ def test_timings_may_be_ahead_or_gone(tmp_path):
     assert set(Record(tmp_path, MARKS, resume=True).rows) == {0, 1, 2}
 
 
-def test_rows_are_not_overwritten(tmp_path):
+def test_rows_are_neither_overwritten_nor_mixed_with_those_of_something_else(tmp_path):
     fill(tmp_path, range(3))
     before = (tmp_path / "rows.parquet").read_bytes()
     message = refusal(Record, tmp_path, MARKS, False)
-    assert "holds 3 rows of an earlier run" in message
+    assert "3 rows" in message
     assert "--resume" in message
+    for changed in OTHERS:
+        ((key, value),) = changed.items()
+        message = refusal(Record, tmp_path, MARKS | changed, True)
+        assert all(word in message for word in (key, MARKS.get(key, "unknown"), value))
     assert (tmp_path / "rows.parquet").read_bytes() == before
 
 
-@pytest.mark.parametrize("changed", [{"study": "noise"}, {"bayesid": "1.1"}, {"more": "yes"}])
-def test_rows_of_something_else_are_not_resumed(tmp_path, changed):
+def test_files_that_cannot_be_read_are_named(tmp_path, rng):
     fill(tmp_path, range(3))
-    ((key, value),) = changed.items()
-    assert f"holds rows of {key} {MARKS.get(key, 'unknown')}, not {value}" in refusal(
-        Record, tmp_path, MARKS | changed, True
-    )
-
-
-@pytest.mark.parametrize("keep", [0, 4, 100, -1])
-def test_a_truncated_file(tmp_path, keep):
-    fill(tmp_path, range(3))
-    for name in ("timings", "rows"):
-        file = tmp_path / f"{name}.parquet"
-        file.write_bytes(file.read_bytes()[:keep])
-        for resume in (False, True):
-            message = refusal(Record, tmp_path, MARKS, resume)
-            assert "cannot be read" in message or (name == "timings" and not resume and "earlier run" in message)
-        assert f"{name}.parquet: cannot be read" in refusal(read_rows, tmp_path)
-
-
-def test_a_file_with_wrong_bytes_is_no_fault_of_ours(tmp_path, rng):
-    fill(tmp_path, range(3))
-    file = tmp_path / "rows.parquet"
-    good = file.read_bytes()
-    for _ in range(300):
-        bad = bytearray(good)
+    good = {name: (tmp_path / f"{name}.parquet").read_bytes() for name in ("timings", "rows")}
+    for keep in (0, 4, 100, -1):
+        for name, content in good.items():
+            file = tmp_path / f"{name}.parquet"
+            file.write_bytes(content[:keep])
+            assert f"{name}.parquet: cannot be read" in refusal(read_rows, tmp_path)
+            assert "cannot be read" in refusal(Record, tmp_path, MARKS, True)
+            file.write_bytes(content)
+    for _ in range(100):
+        bad = bytearray(good["rows"])
         for at in rng.integers(len(bad), size=3):
             bad[at] = rng.integers(256)
-        file.write_bytes(bad)
+        (tmp_path / "rows.parquet").write_bytes(bad)
         with suppress(InputError):
             read_rows(tmp_path)
-
-
-def test_parquet_files_of_others(tmp_path):
-    parquet.write_table(pa.table({"x": [1, 2]}), tmp_path / "rows.parquet")
-    assert "holds no rows of a study" in refusal(Record, tmp_path, MARKS, True)
-    parquet.write_table(pa.table({"trial": [1, 2]}), tmp_path / "rows.parquet")
-    assert "holds rows of study unknown, not toy" in refusal(Record, tmp_path, MARKS, True)
-
-
-def test_a_folder_that_is_not_there(tmp_path):
     assert "rows.parquet: cannot be read" in refusal(read_rows, tmp_path / "none")
 
 
-def test_where_nothing_can_be_written(tmp_path, monkeypatch):
+def test_parquet_files_of_others_are_refused(tmp_path):
+    parquet.write_table(pa.table({"x": [1, 2]}), tmp_path / "rows.parquet")
+    assert "no rows of a study" in refusal(Record, tmp_path, MARKS, True)
+    parquet.write_table(pa.table({"trial": [1, 2]}), tmp_path / "rows.parquet")
+    assert "unknown, not toy" in refusal(Record, tmp_path, MARKS, True)
+
+
+def test_a_place_where_nothing_can_be_written_is_refused(tmp_path, monkeypatch):
     (tmp_path / "file").touch()
     assert "is not a folder" in refusal(Record, tmp_path / "file" / "rows", MARKS, False)
     monkeypatch.setattr(os, "access", lambda path, mode: False)  # root may write everywhere
-    assert "is write-protected" in refusal(Record, tmp_path / "rows", MARKS, False)
+    assert "write-protected" in refusal(Record, tmp_path / "rows", MARKS, False)
