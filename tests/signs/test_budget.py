@@ -1,14 +1,11 @@
 """Every budget bounds every search, and one budget all searches of an identification."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from sign_problems import synthetic
 
 from bayesid.signs.search.beam import Beam
 from bayesid.signs.search.budget import AFTERWARDS, OneBudget
-from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search, SignProblem
 from bayesid.signs.search.result import SearchResult
 
@@ -56,11 +53,3 @@ def test_a_beam_ends_with_its_budget_and_says_so():
         assert np.all(cut.signs[moments.known != 0] == moments.known[moments.known != 0])
         assert whole.cost - 1e-6 <= cut.cost < problem.energy
         assert not cut.certified
-
-
-def test_the_beam_beside_a_proof_has_the_rest_and_a_fifth():
-    _, problem = given(60)
-    search = Certified(budget=1e-3, repeatable=True)
-    found = search.conclude(replace(problem, earlier=search.find(problem)))
-    assert found.method == "certified, then beam"
-    assert found.pruning.undecided > 0

@@ -235,16 +235,6 @@ def test_a_join_keeps_the_pairs_up_to_a_limit_and_bounds_the_mass_of_the_others(
     assert joined.log_missed <= np.log(4 * len(out)) - 0.5 * least, "not absurdly above"
 
 
-def test_pairs_whose_own_bounds_add_up_to_too_much_are_left_out_with_that_sum():
-    _, view, hessian, energy = two_joints(3)
-    lists = [block.within(np.inf, 3, ALL, never) for block in view.blocks]
-    apart = np.add.outer(*(one.bound for one in lists)).ravel()
-    limit = float(np.quantile(apart, 0.3))
-    joined = join(*lists, hessian, energy, everything, limit)
-    assert len(joined) == np.sum(apart <= limit)
-    assert joined.log_missed == pytest.approx(logsumexp(-0.5 * apart[apart > limit]))
-
-
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(
     seed=st.integers(0, 10**6),

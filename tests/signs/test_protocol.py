@@ -45,12 +45,6 @@ def test_what_cannot_be_searched_with_is_refused():
         assert refusal.value.where == where
 
 
-def test_only_a_price_of_the_users_knows_a_single_model():
-    assert Certified().any_model
-    assert Beam().any_model
-    assert not Beam(node_cost=lambda *_: None).any_model
-
-
 def test_a_conclusion_costs_no_more_than_what_was_found():
     small, problem = given()
     for search in (Certified(), Certified(fallback=Wrong(), budget=1e-9), Beam(), Beam(width=64)):
