@@ -134,7 +134,7 @@ def test_a_result_is_told_in_some_ten_lines(things):
         assert len(text) < 1200
         assert len(text.splitlines()) <= 16
         assert max(map(len, text.splitlines())) < 250
-        assert "array(" not in text
+        assert "array([" not in text
 
 
 def test_the_text_of_an_identification_says_how_it_stands(result):
