@@ -1,17 +1,105 @@
-"""What was run on which data."""
+"""What was run on which data: options as plain values, the call, fingerprints; and searches of a user's own."""
 
 import hashlib
 import json
 import struct
 import sys
-from dataclasses import asdict, replace
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 
 import numpy as np
-import pytest
+from identified_arm import ROBOT, log_of
 
+import bayesid
+from bayesid.identification.options import call_of, call_of_log, plain_options
 from bayesid.identification.provenance import fingerprint, hashes, record_provenance
 from bayesid.log.log import Log, join_logs, read_log, write_log
+from bayesid.posterior.sampler import Sampling
+from bayesid.progress import SILENT, no_steps
+from bayesid.signs.search.beam import Beam
+from bayesid.signs.search.certified import Certified
+
+
+def test_fields_of_an_option_stand_under_its_name():
+    options = plain_options({"terms": ["rigid_body"], "search": Beam(width=3, initial_segments=2), "posterior": None})
+    assert options == {
+        "terms": ["rigid_body"],
+        "search": "beam",
+        "search.width": 3,
+        "search.initial_segments": 2,
+        "search.node_cost": None,
+        "search.budget": 10.0,
+        "search.repeatable": False,
+        "posterior": None,
+    }
+
+
+def test_a_run_is_told_as_a_python_call(tmp_path):
+    """What is usual is left out; a log that was read is read again with the same joints unsigned."""
+    usual = {"search": Certified(), "posterior": True}
+    assert call_of("identify", "'kr5'", "log", search=(Certified(), usual["search"])) == "bayesid.identify('kr5', log)"
+    chosen = {"search": Certified(budget=2.5, fallback=Beam(width=7)), "posterior": Sampling(seed=3)}
+    told = call_of("identify", "'kr5'", "log", **{name: (chosen[name], usual[name]) for name in usual})
+    assert told == (
+        "bayesid.identify('kr5', log, search=bayesid.Certified(budget=2.5, fallback=bayesid.Beam(width=7)), "
+        "posterior=bayesid.Sampling(seed=3))"
+    )
+    repeated = eval(told.partition("search=")[2].partition(", posterior")[0])
+    assert repeated == chosen["search"]
+    log = log_of(0, signed=False)
+    assert call_of_log(log) == "log"
+    path = tmp_path / "a log.csv"
+    write_log(path, log)
+    again = eval(call_of_log(replace(read_log(path), signed=np.array([False, True, False]))))
+    np.testing.assert_array_equal(again.signed, [False, True, False])
+    np.testing.assert_array_equal(again.q, read_log(path).q)
+
+
+@dataclass(frozen=True)
+class Mine:
+    """A beam under another name, which claims nothing and has no last word."""
+
+    width: int = 2
+    any_model = False
+
+    def find(self, problem, steps=no_steps):
+        return replace(Beam(width=self.width).find(problem, steps), method="mine", lower_bound=None)
+
+    def conclude(self, problem, progress=SILENT):
+        return problem.earlier
+
+
+def test_a_search_of_a_users_own_finds_the_signs_and_is_named():
+    log = log_of(0)
+    result = bayesid.identify(ROBOT, log.rectified(), search=Mine(), posterior=False)
+    options = result.provenance.options
+    assert (options["search"], options["search.width"], options["posterior"]) == ("mine", 2, None)
+    assert result.search.method == "mine"
+    assert not result.search.certified
+    assert result.completion.effects == (), "a search that knows one model completes none"
+    strong = np.abs(log.effort) >= 0.05 * np.abs(log.effort).max(axis=0)
+    assert np.mean((result.sample_signs == np.sign(log.effort))[strong]) >= 0.99
+
+
+def test_a_search_that_knows_one_model_gives_no_second_opinion():
+    result = bayesid.identify(ROBOT, log_of(0, False), ["rigid_body"], complete="off", search=Mine(), posterior=False)
+    assert result.sign_terms == ("rigid_body",)
+    assert result.sign_weight == 1.0
+
+
+@dataclass(frozen=True)
+class Odd:
+    price: Callable[[float], float] = abs
+    weights: dict[str, object] = field(default_factory=lambda: {"a": np.ones(2)})
+
+
+def test_what_json_cannot_hold_is_written_out():
+    options = plain_options({"search": Odd()})
+    assert "abs" in options["search.price"]
+    assert "array" in options["search.weights"]
+    assert json.loads(json.dumps(options)) == options
+
 
 T = np.array([0.0, 0.01, 0.02])
 Q = np.array([[0.1, -0.2], [0.3, 0.4], [-0.5, 0.6]])
@@ -33,54 +121,18 @@ def test_the_fingerprint_by_hand():
     """Row by row, little-endian: t, q, effort, dq where there is one, then the signed joints as 0 and 1."""
     numbers = [*T, *Q.ravel(), *EFFORT.ravel(), 0.0, 1.0]
     assert fingerprint(make_log()) == hashlib.sha256(struct.pack(f"<{len(numbers)}d", *numbers)).hexdigest()
+    assert fingerprint(make_log(q=np.asfortranarray(Q), source="elsewhere")) == fingerprint(make_log())
     dq = Q * 3.0
     numbers = [*T, *Q.ravel(), *EFFORT.ravel(), *dq.ravel(), 0.0, 1.0]
     assert fingerprint(make_log(dq=dq)) == hashlib.sha256(struct.pack(f"<{len(numbers)}d", *numbers)).hexdigest()
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"t": T + 1e-9},
-        {"q": Q[::-1]},
-        {"effort": EFFORT * (1.0 + 1e-15)},
-        {"dq": Q},
-        {"dq": 2.0 * Q},
-        {"signed": np.array([True, True])},
-    ],
-)
-def test_other_samples_have_another_fingerprint(changes):
-    assert fingerprint(make_log(**changes)) != fingerprint(make_log())
-
-
-def test_names_and_memory_make_no_difference():
-    turned = make_log(q=np.asfortranarray(Q), source="elsewhere")
-    assert fingerprint(turned) == fingerprint(make_log())
-
-
-def test_the_same_from_a_file(tmp_path):
-    write_log(tmp_path / "log.csv", long_log())
-    back = read_log(tmp_path / "log.csv", unsigned="1")
-    assert fingerprint(back) == fingerprint(long_log())
-    recorded = record_provenance({}, back)
-    digest = hashlib.sha256((tmp_path / "log.csv").read_bytes()).hexdigest()
-    assert recorded.files == {str(tmp_path / "log.csv"): digest}
-
-
-def test_all_files_of_joined_logs_are_recorded(tmp_path):
-    logs = []
-    for name, shift in (("a.csv", 0.0), ("b.csv", 0.5)):
-        write_log(tmp_path / name, long_log(shift))
-        logs.append(read_log(tmp_path / name, unsigned="1"))
-    recorded = record_provenance({}, join_logs(logs))
-    assert [path.rpartition("/")[2] for path in recorded.files] == ["a.csv", "b.csv"]
-    assert len(set(recorded.files.values())) == 2
 
 
 def test_a_log_is_known_again_however_it_is_read_or_joined(tmp_path):
     """By its file where signs are taken for known, by its samples where the file is another one."""
     for name, shift in (("a.csv", 0.0), ("b.csv", 0.5), ("c.csv", 0.7)):
         write_log(tmp_path / name, long_log(shift))
+    recorded = record_provenance({}, read_log(tmp_path / "a.csv"))
+    assert recorded.files == {str(tmp_path / "a.csv"): hashlib.sha256((tmp_path / "a.csv").read_bytes()).hexdigest()}
     first, second, third = (read_log(tmp_path / name, unsigned="1") for name in ("a.csv", "b.csv", "c.csv"))
     joined = hashes(join_logs([first, second]))
     assert joined & hashes(read_log(tmp_path / "b.csv", unsigned="none"))

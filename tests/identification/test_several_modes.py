@@ -57,15 +57,14 @@ def made_log(path):
 
 
 @cache
-def identified(path, mode=1, complete="off"):
+def identified(path, mode=1):
     sampling = Sampling(repeatable=True, mode=mode)
     search = Certified(repeatable=True)
-    return identify(path, made_log(path), ["rigid_body"], complete=complete, search=search, posterior=sampling)
+    return identify(path, made_log(path), ["rigid_body"], complete="off", search=search, posterior=sampling)
 
 
-@pytest.mark.parametrize("complete", ["off", "auto"])
-def test_the_model_is_one_of_them_and_no_point_between(robot, complete):
-    result = identified(robot, complete=complete)
+def test_the_model_is_one_of_them_and_no_point_between(robot):
+    result = identified(robot)
     first, second = result.posterior.modes[:2]
     assert 0.05 < second.weight < 0.5
     value = dict(zip(result.coefficients.names, result.beta.tolist(), strict=True))

@@ -1,4 +1,4 @@
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 
@@ -23,13 +23,6 @@ SEARCH = Certified(budget=BUDGET)
 POOR = ("rigid_body", "rotor_inertia", "torque_offset")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Alone(Certified):
-    """A search for the model asked for alone: no second opinion."""
-
-    any_model = False
-
-
 @pytest.fixture(scope="module")
 def rough():
     return arm_with_friction(1.5)
@@ -46,20 +39,11 @@ def poor(rough):
     return identify(rough.robot, rough.log(), POOR, search=SEARCH, posterior=Sampling(budget=0.0))
 
 
-@pytest.fixture(scope="module")
-def alone(rough):
-    """The poor model left to itself."""
-    return identify(rough.robot, rough.log(), POOR, search=Alone(budget=BUDGET), posterior=False)
-
-
 def sure_samples(result):
     return np.maximum(result.probability, 1.0 - result.probability) >= 0.99
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Whole identifications
-# ---------------------------------------------------------------------------------------------------------------
-def test_a_model_without_friction_asks_another_one(rough, poor):
+def test_a_model_without_friction_asks_another_one_and_confidences_are_rare_and_right(rough, poor, full):
     assert set(poor.sign_terms) == set(STANDARD)
     assert poor.sign_weight == 0.95
     assert [term.name for term in poor.model.terms] == list(POOR)
@@ -68,44 +52,26 @@ def test_a_model_without_friction_asks_another_one(rough, poor):
     assert not any(name in said for name in POOR)
     right, strong = rough.right(poor)
     assert right[strong].mean() >= 0.98
-
-
-def test_its_confidences_are_rare_and_right(rough, poor, full):
-    right, _ = rough.right(poor)
     sure = sure_samples(poor)
     assert sure.any()
     assert np.mean(~right[sure]) <= 0.005
     assert sure.mean() < 0.7 * sure_samples(full).mean()
 
 
-def test_without_the_other_model_signs_would_be_wrong(rough, alone):
-    """What the tests above are there for."""
-    right, strong = rough.right(alone)
-    assert right[strong].mean() < 0.9
-    assert alone.sign_terms == POOR
+def test_a_full_model_and_a_signed_log_ask_nobody(rough, full):
+    signed = identify(rough.robot, rough.log(signed=True), POOR, posterior=False)
+    for result, terms in ((full, STANDARD), (signed, POOR)):
+        assert result.sign_terms == terms
+        assert result.sign_weight == 1.0
+        assert not any("lacks" in warning for warning in result.warnings)
 
 
-def test_parameters_are_those_of_the_model_asked_for_under_the_others_signs(rough, poor, alone):
+def test_parameters_are_those_of_the_model_asked_for_under_the_others_signs(rough, poor):
     """Its efforts are near those it would have learned from the true signs; the weight of 5 % pulls a little."""
     assert len(poor.fit.theta) == 36
     assert poor.model.cone.contains(poor.fit.theta, 1e-9)
     signed = identify(rough.robot, rough.log(signed=True), POOR, posterior=False).fit.predicted
     assert rms(poor.fit.predicted - signed) < 0.15 * rms(signed)
-    assert rms(alone.fit.predicted - signed) > 0.5 * rms(signed)
-
-
-def test_the_full_model_asks_nobody(full):
-    assert full.sign_terms == STANDARD
-    assert full.sign_weight == 1.0
-    assert not any("lacks" in warning for warning in full.warnings)
-
-
-def test_a_signed_log_asks_nobody(rough):
-    result = identify(rough.robot, rough.log(signed=True), POOR, posterior=False)
-    assert result.sign_terms == POOR
-    assert result.sign_weight == 1.0
-    assert result.timings["second opinion"] < 0.05
-    assert not any("lacks" in warning for warning in result.warnings)
 
 
 def test_given_signs_stand_in_the_posterior_of_the_poor_model(poor):
@@ -117,9 +83,6 @@ def test_given_signs_stand_in_the_posterior_of_the_poor_model(poor):
     assert any("not converged" in warning for warning in poor.warnings)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# A robot truly without friction
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def smooth():
     return arm_with_friction(0.0)
@@ -143,9 +106,6 @@ def test_twelve_more_parameters_are_not_worth_what_they_explain_of_white_noise(s
     assert weight_against(rival, asked) == 0.95
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# When to ask
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def asked(rough):
     """The poor model, settled by itself."""
@@ -165,21 +125,6 @@ def test_another_model_is_asked_where_a_residual_lasts(asked):
     assert model.parameters[: len(asked.model.parameters)] == asked.model.parameters
 
 
-def test_no_other_model_is_asked_where_all_signs_are_known_or_no_term_is_missing(rough, asked):
-    lasting, signals = with_residual(asked, [5.0, 5.0, 5.0]), asked.evidence.signals
-
-    def with_evidence(**changes):
-        return replace(lasting, evidence=replace(lasting.evidence, **changes))
-
-    assert richer_model(with_evidence(signals=replace(signals, signed=np.ones(3, bool)))) is None
-    assert richer_model(with_evidence(signals=replace(signals, signed=np.array([True, True, False])))) is not None
-    full = Model(rough.robot, make_terms(STANDARD, rough.robot, rough.motion))
-    assert richer_model(with_evidence(model=full)) is None
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# How much it has to say
-# ---------------------------------------------------------------------------------------------------------------
 def fake(sigma, time, coefficients, moving=(600, 300)):
     mask = np.arange(max(moving))[:, None] < np.array(moving)
     residual = SimpleNamespace(sigma=np.array(sigma), autocorrelation=np.array(time))
@@ -193,28 +138,18 @@ def information_criterion(sigma, count, coefficients):
     return coefficients * np.log(np.sum(count)) - 2.0 * log_likelihood
 
 
-@pytest.mark.parametrize("size", [9, 11, 12, 13, 16])
-def test_the_weight_is_that_of_the_information_criterion(size):
+def test_the_weight_is_that_of_the_information_criterion():
     """600 and 300 samples whose longer autocorrelation times are 3 and 6: 200 and 50 count."""
-    asked, rival = fake([1.1, 2.0], [3.0, 5.0], 4), fake([1.0, 1.9], [2.0, 6.0], size)
-    count = np.array([200.0, 50.0])
-    criteria = [information_criterion(np.array(s), count, k) for s, k in (([1.1, 2.0], 4), ([1.0, 1.9], size))]
-    odds = np.exp(-0.5 * (criteria[1] - criteria[0]))
-    assert weight_against(rival, asked) == pytest.approx(min(0.95, odds / (1.0 + odds)), rel=1e-9)
+    asked, count = fake([1.1, 2.0], [3.0, 5.0], 4), np.array([200.0, 50.0])
+    for size in (9, 11, 12, 13, 16):
+        rival = fake([1.0, 1.9], [2.0, 6.0], size)
+        criteria = [information_criterion(np.array(s), count, k) for s, k in (([1.1, 2.0], 4), ([1.0, 1.9], size))]
+        odds = np.exp(-0.5 * (criteria[1] - criteria[0]))
+        assert weight_against(rival, asked) == pytest.approx(min(0.95, odds / (1.0 + odds)), rel=1e-9)
 
 
-def test_the_weight_by_hand():
-    """2 (200 ln 1.1 + 50 ln(2 / 1.9)) = 43.2535 against 8 ln 250 = 44.1717: 1 / (1 + exp(0.4591)) = 0.3872."""
-    asked, rival = fake([1.1, 2.0], [3.0, 5.0], 4), fake([1.0, 1.9], [2.0, 6.0], 12)
-    assert weight_against(rival, asked) == pytest.approx(0.3872, abs=2e-4)
-    assert weight_against(fake([0.1, 1.9], [2.0, 6.0], 12), asked) == 0.95
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Doubt about a poor model
-# ---------------------------------------------------------------------------------------------------------------
-def with_error(share, certified, signed=(False, False)):
-    """Efforts of RMS 2 and 5 N m, and a model whose lasting error is these shares of them."""
+def doubt(share, certified, signed=(False, False)):
+    """About efforts of RMS 2 and 5 N m, by a model whose lasting error is these shares of them."""
     effort = np.array([2.0, 5.0]) * np.sqrt(2.0) * np.sin(np.linspace(0.0, 20.0 * np.pi, 2001))[:-1, None]
     effort[1000:] *= 3.0  # standstill, which does not count
     moving = np.arange(2000)[:, None] < np.array([1000, 1000])
@@ -227,16 +162,16 @@ def with_error(share, certified, signed=(False, False)):
     return structural_doubt(settled)
 
 
-def test_a_small_error_casts_no_doubt_but_where_nothing_is_proven():
-    assert (with_error([0.1, 0.29], True) == 0.0).all()
-    np.testing.assert_allclose(with_error([0.02, 0.09], False), 0.0)
-    np.testing.assert_allclose(with_error([0.2, 0.24], False), 0.5 * np.array([0.1, 0.14]) / 0.7, rtol=1e-6)
-
-
-def test_a_large_error_makes_signs_guesses_in_all_joints_but_signed_ones():
-    np.testing.assert_allclose(with_error([0.65, 0.1], True), 0.5 * np.array([0.35, 0.09]) / 0.7, rtol=1e-6)
-    np.testing.assert_allclose(with_error([3.0, 0.1], True), 0.5)
-    np.testing.assert_allclose(with_error([3.0, 0.1], True, (False, True)), [0.5, 0.0])
+def test_a_large_error_or_one_of_signs_without_proof_makes_guesses_of_the_signs_that_are_unknown():
+    for share, certified, signed, expected in (
+        ([0.1, 0.29], True, (False, False), [0.0, 0.0]),
+        ([0.02, 0.09], False, (False, False), [0.0, 0.0]),
+        ([0.2, 0.24], False, (False, False), 0.5 * np.array([0.1, 0.14]) / 0.7),
+        ([0.65, 0.1], True, (False, False), 0.5 * np.array([0.35, 0.09]) / 0.7),
+        ([3.0, 0.1], True, (False, False), [0.5, 0.5]),
+        ([3.0, 0.1], True, (False, True), [0.5, 0.0]),
+    ):
+        np.testing.assert_allclose(doubt(share, certified, signed), expected, rtol=1e-6)
 
 
 def test_an_effect_that_no_term_holds_lowers_confidences():

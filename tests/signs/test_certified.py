@@ -60,64 +60,38 @@ def failing(results, wrong):
     return [i for i, (problem, found) in enumerate(results) if wrong(problem, found)]
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# A few hundred problems
-# ---------------------------------------------------------------------------------------------------------------
-def test_nearly_all_small_problems_are_certified(results):
-    assert len(results) > 200
-    assert len(failing(results, lambda problem, found: not found.certified)) <= 2
-
-
-def test_the_noise_makes_other_signs_than_the_true_ones_the_best(results):
-    """Or the problems would be too easy to show anything: the segments' efforts are mostly positive by themselves."""
-    differs = failing(results, lambda problem, found: len(set(found.signs[problem.moments.known == 0])) > 1)
-    assert len(differs) > 100
-
-
-def test_no_assignment_costs_less_than_a_certified_one(results):
-    def wrong(problem, found):
-        return found.certified and found.cost > problem.least + 2 * problem.exact
-
-    assert failing(results, wrong) == []
-
-
-def test_the_cost_is_that_of_the_signs(results):
-    def wrong(problem, found):
-        row = np.flatnonzero(np.all(problem.assignments == found.signs, axis=1))
-        return len(row) != 1 or abs(found.cost - problem.costs[row[0]]) > problem.exact
-
-    assert failing(results, wrong) == []
-
-
-def test_the_lower_bound_never_exceeds_the_least_cost(results):
-    assert failing(results, lambda p, found: not 0.0 <= found.lower_bound <= p.least + p.precision) == []
-
-
-def test_a_certificate_comes_with_a_lower_bound_that_meets_the_cost(results):
-    """Up to the gap that the solver leaves at the best signs, 1e-6 at worst."""
-    assert failing(results, lambda p, f: f.certified and f.lower_bound < f.cost - 1e-6 * p.energy) == []
-
-
 def within_delta(problem, found):
     """All assignments that cost clearly no more than Delta above the best."""
     return problem.assignments[problem.costs <= found.cost + found.within - problem.exact]
 
 
-def test_all_assignments_within_delta_agree_on_settled_segments(results):
-    def wrong(problem, found):
-        return np.any(within_delta(problem, found)[:, found.settled] != found.signs[found.settled])
+def honest(problem, found):
+    """The signs are possible and cost what is said, and the bounds hold."""
+    row = np.flatnonzero(np.all(problem.assignments == found.signs, axis=1))
+    assert len(row) == 1
+    assert found.cost == pytest.approx(problem.costs[row[0]], abs=problem.exact)
+    assert found.cost >= problem.least - problem.exact
+    assert 0.0 <= found.lower_bound <= problem.least + problem.precision
+    if found.certified:
+        assert found.cost <= problem.least + 2 * problem.exact
+        assert found.lower_bound >= found.cost - 1e-6 * problem.energy
+    if found.settled is not None:
+        signs = within_delta(problem, found)
+        assert np.all(signs[:, found.settled] == found.signs[found.settled])
 
-    assert failing(results, wrong) == []
 
-
-def test_most_segments_that_agree_within_delta_are_settled(results):
-    """`settled` is a proof, so it may be short of the truth, but not by much."""
-    agree = settled = 0
-    for problem, found in results:
-        agree += np.all(within_delta(problem, found) == found.signs, axis=0).sum()
-        settled += found.settled.sum()
-    assert 0.9 * agree <= settled <= agree
-    assert agree > 400
+def test_nearly_all_small_problems_are_certified_and_every_claim_holds(results):
+    assert len(results) > 200
+    assert len(failing(results, lambda problem, found: not found.certified)) <= 2
+    for i, (problem, found) in enumerate(results):
+        honest(problem, found)
+        assert found.missed <= 1.001 * MISSED[i % 2]
+    differs = failing(results, lambda problem, found: len(set(found.signs[problem.moments.known == 0])) > 1)
+    assert len(differs) > 100, "noise makes other signs the best than those of the problem, which are mostly +"
+    agree = [np.all(within_delta(problem, found) == found.signs, axis=0).sum() for problem, found in results]
+    assert sum(found.settled.sum() for _, found in results) >= 0.9 * sum(agree) > 360, (
+        "short of the truth, but not by much"
+    )
 
 
 def test_every_assignment_within_delta_belongs_to_a_branch(results):
@@ -171,29 +145,9 @@ def test_the_mass_left_out_is_bounded(results):
     assert sum(left_out_mass(problem, found) > 0.0 for problem, found in results) > 50, "something must be left out"
 
 
-def test_branches_are_kept_only_where_they_matter(results):
-    """The dearest one could cost little enough, or without it more would be left out than may be."""
-
-    def wrong(allowed, found):
-        last = found.branches[-1].lower_bound - found.cost
-        return (
-            len(found.branches) > 1 and last > -2.0 * np.log(allowed) and found.missed + np.exp(-0.5 * last) < allowed
-        )
-
-    assert not any(wrong(MISSED[i % 2], found) for i, (_, found) in enumerate(results))
-
-
-def test_no_more_is_left_out_than_may_be(results):
-    for i, (_, found) in enumerate(results):
-        assert found.missed <= 1.001 * MISSED[i % 2]
-
-
 FEW_ROWS = (
     (1054, {"segments": 8, "joints": 2, "size": 6, "noise": 0.3}),
-    (1266, {"segments": 8, "joints": 2, "size": 7, "noise": 0.3}),
     (1621, {"segments": 6, "joints": 2, "cone": "body", "size": 8, "noise": 1.0, "spread": 10.0}),
-    (2740, {"segments": 6, "cone": "body", "size": 8, "scale": 100.0}),
-    (3634, {"segments": 8, "joints": 2, "cone": "half", "size": 6, "noise": 0.3, "spread": 10.0, "scale": 100.0}),
     (4498, {"segments": 6, "cone": "body", "size": 7, "noise": 0.3, "spread": 10.0, "scale": 10.0}),
     (4686, {"segments": 6, "cone": "half", "size": 8, "noise": 1.0, "spread": 10.0}),
     (12164, {"segments": 6, "joints": 2, "cone": "body", "size": 8, "noise": 0.3, "spread": 10.0, "scale": 100.0}),
@@ -201,18 +155,15 @@ FEW_ROWS = (
 )
 
 
-@pytest.mark.parametrize(("seed", "options"), FEW_ROWS)
-def test_parameters_that_few_rows_leave_open(seed, options):
+def test_parameters_that_few_rows_leave_open():
     """Weak segments then depend on each other, and combinations of strong ones split: none may get lost."""
-    problem = synthetic(seed, longest=2, **options)
-    found = solved(problem)
-    honest(problem, found)
-    assert found.certified or found.withheld == "pull", "rows so few that the data may cost nothing either way"
+    for seed, options in FEW_ROWS:
+        problem = synthetic(seed, longest=2, **options)
+        found = solved(problem)
+        honest(problem, found)
+        assert found.certified or found.withheld == "pull", "rows so few that the data may cost nothing either way"
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Ties
-# ---------------------------------------------------------------------------------------------------------------
 def planted(seed, effort, cone="orthant", **options):
     """A synthetic problem with one more segment, whose efforts `effort` makes from its columns and the others' fit."""
     problem = synthetic(seed, cone=cone, **options)
@@ -231,48 +182,18 @@ def orthogonal(columns, beta):
 
 
 @pytest.mark.parametrize("cone", ["free", "orthant", "body"])
-def test_a_segment_whose_sign_does_not_matter_is_not_settled(cone):
-    problem = planted(3, orthogonal, cone)
-    found = solved(problem)
-    assert found.certified
-    assert found.cost == pytest.approx(problem.least, abs=2 * problem.exact)
-    assert not found.settled[-1]
-    turned = found.signs * np.array([1] * 6 + [-1])
-    assert problem.price(turned) == pytest.approx(found.cost, abs=problem.exact)
+def test_a_sign_that_matters_little_is_told_or_left_open(cone):
+    """A segment that the fit is nearly orthogonal to, or is: its two signs cost nearly the same, or the same."""
+    for share in (0.0, 1e-12, 1e-8, 1e-4, 1e-2):
+        problem = planted(4, lambda y, beta, share=share: orthogonal(y, beta) + share * (y @ beta), cone, noise=0.2)
+        found = solved(problem)
+        assert found.certified
+        honest(problem, found)
+        assert share or not found.settled[-1]
 
 
-@pytest.mark.parametrize("share", [1e-12, 1e-8, 1e-4, 1e-2])
-@pytest.mark.parametrize("cone", ["free", "orthant", "body"])
-def test_near_ties_are_told_apart_or_left_open(cone, share):
-    """A segment that is nearly orthogonal to the fit: its two signs cost nearly the same."""
-    problem = planted(4, lambda y, beta: orthogonal(y, beta) + share * (y @ beta), cone, noise=0.2)
-    found = solved(problem)
-    assert found.certified
-    assert problem.least - problem.precision <= found.cost <= problem.least + 2 * problem.exact
-    assert np.all(within_delta(problem, found)[:, found.settled] == found.signs[found.settled])
-
-
-def test_a_problem_twice_over_has_the_same_signs_twice():
-    problem = synthetic(5, 5, cone="body", noise=0.2, scale=10.0)
-    twice = problem.but(problem.moments.join(problem.moments))
-    once, found = solved(problem), solved(twice)
-    assert found.certified
-    assert found.signs.tolist() == [*once.signs, *once.signs]
-    assert found.cost == pytest.approx(2 * once.cost, rel=1e-6)
-    assert found.cost == pytest.approx(twice.least, abs=2 * twice.exact)
-
-
-def test_without_a_cone_all_signs_turned_round_cost_the_same():
-    problem = synthetic(6, 7, joints=2, cone="free", noise=0.2, scale=10.0)
-    found = solved(problem)
-    assert found.certified, "none costs less, though another one costs as much"
-    assert not np.any(found.settled)
-    branches = {tuple(branch.signs) for branch in found.branches}
-    assert {tuple(found.signs), tuple(-found.signs)} <= branches
-
-
-def friction_only(seed, joints, each, cone):
-    """Joints that share no coefficient: each has two of its own. Costs add up, pull and all."""
+def friction_only(seed, joints, each):
+    """Joints that share no coefficient: each has two of its own, nonnegative. Costs add up, pull and all."""
     rng = np.random.default_rng(seed)
     empty = synthetic(seed, 1, size=2 * joints, cone="free")
     coefficients = replace(empty.coefficients, projection=np.eye(2 * joints))
@@ -285,31 +206,15 @@ def friction_only(seed, joints, each, cone):
             rows.append((columns, np.abs(effort + 0.3 * rng.normal(size=6))))
     joint = np.repeat(np.arange(joints), each)
     m = moments_of(rows, joint, np.zeros(len(joint), dtype=np.int64)).scaled(np.full(joints, 0.1))
-    return SignProblem(cone(2 * joints), coefficients, m, tuple(rows))
-
-
-def test_without_a_cone_on_friction_every_joint_can_be_turned_by_itself():
-    problem = friction_only(1, joints=3, each=3, cone=Cone.free)
-    found = solved(problem)
-    assert found.certified
-    branches = {tuple(branch.signs) for branch in found.branches}
-    for turn in np.array(np.meshgrid([1, -1], [1, -1], [1, -1])).reshape(3, -1).T:
-        assert tuple(found.signs * turn[problem.moments.joint]) in branches
-
-
-def test_the_cone_settles_which_way_round_every_joint_is():
-    problem = friction_only(1, joints=3, each=3, cone=Cone.orthant)
-    found = solved(problem)
-    assert found.certified
-    assert found.cost == pytest.approx(problem.least, abs=2 * problem.exact)
-    assert np.all(found.settled)
+    return SignProblem(Cone.orthant(2 * joints), coefficients, m, tuple(rows))
 
 
 def test_twelve_joints():
     """The joints share nothing, so brute force goes joint by joint."""
-    problem = friction_only(2, joints=12, each=4, cone=Cone.orthant)
+    problem = friction_only(2, joints=12, each=4)
     found, m = solved(problem), problem.moments
     assert found.certified
+    assert np.all(found.settled), "the cone settles which way round every joint is"
     centre = problem.but(m).pull[1]
     np.testing.assert_allclose(centre, 0.0, atol=1e-12, err_msg="the pull adds no cost of its own to a joint")
     best = 0.0
@@ -331,26 +236,6 @@ def test_twelve_joints():
     assert found.cost == pytest.approx(best, abs=1e-6 * problem.energy)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Odd shapes
-# ---------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("cone", ["free", "orthant", "body"])
-def test_a_single_segment(cone):
-    problem = synthetic(8, 1, cone=cone)
-    found = solved(problem)
-    assert found.certified
-    assert found.cost == pytest.approx(problem.least, abs=2 * problem.exact)
-    assert len(found.branches) == (2 if cone == "free" else 1) or not found.settled[0]
-
-
-def test_joints_without_any_segment():
-    problem = synthetic(9, 6, cone="body", noise=0.3)
-    spread = problem.but(replace(problem.moments, joint=np.array([1, 4, 4, 1, 4, 1])))
-    found = solved(spread)
-    assert found.certified
-    assert found.cost == pytest.approx(spread.least, abs=2 * spread.exact)
-
-
 def test_all_signs_known_leave_nothing_to_find():
     problem = synthetic(10, 6, joints=3, cone="body", known=6)
     found = solved(problem)
@@ -360,45 +245,6 @@ def test_all_signs_known_leave_nothing_to_find():
     assert len(found.branches) == 1
     assert found.cost == pytest.approx(problem.least, abs=2 * problem.exact)
     assert found.solves <= 12, "a handful, as there is nothing to choose"
-
-
-def test_a_joint_of_known_signs_beside_one_of_unknown_signs():
-    problem = synthetic(11, 8, joints=2, cone="body", noise=0.5)
-    known = np.where(problem.moments.joint == 0, -1, 0)
-    assert 0 < np.sum(known != 0) < 8
-    mixed = problem.but(replace(problem.moments, known=known))
-    found = solved(mixed)
-    assert found.certified
-    assert np.all(found.signs[known != 0] == -1)
-    assert found.cost == pytest.approx(mixed.least, abs=2 * mixed.exact)
-
-
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_motors_that_move_several_joints(seed):
-    problem = arm(seed, 6, 3, ROBOT, 0.4, seed, coupled=True)
-    found = solved(problem)
-    assert found.certified
-    assert found.cost == pytest.approx(problem.least, abs=2 * problem.exact)
-
-
-def test_two_runs_find_the_same():
-    problem = synthetic(12, 7, joints=2, cone="body", noise=1.0)
-    one, other = solved(problem), solved(problem)
-    assert (one.cost, one.lower_bound, one.nodes, one.solves) == (
-        other.cost,
-        other.lower_bound,
-        other.nodes,
-        other.solves,
-    )
-    assert [b.signs.tolist() for b in one.branches] == [b.signs.tolist() for b in other.branches]
-
-
-def test_progress_is_reported():
-    calls = []
-    solved(synthetic(13, 4), steps=lambda done, total: calls.append((done, total)))
-    assert calls[0] == (0, 100)
-    assert calls[-1] == (100, 100)
-    assert calls == sorted(set(calls))
 
 
 def test_moments_of_many_weak_segments_share_their_hessian():
@@ -415,23 +261,6 @@ def test_moments_of_many_weak_segments_share_their_hessian():
         assert np.all(signs[:, found.settled] == found.signs[found.settled])
 
 
-def test_ill_conditioned_coefficients_do_not_end_the_search():
-    """Coupled motors and rotor inertias in nearly the same directions: the bounds' Cholesky factor must exist."""
-    problem = arm(4, 5, 2, ROBOT, 0.3, 0, coupled=True)
-    found = solved(problem)
-    assert found.lower_bound <= problem.least + problem.precision
-
-
-def test_a_cone_problem_of_low_precision_does_not_end_the_search():
-    """Clarabel reaches no better than 1e-5 on some of these; the dual bound is honest all the same."""
-    problem = arm(8, 6, 3, ("rigid_body", "viscous_friction", "coulomb_friction"), 1.0)
-    found = solved(problem)
-    assert found.cost <= problem.solver().prepared().solve(problem.moments.gradient.sum(axis=0)).cost + problem.energy
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Earlier results, budgets, more data
-# ---------------------------------------------------------------------------------------------------------------
 POOR_CANDIDATES = Limits(
     candidate_patterns=1, candidate_combinations=1, candidates_solved=1, candidates_settled=1, settling_rounds=1
 )
@@ -466,44 +295,14 @@ def test_what_an_earlier_search_found_is_a_candidate():
     assert better >= 5
 
 
-def test_a_poor_start_does_no_harm():
-    problem = synthetic(15, 7, joints=2, cone="body", noise=0.5)
-    best = solved(problem)
-    other = solved(problem, start=problem.solver().prepared().solve(-best.signs @ problem.moments.gradient).theta)
-    assert other.certified
-    assert other.signs.tolist() == best.signs.tolist()
-
-
-@pytest.mark.parametrize("cone", ["free", "orthant", "half", "body"])
-def test_without_any_budget_nothing_is_claimed(cone):
-    for seed in range(8):
+def test_without_any_budget_nothing_is_claimed():
+    for seed in range(16):
+        cone = ("free", "orthant", "half", "body")[seed % 4]
         problem = synthetic(seed, 6, joints=2, cone=cone, noise=0.5, known=seed % 3)
         found = solved(problem, budget=0.0)
         honest(problem, found)
         assert not found.certified
         assert found.missed == np.inf
-
-
-def honest(problem, found):
-    """The signs are possible and cost what is said, and the bounds hold."""
-    row = np.flatnonzero(np.all(problem.assignments == found.signs, axis=1))
-    assert len(row) == 1
-    assert found.cost == pytest.approx(problem.costs[row[0]], abs=problem.exact)
-    assert found.cost >= problem.least - problem.exact
-    assert 0.0 <= found.lower_bound <= problem.least + problem.precision
-    if found.certified:
-        assert found.cost <= problem.least + 2 * problem.exact
-        assert found.lower_bound >= found.cost - 1e-6 * problem.energy
-    if found.settled is not None:
-        signs = within_delta(problem, found)
-        assert np.all(signs[:, found.settled] == found.signs[found.settled])
-
-
-@pytest.mark.parametrize("budget", [1e-4, 1e-3, 3e-3, 1e-2])
-def test_a_small_budget_claims_only_what_is_proven(budget):
-    for seed in range(4):
-        problem = synthetic(seed, 8, joints=3, cone="half", noise=0.3, scale=5.0)
-        honest(problem, solved(problem, budget=budget))
 
 
 class Clock:
@@ -538,18 +337,17 @@ def test_wherever_the_budget_ends_only_what_is_proven_is_claimed(monkeypatch):
     assert partly > 20, "some should end with a part of the proof"
 
 
-@pytest.mark.parametrize("cone", ["orthant", "half", "body"])
-def test_another_log_only_adds(cone):
+def test_another_log_only_adds():
     """rho of both logs is the sum of the two (`test_solver`), so no joint assignment costs less than its two parts."""
-    for seed in range(6):
-        one = synthetic(seed, 4, cone=cone, noise=0.5, longest=12)
+    for seed in range(9):
+        one = synthetic(seed, 4, cone=("orthant", "half", "body")[seed % 3], noise=0.5, longest=12)
         rng = np.random.default_rng(100 + seed)
         rows = [(y, e) for y, e in ((rng.normal(size=(9, 4)), rng.normal(size=9)) for _ in range(3))]
         other = one.but(moments_of(rows, [0, 0, 0], [0, 0, 1]))
         both = one.but(one.moments.join(other.moments))
         a, b, found = solved(one), solved(other), solved(both)
         assert found.certified
-        assert found.cost == pytest.approx(both.least, abs=2 * both.exact)
+        honest(both, found)
         assert found.lower_bound >= a.lower_bound + b.lower_bound - 2 * both.exact
 
 

@@ -1,18 +1,13 @@
 """Completed models: one hidden effect is found from |effort| and nothing else, and what is not found widens."""
 
-from functools import partial
-
 import numpy as np
 import pytest
-from completion_problems import BASE, LAG, LOAD, MOTION, STRIBECK, THETA, identified, identify, log_with, true_signs
+from completion_problems import BASE, LAG, LOAD, STRIBECK, THETA, identified, identify, log_with, true_signs
 
 from bayesid.errors import InputError
 from bayesid.fit.effects.kinematics import KinematicTolerance
-from bayesid.fit.effects.signed_log import thinned
 from bayesid.fit.knowledge import Beliefs
-from bayesid.log.signals import prepare
 from bayesid.posterior.sampler import Sampling
-from bayesid.signs import completion
 
 HIDDEN = {"stribeck_friction": (2,), "load_dependent_friction": (2,), "delay": ()}
 
@@ -31,17 +26,17 @@ def test_one_hidden_effect_is_found_and_no_other(name):
     assert names == [*(term.name for term in BASE.terms), entered.source.name]
     signs, strong = true_signs(name)
     assert np.mean((result.sample_signs == signs)[strong]) > 0.995
-
-
-@pytest.mark.parametrize("name", HIDDEN)
-def test_held_back_error_falls_to_the_noise(name):
-    """Of 3 % of each joint's effort, and what a number from a list, or links that are but estimated, leave."""
-    completion = identified(name).completion
-    noise = 0.03 * np.sqrt(np.mean(log_with(name).effort ** 2, axis=0))
+    # Held-back error falls to the noise and what a number from a list, or links that are but estimated, leave.
+    completion, noise = result.completion, 0.03 * np.sqrt(np.mean(log_with(name).effort ** 2, axis=0))
     assert np.all(completion.after < 1.8 * noise)
     worst = np.argmax(completion.before / completion.effort)
     assert completion.before[worst] > 1.6 * completion.after[worst]
     np.testing.assert_allclose(completion.effort, noise / 0.03, rtol=0.15)
+
+
+def test_how_friction_turns_round_near_standstill_names_no_effect():
+    """The truth turns round at once, the model does not, and there is next to no noise."""
+    assert found(identified("turns_at_once")) == set()
 
 
 def test_numbers_are_those_of_the_truth():
@@ -71,24 +66,15 @@ def test_nothing_is_found_where_nothing_is_missing():
     assert np.all(np.abs(off) < 5.0 * result.fit.sd)
 
 
-def test_how_friction_turns_round_near_standstill_names_no_effect(monkeypatch):
-    """The truth turns round at once, the model does not, and there is next to no noise."""
-    assert found(identified("turns_at_once")) == set()
-    monkeypatch.setattr(completion._Rounds, "check", lambda *_: None)
-    assert found(identify("turns_at_once")) != set()
-
-
-def test_off_asks_nothing():
-    result = identified(complete="off")
-    assert result.completion is None
-    assert identified("stribeck_friction", complete="off").completion is None
-
-
-@pytest.mark.parametrize("name", ["", "stribeck_friction"])
-def test_only_uncertainty_moves_nothing_but_the_uncertainty(name):
-    off, only = (identified(name, complete=how) for how in ("off", "only-uncertainty"))
+def test_only_uncertainty_moves_nothing_but_the_uncertainty():
+    """The Stribeck friction itself is among what is summed out: in units of what is left otherwise."""
+    off, only = (identified("stribeck_friction", complete=how) for how in ("off", "only-uncertainty"))
+    assert off.completion is None
     assert only.completion.effects == ()
     assert "kinematics" in only.completion.uncertain
+    assert any(name.startswith("stribeck_friction 2") for name in only.completion.uncertain)
+    auto = identified("stribeck_friction").completion
+    assert not any(name.startswith("stribeck_friction 2") for name in auto.uncertain)
     assert only.model.terms == off.model.terms
     np.testing.assert_array_equal(only.fit.theta, off.fit.theta)
     np.testing.assert_array_equal(only.sample_signs, off.sample_signs)
@@ -96,26 +82,9 @@ def test_only_uncertainty_moves_nothing_but_the_uncertainty(name):
     assert (only.fit.sd / off.fit.sd).max() > 1.02
 
 
-def test_what_is_missing_and_may_not_enter_makes_for_more_uncertainty():
-    """The Stribeck friction itself among what is summed out: in units of what is left otherwise."""
-    with_it = identified("stribeck_friction", complete="only-uncertainty")
-    assert any(name.startswith("stribeck_friction 2") for name in with_it.completion.uncertain)
-    assert not any(
-        name.startswith("stribeck_friction 2") for name in identified("stribeck_friction").completion.uncertain
-    )
-
-
-def test_a_larger_tolerance_of_the_geometry_is_more_uncertainty():
-    """And none at all, with an exact table, is not named."""
-    once = partial(identify, signed=True, complete="only-uncertainty")
-    exact, wide = (
-        once(beliefs=Beliefs(kinematics=KinematicTolerance(length=length, angle=angle)))
-        for length, angle in ((0.0, 0.0), (0.02, 0.03))
-    )
-    assert "kinematics" not in exact.completion.uncertain
-    assert "kinematics" in wide.completion.uncertain
-    assert np.all(wide.fit.sd > 0.99 * exact.fit.sd)  # other effects' learned sizes change a little
-    assert (wide.fit.sd / exact.fit.sd).max() > 2.0
+def test_an_unknown_way_to_complete_is_refused():
+    with pytest.raises(InputError, match="nonsense"):
+        identify(complete="nonsense")
 
 
 def test_signs_are_as_sure_as_without_what_is_summed_out():
@@ -132,28 +101,7 @@ def test_signs_are_as_sure_as_without_what_is_summed_out():
     assert np.mean((only.sample_signs == signs)[strong]) >= np.mean((off.sample_signs == signs)[strong]) - 0.002
 
 
-def test_two_calls_give_the_same():
-    one, other = identified("stribeck_friction"), identify("stribeck_friction", complete="auto")
-    np.testing.assert_array_equal(one.theta, other.theta)
-    np.testing.assert_array_equal(one.fit.covariance, other.fit.covariance)
-    assert one.completion.effects == other.completion.effects
-    assert one.completion.uncertain == other.completion.uncertain
-    np.testing.assert_array_equal(one.completion.after, other.completion.after)
-
-
 def test_logs_with_signs_are_completed_too():
     result, unsigned = identified("stribeck_friction", signed=True), identified("stribeck_friction")
     assert found(result) == found(unsigned) == {("stribeck_friction", (2,))}
     assert np.all(np.abs(result.fit.beta - unsigned.fit.beta) < 3.0 * unsigned.fit.sd)
-
-
-def test_what_is_no_way_to_complete():
-    with pytest.raises(InputError, match="nonsense"):
-        identify(complete="nonsense")
-
-
-def test_rows_of_a_selection_are_spread_evenly():
-    signals = prepare(log_with())
-    rows, rate = thinned(signals)
-    np.testing.assert_array_equal(rows, np.arange(len(MOTION)))
-    assert rate == pytest.approx(50.0)

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from sign_problems import synthetic
 
 from bayesid.signs.search.consequences import consequences
@@ -103,30 +101,3 @@ def test_segments_that_share_a_part_of_the_hessian_are_left_alone():
     case = Followed(shared, [int(np.argmax(shared.moments.energy))], 24.0)
     case.check()
     assert np.all(case.found.signs[~shared.moments.individual & (shared.moments.known == 0)] == 0)
-
-
-def test_nothing_follows_from_nothing():
-    problem = synthetic(0, 5, cone="free")
-    found = consequences(Problem(problem.moments, problem.solver(), np.inf), np.zeros(5, dtype=np.int64), 1e9)
-    assert found.free.tolist() == [0, 1, 2, 3, 4]
-    assert found.bound == 0.0
-    assert not found.excluded.size
-
-
-@settings(max_examples=150, deadline=None, derandomize=True)
-@given(
-    seed=st.integers(0, 10**6),
-    cone=st.sampled_from(["free", "orthant", "half", "body"]),
-    segments=st.integers(2, 7),
-    size=st.integers(1, 6),
-    longest=st.sampled_from([1, 3, 8]),
-    spread=st.sampled_from([1.0, 10.0]),
-    scale=st.sampled_from([1.0, 10.0, 100.0]),
-    within=st.sampled_from([0.5, 5.0, 50.0, 1e3]),
-    data=st.data(),
-)
-def test_it_holds_on_every_problem(seed, cone, segments, size, longest, spread, scale, within, data):
-    problem = synthetic(seed, segments, cone=cone, size=size, noise=0.3, longest=longest, spread=spread, scale=scale)
-    decided = data.draw(st.lists(st.integers(0, segments - 1), min_size=1, max_size=3, unique=True))
-    rank = data.draw(st.integers(0, len(problem.costs) - 1))
-    Followed(problem, decided, within, rank).check()

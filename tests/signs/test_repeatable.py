@@ -10,7 +10,6 @@ from bayesid.model.model import Model
 from bayesid.model.robot import robot_from_table
 from bayesid.posterior.sampler import Sampling
 from bayesid.signs.search.certified import Certified, certified
-from bayesid.signs.search.problem import OutOfTimeError, Problem
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
@@ -76,16 +75,6 @@ def test_a_repeatable_run_does_not_look_at_the_clock(arm, log, hasty):
     assert len(cut_short["draws"]) < len(quiet["draws"])
 
 
-def test_its_budget_counts_work(arm, log):
-    little, again, much = (
-        numbers(bayesid.identify(arm, log, TERMS, search=Certified(budget=budget, repeatable=True), posterior=False))
-        for budget in (1e-3, 1e-3, 10.0)
-    )
-    assert same(little, again)
-    assert much["certified"]
-    assert not little["certified"]
-
-
 def test_a_repeatable_discrepancy_does_not_look_at_the_clock(arm, log, hasty):
     terms = ("rigid_body", "viscous_friction")
     poor = bayesid.identify(arm, log, terms, complete="off", search=REPEATABLE["search"], posterior=False)
@@ -101,9 +90,6 @@ def test_a_repeatable_discrepancy_does_not_look_at_the_clock(arm, log, hasty):
     assert same(quiet, found())
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# The search by itself
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def hard():
     """A sign problem that no proof closes so soon: 60 segments in the noise."""
@@ -131,32 +117,3 @@ def test_a_search_that_blows_up_ends_all_the_same(hard, budget):
     found, _ = searched(hard, budget)
     assert not found.certified
     assert time.process_time() - began < 10.0 * budget + 2.0
-
-
-def test_whatever_asks_for_the_time_has_worked_since_it_last_asked(hard, monkeypatch):
-    """Or a loop could go on for ever. Two loops may ask one after the other for the same work, no more than that."""
-    asked = []
-
-    def out_of_time(problem):
-        asked.append(problem.spent)
-        return problem.spent > 0.3
-
-    monkeypatch.setattr(Problem, "out_of_time", property(out_of_time))
-    searched(hard, 0.3)
-    steps = np.diff(asked)
-    assert len(steps) > 100
-    assert np.all(steps >= 0.0)
-    assert np.all(steps[:-1] + steps[1:] > 0.0)
-
-
-def test_a_step_counts_whatever_was_priced_in_it():
-    problem = synthetic(5, 6, joints=2)
-    view = Problem(problem.moments, problem.solver(), 1.0, repeatable=True)
-    assert view.spent == 0.0
-    spent = [0.0]
-    for priced in (0, 10, 10_000):
-        view.check(priced)
-        spent.append(view.spent)
-    assert np.all(np.diff(spent, n=2) > 0.0)
-    with pytest.raises(OutOfTimeError):
-        view.check(10**9)

@@ -2,44 +2,24 @@ import numpy as np
 import pytest
 from conftest import smooth_motion
 from scipy.stats import t
+from smoothing_oracles import noise_of, ornstein_uhlenbeck, size_at_rest, weighed_paths
 
-from bayesid.fit.noise import Noise
 from bayesid.log.signals import Signals
-from bayesid.signs.smoothing import Blocks, sign_probabilities, smooth
+from bayesid.signs.smoothing import sign_probabilities, smooth
 
 RATE = 100.0
 
 
-def noise(white, coloured, correlation, n=1):
-    return Noise(np.full(n, white), np.full(n, coloured), np.full(n, correlation), np.ones(n))
-
-
-def by_monte_carlo(effort, predicted, white, coloured, memory, draws=400_000, seed=0):
-    """P(sign = +) by weighting paths of the Ornstein-Uhlenbeck process: no grid, no recursion over beliefs."""
-    rng = np.random.default_rng(seed)
-    b = coloured * rng.standard_normal(draws)
-    log_weight, plus = np.zeros(draws), []
-    for i, (e, p) in enumerate(zip(effort, predicted, strict=True)):
-        if i:
-            b = memory * b + coloured * np.sqrt(1 - memory**2) * rng.standard_normal(draws)
-        up, down = t(4).pdf((e - p - b) / white), t(4).pdf((-e - p - b) / white)
-        log_weight += np.log(up + down)
-        plus.append(up / (up + down))
-    weight = np.exp(log_weight - log_weight.max())
-    effective = weight.sum() ** 2 / (weight**2).sum()
-    return np.array([weight @ share for share in plus]) / weight.sum(), 0.5 / np.sqrt(effective)
-
-
-@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_against_monte_carlo(seed):
     """Six samples near zero, where every path matters; the grid's own error is below 0.02."""
     rng = np.random.default_rng(seed)
     predicted = np.array([0.9, 0.5, 0.1, -0.2, -0.5, -1.0]) + 0.2 * rng.standard_normal(6)
     effort = np.abs(predicted + 0.4 * rng.standard_normal(6))
-    white, coloured, correlation = 0.4, 0.5, 0.03
-    expected, error = by_monte_carlo(effort, predicted, white, coloured, np.exp(-1 / (correlation * RATE)))
-    moving = np.ones((6, 1), dtype=bool)
-    found = smooth(effort[:, None], predicted[:, None], moving, noise(white, coloured, correlation), RATE)
+    rng = np.random.default_rng(0)
+    steps = [ornstein_uhlenbeck(0.5, np.exp(-1 / (0.03 * RATE)), rng)] * 5
+    expected, error = weighed_paths(effort, predicted, 0.4, 0.5 * rng.standard_normal(400_000), steps)
+    found = smooth(effort[:, None], predicted[:, None], np.ones((6, 1), dtype=bool), noise_of(0.4, 0.5, 0.03), RATE)
     np.testing.assert_allclose(found[:, 0], expected, atol=4 * error + 0.02)
 
 
@@ -51,33 +31,11 @@ def test_neighbours_decide_what_a_sample_cannot():
     lost = (predicted < 0.0) & (truth > 0.0)
     assert lost.sum() > 10
     moving = np.ones((200, 1), dtype=bool)
-    found = smooth(np.abs(truth)[:, None], predicted[:, None], moving, noise(0.2, 1.0, 0.2), RATE)
+    found = smooth(np.abs(truth)[:, None], predicted[:, None], moving, noise_of(0.2, 1.0, 0.2), RATE)
     assert ((found[:, 0] > 0.5) == (truth > 0)).all()
     inside = np.abs(truth[lost])[:, None], predicted[lost][:, None], moving[lost]
-    alone = smooth(*inside, noise(0.2, 1.0, 0.2), RATE)
+    alone = smooth(*inside, noise_of(0.2, 1.0, 0.2), RATE)
     assert (alone < 0.5).mean() > 0.9, "without its neighbours the stretch would follow the model"
-
-
-def test_standstill_takes_its_sign_from_its_neighbours():
-    """At rest the model's friction fades away; the effort hardly changes, so neither does its sign."""
-    truth = np.concatenate([np.full(60, -3.0), np.linspace(-3.0, -1.8, 40), np.full(60, -3.2)])
-    predicted = truth.copy()
-    predicted[60:100] = 0.3 - 3.3 * np.exp(-np.arange(40) / 10.0)
-    predicted[90:100] = np.linspace(predicted[89], -3.2, 10)
-    moving = np.ones((160, 1), dtype=bool)
-    moving[60:100] = False
-    assert (predicted[60:100] > 0).any(), "the model alone would err"
-    found = smooth(np.abs(truth)[:, None], predicted[:, None], moving, noise(0.1, 0.3, 0.1), RATE)
-    assert (found[:, 0] < 0.5).all()
-
-
-def test_blocks_agree_with_the_whole():
-    rng = np.random.default_rng(5)
-    truth = np.cumsum(rng.standard_normal((3000, 2)), axis=0) * 0.1
-    predicted = truth + 0.3 * rng.standard_normal((3000, 2))
-    arguments = np.abs(truth), predicted, np.ones((3000, 2), dtype=bool), noise(0.3, 0.2, 0.05, 2), RATE
-    whole = smooth(*arguments)
-    np.testing.assert_allclose(smooth(*arguments, blocks=Blocks(samples=700, overlap=200)), whole, atol=1e-6)
 
 
 def test_probabilities_are_calibrated():
@@ -92,7 +50,7 @@ def test_probabilities_are_calibrated():
     predicted = 1.2 * np.sin(np.arange(n) / 40.0)[:, None] + 0.3
     value = predicted + b + white * rng.standard_normal((n, 1))
     moving = np.ones((n, 1), dtype=bool)
-    found = smooth(np.abs(value), predicted, moving, noise(white, coloured, correlation), RATE)[:, 0]
+    found = smooth(np.abs(value), predicted, moving, noise_of(white, coloured, correlation), RATE)[:, 0]
     for low, high in [(0.02, 0.2), (0.2, 0.5), (0.5, 0.8), (0.8, 0.98), (0.98, 1.0)]:
         inside = (found >= low) & (found < high)
         count, share = inside.sum(), (value[inside, 0] > 0).mean()
@@ -101,82 +59,53 @@ def test_probabilities_are_calibrated():
         assert share == pytest.approx(found[inside].mean(), abs=4 * 1.5 * sd + 0.005), (low, high)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Many draws of the model, standstill, tails
-# ---------------------------------------------------------------------------------------------------------------
 REST_TIME, TURNS = 0.5, 0.5
 """s in which static friction builds up, and the probability that it turns round at once in a standstill."""
 
 
-def weighed_paths(effort, predicted, moving, noise, draws=400_000, seed=0):
-    """P(sign = +) and its Monte Carlo error by weighting paths that are wider, and may turn round, at standstill.
-
-    A standstill is left by a wide step as it is entered by one; the sizes are those of one joint at one standstill.
-    """
-    at_rest = np.flatnonzero(~moving)
-    mismatch = np.sqrt(np.mean((effort - np.abs(predicted))[at_rest] ** 2))
-    wide = max(mismatch, 0.5 * abs(predicted[at_rest[-1] + 1] - predicted[at_rest[0] - 1]), noise.coloured[0])
-    steps = range(at_rest[0], at_rest[-1] + 2)
-    turn = 1.0 - (1.0 - TURNS) ** (1.0 / len(steps))
-    rng = np.random.default_rng(seed)
-    b = noise.coloured[0] * rng.standard_normal(draws)
-    log_weight, plus = np.zeros(draws), []
-    for i, (e, p) in enumerate(zip(effort, predicted, strict=True)):
-        if i:
-            size, time = (wide, REST_TIME) if i in steps else (noise.coloured[0], noise.correlation[0])
-            memory = np.exp(-1.0 / (time * RATE))
-            b = memory * b + size * np.sqrt(1.0 - memory**2) * rng.standard_normal(draws)
-            if i in steps:
-                b = np.where(rng.random(draws) < turn, wide * rng.standard_normal(draws), b)
-        up, down = t(4).pdf((e - p - b) / noise.white[0]), t(4).pdf((-e - p - b) / noise.white[0])
-        log_weight += np.log(up + down)
-        plus.append(up / (up + down))
-    weight = np.exp(log_weight - log_weight.max())
-    return np.array([weight @ share for share in plus]) / weight.sum(), 0.5 * np.sqrt((weight**2).sum()) / weight.sum()
-
-
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_standstill_against_weighed_paths(seed):
-    """Eleven samples, five of them at rest, where friction turns the prediction from below to above zero."""
+    """Eleven samples, five of them at rest, where friction turns the prediction from below to above zero.
+
+    Steps are wider, and friction may turn round, into a standstill, within it and out of it.
+    """
     rng = np.random.default_rng(seed)
     predicted = np.concatenate([[-1.1, -1.0, -0.9], np.full(5, 0.15), [0.8, 0.9, 1.0]])
     effort = np.abs(predicted + 0.25 * rng.standard_normal(11))
     moving = np.ones(11, dtype=bool)
     moving[3:8] = False
-    of_one = noise(0.3, 0.3, 0.04)
-    expected, error = weighed_paths(effort, predicted, moving, of_one)
-    found = smooth(effort[:, None], predicted[:, None], moving[:, None], of_one, RATE)[:, 0]
+    rng, wide, chance = (
+        np.random.default_rng(0),
+        size_at_rest(effort, predicted, moving, 0.3),
+        1 - (1 - TURNS) ** (1 / 6),
+    )
+    slow = ornstein_uhlenbeck(wide, np.exp(-1.0 / (REST_TIME * RATE)), rng)
+
+    def resting(b):
+        return np.where(rng.random(len(b)) < chance, wide * rng.standard_normal(len(b)), slow(b))
+
+    quick = ornstein_uhlenbeck(0.3, np.exp(-1.0 / (0.04 * RATE)), rng)
+    steps = [quick] * 2 + [resting] * 6 + [quick] * 2
+    expected, error = weighed_paths(effort, predicted, 0.3, 0.3 * rng.standard_normal(400_000), steps)
+    found = smooth(effort[:, None], predicted[:, None], moving[:, None], noise_of(0.3, 0.3, 0.04), RATE)[:, 0]
     assert 0.1 < expected[5] < 0.9, "in doubt"
     np.testing.assert_allclose(found, expected, atol=4.0 * error + 0.01)  # the grid's error
 
 
-@pytest.mark.parametrize("holds", [0.05, -0.3])
-def test_more_readings_of_a_standstill_are_no_less_sure(holds):
+def test_more_readings_of_a_standstill_are_no_less_sure():
     """Half a second, in which static friction holds more than the model has it; the effort's steady course tells."""
     doubt = []
     for rate in (50.0, 500.0):
         time = np.arange(int(1.5 * rate)) / rate
         shape = np.interp(time, [0.5, 0.65, 0.85, 1.0], [0.0, 1.0, 1.0, 0.0])[:, None]
         moving = ((time < 0.5) | (time >= 1.0))[:, None]
-        found = smooth(1.2 - 0.6 * shape, 1.2 + (holds - 1.2) * shape, moving, noise(0.1, 0.05, 0.1), rate)
+        found = smooth(1.2 - 0.6 * shape, 1.2 + (-0.3 - 1.2) * shape, moving, noise_of(0.1, 0.05, 0.1), rate)
         assert found.min() > 0.5
         doubt.append((1.0 - found[~moving]).mean())
     assert doubt[1] < doubt[0] < 0.01
 
 
-def test_many_predictions_give_the_average_of_each():
-    """Six, more than are smoothed at once; in motion the hidden process does not depend on the predictions."""
-    rng = np.random.default_rng(11)
-    truth = np.cumsum(rng.standard_normal((120, 2)), axis=0) * 0.2
-    predicted = truth[:, :, None] + 1.2 * rng.standard_normal((1, 2, 6))
-    moving, of_both = np.ones((120, 2), dtype=bool), noise(0.2, 0.3, 0.05, 2)
-    single = [smooth(np.abs(truth), predicted[:, :, k], moving, of_both, RATE) for k in range(6)]
-    found = smooth(np.abs(truth), predicted, moving, of_both, RATE)
-    np.testing.assert_allclose(found, np.mean(single, axis=0), atol=1e-6)  # beliefs are in single precision
-    assert np.std(single, axis=0).max() > 0.2, "the draws disagree somewhere"
-
-
-@pytest.mark.parametrize("rest", [1, 2, 3])
+@pytest.mark.parametrize("rest", [1, 3])
 def test_friction_that_turns_round_during_a_short_standstill_leaves_its_samples_unsure(rest):
     """|effort| agrees with |prediction| at every sample, whenever friction turns; the jump alone gives it away."""
     moving = np.ones((101 + rest, 1), dtype=bool)
@@ -184,7 +113,7 @@ def test_friction_that_turns_round_during_a_short_standstill_leaves_its_samples_
     sure = {}
     for after in (-0.8, 1.4):
         predicted = np.concatenate([np.full(60, 1.2), np.full(rest, 0.1), np.full(41, after)])[:, None]
-        found = smooth(np.abs(predicted), predicted, moving, noise(0.03, 0.03, 0.1), RATE)[:, 0]
+        found = smooth(np.abs(predicted), predicted, moving, noise_of(0.03, 0.03, 0.1), RATE)[:, 0]
         sure[after] = np.maximum(found, 1.0 - found)[60 : 60 + rest].min()
         np.testing.assert_array_equal(found[:60] > 0.99, True)
         np.testing.assert_array_equal(found[60 + rest :] > 0.99, after > 0.0)
@@ -194,37 +123,19 @@ def test_friction_that_turns_round_during_a_short_standstill_leaves_its_samples_
     assert 1.0 - sure[-0.8] > 8.0 * (1.0 - sure[1.4])
 
 
-@pytest.mark.parametrize("outlier", [0.9, 1.5, 3.0])
-def test_an_outlier_is_no_proof_of_its_sign(outlier):
+def test_an_outlier_is_no_proof_of_its_sign():
     """Without coloured noise every sample stands alone: Student's t, four degrees. A normal would be certain."""
-    predicted, effort = np.full((80, 1), 0.3), np.full((80, 1), 0.3)
-    effort[40] = outlier
-    white = noise(0.1, 1e-6, 0.1)
-    found = smooth(effort, predicted, np.ones((80, 1), dtype=bool), white, RATE)[:, 0]
-    up, down = t(4).pdf((outlier - 0.3) / 0.1), t(4).pdf((outlier + 0.3) / 0.1)
-    assert found[40] == pytest.approx(up / (up + down), abs=1e-4)
-    assert found[40] < 0.97
-    assert np.delete(found, 40).min() > 0.99
+    for outlier in (0.9, 1.5, 3.0):
+        predicted, effort = np.full((80, 1), 0.3), np.full((80, 1), 0.3)
+        effort[40] = outlier
+        found = smooth(effort, predicted, np.ones((80, 1), dtype=bool), noise_of(0.1, 1e-6, 0.1), RATE)[:, 0]
+        up, down = t(4).pdf((outlier - 0.3) / 0.1), t(4).pdf((outlier + 0.3) / 0.1)
+        assert found[40] == pytest.approx(up / (up + down), abs=1e-4)
+        assert found[40] < 0.97
+        assert np.delete(found, 40).min() > 0.99
 
 
-@pytest.mark.parametrize("turned", [True, False])
-def test_a_single_sample_at_standstill_is_never_certain(turned):
-    """Friction may have turned round in it, or not yet; a steady error would have to jump by 20 sd and back."""
-    predicted = np.concatenate([np.full(30, 1.0), [-1.0 if turned else 1.0], np.full(30, -1.0)])
-    moving = np.ones(61, dtype=bool)
-    moving[30] = False
-    arguments = np.ones((61, 1)), predicted[:, None], moving[:, None]
-    found = smooth(*arguments, noise(0.05, 0.1, 0.1), RATE)[:, 0]
-    assert found[:29].min() > 0.99
-    assert found[32:].max() < 0.01
-    assert 1e-4 < found[30] < 1.0 - 1e-4
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Logs
-# ---------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("draws", [1, 3])
-def test_known_signs_are_not_smoothed(draws):
+def test_known_signs_are_not_smoothed():
     """Joint 2 is measured, far from its prediction; joint 1 is smoothed as it would be by itself."""
     rng = np.random.default_rng(3)
     motion = smooth_motion(2, 0.8, RATE, seed=4)
@@ -232,9 +143,9 @@ def test_known_signs_are_not_smoothed(draws):
     effort[:, 0] = np.abs(effort[:, 0])
     every = np.ones((80, 2), dtype=bool)
     signals = Signals(motion, effort, effort, np.array([False, True]), RATE, 20.0, {}, every)
-    predicted = 0.7 * rng.standard_normal((80, 2, draws))
-    probability = sign_probabilities(signals, predicted, every, noise(0.4, 0.3, 0.05, 2))
+    predicted = 0.7 * rng.standard_normal((80, 2, 3))
+    probability = sign_probabilities(signals, predicted, every, noise_of(0.4, 0.3, 0.05, 2))
     np.testing.assert_array_equal(probability[:, 1], effort[:, 1] >= 0.0)
-    alone = smooth(effort[:, :1], predicted[:, :1], every[:, :1], noise(0.4, 0.3, 0.05), RATE)
+    alone = smooth(effort[:, :1], predicted[:, :1], every[:, :1], noise_of(0.4, 0.3, 0.05), RATE)
     np.testing.assert_allclose(probability[:, :1], alone, rtol=1e-12)
     assert 0.1 < probability[:, 0].mean() < 0.9
