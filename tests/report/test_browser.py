@@ -6,7 +6,7 @@ from dataclasses import replace
 import browser
 import pytest
 from conftest import small_robot
-from test_discrepancy_page import make
+from made_discrepancy import make
 
 from bayesid.identification.pipeline import identify
 from bayesid.posterior.sampler import Sampling
