@@ -6,7 +6,7 @@ from dataclasses import replace
 import browser
 import pytest
 from conftest import small_robot
-from test_discrepancy_page import make
+from made_discrepancy import make
 
 from bayesid.identification.pipeline import identify
 from bayesid.posterior.sampler import Sampling
@@ -180,8 +180,7 @@ def test_a_segments_link_leads_to_it(driver, report):
     first = "const a = document.querySelector('a[data-from]'); return [a.hash, +a.dataset.from, +a.dataset.to]"
     figure, start, end = driver.execute_script(first)
     click(driver, "a[data-from]")
-    seen = state(driver, figure)
-    margin = max(2.0 * (end - start), 0.2)
+    seen, margin = state(driver, figure), max(2.0 * (end - start), 0.2)
     left, right = seen["ends"]
     length = end - start + 2.0 * margin
     low = min(max(start - margin, left), right - length)

@@ -2,37 +2,20 @@
 
 import json
 import re
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from html_page import Page
 from made_findings import make_findings, with_alternatives, with_summary
-from test_discrepancy_page import Page
+from markupsafe import escape
 
 from bayesid.report.pages.identification_page import identification_page
 from bayesid.report.pages.rendering import typeset
 from bayesid.report.verdicts import check_findings
 
 EVIL = "<script>alert('x')</script> \" & <b>"
-
-
-class IdentificationPage(Page):
-    """The bars of the coefficients are hidden from those who hear the page: their numbers stand beside them."""
-
-    def __init__(self, text):
-        self.figures, self.hidden, self.links = {}, 0, []
-        super().__init__(text)
-
-    def handle_starttag(self, tag, attributes):
-        named = dict(attributes)
-        if tag == "svg" and named.get("aria-hidden") == "true":
-            self.hidden += 1
-            attributes = [*attributes, ("aria-label", "hidden")]
-        if tag == "figure" and "id" in named:
-            self.figures[named["id"]] = named
-        if tag == "a":
-            self.links.append(named)
-        super().handle_starttag(tag, attributes)
 
 
 def everything():
@@ -100,38 +83,23 @@ def pages():
         if name not in made:
             findings = MADE[name]()
             text = identification_page(findings)
-            made[name] = findings, IdentificationPage(text), text
+            made[name] = findings, Page(text), text
         return made[name]
 
     return get
 
 
-def test_only_a_proof_says_that_nothing_else_remains(pages):
-    said = "No other assignment of the strong segments remains"
-    assert said in pages("one_joint")[2]
-    assert not any(said in pages(name)[2] for name in ("unproven", "beam", "signed", "everything"))
-
-
 @pytest.mark.parametrize("name", MADE)
 def test_the_page_is_whole_and_needs_nothing_else(pages, name):
     findings, page, text = pages(name)
+    page.whole(text, scripts=1)
     static = text.partition("<script>")[0]
-    assert all(one.startswith(("#", "data:image/png;base64,")) for one in page.references)
-    assert not re.search(r"https?:|@import|url\((?!#)|<link|<iframe|srcset", text)
-    assert page.tags.count("script") == 1
-    assert len(set(page.identifiers)) == len(page.identifiers)
-    inside = {one[1:] for one in page.references if one.startswith("#")}
-    assert inside <= set(page.identifiers)
+    assert not re.search(r"https?:|url\((?!#)|<link|<iframe|srcset", text)
     assert set(re.findall(r'(?:url\(#|aria-labelledby=")([^")]*)', static)) <= set(page.identifiers)
-    assert all(page.labels)
     assert page.hidden == len(findings.coefficients.mean)
-    assert page.tags.count("figure") == page.tags.count("figcaption")
-    assert page.tags.count("h1") == page.tags.count("main") == 1
-    assert all(page.captions)
-    assert text.count("<table") == text.count("<caption>")
     words = re.sub(r"<svg.*?</svg>", "", static, flags=re.DOTALL)
     assert not re.search(r"\bnan\b|\bNone\b|np\.|array\(|\binf\b(?!\")", words)
-    assert text.endswith("</html>\n")
+    assert f"{escape(findings.summary.robot)}, " in text.partition("</title>")[0]
 
 
 @pytest.mark.parametrize("name", MADE)
@@ -143,26 +111,16 @@ def test_contents_and_checks_lead_to_their_sections(pages, name):
     assert re.findall(r'<a href="#([\w-]+)">([^<]+)</a>', contents) == sections
     checks = text.partition('<ul class="checks">')[2].partition("</ul>")[0]
     linked = {check: place for place, check in re.findall(r'<strong><a href="#([\w-]+)">([^<]+)</a>', checks)}
-    told = {one.name for one in check_findings(findings)}
+    told = check_findings(findings)
     without = ({"Proof"} if name == "signed" else set()) | (set() if findings.summary.warnings else {"Warnings"})
-    assert set(linked) == told - without
+    assert set(linked) == {one.name for one in told} - without
     assert linked["Fit"] == "residuals"
     assert set(linked.values()) <= {place for place, _ in sections} | {"warnings"}
-
-
-def test_the_window_names_robot_and_log(pages):
-    findings, _, text = pages("beam")
-    assert f"<title>Identification: {findings.summary.robot}, {findings.summary.log}</title>" in text
-
-
-@pytest.mark.parametrize("name", MADE)
-def test_all_checks_are_told(pages, name):
-    findings, _, text = pages(name)
-    for one in check_findings(findings):
-        word = {"good": "good", "look": "look at", "bad": "bad", "not done": "not done"}[one.state]
-        assert re.search(f'<span class="light">{word}</span><div><strong>(<a [^>]*>)?{one.name}(</a>)?:</strong>', text)
-        assert typeset(one.message.split("`")[0]) in text
-        assert typeset(one.remedy.split("`")[0]) in text
+    for one in told:
+        assert typeset(one.message.split("`")[0]) in checks
+        assert typeset(one.remedy.split("`")[0]) in checks
+    lights = Counter(re.findall(r'<span class="light">([^<]+)</span>', checks))
+    assert lights == Counter("look at" if one.state == "look" else one.state for one in told)
 
 
 def test_the_numbers_of_the_tables_are_those_found(pages):
@@ -260,19 +218,18 @@ def test_what_was_run_is_told(pages):
 @pytest.mark.parametrize(
     ("name", "there", "not_there"),
     [
-        ("everything", ["hidden in all joints", "listed above", "RMS error", "Nominal</th>"], ["No posterior"]),
-        ("one_joint", ["No other assignment", "has not been tried", "not done"], ["Nominal</th>", ">Thinned"]),
-        ("beam", ["No posterior was sampled", "Nothing is proven"], ['id="alternatives-']),
-        ("signed", ["All signs were known", ">recorded</li>"], ['id="proof"', "hidden in", "Hatched"]),
-        ("unproven", ["costs at least 800.25", 'id="alternatives-', "is not ruled out"], ["No assignment costs less"]),
+        ("everything", ["Nominal</th>", 'id="pair-', 'id="rank-', 'id="validation2broad-'], ["No other assignment"]),
+        ("one_joint", ["No other assignment", 'id="pair-', 'id="torque1slim-'], ["Nominal</th>", 'id="validation1']),
+        ("beam", ['id="proof"'], ['id="alternatives-', 'id="pair-', "No other assignment"]),
+        ("signed", [">recorded</li>"], ['id="proof"', "Hatched", 'id="pair-']),
+        ("unproven", ["800.25", 'id="alternatives-'], ["No other assignment"]),
     ],
 )
-def test_what_is_there_is_told_and_what_is_not_is_not(pages, name, there, not_there):
+def test_what_is_there_is_shown_and_what_is_not_is_not(pages, name, there, not_there):
+    """Only a proof says that nothing else remains."""
     _, _, text = pages(name)
-    for words in there:
-        assert words in text
-    for words in not_there:
-        assert words not in text
+    assert [one for one in there if one not in text] == []
+    assert [one for one in not_there if one in text] == []
 
 
 def test_what_the_log_does_not_show_has_no_interval(pages):
@@ -281,26 +238,6 @@ def test_what_the_log_does_not_show_has_no_interval(pages):
     assert rows[1][3] == []
     assert rows[1][2] == [np.inf]
     assert "&gt; 1000" in text
-    assert "Do not rely on this result yet" in text
-
-
-def test_all_figures_are_there(pages):
-    _, _, text = pages("everything")
-    for name in (
-        "forest",
-        "pair",
-        "trace",
-        "rank",
-        "residual1",
-        "residual2",
-        "alternatives",
-        "torque1broad",
-        "torque1slim",
-        "validation2broad",
-    ):
-        assert f'id="{name}-' in text
-    _, _, text = pages("one_joint")
-    assert 'id="pair-' in text  # of two
 
 
 def test_the_same_findings_make_the_same_page(pages):
@@ -313,7 +250,7 @@ def test_the_same_findings_make_the_same_page(pages):
 
 def test_a_minute_of_seven_joints_fits_into_a_mail():
     """60 s at 1 kHz, thinned as findings are; 900 segments, 68 coefficients' worth of draws, and a validation."""
-    found = make_findings(n=7, count=40_000, per_joint=129, validated=True)
+    found = make_findings(n=7, count=20_000, per_joint=129, validated=True)
     long = replace(
         found,
         samples=replace(found.samples, every=2, t=found.samples.t * 0.15),
@@ -322,9 +259,8 @@ def test_a_minute_of_seven_joints_fits_into_a_mail():
     )
     text = identification_page(long)
     assert len(text.encode()) < 5_000_000
-    assert "One of 2 samples is shown" in text
-    assert "The 7 largest" not in text
-    IdentificationPage(text)
+    assert "of 2 samples" in text
+    Page(text)
 
 
 def test_a_page_draws_without_matplotlib(monkeypatch):

@@ -1,5 +1,7 @@
 """The picture of a planned motion: limits, bands, poses and distances are drawn where they are."""
 
+import re
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -36,6 +38,7 @@ EFFORT = np.array([20.0, 5.0, -2.0]) * np.sin(T)[:, None]
 BAND = EFFORT - np.array([1.0, 2.0, 0.5]), EFFORT + np.array([1.5, 2.5, 0.25])
 DISTANCE = 0.2 + 0.15 * np.cos(T) * np.sin(2.0 * T)
 NAMES = ("left", "elbow", "wrist")
+EXTREMES = ("start", "lowest tip", "highest tip", "farthest out", "least distance (1.23 s)")
 
 
 def picture(**what):
@@ -57,18 +60,10 @@ def lines(ax, gid):
     return [line.get_xydata() for line in ax.lines if line.get_gid() == gid]
 
 
-def words(ax):
-    return {text.get_text(): text for text in ax.texts}
-
-
 def test_limits_are_lines_where_they_are_and_in_sight():
     axes, _ = drawn(picture())
-    ends = [
-        [{-1.0, 1.5}, {2.0}, {-0.5, 1.9}],
-        [{-2.0, 2.0}, {-3.0, 3.0}, {-4.0, 4.0}],
-        [set(), set(), set()],
-        [{-50.0, 50.0}, {-8.0, 8.0}, {-3.0, 3.0}],
-    ]
+    velocity, effort = ([{-limit, limit} for limit in some] for some in ((2.0, 3.0, 4.0), (50.0, 8.0, 3.0)))
+    ends = [[{-1.0, 1.5}, {2.0}, {-0.5, 1.9}], velocity, [set(), set(), set()], effort]
     for column, rows in enumerate(ends):
         for ax, expected in zip(axes[:, column], rows, strict=True):
             assert {line[0, 1] for line in lines(ax, "limit")} == expected
@@ -92,29 +87,28 @@ def test_curves_are_the_motion_with_its_extremes():
         assert y.max() == pytest.approx(BAND[1][:, j].max(), abs=1e-3)
 
 
-def test_margins_are_said_and_what_goes_beyond_stands_out():
+def test_margins_are_told_and_what_goes_beyond_stands_out():
     """Positions by what is left, the rest by what is used, efforts with their band."""
     axes, _ = drawn(picture())
-    assert {"1  left", "0.5 to a limit"} <= set(words(axes[0, 0])), "0.2 - 0.7 from -1"
-    assert "2.1 to a limit" in words(axes[1, 0]), "no lower limit: -0.5 + 0.4 from 2"
-    beyond = words(axes[2, 0])["0.1 beyond a limit"]
-    assert beyond.get_color() == MAGENTA, "0.9 + 1.1 over 1.9"
-    speeds = [f"{100.0 * v:.0f} % of the limit" for v in np.abs(SWING * W) / LIMITS.velocity]
-    for ax, text in zip(axes[:, 1], speeds, strict=True):
-        assert text in words(ax)
-    assert words(axes[2, 1])[speeds[2]].get_color() == MAGENTA
-    assert words(axes[0, 1])[speeds[0]].get_color() != MAGENTA
-    efforts = [max(-low, high) for low, high in zip(BAND[0].min(axis=0), BAND[1].max(axis=0), strict=True)]
-    for ax, effort, limit in zip(axes[:, 3], efforts, LIMITS.effort, strict=True):
-        assert f"{100.0 * effort / limit:.0f} % of the limit" in words(ax)
-    assert set(words(axes[1, 2])) == set(), "no limit, nothing said"
+
+    def told(ax):
+        """Number and whether it stands out."""
+        (text,) = [one for one in ax.texts if "limit" in one.get_text()]
+        return float(re.findall(r"[\d.]+", text.get_text())[0]), text.get_color() == MAGENTA
+
+    assert [told(ax) for ax in axes[:, 0]] == [(0.5, False), (2.1, False), (0.1, True)]
+    efforts = np.maximum(-BAND[0].min(axis=0), BAND[1].max(axis=0))
+    for column, used in ((1, np.abs(SWING * W) / LIMITS.velocity), (3, efforts / LIMITS.effort)):
+        for ax, share in zip(axes[:, column], used, strict=True):
+            assert told(ax) == (float(f"{100.0 * share:.0f}"), share > 1.0)
+    assert not axes[1, 2].texts, "no limit, nothing said"
 
 
 def test_without_efforts_and_limits_there_are_three_columns():
     axes, below = drawn(picture(effort=None, effort_band=None, limits=JointLimits(), distance=None))
     assert axes.shape == (3, 3)
     assert not [line for ax in axes.flat for line in lines(ax, "limit")]
-    assert [text.get_text() for text in below[-1].texts] == ["Distances to itself and to the floor were not checked."]
+    assert "not checked" in below[-1].texts[0].get_text()
 
 
 def test_the_distance_is_drawn_with_its_margin_and_its_least():
@@ -124,7 +118,7 @@ def test_the_distance_is_drawn_with_its_margin_and_its_least():
     row = int(np.argmin(DISTANCE))
     np.testing.assert_array_equal(least, [[T[row], DISTANCE[row]]])
     assert curve[:, 1].min() == DISTANCE[row]
-    assert ax.get_title().startswith(f"least distance {1e3 * DISTANCE[row]:.0f} mm, at {T[row]:.3g} s")
+    assert re.search(rf"{1e3 * DISTANCE[row]:.0f} mm.*{T[row]:.3g} s", ax.get_title())
     assert ax.title.get_color() != MAGENTA
     _, (ax,) = drawn(picture(margin=0.19))
     assert ax.title.get_color() == MAGENTA
@@ -155,26 +149,18 @@ def test_poses_are_lines_through_the_points_from_two_sides():
 
 
 def test_extreme_poses_of_a_robot():
-    robot = bayesid.load_robot("ur10e")
-    t = np.linspace(0.0, 3.0, 301)
+    robot, t = bayesid.load_robot("ur10e"), np.linspace(0.0, 3.0, 301)
     q = np.array([0.3, -1.2, 1.0, -0.4, 0.6, 0.2]) + np.outer(np.sin(t), [0.8, 0.5, -0.9, 0.3, 0.2, 0.1])
-    motion = Motion(t, q, np.zeros_like(q), np.zeros_like(q))
     tip = np.stack([pose(robot, row).flange[:3, 3] for row in q])
-    distance = np.abs(t - 1.234) + 0.1
-    poses = extreme_poses(robot, motion, distance, -0.5)
+    poses = extreme_poses(robot, Motion(t, q, 0.0 * q, 0.0 * q), np.abs(t - 1.234) + 0.1, -0.5)
     assert poses.floor == -0.5
     ends = {label: line[~np.isnan(line[:, 0])][-1] for label, line in zip(poses.labels, poses.points, strict=True)}
-
-    def end(name):
-        (found,) = [point for label, point in ends.items() if name in label]
-        return found
-
-    np.testing.assert_allclose(end("start"), tip[0], atol=1e-12)
-    assert end("lowest tip")[2] == pytest.approx(tip[:, 2].min(), abs=1e-12)
-    assert end("highest tip")[2] == pytest.approx(tip[:, 2].max(), abs=1e-12)
-    assert np.hypot(*end("farthest out")[:2]) == pytest.approx(np.hypot(*tip[:, :2].T).max(), abs=1e-12)
-    np.testing.assert_allclose(end("least distance"), tip[123], atol=1e-12)
-    assert any("least distance (1.23 s)" in label for label in poses.labels)
+    said = {name: next(end for label, end in ends.items() if name in label) for name in EXTREMES}
+    np.testing.assert_allclose(said["start"], tip[0], atol=1e-12)
+    assert said["lowest tip"][2] == pytest.approx(tip[:, 2].min(), abs=1e-12)
+    assert said["highest tip"][2] == pytest.approx(tip[:, 2].max(), abs=1e-12)
+    assert np.hypot(*said["farthest out"][:2]) == pytest.approx(np.hypot(*tip[:, :2].T).max(), abs=1e-12)
+    np.testing.assert_allclose(said["least distance (1.23 s)"], tip[123], atol=1e-12)
     np.testing.assert_array_equal(poses.points[0], skeleton_line(robot, q[0]))
 
 
@@ -184,8 +170,3 @@ def test_what_does_not_fit_the_motion_is_refused():
             picture(**what)
     with pytest.raises(ValueError, match="names"):
         MotionPicture("arm", NAMES[:2], MOTION)
-
-
-def test_it_is_saved_as_svg(tmp_path):
-    planned_motion(picture()).savefig(tmp_path / "planned.svg", transparent=False, facecolor="white")
-    assert (tmp_path / "planned.svg").read_text().rstrip().endswith("</svg>")

@@ -3,11 +3,12 @@
 import subprocess
 import sys
 from dataclasses import replace
-from inspect import signature
 
+import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from conftest import small_robot
 from made_findings import make_findings, with_alternatives, with_summary
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex, to_rgba
@@ -76,102 +77,74 @@ def test_a_stretch_of_time_can_be_looked_at(recwarn, tmp_path):
     assert not [one for one in recwarn if "constrained" in str(one.message)]
 
 
-# --- Where it is drawn -----------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("name", ALL)
-def test_axes_come_back_in_a_figure_of_their_own(name):
-    drawn = axes_of(ALL[name](FOUND))
-    assert all(isinstance(ax, Axes) for ax in drawn)
-    assert len({id(ax.figure) for ax in drawn}) == 1
-    assert isinstance(drawn[0].figure, Figure)
+def test_axes_come_back_in_a_figure_of_their_own():
+    """Drawing changes neither what was found nor how the user's own figures look."""
+    style = dict(mpl.rcParams)
+    before = {key: value.copy() for key, value in vars(SAMPLES).items() if isinstance(value, np.ndarray)}
+    for draw in ALL.values():
+        drawn = axes_of(draw(FOUND))
+        assert all(isinstance(ax, Axes) for ax in drawn)
+        assert len({id(ax.figure) for ax in drawn}) == 1
+        assert isinstance(drawn[0].figure, Figure)
+    assert dict(mpl.rcParams) == style
     assert plt.get_fignums() == []
+    for key, value in before.items():
+        np.testing.assert_array_equal(getattr(SAMPLES, key), value)
 
 
-@pytest.mark.parametrize("name", OF_JOINTS)
-def test_given_axes_are_used(name):
-    axes = Figure().subplots(2)
-    assert OF_JOINTS[name](FOUND, joints=[3, 1], axes=list(axes)) == axes.tolist()
-    assert "3" in axes[0].get_ylabel()
-    assert "1" in axes[1].get_ylabel()
-    assert len(axes[0].figure.axes) == 2
-
-
-@pytest.mark.parametrize("name", SINGLE | {"forest": plot.forest})
-def test_a_given_axes_is_used(name):
-    ax = Figure().subplots()
-    assert ALL[name](FOUND, ax=ax) is ax
-    assert ax.figure.axes == [ax]
-
-
-def test_given_grids_are_used():
-    for draw, shape, count in ((plot.pair, (2, 2), 3), (plot.trace, (3, 2), 3), (plot.rank, (3,), 3)):
+def test_given_axes_are_used_and_no_others():
+    for draw in OF_JOINTS.values():
+        axes = Figure().subplots(2)
+        assert draw(FOUND, joints=[3, 1], axes=list(axes)) == axes.tolist()
+        assert ["3" in axes[0].get_ylabel(), "1" in axes[1].get_ylabel()] == [True, True]
+        assert len(axes[0].figure.axes) == 2
+        alone = Figure().subplots()
+        assert draw(FOUND, joints=[2], axes=alone) == [alone]
+    for draw in (*SINGLE.values(), plot.forest):
+        ax = Figure().subplots()
+        assert draw(FOUND, ax=ax) is ax
+        assert ax.figure.axes == [ax]
+    for draw, shape in ((plot.pair, (2, 2)), (plot.trace, (3, 2)), (plot.rank, (3,))):
         grid = Figure().subplots(*shape)
-        drawn = draw(FOUND, count, grid)
+        drawn = draw(FOUND, 3, grid)
         assert set(drawn) <= set(grid.ravel().tolist())
         assert set(grid.ravel()[0].figure.axes) <= set(grid.ravel().tolist())
         assert all(ax.has_data() for ax in drawn)
 
 
-@pytest.mark.parametrize("name", ALL)
-def test_what_draws_one_takes_ax_and_what_draws_several_takes_axes(name):
-    given = "ax" if isinstance(ALL[name](FOUND), Axes) else "axes"
-    assert {"ax", "axes"} & set(signature(ALL[name]).parameters) == {given}
-    assert f"{given}: " in ALL[name].__doc__
-
-
-@pytest.mark.parametrize("name", OF_JOINTS)
-def test_the_axes_of_one_joint_need_no_list(name):
-    ax = Figure().subplots()
-    assert OF_JOINTS[name](FOUND, joints=[2], axes=ax) == [ax]
-
-
-@pytest.mark.parametrize("name", ["pair", "trace", "rank"])
-def test_axes_that_are_too_few_are_told(name):
-    with pytest.raises(ValueError, match=r"1 axes are given, \d are needed"):
-        OF_DRAWS[name](FOUND, 3, [Figure().subplots()])
-
-
-@pytest.mark.parametrize("name", OF_JOINTS)
-@pytest.mark.parametrize("joints", [[0], [4], [1, -1], []])
-def test_joints_that_there_are_not(name, joints):
-    with pytest.raises(ValueError, match="choose from 1 to 3"):
-        OF_JOINTS[name](FOUND, joints=joints)
-
-
-@pytest.mark.parametrize("name", OF_JOINTS)
-def test_not_one_axes_for_each_joint(name):
-    with pytest.raises(ValueError, match="2 axes are given, 3 are needed"):
-        OF_JOINTS[name](FOUND, axes=Figure().subplots(2).tolist())
-
-
-@pytest.mark.parametrize("name", OF_DRAWS)
-def test_without_a_posterior(name):
-    with pytest.raises(ValueError, match="no posterior was sampled"):
-        OF_DRAWS[name](BARE)
-
-
-def test_without_a_validation_or_a_proof_or_such_a_variable():
-    with pytest.raises(ValueError, match="nothing was validated"):
+def test_what_cannot_be_drawn_is_told():
+    for draw in OF_JOINTS.values():
+        for joints in ([0], [4], [1, -1], []):
+            with pytest.raises(ValueError, match="1 to 3"):
+                draw(FOUND, joints=joints)
+        with pytest.raises(ValueError, match=r"2 axes.*3"):
+            draw(FOUND, axes=Figure().subplots(2).tolist())
+    for draw in (plot.pair, plot.trace, plot.rank):
+        with pytest.raises(ValueError, match=r"1 axes.*\d"):
+            draw(FOUND, 3, [Figure().subplots()])
+    for draw in OF_DRAWS.values():
+        with pytest.raises(ValueError, match="posterior"):
+            draw(BARE)
+    with pytest.raises(ValueError, match="validated"):
         plot.validation(BARE)
-    with pytest.raises(ValueError, match="nothing has been proven"):
+    with pytest.raises(ValueError, match="proven"):
         plot.alternatives(with_summary(FOUND, "search", lower_bound=None, certified=False))
-    with pytest.raises(ValueError, match="'acceleration' is none of t, velocity, position"):
+    with pytest.raises(ValueError, match=r"'acceleration'.*t, velocity, position"):
         plot.residuals(FOUND, "acceleration")
     with pytest.raises(ValueError, match="two coefficients"):
         plot.pair(make_findings(coefficients=1))
 
 
 def test_identifications_and_folders_can_be_drawn(tmp_path):
-    robot = bayesid.load_robot("kr5")
+    robot = small_robot(2)
     log = simulate_log(robot, 3.0, 50.0, 0.05, [], 0)[1]
-    result = bayesid.identify(
-        robot, log, terms=["rigid_body"], search=bayesid.Certified(repeatable=True), posterior=False
-    )
+    result = bayesid.identify(robot, log, terms=["rigid_body"], posterior=False, complete="off")
     folder = save_identification(result, tmp_path / "result", report=False)
     (by_result,), (by_folder,) = plot.torques(result, [2]), plot.torques(str(folder), [2])
     for one, other in zip(by_result.lines, by_folder.lines, strict=True):
         np.testing.assert_allclose(other.get_ydata(), one.get_ydata(), rtol=1e-6, atol=1e-30)
     for wrong in (tmp_path, str(tmp_path / "nowhere")):
-        with pytest.raises(InputError, match=r"holds no summary\.json"):
+        with pytest.raises(InputError, match=r"summary\.json"):
             plot.torques(wrong)
 
 
@@ -190,31 +163,31 @@ def test_efforts_are_those_found():
         assert ax.get_ylabel() == f"joint {j + 1}: effort, {'N' if j == 2 else 'N m'}"
 
 
-def test_a_sign_that_was_known_needs_no_second_curve():
-    (ax,) = plot.torques(make_findings(n=3, signed_joints=(2,)), [2])
-    assert list(curves(ax)) == ["recorded", "model"]
-
-
 def test_many_samples_are_drawn_by_their_extremes():
-    many = make_findings(n=1, count=9000, draws=False)
+    """And signs that have no room, at 300 segments in 10 in, are left out."""
+    many = make_findings(n=1, count=9000, per_joint=300, draws=False, signed_joints=())
     (ax,) = plot.torques(many, axes=[Figure(figsize=(6.0, 2.0)).subplots()])
     values = many.samples.predicted[:, 0]
     rows = envelope(values, 1800)
     np.testing.assert_array_equal(curves(ax)["model"], np.column_stack([many.samples.t[rows], values[rows]]))
     assert len(rows) < 2000
+    assert not ax.texts
+    assert len(intervals(gid(ax, "x-plus"))) + len(intervals(gid(ax, "x-minus"))) == 300
+    (known,) = plot.torques(make_findings(n=3, signed_joints=(2,)), [2])
+    assert list(curves(known)) == ["recorded", "model"]
 
 
-@pytest.mark.parametrize(("sign", "name", "colour"), [(1, "x-plus", BLUE), (-1, "x-minus", ORANGE)])
-def test_bands_are_segments(sign, name, colour):
+def test_bands_are_segments():
     """Blue is plus; opacity from 0.05 at confidence 0.5 to 0.34 at 1, a straight line."""
     for j, ax in enumerate(plot.torques(FOUND)):
-        mine = np.flatnonzero((SEGMENTS.joint == j) & (SEGMENTS.sign == sign))
-        bands = gid(ax, name)
-        np.testing.assert_allclose(intervals(bands), np.column_stack([SEGMENTS.start[mine], SEGMENTS.end[mine]]))
-        alpha = np.interp(SEGMENTS.confidence[mine], [0.5, 1.0], [0.05, 0.34])
-        np.testing.assert_allclose(bands.get_facecolors(), [to_rgba(colour, one) for one in alpha], atol=1e-12)
-        height = bands.get_paths()[0].vertices[:, 1]
-        assert (height.min(), height.max()) == (0.0, 1.0)  # of the axes, however large the efforts
+        for sign, name, colour in ((1, "x-plus", BLUE), (-1, "x-minus", ORANGE)):
+            mine = np.flatnonzero((SEGMENTS.joint == j) & (SEGMENTS.sign == sign))
+            bands = gid(ax, name)
+            np.testing.assert_allclose(intervals(bands), np.column_stack([SEGMENTS.start[mine], SEGMENTS.end[mine]]))
+            alpha = np.interp(SEGMENTS.confidence[mine], [0.5, 1.0], [0.05, 0.34])
+            np.testing.assert_allclose(bands.get_facecolors(), [to_rgba(colour, one) for one in alpha], atol=1e-12)
+            height = bands.get_paths()[0].vertices[:, 1]
+            assert (height.min(), height.max()) == (0.0, 1.0)  # of the axes, however large the efforts
 
 
 def test_ambiguous_segments_are_hatched():
@@ -227,25 +200,6 @@ def test_ambiguous_segments_are_hatched():
         assert to_hex(bands.get_edgecolor()[0]) == INK
     sure = replace(FOUND, segments=replace(SEGMENTS, ambiguous=np.zeros_like(SEGMENTS.ambiguous)))
     assert not [one for one in plot.torques(sure)[0].get_children() if one.get_gid() == "x-doubt"]
-
-
-def test_signs_stand_above_their_segments():
-    minus = "\N{MINUS SIGN}"
-    for j, ax in enumerate(plot.torques(FOUND)):
-        glyphs = {text.get_gid(): text for text in ax.texts}
-        assert set(glyphs) == {f"glyph-{k}" for k in np.flatnonzero(SEGMENTS.joint == j)}
-        for k in np.flatnonzero(SEGMENTS.joint == j):
-            text = glyphs[f"glyph-{k}"]
-            assert text.get_text() == ("+" if SEGMENTS.sign[k] > 0 else minus) + "?" * bool(SEGMENTS.ambiguous[k])
-            assert text.xy[0] == pytest.approx(0.5 * (SEGMENTS.start[k] + SEGMENTS.end[k]))
-            assert text.get_annotation_clip()  # one that zooms leaves none beside the axes
-
-
-def test_signs_that_have_no_room_are_left_out():
-    """0.13 in of a figure of 10 in, at 300 segments: every one is narrower."""
-    (ax,) = plot.torques(make_findings(n=1, per_joint=300, draws=False))
-    assert not ax.texts
-    assert len(intervals(gid(ax, "x-plus"))) + len(intervals(gid(ax, "x-minus"))) == 300
 
 
 def test_a_validation_is_drawn_with_its_band():
@@ -301,13 +255,9 @@ def test_coefficients_are_drawn_in_units_of_their_size():
     np.testing.assert_array_equal(ax.lines[0].get_ydata(), np.flatnonzero(known))
     assert [text.get_text() for text in ax.get_yticklabels()] == list(FOUND.coefficients.name)
     assert ax.get_ylim()[0] > ax.get_ylim()[1]  # the first one on top
-
-
-def test_coefficients_that_the_log_does_not_show_have_lines_without_end():
-    table = FOUND.coefficients
-    shown = replace(table, sd=np.where(np.arange(8) == 1, np.inf, table.sd))
+    shown = replace(FOUND.coefficients, sd=np.where(np.arange(8) == 1, np.inf, FOUND.coefficients.sd))
     ends = plot.coefficients(replace(FOUND, coefficients=shown)).collections[0].get_segments()[1][:, 0]
-    assert ends.tolist() == [-2.5, 2.5]
+    assert ends.tolist() == [-2.5, 2.5]  # of what the log does not show
 
 
 def test_alternatives_are_drawn_by_what_they_cost_more():
@@ -317,16 +267,8 @@ def test_alternatives_are_drawn_by_what_they_cost_more():
     np.testing.assert_allclose(best.get_offsets(), [[0.0, 0.0]])
     (shade,) = ax.patches
     assert shade.get_x() == pytest.approx(13.8)
-    only = plot.alternatives(FOUND)
-    names = [text.get_text() for text in only.figure.legends[0].get_texts()]
-    assert names == ["best found", "all others"]
-
-
-def test_what_is_not_ruled_out_is_drawn():
-    open_end = with_summary(
-        FOUND, "search", certified=False, lower_bound=800.25, gap=12.25, within=None, assignments=None
-    )
-    (shade,) = plot.alternatives(open_end).patches
+    open_end = {"certified": False, "lower_bound": 800.25, "gap": 12.25, "within": None, "assignments": None}
+    (shade,) = plot.alternatives(with_summary(FOUND, "search", **open_end)).patches
     assert (shade.get_x(), shade.get_width()) == pytest.approx((-12.25, 12.25))
 
 
@@ -374,25 +316,8 @@ def test_ranks_are_counted():
         tops, _, base = bars.get_data()
         counts, _ = np.histogram(of_ensemble, bins=len(tops), range=(0, scaled.size))
         assert np.corrcoef(tops - base, counts)[0, 1] > 0.95
-
-
-@pytest.mark.parametrize("coefficients", [1, 2, 3])
-@pytest.mark.parametrize("name", ["forest", "trace", "rank"])
-def test_few_coefficients_can_be_drawn(name, coefficients):
-    assert axes_of(OF_DRAWS[name](make_findings(n=1, coefficients=coefficients)))
-
-
-def test_drawing_changes_nothing():
-    """Neither what was found nor how the user's own figures look."""
-    import matplotlib as mpl
-
-    style = dict(mpl.rcParams)
-    before = {key: value.copy() for key, value in vars(SAMPLES).items() if isinstance(value, np.ndarray)}
-    for draw in ALL.values():
-        draw(FOUND)
-    assert dict(mpl.rcParams) == style
-    for key, value in before.items():
-        np.testing.assert_array_equal(getattr(SAMPLES, key), value)
+    for name in ("forest", "trace", "rank"):  # as few as there can be
+        assert axes_of(OF_DRAWS[name](make_findings(n=1, coefficients=1)))
 
 
 def test_nothing_heavy_is_imported_before_it_is_needed():

@@ -52,7 +52,7 @@ def numbers(text):
 
 
 # --- What is planned -------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("share", [0.1, 0.3, 1.0])
+@pytest.mark.parametrize("share", [0.1, 1.0])
 def test_a_slowed_motion_has_the_same_path_and_the_derivatives_of_its_own_time(share):
     slow = planned().slowed(share)
     assert slow.duration == pytest.approx(DURATION / share, rel=1e-15)
@@ -132,7 +132,7 @@ def test_krl_points_are_the_motion(share):
     assert code[-3:] == ["TIME_BLOCK END", "ENDSPLINE", "END"]
 
 
-@pytest.mark.parametrize(("rate", "cycle"), [(250.0, 0.004), (100.0, 0.012), (1000.0, 0.004), (83.33, 0.012)])
+@pytest.mark.parametrize(("rate", "cycle"), [(250.0, 0.004), (83.33, 0.012)])
 def test_rsi_rows_are_corrections_from_the_start_pose(rate, cycle):
     slides = (False, True, False, False, False, False)
     lines = rsi_table(planned(rate=rate, prismatic=slides)).splitlines()
@@ -181,7 +181,7 @@ def run(script):
     return calls
 
 
-@pytest.mark.parametrize(("rate", "cycle"), [(500.0, 0.002), (100.0, 0.01), (125.0, 0.008), (1000.0, 0.002)])
+@pytest.mark.parametrize(("rate", "cycle"), [(125.0, 0.008), (1000.0, 0.002)])
 def test_urscript_follows_the_motion_in_its_time(rate, cycle):
     (move, start, named), *between, stop = run(urscript(planned(rate=rate).slowed(0.3)))
     assert move == "movej"
@@ -279,10 +279,6 @@ def test_files_that_a_robot_cannot_have_are_left_out_and_said_so(tmp_path):
     assert "7 joints" in programs.left_out["motion.script"]
     for folder in programs.folders:
         assert {path.name for path in folder.iterdir()} == {"motion.csv", "joint_trajectory.yaml"} == {*programs.files}
-
-
-def test_files_of_others_in_an_earlier_folder_are_not_replaced(tmp_path):
-    save_programs(planned(3, rate=20.0), tmp_path)
     check_programs(tmp_path)
     check_programs(tmp_path / "new")
     (tmp_path / "speed_30" / "mine.txt").write_text("x")

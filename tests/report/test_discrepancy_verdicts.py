@@ -1,0 +1,261 @@
+"""What is said of a discrepancy: the verdicts, their states, and the numbers, joints and effects that they name."""
+
+import re
+import string
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_discrepancy import FRICTION, NOTHING, floor_of, found, friction, made_of, make
+
+from bayesid.discrepancy.compare import Excess
+from bayesid.fit.effects.worth import Cost, EffortSize
+from bayesid.model import distortions, terms
+from bayesid.model.catalogue import forms, make_effect
+from bayesid.model.distortions.base_tilt import BaseTilt
+from bayesid.model.distortions.delay import Delay
+from bayesid.model.distortions.gain_error import GainError
+from bayesid.model.terms.cable_drag import CableDrag
+from bayesid.model.terms.coulomb_friction import CoulombFriction
+from bayesid.model.terms.learned_effect import LearnedEffect
+from bayesid.model.terms.payload import CarriedPayload, Payload
+from bayesid.model.terms.thermal_drift import ThermalDrift
+from bayesid.model.terms.torque_offset import TorqueOffset
+from bayesid.report.discrepancy_verdicts import discrepancy_checks, lead
+from bayesid.report.words import joints_in_words, label, listed, quantity, rounded
+
+BODY = {
+    "mass": (2.8, 0.04, "kg"),
+    "centre of mass x": (0.03, 0.004, "m"),
+    "centre of mass y": (-0.2, 0.002, "m"),
+    "centre of mass z": (0.1104, 0.0006, "m"),
+    "inertia xx": (0.005, 0.002, "kg m^2"),
+    "inertia xy": (-0.0012, 0.0003, "kg m^2"),
+    "inertia xz": (0.0004, 0.0001, "kg m^2"),
+    "inertia yy": (0.007, 0.001, "kg m^2"),
+    "inertia yz": (0.0003, 0.0002, "kg m^2"),
+    "inertia zz": (0.009, 0.003, "kg m^2"),
+}
+WORTH = {"size": EffortSize(2, 1.5, 2.25, 45.0, "rated effort"), "cost": Cost(3, 3.2, 0.5, 40.0)}
+PAYLOAD = found(Payload(), {"mp3": (2.8, 0.04, "kg")}, readable=BODY)
+DRIFT = ThermalDrift(joints=(2,), smoothing=(0.05,), time=(300.0,))
+OWN = {"Fcold2": (-1.8, 0.5, "N m"), "Fwarm2": (0.8, 0.2, "N m"), "time2": (300.0, np.nan, "s")}
+
+
+def holds(text, *parts):
+    """Whether a text has all parts, in this order."""
+    return re.search(".*".join(map(re.escape, parts)), text, re.DOTALL) is not None
+
+
+def checks_of(result, name=None):
+    """Of one name, or all."""
+    return [one for one in discrepancy_checks(result) if name in (None, one.name)]
+
+
+def test_numbers_keep_the_digits_that_are_known():
+    for value, sd, unit, told in (
+        (1.9, 0.1, "N m", "1.90 +- 0.10 N m"),
+        (1.9, 0.31, "N m", "1.9 +- 0.3 N m"),
+        (1.9, np.nan, "N m", "1.90 N m"),
+        (-0.0431, 0.00096, "rad", "-0.043 +- 0.001 rad"),
+        (123.4, 20.0, "", "123 +- 20"),
+        (2.5e-6, 1.2e-7, "kg m^2", "(2.50 +- 0.12)e-6 kg m^2"),
+        (0.0, 0.02, "N m", "0.00 +- 0.02 N m"),
+        (np.nan, np.nan, "N m", "unknown N m"),
+        (3.0, 0.0, "s", "3.00 s"),
+    ):
+        assert quantity(value, sd, unit) == told
+    told = [rounded(value) for value in (0.3, 2.4, 0.09999, 123.4, 0.0, 2e-7)]
+    assert told == ["0.300", "2.40", "0.100", "123", "0.00", "2.00e-07"]
+
+
+def test_joints_and_names_are_listed():
+    assert [joints_in_words(some) for some in ([3], [5, 1, 2, 3], [1, 2, 4])] == [
+        "joint 3",
+        "joints 1 to 3 and 5",
+        "joints 1, 2 and 4",
+    ]
+    assert listed(["a", "b", "c"], "or") == "a, b or c"
+    assert label("gain_error", (2,)) == "gain error, joint 2"
+
+
+TILT = {"tilt1": (np.deg2rad(1.5), np.deg2rad(0.02), "rad"), "tilt2": (np.deg2rad(-0.5), np.nan, "rad")}
+
+
+@pytest.mark.parametrize(
+    ("added", "state", "says"),
+    [
+        (found(friction(), FRICTION), "good", ["Joint 2", "Coulomb friction", "1.90 +- 0.10 N m"]),
+        (found(friction()), "good", ["Joint 2", "Coulomb friction"]),
+        (found(friction(), {"F2": (1.0, np.nan, "N m")}), "good", ["Joint 2", "Coulomb friction", "F = 1.00 N m"]),
+        (found(CoulombFriction(joints=(1, 2), smoothing=(0.1, 0.1))), "good", ["Joints 1 and 2", "Coulomb friction"]),
+        (found(Payload()), "good", ["payload"]),
+        (found(Payload(), {"mp3": (2.5, 0.04, "kg")}), "good", ["payload", "2.50 +- 0.04 kg"]),
+        (found(BaseTilt(angle=(0.02, -0.01)), TILT), "good", ["1.50 +- 0.02 degrees", "-0.500 degrees"]),
+        (found(Delay(lag=(0.004,)), {"lag": (0.004, 3e-4, "s")}), "good", ["All joints", "lag 4.0 +- 0.3 ms"]),
+        (found(Delay(joints=(2,), lag=(0.0,)), {"lag2": (-0.004, 3e-4, "s")}), "good", ["4.0 +- 0.3 ms", "ahead"]),
+        (found(GainError(joints=(1,), gain=(1.1,)), {"gain1": (1.1, 0.02, "1")}), "good", ["10 +- 2 %", "too large"]),
+        (found(GainError(joints=(1,), gain=(0.9,)), {"gain1": (0.9, 0.02, "1")}), "good", ["10 +- 2 %", "too small"]),
+        (found(friction(), {"Fc2": (2.3, 0.1, "N m"), "change of Fc2": (0.4, 0.1, "N m")}, changes=("Fc2",)),
+         "good", ["Joint 2", "Coulomb friction", "1.90 -> 2.30 +- 0.10 N m"]),
+        (found(friction(), {"Fc2": (2.3, 0.1, "N m"), "change of Fc2": (-0.19, 0.1, "N m")}, changes=("Fc2",)),
+         "good", ["Joint 2", "Coulomb friction", "not surely", "2.49 -> 2.30 +- 0.10 N m"]),
+        (found(friction(), changes=("Fc2",)), "good", ["Joint 2", "Coulomb friction", "changed"]),
+        (found(friction(), FRICTION, equivalent=["viscous_friction", "torque_offset"]),
+         "look", ["1.90", "viscous friction", "torque offset"]),
+        (found(friction(), FRICTION, probability=0.72), "look", ["1.90", "72 %", "under 1 %"]),
+        (found(DRIFT, OWN), "look", ["Coulomb friction", "joint 2", "negative"]),
+        (found(DRIFT, OWN | {"Fc2": (-0.3, 0.5, "N m"), "change of Fc2": (-1.8, 0.5, "N m")}), "look", ["negative"]),
+        (found(DRIFT, OWN | {"Fc2": (7.3, 0.5, "N m"), "change of Fc2": (-1.8, 0.5, "N m")}),
+         "good", ["Joint 2", "9.1 -> 7.3 +- 0.5 N m", "0.8 +- 0.2 N m", "300 s"]),
+        (PAYLOAD, "good", ["2.80 +- 0.04 kg", "xx 0.005 +- 0.002", "yy 0.0070 +- 0.0010", "xz 0.00040 +- 0.00010"]),
+    ],
+)  # fmt: skip
+def test_an_effect_that_was_found_is_told_with_its_numbers(added, state, says):
+    check = discrepancy_checks(make(added=(added,)))[0]
+    assert check.state == state
+    assert holds(check.message, *says), check.message
+    assert state == "good" or "-1.8" not in check.message  # what would be negative is not told as found
+
+
+def test_a_body_that_changed_is_told_by_its_mass():
+    sizes = ("", 2.5), ("change of ", -0.5)
+    body = {f"{sign}{name}p3": (value, np.nan, "kg") for sign, value in sizes for name in ("Jxx", "mcx", "m")}
+    (check, *_) = discrepancy_checks(make(added=(found(Payload(), body, changes=("mp3",)),)))
+    assert holds(check.message, "payload", "3.00 -> 2.50 kg")
+    assert "Jxx" not in check.message
+
+
+def test_a_cable_pulls_on_its_side():
+    numbers = {"kd2": (0.05, 0.001, "N m/rad"), "start2": (0.5, np.nan, "rad")}
+    for side, told in ((1.0, "beyond"), (-1.0, "below")):
+        cable = CableDrag(joints=(2,), start=(0.5,), side=(side,))
+        said = discrepancy_checks(make(added=(found(cable, numbers),)))[0].message
+        assert holds(said, "Joint 2", "0.0500 +- 0.0010 N m/rad", told, "0.500 rad")
+
+
+def test_what_cannot_be_told_apart_names_the_motions_that_would():
+    shown_by = CoulombFriction.shown_by, TorqueOffset.shown_by
+    check = discrepancy_checks(make(added=(found(friction(), FRICTION, equivalent=["torque_offset"]),)))[0]
+    assert holds(check.remedy, *shown_by)
+    error = found(make_effect("link_offset", {"joints": [2], "error": [0.0]}), {"d2": (0.0052, 1e-4, "m")})
+    check = discrepancy_checks(make(added=(replace(error, elsewhere=(("link_offset", (3,)),)),)))[0]
+    assert check.state == "look"
+    assert holds(check.message, "5.20 +- 0.10 mm", "joint 3")
+
+
+def test_what_an_effect_is_worth_is_told():
+    """Its size in joint 2, 2.25 of 45 N m; its cost in joint 3, 3.2 and 0.5 of 40 N."""
+    result = make(added=(found(friction(), FRICTION, **WORTH),), identification=made_of(sliding=(3,)))
+    parts = "2.25 N m", "5.0 %", "45.0 N m", "1.50 N m", "3.20 N", "8.0 %", "joint 3", "0.500 N", "1.2 %"
+    assert holds(discrepancy_checks(result)[0].message, *parts)
+
+
+def test_the_gap_is_told_before_and_after_beside_the_floor():
+    (gap,) = checks_of(make(), "Gap")
+    assert gap.state == "good"
+    assert holds(gap.message, "2.41", "0.312 N m", "joint 2", "0.300 N m")
+    (gap,) = checks_of(make(identification=made_of(sliding=(2,))), "Gap")
+    assert holds(gap.message, "0.312 N in joint 2")
+    sizes = {"before": np.arange(1.0, 6.0), "after": np.array([0.9, 1.1, 3.0, 0.5, 6.0]), "floor": floor_of(np.ones(5))}
+    where = tuple(Excess(j, 1.0, "load", (0.0, 1.0)) for j in range(1, 6))
+    (gap,) = checks_of(make(**sizes, where=where, identification=made_of(n=5)), "Gap")
+    worst_first = "rises", "5.00", "6.00", "joint 5", "falls", "4.00", "0.500", "joint 4", "stays", "3.00", "joint 3"
+    assert holds(gap.message, *worst_first, "joints 1 and 2", "1.10")
+
+
+def test_joints_that_stay_unexplained_are_named_with_what_is_left():
+    result = make(status="unexplained", unexplained=((2, 5.24),), added=(), not_testable=())
+    (check,) = discrepancy_checks(result)
+    assert check.state == "bad"
+    assert holds(check.message, "Joint 2", "5.2", "velocity (-1.2 to 0.75 rad/s)")
+    assert holds(lead(result), "oint 2", "1.5 N m")
+
+
+@pytest.mark.parametrize("says", [("held-back data",), ("log", "held-back data"), ("gap grew on held-back data",)])
+def test_which_data_say_that_a_joint_is_unexplained_is_said(says):
+    changes = {**NOTHING, "status": "unexplained", "after": np.array([0.292, 0.312, 0.496])}
+    result = make(**changes, unexplained=((3, 1.6),), unexplained_on={3: says})
+    (check,) = discrepancy_checks(result)
+    assert check.state == "bad"
+    grown = "gap grew on held-back data" in says
+    assert holds(check.message, "Joint 3", *(("0.313", "0.496 N m") if grown else ("1.6",)))
+    assert ("holdout" in check.message) == ("log" not in says)
+
+
+def test_nothing_missing_is_told_by_the_worst_joint():
+    result = make(status="no_discrepancy", **NOTHING, before=np.array([0.292, 0.312, 0.313]))
+    assert discrepancy_checks(result) == ()
+    assert holds(lead(result), "1.04", "joint 2", "0.312 N m", "0.300 N m")
+    moved = lead(make(status="no_discrepancy", added=(), holdout="stretches 3 and 6 of 8 of log.csv"))
+    assert holds(moved, "No effect", "joint 2", "2.41", "0.312 N m", "0.300")
+
+
+def test_a_floor_that_is_a_models_own_error_is_to_be_looked_at():
+    rms = np.array([0.29, 0.30, 0.31])
+    floor = floor_of(rms, "earlier model's residual", lasting=[0, 2], white=0.5)
+    result = make(status="no_discrepancy", **NOTHING, floor=floor)
+    (check,) = discrepancy_checks(result)
+    assert check.state == "look"
+    assert holds(check.message, "joints 1 and 3", "0.145", "0.290 N m", "joint 1", "0.155", "0.310 N m", "joint 3")
+    assert holds(lead(result), "above the noise floor")
+    refit = floor_of(rms, "refit with standard effects", lasting=[1], white=0.5)
+    (check,) = discrepancy_checks(replace(result, floor=refit))
+    assert holds(check.message, "joint 2", "refitted model")
+
+
+def test_what_this_log_cannot_tell_is_not_done():
+    (check,) = checks_of(make(), "What this log cannot tell")
+    assert check.state == "not done"
+    assert holds(check.message, "hysteresis", "joints 1 to 3", "payload")
+
+
+def test_where_all_is_explained_the_lead_says_what_remains():
+    """Joint 3 is the worst by its floor, joint 1 by N m."""
+    after = np.array([1.02, 1.01, 1.17]) * make().floor.rms
+    result = make(added=(PAYLOAD,), where=(Excess(1, 3.0, "load", (0.0, 1.0)),), unexplained=(), after=after)
+    assert holds(lead(result), "2.80 kg", "joint 1", "1.17", f"{after[2]:.3g} N m", "joint 3")
+
+
+def partly_explained():
+    """Joint 2 keeps 1.5 of 1.9 N m of excess: not most of it is explained; joint 3 had 0.9 and keeps 0.35."""
+    changed = found(friction(1), {"Fc1": (7.3, 0.5, "N m"), "change of Fc1": (-1.8, 0.5, "N m")}, changes=("Fc1",))
+    where = tuple(Excess(j, excess, "load", (0.0, 1.0)) for j, excess in ((1, 3.0), (2, 1.9), (3, 0.9)))
+    left = (2, 5.1), (3, np.hypot(1.0, 0.35 / 0.31))
+    return make(status="partly_explained", added=(PAYLOAD, changed), where=where, unexplained=left)
+
+
+def test_what_was_found_and_what_is_left_leads():
+    result = partly_explained()
+    brief = "payload", "2.80 kg", "(0.030, -0.200, 0.1104) m", "Coulomb friction", "joint 1"
+    left = "joint 1", "joint 3", "oint 2", "1.5 N m", "oint 3", "0.35 N m"
+    assert holds(lead(result), *brief, *left)
+    assert [(check.name, check.state) for check in discrepancy_checks(result)[:5]] == [
+        ("Payload", "good"),
+        ("Coulomb friction, joint 1", "good"),
+        ("Gap", "good"),
+        ("What is left", "bad"),
+        ("What is left", "bad"),
+    ]
+
+
+def numbers_of(kind):
+    """Names, without joints, that a form's numbers have in a result."""
+    if issubclass(kind, distortions.Distortion):
+        own = {"base_tilt": {"tilt1", "tilt2"}, "delay": {"lag"}, "gear_ratio": {"ratio"}}
+        return {kind.symbol} if kind.of_table else own.get(kind.name, set(kind.shape_units))
+    if issubclass(kind, terms.ActuatorTerm):
+        return {symbol.rstrip("_") for symbol in kind.symbols} | set(kind.shape_units)
+    if kind is LearnedEffect:  # its formula holds them
+        return set()
+    if kind is CarriedPayload:
+        return {"m"}
+    return {"mp"} if kind is Payload else {f"{kind.symbol}{axis}" for axis, _ in kind.parts}
+
+
+def test_every_forms_sentence_holds_its_numbers():
+    for name, kind in forms().items():
+        if kind.phrase.sentence:
+            braces = {field for _, field, _, _ in string.Formatter().parse(kind.phrase.sentence) if field}
+            assert braces - {"who", "whose"} == numbers_of(kind), name
+            assert forms()[name.split(".")[0]].phrase.noun

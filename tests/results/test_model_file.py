@@ -1,0 +1,343 @@
+"""model.toml: models come back the same, and broken files are refused in one line."""
+
+import tomllib
+from dataclasses import fields, replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import tomli_w
+from conftest import small_robot, smooth_motion
+from exported_robots import in_pinocchio
+from oracles import urdf_text
+from saved_results import identified, save, simulated
+
+from bayesid.errors import InputError
+from bayesid.fit.noise import Noise
+from bayesid.identification.identified_model import IdentifiedModel
+from bayesid.identification.pipeline import identify, identify_again
+from bayesid.model.catalogue import make_effect
+from bayesid.model.coefficients import base_coefficients
+from bayesid.model.distortions import CATALOGUE as DISTORTIONS
+from bayesid.model.model import Model
+from bayesid.model.robot import load_robot, robot_from_urdf
+from bayesid.model.terms import CATALOGUE, ActuatorTerm, RigidBody
+from bayesid.results.model_file import load_model, model_table
+from bayesid.simulation.logs import simulate
+from bayesid.simulation.trajectories import random_trajectory
+
+
+@pytest.mark.parametrize("robot", ["dh", "tx40", "urdf"])
+def test_a_model_comes_back_the_same(robot, tmp_path):
+    """And the URDF beside it has the torques of the rigid bodies."""
+    result = identified()
+    if robot != "dh":
+        other = load_robot("tx40") if robot == "tx40" else robot_from_urdf(urdf_text(), "test")
+        result = identify(other, simulated(other, signed=True), posterior=False, complete="off")
+    folder = save(result, tmp_path / "r")
+    loaded, arm = load_model(folder), result.model.robot
+    assert loaded.model.robot.same_kinematics(arm)
+    assert loaded.draws is None
+    np.testing.assert_array_equal(loaded.model.robot.coupling, arm.coupling)
+    assert loaded.model.robot.name == arm.name
+    assert loaded.model.terms == result.model.terms
+    assert loaded.model.parameters == result.model.parameters
+    np.testing.assert_allclose(loaded.theta, result.fit.theta, rtol=1e-12, atol=0.0)
+    for key, values in vars(result.fit.noise).items():
+        np.testing.assert_allclose(getattr(loaded.noise, key), values, rtol=1e-12)
+    predicted = loaded.model.effort(result.signals.motion[:50], loaded.theta)
+    np.testing.assert_allclose(predicted, result.fit.predicted[:50], rtol=1e-9, atol=1e-9)
+    motion = result.signals.motion[::20]
+    found = in_pinocchio(pin.buildModelFromUrdf(str(folder / "robot.urdf")), arm.gravity, motion)
+    expected = replace(arm, transmission=None).inverse_dynamics(motion, result.fit.theta[: 10 * arm.n_joints])
+    np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Effects
+# ---------------------------------------------------------------------------------------------------------------
+NUMBERS = {
+    "smoothing": 0.03,
+    "speed": 0.1,
+    "harmonic": 23.7,
+    "width": 0.07,
+    "time": 1.9,
+    "start": -0.3,
+    "side": -1.0,
+    "gain": 1.1,
+    "lag": 0.013,
+    "angle": 0.07,
+    "limit": 31.7,
+}
+
+
+def made(name, joints, n=3):
+    """An effect of a catalogue, on some of the joints."""
+    kind = {**CATALOGUE, **DISTORTIONS}[name]
+    needed = {one.name for one in fields(kind)} - {"joints", "links"}
+    count = {key: kind.counts.get(key, len(joints)) for key in needed}
+    shape = {key: [NUMBERS.get(key, 0.37) * (1.0 + i / 7.0) for i in range(count[key])] for key in needed}
+    shape |= {key: ["tool1"] for key in kind.words}
+    shape |= {"links": np.linspace(-1.0, 2.0, 10 * n).tolist()} if name == "load_dependent_friction" else {}
+    if (issubclass(kind, ActuatorTerm) or name in DISTORTIONS) and name != "base_tilt":
+        shape["joints"] = joints
+    return make_effect(name, shape)
+
+
+def of_everything(rng, terms=(), distortions=()):
+    """A stored model with numbers that no decimals can write."""
+    model = Model(small_robot(3), (RigidBody(), *terms), distortions)
+    size = len(base_coefficients(model))
+    root = rng.standard_normal((size, size - 2)) * np.geomspace(1e-3, 1e3, size)[:, None]
+    noise = Noise(*rng.uniform(0.1, 1.0, (len(fields(Noise)), 3)))
+    return IdentifiedModel(model, rng.standard_normal(len(model.parameters)), noise, root @ root.T)
+
+
+def there_and_back(stored, folder):
+    (folder / "model.toml").write_text(tomli_w.dumps(model_table(stored)))
+    return load_model(folder)
+
+
+def assert_same(found, stored):
+    assert found.model.terms == stored.model.terms
+    assert found.model.distortions == stored.model.distortions
+    assert found.model.parameters == stored.model.parameters
+    for one, other in (
+        (found.theta, stored.theta),
+        (found.precision, stored.precision),
+        *zip(vars(found.noise).values(), vars(stored.noise).values(), strict=True),
+    ):
+        np.testing.assert_array_equal(one, other)
+    motion = smooth_motion(3, 1.0, 50.0)
+    effort = stored.model.effort(motion, stored.theta)
+    np.testing.assert_allclose(found.model.effort(motion, found.theta), effort, rtol=1e-12, atol=1e-12)
+
+
+NOT_MADE_HERE = ("rigid_body", "learned_effect")  # the latter comes back in tests/discrepancy/test_unnamed.py
+
+
+def test_every_effect_of_the_catalogues_comes_back(tmp_path, rng):
+    for name in (name for name in (*CATALOGUE, *DISTORTIONS) if name not in NOT_MADE_HERE):
+        effects = [made(name, joints) for joints in ((2,), (3, 1))] if made(name, (2,)).joints else [made(name, ())]
+        terms, distortions = ((), effects) if name in DISTORTIONS else (effects, ())
+        stored = of_everything(rng, terms, tuple(distortions))
+        assert_same(there_and_back(stored, tmp_path), stored)
+
+
+def test_a_model_of_every_effect_comes_back(tmp_path, rng):
+    """Terms of one name in different joints, all distortions one after the other."""
+    names = [name for name in CATALOGUE if name not in NOT_MADE_HERE]
+    terms = dict.fromkeys(made(name, joints) for joints in ((2,), (3, 1)) for name in names)
+    stored = of_everything(rng, terms, tuple(made(name, (1, 3)) for name in reversed(DISTORTIONS)))
+    names = [parameter.name for parameter in stored.model.parameters]
+    assert len(set(names)) == len(names)
+    found = there_and_back(stored, tmp_path)
+    assert_same(found, stored)
+    assert found.knowledge.model == found.model
+    np.testing.assert_array_equal(found.knowledge.precision, stored.precision)
+
+
+def test_without_knowledge_nothing_is_known(tmp_path, rng):
+    """The file of a nominal model."""
+    stored = of_everything(rng, [made("payload", ())], (made("delay", (1,)),))
+    content = model_table(stored)
+    del content["knowledge"]
+    (tmp_path / "model.toml").write_text(tomli_w.dumps(content))
+    assert_same(load_model(tmp_path), replace(stored, precision=np.zeros_like(stored.precision)))
+
+
+def test_a_robot_that_took_up_a_payload_comes_back(tmp_path):
+    """What the two logs tell of the last link and the payload each is more than one log without the other can tell."""
+    result = identified()
+    terms = (made("payload", ()), make_effect("hysteresis", {"width": [0.1], "joints": [2]}))
+    model = Model(result.model.robot, (*result.model.terms, *terms), (made("delay", (1,)),))
+    theta = np.concatenate([result.theta, [0.01, 0.0, 0.0, 0.01, 0.0, 0.01, 0.0, 0.0, 0.0, 0.3, 0.2]])
+    motion = random_trajectory(3, 6.0, seed=8).motion(result.log.t - result.log.t[0])
+    log = simulate(model, theta, motion, rng=np.random.default_rng(1), noise=0.03, signed=True)
+    again = identify_again(model, log, result.knowledge, theta)
+    own = base_coefficients(model)
+    assert len(again.coefficients) == len(own) + 10
+    loaded = load_model(save(again, tmp_path / "r"))
+    assert loaded.model.terms == model.terms
+    assert loaded.model.distortions == model.distortions
+    np.testing.assert_allclose(loaded.theta, again.theta, rtol=1e-12, atol=0.0)
+    size = np.sqrt(np.diag(again.fit.information))
+    covariance = np.linalg.inv(again.fit.information / np.outer(size, size)) / np.outer(size, size)
+    turn = own.projection @ np.linalg.pinv(again.coefficients.projection)
+    np.testing.assert_allclose(turn @ covariance @ turn.T @ loaded.precision, np.eye(len(own)), atol=1e-5)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Broken files
+# ---------------------------------------------------------------------------------------------------------------
+def put(*path):
+    *keys, value = path
+
+    def change(content):
+        for key in keys[:-1]:
+            content = content[key]
+        content[keys[-1]] = value
+
+    return change
+
+
+def refused(folder, change, says=None):
+    """A file changed so: the folder's model is refused in one line that names the file."""
+    path = folder / "model.toml"
+    before = path.read_text()
+    content = tomllib.loads(before)
+    change(content)
+    path.write_text(tomli_w.dumps(content))
+    with pytest.raises(InputError, match=says) as refusal:
+        load_model(folder)
+    assert str(path) in refusal.value.where
+    assert "\n" not in str(refusal.value)
+    path.write_text(before)
+
+
+BROKEN = [
+    *(lambda content, key=key: content.pop(key) for key in ("robot", "terms", "values", "noise")),
+    lambda content: content["values"].pop("m1"),
+    lambda content: content["noise"].pop("white"),
+    lambda content: content["terms"].append(content["terms"][1]),
+    lambda content: content["robot"].pop("joints"),
+    lambda content: content["robot"]["joints"][0].pop("axis"),
+    put("robot", 1),
+    put("terms", 1),
+    put("terms", [1]),
+    put("terms", []),
+    put("values", 1),
+    put("noise", 1),
+    put("values", "m1", "x"),
+    put("values", "m1", float("nan")),
+    put("values", "m1", float("inf")),
+    put("values", "m1", [1.0]),
+    put("terms", 0, {"name": "magic"}),
+    put("terms", 0, {"shape": {}}),
+    put("terms", 0, "shape", {"x": [1.0]}),
+    put("terms", 2, "shape", {}),
+    put("terms", 2, "shape", {"smoothing": [1.0]}),
+    put("terms", 2, "shape", {"smoothing": [0.0, 0.0, 0.0]}),
+    put("terms", 2, "shape", {"smoothing": 1.0}),
+    put("terms", 2, "shape", {"smoothing": ["a", "b", "c"]}),
+    put("terms", 2, "shape", 3),
+    put("noise", "white", [1.0]),
+    put("noise", "white", [float("nan")] * 3),
+    put("noise", "white", [-1.0] * 3),
+    put("noise", "white", ["a"] * 3),
+    put("noise", "other", [1.0] * 3),
+    put("robot", "joints", 3),
+    put("robot", "joints", [3]),
+    put("robot", "joints", 0, "parent", 9),
+    put("robot", "joints", 0, "parent", "x"),
+    put("robot", "joints", 0, "placement", [1.0]),
+    put("robot", "lengths", 3),
+    put("robot", "gravity", "down"),
+    put("robot", "convention", "own"),
+]
+
+
+def test_a_broken_model_file_is_bad_input(tmp_path):
+    (tmp_path / "model.toml").write_text(tomli_w.dumps(model_table(identified().identified)))
+    for change in BROKEN:
+        refused(tmp_path, change)
+
+
+def knowing(change):
+    """A change of the precision."""
+
+    def changed(content):
+        precision = np.array(content["knowledge"]["precision"])
+        content["knowledge"]["precision"] = change(precision).tolist()
+
+    return changed
+
+
+def unsymmetric(precision):
+    precision[0, 1] += 1e-3 * np.sqrt(precision[0, 0] * precision[1, 1])
+    return precision
+
+
+def indefinite(precision):
+    """In the smallest of all entries."""
+    k = np.argmin(np.diag(precision))
+    precision[k, k] *= 0.5
+    return precision
+
+
+def holed(precision):
+    precision[1, 2] = np.nan
+    return precision
+
+
+def boundless(precision):
+    precision[1, 1] = np.inf
+    return precision
+
+
+BROKEN_EXTENSION = [
+    (put("distortions", 0, "name", "magic"), "unknown distortion 'magic'"),
+    (put("distortions", 0, "name", "hysteresis"), "unknown distortion 'hysteresis'"),
+    (put("terms", 1, "name", "gain_error"), "unknown term 'gain_error'"),
+    (put("distortions", 0, "name", 3), "unknown distortion 3"),
+    (put("distortions", 0, "name", [3]), "unhashable"),
+    (lambda content: content["distortions"][0].pop("name"), "'name'"),
+    (lambda content: content["distortions"][0].pop("shape"), "gain"),
+    (put("distortions", 1), "not"),
+    (put("distortions", [1]), "not"),
+    (put("distortions", 0, "gain"), "indices"),
+    (put("distortions", 0, "shape", 3), "int"),
+    (put("distortions", 0, "shape", {"gain": [1.1], "joints": [3, 1]}), "gain has 1 numbers"),
+    (put("distortions", 0, "shape", {"gain": [1.1, 0.9]}), "gain has 2 numbers"),
+    (put("distortions", 0, "shape", "lag", [0.1]), "lag"),
+    (put("distortions", 0, "shape", "gain", 1.0), "float"),
+    (put("distortions", 0, "shape", "gain", ["a", "b"]), "could not convert"),
+    (put("distortions", 0, "shape", "gain", [1.0, float("nan")]), "not finite"),
+    (put("distortions", 0, "shape", "gain", [1.0, float("inf")]), "not finite"),
+    (put("distortions", 0, "shape", "gain", [1.0, 10**400]), "not finite"),
+    (put("distortions", 1, "shape", "limit", [-1.0]), "negative"),
+    (put("distortions", 0, {"name": "base_tilt", "shape": {"angle": [0.1]}}), "angle has 1 numbers"),
+    (put("distortions", 0, {"name": "base_tilt", "shape": {"angle": [0.1, 0.2], "joints": [1]}}), "all joints"),
+    (put("distortions", 0, {"name": "delay", "shape": {"lag": [0.1, 0.1]}}), "lag has 2 numbers"),
+    *(
+        (put(group, 1, "shape", "joints", joints), says)
+        for group in ("terms", "distortions")
+        for joints, says in (
+            *(([j], "are not joints") for j in (0, 4, -1, 10**30)),
+            *(([j], "whole numbers") for j in (1.5, float("inf"), "1", True)),
+            (2, "int"),
+            ([1, 2], "numbers"),
+            ([], "numbers"),
+        )
+    ),
+    (put("terms", 2, "shape", "joints", [3, 3]), "are not joints"),
+    (put("terms", 2, "shape", "joints", [3, 2]), "comes twice"),
+    (put("terms", 1, "shape", "width", [0.0]), "shape cannot be used"),
+    (put("terms", 3, "shape", "links", [0.0] * 29), "links has 29 numbers"),
+    (put("knowledge", 3), "int"),
+    (put("knowledge", []), "list"),
+    (put("knowledge", {}), "'coefficients'"),
+    (lambda content: content["knowledge"].pop("precision"), "'precision'"),
+    (put("knowledge", "coefficients", []), "other coefficients"),
+    (put("knowledge", "coefficients", 0, "m9"), "other coefficients"),
+    (put("knowledge", "precision", 1.0), "shape"),
+    (put("knowledge", "precision", []), "shape"),
+    (put("knowledge", "precision", 0, [1.0]), "inhomogeneous"),
+    (put("knowledge", "precision", 0, 0, "a"), "convert"),
+    (knowing(lambda precision: precision[1:]), "shape"),
+    (knowing(lambda precision: precision[1:, 1:]), "shape"),
+    (knowing(np.diag), "shape"),
+    (knowing(lambda precision: -precision), "normal distribution"),
+    (knowing(unsymmetric), "normal distribution"),
+    (knowing(indefinite), "normal distribution"),
+    (knowing(holed), "not finite"),
+    (knowing(boundless), "not finite"),
+]
+
+
+def test_a_broken_extension_is_bad_input(tmp_path, rng):
+    """Of a model with two terms of one name and two distortions."""
+    terms = [made("hysteresis", (2,)), made("hysteresis", (3, 1)), made("load_dependent_friction", (2,))]
+    there_and_back(of_everything(rng, terms, (made("gain_error", (3, 1)), made("clipping", (2,)))), tmp_path)
+    for change, says in BROKEN_EXTENSION:
+        refused(tmp_path, change, says)
