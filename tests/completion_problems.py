@@ -62,7 +62,7 @@ def log_with(name="", signed=False):
 
 
 def identify(name="", signed=False, posterior=False, **options):
-    search = Certified(budget=2.0, repeatable=True)
+    search = Certified(budget=2.0)
     return pipeline.identify(ROBOT, log_with(name, signed), search=search, posterior=posterior, **options)
 
 

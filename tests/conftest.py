@@ -89,7 +89,7 @@ def arm_shop(tmp_path_factory):
     options = ("--duration", 6, "--noise", 0.03, "--seed", 2, "--effect", "viscous_friction:1:0.3")
     arm = ("--robot", place / "arm.toml")
     assert command_line.run("simulate", *arm, "--out", place / "log.csv", *options) == 0
-    options = ("--seed", 7, "--repeatable", "--no-report")
+    options = ("--seed", 7, "--no-report")
     with redirect_stdout(io.StringIO()) as printed:
         assert command_line.run("identify", place / "log.csv", *arm, "--out", place / "result", *options) == 0
     (place / "terminal.txt").write_text(printed.getvalue())

@@ -14,10 +14,8 @@ from bayesid.fit.noise import Noise
 from bayesid.fit.solver import ConeLeastSquares
 from bayesid.model.coefficients import BaseCoefficients
 from bayesid.model.parameters import Cone
-from bayesid.posterior import inference, marginal_likelihood, moves, sampled_modes, sampler
 from bayesid.posterior.inference import infer
 from bayesid.posterior.likelihood import make_likelihood
-from bayesid.posterior.marginal_likelihood import MarginalLikelihood
 from bayesid.posterior.modes import find_modes
 from bayesid.posterior.prior import make_prior
 from bayesid.posterior.problem import PosteriorProblem
@@ -237,29 +235,3 @@ def errors(posterior, values):
 def cells(low, high, count):
     """Midpoints of equal cells."""
     return low + (high - low) * (np.arange(count) + 0.5) / count
-
-
-class Work:
-    """A clock that goes on by work alone: a sweep of half of the walkers is half a second."""
-
-    def __init__(self, monkeypatch, diagnosis, mass):
-        self.now = 0.0
-        for module in (inference, sampled_modes, sampler, marginal_likelihood):
-            monkeypatch.setattr(module, "time", self)
-        monkeypatch.setenv("OMP_NUM_THREADS", "1")  # copies of the process have clocks of their own
-        self.costs(monkeypatch, moves.NoiseScales, "update", lambda move, coordinates, random: 0.5)
-        self.costs(monkeypatch, sampler, "diagnose", lambda draws: diagnosis * (len(draws) + 6.0) * draws.shape[-1] / 3)
-        self.costs(monkeypatch, sampled_modes, "integrate", lambda *given: mass)
-
-    def perf_counter(self):
-        return self.now
-
-    def costs(self, monkeypatch, owner, name, price):
-        plain = getattr(owner, name)
-
-        def working(*given):
-            result, began = plain(*given), self.now
-            self.now += price(*given)
-            return replace(result, seconds=self.now - began) if isinstance(result, MarginalLikelihood) else result
-
-        monkeypatch.setattr(owner, name, working)

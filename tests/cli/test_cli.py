@@ -149,7 +149,7 @@ def test_the_terminal_says_of_the_posterior_what_the_summary_does(arm_shop):
 
 def test_the_same_seed_gives_the_same_files(arm_shop, arm_place):
     """Sampled twice until it has converged."""
-    assert run(*identify(), "--quiet", "--seed", 7, "--repeatable", "--no-report") == 0
+    assert run(*identify(), "--quiet", "--seed", 7, "--no-report") == 0
     for name in ("coefficients.csv", "parameters.csv", "segments.csv", "signed_log.csv", "model.toml", "robot.urdf"):
         assert (arm_place / "out" / name).read_bytes() == (arm_shop / "result" / name).read_bytes(), name
 
@@ -197,9 +197,9 @@ def test_options_reach_the_identification(arm_place, monkeypatch):
     assert seen["beliefs"].kinematics.angle == pytest.approx(np.radians(0.5))
     assert seen["complete"] == "only-uncertainty"
     assert seen["log"].signed.tolist() == [False, True, False]
-    assert run(*identify(), "--search-budget", 2.5, "--beam-width", 3, "--repeatable") == 130
-    assert seen["search"] == bayesid.Certified(budget=2.5, fallback=bayesid.Beam(width=3), repeatable=True)
-    assert seen["posterior"] == bayesid.Sampling(repeatable=True)
+    assert run(*identify(), "--search-budget", 2.5, "--beam-width", 3, "--time-limit", 9) == 130
+    assert seen["search"] == bayesid.Certified(budget=2.5, time_limit=9.0, fallback=bayesid.Beam(width=3))
+    assert seen["posterior"] == bayesid.Sampling(time_limit=9.0)
     assert run(*identify(), "--no-posterior") == 130
     assert (seen["posterior"], dict(seen["beliefs"].nominal), seen["search"]) == (False, {}, bayesid.Certified())
     own, said = bayesid.KinematicTolerance(), seen["beliefs"].kinematics

@@ -98,7 +98,7 @@ def test_a_known_parameter_that_the_data_leave_open_is_what_it_is_said_to_be(mod
     names = [parameter.name for parameter in model.parameters]
     first = names.index("m1")
     assert np.abs(model.columns(MOTION)[:, :, first]).max() == 0.0
-    beliefs, sampling = Beliefs(nominal={"m1": (31.5, 0.4)}), Sampling(walkers=16, repeatable=True)
+    beliefs, sampling = Beliefs(nominal={"m1": (31.5, 0.4)}), Sampling(walkers=16)
     stated = identify(model.robot, log, TERMS, complete="off", posterior=sampling, beliefs=beliefs)
     draws, count = stated.posterior.draws.theta[..., first], 400.0
     assert draws.mean() == pytest.approx(31.5, abs=5.0 * 0.4 / np.sqrt(count))

@@ -22,7 +22,7 @@ from bayesid.signs.search.certified import Certified
 from bayesid.simulation.trajectories import random_trajectory
 
 OFF = np.array([1.25, 0.8, 1.1])
-SEARCH = Certified(budget=2.0, repeatable=True)
+SEARCH = Certified(budget=2.0)
 
 
 def wrong(log, off=OFF, sd=0.2):
@@ -46,7 +46,7 @@ def known(arm):
 
 @pytest.fixture(scope="module")
 def found(arm):
-    return settle(arm, wrong(arm.log(noise=0.03)), Sampling(budget=20.0, repeatable=True))
+    return settle(arm, wrong(arm.log(noise=0.03)), Sampling(budget=20.0))
 
 
 def ratio_errors(gains, true):

@@ -30,7 +30,7 @@ def test_fields_of_an_option_stand_under_its_name():
         "search.initial_segments": 2,
         "search.node_cost": None,
         "search.budget": 10.0,
-        "search.repeatable": False,
+        "search.time_limit": 600.0,
         "posterior": None,
     }
 

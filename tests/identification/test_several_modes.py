@@ -58,8 +58,8 @@ def made_log(path):
 
 @cache
 def identified(path, mode=1):
-    sampling = Sampling(repeatable=True, mode=mode)
-    search = Certified(repeatable=True)
+    sampling = Sampling(mode=mode)
+    search = Certified()
     return identify(path, made_log(path), ["rigid_body"], complete="off", search=search, posterior=sampling)
 
 
@@ -109,7 +109,7 @@ def test_checks_and_summary_name_the_other_model(robot, tmp_path):
 
 def test_the_command_writes_the_other_one(robot, tmp_path, capsys):
     write_log(tmp_path / "log.csv", made_log(robot))
-    options = ["--terms", "rigid_body", "--complete", "off", "--no-report", "--repeatable", "--mode", "2"]
+    options = ["--terms", "rigid_body", "--complete", "off", "--no-report", "--mode", "2"]
     command = ["identify", str(tmp_path / "log.csv"), "--robot", str(robot), *options]
     assert main([*command, "--out", str(tmp_path / "two")]) == 0
     np.testing.assert_allclose(load_model(tmp_path / "two").theta, identified(robot, 2).theta, rtol=1e-6)

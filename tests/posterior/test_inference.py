@@ -2,18 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from posterior_logs import (
-    FEW,
-    Enumerated,
-    Work,
-    cells,
-    errors,
-    infer_from,
-    make_log,
-    near_symmetric,
-    nonnegative,
-    unproven,
-)
+from posterior_logs import FEW, Enumerated, cells, errors, infer_from, make_log, near_symmetric, nonnegative, unproven
 from scipy.special import expit
 
 from bayesid.errors import InputError
@@ -21,7 +10,7 @@ from bayesid.posterior.diagnostics import Diagnostics
 from bayesid.posterior.marginal_likelihood import MarginalLikelihood
 from bayesid.posterior.modes import Mode
 from bayesid.posterior.sampled_modes import SampledMode, pool
-from bayesid.posterior.sampler import Draws, Sampling
+from bayesid.posterior.sampler import Draws, Sampling, nominal_sweep
 from bayesid.progress import Progress
 from bayesid.signs.search.beam import beam
 from bayesid.signs.search.result import Branch, SearchResult
@@ -295,17 +284,17 @@ def test_no_time_at_all_is_said_and_gives_finite_results():
 NEVER = replace(FEW, walkers=4, max_rhat=0.9)  # converged
 
 
-@pytest.mark.parametrize(
-    ("lean", "diagnosis", "mass", "budget"),
-    [(0.6, 0.1, 20.0, 300.0), (0.6, 0.8, 40.0, 1000.0), (12.0, 0.4, 70.0, 300.0)],
-)
-def test_the_time_asked_for_is_the_time_used(monkeypatch, lean, diagnosis, mass, budget):
+@pytest.mark.parametrize("lean", [0.6, 12.0])
+def test_the_work_asked_for_is_the_work_done(lean):
+    """Shared by the modes, what weighs them included."""
     log = near_symmetric(lean)
-    search, work = log.search(), Work(monkeypatch, diagnosis, mass)
+    search = log.search()
+    target = infer_from(log, search, replace(NEVER, budget=0.0)).target
+    budget = 400.0 * nominal_sweep(target, NEVER.ensembles * NEVER.walkers)
     posterior = infer_from(log, search, replace(NEVER, budget=budget))
     assert len(posterior.modes) == (2 if lean < 5.0 else 1)
     assert not posterior.converged
-    assert posterior.seconds == work.now
-    assert posterior.seconds == pytest.approx(budget, rel=0.2)
+    assert not posterior.timed_out
+    assert 0.6 * budget < sum(sampled.draws.spent for sampled in posterior.modes) <= budget
     sweeps = [sampled.draws.sweeps for sampled in posterior.modes]
-    assert max(sweeps) < 4.0 * min(sweeps)
+    assert max(sweeps) <= 1.1 * min(sweeps)

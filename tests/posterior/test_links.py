@@ -104,7 +104,7 @@ def test_efforts_of_nothing_show_no_mass():
 
 
 @cache
-def identified(total, length, seed, links=None, sampling=Sampling(walkers=32, repeatable=True)):
+def identified(total, length, seed, links=None, sampling=Sampling(walkers=32)):
     """A log of an arm of this weight, kg, and its identification: the true parameters with it."""
     robot = scaled(small_robot(3, seed=seed), length)
     motion = smooth_motion(3, 8.0, 50.0, seed=seed)
@@ -113,7 +113,7 @@ def identified(total, length, seed, links=None, sampling=Sampling(walkers=32, re
     theta = random_parameters(model, rng)
     theta *= total / theta[model.cone.bodies[:, 9]].sum()
     log = simulate(model, theta, motion, rng=rng, noise=0.03)
-    search = Certified(repeatable=True)
+    search = Certified()
     return theta, identify(robot, log, complete="off", search=search, posterior=sampling, beliefs=Beliefs(links=links))
 
 
@@ -146,7 +146,7 @@ def test_from_a_desktop_arm_to_a_palletiser(total, length):
     ],
 )
 def test_draws_at_a_window_are_named(links, named):
-    _, result = identified(690.0, 3.0, 0, links, Sampling(walkers=32, most_sweeps=100, repeatable=True))
+    _, result = identified(690.0, 3.0, 0, links, Sampling(walkers=32, most_sweeps=100))
     pressed = dict(result.posterior.pressed)
     assert any(named in name for name in pressed)
     assert all(share > 0.2 for share in pressed.values())

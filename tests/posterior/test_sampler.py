@@ -2,11 +2,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from posterior_logs import Work
 from posterior_problems import disc, quadrature, simulate, target_in
 
 from bayesid.errors import InputError
-from bayesid.posterior import sampler
 from bayesid.posterior.sampler import Sampling, sample
 from bayesid.posterior.start import barrier_derivatives, barrier_minimum, barrier_value, body_blocks, find_centre
 
@@ -33,29 +31,21 @@ def test_runs_until_converged(rng):
 
 def test_a_budget_that_ends_is_said(rng):
     calls = []
-    options = Sampling(walkers=4, budget=0.0)
-    draws = sample(small(rng), np.array([0.9, -0.2]), options, lambda done, total: calls.append((done, total)))
-    assert not draws.converged
-    assert draws.sweeps == 8 == calls[-1][0]
+    for ends, timed_out in (({"budget": 0.0}, False), ({"time_limit": 0.0}, True)):
+        options = Sampling(walkers=4, **ends)
+        draws = sample(small(rng), np.array([0.9, -0.2]), options, lambda done, total: calls.append((done, total)))
+        assert not draws.converged
+        assert draws.timed_out == timed_out
+        assert draws.sweeps == 8 == calls[-1][0]
 
 
 def test_a_long_run_forgets_its_first_quarter(rng):
     target = small(rng)
-    options = Sampling(walkers=4, warm_up=10, first_look=20, most_sweeps=30, min_ess=np.inf, repeatable=True)
+    options = Sampling(walkers=4, warm_up=10, first_look=20, most_sweeps=30, min_ess=np.inf)
     short, long = (sample(target, np.array([0.9, -0.2]), replace(options, most_sweeps=most)) for most in (30, 60))
     assert short.sweeps == 30  # the warm-up is a quarter of all
     assert long.sweeps == 52  # of 70
     assert np.array_equal(long.theta[:22], short.theta[8:])
-
-
-def test_time_that_only_seemed_up_is_used(rng, monkeypatch):
-    """What follows is guessed before the diagnostics are first timed: a run that paused for them goes on."""
-    looks, work = [], Work(monkeypatch, 0.0, 0.0)
-    work.costs(monkeypatch, sampler, "diagnose", lambda draws: looks.append(len(draws)) or 0.0)
-    options = Sampling(walkers=4, warm_up=20, first_look=58, most_sweeps=60, min_ess=np.inf)
-    draws = sample(small(rng), np.array([0.9, -0.2]), replace(options, budget=85.0))
-    assert draws.sweeps == 60
-    assert looks[0] < 58
 
 
 def test_barrier_has_the_right_derivatives():

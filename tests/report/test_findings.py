@@ -32,7 +32,7 @@ SINGLE = 2.0**-23
 
 
 def quick(robot, log):
-    return identify(robot, log, search=Certified(repeatable=True), posterior=False, complete="off")
+    return identify(robot, log, search=Certified(), posterior=False, complete="off")
 
 
 @pytest.fixture(scope="module")
@@ -57,8 +57,8 @@ def half_signed(logs):
 @pytest.fixture(scope="module")
 def sampled(logs):
     beliefs = Beliefs(nominal={"m1": (9.0, 1.0), "J2xy": (0.01, 0.3)})
-    sampling = Sampling(seed=5, repeatable=True)
-    search = Certified(repeatable=True)
+    sampling = Sampling(seed=5)
+    search = Certified()
     return identify(ROBOT, logs[0], search=search, posterior=sampling, beliefs=beliefs, complete="off")
 
 

@@ -17,7 +17,7 @@ from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
 
 TERMS = ("rigid_body", "viscous_friction", "coulomb_friction")
-OPTIONS = {"terms": TERMS, "search": bayesid.Certified(repeatable=True), "posterior": False, "complete": "off"}
+OPTIONS = {"terms": TERMS, "search": bayesid.Certified(), "posterior": False, "complete": "off"}
 ARM = """convention = "standard"
 name = "arm"
 joints = [

@@ -18,12 +18,12 @@ def given(segments=40):
 class Spends(Search):
     """Takes what it is given, and notes what that was."""
 
-    budget = 10.0
+    budget, time_limit = 10.0, np.inf
 
     def __init__(self, noted, budget=10.0, takes=4.0):
         self.noted, self.budget, self.takes = noted, budget, takes
 
-    def limited(self, budget, repeatable=None):
+    def limited(self, budget, time_limit):
         return Spends(self.noted, budget, self.takes)
 
     def find(self, problem, steps=None):
@@ -45,8 +45,9 @@ def test_a_beam_ends_with_its_budget_and_says_so():
     moments, problem = given()
     whole = Beam(width=3, budget=np.inf).find(problem)
     assert whole.pruning.undecided == 0
-    for repeatable in (False, True):
-        cut = Beam(width=3, budget=0.0, repeatable=repeatable).find(problem)
+    for ends, timed_out in (({"budget": 0.0}, False), ({"time_limit": 0.0, "budget": np.inf}, True)):
+        cut = Beam(width=3, **ends).find(problem)
+        assert cut.timed_out == timed_out
         assert cut.pruning.undecided == int((moments.known == 0).sum()) - 5
         assert cut.solves < whole.solves
         assert set(np.unique(cut.signs)) <= {-1, 1}

@@ -20,7 +20,7 @@ def log():
     """Under the standard terms, two fifths of the second joint's signs wrong."""
     signals = prepare(log_with("torque_ripple"))
     segments = find_segments(signals, BASE.robot.actuators(signals.motion), Cutting())
-    settled = settle_signs(BASE, signals, segments, Certified(budget=2.0, repeatable=True))
+    settled = settle_signs(BASE, signals, segments, Certified(budget=2.0))
     return SignedLog.of(settled.evidence, settled.fit, settled.probability)
 
 

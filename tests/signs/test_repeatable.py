@@ -15,7 +15,7 @@ from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
 
 TERMS = ("rigid_body", "viscous_friction", "coulomb_friction")
-REPEATABLE = {"search": Certified(repeatable=True), "posterior": Sampling(repeatable=True)}
+NO_LIMIT = {"search": Certified(time_limit=np.inf), "posterior": Sampling(time_limit=np.inf)}
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def log_of(arm, seed):
 
 @pytest.fixture
 def hasty(monkeypatch):
-    """A clock that advances by 100 s whenever it is looked at: every budget in seconds is over at once."""
+    """A clock that advances by 100 s whenever it is looked at: every time limit is over at once."""
     now = iter(range(0, 10**9, 100))
     return lambda: monkeypatch.setattr(time, "perf_counter", lambda: float(next(now)))
 
@@ -65,23 +65,28 @@ def same(first, second):
     return all(np.array_equal(first[name], second[name]) for name in first)
 
 
-def test_a_repeatable_run_does_not_look_at_the_clock(arm, log, hasty):
-    quiet = numbers(bayesid.identify(arm, log, TERMS, **REPEATABLE))
-    assert quiet["certified"]
+def test_a_result_does_not_hang_on_the_clock_unless_its_time_limit_ends_it(arm, log, hasty):
+    quiet = bayesid.identify(arm, log, TERMS)
+    assert quiet.search.certified
+    assert not quiet.search.timed_out
+    assert not quiet.posterior.timed_out
     hasty()
-    assert same(quiet, numbers(bayesid.identify(arm, log, TERMS, **REPEATABLE)))
-    cut_short = numbers(bayesid.identify(arm, log, TERMS))
-    assert not cut_short["certified"]
-    assert len(cut_short["draws"]) < len(quiet["draws"])
+    assert same(numbers(quiet), numbers(bayesid.identify(arm, log, TERMS, **NO_LIMIT)))
+    ended = bayesid.identify(arm, log, TERMS)
+    assert not ended.search.certified
+    assert ended.search.timed_out
+    assert any("--time-limit" in warning for warning in ended.warnings)
 
 
-def test_a_repeatable_discrepancy_does_not_look_at_the_clock(arm, log, hasty):
+def test_a_discrepancy_does_not_hang_on_the_clock(arm, log, hasty):
     terms = ("rigid_body", "viscous_friction")
-    poor = bayesid.identify(arm, log, terms, complete="off", search=REPEATABLE["search"], posterior=False)
+    poor = bayesid.identify(arm, log, terms, complete="off", posterior=False)
     another = log_of(arm, 2)
 
     def found():
-        result = bayesid.find_discrepancy(poor, another, search=Certified(budget=3.0, repeatable=True), posterior=False)
+        result = bayesid.find_discrepancy(
+            poor, another, search=Certified(budget=3.0, time_limit=np.inf), posterior=False
+        )
         return {**numbers(result.identification), "gain": [effect.gain for effect in result.added]}
 
     quiet = found()
@@ -97,7 +102,7 @@ def hard():
 
 
 def searched(problem, budget):
-    found = certified(problem.moments, problem.solver(), budget, repeatable=True)
+    found = certified(problem.moments, problem.solver(), budget)
     return found, (found.cost, found.lower_bound, found.nodes, found.solves, found.signs.tolist(), found.theta.tolist())
 
 

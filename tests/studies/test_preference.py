@@ -40,7 +40,7 @@ def test_what_the_best_signs_are_better_by_whatever_was_certified(seed, scale):
 
 def test_a_witness_changes_nothing_and_knows_the_problem():
     problem, assignments, _ = posed(seed=2, segments=5, joints=2)
-    plain = Certified(repeatable=True)
+    plain = Certified()
     search = Witnessed(plain)
     first, expected = search.find(problem), plain.find(problem)
     np.testing.assert_array_equal(first.signs, expected.signs)
