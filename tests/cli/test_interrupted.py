@@ -167,9 +167,3 @@ with reserved(pathlib.Path("new/result")):
     with reserved(place / "new" / "result"):
         pass
     assert left_in(place) == before
-
-
-def test_what_goes_wrong_inside_is_not_the_places_fault(place):
-    with pytest.raises(FileNotFoundError), reserved(place / "result"):
-        (place / "nowhere.csv").read_text()
-    assert "result" not in "".join(left_in(place))

@@ -194,17 +194,6 @@ def test_positions_may_begin_with_a_minus(capfd, degrees):
     np.testing.assert_allclose(np.array(line[4:], dtype=float), expected, rtol=0, atol=0.051)
 
 
-def test_a_sliding_joint_stays_in_m(place, capfd):
-    text = "type,a[mm],alpha[deg],d[mm],theta[deg]\nP,0,90,200,0\nR,100,-90,0,0"
-    assert run("robot", "new", text, "--convention", "modified", "--out", "g.toml", "--quiet") == 0
-    assert run("robot", "show", "g.toml", "--q", "0.05,90", "--degrees") == 0
-    out = capfd.readouterr().out
-    assert "q = 0.05 m, 90°" in out
-    (line,) = [line.split() for line in out.splitlines() if line.startswith("joint 1")]
-    assert line[5:] == ["0.0", "-250.0", "0.0"]
-    assert "sliding joints at 0" in out
-
-
 def test_pictures(place, capfd):
     assert run("robot", "show", "tx90", "--q", "0.3,0.2,1,0,0.5,0", "--out", "to/arm.png") == 0
     assert capfd.readouterr().out.endswith("written to to/arm.png\n")

@@ -5,7 +5,6 @@ import json
 import resource
 import subprocess
 import sys
-from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -60,40 +59,6 @@ def test_editors_see_the_same_names():
     aliases = [alias for node in tree.body if isinstance(node, ast.ImportFrom) for alias in node.names]
     assert all(alias.asname == alias.name for alias in aliases)
     assert sorted(alias.name for alias in aliases) == sorted(bayesid.__all__)
-
-
-def exports_of(path):
-    """(module, name) for each name that a file hands on as `from module import name`."""
-    nodes = [node for node in ast.parse(path.read_text(encoding="utf-8")).body if isinstance(node, ast.ImportFrom)]
-    return [(node.level * "." + (node.module or ""), alias.name) for node in nodes for alias in node.names]
-
-
-def file_of(module):
-    """Of `bayesid.x.y`, or of `.x.y` in the stub."""
-    place = ROOT.joinpath(*module.removeprefix("bayesid").strip(".").split("."))
-    return place.with_suffix(".py") if place.with_suffix(".py").is_file() else place / "__init__.py"
-
-
-def is_defined(module, name):
-    """Whether a file's text defines a name, hands it on, or has a module of that name beside it."""
-    tree = ast.parse(file_of(module).read_text(encoding="utf-8"))
-    defined = {node.name for node in tree.body if isinstance(node, ast.FunctionDef | ast.ClassDef)}
-    return name in defined | {name for _, name in exports_of(file_of(module))} or file_of(f"{module}.{name}").is_file()
-
-
-def test_editors_can_follow_every_name_to_its_definition():
-    """By the text alone, from the stub and from the module that draws: so completion works before anything is run."""
-    for module, name in [*exports_of(ROOT / "__init__.pyi"), *exports_of(Path(bayesid.plot.__file__))]:
-        assert is_defined(module, name), name
-
-
-def test_completion_shows_all_figures_and_nothing_else():
-    handed_on = {name for _, name in exports_of(Path(bayesid.plot.__file__))}
-    assert set(dir(bayesid.plot)) == set(bayesid.plot.__all__) == handed_on
-
-
-def test_the_version_is_that_of_the_package():
-    assert bayesid.__version__ == version("bayesid")
 
 
 @pytest.mark.parametrize("command", ["identify", "report"])

@@ -40,15 +40,6 @@ def test_parquet_is_known_by_what_it_holds(tmp_path, recorded):
     assert log.source == str(tmp_path / name)
 
 
-def test_parquet_of_pandas(tmp_path, recorded):
-    pandas = pytest.importorskip("pandas")
-    frame = pandas.DataFrame(flat(recorded))
-    frame.to_parquet(tmp_path / "range.parquet")
-    frame.set_index("t").to_parquet(tmp_path / "index.parquet")
-    for name in ("range", "index"):
-        assert_same(read_log(tmp_path / f"{name}.parquet"), recorded)
-
-
 @pytest.mark.parametrize("unit", ["s", "ns"])
 def test_parquet_of_whole_numbers_and_time_stamps(tmp_path, unit):
     """Since 1970 a float counts in steps of 2.4e-7 s."""
@@ -327,13 +318,6 @@ def test_commanded_positions_of_kuka_are_warned_of(tmp_path, recorded):
         assert_same(read_log(path), recorded, atol=1e-13)
 
 
-def test_lost_and_repeated_packets(tmp_path, recorded):
-    rows = [0, 1, 1, 1, *range(2, 20), *range(23, ROWS)]
-    columns = {name: values[rows] for name, values in kuka(recorded, effort="Torque.A").items()}
-    log = read_log(save(tmp_path / "rsi.csv", text(columns, ";", ",")))
-    assert_same(log, {name: values[rows] for name, values in recorded.items()}, atol=1e-13)
-
-
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -467,15 +451,3 @@ def test_patterns_match_every_format(tmp_path, recorded):
     assert found == ["a.csv", "b.parquet", "bag", "c.mat", "d.mcap", "other/deep.csv"]
     shutil.rmtree(tmp_path / "bag")
     assert "no such file" in refusal(tmp_path / "bag")
-
-
-def test_pandas_reads_a_signed_log(tmp_path, recorded):
-    """`t,tau1..taun,p1..pn` as results write it, digits as Python shows them; some parsers of pandas round the last."""
-    pandas = pytest.importorskip("pandas")
-    p = np.random.default_rng(5).uniform(size=(ROWS, N))
-    columns = flat({"t": recorded["t"] + 1.7e9, "tau": recorded["tau"], "p": p})
-    frame = pandas.read_csv(save(tmp_path / "signed_log.csv", columns))
-    assert list(frame.columns) == list(columns)
-    for name, values in columns.items():
-        assert frame[name].dtype == np.float64
-        np.testing.assert_allclose(frame[name].to_numpy(), values, rtol=1e-15, atol=1e-16)

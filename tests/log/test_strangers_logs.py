@@ -221,8 +221,9 @@ WHOLE_SECONDS = clocked("%Y-%m-%d %H:%M:%S", ",")
 REFUSED = {
     "header again": (joined([*LINES[:150], LINES[0], *LINES[150:]]), ["row 151", "header again"]),
     "error of a spreadsheet": (changed(51, "dq2", "#DIV/0!"), ["row 51", "dq2", "'#DIV/0!'", "remove the row"]),
-    "thousands": (changed(51, "dq2", '"1'), ["row 51"]),
+    "thousands": (changed(51, "dq2", '"1,234.5"'), ["row 51", "separators of thousands"]),
     "backwards": (joined([LINES[0], *LINES[:0:-1]]), ["row 3", "time runs backwards"]),
+    "shuffled ms": (joined([LINES[0], *text(flat(IN_MS)).splitlines()[:0:-1]]), ["time runs backwards"]),
     "no header": (joined(LINES[1:]), ["row 1", "holds numbers, not the names"]),
     "ms": (text(flat(IN_MS)), ["milliseconds?", "t[ms]", "--columns"]),
     "us": (text(flat(scaled(RECORDED, t=1e6))), ["microseconds?", "t[us]"]),
