@@ -40,8 +40,7 @@ FOLDERS = (".ci", "bayesid", "docs", "studies", "tests")
 SLICE = (
     "tests/test_errors.py",
     "tests/test_rooms.py",
-    "tests/docs/test_house.py",
-    "tests/docs/test_site.py",
+    "tests/docs/test_links.py",
     "tests/docs/test_tables.py",
     "tests/model/test_new_effects.py",
     "tests/study/test_study.py::test_ctrl_c_ends_the_command",
@@ -108,6 +107,11 @@ def test_the_page_on_installing_names_all_that_is_needed():
     assert "pinocchio" in named
     extras = set(re.findall(r"^\| `(\w+)` \|", page, re.M))
     assert extras == set(PROJECT["project"]["optional-dependencies"]) - TOOLS
+
+
+def test_the_citation_is_of_this_version():
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.search(r"^version: (.+)$", text, re.M)[1] == bayesid.__version__
 
 
 def lower_bounds(extras: Iterable[str]) -> dict[str, Version]:
@@ -245,6 +249,12 @@ def test_the_tools_of_a_release_find_nothing(tool, built, tmp_path):
         "pyroma": ["pyroma", "--min=9", built[1]],
     }
     execute(["-m", *commands[tool]], tmp_path)
+
+
+@pytest.mark.long
+def test_the_citation_is_valid():
+    cffconvert = pytest.importorskip("cffconvert", reason="pip install 'bayesid[release]'")
+    cffconvert.Citation((ROOT / "CITATION.cff").read_text(encoding="utf-8")).validate()
 
 
 @pytest.mark.long

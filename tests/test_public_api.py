@@ -1,57 +1,65 @@
-"""The promise of public_api.txt: nothing of it changes unless the file and CHANGELOG.md say so."""
+"""The promised names of `import bayesid`: all are there, typed, and break with no release before them."""
 
+import ast
+import importlib
+import shutil
+import subprocess
 from pathlib import Path
 
-import public_api
 import pytest
-from public_api import FILE, read, unmentioned, write
 
-CHANGELOG = Path(__file__).parents[1] / "CHANGELOG.md"
-RELEASED = ["Log.t", "bayesid.identify  (robot, log)", "bayesid identify --search  {certified}"]
-NOW = ["Log.t", "bayesid.identify  (robot, log, terms=None)", "bayesid identify --cutoff", "result/summary.json: noise"]
+import bayesid
 
-
-@pytest.mark.filterwarnings("ignore")
-def test_the_file_lists_what_is_promised(capsys):
-    marked, now = read(FILE.read_text(encoding="utf-8")), public_api.listing()
-    capsys.readouterr()
-    listed = marked["kept"] + marked["added"]
-    changed = sorted(set(now) ^ set(listed))
-    assert changed == [], "what is promised has changed: `python -m tests.public_api`, and name it in CHANGELOG.md"
-    assert not set(marked["removed"]) & set(now)
-    assert len(listed) == len(set(listed)) > 800
+ROOT = Path(__file__).parents[1]
 
 
-def test_the_changelog_names_what_has_changed_since_the_release():
-    missing = unmentioned(FILE.read_text(encoding="utf-8"), CHANGELOG.read_text(encoding="utf-8"))
-    assert missing == [], "name these under the first heading of CHANGELOG.md"
+def stub_names():
+    """Name to module, of bayesid/__init__.pyi."""
+    tree = ast.parse((ROOT / "bayesid" / "__init__.pyi").read_text(encoding="utf-8"))
+    imports = (node for node in tree.body if isinstance(node, ast.ImportFrom))
+    return {alias.asname: f"bayesid.{node.module or ''}".rstrip(".") for node in imports for alias in node.names}
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# The file and the changelog, of other listings
-# ---------------------------------------------------------------------------------------------------------------
-def test_lines_are_marked_by_what_was_released():
-    marked = read(write(NOW, RELEASED))
-    assert marked["kept"] == ["Log.t"]
-    assert marked["added"] == sorted(set(NOW) - set(RELEASED))
-    assert marked["removed"] == sorted(set(RELEASED) - set(NOW))
-    assert sorted(marked["kept"] + marked["removed"]) == sorted(RELEASED)  # so that the release is never forgotten
+def breakages(ref):
+    """What of the promised names and their signatures a git reference had, and is not as it was: a line each."""
+    griffe = pytest.importorskip("griffe", reason="griffe is not installed: pip install 'bayesid[test]'")
+    before = griffe.load_git("bayesid", ref=ref, repo=ROOT, resolve_aliases=True)
+    now = griffe.load("bayesid", search_paths=[ROOT], resolve_aliases=True)
+    exported = {name: one for name, one in before.members.items() if one.is_alias and name != "lazy_loader"}
+    promised = tuple(one.final_target.path for one in exported.values())
+    gone = [f"bayesid.{name}: removed" for name in exported if name not in now.members]
+    changed = [one for one in griffe.find_breaking_changes(before, now) if promises(one, promised)]
+    return gone + sorted({one.explain(griffe.ExplanationStyle.ONE_LINE) for one in changed})
 
 
-def test_what_is_marked_has_to_be_named_under_the_first_heading():
-    changed = {"bayesid.identify", "identify --cutoff", "identify --search", "result/summary.json: noise"}
-    old = f"## 0.1.0\n{' '.join(changed)}\n"
-    assert set(unmentioned(write(NOW, RELEASED), f"# Changelog\n\n## 0.2.0\n`identify-all`\n\n{old}")) == changed
-    assert unmentioned(write(NOW, RELEASED), f"# Changelog\n\n{old}") == []
+def promises(breakage, promised):
+    """Whether it is of a promised name or a public part of it; a name may move to another module."""
+    path, kind = breakage.obj.path, breakage.kind.name
+    moved = kind == "OBJECT_REMOVED" and path in promised
+    inside = any(path == one or path.startswith((f"{one}.", f"{one}(")) for one in promised)
+    return inside and not moved and "._" not in path
 
 
-def test_a_release_forgets_the_marks(tmp_path, monkeypatch):
-    monkeypatch.setattr(public_api, "FILE", tmp_path / "api.txt")
-    monkeypatch.setattr(public_api, "listing", lambda: sorted(NOW))
-    (tmp_path / "api.txt").write_text(write(RELEASED, RELEASED), encoding="utf-8")
-    public_api.update()
-    assert set(read((tmp_path / "api.txt").read_text("utf-8"))["removed"]) == set(RELEASED) - set(NOW)
-    public_api.update()  # again: the same
-    assert set(read((tmp_path / "api.txt").read_text("utf-8"))["removed"]) == set(RELEASED) - set(NOW)
-    public_api.update(release=True)
-    assert read((tmp_path / "api.txt").read_text("utf-8")) == {"kept": sorted(NOW), "added": [], "removed": []}
+def test_every_promised_name_is_there():
+    assert len(bayesid.__all__) > 50
+    assert [name for name in bayesid.__all__ if getattr(bayesid, name, None) is None] == []
+
+
+def test_the_stub_and_the_package_agree():
+    names = stub_names()
+    assert set(names) == set(bayesid.__all__)
+    assert bayesid.__version__
+    for name, module in names.items():
+        here = importlib.import_module(f"{module}.{name}" if module == "bayesid.report" else module)
+        assert getattr(bayesid, name) is (here if module == "bayesid.report" else getattr(here, name)), name
+
+
+def test_nothing_of_the_last_release_is_broken():
+    if shutil.which("git") is None or not (ROOT / ".git").exists():
+        pytest.skip("no git repository: there is nothing to compare with")
+    tags = subprocess.run(
+        ["git", "tag", "--list", "v*", "--sort=-v:refname"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout.split()
+    if not tags:
+        pytest.skip("no release yet: there is no tag v*")
+    assert breakages(tags[0]) == []

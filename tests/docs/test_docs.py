@@ -34,6 +34,7 @@ from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
 
+pytestmark = pytest.mark.long
 ROOT = Path(__file__).parents[2]
 FOLDERS = (ROOT / "docs", ROOT / "docs" / "how-to")
 PAGES = [ROOT / "README.md", *(page for folder in FOLDERS for page in sorted(folder.glob("*.md")))]
@@ -43,8 +44,6 @@ PAYLOAD = np.array([0.017, -0.004, -0.01, 0.022, -0.002, 0.025, 0.2, 0.04, 0.1, 
 """Of a body of 2 kg, as in `bayesid.model.inertia`: on the flange in the log of a page about gains."""
 SAMPLED = ("posterior.md", "python.md", "extending.md", "find-what-is-missing.md", "what-to-record-next.md")
 """Pages whose examples need draws that have converged; elsewhere as few as there can be do."""
-SLOW = ("use.md", "studies.md", "pbpr.md", "logs-and-robots.md", "mixed-signs.md", "find-what-is-missing.md")
-"""Pages whose examples take longest."""
 GAINS = np.array([14.9, 13.3, 11.1])
 """N m/A, as on docs/logs-and-robots.md."""
 HURRY = {
@@ -144,11 +143,7 @@ def identify_few(identify, *arguments, posterior, **options):
     return identify(*arguments, posterior=posterior and FEW, **options)
 
 
-@pytest.mark.parametrize(
-    "page",
-    [pytest.param(page, marks=pytest.mark.long if page.name in SLOW else ()) for page in PAGES],
-    ids=lambda page: page.name,
-)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_examples_run_and_print_what_the_page_says(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     if page.name not in SAMPLED:
@@ -169,12 +164,6 @@ def test_examples_run_and_print_what_the_page_says(page, tmp_path, monkeypatch):
                 run_commands(block, {} if page.name in SAMPLED else HURRY)
         if block.language == "python" and following is not None and following.language == "text":
             assert_alike(printed.getvalue(), following.text)
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_links_lead_somewhere(page):
-    for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text(encoding="utf-8")):
-        assert "://" in target or (page.parent / target).exists(), target
 
 
 def test_method_names_every_file_column_and_key(tmp_path):

@@ -1,4 +1,4 @@
-"""The documentation's site: labels of equations, links with anchors, what the reference covers, and the build."""
+"""The documentation's site: it is built, and opens from a disk."""
 
 from __future__ import annotations
 
@@ -6,118 +6,20 @@ import re
 import subprocess
 import sys
 import time
-from collections import Counter
 from pathlib import Path
-from pkgutil import resolve_name
 
 import browser
 import pytest
 
-import bayesid
-
+pytestmark = [pytest.mark.long, pytest.mark.filterwarnings("ignore::DeprecationWarning")]
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
-THEORY = [DOCS / f"{name}.md" for name in ("method", "certified-search", "posterior", "discrepancy", "pbpr")]
-CODE = [path for folder in ("bayesid", "studies") for path in sorted((ROOT / folder).rglob("*.py"))]
-
-EQUATION = re.compile(r"^ *\$\$\n(?P<formula>[^$]+)\n *\$\$(?: \((?P<label>[\w-]+)\))?$", re.M)
-CITED = re.compile(r"(?::eq:|\{eq\})`(?P<label>[^`\s]+)`")
 
 
 def text_of(path: Path) -> str:
-    """A page or a module."""
     return path.read_text(encoding="utf-8")
 
 
-def prose_of(path: Path) -> str:
-    """A page without its fenced blocks."""
-    return re.sub(r"^ *```.*?^ *```$", "", text_of(path), flags=re.M | re.S)
-
-
-def labels_of(path: Path) -> list[str | None]:
-    """Of all equations of a page that stand by themselves; None where one has no label."""
-    return [found["label"] for found in EQUATION.finditer(prose_of(path))]
-
-
-def anchors_of(path: Path) -> set[str]:
-    """Of a page's headings, as repository pages and the site make them."""
-    headings = re.findall(r"^#+ (.+)$", prose_of(path), re.M)
-    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
-
-
-def listed() -> set[str]:
-    """What the reference's pages make from docstrings."""
-    pages = (DOCS / "reference").glob("*.md")
-    return {name for page in pages for name in re.findall(r"^\.\. auto\w+:: ([\w.]+)$", text_of(page), re.M)}
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Equations
-# ---------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("page", THEORY, ids=lambda page: page.name)
-def test_every_equation_of_the_theory_has_a_label(page):
-    labels = labels_of(page)
-    assert labels
-    assert None not in labels
-    assert prose_of(page).count("$$") == 2 * len(labels), "a `$$` that does not stand on a line of its own"
-
-
-def test_labels_are_unique():
-    counts = Counter(label for page in PAGES for label in labels_of(page) if label)
-    assert [label for label, count in counts.items() if count > 1] == []
-
-
-def test_citations_lead_to_equations():
-    labels = {label for page in PAGES for label in labels_of(page)}
-    cited = {(found["label"], path.name) for path in (*PAGES, *CODE) for found in CITED.finditer(text_of(path))}
-    wrong = sorted((label, name) for label, name in cited if label not in labels)
-    assert wrong == []
-    assert {label for label, name in cited if name.endswith(".py")} >= {"cost", "marginal-likelihood", "dual-bound"}
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Links and pages
-# ---------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_links_and_their_anchors_lead_somewhere(page):
-    for target in re.findall(r"\]\(([^)\s]+)\)", prose_of(page)):
-        if "://" in target:
-            continue
-        name, _, anchor = target.partition("#")
-        place = (page.parent / name).resolve() if name else page
-        assert place.exists(), target
-        assert not anchor or anchor in anchors_of(place), target
-
-
-def test_every_figure_is_shown():
-    shown = {figure for page in PAGES for figure in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", text_of(page))}
-    assert {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.svg")} <= shown
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Reference
-# ---------------------------------------------------------------------------------------------------------------
-def test_reference_holds_all_that_bayesid_exports():
-    assert {f"bayesid.{name}" for name in bayesid.__all__} <= listed()
-
-
-def test_what_pages_name_exists_and_is_in_the_reference():
-    named = {name for page in PAGES for name in re.findall(r"`(bayesid(?:\.\w+)+)", text_of(page))}
-    missing = {name for name in named if not any(covers(one, name) for one in listed())}
-    assert missing == set()
-    for name in named:
-        resolve_name(name)
-
-
-def covers(one: str, name: str) -> bool:
-    """Whether a module or name of the reference is, holds or belongs to a dotted name."""
-    return f"{name}.".startswith(f"{one}.") or one.startswith(f"{name}.")
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# The build
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     """The built site."""
@@ -130,7 +32,6 @@ def site(tmp_path_factory):
     return place / "site"
 
 
-@pytest.mark.long
 def test_notebooks_are_run_and_docstrings_cite_equations(site):
     notebook = text_of(site / "notebooks" / "identify.html")
     assert "Identification of arm from" in notebook  # run, and shown with its outputs
@@ -139,7 +40,6 @@ def test_notebooks_are_run_and_docstrings_cite_equations(site):
     assert 'href="../posterior.html#equation-marginal-likelihood">equation 3.1</a>' in page  # a docstring's citation
 
 
-@pytest.mark.long
 def test_no_page_asks_a_network_for_anything(site):
     """Links that people follow may lead outside, what a page loads by itself may not."""
     loads = re.compile(r"<(?!a\b)[a-z]+\b[^>]*?\b(?:src|href|srcset|data|poster)=[\"']?(?:https?:)?//[^>]*>")
@@ -171,8 +71,6 @@ return touching;
 """
 
 
-@pytest.mark.long
-@pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_pages_opened_from_a_disk_show_their_equations(site):
     shown = {}
     with browser.chromium() as driver:
@@ -197,8 +95,6 @@ def drawn(driver):
     return shown >= there
 
 
-@pytest.mark.long
-@pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_the_search_finds_pages_from_a_disk(site):
     with browser.chromium() as driver:
         driver.get(f"{(site / 'search.html').as_uri()}?q=hysteresis")

@@ -103,24 +103,6 @@ def visible(driver, selector):
     return driver.execute_script(f"return {boxes}.filter((box) => box.width).length", selector)
 
 
-@pytest.mark.parametrize("page", ["report", "discrepancy"])
-def test_tables_that_are_cut_on_narrow_screens_say_that_they_scroll(request, driver, page):
-    """Every one that is wider than its box has a hint inside of it that is seen; none has on a wide screen."""
-    cut = """
-      return [...document.querySelectorAll(".table")].filter((one) => one.scrollWidth > one.clientWidth + 1)
-        .map((one) => { const hint = one.querySelector(".hint"); const box = one.getBoundingClientRect();
-          const seen = hint && hint.getBoundingClientRect();
-          return Boolean(seen && seen.width && seen.left >= box.left - 1 && seen.right <= box.right + 1); })
-    """
-    path = request.getfixturevalue(page)
-    browser.look(driver, path, min(browser.WIDTHS), "light")
-    told = driver.execute_script(cut)
-    assert len(told) >= 2
-    assert all(told)
-    browser.look(driver, path, max(browser.WIDTHS), "light")
-    assert visible(driver, ".hint") == 0
-
-
 @pytest.mark.parametrize("width", browser.WIDTHS)
 def test_buttons_zoom_and_bring_all_back(driver, report, width):
     browser.look(driver, report, width, "light")

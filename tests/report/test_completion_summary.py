@@ -2,16 +2,14 @@
 
 import json
 
-import numpy as np
 import pytest
-from completion_problems import MOTION, identified
+from completion_problems import identified
 
 from bayesid.report.findings import Summary, as_json, find_findings, from_json
 from bayesid.report.findings.summary import EffectSummary
 from bayesid.report.pages.identification_page import identification_page
 from bayesid.report.verdicts import effect_rows
 from bayesid.results.folders import save_identification
-from bayesid.results.model_file import load_model
 
 HIDDEN = ("stribeck_friction", "delay")
 
@@ -83,18 +81,6 @@ def test_where_the_catalogue_was_not_asked_there_is_none():
     assert from_json(Summary, content) == from_json(Summary, {**content, "complete": None}) == summary
     content.pop("complete", None)
     assert from_json(Summary, content) == summary
-
-
-def test_a_completed_model_comes_back(case):
-    result, folder = case
-    stored = load_model(folder)
-    assert stored.model.terms == result.model.terms
-    assert stored.model.distortions == result.model.distortions
-    np.testing.assert_array_equal(stored.theta, result.theta)
-    expected = result.model.effort(MOTION, result.theta)
-    size = np.abs(expected).max()
-    np.testing.assert_allclose(stored.model.effort(MOTION, stored.theta), expected, atol=1e-9 * size)
-    np.testing.assert_allclose(stored.noise.sigma, result.fit.noise.sigma, rtol=1e-12)
 
 
 def test_every_effect_has_its_evidence_numbers_and_rivals_in_the_table(case):

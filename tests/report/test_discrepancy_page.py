@@ -41,7 +41,6 @@ from bayesid.report.plot.discrepancy import (
     gap_figure,
     residual_figure,
 )
-from bayesid.report.plot.paper import Paper
 from bayesid.report.thinning import binned
 from bayesid.report.words import rounded
 from bayesid.results.discrepancy_json import discrepancy_summary
@@ -180,13 +179,6 @@ def test_a_candidate_that_is_not_needed_is_held_against_what_took_its_place():
     assert "41" not in said
 
 
-def test_what_was_left_out_and_what_cannot_be_tested_is_listed():
-    _, text = page_of(make())
-    assert "<li>torque offset, joint 3</li>" in text
-    assert f'<th scope="row">presliding hysteresis</th><td>1 to 3</td><td>{Hysteresis.shown_by}</td>' in text
-    assert '<th scope="row">payload</th><td>whole robot</td>' in text
-
-
 def test_text_from_outside_is_escaped():
     page, text = page_of(make())
     for raw, escaped in (
@@ -198,12 +190,6 @@ def test_text_from_outside_is_escaped():
         assert raw not in text
         assert escaped in text
     assert "b" not in page.tags
-
-
-def test_plain_text_is_typeset():
-    assert typeset("-1.2 +- 0.1 N m/rad^2 <a-1>") == (
-        "&minus;1.2&nbsp;&plusmn;&nbsp;0.1 N&nbsp;m/rad&sup2; &lt;a-1&gt;"
-    )
 
 
 # --- Figures ---------------------------------------------------------------------------------------------------------
@@ -261,17 +247,3 @@ def test_candidates_are_drawn_best_first_and_at_most_twelve():
     assert to_hex(ax.lines[0].get_color()) == BEFORE
     assert ax.get_yticklabels()[0].get_text() == "Coulomb friction, joint 2"
     assert not candidate_figure(make(scores=())).axes[0].containers[0].patches
-
-
-def test_an_inline_figure_takes_the_ink_of_its_page_and_holds_all_it_shows():
-    svg = gap_figure(make(), Paper).svg("gap", 'a "gap" <1>')
-    assert svg.startswith('<svg role="img" aria-label="a &quot;gap&quot; &lt;1&gt;" viewBox="0 0 ')
-    assert svg.endswith("</svg>")
-    assert "currentColor" in svg
-    assert "<text" in svg
-    assert not re.search(f"{INK}|font-family|<style|<metadata|<!--|http", svg)
-    identifiers = re.findall(r'\bid="([^"]*)"', svg)
-    assert len(set(identifiers)) == len(identifiers)
-    assert all(one.startswith("gap-") for one in identifiers)
-    assert set(re.findall(r'(?:url\(|href=")#([^")]*)', svg)) <= set(identifiers)
-    assert svg == gap_figure(make(), Paper).svg("gap", 'a "gap" <1>')

@@ -140,20 +140,6 @@ def test_the_numbers_of_the_tables_are_those_found(pages):
     assert [row[1:3] for row in others] == [[[2.75], [0.27]], [[6.5], [0.02]]]
 
 
-def test_bars_are_drawn_to_scale(pages):
-    """120 wide, zero in the middle, 28 a coefficient's own size."""
-    findings, _, text = pages("everything")
-    bars = re.findall(r'<svg class="bar".*?</svg>', text)
-    own = findings.coefficients.bar
-    for k, bar in enumerate(bars):
-        x, width = (float(re.search(rf' {key}="([-\d.]+)"', bar)[1]) for key in ("x", "width"))
-        assert (x, x + width) == pytest.approx(sorted([60.0, 60.0 + 28.0 * own.mean[k]]), abs=0.11)
-        low, high = map(float, re.search(r"M([\d.]+) 8H([\d.]+)", bar).groups())
-        assert low == pytest.approx(60.0 + 28.0 * max(own.low[k], -2.0), abs=0.06)
-        assert high == pytest.approx(60.0 + 28.0 * min(own.high[k], 2.0), abs=0.06)
-        assert ('class="tick"' in bar) == np.isfinite(own.nominal[k])
-
-
 def test_ambiguous_segments_are_listed_by_their_size(pages):
     """A link leads to the figure of the joint and names the segment's ends; what stands still is not listed."""
     findings, page, _ = pages("everything")

@@ -164,19 +164,6 @@ def test_bars_begin_at_zero_and_bands_reach_from_end_to_end():
     )
 
 
-def test_dots_that_are_pale_add_up():
-    """Each is drawn by itself, at a vertex of a line that is not."""
-    panel = Paper(2.0).subplots()
-    panel.scatter(np.array([0.0, 1.0, 1.0]), np.array([2.0, 3.0, 3.0]), s=4.0, color=BLUE, alpha=0.4, linewidths=0.0)
-    elements = drawn(panel.figure)
-    (marker,) = [one for one in elements if one.tag == "marker"]
-    (line,) = [one for one in elements if one.get("marker-mid")]
-    assert {line.get(f"marker-{place}") for place in ("start", "mid", "end")} == {f"url(#{marker.get('id')})"}
-    assert len(numbers(line.get("d"))) == 6
-    assert marker[0].get("fill-opacity") == "0.4"
-    assert marker[0].get("d").startswith("M-1.00 0.00")
-
-
 @pytest.mark.parametrize("name", FIGURES)
 def test_a_figure_holds_what_it_refers_to_and_takes_the_ink_of_its_page(name):
     figure = both(name)[1][0].figure

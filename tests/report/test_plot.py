@@ -63,20 +63,6 @@ def intervals(bands):
     return np.array([[p.vertices[:, 0].min(), p.vertices[:, 0].max()] for p in bands.get_paths()])
 
 
-def test_a_stretch_of_time_can_be_looked_at(recwarn, tmp_path):
-    """Signs of segments outside of it neither show nor take room."""
-    whole, part = (plot.torques(FOUND, [1], [Figure(layout="constrained").subplots()])[0] for _ in range(2))
-    part.set_xlim(SAMPLES.t[0], SAMPLES.t[0] + 0.2 * (SAMPLES.t[-1] - SAMPLES.t[0]))
-    pages = []
-    for ax in (whole, part):
-        ax.figure.savefig(tmp_path / "figure.svg")
-        pages.append((tmp_path / "figure.svg").read_text())
-    assert pages[1].count('id="glyph-') < pages[0].count('id="glyph-')
-    width, kept = (ax.get_position().width for ax in (whole, part))
-    assert kept > 0.9 * width
-    assert not [one for one in recwarn if "constrained" in str(one.message)]
-
-
 def test_axes_come_back_in_a_figure_of_their_own():
     """Drawing changes neither what was found nor how the user's own figures look."""
     style = dict(mpl.rcParams)

@@ -93,13 +93,6 @@ def test_given_axes_are_used_and_their_figure_keeps_its_caption():
         bayesid.plot.skeleton("ur5e", axes=axes[:1])
 
 
-def test_a_robot_without_lengths_can_be_drawn(tmp_path):
-    path = tmp_path / "point.toml"
-    path.write_text('convention = "standard"\njoints = [{ a = 0.0, alpha = 0.0, d = 0.0, theta = 0.0 }]\n')
-    side, _ = skeleton(path)
-    assert {word.get_text() for word in words(side)} == {"g", "base", "flange", "x", "z", "1"}
-
-
 def test_what_cannot_be_drawn():
     for robot, q, says in (("kr55", None, "no such robot"), ("kr5", [0.0], "q: are no positions")):
         with pytest.raises(InputError, match=says):

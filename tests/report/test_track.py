@@ -132,11 +132,3 @@ def test_every_joint_has_its_effort_and_its_external_torque():
     assert {"model", "threshold of a contact", "contact", "change, when it was said"} <= {
         text.get_text() for text in key.get_texts()
     }
-
-
-def test_a_stream_of_nothing_is_drawn_too():
-    full = made_stream(alarms=())
-    nothing = {name: getattr(full, name)[:0] for name in ("t", "probability", "effort", "predicted", "predicted_sd")}
-    nothing |= {name: getattr(full, name)[:0] for name in ("external", "threshold")}
-    empty = Replay(**nothing, alarms=(), counts=Counts(), figures=figures(), lag=0.0, rate=50.0)
-    assert len(stream_figure(empty).axes) == 4

@@ -10,7 +10,6 @@ from exported_robots import COUPLED, ROBOTS, branched, dofs, in_mujoco, in_pinoc
 from oracles import assert_close, dh_chain, parameters_of, random_clouds, random_motion, random_table, turn
 from oracles import joint_torques as torques_of_points
 
-from bayesid.model.axes import Axis, Component, Family, Quantity
 from bayesid.model.catalogue import make_effect, make_terms
 from bayesid.model.distortions import CATALOGUE as DISTORTIONS
 from bayesid.model.model import Model
@@ -109,15 +108,6 @@ def test_effects_without_a_place_are_in_the_comment(model, theta):
     assert [joint.find("dynamics") is not None for joint in joints] == list(map(bool, held))
 
 
-def test_terms_may_be_absent_or_come_in_another_order():
-    robot = ROBOTS["standard"]
-    bodies, friction = parameters_of(random_clouds(6)), np.array([0.1, 0.2, -1e-12, 0.4, 0.5, 0.6])
-    root = ET.fromstring(urdf(Model(robot, (ViscousFriction(), RigidBody())), np.concatenate([friction, bodies])))
-    found = [element.attrib for element in root.findall("joint/dynamics")]
-    assert found == [{"damping": str(value)} for value in (0.1, 0.2, 0.0, 0.4, 0.5, 0.6)]
-    assert ET.fromstring(urdf(Model(robot, (RigidBody(),)), bodies)).find("joint/dynamics") is None
-
-
 # ---------------------------------------------------------------------------------------------------------------
 # Models with effects in some joints
 # ---------------------------------------------------------------------------------------------------------------
@@ -178,17 +168,6 @@ def comment_of(text):
     """The lines at the head, of text that is an XML document."""
     ET.fromstring(text)
     return [line.strip() for line in text[text.index("<!--") : text.index("-->")].splitlines()]
-
-
-def test_what_was_learned_stands_at_the_head_in_words():
-    robot = ROBOTS["standard"]
-    axis = Axis(Quantity.POSITION, 1, Family.PERIODIC, -1.0, 1.0, 2.0, 2)
-    term = LearnedEffect.of(3, [Component((axis,), np.eye(2))])
-    bodies = parameters_of(random_clouds(robot.n_joints))
-    lines = comment_of(urdf(Model(robot, (RigidBody(), term)), np.concatenate([bodies, [0.0, 0.7]])))
-    unit = "N" if robot.joints[2].prismatic else "N m"
-    assert f"learned_effect of joint 3: 0.7 sin(2 q1) {unit}" in lines
-    assert "depends on the position of joint 1; no part of friction; repeats 2 times in a turn of joint 1" in lines
 
 
 @pytest.mark.parametrize("robot", [ROBOTS["standard"], COUPLED], ids=["standard", "coupled"])
