@@ -315,7 +315,7 @@ def test_visible_is_the_mean_gain_of_effects_of_their_usual_size(kept):
     assert visible > 3.0
 
 
-@pytest.mark.parametrize("limit", [0.02, 0.45])
+@pytest.mark.parametrize("limit", [0.02, 0.2, 0.45])
 def test_noise_is_not_fitted_where_it_is_out_of_the_question(limit):
     """The evidence is that of the likelier one all the same."""
     data = made_data(300, gaps=False)

@@ -37,9 +37,9 @@ def test_rise_and_its_standard_error_are_those_of_the_mean_of_blocks():
 
 @pytest.mark.parametrize(("sd", "sure"), [(2.6, True), (2.7, False)])
 def test_above_a_level_is_sure_by_the_scatter_of_the_blocks(sd, sure):
-    """A mean square of 5 over a level of 2 N m: 1 against 1.5 sd / 4."""
-    found = errors(spread(5.0, sd), 0.24)
-    np.testing.assert_array_equal(found.surely_above(np.array([2.0, 0.5])), [sure, False])
+    """A mean square of 10 over a level of 3 N m: 1 against 1.5 sd / 4."""
+    found = errors(spread(10.0, sd), 0.24)
+    np.testing.assert_array_equal(found.surely_above(np.array([3.0, 0.5])), [sure, False])
 
 
 @pytest.mark.parametrize(
