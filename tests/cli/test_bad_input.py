@@ -353,6 +353,8 @@ BAD_MOTIONS = [
     (("--floor", "0.1"), ("--floor", "--capsules")),
     (("--tool", "0,0,0.1"), ("--tool", "--capsules")),
     (("--capsules", "-1"), ("--capsules",)),
+    (("--capsules", "0.03", "--meshes", "."), ("--meshes", "--capsules")),
+    (("--about", ""), ("--about",)),
     (("--log", "log.csv"), ("--log", "--for")),
     (("--robot", "kr5"), ("kr5", "another robot")),
     (("--duration", "0.1"), ("--duration",)),

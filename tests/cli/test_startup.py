@@ -48,6 +48,7 @@ def test_every_promised_name_is_there():
     for name in bayesid.__all__:
         assert getattr(bayesid, name) is not None, name
     assert callable(bayesid.plot.torques)
+    assert set(dir(bayesid.plot)) == set(bayesid.plot.__all__)
     assert set(bayesid.__all__) <= set(dir(bayesid))
     with pytest.raises(AttributeError):
         bayesid.nonsense  # noqa: B018

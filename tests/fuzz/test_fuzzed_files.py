@@ -256,7 +256,9 @@ def chain(n, kind):
 
 
 RING = '<joint name="{0}{1}" type="revolute"><parent link="{0}"/><child link="{1}"/></joint>'
+SLIDES = URDF.decode().replace('lower="0" upper="0.5"', 'lower="0" upper="0"')
 BEYOND = [
+    ("limits.urdf", SLIDES.replace('<mimic joint="j2"/>', ""), "slides, and has no limits"),
     ("robot.urdf", chain(5000, "revolute"), "has 5001 links"),
     ("robot.urdf", chain(500, "revolute"), "has 500 moving joints"),
     ("robot.urdf", f'<robot name="deep">{"<a>" * 100_000}{"</a>" * 100_000}</robot>', "in more than 32 others"),
