@@ -99,9 +99,3 @@ def test_signs_are_as_sure_as_without_what_is_summed_out():
     assert sure[1] > sure[0] - 0.01
     signs, strong = true_signs("")
     assert np.mean((only.sample_signs == signs)[strong]) >= np.mean((off.sample_signs == signs)[strong]) - 0.002
-
-
-def test_logs_with_signs_are_completed_too():
-    result, unsigned = identified("stribeck_friction", signed=True), identified("stribeck_friction")
-    assert found(result) == found(unsigned) == {("stribeck_friction", (2,))}
-    assert np.all(np.abs(result.fit.beta - unsigned.fit.beta) < 3.0 * unsigned.fit.sd)

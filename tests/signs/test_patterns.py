@@ -150,6 +150,22 @@ def test_the_best_are_those_of_a_beam():
         assert set(as_dict(block.best(width, 7))) == beam
 
 
+def test_groups_share_segments_and_pull_and_cost_no_more_than_the_whole():
+    for seed in range(8):
+        problem, view = prepared(seed, segments=9, joints=1, known=seed % 3, noise=0.5)
+        (block,) = view.blocks
+        assert block.groups(9) == [block]
+        groups = block.groups(4)
+        assert len(groups) > 1
+        assert max(len(group.segments) for group in groups) <= 4
+        np.testing.assert_array_equal(np.sort(np.concatenate([g.segments for g in groups])), np.sort(block.segments))
+        assert all(group.segments[0] == block.segments[k] for k, group in enumerate(groups)), "strong ones in each"
+        np.testing.assert_allclose(sum(g.hessian(len(g.segments)) for g in groups), block.hessian(len(block.segments)))
+        whole = block.least(64, 10_000, lambda _: None, view.rounding)
+        parts = [group.least(64, 10_000, lambda _: None, view.rounding) for group in groups]
+        assert 0.0 < sum(parts) <= whole + view.rounding
+
+
 def test_a_least_cost_is_had_where_rounding_is_larger_than_is_allowed_for():
     """A joint that hardly moves: the best pattern's beginnings seemed dearer than all of it, and nothing was left."""
     problem, view = prepared(3, segments=8, size=4, noise=0.6)
@@ -233,6 +249,16 @@ def test_a_join_keeps_the_pairs_up_to_a_limit_and_bounds_the_mass_of_the_others(
     assert logsumexp(-0.5 * out) - 1e-6 <= joined.log_missed
     least = min(min(one.bound) for one in lists)
     assert joined.log_missed <= np.log(4 * len(out)) - 0.5 * least, "not absurdly above"
+
+
+def test_pairs_whose_own_bounds_add_up_to_too_much_are_left_out_with_that_sum():
+    _, view, hessian, energy = two_joints(3)
+    lists = [block.within(np.inf, 3, ALL, never) for block in view.blocks]
+    apart = np.add.outer(*(one.bound for one in lists)).ravel()
+    limit = float(np.quantile(apart, 0.3))
+    joined = join(*lists, hessian, energy, everything, limit)
+    assert len(joined) == np.sum(apart <= limit)
+    assert joined.log_missed == pytest.approx(logsumexp(-0.5 * apart[apart > limit]))
 
 
 @settings(max_examples=60, deadline=None, derandomize=True)

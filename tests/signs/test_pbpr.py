@@ -62,6 +62,10 @@ def test_feasible_parameters_of_known_coefficients_meet_constraints_on_mass_and_
     theta = random_parameters(kr5, np.random.default_rng(3))
     bodies = Bodies(theta, kr5.cone)
     beta, mass = coefficients.project(theta), float(bodies.mass.sum())
+    (xx, xy, xz, yy, yz, zz, *moment, m), c = theta[10:20], bodies.center_of_mass[1]
+    about_frame = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    np.testing.assert_allclose(c, np.array(moment) / m)
+    np.testing.assert_allclose(bodies.inertia_at_center[1], about_frame - m * (c @ c * np.eye(3) - np.outer(c, c)))
     hull = (bodies.center_of_mass - np.array([0.08, 0.05, 0.06]), bodies.center_of_mass + np.array([0.05, 0.09, 0.07]))
     constraints = (feasible_inertia(), total_mass(0.9 * mass, 1.05 * mass), center_of_mass_inside(*hull))
     found = retrieve_by_annealing(coefficient_error(coefficients, beta), kr5.cone, make_bounds(kr5), constraints, QUICK)

@@ -105,24 +105,6 @@ def test_more_readings_of_a_standstill_are_no_less_sure():
     assert doubt[1] < doubt[0] < 0.01
 
 
-@pytest.mark.parametrize("rest", [1, 3])
-def test_friction_that_turns_round_during_a_short_standstill_leaves_its_samples_unsure(rest):
-    """|effort| agrees with |prediction| at every sample, whenever friction turns; the jump alone gives it away."""
-    moving = np.ones((101 + rest, 1), dtype=bool)
-    moving[60 : 60 + rest] = False
-    sure = {}
-    for after in (-0.8, 1.4):
-        predicted = np.concatenate([np.full(60, 1.2), np.full(rest, 0.1), np.full(41, after)])[:, None]
-        found = smooth(np.abs(predicted), predicted, moving, noise_of(0.03, 0.03, 0.1), RATE)[:, 0]
-        sure[after] = np.maximum(found, 1.0 - found)[60 : 60 + rest].min()
-        np.testing.assert_array_equal(found[:60] > 0.99, True)
-        np.testing.assert_array_equal(found[60 + rest :] > 0.99, after > 0.0)
-        np.testing.assert_array_equal(found[60 + rest :] < 0.01, after < 0.0)
-    assert sure[1.4] > 0.99, "where friction does not turn nothing is in doubt"
-    assert sure[-0.8] < (0.97 if rest == 1 else 0.75)
-    assert 1.0 - sure[-0.8] > 8.0 * (1.0 - sure[1.4])
-
-
 def test_an_outlier_is_no_proof_of_its_sign():
     """Without coloured noise every sample stands alone: Student's t, four degrees. A normal would be certain."""
     for outlier in (0.9, 1.5, 3.0):
