@@ -4,9 +4,11 @@ import sys
 import threading
 import time
 from collections import Counter
+from concurrent.futures import CancelledError
 from contextlib import closing
 from functools import partial
 from importlib.metadata import version
+from types import SimpleNamespace
 
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
@@ -14,7 +16,7 @@ from toy_study import alive, dask_client, dask_cluster, leave_mark, marks_in, wa
 
 from bayesid.errors import InputError
 from bayesid.study import runner
-from bayesid.study.runner import connect, run
+from bayesid.study.runner import Cluster, LostSchedulerError, connect, run
 
 ON_CLUSTER = "BAYESID_TEST_CLUSTER"
 """Variable that stands in the environment of a cluster's workers, and of no other process."""
@@ -124,6 +126,25 @@ def test_closed_early_a_cluster_is_asked_to_stop(cluster, tmp_path):
     with dask_client(cluster.address) as client:
         wait_until(lambda: not client.run_on_scheduler(lambda dask_scheduler: dask_scheduler.tasks), "no task is left")
     assert len(marks_in(marks)) < 10
+
+
+def test_a_scheduler_that_is_gone():
+    """What its client raises depends on when it is asked; test_kill.py kills one."""
+    for error in (OSError("connection reset"), AttributeError("ncores"), CancelledError()):
+
+        def gone(*_, error=error):
+            raise error
+
+        executor = SimpleNamespace(submit=gone)
+        client = SimpleNamespace(nthreads=gone, status="closing", get_executor=lambda pure, one=executor: one)
+        pool = Cluster(client)
+        with pytest.raises(LostSchedulerError):
+            pool.room(1)
+        with pytest.raises(LostSchedulerError):
+            pool.submit(do, ("square", 1))
+        client.status = "running"
+        with pytest.raises(type(error)):
+            pool.submit(do, ("square", 1))
 
 
 def refusal(call=None, **where):
