@@ -181,6 +181,7 @@ def test_which_data_say_that_a_joint_is_unexplained_is_said(says):
     grown = "gap grew on held-back data" in says
     assert holds(check.message, "Joint 3", *(("0.313", "0.496 N m") if grown else ("1.6",)))
     assert ("holdout" in check.message) == ("log" not in says)
+    assert ("0.39 N m" in lead(result)) != grown, "what is left, 0.31 N m times the root of 1.6 squared less one"
 
 
 def test_nothing_missing_is_told_by_the_worst_joint():
