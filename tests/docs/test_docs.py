@@ -34,7 +34,6 @@ from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
 
-pytestmark = pytest.mark.long
 ROOT = Path(__file__).parents[2]
 FOLDERS = (ROOT / "docs", ROOT / "docs" / "how-to")
 PAGES = [ROOT / "README.md", *(page for folder in FOLDERS for page in sorted(folder.glob("*.md")))]
@@ -44,6 +43,8 @@ PAYLOAD = np.array([0.017, -0.004, -0.01, 0.022, -0.002, 0.025, 0.2, 0.04, 0.1, 
 """Of a body of 2 kg, as in `bayesid.model.inertia`: on the flange in the log of a page about gains."""
 SAMPLED = ("posterior.md", "python.md", "extending.md", "find-what-is-missing.md", "what-to-record-next.md")
 """Pages whose examples need draws that have converged; elsewhere as few as there can be do."""
+QUICK = ("excitation.md",)
+"""Pages that take two seconds and whose command no other test runs; all others are long."""
 GAINS = np.array([14.9, 13.3, 11.1])
 """N m/A, as on docs/logs-and-robots.md."""
 HURRY = {
@@ -143,7 +144,11 @@ def identify_few(identify, *arguments, posterior, **options):
     return identify(*arguments, posterior=posterior and FEW, **options)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(page, marks=() if page.name in QUICK else pytest.mark.long) for page in PAGES],
+    ids=lambda page: page.name,
+)
 def test_examples_run_and_print_what_the_page_says(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     if page.name not in SAMPLED:

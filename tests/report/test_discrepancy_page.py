@@ -122,6 +122,7 @@ def test_what_an_effect_is_worth_is_in_page_terminal_and_file():
     with (console := Console(width=200)).capture() as caught:
         console.print(*discrepancy_parts(result), sep="\n")
     assert "3.20 -> 0.500 N (8.0 -> 1.2 %) in joint 3" in caught.get()
+    assert len(discrepancy_parts(make(added=()))) < len(discrepancy_parts(result)), "no table of effects"
     told = discrepancy_summary(replace(result, unexplained_on={}, all_along=(), floor=make().floor))["found"][0]
     assert told["effort"] == {"joint": 2, "rms": 1.5, "largest": 2.25, "percent": 5.0, "of": "rated effort"}
     cost = {"joint": 3, "before": 3.2, "after": 0.5, "percent_before": 8.0, "percent_after": 1.25}

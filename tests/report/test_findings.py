@@ -142,16 +142,6 @@ def test_position_and_velocity_are_of_the_motors(coupled):
     np.testing.assert_allclose(samples.velocity.T, [dq1 + 3 / 40 * dq2, dq2 - 7 / 60 * dq1], rtol=1e-9, atol=1e-12)
 
 
-def test_what_is_used_is_in_motion_and_recorded(pooled, logs):
-    """Nothing of the pause between two logs, which come one after the other."""
-    found = find_findings(pooled)
-    place, _ = pooled.log.clock(pooled.signals.motion.t)
-    assert (place < 0).any()
-    assert not found.samples.used[place < 0].any()
-    assert found.samples.used[place >= 0].mean() > 0.8
-    assert found.samples.t[-1] > logs[0].t[-1] + logs[1].t[-1]
-
-
 def test_segments_are_those_of_the_table(any_of_them, tmp_path):
     """A segment ends where the next one begins, one sample after its last; none reaches over a pause between logs."""
     found, period = find_findings(any_of_them).segments, 1.0 / any_of_them.signals.rate
@@ -189,20 +179,6 @@ def test_the_autocorrelation_by_brute_force(pooled):
             variance = np.mean(residual[used[:, j], j] ** 2)
             assert found.correlation.value[j, lag] == pytest.approx(mean / variance, rel=1e-9, abs=1e-12)
         assert found.correlation.bound[j] == pytest.approx(1.96 / np.sqrt(used[:, j].sum()), rel=1e-4)
-
-
-def test_coefficients_are_those_of_the_posterior(sampled):
-    """What cannot be negative has the shortest interval, all else the central one."""
-    found, posterior = find_findings(sampled).coefficients, sampled.posterior
-    of_log, beta = (draws.beta.reshape(-1, draws.beta.shape[-1]) for draws in (posterior.draws, posterior.uncertain))
-    np.testing.assert_allclose(found.mean, of_log.mean(axis=0), rtol=1e-6, atol=1e-9)
-    free = np.array([not name.startswith(("Fv", "Fc", "Ia")) for name in found.name])
-    for level, ends in ((0.025, found.low), (0.975, found.high)):
-        np.testing.assert_allclose(ends[free], np.quantile(beta, level, axis=0)[free], atol=0.1 * found.sd.max())
-    np.testing.assert_allclose(np.mean((beta >= found.low) & (beta <= found.high), axis=0), 0.95, atol=2e-3)
-    assert found.name == sampled.coefficients.names
-    assert np.all(found.low < found.mean)
-    assert np.all(found.mean < found.high)
 
 
 def test_draws_come_in_the_order_of_sweeps(sampled):

@@ -191,16 +191,6 @@ def test_text_from_outside_is_escaped(pages):
         assert f"{start} &lt;script&gt;alert(&#39;x&#39;)&lt;/script&gt; &#34; &amp; &lt;b&gt;" in text
 
 
-def test_what_was_run_is_told(pages):
-    findings, _, text = pages("signed")
-    table = findings.summary.provenance
-    run = table.data, table.files["log.csv"], table.machine, table.command, table.date
-    for value in (*run, "Version of python", "3.11.7", "Option seed", "<code>7</code>"):
-        assert value in text
-    assert "<code>null</code>" in text  # an option left as it is
-    assert "<code>[&#34;rigid_body&#34;]</code>" in text
-
-
 @pytest.mark.parametrize(
     ("name", "there", "not_there"),
     [

@@ -104,13 +104,6 @@ def test_margins_are_told_and_what_goes_beyond_stands_out():
     assert not axes[1, 2].texts, "no limit, nothing said"
 
 
-def test_without_efforts_and_limits_there_are_three_columns():
-    axes, below = drawn(picture(effort=None, effort_band=None, limits=JointLimits(), distance=None))
-    assert axes.shape == (3, 3)
-    assert not [line for ax in axes.flat for line in lines(ax, "limit")]
-    assert "not checked" in below[-1].texts[0].get_text()
-
-
 def test_the_distance_is_drawn_with_its_margin_and_its_least():
     _, (ax,) = drawn(picture())
     (curve,), (margin,), (least,) = (lines(ax, name) for name in ("distance", "margin", "least"))

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 import bayesid
 from bayesid.errors import InputError
 from bayesid.report import plot
-from bayesid.report.plot.ink import BLUE, INK, MAGENTA, ORANGE
+from bayesid.report.plot.ink import BLUE, MAGENTA, ORANGE
 from bayesid.report.thinning import binned, envelope
 from bayesid.results.folders import save_identification
 from bayesid.simulation.logs import simulate_log
@@ -174,18 +174,6 @@ def test_bands_are_segments():
             np.testing.assert_allclose(bands.get_facecolors(), [to_rgba(colour, one) for one in alpha], atol=1e-12)
             height = bands.get_paths()[0].vertices[:, 1]
             assert (height.min(), height.max()) == (0.0, 1.0)  # of the axes, however large the efforts
-
-
-def test_ambiguous_segments_are_hatched():
-    for j, ax in enumerate(plot.torques(FOUND)):
-        mine = np.flatnonzero((SEGMENTS.joint == j) & SEGMENTS.ambiguous)
-        assert len(mine) == 1
-        bands = gid(ax, "x-doubt")
-        np.testing.assert_allclose(intervals(bands), np.column_stack([SEGMENTS.start[mine], SEGMENTS.end[mine]]))
-        assert bands.get_hatch() == "////"
-        assert to_hex(bands.get_edgecolor()[0]) == INK
-    sure = replace(FOUND, segments=replace(SEGMENTS, ambiguous=np.zeros_like(SEGMENTS.ambiguous)))
-    assert not [one for one in plot.torques(sure)[0].get_children() if one.get_gid() == "x-doubt"]
 
 
 def test_a_validation_is_drawn_with_its_band():

@@ -9,7 +9,7 @@ from made_findings import make_findings, make_samples, with_summary
 
 from bayesid.fit.effects.confounded import TooNarrow
 from bayesid.identification.other_readings import BetterReading
-from bayesid.report.findings.summary import CompletionSummary, ErrorsSummary, LowPassSummary, ModeSummary
+from bayesid.report.findings.summary import CompletionSummary, ErrorsSummary, GainsSummary, LowPassSummary, ModeSummary
 from bayesid.report.verdicts import Check, check_findings, sure_share, verdict, worst
 
 
@@ -61,6 +61,20 @@ def lasting(*share):
     """Of each joint's variance of the residual."""
     sd = np.array(GOOD.summary.noise.sd)
     return with_summary(GOOD, "noise", coloured_sd=tuple(sd * np.sqrt(share)))
+
+
+def with_gains(**changes):
+    """Both gains were stated to 20 %."""
+    each = {
+        "mean": (12.5, 9.5),
+        "sd": (0.4, 0.3),
+        "lower": (11.7, 8.9),
+        "upper": (13.3, 10.1),
+        "ratio_sd": (0.03, 0.04),
+    }
+    factor = {"factor": 1.04, "factor_sd": 0.05, "factor_decided_by": "data"}
+    made = GainsSummary(**each, **factor, decided_by=("data",) * 2, unit="N m/A", stated="12~20%,9~20%", settled=True)
+    return summary(gains=replace(made, **changes))
 
 
 SPRING = TooNarrow(("gravity_spring", "joint_spring"), (2,), ("mc2x", "J2xx"))
@@ -120,6 +134,12 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
         ("bad", fit(relative_residual=[0.04, 0.26]), "26.0|joint 2"),
     ],
     "Beyond the terms": [("good", GOOD, "")],
+    "Gains": [
+        ("good", with_gains(), "joints 1 and 2|4.0 %|1.04"),
+        ("look", with_gains(decided_by=("data", "prior"), factor_decided_by="prior"), "joint 1|3.0 %|joint 2|prior"),
+        ("look", with_gains(like_friction=(2,), factor_decided_by="given"), "joint 2|friction|exact"),
+        ("bad", with_gains(settled=False), ""),
+    ],
     "Intervals": [
         ("good", GOOD, ""),
         ("not done", summary(complete=None), ""),
@@ -171,12 +191,13 @@ def test_each_state_of_a_check_has_its_numbers_and_a_remedy(name):
         found = told(findings, name)
         assert found.state == state, found
         assert all(one in found.message for one in says.split("|")), found
-        assert bool(found.remedy) == (state != "good"), found
+        nothing_to_do = state == "good" or ((name, state) == ("Gains", "look") and "friction" in says)
+        assert bool(found.remedy) != nothing_to_do, found
         assert "\n" not in found.message + found.remedy
 
 
 def test_checks_come_in_the_order_of_the_pipeline():
-    names = [name for name in CASES if name != "Low-pass after the rectifier"]
+    names = [name for name in CASES if name not in ("Low-pass after the rectifier", "Gains")]
     assert [one.name for one in check_findings(GOOD)] == names
     assert [one.state for one in check_findings(GOOD) if one.name != "Data or prior"] == ["good"] * (len(names) - 1)
 

@@ -68,17 +68,6 @@ def test_right_standard_deviations_pass(n_runs):
     assert not found.beyond_chance
 
 
-@pytest.mark.parametrize(("n_runs", "chance"), [(2, 0.674), (10, 0.963)])
-def test_with_equal_precision_the_ratio_is_a_scaled_chi(n_runs, chance):
-    """And few runs give less than 1 in the median, which `factor` takes into account."""
-    truth, sd = uneven(1, 4000)
-    found = agreement(simulated(truth, np.repeat(sd, n_runs, axis=0)))
-    scaled = stats.chi(n_runs - 1, scale=1.0 / np.sqrt(n_runs - 1))
-    assert stats.kstest(found.ratio, scaled.cdf).pvalue > 1e-3
-    np.testing.assert_allclose(found.ratio, np.sqrt(found.chi_square / found.dof))
-    assert found.median_ratio == pytest.approx(chance, abs=0.03)
-
-
 @pytest.mark.parametrize(("n_runs", "inflation"), [(2, 2.4), (3, 0.3), (7, 2.4)])
 def test_the_factor_is_by_how_much_the_standard_deviations_are_wrong(n_runs, inflation):
     truth, sd = uneven(n_runs, 4000)

@@ -284,14 +284,3 @@ def test_files_that_a_robot_cannot_have_are_left_out_and_said_so(tmp_path):
     (tmp_path / "speed_30" / "mine.txt").write_text("x")
     with pytest.raises(InputError, match="mine"):
         check_programs(tmp_path)
-
-
-def test_heads_are_comments_in_ascii():
-    """Whatever a robot is called, and whatever was checked."""
-    what = planned(checked=("a\nEND\nb", "é" * 300), joint_names=("\u200b1", "b", "c", "d", "e", "f"))
-    for program, mark in ((krl_program, ";"), (rsi_table, "#"), (urscript, "#"), (joint_trajectory, "#")):
-        text = program(what)
-        assert text.isascii()
-        comments = [line for line in text.splitlines() if line.startswith(mark) and "ros2 topic pub" not in line]
-        assert max(map(len, comments)) < 120  # but of a command that is to be copied
-        assert "END" not in [line.strip() for line in text.splitlines()][:-1]

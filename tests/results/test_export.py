@@ -271,15 +271,3 @@ def test_bodies_without_thickness_load_everywhere(edge):
     expected = torques_of_points(dh_chain(table), clouds, robot.gravity, motion)
     assert_close(in_mujoco(mujoco.MjModel.from_xml_string(text), motion), expected, max(MUJOCO, 1e-8))
     assert_close(in_pinocchio(pin.buildModelFromXML(text), robot.gravity, motion), expected, 1e-8)
-
-
-def test_a_motor_that_moves_its_joint_alone_leaves_its_friction_there():
-    gears = np.diag([30.0, -50.0, 40.0, 20.0, 25.0, 60.0])
-    gears[5, 4] = 7.0
-    robot = replace(ROBOTS["standard"], transmission=gears)
-    theta = np.concatenate([parameters_of(random_clouds(6)), np.arange(1.0, 7.0)])
-    text = urdf(Model(robot, (RigidBody(), ViscousFriction())), theta)
-    found = [joint.find("dynamics") for joint in ET.fromstring(text).findall("joint")]
-    assert [each.get("damping") for each in found[:5]] == ["1.0", "2.0", "3.0", "4.0", "5.0"]
-    assert found[5] is None
-    assert [line for line in comment_of(text) if "Fv" in line] == ["viscous_friction: Fv6 = 6.0 N m s/rad"]
