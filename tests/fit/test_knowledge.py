@@ -5,7 +5,7 @@ from oracles import assert_close
 
 from bayesid.fit.knowledge import Knowledge, of_base
 from bayesid.model.catalogue import make_effect, make_terms
-from bayesid.model.coefficients import base_coefficients, embedding
+from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
 
 SIZES = np.array([0.3, 2.0, 0.8])
@@ -85,15 +85,6 @@ def test_parameters_in_another_order_are_found_by_their_names(rng):
     rows = weighted_rows(whole, motion)[:, knowledge.coefficients(whole).kept]
     assert_close(info.hessian, rows.T @ rows, 1e-9)
     assert_close(info.gradient, rows.T @ (effort / SIZES).ravel(), 1e-9)
-
-
-def test_a_whole_that_lacks_a_parameter_holds_no_such_part():
-    names = ("rigid_body", "torque_offset")
-    with pytest.raises(ValueError, match="is not in list"):
-        embedding(plain_model(), plain_model(names))
-    knowledge = Knowledge(plain_model(), np.zeros(len(plain_model().parameters)), np.eye(3))
-    with pytest.raises(ValueError, match="is not in list"):
-        knowledge.coefficients(plain_model(names))
 
 
 NAMES, SD = ("Fv2", "mc3x", "offset1"), np.array([0.4, 0.05, 3.0])

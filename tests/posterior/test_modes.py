@@ -8,7 +8,6 @@ from posterior_logs import make_log, near_symmetric, unproven
 from bayesid.fit.knowledge import Information, Nominal
 from bayesid.model.parameters import Cone
 from bayesid.posterior.modes import starting_points
-from bayesid.signs.search.result import SearchResult
 
 
 @pytest.mark.parametrize("proven", [True, False])
@@ -157,13 +156,3 @@ def test_known_signs_are_never_turned():
         assert len(modes) == 2
         assert np.array_equal(modes[0].signs[:4], -modes[1].signs[:4])
         assert all(np.array_equal(mode.signs[4:], [1, 1]) for mode in modes)
-
-
-def test_all_signs_known():
-    log = make_log((1.5, 0.4), known=(1,) * 6)
-    signs = log.known
-    theta = log.solver.prepared().solve(signs @ log.scaled.gradient).theta
-    search = SearchResult(signs, theta, 0.0, "given", None, False, None, 0, 0, 0.0, 0.0)
-    modes = log.modes(search)
-    assert len(modes) == 1
-    assert np.array_equal(modes[0].signs, signs)

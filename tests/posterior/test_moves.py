@@ -64,15 +64,6 @@ def assert_matches(draws, mean, sd):
     assert np.all(np.abs(squares.mean(axis=0) - sd**2) < 4.5 * error)
 
 
-def test_one_nonnegative_parameter_and_the_noise_match_quadrature(rng):
-    region = Region.of(Cone.orthant(1))
-    make = target_in(region, np.ones(1))
-    target = simulate(make, np.array([0.1]), np.zeros(1), rng, rows=20, segments=5, known=0.0)
-    _, mean, sd = quadrature(target, [np.linspace(0, 3, 1500)[1:], np.linspace(-1.5, 1.5, 400)])
-    draws = samples_of(moves_of(target, 1), np.tile([0.5, 0.0], (200, 1)), 300, np.random.RandomState(0))
-    assert_matches(draws, mean, sd)
-
-
 def test_two_parameters_in_a_cone_and_the_noise_match_quadrature(rng):
     theta = np.array([0.85, -0.25])
     target = simulate(target_in(disc(), np.zeros(2)), theta, np.zeros(1), rng, rows=20, segments=5, known=0.6)

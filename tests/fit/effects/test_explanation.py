@@ -4,6 +4,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from dense_errors import bridging, covariance, whitening
+from effect_problems import RATE, observed
 from scipy.integrate import simpson
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal, norm
@@ -15,7 +16,6 @@ from bayesid.fit.effects.explanation import Observations, Regression
 from bayesid.fit.effects.screening import Screening
 from bayesid.fit.knowledge import Information
 
-RATE = 50.0
 ERRORS = (ErrorModel(0.3, 0.5, 0.1, RATE), ErrorModel(1.1, 0.7, 0.3, RATE))
 
 
@@ -106,16 +106,7 @@ def made_data(count=120, seed=0, gaps=True, amount=0.0):
     effort = waves @ np.array([1.2, -1.7, 0.4]) + noise(count, rng)
     for effect in made_effects(count):
         effort[:, 1] += amount * effect.rows[1].sum(axis=1) if effect.rows else 0.0
-    return Observations(
-        columns=waves * used[:, :, None],
-        effort=effort * used,
-        used=used,
-        information=known,
-        floor=np.ones(2),
-        sharp=np.ones(2, dtype=bool),
-        limits=np.full((2, 2), np.inf),
-        rate=RATE,
-    )
+    return replace(observed(waves, effort, used), information=known)
 
 
 def made_effects(count=120, seed=5):
@@ -187,26 +178,13 @@ def test_evidences_differ_by_the_density_of_the_efforts(kept):
     assert np.ptp(gains) > 3.0
 
 
-@pytest.mark.parametrize(("positive", "amount"), [(False, 0.5), (True, -0.4), (True, 0.5)])
-def test_evidence_of_one_amplitude_is_the_integral(positive, amount, kept):
-    """Over its prior, normal or half-normal: exact for one amplitude."""
-    data, effect = kept(made_data(amount=amount)), made_effects()[1]
-    effect = replace(effect, positive=np.array([positive]))
-    grid = np.linspace(0.0 if positive else -4.5, 4.5, 2001)[:, None]
-    prior = norm(0.0, effect.sd[0]).logpdf(grid[:, 0]) + (np.log(2.0) if positive else 0.0)
-    density = Dense(data).log_likelihood_of(effect, grid) + prior
-    expected = np.log(simpson(np.exp(density - density.max()), x=grid[:, 0])) + density.max()
-    nothing = Dense(data).log_likelihood_of(effect, np.zeros((1, 1)))
-    gain = Regression(data).explain(ERRORS, effect).log_evidence - Regression(data).explain(ERRORS).log_evidence
-    assert gain == pytest.approx(expected - nothing, abs=1e-5)
-
-
 @pytest.mark.parametrize(
-    ("positive", "tolerance"), [((False, False), 1e-4), ((True, False), 1e-4), ((True, True), 0.1)]
+    ("positive", "amount", "tolerance"),
+    [((False, False), 0.3, 1e-4), ((True, False), 0.3, 1e-4), ((True, False), -0.3, 1e-4), ((True, True), 0.3, 0.1)],
 )
-def test_evidence_of_two_amplitudes_is_the_integral(positive, tolerance, kept):
+def test_evidence_of_two_amplitudes_is_the_integral(positive, amount, tolerance, kept):
     """Of two half-normals the probability to be positive is taken for each by itself, which is exact for one."""
-    data, effect = kept(made_data(amount=0.3)), replace(made_effects()[0], positive=np.array(positive))
+    data, effect = kept(made_data(amount=amount)), replace(made_effects()[0], positive=np.array(positive))
     axes = [sd * np.linspace(0.0 if side else -5.0, 5.0, 161) for sd, side in zip(effect.sd, positive, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
     density = Dense(data).log_likelihood_of(effect, grid) + norm(0.0, effect.sd).logpdf(grid).sum(axis=1)
@@ -261,12 +239,6 @@ def test_settled_errors_are_those_of_the_truth():
     assert again.log_evidence == pytest.approx(settled.log_evidence, abs=0.3)
 
 
-def test_mean_square_is_that_of_used_samples_in_units_of_the_floor():
-    data = replace(made_data(), floor=np.array([0.5, 3.0]))
-    residual = np.where(data.used, [2.0, -6.0], 0.0)
-    np.testing.assert_allclose(data.mean_square(residual), [16.0, 4.0])
-
-
 def family(effect, size, seed=9):
     """Effects of the same joints and number of amplitudes, all different."""
     rng = np.random.default_rng(seed)
@@ -313,17 +285,3 @@ def test_visible_is_the_mean_gain_of_effects_of_their_usual_size(kept):
         gains.append(Screening(Regression(replace(data, effort=effort)), ERRORS).gains([effect])[0][0])
     assert np.mean(gains) == pytest.approx(visible, abs=4.5 * np.std(gains) / 20.0)
     assert visible > 3.0
-
-
-@pytest.mark.parametrize("limit", [0.02, 0.2, 0.45])
-def test_noise_is_not_fitted_where_it_is_out_of_the_question(limit):
-    """The evidence is that of the likelier one all the same."""
-    data = made_data(300, gaps=False)
-    limits, residual = (limit, 0.8 * limit), np.array(noise(300, np.random.default_rng(4))[:, 0])
-    joint = evidence.JudgedJoint(residual, data.used[:, 0], RATE, limits)
-    after = evidence.JudgedJoint(1.01 * residual, data.used[:, 0], RATE, limits, joint)
-    assert joint.evidence == max(joint.noise, joint.free)
-    assert after.evidence == pytest.approx(max(after.noise, after.free), abs=1e-9)
-    untouched = evidence.JudgedJoint(residual, data.used[:, 0], RATE, limits)
-    assert untouched.evidence == joint.evidence
-    assert ("noise" in vars(untouched)) == (limit > 0.3)
