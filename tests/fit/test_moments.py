@@ -188,14 +188,3 @@ def test_pieces_join_to_the_whole(long_case, whole, count):
     apart = list(pieces(long_case, count))
     np.testing.assert_array_equal(joined.gradient, np.concatenate([piece.gradient for piece in apart]))
     np.testing.assert_array_equal(joined.known, np.concatenate([piece.known for piece in apart]))
-
-
-def test_an_individual_segment_of_joined_moments_has_its_own_hessian(long_case):
-    joined = join_moments(pieces(long_case, 6), most_individual=2)
-    assert len(joined.hessian) <= (2 + 2) * 3 < len(joined), "some are shared"
-    apart = list(pieces(long_case, 6))
-    exact = np.concatenate([piece.hessian[piece.part] for piece in apart])
-    individual = np.concatenate([piece.individual for piece in apart])
-    assert np.all(individual[joined.individual])
-    for k in np.flatnonzero(joined.individual):
-        np.testing.assert_allclose(joined.hessian[joined.part[k]], exact[k], rtol=1e-11, atol=1e-9)

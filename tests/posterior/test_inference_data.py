@@ -217,15 +217,6 @@ def test_pointwise_is_the_density_of_the_rows(own, rng):
     assert np.allclose(terms, wanted, rtol=1e-10, atol=1e-8)
 
 
-def test_pointwise_of_more_draws_than_are_taken_at_once_is_that_of_each():
-    problem, rng = Problem(), np.random.default_rng(1)
-    theta, log_scale = THETA + rng.standard_normal((30_000, 5)), rng.standard_normal((30_000, 3))
-    whole = pointwise(problem.target.likelihood, problem.moments, theta, log_scale)
-    parts = [slice(k, k + 200) for k in range(0, 30_000, 200)]
-    pieces = [pointwise(problem.target.likelihood, problem.moments, theta[k], log_scale[k]) for k in parts]
-    assert np.allclose(whole, np.concatenate(pieces), rtol=1e-12)
-
-
 def test_a_joint_without_segments_does_no_harm():
     problem, labels = Problem(), Problem().labels
     moments = problem.moments.chosen(np.flatnonzero(problem.moments.joint != 1))

@@ -44,13 +44,6 @@ def test_densities_are_the_rows_own_and_the_densest_is_first(lean, first):
     assert values[0] - values[1] > 1.0
 
 
-def test_one_clear_best_is_one_mode():
-    log = make_log((1.5, 0.4), rows=(8, 9, 10, 8), known=(0, 0, 0, 1), sd=(2.0, 1.0), mean=(0.0, 0.0), sigma=(0.3,))
-    modes = log.modes()
-    assert len(modes) == 1
-    assert np.allclose(modes[0].theta, (1.5, 0.4), atol=5 * 0.3 / np.sqrt(35))
-
-
 @pytest.mark.parametrize("depth", [8.0, 12.0])
 def test_ten_nats_below_the_best_do_not_matter(depth):
     log = alone(1.5)

@@ -11,26 +11,6 @@ from bayesid.posterior.moves import Conditional, HitAndRun, InTurn, NoiseScales
 from bayesid.posterior.region import Region
 
 
-@pytest.mark.parametrize("right", [True, False])
-def test_without_a_cone_the_draws_are_the_exact_normal_distribution(right, rng):
-    """Also by directions of a wrong covariance."""
-    make = target_in(whole_space(4), np.zeros(4))
-    target = simulate(make, rng.standard_normal(4), np.zeros(2), rng, known=1.0, common=2.0)
-    precision, linear = target.quadratic(np.zeros(4), np.zeros(2))
-    covariance = np.linalg.inv(precision)
-    used = covariance if right else np.diag(np.diag(covariance))
-    move = HitAndRun(target, Conditional(used, np.arange(4) % 2))
-    draws = samples_of(move, np.zeros((200, 6)), 150, np.random.RandomState(0))
-    assert np.all(draws[..., 4:] == 0.0)
-    walkers = draws[..., :4].mean(axis=0)  # independent of each other
-    error = walkers.std(axis=0, ddof=1) / np.sqrt(200)
-    assert np.all(np.abs(walkers.mean(axis=0) - covariance @ linear) < 4.5 * error)
-    centred = draws[..., :4] - covariance @ linear
-    products = np.einsum("dwi,dwj->wij", centred, centred) / len(draws)
-    error = products.std(axis=0, ddof=1) / np.sqrt(200)
-    assert np.all(np.abs(products.mean(axis=0) - covariance) < 4.5 * error)
-
-
 def test_information_pulls_whatever_the_noise_scale(rng):
     temperature = 3.0
     make, log_scale = target_in(whole_space(3), np.zeros(3), prior_sd=0.8), np.array([0.9, -0.6])

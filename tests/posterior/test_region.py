@@ -59,16 +59,6 @@ def test_a_normal_distribution_between_two_bounds(low, high, share):
     assert stats.kstest(draws, stats.truncnorm(a, b, 0.3, 1.2).cdf).pvalue > 1e-3
 
 
-@pytest.mark.parametrize("at", [-5.0, 60.0])
-def test_a_bracket_cut_off_at_a_try_is_that_interval(at):
-    brackets = between(-np.inf, np.inf, at)
-    tries, log_share = brackets.draw(np.random.RandomState(0))
-    chosen = np.flatnonzero(tries * (at - 1.0) < 0.0)[1::2][:200]  # on one side; others are left out
-    low, high = np.where(tries < 0.0, tries, -np.inf)[chosen], np.where(tries > 0.0, tries, np.inf)[chosen]
-    expected = Brackets.of(low, high, (0.3 - at) / 1.44 * np.ones(len(low)), np.ones(len(low)) / 1.44)
-    assert np.allclose(brackets.shortened(chosen, tries, log_share).values, expected.values, rtol=1e-9, atol=1e-300)
-
-
 def test_walkers_that_stay_leave_the_distribution(rng):
     """Uniform in an asymmetric corner of a two-dimensional cone before a step along a slanted line, and after it."""
     region = Region.of(Cone.rigid_bodies(1))

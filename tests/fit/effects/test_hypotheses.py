@@ -206,25 +206,3 @@ def test_a_change_has_the_shape_of_the_models_own_term():
             assert not one.columns.positive.any()
     assert len({one.source.speed for one in of_joint[2]}) > 3
     assert all(one.changes == () and one.columns.positive.all() for one in of_joint[2])
-
-
-@pytest.mark.parametrize(
-    ("name", "number", "value"),
-    [("torque_ripple", "harmonic", 7.3), ("stribeck_friction", "speed", 0.44), ("dead_zone", "width", 0.9)],
-)
-def test_a_form_is_remade_with_another_number(name, number, value):
-    one = next(one for one in case().of(name) if one.joints == (2,))
-    other = one.remade(number, value)
-    assert getattr(other.source, number) == (value,)
-    assert replace(other.source, **{number: getattr(one.source, number)}) == one.source
-    expected = (
-        other.source.change(case().scene)[0][:, 1]
-        if name == "dead_zone"
-        else other.source.columns(case().model.robot, case().motion)[:, 1]
-    )
-    found = other.columns.shift[1] if name == "dead_zone" else other.columns.rows[1]
-    np.testing.assert_array_equal(found, expected)
-    assert other.joints == (2,)
-    again = other.remade(number, getattr(one.source, number)[0])
-    np.testing.assert_array_equal(again.columns.sd, one.columns.sd)
-    assert again.source == one.source

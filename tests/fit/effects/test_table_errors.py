@@ -53,12 +53,6 @@ def test_a_blunt_floor_must_be_exceeded_by_more():
         assert bool(all_along(log, without, of_library())) == old
 
 
-def test_other_effects_are_never_barred():
-    log = data(0.1 * SD * np.random.default_rng(3).standard_normal((N, 2)))
-    _, without = explain_with(log, ())
-    assert all(smooth != "gain_error" for smooth, _ in all_along(log, without, of_library()))
-
-
 @pytest.mark.parametrize(("moved", "there"), [(2.9, False), (3.2, True)])
 def test_error_that_moves_what_the_earlier_log_has_shown_was_there(moved, there):
     """Three standard deviations are a likelihood ratio of 100 = exp(9.2 / 2), as an effect needs."""
