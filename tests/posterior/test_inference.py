@@ -89,23 +89,6 @@ def test_masses_of_signs_and_assignments_match_enumeration(case):
     assert posterior.elsewhere + posterior.branch_mass.sum() == pytest.approx(1.0, abs=1e-12)
 
 
-def test_coefficients_match_enumeration():
-    log = nonnegative()
-    exact = Enumerated(log, cells(0.0, 2.0, 800), *CASES["nonnegative"][1][1:])
-    posterior = infer_from(log, options=replace(FEW, seed=1))  # of 0, draws let half the mass begin at zero by a hair
-    _, mean, sd = exact.moments_where(slice(None))
-    theta = posterior.draws.theta
-    error = errors(posterior, theta)
-    assert np.all(np.abs(posterior.theta - mean) < 4.5 * error)
-    assert np.all(np.abs(posterior.parameter_sd**2 - sd**2) < 4.5 * errors(posterior, (theta - mean) ** 2))
-    for mass in (0.5, 0.95):
-        low, high = posterior.interval(mass)
-        assert (low[0] == 0.0) == (mass > 0.9)
-        inside = (theta[..., 0] > low[0]) & (theta[..., 0] < high[0])
-        held = exact.weight[(exact.theta[:, 0] > low[0]) & (exact.theta[:, 0] < high[0])].sum()
-        assert abs(held - mass) < 4.5 * errors(posterior, inside.astype(float)) + 0.02  # two cells
-
-
 def test_leaves_of_a_beam_have_the_masses_of_a_certified_list():
     """Where the beam kept them: together those that are alike in what the proof decides have the mass of its branch."""
     log = replace(doubtful(9), sigma=np.array([0.5]))

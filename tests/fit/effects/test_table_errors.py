@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import small_robot
 
 from bayesid.fit.effects.columns import Columns
 from bayesid.fit.effects.explanation import Observations
@@ -15,7 +14,6 @@ from bayesid.fit.knowledge import Information
 from bayesid.model.catalogue import make_effect
 
 N, SD = 400, np.array([0.2, 3.0])
-ROBOT = small_robot(2)
 
 
 def data(residual):
