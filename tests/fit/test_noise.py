@@ -81,3 +81,12 @@ def test_the_time_of_the_model_is_the_sum_of_its_autocorrelations():
         np.testing.assert_array_equal(getattr(same, name), getattr(noise, name))
     half = Noise(np.array([3.0]), np.array([4.0]), np.array([0.01 / np.log(2.0)]), np.ones(1))  # memory 1/2
     assert half.with_time_of_model(RATE).autocorrelation == pytest.approx(1.0 + 2.0 * 16.0 / 25.0)
+
+
+def test_a_scaled_noise_is_larger_and_no_other():
+    noise = two_joints()
+    larger = noise.scaled(np.array([2.0, 0.5]))
+    np.testing.assert_allclose(larger.sigma, [2.0 * np.hypot(0.7, 0.5), 0.5 * np.hypot(0.2, 1.5)])
+    np.testing.assert_allclose(larger.white, [1.4, 0.1])
+    for name in ("correlation", "autocorrelation"):
+        np.testing.assert_array_equal(getattr(larger, name), getattr(noise, name))

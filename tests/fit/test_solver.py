@@ -326,3 +326,24 @@ def test_useless_multipliers_leave_the_bound_without_a_cone(answering):
     assert bounds[1] == pytest.approx(right, abs=1e-5 * energy)
     assert bounds[2] == pytest.approx(bounds[1], abs=1e-9 * energy)
     assert bounds[0] - 1e-9 * energy <= bounds[3] <= right + 1e-9 * energy
+
+
+def test_the_pull_on_coefficients_is_the_least_on_parameters():
+    """(beta - b)' Q (beta - b) = min of rho(theta) over B theta = beta: the optimality conditions, solved as such."""
+    model, coefficients, hessian, gradient, energy = problem(STANDARD, 7)
+    solver, size = ConeLeastSquares(model.cone, coefficients, hessian, energy), model.cone.size
+    rho, steps = solver.regularisation, np.eye(size)
+    at_zero = rho(np.zeros(size))
+    ahead, behind = (np.array([rho(sign * step) for step in steps]) for sign in (1.0, -1.0))
+    weight = 0.5 * (ahead + behind) - at_zero
+    centre = 0.25 * (behind - ahead) / weight
+    projection = coefficients.projection
+    pull, drawn_to = solver.pull()
+    np.testing.assert_allclose(pull, pull.T, rtol=1e-9, atol=1e-12 * np.abs(pull).max())
+    for beta in np.random.default_rng(7).normal(size=(5, len(coefficients))):
+        # stationary: 2 w (theta - t) = B' l,  so  theta = t + B' l / 2 w  with  B theta = beta
+        inner = (projection / weight) @ projection.T
+        multipliers = np.linalg.solve(inner, beta - projection @ centre)
+        theta = centre + (projection.T @ multipliers) / weight
+        np.testing.assert_allclose(projection @ theta, beta, atol=1e-8)
+        assert (beta - drawn_to) @ pull @ (beta - drawn_to) == pytest.approx(rho(theta), rel=1e-6)

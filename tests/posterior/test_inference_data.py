@@ -343,3 +343,12 @@ def test_damage_is_said(tmp_path):
         path.write_bytes(whole[:at] + rng.bytes(16) + whole[at + 16 :])
         with suppress(InputError):
             assert all(np.array_equal(a, b) for a, b in zip(read_draws(path), wanted, strict=True))
+
+
+def test_pointwise_of_more_draws_than_are_taken_at_once_is_that_of_each():
+    problem, rng = Problem(), np.random.default_rng(1)
+    theta, log_scale = THETA + rng.standard_normal((30_000, 5)), rng.standard_normal((30_000, 3))
+    whole = pointwise(problem.target.likelihood, problem.moments, theta, log_scale)
+    parts = [slice(k, k + 200) for k in range(0, 30_000, 200)]
+    pieces = [pointwise(problem.target.likelihood, problem.moments, theta[k], log_scale[k]) for k in parts]
+    assert np.allclose(whole, np.concatenate(pieces), rtol=1e-12)

@@ -95,3 +95,13 @@ def test_line_inside_the_cone_is_drawn_exactly(slope, rng):
     mean, sd = slope / 0.5, 1.0 / np.sqrt(0.5)
     exact = stats.truncnorm((low - mean) / sd, (high - mean) / sd, mean, sd)
     assert stats.kstest(t, exact.cdf).pvalue > 1e-3
+
+
+@pytest.mark.parametrize("at", [-5.0, 60.0])
+def test_a_bracket_cut_off_at_a_try_is_that_interval(at):
+    brackets = between(-np.inf, np.inf, at)
+    tries, log_share = brackets.draw(np.random.RandomState(0))
+    chosen = np.flatnonzero(tries * (at - 1.0) < 0.0)[1::2][:200]  # on one side; others are left out
+    low, high = np.where(tries < 0.0, tries, -np.inf)[chosen], np.where(tries > 0.0, tries, np.inf)[chosen]
+    expected = Brackets.of(low, high, (0.3 - at) / 1.44 * np.ones(len(low)), np.ones(len(low)) / 1.44)
+    assert np.allclose(brackets.shortened(chosen, tries, log_share).values, expected.values, rtol=1e-9, atol=1e-300)

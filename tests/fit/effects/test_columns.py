@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from bayesid.fit.effects.columns import Columns, Whitening, stacked, together
-from bayesid.fit.effects.error_model import ErrorModel
+from bayesid.fit.effects.error_model import ErrorModel, alike
 
 RATE, COUNT = 50.0, 90
 ERROR = ErrorModel(0.3, 0.5, 0.1, RATE)
@@ -82,3 +82,24 @@ def test_products_of_a_group_are_those_of_whitened_columns(whitening, used, shif
         np.testing.assert_allclose(stack[k] @ whitening.pulled_back(rest, 1, ERROR), one.T @ rest, atol=1e-10)
     again = whitening.group(stack, 1, ERROR, keep=whole)[0]
     assert (again is products) == whole
+
+
+def test_errors_are_alike_up_to_a_size_that_nobody_sees():
+    larger = ErrorModel(0.3 * 1.0005, 0.5 * 1.0005, 0.1, RATE)
+    assert larger.shape == ERROR.shape
+    assert alike([ERROR, OTHER], [larger, OTHER])
+    assert not alike([ERROR], [ErrorModel(0.3 * 1.002, 0.5 * 1.002, 0.1, RATE)])
+    assert not alike([ERROR], [ErrorModel(0.3, 0.5, 0.1001, RATE)])
+    assert not alike([ERROR], [ErrorModel(0.3001, np.sqrt(0.34 - 0.3001**2), 0.1, RATE)])
+
+
+def test_what_is_kept_is_bounded(whitening, used):
+    bounded = Whitening(whitening.columns, used, most_bytes=5 * COUNT * 2 * 8)
+    some = effects(12, shifted=False)
+    first = [bounded.rows(effect, 0, ERROR) for effect in some]
+    for k in (11, 10, 9, 8, 7):
+        assert bounded.rows(some[k], 0, ERROR) is first[k]
+    for k, effect in enumerate(some[:7]):
+        again = bounded.rows(effect, 0, ERROR)
+        assert again is not first[k]
+        np.testing.assert_allclose(again, white(effect.rows[0], 0, used), atol=1e-12)

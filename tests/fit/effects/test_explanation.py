@@ -202,3 +202,18 @@ def test_visible_is_the_mean_gain_of_effects_of_their_usual_size(kept):
         gains.append(Screening(Regression(replace(data, effort=effort)), ERRORS).gains([effect])[0][0])
     assert np.mean(gains) == pytest.approx(visible, abs=4.5 * np.std(gains) / 20.0)
     assert visible > 3.0
+
+
+def test_errors_of_joints_that_an_effect_leaves_alone_are_kept():
+    data, effect = made_data(300, gaps=False, amount=0.5), made_effects(300)[1]
+    regression = Regression(data)
+    before = regression.explain(ERRORS)
+    after = regression.explain(before.errors, effect, before)
+    assert after.errors[0] is before.errors[0]
+    assert after.errors[1] == fit_error(after.residual[:, 1], data.used[:, 1], RATE)[0]
+    moved = [before.errors[0].log_likelihood(one.residual[:, 0], data.used[:, 0]) for one in (before, after)]
+    assert after.noise_evidence[0] - before.noise_evidence[0] == pytest.approx(moved[1] - moved[0], abs=1e-9)
+    assert after.free_evidence[0] - before.free_evidence[0] == pytest.approx(moved[1] - moved[0], abs=1e-9)
+    own = regression.explain(before.errors, effect)
+    assert own.errors[0] != before.errors[0]
+    assert abs(own.log_evidence - after.log_evidence) < 0.5

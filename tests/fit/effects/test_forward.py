@@ -12,7 +12,7 @@ from scipy.linalg import null_space
 from scipy.stats import multivariate_normal, norm
 
 from bayesid.fit.effects.columns import Columns
-from bayesid.fit.effects.error_model import ErrorModel
+from bayesid.fit.effects.error_model import ErrorModel, fit_error
 from bayesid.fit.effects.forward import Products
 from bayesid.fit.knowledge import Information
 
@@ -251,3 +251,16 @@ def test_a_change_without_amplitude_is_whole_or_not_there(others):
     chosen, expected = ([p.candidates[k] for k in with_it] for p in (products, after))
     np.testing.assert_allclose(products.residual(chosen), after.residual(expected), atol=1e-7)
     np.testing.assert_allclose(products.held_back(chosen).squares, after.held_back(expected).squares, rtol=1e-6)
+
+
+def test_joints_are_whitened_anew_by_what_is_left_there():
+    products = made_case()
+    chosen = [products.candidates[0], products.candidates[2]]
+    left = products.residual(chosen)
+    products.with_noise_of(chosen, [1])
+    fitted = fit_error(left[:, 1], products.data.used[:, 1], RATE)[0]
+    assert products.errors == [ERRORS[0], fitted]
+    assert fitted.sigma != pytest.approx(ERRORS[1].sigma, rel=0.01)
+    anew = Products(products.data, products.hypotheses, [ERRORS[0], fitted])
+    np.testing.assert_allclose(products.hessian, anew.hessian, rtol=1e-10, atol=1e-9)
+    np.testing.assert_allclose(products.gradient, anew.gradient, rtol=1e-10, atol=1e-9)
