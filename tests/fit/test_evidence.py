@@ -49,11 +49,6 @@ def test_moments_have_the_squares_of_the_raw_efforts(evidence, signs, segments):
         np.testing.assert_allclose(moments.hessian[k], columns[rows].T @ columns[rows])
 
 
-def test_segments_beyond_the_individual_ones_share_a_hessian(evidence, signs, segments):
-    assert len(evidence.moments(signs, segments).hessian) == 2
-    assert len(evidence.moments(signs, segments, most_individual=0).hessian) == 1
-
-
 def test_moments_of_a_signed_log_have_its_own_signs(evidence, signs, segments):
     efforts = signs * evidence.signals.raw_effort
     signed = replace(evidence, signals=replace(evidence.signals, raw_effort=efforts, signed=np.array([True])))

@@ -86,23 +86,13 @@ def test_the_best_gains_are_those_of_all_rows(case):
 
 def test_their_covariance_is_the_inverse_curvature_of_all_rows(case):
     found, step = case.fit(WIDE), 2e-3
-    basis = step * np.eye(3)
-    curvature = np.array(
-        [
-            [
-                (
-                    case.raw_cost(found.log + a + b, WIDE)
-                    - case.raw_cost(found.log + a - b, WIDE)
-                    - case.raw_cost(found.log - a + b, WIDE)
-                    + case.raw_cost(found.log - a - b, WIDE)
-                )
-                / (4.0 * step**2)
-                for b in basis
-            ]
-            for a in basis
-        ]
-    )
-    covariance = np.linalg.inv(curvature)
+
+    def cost(away):
+        return case.raw_cost(found.log + away, WIDE)
+
+    pairs = [[(a + b, a - b) for b in step * np.eye(3)] for a in step * np.eye(3)]
+    curvature = [[cost(s) - cost(d) - cost(-d) + cost(-s) for s, d in row] for row in pairs]
+    covariance = np.linalg.inv(np.array(curvature) / (4.0 * step**2))
     np.testing.assert_allclose(found.covariance, covariance, atol=0.03 * np.abs(covariance).max())
 
 
@@ -163,8 +153,7 @@ def test_the_linearised_best_parameters_are_those_of_other_gains(case):
     away = step * np.array([0.0, 1.0, 0.0])
     change = (best(found.log + away) - best(found.log - away)) / (2.0 * step)
     stated = case.evidence.coefficients.projection @ found.moves[:, 1]
-    sd = np.sqrt(np.diag(np.linalg.inv(np.eye(len(change)))))  # one unit each: all are of the order of one
-    np.testing.assert_allclose(stated, change, atol=0.03 * np.abs(change).max() * sd.max())
+    np.testing.assert_allclose(stated, change, atol=0.03 * np.abs(change).max())
 
 
 def test_gains_that_nobody_knows_begin_where_a_robot_of_its_reach_would_have_them(case):

@@ -121,15 +121,6 @@ def test_a_long_log_is_not_corrected(arm):
     np.testing.assert_array_equal(just.noise.sigma, short.noise.sigma)
 
 
-def test_standard_deviations_rest_on_the_noise_before_the_fit(arm):
-    """The information matrix with effective samples, one joint: sd^2 = sigma^2 t (Y'Y)^-1."""
-    found = noisy_fit(arm, 6)
-    columns = arm.model.columns(arm.motion)[:, 0, arm.coefficients.kept]
-    rows = columns[arm.signals(arm.effort).inner[:, 0]]
-    variance = found.noise.sigma[0] ** 2 * found.noise.autocorrelation[0] * np.diag(np.linalg.inv(rows.T @ rows))
-    np.testing.assert_allclose(found.sd, np.sqrt(variance), rtol=1e-6)
-
-
 def earlier_log(arm, spread):
     """Columns and efforts of another motion, in units of their noise, and their information."""
     motion = smooth_motion(1, 3.0, RATE, seed=17)
@@ -144,21 +135,6 @@ def joint_fit(arm, earlier, effort, spread):
     columns = arm.model.columns(arm.motion)[inside, 0][:, arm.coefficients.kept] / spread
     rows = np.vstack([earlier[0], columns])
     return np.linalg.lstsq(rows, np.concatenate([earlier[1], effort[inside, 0] / spread]), rcond=None)[0], rows
-
-
-def test_what_is_known_acts_as_the_earlier_log_itself(arm):
-    """To the solver's tolerance: 1e-9 of the cost, 900, is (0.001 sd)^2; white noise, whose weight settles at once."""
-    spread = 0.2 * arm.size
-    effort = arm.effort + spread * np.random.default_rng(9).standard_normal(arm.effort.shape)
-    earlier = earlier_log(arm, 0.5 * arm.size)
-    found = arm.fit(effort, np.sign(arm.effort), True, earlier[2])
-    weight = float(found.residual.sigma[0] * np.sqrt(found.residual.autocorrelation[0]))
-    assert weight == pytest.approx(spread, rel=0.1)
-    expected, rows = joint_fit(arm, earlier, effort, weight)
-    sd = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
-    assert np.abs((found.beta - expected) / sd).max() < 0.01
-    alone = arm.fit(effort, np.sign(arm.effort), True)
-    assert np.abs((alone.beta - expected) / sd).max() > 0.1
 
 
 def test_the_later_log_weighs_by_its_residual_and_by_its_autocorrelation(arm):

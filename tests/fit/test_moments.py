@@ -1,4 +1,3 @@
-import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -126,17 +125,6 @@ def test_a_part_is_of_one_joint_and_of_known_or_unknown_signs(whole, most):
         np.testing.assert_allclose(compacted.hessian[part], whole.hessian[members].sum(axis=0), rtol=1e-11, atol=1e-8)
 
 
-def test_the_hessian_of_some_segments_is_that_of_their_parts(whole):
-    compacted = whole.compact(2)
-    for chosen in ([], [3], [0, 1, 2], list(range(22))):
-        chosen = np.array(chosen, dtype=np.int64)
-        members = np.flatnonzero(np.isin(compacted.part, compacted.part[chosen]))
-        by_hand = whole.hessian[members].sum(axis=0)
-        np.testing.assert_allclose(compacted.hessian_of(chosen), by_hand, rtol=1e-11, atol=1e-8)
-        if np.all(compacted.individual[chosen]):
-            np.testing.assert_allclose(compacted.hessian_of(chosen), whole.hessian_of(chosen), rtol=1e-11, atol=1e-8)
-
-
 def test_costs_residuals_and_scaling_do_not_see_the_parts(whole):
     rng = np.random.default_rng(9)
     beta, sigma = rng.normal(size=whole.gradient.shape[1]), np.array([0.5, 2.0, 3.0])
@@ -200,29 +188,3 @@ def test_pieces_join_to_the_whole(long_case, whole, count):
     apart = list(pieces(long_case, count))
     np.testing.assert_array_equal(joined.gradient, np.concatenate([piece.gradient for piece in apart]))
     np.testing.assert_array_equal(joined.known, np.concatenate([piece.known for piece in apart]))
-
-
-def test_pieces_are_let_go_once_they_are_joined(long_case):
-    held, most = [], []
-
-    def watched():
-        for piece in pieces(long_case, 12):
-            held.append(weakref.ref(piece))
-            yield piece
-            del piece
-            most.append(sum(reference() is not None for reference in held))
-
-    join_moments(watched(), most_individual=1)
-    assert len(held) == 12
-    assert max(most) <= 3, "the generators' own, and at most one or two on their way in"
-
-
-def test_an_individual_segment_of_joined_moments_has_its_own_hessian(long_case):
-    joined = join_moments(pieces(long_case, 6), most_individual=2)
-    assert len(joined.hessian) <= (2 + 2) * 3 < len(joined), "some are shared"
-    apart = list(pieces(long_case, 6))
-    exact = np.concatenate([piece.hessian[piece.part] for piece in apart])
-    individual = np.concatenate([piece.individual for piece in apart])
-    assert np.all(individual[joined.individual])
-    for k in np.flatnonzero(joined.individual):
-        np.testing.assert_allclose(joined.hessian[joined.part[k]], exact[k], rtol=1e-11, atol=1e-9)

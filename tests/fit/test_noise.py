@@ -1,15 +1,7 @@
 import numpy as np
 import pytest
 
-from bayesid.fit.noise import (
-    Noise,
-    autocovariance,
-    integrated_time,
-    noise_before_fit,
-    pairs_apart,
-    relative_rms,
-    residual_noise,
-)
+from bayesid.fit.noise import Noise, autocovariance, integrated_time, relative_rms, residual_noise
 
 RATE = 100.0
 
@@ -98,54 +90,3 @@ def test_a_scaled_noise_is_larger_and_no_other():
     np.testing.assert_allclose(larger.white, [1.4, 0.1])
     for name in ("correlation", "autocorrelation"):
         np.testing.assert_array_equal(getattr(larger, name), getattr(noise, name))
-
-
-SLOW = Noise(np.array([0.3]), np.array([1.0]), np.array([-0.01 / np.log(0.9)]), np.array([1.0 + 2.0 * 9.0 / 1.09]))
-"""AR(1) of 0.9 at 100 Hz, and white noise; its time in closed form."""
-
-
-def least_squares(size):
-    """What a fit of 24 slow columns leaves of (N, 1, K)."""
-    t = np.arange(size) / RATE
-    columns = np.stack([np.sin(2.0 * np.pi * 0.3 * k * t + k**2) for k in range(1, 25)], axis=1)
-
-    def residuals(values):
-        flat = values.reshape(size, -1)
-        return (flat - columns @ np.linalg.lstsq(columns, flat, rcond=None)[0]).reshape(values.shape)
-
-    return residuals
-
-
-def test_the_noise_before_a_fit_follows_from_the_residual_of_the_fit():
-    """24 parameters on 3 s of slow noise: residuals are a quarter smaller and forget a third sooner than it does."""
-    fit, used = least_squares(300), np.ones((300, 1), bool)
-    after, before = [], []
-    for seed in range(24):
-        residual = fit(SLOW.draw(300, 1, RATE, np.random.default_rng(100 + seed)))[:, :, 0]
-        after.append(residual_noise(residual, used, RATE))
-        before.append(noise_before_fit(after[-1], fit, used, RATE))
-        assert before[-1].with_time_of_model(RATE).autocorrelation == before[-1].autocorrelation
-    sizes, times = figures(after)
-    assert sizes.mean() < 0.8 * SLOW.sigma[0]
-    assert np.exp(np.log(times).mean()) < 0.7 * SLOW.autocorrelation[0]
-    sizes, times = figures(before)
-    assert sizes.mean() == pytest.approx(SLOW.sigma[0], abs=0.1 + 3.0 * sizes.std() / np.sqrt(24))
-    log_times = np.log(times / SLOW.autocorrelation[0])
-    assert log_times.mean() == pytest.approx(0.0, abs=0.1 + 3.0 * log_times.std() / np.sqrt(24))
-
-
-def figures(noises):
-    """Sizes, and integrated times, the biased estimate from the residual's covariance itself excepted."""
-    times = [noise.with_time_of_model(RATE).autocorrelation[0] for noise in noises]
-    return np.array([noise.sigma[0] for noise in noises]), np.array(times)
-
-
-def test_pairs_are_counted_one_by_one():
-    used = np.random.default_rng(5).random(40) < 0.6
-    expected = [sum(used[i] and used[i + lag] for i in range(40 - lag)) for lag in range(7)]
-    np.testing.assert_array_equal(pairs_apart(used, 7), expected)
-    assert len(pairs_apart(used[:5], 7)) == 4
-    values = np.random.default_rng(6).standard_normal(40)
-    np.testing.assert_array_equal(
-        autocovariance(values, used, 7, pairs_apart(used, 7)), autocovariance(values, used, 7)
-    )

@@ -31,41 +31,32 @@ def written(tmp_path, text):
 
 def test_names_means_and_deviations(tmp_path):
     path = written(tmp_path, "name,mean,sd\nm2,1.25,0.1\nmc2x,-3e-2,5e-3\n")
-    assert read_nominal(path) == {"m2": (1.25, 0.1), "mc2x": (-0.03, 0.005)}
-    assert read_nominal(str(path)) == read_nominal(path)
+    assert read_nominal(path) == read_nominal(str(path)) == {"m2": (1.25, 0.1), "mc2x": (-0.03, 0.005)}
+    of_identify = "name,unit,joint,mean,sd,decided_by\nm1,kg,1,3.5,,prior\nFv2,N m s,2,0.7,0.02,data\n"
+    assert read_nominal(written(tmp_path, of_identify)) == {"Fv2": (0.7, 0.02)}
 
 
-def test_other_columns_and_lines_without_an_sd_are_left_out(tmp_path):
-    """A parameters.csv as `identify` writes it."""
-    text = "name,unit,joint,mean,sd,decided_by\nm1,kg,1,3.5,,prior\nFv2,N m s,2,0.7,0.02,data\n"
-    assert read_nominal(written(tmp_path, text)) == {"Fv2": (0.7, 0.02)}
+def test_a_file_that_holds_something_else_or_cannot_be_read_is_refused(tmp_path):
+    def refused(path):
+        with pytest.raises(InputError) as refusal:
+            read_nominal(path)
+        assert str(path) in refusal.value.where
+        assert "\n" not in str(refusal.value)
+        return refusal.value
 
-
-def test_a_file_that_holds_something_else_is_refused(tmp_path):
     for text, line, what in (
         ("", "", "columns"),
-        ("name,mean,sd\n", "", "columns"),
         ("m2,1.0,0.1\n", "", "columns"),
         ("name,mean,sd\nm1,1.0,0.1\nm2,heavy,0.1\n", "line 3", "'heavy'"),
         ("name,mean,sd\nm2,,0.1\n", "line 2", "no numbers"),
         ("name,mean,sd\nm2,1.0,0.1\nm1,2.0,0.1\nm2,1.0,0.1\n", "line 4", "m2"),
     ):
-        path = written(tmp_path, text)
-        with pytest.raises(InputError) as refusal:
-            read_nominal(path)
-        assert refusal.value.where.startswith(str(path))
-        assert line in refusal.value.where
-        assert what in refusal.value.what
-        assert "\n" not in str(refusal.value)
-
-
-def test_a_file_that_cannot_be_read(tmp_path):
+        refusal = refused(written(tmp_path, text))
+        assert line in refusal.where
+        assert what in refusal.what
     (tmp_path / "picture.csv").write_bytes(b"\xff\xd8\x00" * 100)
     for name in ("nowhere.csv", "picture.csv", "."):
-        with pytest.raises(InputError, match="cannot be read") as refusal:
-            read_nominal(tmp_path / name)
-        assert str(tmp_path) in refusal.value.where
-        assert "\n" not in str(refusal.value)
+        assert "cannot be read" in refused(tmp_path / name).what
 
 
 def test_known_parameters_stand_in_the_models_order(model):

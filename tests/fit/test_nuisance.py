@@ -82,29 +82,6 @@ def test_covariance_is_that_of_effects_with_these_moments(size):
     assert (np.diag(expected) / np.diag(plain)).max() > 1.001
 
 
-def test_estimates_of_least_squares_stay():
-    case = Case()
-    nuisance = case.made()
-    plain = np.linalg.lstsq(case.rows(case.model), case.rows(case.effort), rcond=None)[0]
-    whitened = [case.rows(nuisance.whiten(values)) for values in (case.model, case.effort)]
-    found = np.linalg.lstsq(*whitened, rcond=None)[0]
-    np.testing.assert_allclose(found, plain, rtol=1e-7)
-    assert np.abs(whitened[0] - case.rows(case.model)).max() > 0.1
-
-
-def test_root_is_that_of_the_inverse_spread():
-    """M' M V = 1 with V = 1 + P A P' and P the projection of the effects on the model."""
-    case = Case(seed=2)
-    nuisance, y, z = case.made(), case.rows(case.model), case.rows(case.columns)
-    projected = y @ np.linalg.solve(y.T @ y, y.T @ z)
-    spread = np.eye(len(y)) + projected @ case.moments @ projected.T
-    unit = np.zeros((COUNT, JOINTS, len(y)))
-    unit[case.used] = np.eye(len(y))
-    root = case.rows(nuisance.whiten(unit * case.weight[:, None]))
-    np.testing.assert_allclose(root, root.T, atol=1e-9)
-    np.testing.assert_allclose(root.T @ root @ spread, np.eye(len(y)), atol=EXACT)
-
-
 @pytest.mark.parametrize("what", ["effort", "model"])
 def test_chunks_together_are_the_whole(what):
     case = Case(seed=1)

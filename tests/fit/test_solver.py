@@ -32,24 +32,6 @@ def problem(names, seed, n=2, noise=0.3):
     return model, coefficients, columns.T @ columns, columns.T @ efforts, float(efforts @ efforts)
 
 
-def test_the_cone_is_stated_as_cvxpy_states_it():
-    model, coefficients, hessian, _, energy = problem(STANDARD, 3)
-    solver, cone = ConeLeastSquares(model.cone, coefficients, hessian, energy, margin=0.01), model.cone
-    offsets, rows, cones = solver.rows
-    z, constraints = cp.Variable(cone.size), []
-    if len(cone.nonnegative):
-        constraints.append(z[cone.nonnegative] >= 0)
-    for body in cone.bodies:
-        flat = (PSEUDO_INERTIA_BASIS * solver.scale[body, None, None]).reshape(10, 16).T
-        matrix = cp.reshape(flat @ z[body], (4, 4), order="C")
-        constraints.append((matrix + matrix.T) / 2 - 0.01 * np.eye(4) >> 0)
-    data, _, _ = cp.Problem(cp.Minimize(cp.sum_squares(z)), constraints).get_problem_data(cp.CLARABEL)
-    np.testing.assert_allclose(offsets, data["b"], atol=1e-15)
-    np.testing.assert_allclose(rows.toarray(), data["A"].toarray(), atol=1e-15)
-    kinds = ["Nonnegative"] * (len(cone.nonnegative) > 0) + ["PSDTriangle"] * len(cone.bodies)
-    assert [type(one).__name__.removesuffix("ConeT") for one in cones] == kinds
-
-
 def test_bodies_are_moved_as_far_inside_as_cvxpy_finds():
     model, coefficients, *_ = problem(STANDARD, 4, n=3)
     cone, theta = model.cone, random_parameters(model, np.random.default_rng(3))
@@ -151,7 +133,9 @@ def test_no_feasible_point_costs_less_than_the_lower_bound(names, tolerance):
         points += [(1 - t) * best + t * point for t in (1e-4, 1e-2, 0.3) for point in points[:50]]
         costs = [objective(solver, hessian, gradient, point) for point in points]
         assert bound <= min(costs)
-        assert bound <= objective(solver, hessian, gradient, best) + 1e-9 * energy, "best may be off the cone by 1e-9"
+        cost = objective(solver, hessian, gradient, best)
+        assert bound <= cost + 1e-9 * energy, "best may be off the cone by 1e-9"
+        assert solver.prepared().solve_precisely(gradient).cost == pytest.approx(cost, rel=1e-12)
 
 
 def test_the_lower_bound_meets_what_active_sets_find():
@@ -194,56 +178,40 @@ def test_the_lower_bound_follows_a_change_of_the_hessian(factor):
     assert precise.lower_bound == pytest.approx(precise.cost, rel=1e-7)  # the cost is 24 times the energy: 1e-8 of it
 
 
+@pytest.fixture
+def answering(monkeypatch):
+    """Has clarabel's answers changed: `change(answer, k)` of the k-th solver that is made, as (status, x, z)."""
+    make = clarabel.DefaultSolver
+
+    def use(change):
+        made = []
+
+        class Changed:
+            def __init__(self, *arguments):
+                self.inner, self.place = make(*arguments), len(made)
+                made.append(self)
+
+            def solve(self):
+                status, x, z = change(self.inner.solve(), self.place)
+                return SimpleNamespace(status=status, x=x, z=z)
+
+        monkeypatch.setattr("bayesid.fit.solver.clarabel.DefaultSolver", Changed)
+        return made
+
+    return use
+
+
 @pytest.mark.parametrize(("names", "size"), [(STANDARD, 0.1), (["rigid_body"], 3.0)])
-def test_multipliers_need_not_be_right_for_the_bound_to_hold(names, size, monkeypatch):
+def test_multipliers_need_not_be_right_for_the_bound_to_hold(names, size, answering):
     """Whatever the solver says of the dual, far from optimal or not even in the cone."""
     model, coefficients, hessian, gradient, energy = problem(names, 3)
     best = ConeLeastSquares(model.cone, coefficients, hessian, energy).prepared().solve_precisely(gradient)
-    rng, make = np.random.default_rng(3), clarabel.DefaultSolver
-
-    class Careless:
-        def __init__(self, *arguments):
-            self.inner = make(*arguments)
-
-        def solve(self):
-            right = self.inner.solve()
-            z = np.array(right.z)
-            return SimpleNamespace(status=right.status, x=1.1 * np.array(right.x), z=z + size * rng.normal(size=len(z)))
-
-    monkeypatch.setattr("bayesid.fit.solver.clarabel.DefaultSolver", Careless)
+    rng = np.random.default_rng(3)
+    answering(lambda right, _: (right.status, 1.1 * np.array(right.x), right.z + size * rng.normal(size=len(right.z))))
     for _ in range(20):
         solution = ConeLeastSquares(model.cone, coefficients, hessian, energy).prepared().solve(gradient)
         assert solution.cost > best.cost + 1e-4 * energy, "or a bound that is too high would not show"
         assert solution.lower_bound <= best.cost + 1e-9 * energy
-
-
-def test_the_cost_includes_the_pull():
-    model, coefficients, hessian, gradient, energy = problem(STANDARD, 6)
-    solver = ConeLeastSquares(model.cone, coefficients, hessian, energy)
-    solution = solver.prepared().solve(gradient)
-    assert solution.cost == pytest.approx(objective(solver, hessian, gradient, solution.theta), rel=1e-12)
-    assert solver.regularisation(solution.theta) > 0.0
-
-
-def test_the_pull_on_coefficients_is_the_least_on_parameters():
-    """(beta - b)' Q (beta - b) = min of rho(theta) over B theta = beta: the optimality conditions, solved as such."""
-    model, coefficients, hessian, gradient, energy = problem(STANDARD, 7)
-    solver, size = ConeLeastSquares(model.cone, coefficients, hessian, energy), model.cone.size
-    rho, steps = solver.regularisation, np.eye(size)
-    at_zero = rho(np.zeros(size))
-    ahead, behind = (np.array([rho(sign * step) for step in steps]) for sign in (1.0, -1.0))
-    weight = 0.5 * (ahead + behind) - at_zero
-    centre = 0.25 * (behind - ahead) / weight
-    projection = coefficients.projection
-    pull, drawn_to = solver.pull()
-    np.testing.assert_allclose(pull, pull.T, rtol=1e-9, atol=1e-12 * np.abs(pull).max())
-    for beta in np.random.default_rng(7).normal(size=(5, len(coefficients))):
-        # stationary: 2 w (theta - t) = B' l,  so  theta = t + B' l / 2 w  with  B theta = beta
-        inner = (projection / weight) @ projection.T
-        multipliers = np.linalg.solve(inner, beta - projection @ centre)
-        theta = centre + (projection.T @ multipliers) / weight
-        np.testing.assert_allclose(projection @ theta, beta, atol=1e-8)
-        assert (beta - drawn_to) @ pull @ (beta - drawn_to) == pytest.approx(rho(theta), rel=1e-6)
 
 
 def test_more_data_pull_no_harder():
@@ -310,53 +278,41 @@ class PanicException(BaseException):
     """As pyo3 raises it where Rust code panics; it is no Exception, and cannot be imported."""
 
 
-def test_a_solver_that_panics_is_an_error(monkeypatch):
+def test_a_solver_that_panics_is_an_error(answering):
     """Clarabel does where the eigenvalues of a nearly optimal block fail: about one cone problem in 100 000."""
 
-    class Panicking:
-        def __init__(self, *_):
-            pass
-
-        def solve(self):
-            raise PanicException("Eigval error: Eigen(1)")
+    def panic(*_):
+        raise PanicException("Eigval error: Eigen(1)")
 
     model, coefficients, hessian, gradient, energy = problem(["rigid_body"], 2)
     solver = ConeLeastSquares(model.cone, coefficients, hessian, energy)
-    monkeypatch.setattr("bayesid.fit.solver.clarabel.DefaultSolver", Panicking)
-    with pytest.raises(SolverError, match="cone least squares"):
-        solver.prepared().solve(gradient)
-    with pytest.raises(SolverError, match="cone least squares"):
-        solver.prepared().solve_precisely(gradient)
+    answering(panic)
+    for solve in (solver.prepared().solve, solver.prepared().solve_precisely):
+        with pytest.raises(SolverError, match="cone least squares"):
+            solve(gradient)
 
 
-def test_an_attempt_that_fails_counts_for_the_bound(monkeypatch):
+def test_an_attempt_that_fails_counts_for_the_bound(answering):
     """A coarser attempt is the solution, but its multipliers prove less than those of the one that failed before."""
     model, coefficients, hessian, gradient, energy = problem(["rigid_body"], 2)
     stated = ConeLeastSquares(model.cone, coefficients, hessian, energy)
-    best, make, made = stated.prepared().solve_precisely(gradient), clarabel.DefaultSolver, []
+    best, wrong = stated.prepared().solve_precisely(gradient), np.random.default_rng(0)
 
-    class FailsOnce:
-        def __init__(self, *arguments):
-            made.append(None)
-            self.inner, self.fails = make(*arguments), len(made) == 1
+    def first_fails(right, k):
+        return (
+            ("NumericalError", right.x, right.z) if k == 0 else (right.status, right.x, wrong.normal(size=len(right.z)))
+        )
 
-        def solve(self):
-            right = self.inner.solve()
-            if self.fails:
-                return SimpleNamespace(status="NumericalError", x=right.x, z=right.z)
-            wrong = np.random.default_rng(0).normal(size=len(right.z))
-            return SimpleNamespace(status=right.status, x=right.x, z=wrong)
-
-    monkeypatch.setattr("bayesid.fit.solver.clarabel.DefaultSolver", FailsOnce)
+    made = answering(first_fails)
     solution = stated.prepared().solve(gradient)
     assert len(made) == 2
     assert solution.lower_bound == pytest.approx(best.cost, abs=1e-5 * energy)
 
 
-def test_useless_multipliers_leave_the_bound_without_a_cone(monkeypatch):
+def test_useless_multipliers_leave_the_bound_without_a_cone(answering):
     """None of them is the least that is proven, and their size does not matter."""
     model, coefficients, hessian, gradient, energy = problem(["rigid_body", "viscous_friction"], 4)
-    stated, make = ConeLeastSquares(model.cone, coefficients, hessian, energy), clarabel.DefaultSolver
+    stated = ConeLeastSquares(model.cone, coefficients, hessian, energy)
     pull, centre = stated.pull()
     curvature, slope = hessian + pull, gradient + pull @ centre
     plain = float(centre @ pull @ centre - slope @ np.linalg.solve(curvature, slope))
@@ -364,18 +320,30 @@ def test_useless_multipliers_leave_the_bound_without_a_cone(monkeypatch):
     assert right > plain + 1e-3 * energy, "the cone binds"
     bounds = []
     for size in (0.0, 1.0, 7.0, -1.0):
-
-        class Stretched:
-            def __init__(self, *arguments):
-                self.inner = make(*arguments)
-
-            def solve(self, size=size):
-                solved = self.inner.solve()
-                return SimpleNamespace(status=solved.status, x=solved.x, z=size * np.array(solved.z))
-
-        monkeypatch.setattr("bayesid.fit.solver.clarabel.DefaultSolver", Stretched)
+        answering(lambda solved, _, size=size: (solved.status, solved.x, size * np.array(solved.z)))
         bounds.append(stated.prepared().solve(gradient).lower_bound)
     assert bounds[0] == pytest.approx(plain, abs=1e-8 * energy)
     assert bounds[1] == pytest.approx(right, abs=1e-5 * energy)
     assert bounds[2] == pytest.approx(bounds[1], abs=1e-9 * energy)
     assert bounds[0] - 1e-9 * energy <= bounds[3] <= right + 1e-9 * energy
+
+
+def test_the_pull_on_coefficients_is_the_least_on_parameters():
+    """(beta - b)' Q (beta - b) = min of rho(theta) over B theta = beta: the optimality conditions, solved as such."""
+    model, coefficients, hessian, gradient, energy = problem(STANDARD, 7)
+    solver, size = ConeLeastSquares(model.cone, coefficients, hessian, energy), model.cone.size
+    rho, steps = solver.regularisation, np.eye(size)
+    at_zero = rho(np.zeros(size))
+    ahead, behind = (np.array([rho(sign * step) for step in steps]) for sign in (1.0, -1.0))
+    weight = 0.5 * (ahead + behind) - at_zero
+    centre = 0.25 * (behind - ahead) / weight
+    projection = coefficients.projection
+    pull, drawn_to = solver.pull()
+    np.testing.assert_allclose(pull, pull.T, rtol=1e-9, atol=1e-12 * np.abs(pull).max())
+    for beta in np.random.default_rng(7).normal(size=(5, len(coefficients))):
+        # stationary: 2 w (theta - t) = B' l,  so  theta = t + B' l / 2 w  with  B theta = beta
+        inner = (projection / weight) @ projection.T
+        multipliers = np.linalg.solve(inner, beta - projection @ centre)
+        theta = centre + (projection.T @ multipliers) / weight
+        np.testing.assert_allclose(projection @ theta, beta, atol=1e-8)
+        assert (beta - drawn_to) @ pull @ (beta - drawn_to) == pytest.approx(rho(theta), rel=1e-6)

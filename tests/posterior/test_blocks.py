@@ -5,10 +5,9 @@ import warnings
 import arviz as az
 import numpy as np
 import pytest
+from sign_problems import moments_of
 
 import bayesid
-from bayesid.fit.hessians import Hessians
-from bayesid.fit.moments import Moments
 from bayesid.log.segments import Segments
 from bayesid.model.coefficients import BaseCoefficients
 from bayesid.posterior.blocks import SegmentBlocks, agreed_signs, divide
@@ -51,17 +50,8 @@ class Log:
         self.draws = BETA + 0.05 * rng.standard_normal((600, 3)), 0.1 * rng.standard_normal((600, 2))
 
     def moments(self, segments, known):
-        """By sums over the rows."""
-        ranges = list(zip(segments.joint, segments.start, segments.end, strict=True))
-        rows = [(self.columns[a:b, j], self.effort[a:b, j]) for j, a, b in ranges]
-        return Moments(
-            segments.joint,
-            known,
-            Hessians.make(np.asarray(segments.joint), np.array([y.T @ y for y, _ in rows])),
-            np.array([y.T @ e for y, e in rows]),
-            np.array([e @ e for _, e in rows]),
-            segments.end - segments.start,
-        )
+        ranges = zip(segments.joint, segments.start, segments.end, strict=True)
+        return moments_of([(self.columns[a:b, j], self.effort[a:b, j]) for j, a, b in ranges], segments.joint, known)
 
 
 def test_blocks_cover_their_segments_and_none_is_short():
@@ -95,16 +85,6 @@ def test_blocks_joined_are_the_segments():
     for name in ("joint", "known", "gradient", "energy", "count"):
         assert np.allclose(getattr(joined, name), getattr(log.whole, name), rtol=1e-12), name
     assert np.allclose(joined.hessian[joined.part], log.whole.hessian[:], rtol=1e-12)
-
-
-def test_parts_that_blocks_share_stay_together():
-    log = Log()
-    blocks = SegmentBlocks(log.blocks.moments.compact(2), log.blocks.segment, log.blocks.start, log.blocks.end)
-    joined = blocks.of_segments
-    assert np.allclose(joined.gradient, log.whole.gradient, rtol=1e-12)
-    for part in range(len(joined.hessian)):
-        inside = joined.part == part
-        assert np.allclose(joined.hessian[part], log.whole.hessian[inside].sum(axis=0), rtol=1e-12)
 
 
 def test_draws_agree_about_strong_segments():

@@ -20,22 +20,6 @@ def waves(draws=200):
 
 
 # Of ArviZ 0.23.4; 1.3.0 gives the same.
-KNOWN = {
-    "well": (waves(), (1.00485725, 800.0, 682.743244)),
-    "one ensemble elsewhere": (waves() + np.array([[0.0], [0.0], [0.0], [3.0]]), (1.52739964, 7.50655965, 36.2323764)),
-    "ensembles that never move": (
-        np.repeat(np.arange(4.0)[:, None], 100, axis=1) + 1e-9 * waves(100),
-        (2.86351437, 4.97986448, 43.039684),
-    ),
-    "slow": (np.cumsum(waves(), axis=1), (1.45188661, 8.30647087, 12.3738507)),
-    "heavy tails": (np.tan(1.57 * waves()), (1.00539892, 800.0, 682.743244)),
-    "few": (waves(5), (0.879305588, 19.2659197, 19.2659197)),
-}
-
-
-def test_known_values():
-    for name, (draws, expected) in KNOWN.items():
-        assert alone(draws) == pytest.approx(expected, rel=1e-6), name
 
 
 @pytest.mark.parametrize(("sweeps", "kept"), [(4, 0.9), (6, 0.0), (12, -0.6), (25, 0.9), (60, 0.9)])

@@ -4,44 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from posterior_logs import Enumerated, cells, infer_from, make_log, near_symmetric, problem_of
+from posterior_logs import Enumerated, cells, infer_from, make_log, near_symmetric
 from posterior_problems import information_of
 
-from bayesid.fit.knowledge import Information, Nominal
-from bayesid.model.parameters import Cone
-from bayesid.posterior.likelihood import make_likelihood
+from bayesid.fit.knowledge import Information
 from bayesid.posterior.sampler import Sampling
-from bayesid.posterior.target import Target
 
 SHORT = Sampling(walkers=4, budget=0.0)
-
-
-def test_an_earlier_log_counts_as_if_its_segments_were_there():
-    common = {
-        "joint": (0, 1, 1, 0, 1),
-        "sigma": (0.6, 1.1),
-        "time": (1.5, 2.5),
-        "mean": (0.1, 0.4, -0.2),
-        "sd": (0.8, 1.2, 1.0),
-        "cone": Cone.free(1) + Cone.orthant(2),
-        "projection": [[1.0, 0.0, 0.5], [0.0, 1.0, -2.0]],
-    }
-    log = make_log((0.7, 0.5, 0.2), rows=(5, 7, 4, 6, 5), known=(0, 1, 0, 1, 0), seed=11, **common)
-    earlier = make_log((0.7, 0.5, 0.2), rows=(9, 3, 8, 5, 6), known=(1,) * 5, seed=12, **common)
-    noise = infer_from(log, options=SHORT).noise
-    scaled = earlier.moments.scaled(noise.sigma * np.sqrt(noise.autocorrelation))
-    known = Information(scaled.hessian.total(), earlier.known @ scaled.gradient, float(scaled.energy.sum()))
-    target = infer_from(replace(log, earlier=known), options=SHORT).target
-    joined = make_likelihood(
-        log.moments.join(earlier.moments), log.coefficients, noise.sigma, noise.autocorrelation, np.zeros(10, dtype=int)
-    )
-    theta = np.random.default_rng(2).standard_normal((50, 3))
-    theta[:, 1:] = np.abs(theta[:, 1:])
-    points = np.hstack([theta, np.zeros((50, 2))])
-    differences, exact = (np.diff(density.log_density(points)) for density in (target, Target(target.prior, joined)))
-    assert np.allclose(differences, exact, rtol=1e-9, atol=1e-9)
-    without = np.diff(replace(target, information=None).log_density(points))
-    assert np.abs(differences - without).max() > 10.0
 
 
 def test_an_earlier_log_weighs_two_modes_as_quadrature_weighs_them():
@@ -82,23 +51,3 @@ def test_what_only_an_earlier_log_shows_is_decided_by_data(ratio, decided):
     assert np.array_equal(posterior.decided_by_data, [True, decided, True])
     assert posterior.theta[1] == pytest.approx((3.0 * ratio + 0.2) / (ratio + 1.0), abs=0.05)
     assert posterior.parameter_sd[1] == pytest.approx(0.4 / np.sqrt(ratio + 1.0), rel=0.15)
-
-
-def test_modes_and_sizes_rest_on_the_information_of_an_earlier_log():
-    log = make_log((1.0, 0.8, 30.0), rows=(8, 9), known=(1, 1), sigma=(0.4,), sees=((1.0, 0.5, 0.0),), seed=2)
-    free = Nominal(np.array([0.0, 0.0, np.nan]), np.array([1.0, 2.0, np.nan]))  # nothing is stated of the third
-    rows = np.array([[0.5, 3.0, 0.4], [0.0, -1.0, 2.0], [1.0, 0.0, 5.0]])
-    earlier = information_of(rows, rows @ np.array([1.0, 0.8, 30.0]) + np.array([0.3, -0.2, 0.1]))
-    log = replace(log, nominal=free, earlier=earlier)
-    problem = problem_of(log).with_least_noise()
-    moments, solver = problem.scaled_moments, problem.solver
-    posterior = infer_from(log, replace(log, earlier=None).search(), SHORT)
-    both = replace(log, sigma=posterior.noise.sigma).solver  # for the moments and what is known, added
-    gradient = log.known @ moments.gradient + log.earlier.gradient
-    hessian = moments.hessian.total() + log.earlier.hessian
-    solution = solver.prepared().solve_precisely(gradient)
-    assert np.allclose(solution.theta, np.linalg.solve(hessian, gradient), rtol=1e-4)
-    assert solver.regularisation(solution.theta) == pytest.approx(both.regularisation(solution.theta), rel=1e-5)
-    curvature = np.sum(rows[:, 2] ** 2)
-    assert posterior.target.prior.sd[2] == pytest.approx(np.sqrt(log.earlier.energy / curvature))
-    assert posterior.decided_by_data[2]

@@ -1,7 +1,7 @@
 from itertools import product
 
 import numpy as np
-from posterior_problems import simulate, target_in, whole_space
+from posterior_problems import likelihood, simulate, target_in, whole_space
 from scipy.special import logsumexp
 
 
@@ -20,8 +20,6 @@ def brute_force(columns, effort, joint, segment, known, theta, log_scale):
 
 
 def test_sum_over_signs_is_exact(rng):
-    from posterior_problems import likelihood
-
     columns, effort = rng.standard_normal((30, 3)), np.abs(rng.standard_normal(30))
     segment = np.arange(30) % 7
     joint = segment % 2

@@ -20,16 +20,6 @@ from bayesid.posterior.sampler import Sampling, sample
 MANY = Integration(groups=10, walkers=400)
 
 
-def test_one_dimension_matches_quadrature(rng):
-    region = Region.of(Cone.orthant(1))
-    target = simulate(target_in(region, np.ones(1)), np.array([-0.6]), np.zeros(1), rng, rows=20, segments=5)
-    exact = quadrature(target, [np.linspace(0, 3, 3001)[1:] - 5e-4, np.linspace(-1.5, 1.5, 400)])[0]
-    draws = sample(target, np.array([0.1]), Sampling(walkers=32))
-    mass = integrate(target, draws, MANY)
-    assert abs(mass.log_value - exact) < max(4 * mass.standard_error, 0.03)
-    assert mass.standard_error < 0.1
-
-
 def test_two_dimensions_match_quadrature(rng):
     theta = (1.5, -1.0)
     target = simulate(target_in(disc(), np.zeros(2)), np.array(theta), np.zeros(1), rng, rows=20, segments=5)

@@ -8,7 +8,6 @@ from posterior_logs import make_log, near_symmetric, unproven
 from bayesid.fit.knowledge import Information, Nominal
 from bayesid.model.parameters import Cone
 from bayesid.posterior.modes import starting_points
-from bayesid.signs.search.result import SearchResult
 
 
 @pytest.mark.parametrize("proven", [True, False])
@@ -43,13 +42,6 @@ def test_densities_are_the_rows_own_and_the_densest_is_first(lean, first):
     exact = log.log_density(np.array([mode.theta for mode in modes]))
     assert np.isclose(values[0] - values[1], exact[0] - exact[1], atol=1e-6)
     assert values[0] - values[1] > 1.0
-
-
-def test_one_clear_best_is_one_mode():
-    log = make_log((1.5, 0.4), rows=(8, 9, 10, 8), known=(0, 0, 0, 1), sd=(2.0, 1.0), mean=(0.0, 0.0), sigma=(0.3,))
-    modes = log.modes()
-    assert len(modes) == 1
-    assert np.allclose(modes[0].theta, (1.5, 0.4), atol=5 * 0.3 / np.sqrt(35))
 
 
 @pytest.mark.parametrize("depth", [8.0, 12.0])
@@ -157,13 +149,3 @@ def test_known_signs_are_never_turned():
         assert len(modes) == 2
         assert np.array_equal(modes[0].signs[:4], -modes[1].signs[:4])
         assert all(np.array_equal(mode.signs[4:], [1, 1]) for mode in modes)
-
-
-def test_all_signs_known():
-    log = make_log((1.5, 0.4), known=(1,) * 6)
-    signs = log.known
-    theta = log.solver.prepared().solve(signs @ log.scaled.gradient).theta
-    search = SearchResult(signs, theta, 0.0, "given", None, False, None, 0, 0, 0.0, 0.0)
-    modes = log.modes(search)
-    assert len(modes) == 1
-    assert np.array_equal(modes[0].signs, signs)

@@ -11,26 +11,6 @@ from bayesid.posterior.moves import Conditional, HitAndRun, InTurn, NoiseScales
 from bayesid.posterior.region import Region
 
 
-@pytest.mark.parametrize("right", [True, False])
-def test_without_a_cone_the_draws_are_the_exact_normal_distribution(right, rng):
-    """Also by directions of a wrong covariance."""
-    make = target_in(whole_space(4), np.zeros(4))
-    target = simulate(make, rng.standard_normal(4), np.zeros(2), rng, known=1.0, common=2.0)
-    precision, linear = target.quadratic(np.zeros(4), np.zeros(2))
-    covariance = np.linalg.inv(precision)
-    used = covariance if right else np.diag(np.diag(covariance))
-    move = HitAndRun(target, Conditional(used, np.arange(4) % 2))
-    draws = samples_of(move, np.zeros((200, 6)), 150, np.random.RandomState(0))
-    assert np.all(draws[..., 4:] == 0.0)
-    walkers = draws[..., :4].mean(axis=0)  # independent of each other
-    error = walkers.std(axis=0, ddof=1) / np.sqrt(200)
-    assert np.all(np.abs(walkers.mean(axis=0) - covariance @ linear) < 4.5 * error)
-    centred = draws[..., :4] - covariance @ linear
-    products = np.einsum("dwi,dwj->wij", centred, centred) / len(draws)
-    error = products.std(axis=0, ddof=1) / np.sqrt(200)
-    assert np.all(np.abs(products.mean(axis=0) - covariance) < 4.5 * error)
-
-
 def test_information_pulls_whatever_the_noise_scale(rng):
     temperature = 3.0
     make, log_scale = target_in(whole_space(3), np.zeros(3), prior_sd=0.8), np.array([0.9, -0.6])
@@ -64,15 +44,6 @@ def assert_matches(draws, mean, sd):
     assert np.all(np.abs(squares.mean(axis=0) - sd**2) < 4.5 * error)
 
 
-def test_one_nonnegative_parameter_and_the_noise_match_quadrature(rng):
-    region = Region.of(Cone.orthant(1))
-    make = target_in(region, np.ones(1))
-    target = simulate(make, np.array([0.1]), np.zeros(1), rng, rows=20, segments=5, known=0.0)
-    _, mean, sd = quadrature(target, [np.linspace(0, 3, 1500)[1:], np.linspace(-1.5, 1.5, 400)])
-    draws = samples_of(moves_of(target, 1), np.tile([0.5, 0.0], (200, 1)), 300, np.random.RandomState(0))
-    assert_matches(draws, mean, sd)
-
-
 def test_two_parameters_in_a_cone_and_the_noise_match_quadrature(rng):
     theta = np.array([0.85, -0.25])
     target = simulate(target_in(disc(), np.zeros(2)), theta, np.zeros(1), rng, rows=20, segments=5, known=0.6)
@@ -89,27 +60,16 @@ def test_a_rigid_body_matches_rejection(rng):
     proposals = body + sd * rng.standard_normal((200_000, 10))
     kept = proposals[region.contains(proposals.T)]
     assert 2_000 < len(kept) < 190_000
-    data = simulate(target_in(region, body), body, np.zeros(1), rng, rows=10, segments=2, known=1.0)
-    nothing = type(data.likelihood)(
-        **{
-            name: 1e-12 * value if name in ("hessian", "gradient", "energy") else value
-            for name, value in vars(data.likelihood).items()
-            if name not in ("settled", "unknown")
-        }
-    )
-    target = type(data)(type(data.prior)(region, body, sd, np.ones(1), body), nothing)
+    make = target_in(region, body)
+    nothing = simulate(make, body, np.zeros(1), rng, rows=10, segments=2, known=1.0, noise=1e6)
+    target = replace(nothing, prior=replace(nothing.prior, mean=body, sd=sd))
     move = HitAndRun(target, Conditional(np.diag(sd**2), np.zeros(10, dtype=np.int64)))
     draws = samples_of(move, np.tile(np.append(body, 0.0), (200, 1)), 150, np.random.RandomState(0))[..., :10]
-    assert_matches_sample(draws, kept)
-
-
-def assert_matches_sample(draws, kept):
     walkers = draws.mean(axis=0)
     error = np.hypot(walkers.std(axis=0, ddof=1) / np.sqrt(len(walkers)), kept.std(axis=0) / np.sqrt(len(kept)))
     assert np.all(np.abs(walkers.mean(axis=0) - kept.mean(axis=0)) < 4.5 * error)
     for k in range(10):
-        thinned = draws[::50, :, k].ravel()
-        assert stats.ks_2samp(thinned, kept[:, k]).pvalue > 1e-4
+        assert stats.ks_2samp(draws[::50, :, k].ravel(), kept[:, k]).pvalue > 1e-4
 
 
 @pytest.mark.long

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from posterior_logs import FEW, LOG_SCALE_SD, infer_from, make_log, near_symmetric, nonnegative
+from posterior_logs import FEW, LOG_SCALE_SD, infer_from, make_log, near_symmetric
 from posterior_problems import whole_space
 from scipy.stats import norm, truncnorm
 
@@ -33,19 +33,6 @@ def test_what_the_data_decide():
     )
     posterior = infer_from(log, options=Sampling(walkers=4, budget=0.0))
     assert np.array_equal(posterior.decided_by_data, [False, True, False, False])
-
-
-@pytest.mark.parametrize(("ratio", "decided"), [(8.0, False), (10.5, True)])
-def test_nine_tenths_of_the_precision_decide(ratio, decided):
-    log = make_log((1.0,), rows=(30, 40), known=(1, 1), sigma=(2.0,), time=(3.0,), mean=(1.0,))
-    information = sum(np.sum(y**2) for y, _ in log.rows) / (4.0 * 3.0)
-    posterior = infer_from(log, options=Sampling(walkers=4, budget=0.0))
-    scale = np.exp(-2.0 * posterior.draws.log_scale.mean())
-    log = replace(log, nominal=replace(log.nominal, sd=np.sqrt([ratio / (information * scale)])))
-    posterior = infer_from(log, options=Sampling(walkers=4, budget=0.0))
-    ratio_of_precisions = information * np.exp(-2.0 * posterior.draws.log_scale.mean()) * log.nominal.sd[0] ** 2
-    assert (ratio_of_precisions > 9.0) == decided
-    assert bool(posterior.decided_by_data[0]) == decided
 
 
 def numbered(sweeps, ensembles=4, walkers=16):
@@ -78,15 +65,6 @@ def test_spread_draws_come_from_all_sweeps_and_walkers_alike(sweeps, count):
     assert abs(np.mean(theta[early, 1]) - np.mean(theta[~early, 1])) < 10.0
 
 
-def test_spread_of_more_than_there_are_is_all_of_them():
-    posterior = numbered(3, ensembles=2, walkers=5)
-    theta, log_scale = posterior.spread(1000)
-    assert len(theta) == 30
-    assert {tuple(row) for row in theta} == {tuple(row) for row in posterior.draws.theta.reshape(-1, 2)}
-    assert len(posterior.spread(7)[0]) == 7
-    assert len(numbered(8).spread()[0]) == 256
-
-
 def test_figures_of_the_draws():
     posterior = numbered(11)
     sweep, place = (values.ravel() for values in np.meshgrid(np.arange(11.0), np.arange(64.0)))
@@ -99,15 +77,6 @@ def test_figures_of_the_draws():
     low, high = posterior.interval(0.8)
     for ends, share in ((low, 0.1), (high, 0.9)):
         assert np.allclose([np.mean(values < end) for values, end in zip(beta, ends, strict=True)], share, atol=0.02)
-
-
-def test_one_coefficient_has_a_covariance_matrix():
-    posterior = infer_from(nonnegative(), options=Sampling(walkers=4, budget=0.0))
-    assert posterior.covariance.shape == (1, 1)
-    assert posterior.covariance[0, 0] == pytest.approx(np.var(posterior.draws.beta, ddof=1))
-    low, high = posterior.interval(0.9)
-    assert low.shape == high.shape == (1,)
-    assert np.mean((posterior.draws.beta > low) & (posterior.draws.beta < high)) == pytest.approx(0.9, abs=0.02)
 
 
 @pytest.mark.parametrize(("mean", "from_zero"), [(-1.0, True), (0.3, True), (8.0, False)])

@@ -6,7 +6,7 @@ from posterior_problems import disc, quadrature, simulate, target_in
 
 from bayesid.errors import InputError
 from bayesid.posterior.sampler import Sampling, sample
-from bayesid.posterior.start import barrier_derivatives, barrier_minimum, barrier_value, body_blocks, find_centre
+from bayesid.posterior.start import barrier_derivatives, barrier_minimum, barrier_value, find_centre
 
 FEW = Sampling(walkers=16)
 
@@ -67,10 +67,6 @@ def test_centre_is_inside_however_far_outside_the_optimum(rng):
     precision = 1e8 * np.eye(2)
     centre = barrier_minimum(disc(), precision, precision @ np.array([4.0, 3.0]), np.zeros(2))
     assert np.allclose(centre.theta, [0.8, 0.6], atol=1e-3)
-
-
-def test_blocks_are_bodies():
-    assert np.array_equal(body_blocks(disc()), [0, 0])
 
 
 def test_a_budget_that_is_no_time_is_refused():

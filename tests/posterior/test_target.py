@@ -58,31 +58,6 @@ def test_the_density_has_the_rows_of_both_logs_and_the_earlier_ones_keep_their_n
     assert target.log_density(outside)[0] == -np.inf
 
 
-def test_the_quadratic_function_is_the_density_for_given_signs():
-    new, earlier = two_logs()
-    strong = replace(new, sigma=np.array([0.02, 0.03]))  # no sign is in doubt
-    target = replace(strong.target, information=information(replace(earlier, sigma=np.array([0.05, 0.01]))))
-    theta, log_scale = np.array(THETA) + 0.02, np.array([0.4, -0.3])
-    push = target.likelihood.push(theta[None], log_scale[None])[0]
-    assert np.abs(push[target.likelihood.unknown]).min() > 50.0
-    precision, linear = target.quadratic(theta, log_scale)
-
-    def value(moved):
-        return float(target.log_density(np.append(moved, log_scale))[0])
-
-    size = 1e-2  # the function is quadratic: steps need not be small
-    steps = size * np.eye(4)
-    slope = np.array([value(theta + step) - value(theta - step) for step in steps]) / (2.0 * size)
-    assert np.allclose(slope, linear - precision @ theta, rtol=1e-6, atol=1e-6 * np.abs(linear).max())
-    bend = np.array(
-        [
-            [value(theta + a + b) - value(theta + a - b) - value(theta - a + b) + value(theta - a - b) for b in steps]
-            for a in steps
-        ]
-    ) / (4.0 * size**2)
-    assert np.allclose(-bend, precision, rtol=1e-6, atol=1e-6 * np.abs(precision).max())
-
-
 def test_what_the_log_does_not_show_is_as_large_as_the_earlier_one_says():
     new = make_log((1.0, 40.0, 0.3, 0.1), rows=(20, 20), known=(1, 1), sees=((1.0, 0.0, 0.0, 0.0),), sigma=(0.5,))
     likelihood = make_likelihood(new.moments, new.coefficients, new.sigma, new.time, np.zeros(2, dtype=int))

@@ -1,10 +1,8 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from bayesid.fit.effects.columns import Columns, Whitening, stacked, together
-from bayesid.fit.effects.error_model import ErrorModel, alike, bridged, unbridged
+from bayesid.fit.effects.error_model import ErrorModel, alike
 
 RATE, COUNT = 50.0, 90
 ERROR = ErrorModel(0.3, 0.5, 0.1, RATE)
@@ -41,23 +39,6 @@ def white(values, joint, used, error=ERROR):
     return error.whiten(values, used[:, joint]) * error.scale
 
 
-def test_unbridged_is_the_transpose(used):
-    for mask in used.T:
-        dense = bridged(np.eye(COUNT), mask)
-        values = np.random.default_rng(3).normal(size=(COUNT, 3))
-        np.testing.assert_allclose(unbridged(values, mask), dense.T @ values, atol=1e-12)
-        np.testing.assert_allclose(unbridged(values[:, 1], mask), dense.T @ values[:, 1], atol=1e-12)
-
-
-def test_errors_are_alike_up_to_a_size_that_nobody_sees():
-    larger = ErrorModel(0.3 * 1.0005, 0.5 * 1.0005, 0.1, RATE)
-    assert larger.shape == ERROR.shape
-    assert alike([ERROR, OTHER], [larger, OTHER])
-    assert not alike([ERROR], [ErrorModel(0.3 * 1.002, 0.5 * 1.002, 0.1, RATE)])
-    assert not alike([ERROR], [ErrorModel(0.3, 0.5, 0.1001, RATE)])
-    assert not alike([ERROR], [ErrorModel(0.3001, np.sqrt(0.34 - 0.3001**2), 0.1, RATE)])
-
-
 def test_columns_of_the_model_are_whitened_where_they_show(whitening, used):
     for j, shows in ((0, [0, 1, 2]), (1, [0, 1, 2, 3])):
         found, products = whitening.model(j, ERROR)
@@ -78,18 +59,6 @@ def test_what_was_whitened_by_the_same_filter_is_kept(whitening, used):
         np.testing.assert_allclose(
             whitening.shift(effect, 1, error), white(effect.shift[1], 1, used, error), atol=1e-12
         )
-
-
-def test_what_is_kept_is_bounded(whitening, used):
-    bounded = Whitening(whitening.columns, used, most_bytes=5 * COUNT * 2 * 8)
-    some = effects(12, shifted=False)
-    first = [bounded.rows(effect, 0, ERROR) for effect in some]
-    for k in (11, 10, 9, 8, 7):
-        assert bounded.rows(some[k], 0, ERROR) is first[k]
-    for k, effect in enumerate(some[:7]):
-        again = bounded.rows(effect, 0, ERROR)
-        assert again is not first[k]
-        np.testing.assert_allclose(again, white(effect.rows[0], 0, used), atol=1e-12)
 
 
 @pytest.mark.parametrize(("shifted", "at_once"), [(True, True), (True, False), (False, True)])
@@ -115,12 +84,22 @@ def test_products_of_a_group_are_those_of_whitened_columns(whitening, used, shif
     assert (again is products) == whole
 
 
-def test_only_a_whole_group_is_taken_as_it_lies():
-    views = stacked(effects(3, shifted=True))
-    changed = replace(views[0], shift={1: np.arange(COUNT, dtype=float)})
-    for group in (views[:2], [*views[:2], effects(1, shifted=True)[0]], [changed, *views[1:]]):
-        stack, whole = together(group, 1)
-        assert not whole
-        for k, one in enumerate(group):
-            np.testing.assert_array_equal(stack[k, :2].T, one.rows[1])
-            np.testing.assert_array_equal(stack[k, 2], one.shift.get(1, np.zeros(COUNT)))
+def test_errors_are_alike_up_to_a_size_that_nobody_sees():
+    larger = ErrorModel(0.3 * 1.0005, 0.5 * 1.0005, 0.1, RATE)
+    assert larger.shape == ERROR.shape
+    assert alike([ERROR, OTHER], [larger, OTHER])
+    assert not alike([ERROR], [ErrorModel(0.3 * 1.002, 0.5 * 1.002, 0.1, RATE)])
+    assert not alike([ERROR], [ErrorModel(0.3, 0.5, 0.1001, RATE)])
+    assert not alike([ERROR], [ErrorModel(0.3001, np.sqrt(0.34 - 0.3001**2), 0.1, RATE)])
+
+
+def test_what_is_kept_is_bounded(whitening, used):
+    bounded = Whitening(whitening.columns, used, most_bytes=5 * COUNT * 2 * 8)
+    some = effects(12, shifted=False)
+    first = [bounded.rows(effect, 0, ERROR) for effect in some]
+    for k in (11, 10, 9, 8, 7):
+        assert bounded.rows(some[k], 0, ERROR) is first[k]
+    for k, effect in enumerate(some[:7]):
+        again = bounded.rows(effect, 0, ERROR)
+        assert again is not first[k]
+        np.testing.assert_allclose(again, white(effect.rows[0], 0, used), atol=1e-12)

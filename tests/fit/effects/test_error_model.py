@@ -4,7 +4,7 @@ from dense_errors import covariance
 from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
 
-from bayesid.fit.effects.error_model import ErrorModel, bridged, fit_error
+from bayesid.fit.effects.error_model import ErrorModel, fit_error
 
 RATE = 50.0
 MODELS = {
@@ -43,23 +43,6 @@ def test_likelihood_is_that_of_the_dense_normal_once_the_beginning_is_forgotten(
     assert whole - beginning == pytest.approx(expected, rel=1e-9)
 
 
-def test_the_beginning_costs_what_a_beginning_at_rest_does(error):
-    """The filter begins as if nothing had been before: its first output has the variance sigma^2 for v.
-
-    With c0 = sigma^2 / v the mean difference is at least (c0 - 1 - log c0) / 2, the divergence of the first output
-    alone, and at most (c0 - 1) / 2 / (1 - theta^2), its share in all later ones.
-    """
-    count, replicates = 120, 200
-    normal = multivariate_normal(np.zeros(count), covariance(error, count))
-    values = draws(error, count, replicates, 4)
-    found = normal.logpdf(values.T) - [error.log_likelihood(one, everything(count)) for one in values.T]
-    impulse = error.whiten(np.eye(count)[:, 0], everything(count))
-    ratio, theta = (impulse[0] * error.sigma) ** 2, abs(impulse[2] / impulse[1]) if error.coloured else 0.0
-    spread = 4.5 * np.std(found) / np.sqrt(replicates) + 1e-9
-    assert 0.5 * (ratio - 1.0 - np.log(ratio)) - spread <= np.mean(found)
-    assert np.mean(found) <= 0.5 * (ratio - 1.0) / (1.0 - theta**2) + spread
-
-
 def test_samples_that_do_not_count_do_not_count():
     """Whatever stands in their place."""
     error = MODELS["both"]
@@ -70,16 +53,6 @@ def test_samples_that_do_not_count_do_not_count():
     assert fit_error(spoiled, used, RATE) == fit_error(residual, used, RATE)
     assert not error.whiten(spoiled, used)[~used].any()
     np.testing.assert_array_equal(error.whiten(spoiled, used), error.whiten(residual, used))
-
-
-def test_what_is_not_used_lies_on_lines_between_what_is():
-    values = np.array([[9.0, 9.0], [1.0, 4.0], [9.0, 9.0], [9.0, 9.0], [4.0, -2.0], [5.0, 5.0], [9.0, 9.0]])
-    used = np.array([0, 1, 0, 0, 1, 1, 0]) > 0
-    expected = [[1.0, 4.0], [1.0, 4.0], [2.0, 2.0], [3.0, 0.0], [4.0, -2.0], [5.0, 5.0], [5.0, 5.0]]
-    np.testing.assert_allclose(bridged(values, used), expected, atol=1e-12)
-    np.testing.assert_allclose(bridged(values[:, 1], used), np.array(expected)[:, 1], atol=1e-12)
-    nothing = np.zeros(7, dtype=bool)
-    np.testing.assert_array_equal(bridged(values, nothing), values)
 
 
 def test_whitened_noise_is_white_and_of_unit_size(error):

@@ -1,89 +1,21 @@
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from dense_errors import bridging, covariance, whitening
+from dense_errors import Dense, covariance
+from effect_problems import RATE, observed
 from scipy.integrate import simpson
-from scipy.linalg import block_diag
-from scipy.stats import multivariate_normal, norm
+from scipy.stats import norm
 
 from bayesid.fit.effects import explanation as evidence
 from bayesid.fit.effects.columns import Columns
 from bayesid.fit.effects.error_model import ErrorModel, fit_error
-from bayesid.fit.effects.explanation import Observations, Regression
+from bayesid.fit.effects.explanation import Regression
 from bayesid.fit.effects.screening import Screening
 from bayesid.fit.knowledge import Information
 
-RATE = 50.0
 ERRORS = (ErrorModel(0.3, 0.5, 0.1, RATE), ErrorModel(1.1, 0.7, 0.3, RATE))
-
-
-def used_filter(error, used):
-    """The same matrix from used samples to used samples."""
-    return (whitening(error, len(used)) @ bridging(used))[np.ix_(used, used)]
-
-
-@dataclass
-class Dense:
-    """The used samples of all joints below each other: columns, effort and covariance of the error."""
-
-    data: Observations
-
-    @property
-    def used(self):
-        return [np.flatnonzero(mask) for mask in self.data.used.T]
-
-    def stacked(self, of_joint):
-        return np.concatenate([of_joint(j)[rows] for j, rows in enumerate(self.used)])
-
-    def rows(self, effects):
-        count = len(self.data.effort)
-        parts = [self.stacked(lambda j: self.data.columns[:, j])]
-        for one in effects:
-            blank = np.zeros((count, len(one.sd)))
-            parts.append(self.stacked(lambda j, one=one, blank=blank: one.rows.get(j, blank)))
-        return np.concatenate(parts, axis=1)
-
-    def effort(self, effects=()):
-        left = self.stacked(lambda j: self.data.effort[:, j])
-        blank = np.zeros(len(self.data.effort))
-        for one in effects:
-            left = left - self.stacked(lambda j, one=one: one.shift.get(j, blank))
-        return left
-
-    def covariance(self):
-        blocks = []
-        for error, used in zip(ERRORS, self.data.used.T, strict=True):
-            inverse = np.linalg.inv(used_filter(error, used))
-            blocks.append(inverse @ inverse.T)
-        return block_diag(*blocks)
-
-    def least_squares(self, effects=()):
-        """Coefficients and amplitudes with their covariance."""
-        rows, inverse = self.rows(effects), np.linalg.inv(self.covariance())
-        known = self.data.information
-        prior = block_diag(known.hessian, *(np.diag(1.0 / one.sd**2) for one in effects))
-        pull = np.concatenate([known.gradient, *(np.zeros(len(one.sd)) for one in effects)])
-        spread = np.linalg.inv(prior + rows.T @ inverse @ rows)
-        return spread @ (pull + rows.T @ inverse @ self.effort(effects)), spread
-
-    def log_density(self, effects=()):
-        """Of the efforts, coefficients and amplitudes integrated out, the earlier log a proper prior."""
-        known = self.data.information
-        spread = block_diag(np.linalg.inv(known.hessian), *(np.diag(one.sd**2) for one in effects))
-        centre = np.concatenate([np.linalg.solve(known.hessian, known.gradient), np.zeros(len(spread) - 3)])
-        rows = self.rows(effects)
-        total = self.covariance() + rows @ spread @ rows.T
-        return multivariate_normal(rows @ centre, total).logpdf(self.effort(effects))
-
-    def log_likelihood_of(self, effect, amplitudes):
-        """(K,) of the efforts given amplitudes (K, p) of an effect, coefficients integrated out."""
-        known, rows = self.data.information, self.rows(())
-        total = self.covariance() + rows @ np.linalg.solve(known.hessian, rows.T)
-        columns = self.rows((effect,))[:, rows.shape[1] :]
-        left = self.effort((effect,)) - rows @ np.linalg.solve(known.hessian, known.gradient)
-        return multivariate_normal(np.zeros(len(left)), total).logpdf(left - amplitudes @ columns.T)
 
 
 def noise(count, rng):
@@ -106,16 +38,7 @@ def made_data(count=120, seed=0, gaps=True, amount=0.0):
     effort = waves @ np.array([1.2, -1.7, 0.4]) + noise(count, rng)
     for effect in made_effects(count):
         effort[:, 1] += amount * effect.rows[1].sum(axis=1) if effect.rows else 0.0
-    return Observations(
-        columns=waves * used[:, :, None],
-        effort=effort * used,
-        used=used,
-        information=known,
-        floor=np.ones(2),
-        sharp=np.ones(2, dtype=bool),
-        limits=np.full((2, 2), np.inf),
-        rate=RATE,
-    )
+    return replace(observed(waves, effort, used), information=known)
 
 
 def made_effects(count=120, seed=5):
@@ -162,15 +85,15 @@ def test_explanation_is_generalised_least_squares(chosen, last_is_extra, kept):
         if last_is_extra and picked
         else Regression(data, picked).explain(ERRORS)
     )
-    best, spread = Dense(data).least_squares(picked)
+    best, spread = Dense(data, ERRORS).least_squares(picked)
     np.testing.assert_allclose(found.beta, best[:3], rtol=1e-7)
     np.testing.assert_allclose(np.concatenate([[], *found.amplitudes]), best[3:], rtol=1e-7)
     np.testing.assert_allclose(np.concatenate([[], *found.sd]), np.sqrt(np.diag(spread))[3:], rtol=1e-7)
     np.testing.assert_allclose(found.root.T @ found.root, spread, rtol=0, atol=1e-8 * spread.max())
     assert [len(one) for one in found.amplitudes] == [len(one.sd) for one in picked]
-    left = Dense(data).effort(picked) - Dense(data).rows(picked) @ best
-    for j, rows in enumerate(Dense(data).used):
-        start = 0 if j == 0 else len(Dense(data).used[0])
+    left = Dense(data, ERRORS).effort(picked) - Dense(data, ERRORS).rows(picked) @ best
+    for j, rows in enumerate(Dense(data, ERRORS).used):
+        start = 0 if j == 0 else len(Dense(data, ERRORS).used[0])
         np.testing.assert_allclose(found.residual[rows, j], left[start : start + len(rows)], atol=1e-7)
         assert not found.residual[~data.used[:, j], j].any()
 
@@ -179,40 +102,27 @@ def test_evidences_differ_by_the_density_of_the_efforts(kept):
     """e ~ N(Y b0, C + Y L^-1 Y' + Z D Z'), dense; constants are common to all explanations."""
     data, effects = kept(made_data(amount=0.5)), made_effects()
     nothing = Regression(data).explain(ERRORS).log_evidence
-    base = Dense(data).log_density()
+    base = Dense(data, ERRORS).log_density()
     gains = []
     for picked in [(effects[0],), (effects[1],), (effects[2],), (effects[3],), effects[:2], effects[1:]]:
         gains.append(Regression(data, picked).explain(ERRORS).log_evidence - nothing)
-        assert gains[-1] == pytest.approx(Dense(data).log_density(picked) - base, abs=1e-6)
+        assert gains[-1] == pytest.approx(Dense(data, ERRORS).log_density(picked) - base, abs=1e-6)
     assert np.ptp(gains) > 3.0
 
 
-@pytest.mark.parametrize(("positive", "amount"), [(False, 0.5), (True, -0.4), (True, 0.5)])
-def test_evidence_of_one_amplitude_is_the_integral(positive, amount, kept):
-    """Over its prior, normal or half-normal: exact for one amplitude."""
-    data, effect = kept(made_data(amount=amount)), made_effects()[1]
-    effect = replace(effect, positive=np.array([positive]))
-    grid = np.linspace(0.0 if positive else -4.5, 4.5, 2001)[:, None]
-    prior = norm(0.0, effect.sd[0]).logpdf(grid[:, 0]) + (np.log(2.0) if positive else 0.0)
-    density = Dense(data).log_likelihood_of(effect, grid) + prior
-    expected = np.log(simpson(np.exp(density - density.max()), x=grid[:, 0])) + density.max()
-    nothing = Dense(data).log_likelihood_of(effect, np.zeros((1, 1)))
-    gain = Regression(data).explain(ERRORS, effect).log_evidence - Regression(data).explain(ERRORS).log_evidence
-    assert gain == pytest.approx(expected - nothing, abs=1e-5)
-
-
 @pytest.mark.parametrize(
-    ("positive", "tolerance"), [((False, False), 1e-4), ((True, False), 1e-4), ((True, True), 0.1)]
+    ("positive", "amount", "tolerance"),
+    [((False, False), 0.3, 1e-4), ((True, False), 0.3, 1e-4), ((True, False), -0.3, 1e-4), ((True, True), 0.3, 0.1)],
 )
-def test_evidence_of_two_amplitudes_is_the_integral(positive, tolerance, kept):
+def test_evidence_of_two_amplitudes_is_the_integral(positive, amount, tolerance, kept):
     """Of two half-normals the probability to be positive is taken for each by itself, which is exact for one."""
-    data, effect = kept(made_data(amount=0.3)), replace(made_effects()[0], positive=np.array(positive))
+    data, effect = kept(made_data(amount=amount)), replace(made_effects()[0], positive=np.array(positive))
     axes = [sd * np.linspace(0.0 if side else -5.0, 5.0, 161) for sd, side in zip(effect.sd, positive, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-    density = Dense(data).log_likelihood_of(effect, grid) + norm(0.0, effect.sd).logpdf(grid).sum(axis=1)
+    density = Dense(data, ERRORS).log_likelihood_of(effect, grid) + norm(0.0, effect.sd).logpdf(grid).sum(axis=1)
     cells = np.exp(density - density.max()).reshape(161, 161)
     expected = np.log(simpson(simpson(cells, x=axes[1]), x=axes[0])) + density.max() + sum(positive) * np.log(2.0)
-    nothing = Dense(data).log_likelihood_of(effect, np.zeros((1, 2)))
+    nothing = Dense(data, ERRORS).log_likelihood_of(effect, np.zeros((1, 2)))
     gain = Regression(data).explain(ERRORS, effect).log_evidence - Regression(data).explain(ERRORS).log_evidence
     assert gain == pytest.approx(expected - nothing, abs=tolerance)
 
@@ -234,21 +144,6 @@ def test_what_is_left_is_judged_by_its_own_likeliest_error():
     )
 
 
-def test_errors_of_joints_that_an_effect_leaves_alone_are_kept():
-    data, effect = made_data(300, gaps=False, amount=0.5), made_effects(300)[1]
-    regression = Regression(data)
-    before = regression.explain(ERRORS)
-    after = regression.explain(before.errors, effect, before)
-    assert after.errors[0] is before.errors[0]
-    assert after.errors[1] == fit_error(after.residual[:, 1], data.used[:, 1], RATE)[0]
-    moved = [before.errors[0].log_likelihood(one.residual[:, 0], data.used[:, 0]) for one in (before, after)]
-    assert after.noise_evidence[0] - before.noise_evidence[0] == pytest.approx(moved[1] - moved[0], abs=1e-9)
-    assert after.free_evidence[0] - before.free_evidence[0] == pytest.approx(moved[1] - moved[0], abs=1e-9)
-    own = regression.explain(before.errors, effect)
-    assert own.errors[0] != before.errors[0]
-    assert abs(own.log_evidence - after.log_evidence) < 0.5
-
-
 def test_settled_errors_are_those_of_the_truth():
     """Begun with a wrong error model; within the sampling error of 1500 samples."""
     data = made_data(1500, gaps=False)
@@ -259,12 +154,6 @@ def test_settled_errors_are_those_of_the_truth():
         assert found.coloured == pytest.approx(truth.coloured, rel=0.35)
     again = regression.settle(settled)
     assert again.log_evidence == pytest.approx(settled.log_evidence, abs=0.3)
-
-
-def test_mean_square_is_that_of_used_samples_in_units_of_the_floor():
-    data = replace(made_data(), floor=np.array([0.5, 3.0]))
-    residual = np.where(data.used, [2.0, -6.0], 0.0)
-    np.testing.assert_allclose(data.mean_square(residual), [16.0, 4.0])
 
 
 def family(effect, size, seed=9):
@@ -297,7 +186,7 @@ def test_visible_is_the_mean_gain_of_effects_of_their_usual_size(kept):
     """Over 400 draws of amplitudes, coefficients and noise (of the filter's own covariance)."""
     effect, rng = made_effects()[0], np.random.default_rng(3)
     data = made_data()
-    dense = Dense(data)
+    dense = Dense(data, ERRORS)
     root, rows = np.linalg.cholesky(dense.covariance()), dense.rows((effect,))
     known = data.information
     centre, spread = np.linalg.solve(known.hessian, known.gradient), np.linalg.cholesky(np.linalg.inv(known.hessian))
@@ -315,15 +204,16 @@ def test_visible_is_the_mean_gain_of_effects_of_their_usual_size(kept):
     assert visible > 3.0
 
 
-@pytest.mark.parametrize("limit", [0.02, 0.2, 0.45])
-def test_noise_is_not_fitted_where_it_is_out_of_the_question(limit):
-    """The evidence is that of the likelier one all the same."""
-    data = made_data(300, gaps=False)
-    limits, residual = (limit, 0.8 * limit), np.array(noise(300, np.random.default_rng(4))[:, 0])
-    joint = evidence.JudgedJoint(residual, data.used[:, 0], RATE, limits)
-    after = evidence.JudgedJoint(1.01 * residual, data.used[:, 0], RATE, limits, joint)
-    assert joint.evidence == max(joint.noise, joint.free)
-    assert after.evidence == pytest.approx(max(after.noise, after.free), abs=1e-9)
-    untouched = evidence.JudgedJoint(residual, data.used[:, 0], RATE, limits)
-    assert untouched.evidence == joint.evidence
-    assert ("noise" in vars(untouched)) == (limit > 0.3)
+def test_errors_of_joints_that_an_effect_leaves_alone_are_kept():
+    data, effect = made_data(300, gaps=False, amount=0.5), made_effects(300)[1]
+    regression = Regression(data)
+    before = regression.explain(ERRORS)
+    after = regression.explain(before.errors, effect, before)
+    assert after.errors[0] is before.errors[0]
+    assert after.errors[1] == fit_error(after.residual[:, 1], data.used[:, 1], RATE)[0]
+    moved = [before.errors[0].log_likelihood(one.residual[:, 0], data.used[:, 0]) for one in (before, after)]
+    assert after.noise_evidence[0] - before.noise_evidence[0] == pytest.approx(moved[1] - moved[0], abs=1e-9)
+    assert after.free_evidence[0] - before.free_evidence[0] == pytest.approx(moved[1] - moved[0], abs=1e-9)
+    own = regression.explain(before.errors, effect)
+    assert own.errors[0] != before.errors[0]
+    assert abs(own.log_evidence - after.log_evidence) < 0.5

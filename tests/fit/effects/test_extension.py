@@ -4,12 +4,11 @@ from conftest import small_robot, smooth_motion
 from oracles import assert_close
 
 from bayesid.fit.effects.explanation import Explanation
-from bayesid.fit.effects.extension import extend, moved
+from bayesid.fit.effects.extension import extend
 from bayesid.fit.effects.hypotheses import hypotheses
 from bayesid.fit.knowledge import Knowledge
 from bayesid.model.catalogue import make_effect, make_terms
 from bayesid.model.coefficients import base_coefficients
-from bayesid.model.distortions import Distortion
 from bayesid.model.effects import Scene
 from bayesid.model.model import Model
 from bayesid.model.terms import STANDARD
@@ -176,13 +175,3 @@ def test_terms_come_before_distortions_whatever_was_found_first(poor):
     spring = make_effect("joint_spring", {"joints": (2,)}).columns(ROBOT, MOTION) @ np.array([3.1, -0.8])
     expected = predicted(poor, found, amplitudes) + 0.13 * spring
     assert_close(extension.model.effort(MOTION, extension.theta), expected, 1e-9)
-
-
-def test_only_distortions_are_moved(poor):
-    found = [poor.found("gain_error", (2,)), poor.found("joint_spring", (2,)), poor.found("clipping", (1,), 2)]
-    after = moved(found, poor.explained([[0.13], [3.1, -0.8], []]))
-    assert after[0].source.gain == pytest.approx((1.13,))
-    assert after[1] is found[1]
-    assert after[2].source == found[2].source
-    assert isinstance(after[0].source, Distortion)
-    assert after[0].columns is found[0].columns

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import dense_errors
 import numpy as np
 import pytest
 from dense_errors import bridging, whitening
@@ -78,24 +79,6 @@ def test_gains_are_those_of_dense_densities(chosen):
     np.testing.assert_allclose(products.gains(before, tried), expected, rtol=1e-6, atol=1e-6)
 
 
-class DenseWithKnowledge(Dense):
-    """Density of the efforts themselves, coefficients and uncertain columns integrated out over what is known."""
-
-    def __init__(self, products, chosen=()):
-        data, uncertain = products.data, products.uncertain
-        covariance = np.linalg.inv(data.information.hessian)
-        model = white(products, lambda j: data.columns[:, j])
-        self.left = np.eye(len(model))
-        self.effort = white(products, lambda j: data.effort[:, j]) - model @ covariance @ data.information.gradient
-        self.covariance = np.eye(len(self.effort)) + model @ covariance @ model.T
-        blank = np.zeros((SMALL, len(uncertain.sd)))
-        for rows in (
-            white(products, lambda j: uncertain.rows.get(j, blank)) * uncertain.sd,
-            *(rows_of(products, c) * c.hypothesis.columns.sd for c in chosen),
-        ):
-            self.covariance += rows @ rows.T
-
-
 @pytest.mark.parametrize("chosen", [(), (3, 2)])
 def test_gains_with_an_earlier_log_and_uncertain_columns_are_those_of_dense_densities(chosen):
     """What is known of the coefficients is correlated and off; one uncertain column resembles a candidate's."""
@@ -112,8 +95,9 @@ def test_gains_with_an_earlier_log_and_uncertain_columns_are_those_of_dense_dens
     products = Products(replace(plain.data, information=known), plain.hypotheses, list(ERRORS), uncertain)
     before = [products.candidates[k] for k in chosen]
     tried = [c for k, c in enumerate(products.candidates) if k not in chosen]
-    without = DenseWithKnowledge(products, before).log_density()
-    expected = [DenseWithKnowledge(products, [*before, one]).log_density() - without for one in tried]
+    dense, base = dense_errors.Dense(products.data, ERRORS), [uncertain, *(c.hypothesis.columns for c in before)]
+    without = dense.log_density(base)
+    expected = [dense.log_density([*base, one.hypothesis.columns]) - without for one in tried]
     np.testing.assert_allclose(products.gains(before, tried), expected, rtol=1e-6, atol=1e-6)
 
 
@@ -214,16 +198,6 @@ def test_sets_are_predicted_together_as_one_by_one(base):
         np.testing.assert_array_equal(errors.counts, products.held_back(one).counts)
 
 
-def assert_same(found, expected):
-    np.testing.assert_allclose(found.hessian, expected.hessian, rtol=1e-10, atol=1e-9)
-    np.testing.assert_allclose(found.gradient, expected.gradient, rtol=1e-10, atol=1e-9)
-    pairs = [(products.candidates[:2], products.candidates[2:]) for products in (found, expected)]
-    gains = [products.gains(*pair) for products, pair in zip((found, expected), pairs, strict=True)]
-    np.testing.assert_allclose(*gains, rtol=1e-7, atol=1e-7)
-    held = [products.held_back(pair[0]) for products, pair in zip((found, expected), pairs, strict=True)]
-    np.testing.assert_allclose(held[0].squares, held[1].squares, rtol=1e-7)
-
-
 def test_uncertain_columns_predict_held_back_blocks_only_if_they_may():
     """Columns that are the effect itself take it all in evidence and in predictions; kept out, they predict nothing."""
     plain = made_case()
@@ -238,17 +212,6 @@ def test_uncertain_columns_predict_held_back_blocks_only_if_they_may():
     np.testing.assert_allclose(without.held_back(()).squares, plain.held_back(()).squares)
     free = plain.with_forms({id(first.hypothesis): replace(first.hypothesis, columns=uncertain)}, [first])
     np.testing.assert_allclose(with_them.held_back(()).squares, free[0].held_back(free[1]).squares)
-
-
-def test_joints_are_whitened_anew_by_what_is_left_there():
-    products = made_case()
-    chosen = [products.candidates[0], products.candidates[2]]
-    left = products.residual(chosen)
-    products.with_noise_of(chosen, [1])
-    fitted = fit_error(left[:, 1], products.data.used[:, 1], RATE)[0]
-    assert products.errors == [ERRORS[0], fitted]
-    assert fitted.sigma != pytest.approx(ERRORS[1].sigma, rel=0.01)
-    assert_same(products, Products(products.data, products.hypotheses, [ERRORS[0], fitted]))
 
 
 def shifted(hypothesis, seed, joints):
@@ -272,19 +235,6 @@ def plain(form):
     return replace(form, columns=replace(form.columns, shift={}))
 
 
-def test_other_forms_take_the_place_of_the_old_ones():
-    first = made_case()
-    chosen = [first.candidates[3], first.candidates[0]]
-    new = shifted(first.hypotheses[0], 5, (0, 1))
-    found, kept = first.with_forms({id(first.hypotheses[0]): new}, chosen)
-    assert_same(found, Products(first.data, [new, *first.hypotheses[1:]], list(ERRORS)))
-    assert [c.hypothesis for c in kept] == [first.hypotheses[3], new]
-    assert kept == [found.candidates[3], found.candidates[0]]
-    same, kept = first.with_forms({}, chosen)
-    assert same is first
-    assert kept == chosen
-
-
 @pytest.mark.parametrize("others", [(0,), (3, 1)])
 def test_a_change_without_amplitude_is_whole_or_not_there(others):
     """On top of some candidates, one of which may have a change itself, against efforts without these changes."""
@@ -301,3 +251,16 @@ def test_a_change_without_amplitude_is_whole_or_not_there(others):
     chosen, expected = ([p.candidates[k] for k in with_it] for p in (products, after))
     np.testing.assert_allclose(products.residual(chosen), after.residual(expected), atol=1e-7)
     np.testing.assert_allclose(products.held_back(chosen).squares, after.held_back(expected).squares, rtol=1e-6)
+
+
+def test_joints_are_whitened_anew_by_what_is_left_there():
+    products = made_case()
+    chosen = [products.candidates[0], products.candidates[2]]
+    left = products.residual(chosen)
+    products.with_noise_of(chosen, [1])
+    fitted = fit_error(left[:, 1], products.data.used[:, 1], RATE)[0]
+    assert products.errors == [ERRORS[0], fitted]
+    assert fitted.sigma != pytest.approx(ERRORS[1].sigma, rel=0.01)
+    anew = Products(products.data, products.hypotheses, [ERRORS[0], fitted])
+    np.testing.assert_allclose(products.hessian, anew.hessian, rtol=1e-10, atol=1e-9)
+    np.testing.assert_allclose(products.gradient, anew.gradient, rtol=1e-10, atol=1e-9)

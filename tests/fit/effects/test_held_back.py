@@ -35,11 +35,10 @@ def test_rise_and_its_standard_error_are_those_of_the_mean_of_blocks():
     np.testing.assert_allclose(error, [0.8 / 4.0, 0.0], atol=1e-15)
 
 
-@pytest.mark.parametrize(("sd", "sure"), [(2.6, True), (2.7, False)])
-def test_above_a_level_is_sure_by_the_scatter_of_the_blocks(sd, sure):
+def test_above_a_level_is_sure_by_the_scatter_of_the_blocks():
     """A mean square of 10 over a level of 3 N m: 1 against 1.5 sd / 4."""
-    found = errors(spread(10.0, sd), 0.24)
-    np.testing.assert_array_equal(found.surely_above(np.array([3.0, 0.5])), [sure, False])
+    for sd, sure in ((2.6, True), (2.7, False)):
+        np.testing.assert_array_equal(errors(spread(10.0, sd), 0.24).surely_above(np.array([3.0, 0.5])), [sure, False])
 
 
 @pytest.mark.parametrize(
@@ -52,26 +51,21 @@ def test_growth_is_as_large_and_as_sure_as_the_help_of_an_effect(rise, sd, grown
     assert not before.surely_grown(errors(1.0 + rise, 3.0)).any()
 
 
-@pytest.mark.parametrize(("rise", "visible"), [(-0.5, False), (0.039, False), (0.041, True)])
-def test_harm_is_visible_from_four_per_cent_of_the_square_on(rise, visible):
-    """The same in all blocks, so beyond all doubt."""
+def test_harm_is_visible_from_four_per_cent_of_the_square_and_sure_from_one_standard_error_on():
+    """The same in all blocks, beyond all doubt; and a rise of one, whose standard error is a quarter of the scatter."""
     before = errors(7.0, 0.3)
-    np.testing.assert_array_equal(harmed(errors(7.0 * (1.0 + rise), 0.3), before), [visible, False])
-    np.testing.assert_array_equal(harmed(errors(7.0, 0.3 * (1.0 + rise)), before), [False, visible])
-
-
-def test_harm_is_sure_from_one_standard_error_on():
-    """A rise of one, whose standard error is a quarter of the blocks' scatter."""
+    for rise, visible in ((-0.5, False), (0.039, False), (0.041, True)):
+        np.testing.assert_array_equal(harmed(errors(7.0 * (1.0 + rise), 0.3), before), [visible, False])
+        np.testing.assert_array_equal(harmed(errors(7.0, 0.3 * (1.0 + rise)), before), [False, visible])
     for share in (0.9, 1.1):
-        found = harmed(errors(spread(11.0, 4.0 / share)), errors(10.0))
-        np.testing.assert_array_equal(found, [share > 1.0])
+        np.testing.assert_array_equal(harmed(errors(spread(11.0, 4.0 / share)), errors(10.0)), [share > 1.0])
 
 
-@pytest.mark.parametrize(("share", "borne_out"), [(0.095, False), (0.105, True)])
-def test_help_is_worth_a_term_from_a_tenth_of_the_square_on(share, borne_out):
-    before, after = errors(2.0, 9.0), errors(2.0, 9.0 * (1.0 - share))
-    assert bears_out(after, before, [1]) is borne_out
-    assert bears_out(after, before, [0]) is False
+def test_help_is_worth_a_term_from_a_tenth_of_the_square_on():
+    before = errors(2.0, 9.0)
+    for share, borne_out in ((0.095, False), (0.105, True)):
+        after = errors(2.0, 9.0 * (1.0 - share))
+        assert [bears_out(after, before, [j]) for j in (1, 0)] == [borne_out, False]
 
 
 @pytest.mark.parametrize(
@@ -90,22 +84,16 @@ def test_help_must_be_sure():
         assert bears_out(errors(spread(2.0, scatter)), errors(3.0), [0]) is borne_out
 
 
-def test_help_where_an_effect_acts_is_weighed_against_harm_elsewhere():
-    """It helps much in two blocks; in the others it does nothing, or doubles the square in half of them."""
-    acts = np.zeros(BLOCKS)
-    acts[[5, 6]] = 1.0
+def test_help_is_weighed_against_harm_elsewhere():
+    """Much help in two blocks, nothing in others or twice the square in half of them; then a loss in another joint."""
+    acts = np.isin(np.arange(BLOCKS), (5, 6)).astype(float)
     before = errors(1.0 + 9.0 * acts)
     for elsewhere in (0.0, 1.0):
         after = errors(1.0 + 3.0 * acts + elsewhere * np.resize([1.0, 0.0], BLOCKS) * (1.0 - acts))
         assert bears_out(after, before, [0]) is (elsewhere == 0.0)
         assert bears_out(before, after, [0]) is False
-
-
-@pytest.mark.parametrize(("rise", "borne_out"), [(0.75, True), (0.85, False)])
-def test_others_must_not_lose_more_than_an_effect_helps(rise, borne_out):
-    """A fall by four fifths in one joint, a rise in another one."""
-    before = errors(2.0, 5.0)
-    assert bears_out(errors(0.4, 5.0 * (1.0 + rise)), before, [0]) is borne_out
+    for rise, borne_out in ((0.75, True), (0.85, False)):  # a fall by four fifths in the first joint
+        assert bears_out(errors(0.4, 5.0 * (1.0 + rise)), errors(2.0, 5.0), [0]) is borne_out
 
 
 def test_joints_without_samples_say_nothing():

@@ -164,15 +164,6 @@ def test_an_amplitude_of_one_sd_is_three_tenths_of_the_joints_effort():
         np.testing.assert_allclose(found.columns.sd * np.max(largest, axis=0), 0.3, rtol=1e-9)
 
 
-def test_payloads_of_three_masses_are_tried():
-    found = case().of("payload")
-    masses = [one.columns.sd[9] for one in found]
-    assert masses == [0.1, 0.5, 3.0]
-    for one, mass in zip(found, masses, strict=True):
-        np.testing.assert_allclose(one.columns.sd, mass * found[0].columns.sd / 0.1)
-        assert not one.columns.positive.any()
-
-
 def test_what_cannot_be_negative_is_marked():
     for one in case("rigid_body").all():
         if one.effect in distortions.CATALOGUE:
@@ -215,39 +206,3 @@ def test_a_change_has_the_shape_of_the_models_own_term():
             assert not one.columns.positive.any()
     assert len({one.source.speed for one in of_joint[2]}) > 3
     assert all(one.changes == () and one.columns.positive.all() for one in of_joint[2])
-
-
-def test_another_form_of_an_effect_that_the_model_holds_is_new():
-    """The model has the force of a tool, but no couple."""
-    held = Case(("rigid_body",), (("tool_wrench", {}),))
-    (force,), (couple,) = held.of("tool_wrench"), held.of("tool_wrench.couple")
-    assert force.changes == ("wbx3", "wby3", "wbz3")
-    assert couple.changes == ()
-
-
-@pytest.mark.parametrize(
-    ("name", "number", "value"),
-    [("torque_ripple", "harmonic", 7.3), ("stribeck_friction", "speed", 0.44), ("dead_zone", "width", 0.9)],
-)
-def test_a_form_is_remade_with_another_number(name, number, value):
-    one = next(one for one in case().of(name) if one.joints == (2,))
-    other = one.remade(number, value)
-    assert getattr(other.source, number) == (value,)
-    assert replace(other.source, **{number: getattr(one.source, number)}) == one.source
-    expected = (
-        other.source.change(case().scene)[0][:, 1]
-        if name == "dead_zone"
-        else other.source.columns(case().model.robot, case().motion)[:, 1]
-    )
-    found = other.columns.shift[1] if name == "dead_zone" else other.columns.rows[1]
-    np.testing.assert_array_equal(found, expected)
-    assert other.joints == (2,)
-    again = other.remade(number, getattr(one.source, number)[0])
-    np.testing.assert_array_equal(again.columns.sd, one.columns.sd)
-    assert again.source == one.source
-
-
-def test_finer_forms_of_standard_terms_are_tried_only_where_they_are_asked_for():
-    plain = hypotheses(case().model, case().scene, case().used)
-    names = {hypothesis.source.name for group in plain for hypothesis in group}
-    assert {one.source.name for one in case().all()} - names == {"viscous_friction.saturating"}

@@ -1,17 +1,19 @@
+from dataclasses import replace
 from itertools import combinations
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from effect_problems import observed
 from scipy.stats import multivariate_normal, norm
 
 from bayesid.fit.effects.columns import Columns
-from bayesid.fit.effects.explanation import Observations
 from bayesid.fit.effects.joint_sets import JointForms, joint_sets
 from bayesid.fit.knowledge import Information
 
 COUNT, JOINT = 120, 1
 FLOOR = np.array([0.7, 0.4])
+UNIT = Information(np.eye(1), np.zeros(1), 0.0)
 
 
 def form(name, rows=None, shift=None, sd=(), positive=()):
@@ -42,16 +44,8 @@ def problem():
     effort += 0.15 * rng.normal(size=COUNT)  # less than the floor: the scale stays at it
     used = np.ones((COUNT, 2), dtype=bool)
     used[[3, 50, 51], JOINT] = False
-    data = Observations(
-        columns=columns * used[:, :, None],
-        effort=np.column_stack([np.zeros(COUNT), effort]) * used,
-        used=used,
-        information=Information(known, known @ expected, 0.0),
-        floor=FLOOR,
-        sharp=np.ones(2, dtype=bool),
-        limits=np.ones((2, 2)),
-        rate=50.0,
-    )
+    data = observed(columns, np.column_stack([np.zeros(COUNT), effort]), used)
+    data = replace(data, information=Information(known, known @ expected, 0.0), floor=FLOOR)
     return data, forms, np.linalg.inv(known), expected
 
 
@@ -113,16 +107,8 @@ def test_a_pair_that_something_else_resembles():
     parts = {"dry": one, "spring": other, "hysteresis": alike, "drag": rng.normal(size=600)}
     forms = [form(name, x[:, None], sd=(1.0,)) for name, x in parts.items()]
     effort = 2.0 * one + 1.5 * other + 0.1 * rng.normal(size=600)
-    data = Observations(
-        columns=np.zeros((600, 2, 1)),
-        effort=np.column_stack([np.zeros(600), effort]),
-        used=np.ones((600, 2), dtype=bool),
-        information=Information(np.eye(1), np.zeros(1), 0.0),
-        floor=np.array([0.1, 0.1]),
-        sharp=np.ones(2, dtype=bool),
-        limits=np.ones((2, 2)),
-        rate=50.0,
-    )
+    data = observed(np.zeros((600, 2, 1)), np.column_stack([np.zeros(600), effort]))
+    data = replace(data, information=UNIT, floor=np.full(2, 0.1))
     proposed = joint_sets(data, JOINT, [], forms, lambda _: -5.0)
     first = {size: next(some for some in proposed if len(some) == size) for size in (1, 2)}
     assert [one.source.name for one in first[1]] == ["hysteresis"]
@@ -132,16 +118,8 @@ def test_a_pair_that_something_else_resembles():
 def test_no_set_holds_an_effect_twice():
     rng = np.random.default_rng(2)
     forms = [form(name, rng.normal(size=(COUNT, 1)), sd=(1.0,)) for name in ("a", "a.other", "b", "c")]
-    data = Observations(
-        columns=np.zeros((COUNT, 2, 1)),
-        effort=rng.normal(size=(COUNT, 2)),
-        used=np.ones((COUNT, 2), dtype=bool),
-        information=Information(np.eye(1), np.zeros(1), 0.0),
-        floor=FLOOR,
-        sharp=np.ones(2, dtype=bool),
-        limits=np.ones((2, 2)),
-        rate=50.0,
-    )
+    data = observed(np.zeros((COUNT, 2, 1)), rng.normal(size=(COUNT, 2)))
+    data = replace(data, information=UNIT, floor=FLOOR)
     proposed = joint_sets(data, JOINT, [], forms, lambda _: 0.0)
     assert {frozenset(one.key[0] for one in some) for some in proposed} >= {frozenset("ab"), frozenset("abc")}
     assert all(len({one.key for one in some}) == len(some) for some in proposed)

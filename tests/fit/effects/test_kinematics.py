@@ -117,22 +117,6 @@ def shift_along_y(length):
     return move
 
 
-def test_of_a_turned_base_only_gravity_changes():
-    """The first joint turned in its own frame is gravity turned back in the frame of the base."""
-    table, motion, clouds = made()
-    robot, links = robot_from_table(table, "test"), parameters_of(clouds)
-    columns = columns_of(table, motion, clouds)
-    turned = robot.joints[0].placement[:3, :3]
-    for axis in range(3):
-        efforts = []
-        for step in (STEP, -STEP):
-            about = Rotation.from_rotvec(-step * turned[:, axis])
-            tilted = {**table, "gravity": about.apply(table["gravity"]).tolist()}
-            efforts.append(robot_from_table(tilted, "test").inverse_dynamics(motion, links))
-        assert_close(columns[:, :, 3 + axis], TOLERANCE.angle * (efforts[0] - efforts[1]) / (2.0 * STEP), CLOSE)
-        assert np.abs(columns[:, :, axis]).max() < 1e-6 * np.abs(columns).max()  # a shift changes nothing
-
-
 @pytest.mark.parametrize(("length", "angle", "kept"), [(0.0, 0.005, [3, 4, 5]), (0.002, 0.0, [0, 1, 2])])
 def test_what_is_exact_has_no_columns(length, angle, kept):
     table, motion, clouds = made()

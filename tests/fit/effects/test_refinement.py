@@ -53,9 +53,3 @@ def test_it_stays_between_its_neighbours(case):
     (found,) = refined(data, [form(library, "stribeck_friction", speed=(0.3 * TOP[1],))], library)
     assert found.source.speed[0] / TOP[1] == pytest.approx(0.17, rel=0.05)
     assert found.source.speed[0] / TOP[1] > 0.17
-
-
-def test_what_has_no_such_number_stays_what_it_is(case):
-    data, library = case
-    effects = [form(library, "asymmetric_coulomb"), form(library, "joint_spring")]
-    assert all(new is old for new, old in zip(refined(data, effects, library), effects, strict=True))

@@ -125,16 +125,6 @@ def test_an_effect_that_harms_another_joint_is_refused():
     assert names(chosen) == [honest.key]
 
 
-def test_what_harms_most_in_the_end_goes_and_does_not_come_back(monkeypatch):
-    """Without "one" the error is the larger, so "other" is blamed for a harm that is made up."""
-    kept = names(select_forward(three_of_one_joint(), RULES)[1])
-    monkeypatch.setattr(forward, "harmed", lambda after, nothing: after.rms < 0.5 * nothing.rms)
-    products = three_of_one_joint()
-    _, chosen = select_forward(products, RULES)
-    left = {c.hypothesis.key: products.held_back([c]).rms[0] for c in products.candidates if c.hypothesis.key in kept}
-    assert names(chosen) == [min(left, key=left.get)]
-
-
 def test_a_distortion_is_sharpened_and_what_looks_like_it_is_needless_then():
     """A distortion, its first form and its right one, and a term that looks like most of it."""
     rng, columns, effort = log_of(13, 0.2, joints=1)
@@ -177,3 +167,13 @@ def test_an_effect_of_more_joints_takes_the_place_of_itself_in_fewer():
     both = replace(made("same", {j: rows[:, [j]] for j in (0, 1)}, [0.8]), key=("same", ()))
     _, chosen = select_forward(products_of(columns, effort, [alone, both]), RULES, {alone.key})
     assert names(chosen) == [both.key]
+
+
+def test_what_harms_most_in_the_end_goes_and_does_not_come_back(monkeypatch):
+    """Without "one" the error is the larger, so "other" is blamed for a harm that is made up."""
+    kept = names(select_forward(three_of_one_joint(), RULES)[1])
+    monkeypatch.setattr(forward, "harmed", lambda after, nothing: after.rms < 0.5 * nothing.rms)
+    products = three_of_one_joint()
+    _, chosen = select_forward(products, RULES)
+    left = {c.hypothesis.key: products.held_back([c]).rms[0] for c in products.candidates if c.hypothesis.key in kept}
+    assert names(chosen) == [min(left, key=left.get)]
