@@ -69,15 +69,6 @@ def test_overlapping_changes_are_taken_back(what):
     assert shared() == before
 
 
-def test_the_limit_holds_for_the_last_inside():
-    before = blas_threads()
-    with one_blas_thread:
-        with one_blas_thread:
-            pass
-        assert set(blas_threads()) == {1}
-    assert blas_threads() == before
-
-
 def figures_of(page):
     """What does not say when it was made."""
     return re.findall(r"<svg.*?</svg>", page, re.DOTALL)

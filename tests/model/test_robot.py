@@ -3,14 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from oracles import (
-    STEP,
     actuator_efforts,
     assert_close,
     built_in_table,
     dh_chain,
     joint_torques,
     parameters_of,
-    positions,
     random_clouds,
     random_motion,
     random_table,
@@ -21,7 +19,6 @@ from oracles import (
 from bayesid.errors import InputError
 from bayesid.model.kinematics import pose
 from bayesid.model.robot import load_robot, robot_from_table, robot_from_urdf, robot_table
-from bayesid.motion import Motion
 
 DIFFERENT = ("kr5", "panda", "tx40")  # standard, modified, coupled wrist
 TABLES = {
@@ -43,18 +40,6 @@ def test_dynamics_equal_those_of_point_masses(name):
     theta = parameters_of(clouds)
     assert_close(robot.regressor(motion) @ theta, expected, 1e-12)
     assert_close(robot.inverse_dynamics(motion, theta), expected, 1e-12)
-
-
-@pytest.mark.parametrize("name", TABLES)
-def test_gravity_torque_is_the_slope_of_the_potential_energy(name):
-    table = TABLES[name] | {"transmission": None}
-    n = len(table["joints"])
-    robot, clouds, chain = robot_from_table(table, "test"), random_clouds(n), dh_chain(table)
-    masses = np.concatenate([m for _, m in clouds])
-    q = random_motion(n, 1).q[0]
-    slopes = [-(masses @ positions(chain, clouds, q + 1j * STEP * e) @ robot.gravity).imag / STEP for e in np.eye(n)]
-    rest = Motion([0.0], [q], np.zeros((1, n)), np.zeros((1, n)))
-    assert_close(robot.inverse_dynamics(rest, parameters_of(clouds))[0], np.array(slopes), 1e-12)
 
 
 @pytest.mark.parametrize("name", TABLES)
@@ -154,9 +139,6 @@ def test_urdf_with_fixed_continuous_and_skewed_joints(tmp_path):
     assert_close(robot.inverse_dynamics(motion, parameters_of(clouds)), expected, 1e-12)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Bad files
-# ---------------------------------------------------------------------------------------------------------------
 def refusal(path):
     with pytest.raises(InputError) as caught:
         load_robot(path)
