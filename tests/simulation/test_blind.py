@@ -13,13 +13,7 @@ from bayesid.studies import blind
 ROBOTS = [(3, "kr5", "bare", False), (4, "random", "standard", False), (5, "random", "bare", True)]
 LOG = slice(blind.BEFORE, None)
 ALL = (*blind.EFFECTS, blind.OUTSIDE)
-FRICTION = (
-    "viscous_friction",
-    "coulomb_friction",
-    "asymmetric_coulomb",
-    "stribeck_friction",
-    "load_dependent_friction",
-)
+FRICTION = [name for name in blind.EFFECTS if name.endswith(("_friction", "_coulomb"))]
 FORMS = {
     "stribeck_friction": {"full", "bump", "exponential"},
     "gravity_spring": {"sine", "two_points"},
@@ -29,10 +23,6 @@ FORMS = {
     "dead_zone": {"reads_zero", "shrunk"},
     blind.OUTSIDE: set(blind.OUTSIDE_FORMS),
 }
-
-
-def slow_parts(effect, slow):
-    return slow or effect == "stribeck_friction"
 
 
 @cache
@@ -93,17 +83,6 @@ def test_rigid_efforts_obey_virtual_work(kind, seed):
     assert_close(robot.rigid_efforts(motion.q, motion.dq, motion.ddq), expected, 1e-10)
 
 
-@pytest.mark.parametrize("kind", ["kr5", "random"])
-def test_held_body_obeys_virtual_work(kind):
-    robot, clouds = robot_of(kind, 1)
-    motion = random_motion(robot.n, 4, 2)
-    points, masses = random_clouds(1, 9)[0]
-    last = np.concatenate([clouds[-1][0], points]), np.concatenate([clouds[-1][1], masses])
-    expected = joint_torques(dh_chain(robot.table), [*clouds[:-1], last], robot.table["gravity"], motion)
-    loaded = robot.loaded(body_of(points, masses))
-    assert_close(loaded.rigid_efforts(motion.q, motion.dq, motion.ddq), expected, 1e-10)
-
-
 def test_trouble_leaves_the_told_table_and_the_motion_alone():
     """The table that is told, the motions are those of the case without trouble."""
     plain = blind.simulate(3, None, 0.0, "kr5", "standard")
@@ -150,7 +129,7 @@ def test_effect_has_the_size_asked_for(effect, setup):
     seed, robot, style, slow = setup
     size = {"kr5": 2.0, "random": 7.0 if slow else 0.6}[robot]
     case = hiding(effect, *setup, size)
-    without = healthy(seed, robot, style, slow_parts(effect, slow))
+    without = healthy(seed, robot, style, slow or effect == "stribeck_friction")
     np.testing.assert_array_equal(case.log.q, without.log.q)
     difference = case.log.clean - without.log.clean
     ratios = blind.rms(difference) / case.noise
@@ -188,8 +167,7 @@ def test_friction_opposes_the_motion():
             assert power.min() >= 0
             assert power.max() > 0
     play = scene()
-    cases = [("cable_drag", {"friction"}), ("thermal_drift", {"coulomb", "viscous", "both"})]
-    for effect, names in cases:
+    for effect, names in (("cable_drag", {"friction"}), ("thermal_drift", {"coulomb", "viscous", "both"})):
         for form, draft in forms(effect, play).items():
             power = torque(draft, play) * play.dq[:, draft.joint]
             assert (power.min() >= 0) == (form in names)
@@ -247,18 +225,15 @@ def test_held_mass_pulls_down():
     play = scene("random")
     draft = next(drafts("payload", play))
     mass, centre = 2.5, np.array(draft.parameters["centre"])
-    body = blind.Body(mass, centre, mass * np.array(draft.parameters["inertia_per_mass"]))
+    inertia = np.array(draft.parameters["inertia_per_mass"])
+    body = blind.Body(mass, centre, mass * inertia)
     expected = play.robot.loaded(body).rigid_efforts(play.q, play.dq, play.ddq) - play.rigid
     assert_close(draft.act(play, play.healthy(), mass) - play.healthy(), expected, 1e-9)
-    point = [(centre[None], np.ones(1))]
-    clouds = [(np.zeros((1, 3)), np.zeros(1))] * (play.robot.n - 1) + point
-    q = play.q[300]
-    still = Motion([0.0], [q], np.zeros((1, len(q))), np.zeros((1, len(q))))
-    held = joint_torques(dh_chain(play.robot.table), clouds, blind.GRAVITY, still)[0]
-    none = np.zeros((1, len(q)))
-    unit = blind.Body(1.0, centre, body.inertia / mass)
-    found = play.robot.loaded(unit).rigid_efforts(q[None], none, none) - play.robot.rigid_efforts(q[None], none, none)
-    assert_close(found[0], held, 1e-9)
+    clouds = [(np.zeros((1, 3)), np.zeros(1))] * (play.robot.n - 1) + [(centre[None], np.ones(1))]
+    q, none = play.q[300:301], np.zeros((1, play.robot.n))
+    held = joint_torques(dh_chain(play.robot.table), clouds, blind.GRAVITY, Motion([0.0], q, none, none))
+    unit = play.robot.loaded(blind.Body(1.0, centre, inertia))
+    assert_close(unit.rigid_efforts(q, none, none) - play.robot.rigid_efforts(q, none, none), held, 1e-9)
 
 
 def test_tilted_base_turns_gravity():
@@ -297,6 +272,41 @@ def test_wrench_on_the_tool_obeys_virtual_work():
         for k in (0, 700, 1900):
             np.testing.assert_allclose(found[k], wrench_torques(play, draft.parameters, k), atol=1e-9)
     assert len(seen) == 4
+
+
+def test_noise_is_white_and_of_the_size_that_is_told():
+    case = healthy(*ROBOTS[1])
+    share = case.noise / blind.rms(case.baseline.clean)
+    assert np.all((share >= 0.0099) & (share <= 0.0301))
+    for log in (case.baseline, case.log, case.holdout):
+        noise = (log.measured - log.clean) / case.noise
+        assert np.all(np.abs(blind.rms(noise) - 1) < 0.08)
+        assert np.abs(np.mean(noise[1:] * noise[:-1], axis=0)).max() < 0.1
+
+
+def test_readings_are_scaled_late_or_clipped():
+    play = scene()
+    healthy = play.healthy()
+    for draft in drafts("gain_error", play, 3):
+        share = draft.act(play, healthy, 0.2)[:, draft.joint] / healthy[:, draft.joint]
+        np.testing.assert_allclose(share, 1 + 0.2 * draft.parameters["sign"])
+    for draft in drafts("delay", play, 8):
+        columns = slice(None) if draft.joint is None else [draft.joint]
+        late = draft.act(play, healthy, 0.07)[LOG, columns]
+        np.testing.assert_allclose(late, healthy[blind.BEFORE - 7 : -7, columns], atol=1e-8)
+    draft = next(drafts("clipping", play))
+    whole = healthy[:, draft.joint]
+    limit = 0.5 * np.abs(whole[LOG]).max()
+    clipped = draft.act(play, healthy, draft.parameters["peak"] - limit)[:, draft.joint]
+    np.testing.assert_allclose(clipped, np.clip(whole, -limit, limit))
+
+
+def test_thermal_drift_fades_or_grows():
+    play = scene()
+    early, late = slice(blind.BEFORE, blind.BEFORE + 600), slice(-600, None)
+    for form, draft in forms("thermal_drift", play).items():
+        level = np.abs(torque(draft, play))
+        assert (level[early].sum() > level[late].sum()) == (form != "offset_growing")
 
 
 def test_dead_zone_swallows_small_efforts():

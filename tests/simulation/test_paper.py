@@ -51,6 +51,8 @@ def test_weights_say_what_the_printed_expression_says(model):
 
 def test_nominal_parameters_reproduce_the_table_to_its_printed_digits():
     np.testing.assert_allclose(ROWS @ nominal_parameters(), NOMINAL, atol=1e-9)
+    assert nominal_parameters()[9::10].sum() == pytest.approx(28.0, abs=1e-12)
+    assert np.all(paper_model().cone.smallest_eigenvalues(nominal_parameters()) >= 0.02)
     for row in TABLE_II:
         assert (round(row.nominal, 4), round(row.published, 4)) == (row.nominal, row.published)
 
