@@ -2,16 +2,17 @@
 
 from itertools import combinations
 
+import coal
 import numpy as np
 import pytest
 from conftest import real_log
-from made_paths import FINE, poses, sines
+from made_paths import FINE, GJK, poses, sines
 from oracles import built_in_table, dh_chain, random_table, turn
 
 from bayesid.errors import InputError
 from bayesid.model.collision import Capsules, collision_model
 from bayesid.model.collision import clearance as clearances
-from bayesid.model.collision.distances import PairDistances
+from bayesid.model.collision.distances import PairDistances, solid_of
 from bayesid.model.collision.frames import line_distances
 from bayesid.model.collision.shapes import capsules, enclosing_capsule
 from bayesid.model.robot import load_robot, robot_from_table
@@ -86,6 +87,19 @@ def test_capsules_follow_the_table(convention, slides):
             assert max(min(by_search((p, p), line) for line in skeleton) for p in on_line) < 1e-9
 
 
+def test_coal_finds_the_capsules_distances():
+    robot, _ = arm(7, 1)
+    pairs = list(combinations(capsules(robot, WIDTHS), 2))
+    found, frames = PairDistances(robot, pairs, None).bounds(poses(7, 20, 1))
+    for row, at in zip(found, frames, strict=True):
+        for distance, pair in zip(row, pairs, strict=True):
+            placed = [(solid, at[shape.body] @ place) for shape in pair for solid, place in [solid_of(shape)]]
+            (a, ta), (b, tb) = ((s, coal.Transform3s(t[:3, :3], t[:3, 3])) for s, t in placed)
+            theirs = coal.distance(a, ta, b, tb, coal.DistanceRequest(), coal.DistanceResult())
+            assert theirs == pytest.approx(distance, abs=GJK)
+    assert 0 < (found > 0.0).sum() < found.size
+
+
 def test_a_capsule_holds_the_points_that_it_encloses(rng):
     for scale in ([1.0, 1.0, 1.0], [3.0, 0.2, 0.5], [1.0, 1.0, 0.0], [2.0, 0.0, 0.0]):
         points = rng.normal(size=(60, 3)) * scale @ turn((0.6, 0.0, 0.8), 1.1).T + [0.3, -0.2, 0.1]
@@ -103,14 +117,9 @@ def test_radii_and_a_tool_are_checked():
     for tool in ((0.0, 0.1), (0.0, 0.0, float("inf"))):
         with pytest.raises(InputError, match=r"^tool: \d numbers"):
             collision_model(robot, np.zeros(7), Capsules(0.05, tool))
-
-
-def test_capsules_that_tell_nothing_are_refused():
-    """They were asked for: a motion that nobody has checked must not pass for one that was."""
-    robot = load_robot("ur10e")
-    for radius, margin in ((5.0, 0.01), (0.06, 2.0)):
+    for radius, margin in ((5.0, 0.01), (0.06, 2.0)):  # that tell nothing, so that no motion passes for a checked one
         with pytest.raises(InputError, match=rf"all distances are less than {margin:g} m.*narrower"):
-            collision_model(robot, AT_REST["ur10e"], Capsules(radius), floor=None, margin=margin)
+            collision_model(load_robot("ur10e"), AT_REST["ur10e"], Capsules(radius), floor=None, margin=margin)
 
 
 def test_built_in_robots_are_clear_where_they_stand():

@@ -6,7 +6,7 @@ import pytest
 from made_paths import FINE, GJK, poses, sines
 
 from bayesid.errors import InputError
-from bayesid.model.collision import NoShapes, collision_model
+from bayesid.model.collision import Capsules, NoShapes, collision_model
 from bayesid.model.robot import load_robot
 
 
@@ -213,3 +213,10 @@ def test_a_robot_without_shapes_says_why(tmp_path):
         found = collision_model(robot, np.zeros(robot.n_joints))
         assert isinstance(found, NoShapes)
         assert why in found.reason
+    assert isinstance(collision_model(bare, np.zeros(2), Capsules(0.05), floor=None), NoShapes), "two links only"
+
+
+def test_capsules_stand_in_for_a_urdfs_shapes(tmp_path):
+    capsules = Capsules([0.05, 0.04, 0.03, 0.02], tool=(0, 0, 0.3))
+    model = collision_model(urdf_robot(tmp_path, *ARM), np.array([0.3, -0.4, 0.2, 0.5]), capsules)
+    assert ("link 2", "link 4") in model.pairs + model.inseparable + model.left_out

@@ -9,7 +9,6 @@ from oracles import assert_close
 import bayesid.model.distortions
 from bayesid.model.catalogue import make_effect
 from bayesid.model.distortions import CATALOGUE
-from bayesid.model.robot import robot_from_table
 
 DECAY = 2.0 - np.sqrt(3.0)  # of what a cubic spline's end does, per knot
 NOT_THE_FIRST = slice(20, None)  # at the beginning a delayed motion is not known
@@ -95,21 +94,6 @@ def test_other_joints_are_left_alone(sliding):
             assert shift[:, own].any(axis=0).all()
             assert not shift[:, others].any()
             assert not slopes[:, others].any()
-
-
-def test_base_tilts_about_axes_across_gravity():
-    sine, cosine = 9.81 * np.sin(0.3), 9.81 * np.cos(0.3)
-    for gravity, angle, expected in (
-        ((0, 0, -9.81), (0.3, 0.0), (0, sine, -cosine)),  # about x
-        ((0, 0, -9.81), (0.0, 0.3), (-sine, 0, -cosine)),  # about y
-        ((9.81, 0, 0), (0.3, 0.0), (cosine, 0, -sine)),  # on a wall: about y
-        ((9.81, 0, 0), (0.0, 0.3), (cosine, -sine, 0)),  # and -z
-        ((0, 0, 0), (0.3, 0.1), (0, 0, 0)),
-    ):
-        robot = robot_from_table({**TABLES["tx40"], "gravity": list(gravity)}, "test")
-        seen = []
-        make_effect("base_tilt", {"angle": angle}).columns(lambda r, m, seen=seen: seen.append(r.gravity), robot, None)
-        np.testing.assert_allclose(seen[0], expected, rtol=0, atol=1e-14)
 
 
 def test_what_is_restored_is_what_was_there(sliding):

@@ -7,7 +7,6 @@ import pytest
 from conftest import small_robot, smooth_motion
 
 from bayesid.model.catalogue import forms, make_effect, make_terms
-from bayesid.model.felt import FeltColumns
 from bayesid.model.model import Model
 from bayesid.model.terms import STANDARD, ViscousFriction
 from bayesid.simulation.parameters import random_parameters
@@ -103,14 +102,6 @@ def test_presliding_is_resolved_where_samples_lie_in_its_way(name):
     assert 1.0 < shortest[100.0] * 100.0 / usual < 20.0  # a few samples
 
 
-def test_presliding_of_several_joints_is_resolved_if_it_is_in_all(scene):
-    fine, coarse = 1.0, 1e-5
-    widths = {(fine, fine, fine): True, (fine, coarse, fine): False, (fine, fine, coarse): False}
-    for width, resolved in widths.items():
-        assert make_effect("hysteresis", {"width": list(width)}).resolved(scene) is resolved
-    assert make_effect("hysteresis", {"joints": [3], "width": [fine]}).resolved(scene)
-
-
 MADE = []
 
 
@@ -147,18 +138,3 @@ def test_a_model_remembers_the_columns_of_the_motion_it_saw_last(counted):
     model.forget()
     assert len(list(model.chunks(motions[0]))) == 1
     assert len(MADE) == 5
-
-
-def test_a_model_remembers_as_many_chunks_as_memory_goes(monkeypatch, counted):
-    (model, plain), motion, kept = counted, smooth_motion(JOINTS, 1.0, 50.0, seed=3), 2
-    whole = plain(motion)
-    monkeypatch.setattr("bayesid.model.model.CHUNK", 13)  # of 50 samples
-    size = FeltColumns.of(whole[:13]).nbytes
-    monkeypatch.setattr("bayesid.model.model.REMEMBERED", kept * size + size // 2)
-    next(model.felt_chunks(motion))  # somebody who asks for a part leaves it to the others
-    for calls in (3, 2, 2):
-        MADE.clear()
-        chunks = list(model.chunks(motion))
-        assert [rows for rows, _ in chunks] == [slice(0, 13), slice(13, 26), slice(26, 39), slice(39, 50)]
-        np.testing.assert_allclose(np.concatenate([columns for _, columns in chunks]), whole, rtol=1e-13)
-        assert len(MADE) == calls

@@ -129,27 +129,26 @@ def test_a_registered_term_is_named_on_the_command_line_and_read_back(registered
 CLASS = "from bayesid.model.terms import Term\nclass Any(Term):\n    "
 
 
-@pytest.mark.parametrize(
-    ("source", "expected"),
-    [
-        ("raise OSError('no licence')", "cannot be loaded (OSError: no licence)"),
-        ("Any = 3", "wrong_1:Any is no effect's class with a name"),
-        (CLASS + "pass", "is no effect's class with a name"),
-        (CLASS + "name = 'payload'", "registers an effect of this name too"),
-    ],
-    ids=range(4),
-)
-def test_a_package_that_registers_nonsense_is_named(
-    tmp_path, monkeypatch, capsys, forgotten, request, source, expected
-):
-    module = f"wrong_{request.node.callspec.id}"  # one that no other case has imported
-    install(tmp_path, module, source, {"any": "Any"})
-    monkeypatch.syspath_prepend(tmp_path)
-    assert main(["simulate", "--robot", "kr5", "--effect", "payload:6:0.1", "--out", str(tmp_path / "x.csv")]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert expected in line
-    assert module in line
-    assert not (tmp_path / "x.csv").exists()
+def test_a_package_that_registers_nonsense_is_named(tmp_path, monkeypatch, capsys, forgotten):
+    for k, (source, expected) in enumerate(
+        (
+            ("raise OSError('no licence')", "cannot be loaded (OSError: no licence)"),
+            ("Any = 3", "wrong1:Any is no effect's class with a name"),
+            (CLASS + "pass", "is no effect's class with a name"),
+            (CLASS + "name = 'payload'", "registers an effect of this name too"),
+        )
+    ):
+        place = tmp_path / str(k)
+        place.mkdir()
+        install(place, f"wrong{k}", source, {"any": "Any"})
+        forgotten()
+        with monkeypatch.context() as path:
+            path.syspath_prepend(place)
+            assert main(["simulate", "--robot", "kr5", "--effect", "payload:6:0.1", "--out", str(place / "x.csv")]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert expected in line
+        assert f"wrong{k}" in line
+        assert not (place / "x.csv").exists()
 
 
 @pytest.fixture(scope="module")

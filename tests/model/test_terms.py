@@ -149,6 +149,13 @@ def test_cone_keeps_from_negative_what_cannot_be(terms, robot):
             assert cone.contains(np.where([name in kept for name in names], 1.0, -1.0))
 
 
+def test_a_learned_effect_takes_only_numbers_that_fit(robot):
+    shape = EFFORTS["learned_effect"].shape(robot.n_joints)
+    for key, values in shape.items():
+        with pytest.raises(ValueError, match=f"{key} has {len(values) - 1} numbers"):
+            make_effect("learned_effect", {**shape, key: values[:-1]}).check(robot.n_joints)
+
+
 def test_shape_that_no_motion_tells_is_asked_for(robot, motion):
     for name in NEED_A_SHAPE:
         with pytest.raises(InputError, match=r"bayesid discrepancy|carrying") as caught:
