@@ -96,6 +96,7 @@ def test_what_a_copy_cannot_hand_over_is_done_again(fault):
 @copies_only
 def test_an_interruption_ends_copies_too(tmp_path):
     code = """
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         def task(k):
             open(str(os.getpid()), "w").close()
             time.sleep(60.0)
@@ -104,8 +105,7 @@ def test_an_interruption_ends_copies_too(tmp_path):
         except KeyboardInterrupt:
             sys.exit(7)
     """
-    handle = lambda: signal.signal(signal.SIGINT, signal.default_int_handler)  # noqa: E731
-    running = subprocess.Popen(command(code), cwd=tmp_path, env=INHERITED, preexec_fn=handle)
+    running = subprocess.Popen(command(code), cwd=tmp_path, env=INHERITED)
     for _ in range(500):
         if len(list(tmp_path.iterdir())) == 2:
             break

@@ -4,7 +4,6 @@ import ast
 import email
 import os
 import re
-import runpy
 import shutil
 import subprocess
 import sys
@@ -102,15 +101,6 @@ def test_whatever_is_imported_is_declared_with_a_lower_bound_and_whatever_is_dec
     core = {PROVIDES.get(need.name, need.name) for need in requirements()}
     assert imported(ROOT / "bayesid") - core == {"distributed", "rosbags"}
     assert set(lower_bounds(EXTRAS)) >= declared
-
-
-def test_links_of_the_long_description_are_absolute_or_words():
-    long_description = runpy.run_path(str(ROOT / "setup.py"), run_name="setup")["long_description"]
-    readme = "A [page](docs/a.md#b), [other](https://example.org/x).\n\n![Efforts of joints](docs/c.png)\n\nEnd\n"
-    assert long_description(readme, None) == "A page, [other](https://example.org/x).\n\nEnd\n"
-    absolute = long_description(readme, "https://example.org/bayesid/")
-    assert "[page](https://example.org/bayesid/blob/HEAD/docs/a.md#b), [other](https://example.org/x)" in absolute
-    assert "![Efforts of joints](https://example.org/bayesid/raw/HEAD/docs/c.png)" in absolute
 
 
 def test_the_page_on_installing_names_all_that_is_needed():

@@ -7,8 +7,9 @@ import pytest
 from conftest import small_robot, smooth_motion
 
 from bayesid.model.catalogue import forms, make_effect, make_terms
+from bayesid.model.felt import FeltColumns
 from bayesid.model.model import Model
-from bayesid.model.terms import STANDARD, ViscousFriction
+from bayesid.model.terms import STANDARD
 from bayesid.simulation.parameters import random_parameters
 
 JOINTS = 3
@@ -102,39 +103,20 @@ def test_presliding_is_resolved_where_samples_lie_in_its_way(name):
     assert 1.0 < shortest[100.0] * 100.0 / usual < 20.0  # a few samples
 
 
-MADE = []
-
-
-class Counted(ViscousFriction):
-    """Counts how often its columns are made."""
-
-    def fill(self, columns, robot, motion):
-        MADE.append(len(motion))
-        super().fill(columns, robot, motion)
-
-
-@pytest.fixture
-def counted(monkeypatch):
-    """A model that counts, of three joints, and the function that makes its columns without counting."""
-    monkeypatch.setenv("OMP_NUM_THREADS", "1")  # what a copy of the process makes is not counted
+def test_a_model_remembers_columns_of_the_same_motion_only(monkeypatch):
+    """In chunks, of which memory holds the first two; what a caller does to his own changes nothing."""
     robot = small_robot(JOINTS)
-    rigid = make_effect("rigid_body", {})
-    plain = Model(robot, (rigid, ViscousFriction()))
-    MADE.clear()
-    return Model(robot, (rigid, Counted())), plain.columns
-
-
-def test_a_model_remembers_the_columns_of_the_motion_it_saw_last(counted):
-    model, plain = counted
     motions = [smooth_motion(JOINTS, 1.0, 50.0, seed=seed) for seed in (3, 4)]
-    for motion, calls in ((motions[0], 1), (motions[0], 1), (motions[1], 2), (motions[0], 3)):
-        ((rows, columns),) = model.chunks(motion)
-        assert len(MADE) == calls
-        assert rows == slice(0, len(motion))
-        np.testing.assert_array_equal(columns, plain(motion))
-        columns[:] = np.nan  # a caller's own
-    assert next(iter(pickle.loads(pickle.dumps(model)).chunks(motions[0])))[1].shape == columns.shape
-    assert len(MADE) == 4
-    model.forget()
-    assert len(list(model.chunks(motions[0]))) == 1
-    assert len(MADE) == 5
+    model = Model(robot, make_terms(STANDARD, robot, motions[0]))
+    whole = [model.columns(motion) for motion in motions]
+    monkeypatch.setattr("bayesid.model.model.CHUNK", 13)
+    monkeypatch.setattr("bayesid.model.model.REMEMBERED", int(2.5 * FeltColumns.of(whole[0][:13]).nbytes))
+    for which in (0, 0, 1, 0):
+        next(model.felt_chunks(motions[which]))  # somebody who asks for a part leaves it to the others
+        chunks = list(model.chunks(motions[which]))
+        assert [rows for rows, _ in chunks] == [slice(0, 13), slice(13, 26), slice(26, 39), slice(39, 50)]
+        np.testing.assert_allclose(np.concatenate([columns for _, columns in chunks]), whole[which], rtol=1e-13)
+        for _, columns in chunks:
+            columns[:] = np.nan
+    again = pickle.loads(pickle.dumps(model))
+    np.testing.assert_array_equal(next(iter(again.chunks(motions[0])))[1], next(iter(model.chunks(motions[0])))[1])

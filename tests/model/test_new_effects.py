@@ -203,24 +203,16 @@ def columns_of(shape, value=1.0):
     return lambda self, robot, motion: np.full((len(motion), *shape), value)
 
 
-@pytest.mark.parametrize(
-    ("change", "expected"),
-    [
-        ({"unit_efforts": lambda self, actuators: actuators.dq[:, 0]}, "does not suit the robot"),
-        ({"unit_efforts": lambda self, actuators: np.full(actuators.dq.shape, np.nan)}, "columns are not finite"),
-        ({"columns": columns_of((2, 3))}, r"columns are \(8, 2, 3\), expected \(8, 2, 2\)"),
-        ({"cone": lambda self, robot: Cone.free(5)}, "cone is of 5 parameters, it has 2"),
-        ({"symbols": ("m",)}, "two terms have a parameter m1"),
-    ],
-)
-def test_a_term_that_does_not_suit_is_refused_by_name(arm, log, kinds, change, expected):
-    broken = type("Broken", (kinds[0],), change)()
-    with pytest.raises(bayesid.InputError, match=expected):
-        bayesid.identify(arm, log, terms=["rigid_body", broken])
+def test_what_is_no_term_or_does_not_suit_is_refused(arm, log, kinds):
+    def broken(**change):
+        return type("Broken", (kinds[0],), change)()
 
-
-def test_what_is_no_term_is_refused(arm, log, kinds):
     for wrong, expected in (
+        (broken(unit_efforts=lambda self, actuators: actuators.dq[:, 0]), "does not suit the robot"),
+        (broken(unit_efforts=lambda self, actuators: np.nan * actuators.dq), "columns are not finite"),
+        (broken(columns=columns_of((2, 3))), r"columns are \(8, 2, 3\), expected \(8, 2, 2\)"),
+        (broken(cone=lambda self, robot: Cone.free(5)), "cone is of 5 parameters, it has 2"),
+        (broken(symbols=("m",)), "two terms have a parameter m1"),
         (kinds[0], r"give a term: FanDrag\(\)"),
         (3, "neither the name of a term nor a term"),
         (kinds[1](joints=(2,), width=(0.1,)), "neither the name of a term nor a term"),
