@@ -11,6 +11,7 @@ import textwrap
 import time
 
 import pytest
+from command_line import ARM
 
 COPIES = sys.platform == "linux" and len(os.sched_getaffinity(0)) > 1
 copies_only = pytest.mark.skipif(not COPIES, reason="needs Linux and two processors")
@@ -28,8 +29,6 @@ def hands(tasks):
 
 EIGHT = [partial(who, k) for k in range(8)]
 """
-
-
 INHERITED = {name: value for name, value in os.environ.items() if name != "OMP_NUM_THREADS"}
 
 
@@ -46,52 +45,25 @@ def said(code, folder=None, **environment):
     return done.stdout.split()
 
 
-def test_results_are_in_the_order_of_their_tasks():
+@copies_only
+def test_as_many_copies_take_part_as_the_environment_allows():
     assert said("print(*(k for k, _ in in_parallel(EIGHT)), in_parallel([]))") == [*map(str, range(8)), "[]"]
+    assert said("print(hands(EIGHT), hands(EIGHT[:1]))") == [str(min(len(os.sched_getaffinity(0)), 8)), "1"]
+    for threads in "12":
+        assert said("print(processors(), hands(EIGHT))", OMP_NUM_THREADS=threads) == [threads, threads]
+    assert len(said("print(*{pid for _, pid in sum(in_parallel([lambda: in_parallel(EIGHT)] * 2), [])})")) == 2
 
 
 @copies_only
-def test_copies_take_part():
-    assert int(said("print(hands(EIGHT))")[0]) == min(len(os.sched_getaffinity(0)), 8)
-    assert said("print(hands(EIGHT[:1]))") == ["1"]
-
-
-@pytest.mark.parametrize(("threads", "hands"), [("1", 1), ("2", 2)])
-@copies_only
-def test_as_many_as_the_environment_allows(threads, hands):
-    assert said("print(processors(), hands(EIGHT))", OMP_NUM_THREADS=threads) == [threads, str(hands)]
-
-
-@copies_only
-def test_what_holds_locks_is_not_copied():
-    """Another thread; nor a thread that is not the first one."""
-    assert said("""
+def test_a_process_with_threads_is_not_copied_unless_they_only_look_on():
+    code = """
         stop = threading.Event()
-        threading.Thread(target=stop.wait).start()
+        {}threading.Thread(target=stop.wait).start()
         print(hands(EIGHT))
         stop.set()
-        time.sleep(0.2)
-        found = []
-        threading.Thread(target=lambda: found.append(hands(EIGHT))).start()
-        time.sleep(1.0)
-        print(*found)
-    """) == ["1", "1"]
-
-
-@copies_only
-def test_who_only_looks_on_is_in_nobodys_way():
-    assert (
-        int(
-            said("""
-        stop = threading.Event()
-        with onlookers():
-            threading.Thread(target=stop.wait).start()
-        print(hands(EIGHT))
-        stop.set()
-    """)[0]
-        )
-        > 1
-    )
+    """
+    assert said(code.format("")) == ["1"]
+    assert int(said(code.format("with onlookers(): "))[0]) > 1
 
 
 def test_the_first_error_in_the_order_of_the_tasks_is_raised():
@@ -108,56 +80,23 @@ def test_the_first_error_in_the_order_of_the_tasks_is_raised():
 
 
 @copies_only
-def test_what_a_copy_cannot_hand_over_is_done_again():
-    """Because it was killed, as by a lack of memory, or because a result cannot be pickled."""
-    for fault in ("os.kill(os.getpid(), signal.SIGKILL)", "return lambda: k"):
-        assert said(f"""
-            first = os.getpid()
-            def task(k):
-                time.sleep(0.05)
-                if os.getpid() != first:
-                    {fault}
-                return k
-            print(*in_parallel([partial(task, k) for k in range(6)]))
-        """) == [*"012345"]
-
-
-@copies_only
-def test_what_is_known_is_not_pickled_but_the_same_again():
-    assert said("""
-        class Thing:
-            def __init__(self):
-                self.make = lambda: self  # not to be pickled
-        things = [Thing() for _ in range(8)]
+@pytest.mark.parametrize("fault", ["os.kill(os.getpid(), signal.SIGKILL)", "return lambda: k"])
+def test_what_a_copy_cannot_hand_over_is_done_again(fault):
+    assert said(f"""
+        first = os.getpid()
         def task(k):
             time.sleep(0.05)
-            return os.getpid(), things[k], {"twice": [things[k], things[0]]}
-        found = in_parallel([partial(task, k) for k in range(8)], known=things)
-        print(all(one is things[k] is held["twice"][0] for k, (_, one, held) in enumerate(found)))
-        print(all(held["twice"][1] is things[0] for _, _, held in found), len({pid for pid, _, _ in found}))
-    """)[:2] == ["True", "True"]
-
-
-@copies_only
-def test_tasks_of_tasks_are_not_shared():
-    inside = said("print(*{pid for _, pid in sum(in_parallel([lambda: in_parallel(EIGHT)] * 2), [])})")
-    assert len(inside) == 2
-
-
-def test_all_tasks_are_told_of():
-    told = said("""
-        told = []
-        in_parallel(EIGHT, lambda done, total: told.append(total))
-        print(len(told), *set(told))
-    """)
-    assert told[1:] == ["8"]
-    assert 1 <= int(told[0]) <= 8
+            if os.getpid() != first:
+                {fault}
+            return k
+        print(*in_parallel([partial(task, k) for k in range(6)]))
+    """) == [*"012345"]
 
 
 @copies_only
 def test_an_interruption_ends_copies_too(tmp_path):
-    """By the process alone, as from a supervisor, and by all of its group, as by Ctrl-C in a terminal."""
     code = """
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         def task(k):
             open(str(os.getpid()), "w").close()
             time.sleep(60.0)
@@ -166,33 +105,16 @@ def test_an_interruption_ends_copies_too(tmp_path):
         except KeyboardInterrupt:
             sys.exit(7)
     """
-    for of_group in (False, True):
-        running = subprocess.Popen(
-            command(code),
-            cwd=tmp_path,
-            env=INHERITED,
-            start_new_session=True,
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-        )
-        for _ in range(500):
-            if len(list(tmp_path.iterdir())) == 2:
-                break
-            time.sleep(0.02)
-        (os.killpg if of_group else os.kill)(running.pid, signal.SIGINT)
-        assert running.wait(timeout=10) == 7
-        for file in tmp_path.iterdir():
-            with pytest.raises(ProcessLookupError):
-                os.kill(int(file.name), 0)
-            file.unlink()
-
-
-ARM = """convention = "standard"
-name = "arm"
-joints = [
-  {a = 0.0, alpha = 1.5707963267948966, d = 0.4, theta = 0.0},
-  {a = 0.35, alpha = 0.0, d = 0.0, theta = 0.0},
-]
-"""
+    running = subprocess.Popen(command(code), cwd=tmp_path, env=INHERITED)
+    for _ in range(500):
+        if len(list(tmp_path.iterdir())) == 2:
+            break
+        time.sleep(0.02)
+    running.send_signal(signal.SIGINT)
+    assert running.wait(timeout=10) == 7
+    for file in tmp_path.iterdir():
+        with pytest.raises(ProcessLookupError):
+            os.kill(int(file.name), 0)
 
 
 @copies_only

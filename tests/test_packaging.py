@@ -1,19 +1,15 @@
 """What is installed: packages, files and dependencies in pyproject.toml, and the wheel, far from its source."""
 
-from __future__ import annotations
-
 import ast
 import email
 import os
 import re
-import runpy
 import shutil
 import subprocess
 import sys
 import tarfile
 import tomllib
 import zipfile
-from collections.abc import Iterable, Iterator
 from importlib.metadata import version
 from pathlib import Path
 
@@ -25,6 +21,7 @@ import bayesid
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+EXTRAS = PROJECT["project"]["optional-dependencies"]
 SOURCES = {"bayesid": ROOT / "bayesid", "bayesid.studies": ROOT / "studies"}
 """Packages and the folders they are made from."""
 PROVIDES = {"pin": "pinocchio", "tomli-w": "tomli_w", "lazy-loader": "lazy_loader"}
@@ -33,127 +30,51 @@ BY_NAME = {"example-robot-data", "robot_descriptions"}
 """Never imported: their files are read."""
 TOOLS = {"test", "docs", "browser", "release"}
 """Extras of those who work on bayesid, not of those who use it."""
-
-
 FOLDERS = (".ci", "bayesid", "docs", "studies", "tests")
 """Of the repository: the source distribution holds all of them."""
 SLICE = (
     "tests/test_errors.py",
-    "tests/test_rooms.py",
     "tests/docs/test_links.py",
     "tests/docs/test_tables.py",
     "tests/model/test_new_effects.py",
-    "tests/study/test_study.py::test_ctrl_c_ends_the_command",
+    "tests/study/test_record.py",
 )
 """Tests that read files of all folders, import studies and start commands."""
 
 
-def top_files() -> list[Path]:
+def top_files():
     """Files of the repository that lie in no folder."""
-    made = {"PKG-INFO", "setup.cfg"}  # as the tests are run in an unpacked source distribution
-    return [path for path in ROOT.iterdir() if path.is_file() and path.name not in {*made, ".git"}]
+    made = {"PKG-INFO", "setup.cfg", ".git"}  # as the tests are run in an unpacked source distribution
+    return [path for path in ROOT.iterdir() if path.is_file() and path.name not in made]
 
 
-def files_of(folder: Path) -> Iterator[Path]:
-    """All that belongs to a package."""
-    return (path for path in folder.rglob("*") if path.is_file() and "__pycache__" not in path.parts)
+def files_of(folder):
+    return [path for path in folder.rglob("*") if path.is_file() and "__pycache__" not in path.parts]
 
 
-def installed_files() -> set[str]:
+def installed_files():
     """Every file of the source tree, where it is to stand in site-packages."""
+    places = {package: Path(*package.split(".")) for package in SOURCES}
     return {
-        (Path(*package.split(".")) / path.relative_to(folder)).as_posix()
+        (places[package] / path.relative_to(folder)).as_posix()
         for package, folder in SOURCES.items()
         for path in files_of(folder)
     }
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# pyproject.toml
-# ---------------------------------------------------------------------------------------------------------------
-def test_the_list_of_packages_is_complete():
-    folders = {Path(name).parent.as_posix().replace("/", ".") for name in installed_files() if name.endswith(".py")}
-    assert set(PROJECT["tool"]["setuptools"]["packages"]) == folders
-    assert PROJECT["tool"]["setuptools"]["packages"] == sorted(folders)
+def requirements(extras=()):
+    return [
+        Requirement(need) for needs in (PROJECT["project"]["dependencies"], *map(EXTRAS.get, extras)) for need in needs
+    ]
 
 
-def test_whatever_is_imported_is_declared_and_whatever_is_declared_is_imported():
-    declared = {PROVIDES.get(name, name) for name in distributions()}
-    assert imported(*SOURCES.values()) | BY_NAME == declared
-
-
-def test_an_extra_is_needed_by_what_is_optional_only():
-    """What every import needs is no extra, and what is looked for by name is looked for."""
-    core = {PROVIDES.get(name, name) for name in map(distribution, PROJECT["project"]["dependencies"])}
-    assert imported(ROOT / "bayesid") - core == {"distributed", "rosbags"}
-    text = "".join(path.read_text(encoding="utf-8") for path in files_of(ROOT / "bayesid") if path.suffix == ".py")
-    assert all(f'"{name}"' in text for name in BY_NAME)
-
-
-def test_links_of_the_long_description_are_absolute_or_words():
-    long_description = runpy.run_path(str(ROOT / "setup.py"), run_name="setup")["long_description"]
-    readme = "A [page](docs/a.md#b), [other](https://example.org/x).\n\n![Efforts of joints](docs/c.png)\n\nEnd\n"
-    assert long_description(readme, None) == "A page, [other](https://example.org/x).\n\nEnd\n"
-    absolute = long_description(readme, "https://example.org/bayesid/")
-    assert "[page](https://example.org/bayesid/blob/HEAD/docs/a.md#b), [other](https://example.org/x)" in absolute
-    assert "![Efforts of joints](https://example.org/bayesid/raw/HEAD/docs/c.png)" in absolute
-
-
-def test_the_page_on_installing_names_all_that_is_needed():
-    """On Windows packages are taken from conda-forge by name."""
-    page = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
-    named = set(re.search(r"^conda create .*$", page, re.M)[0].split())
-    assert {distribution(need) for need in PROJECT["project"]["dependencies"]} - {"pin"} <= named
-    assert "pinocchio" in named
-    extras = set(re.findall(r"^\| `(\w+)` \|", page, re.M))
-    assert extras == set(PROJECT["project"]["optional-dependencies"]) - TOOLS
-
-
-def test_the_citation_is_of_this_version():
-    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
-    assert re.search(r"^version: (.+)$", text, re.M)[1] == bayesid.__version__
-
-
-def lower_bounds(extras: Iterable[str]) -> dict[str, Version]:
+def lower_bounds(extras=()):
     """Of the dependencies, and of those of extras."""
-    optional = PROJECT["project"]["optional-dependencies"]
-    needs = (*PROJECT["project"]["dependencies"], *(need for extra in extras for need in optional[extra]))
-    return {
-        need.name: Version(one.version)
-        for need in map(Requirement, needs)
-        for one in need.specifier
-        if one.operator == ">="
-    }
+    bounds = [(need.name, one) for need in requirements(extras) for one in need.specifier]
+    return {name: Version(one.version) for name, one in bounds if one.operator == ">="}
 
 
-def test_every_dependency_has_a_lower_bound():
-    declared = {distribution(need) for need in PROJECT["project"]["dependencies"]}
-    assert set(lower_bounds([])) == declared
-    assert set(lower_bounds(PROJECT["project"]["optional-dependencies"])) >= distributions()
-
-
-@pytest.mark.skipif("BAYESID_RESOLUTION" not in os.environ, reason="of the environments that .ci/run makes")
-def test_the_lowest_versions_are_the_declared_ones():
-    """A bound below what can be installed at all, beside the other bounds, promises what nobody has tried."""
-    installed = {name: Version(version(name)) for name in lower_bounds(["test"])}
-    lowest = lower_bounds(["test"])
-    if os.environ["BAYESID_RESOLUTION"] == "lowest-direct":
-        assert installed == lowest
-    assert all(installed[name] >= lowest[name] for name in lowest)
-
-
-def distributions() -> set[str]:
-    """Of all dependencies but those of tools."""
-    extras = {name: needs for name, needs in PROJECT["project"]["optional-dependencies"].items() if name not in TOOLS}
-    return {distribution(need) for needs in (PROJECT["project"]["dependencies"], *extras.values()) for need in needs}
-
-
-def distribution(requirement: str) -> str:
-    """The name in a requirement such as "numpy>=1.26,<3"."""
-    return requirement.partition(">")[0].partition("[")[0].strip()
-
-
-def imported(*folders: Path) -> set[str]:
+def imported(*folders):
     """Third-party packages that the modules of folders import, anywhere in them."""
     names = set()
     for path in (path for folder in folders for path in files_of(folder) if path.suffix == ".py"):
@@ -167,9 +88,53 @@ def imported(*folders: Path) -> set[str]:
     return names - set(sys.stdlib_module_names) - {"bayesid"}
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# The wheel
-# ---------------------------------------------------------------------------------------------------------------
+def test_the_list_of_packages_is_complete():
+    folders = {Path(name).parent.as_posix().replace("/", ".") for name in installed_files() if name.endswith(".py")}
+    assert PROJECT["tool"]["setuptools"]["packages"] == sorted(folders)
+    assert all((ROOT / name).is_file() for name in SLICE)
+
+
+def test_whatever_is_imported_is_declared_with_a_lower_bound_and_whatever_is_declared_is_imported():
+    """And what every import needs is no extra."""
+    declared = {need.name for need in requirements(set(EXTRAS) - TOOLS)}
+    assert imported(*SOURCES.values()) | BY_NAME == {PROVIDES.get(name, name) for name in declared}
+    core = {PROVIDES.get(need.name, need.name) for need in requirements()}
+    assert imported(ROOT / "bayesid") - core == {"distributed", "rosbags"}
+    assert set(lower_bounds(EXTRAS)) >= declared
+
+
+def test_the_page_on_installing_names_all_that_is_needed():
+    """On Windows packages are taken from conda-forge by name."""
+    page = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
+    named = set(re.search(r"^conda create .*$", page, re.M)[0].split())
+    assert {need.name for need in requirements()} - {"pin"} | {"pinocchio"} <= named
+    assert set(re.findall(r"^\| `(\w+)` \|", page, re.M)) == set(EXTRAS) - TOOLS
+
+
+def test_the_citation_is_of_this_version():
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.search(r"^version: (.+)$", text, re.M)[1] == bayesid.__version__
+
+
+@pytest.mark.skipif("BAYESID_RESOLUTION" not in os.environ, reason="of the environments that .ci/run makes")
+def test_the_lowest_versions_are_the_declared_ones():
+    """A bound below what can be installed at all, beside the other bounds, promises what nobody has tried."""
+    lowest = lower_bounds(["test"])
+    installed = {name: Version(version(name)) for name in lowest}
+    if os.environ["BAYESID_RESOLUTION"] == "lowest-direct":
+        assert installed == lowest
+    assert all(installed[name] >= lowest[name] for name in lowest)
+
+
+def execute(arguments, place, python=sys.executable, code=0):
+    """A Python without the source tree on its path; what it printed, if it ended with this code."""
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+    command = [str(python), *map(str, arguments)]
+    ended = subprocess.run(command, cwd=place, env=environment, capture_output=True, text=True, check=False)
+    assert ended.returncode == code, f"{' '.join(command)}\n{ended.stdout}\n{ended.stderr}"
+    return ended.stderr if code else ended.stdout
+
+
 @pytest.fixture(scope="module")
 def built(tmp_path_factory):
     """Wheel and source distribution, built from a copy, for setuptools leaves folders beside what it builds."""
@@ -200,27 +165,18 @@ def elsewhere(built, tmp_path_factory):
     return python
 
 
-def execute(arguments, place, python=sys.executable, code=0):
-    """A Python without the source tree on its path; what it printed, if it ended with this code."""
-    environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
-    command = [str(python), *map(str, arguments)]
-    ended = subprocess.run(command, cwd=place, env=environment, capture_output=True, text=True, check=False)
-    assert ended.returncode == code, f"{' '.join(command)}\n{ended.stdout}\n{ended.stderr}"
-    return ended.stderr if code else ended.stdout
-
-
 @pytest.mark.long
-def test_the_wheel_holds_every_file_and_one_name(built):
+def test_the_wheel_and_the_source_distribution_hold_every_file(built):
     with zipfile.ZipFile(built[0]) as wheel:
         names = set(wheel.namelist())
+        about = next(name for name in names if name.endswith(".dist-info/METADATA"))
+        metadata = email.message_from_string(wheel.read(about).decode())
     assert {name.split("/")[0] for name in names} == {"bayesid", f"bayesid-{bayesid.__version__}.dist-info"}
     assert {name for name in names if name.startswith("bayesid/")} == installed_files()
     assert "bayesid/py.typed" in names
-    assert {Path(name).suffix for name in names} >= {".py", ".toml", ".css", ".js", ".jinja"}
-
-
-@pytest.mark.long
-def test_the_source_distribution_holds_every_file(built):
+    text = metadata.get_payload()
+    assert text.startswith("# bayesid\n")
+    assert re.findall(r"\]\((?!https?://)[^)]*\)", text) == [], "a link that leads nowhere beside the wheel"
     with tarfile.open(built[1]) as source:
         names = {name.partition("/")[2] for name in source.getnames()}
     paths = [*top_files(), *(path for folder in FOLDERS for path in files_of(ROOT / folder))]
@@ -235,38 +191,17 @@ def test_tests_pass_in_the_source_distribution(built, elsewhere, tmp_path):
     (unpacked,) = tmp_path.iterdir()
     pytest_ = ("-m", "pytest", "-n0", "-p", "no:cacheprovider")
     collected = execute([*pytest_, "--collect-only"], unpacked, elsewhere)
-    assert int(re.search(r"(\d+)(?:/\d+)? tests collected", collected)[1]) > 2000
+    assert int(re.search(r"(\d+)(?:/\d+)? tests collected", collected)[1]) > 1000
     assert " passed" in execute([*pytest_, *SLICE], unpacked, elsewhere)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("tool", ["check_wheel_contents", "twine", "pyroma"])
-def test_the_tools_of_a_release_find_nothing(tool, built, tmp_path):
-    pytest.importorskip(tool, reason="pip install 'bayesid[release]'")
-    commands = {
-        "check_wheel_contents": ["check_wheel_contents", built[0]],
-        "twine": ["twine", "check", "--strict", *built],
-        "pyroma": ["pyroma", "--min=9", built[1]],
-    }
-    execute(["-m", *commands[tool]], tmp_path)
-
-
-@pytest.mark.long
-def test_the_citation_is_valid():
+def test_the_tools_of_a_release_find_nothing(built, tmp_path):
     cffconvert = pytest.importorskip("cffconvert", reason="pip install 'bayesid[release]'")
     cffconvert.Citation((ROOT / "CITATION.cff").read_text(encoding="utf-8")).validate()
-
-
-@pytest.mark.long
-def test_the_long_description_leads_nowhere_beside_it(built):
-    with zipfile.ZipFile(built[0]) as wheel:
-        name = next(name for name in wheel.namelist() if name.endswith(".dist-info/METADATA"))
-        metadata = email.message_from_string(wheel.read(name).decode())
-    assert metadata["Description-Content-Type"] == "text/markdown"
-    text = metadata.get_payload()
-    assert text.startswith("# bayesid\n")
-    assert "## What it reaches" in text
-    assert re.findall(r"\]\((?!https?://)[^)]*\)", text) == []
+    execute(["-m", "check_wheel_contents", built[0]], tmp_path)
+    execute(["-m", "twine", "check", "--strict", *built], tmp_path)
+    execute(["-m", "pyroma", "--min=9", built[1]], tmp_path)
 
 
 @pytest.mark.long
@@ -277,20 +212,14 @@ def test_everything_works_from_the_wheel(elsewhere, tmp_path):
     where = execute(["-c", "import bayesid.studies as s; print(s.__file__)"], tmp_path, elsewhere)
     assert Path(where.strip()).is_relative_to(elsewhere.parents[1])
     assert command("--version") == f"bayesid {bayesid.__version__}\n"
-    for robot in ("kr5", "ur10e", "panda", "tx40"):
-        log = f"{robot}.csv"
-        command("simulate", "--robot", robot, "--duration", 4, "--rate", 50, "--out", log, "--quiet")
+    for robot in ("kr5", "panda"):
+        command("simulate", "--robot", robot, "--duration", 4, "--rate", 50, "--out", f"{robot}.csv", "--quiet")
     command("identify", "kr5.csv", "--robot", "kr5", "--posterior-budget", 0, "--out", "result", "--quiet")
     assert {"report.html", "model.toml", "posterior.nc"} <= {path.name for path in (tmp_path / "result").iterdir()}
     command("report", "result", "--out", "again.html", "--quiet")
     assert "<svg" in (tmp_path / "again.html").read_text(encoding="utf-8")
-    for study in ("noise", "discrepancy"):
-        assert "written to" in command("study", study, "--trials", 2, "--out", study)
-        assert (tmp_path / study / "figure.svg").exists()
-
-
-@pytest.mark.long
-def test_a_study_without_what_it_needs_says_how_to_get_it(elsewhere, tmp_path):
+    assert "written to" in command("study", "noise", "--trials", 2, "--out", "noise")
+    assert (tmp_path / "noise" / "figure.svg").exists()
     script = "import sys; sys.modules['mujoco'] = None; from bayesid.cli import main; sys.exit(main(sys.argv[1:]))"
     said = execute(["-c", script, "study", "discrepancy", "--trials", 2], tmp_path, elsewhere, code=2)
     assert said == "bayesid: study discrepancy: needs mujoco; pip install 'bayesid[studies]'\n"

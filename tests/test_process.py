@@ -38,59 +38,37 @@ def shared():
     return blas_threads(), list(warnings.filters), dict(mpl.rcParams)
 
 
-def overlap(first, second):
-    """Enters first, enters second, leaves first, leaves second; each in a thread of its own."""
-    inside, gone = threading.Event(), threading.Event()
+@pytest.mark.parametrize("change", [lambda: one_blas_thread, lambda: quiet(UserWarning)])
+def test_overlapping_changes_are_taken_back(change):
+    """One thread enters, the other enters if it can, the first leaves, the other leaves."""
+    before, first_in, second_in, gone = shared(), *(threading.Event() for _ in range(3))
 
     def early():
-        with first():
-            inside.set()
-            second_in.wait(0.5)  # where it cannot come in, it waits for us
+        with change():
+            first_in.set()
+            second_in.wait(0.5)
         gone.set()
 
     def late():
-        inside.wait()
-        with second():
+        first_in.wait()
+        with change():
             second_in.set()
             gone.wait()
 
-    second_in = threading.Event()
-    threads = [threading.Thread(target=target) for target in (early, late)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-
-
-@pytest.mark.parametrize("what", [lambda: one_blas_thread, lambda: quiet(UserWarning)])
-def test_overlapping_changes_are_taken_back(what):
-    before = shared()
-    overlap(what, what)
+    with ThreadPoolExecutor(2) as pool:
+        for ended in [pool.submit(early), pool.submit(late)]:
+            ended.result()
     assert shared() == before
 
 
-def test_the_limit_holds_for_the_last_inside():
-    before = blas_threads()
-    with one_blas_thread:
-        with one_blas_thread:
-            pass
-        assert set(blas_threads()) == {1}
-    assert blas_threads() == before
-
-
-def figures_of(page):
-    """What does not say when it was made."""
-    return re.findall(r"<svg.*?</svg>", page, re.DOTALL)
-
-
 def compute(seed):
-    """Numbers and page of an identification."""
+    """Numbers and figures of an identification."""
     log = simulate(MODEL, THETA, MOTION, rng=np.random.default_rng(seed), noise=0.03)
     sampling = Sampling(walkers=16, most_sweeps=32, seed=seed)  # what is compared need not converge
     search = bayesid.Certified()
     result = bayesid.identify(ROBOT, log, TERMS, search=search, posterior=sampling)
-    findings = find_findings(result)
-    return result.identified.theta, result.probability, result.posterior.plus, figures_of(identification_page(findings))
+    figures = re.findall(r"<svg.*?</svg>", identification_page(find_findings(result)), re.DOTALL)
+    return result.identified.theta, result.probability, result.posterior.plus, figures
 
 
 FIFTY = tuple(1 + k * k % 7 for k in range(50))

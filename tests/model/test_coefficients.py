@@ -70,15 +70,6 @@ def test_rank_is_that_of_newton_euler(name):
     assert len(base_coefficients(Model(ROBOTS[name], (RigidBody(),)))) == rank
 
 
-def test_numbers_of_coefficients():
-    assert len(base_coefficients(Model(load_robot("kr5"), (RigidBody(),)))) == 36
-    robot = load_robot("ur10e")
-    names = base_coefficients(Model(robot, make_terms(STANDARD, robot, random_motion(6)))).names
-    assert len(names) == 58
-    assert sum(name.startswith("Ia") for name in names) == 4
-    assert sum(name.startswith(("Fv", "Fc", "offset")) for name in names) == 18
-
-
 def test_expressions_say_what_is_computed(name):
     model = Model(ROBOTS[name], (RigidBody(),))
     coefficients, theta = base_coefficients(model), np.random.default_rng(3).normal(size=(4, len(model.parameters)))
@@ -122,9 +113,6 @@ def test_gravity_decides_what_the_first_link_shows():
         assert tuple(name for name in names if name[1:2] == "1" or name[2:3] == "1") == expected
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Two models, one after the other
-# ---------------------------------------------------------------------------------------------------------------
 def with_payload(name):
     """The robot with all standard effects, and the same with a payload."""
     robot = ROBOTS[name]
@@ -155,17 +143,3 @@ def test_efforts_of_both_models_depend_on_the_coefficients_of_both(name):
     motion = random_motion(ROBOTS[name].n_joints, 20, seed=8)
     for columns in (whole.columns(motion), part.columns(motion) @ embedding(part, whole)):
         assert_close(columns[:, :, both.kept] @ both.project(theta), columns @ theta, 1e-9)
-
-
-def test_two_logs_show_a_payloads_mass_and_neither_does_alone():
-    """With the last link's mass it makes one coefficient in the later log; in both logs it is one of its own."""
-    part, whole = with_payload("ur10e")
-    names = [parameter.name for parameter in whole.parameters]
-    mass = np.eye(len(names))[names.index("mp6")]
-
-    def left(coefficients):
-        weights = np.linalg.lstsq(coefficients.projection.T, mass, rcond=None)[0]
-        return np.abs(weights @ coefficients.projection - mass).max()
-
-    assert left(base_coefficients(whole)) > 0.3
-    assert left(base_coefficients(whole, earlier=part)) < 1e-6

@@ -9,7 +9,6 @@ from oracles import assert_close
 import bayesid.model.distortions
 from bayesid.model.catalogue import make_effect
 from bayesid.model.distortions import CATALOGUE
-from bayesid.model.robot import robot_from_table
 
 DECAY = 2.0 - np.sqrt(3.0)  # of what a cubic spline's end does, per knot
 NOT_THE_FIRST = slice(20, None)  # at the beginning a delayed motion is not known
@@ -17,7 +16,6 @@ READINGS = [name for name in CATALOGUE if CATALOGUE[name].of_sensor]  # change w
 OF_TABLE = {"link_length": "a", "link_twist": "alpha", "link_offset": "d", "joint_zero": "zero"}
 OF_ROBOT = ("base_tilt", "gear_ratio", *OF_TABLE)  # what changes the robot or its motion acts in all joints
 TUNED = [name for name in CATALOGUE if np.any(np.greater(CATALOGUE[name].typical, 0.0))]
-VARIABLES = ("velocity", "position", "acceleration", "load", "time")
 
 
 @pytest.fixture(params=TABLES)
@@ -35,9 +33,6 @@ def each(arm, names=CATALOGUE):
     return [arm.distortion(name) for name in names]
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# What is read
-# ---------------------------------------------------------------------------------------------------------------
 def test_catalogue_holds_every_file_of_the_folder_and_each_has_an_entry_here():
     files = {one.name for one in pkgutil.iter_modules(bayesid.model.distortions.__path__)} - {"base", "displacement"}
     assert {name.split(".")[0] for name in CATALOGUE} == files
@@ -101,26 +96,6 @@ def test_other_joints_are_left_alone(sliding):
             assert not slopes[:, others].any()
 
 
-def test_base_tilts_about_axes_across_gravity():
-    sine, cosine = 9.81 * np.sin(0.3), 9.81 * np.cos(0.3)
-    for gravity, angle, expected in (
-        ((0, 0, -9.81), (0.3, 0.0), (0, sine, -cosine)),  # about x
-        ((0, 0, -9.81), (0.0, 0.3), (-sine, 0, -cosine)),  # about y
-        ((0, 0, 9.81), (0.3, 0.0), (0, -sine, cosine)),  # hanging: about x
-        ((0, 0, 9.81), (0.0, 0.3), (-sine, 0, cosine)),  # and -y
-        ((9.81, 0, 0), (0.3, 0.0), (cosine, 0, -sine)),  # on a wall: about y
-        ((9.81, 0, 0), (0.0, 0.3), (cosine, -sine, 0)),  # and -z
-        ((0, 0, 0), (0.3, 0.1), (0, 0, 0)),
-    ):
-        robot = robot_from_table({**TABLES["tx40"], "gravity": list(gravity)}, "test")
-        seen = []
-        make_effect("base_tilt", {"angle": angle}).columns(lambda r, m, seen=seen: seen.append(r.gravity), robot, None)
-        np.testing.assert_allclose(seen[0], expected, rtol=0, atol=1e-14)
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# What readings show
-# ---------------------------------------------------------------------------------------------------------------
 def test_what_is_restored_is_what_was_there(sliding):
     size = np.abs(sliding.effort)
     for distortion in each(sliding):
@@ -168,16 +143,6 @@ def test_distortions_of_rows_come_before_those_of_readings(arm):
     assert_close(found, expected, 20 * 5 / 384 * (FASTEST / RATE) ** 4)
 
 
-def test_several_parameters_have_the_efforts_of_each(sliding):
-    several = np.stack([sliding.theta, 0.5 * sliding.theta, -sliding.theta[::-1]], axis=1)
-    for name in ("clipping", "delay"):
-        model = sliding.model.extend(sliding.distortion(name))
-        efforts = model.effort(sliding.motion, several)
-        assert efforts.shape == (*sliding.effort.shape, 3)
-        for k, theta in enumerate(several.T):
-            assert_close(efforts[..., k], model.effort(sliding.motion, theta), 1e-13)
-
-
 def test_chunks_have_the_columns_of_the_whole(monkeypatch, sliding):
     """A spline feels its end less by `DECAY` with every knot from there; the error at the end is of fourth order."""
     motion, theta = sliding.motion, sliding.theta
@@ -198,9 +163,6 @@ def test_chunks_have_the_columns_of_the_whole(monkeypatch, sliding):
             assert (np.abs(pieces - whole).max() > 1e-9 * np.abs(whole).max()) == distortion.memory
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Change of a scene
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_change_is_the_difference_that_the_model_makes(arm, name):
     distortion = arm.distortion(name)
@@ -250,9 +212,6 @@ def test_moved_adds_to_the_numbers(sliding):
     assert fixed.moved(np.empty(0)) == fixed
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Forms, numbers and names
-# ---------------------------------------------------------------------------------------------------------------
 def business_of_others(arm, name):
     """In the modified convention the first a and alpha mount the base; of a joint that slides d is the zero."""
     sliding = {(j,) for j, row in enumerate(arm.table["joints"], start=1) if row.get("type") == "prismatic"}
@@ -317,47 +276,19 @@ def test_nothing_is_clipped_that_the_model_does_not_exceed(sliding):
 
 def test_numbers_have_names_and_units(sliding):
     """A joint that slides has N, not N m."""
-    robot = sliding.robot
-    for distortion in each(sliding):
-        ((key, values),) = distortion.shape.items()
-        numbers = distortion.numbers(robot)
-        symbol = {"angle": "tilt", "error": OF_TABLE.get(distortion.name, "ratio")}.get(key, key)
-        unit = {"gain": "1", "lag": "s", "angle": "rad"}.get(key, distortion.shape_units.get(key))
-        unit = {"a": "m", "d": "m", "alpha": "rad", "zero": "rad", "ratio": "1"}.get(symbol, unit)
-        units = [unit.replace("N m", "N") if joint.prismatic else unit for joint in robot.joints]
-        assert [value for value, _ in numbers.values()] == values
-        assert all(name.startswith(symbol) for name in numbers)
-        if distortion.counts:
-            assert {said for _, said in numbers.values()} == {unit}
-        else:
-            assert numbers == {f"{symbol}{j}": pair for j, pair in enumerate(zip(values, units, strict=True), start=1)}
-        if distortion.by_joint:
-            part = make_effect(distortion.name, {"joints": (2,), key: values[:1]})
-            assert part.numbers(robot) == {f"{symbol}2": (values[0], unit if distortion.counts else units[1])}
-
-
-def test_distortion_describes_itself_and_comes_back_from_its_name_and_shape(sliding):
-    for distortion in each(sliding):
-        assert distortion.name.split(".")[0] in CATALOGUE
-        assert distortion.variable in VARIABLES
-        texts = (distortion.physics, distortion.reference, distortion.shown_by)
-        assert all(text.strip() and "\n" not in text for text in texts)
-        for one in (distortion, replace(distortion, joints=(2, 1))):
-            shape = {key: [float(repr(float(value))) for value in values] for key, values in one.shape.items()}
-            assert make_effect(one.name, shape) == one
-
-
-def test_check_takes_only_numbers_of_this_robot(sliding):
-    n = sliding.robot.n_joints
-    for distortion in each(sliding):
-        distortion.check(n)
-        ((key, values),) = distortion.shape.items()
-        for wrong in (values[:-1], [*values, values[0]]):
-            with pytest.raises(ValueError, match=f"{key} has {len(wrong)} numbers"):
-                make_effect(distortion.name, {key: wrong}).check(n)
-        for joints in ((n + 1,), (0,), (2, 2)):
-            shape = {key: values[: len(joints)] if len(values) == n else values, "joints": joints}
-            with pytest.raises(ValueError, match="not joints of the robot"):
-                make_effect(distortion.name, shape).check(n)
-    with pytest.raises(ValueError, match="all joints"):
-        make_effect("base_tilt", {"angle": (0.1, 0.2), "joints": (2,)}).check(n)
+    (slider,) = [j for j, joint in enumerate(sliding.robot.joints, start=1) if joint.prismatic]
+    for name, symbol, turning, sliders in (
+        ("gain_error", "gain", "1", "1"),
+        ("clipping", "limit", "N m", "N"),
+        ("dead_zone", "width", "N m", "N"),
+        ("gear_ratio", "ratio", "1", "1"),
+        ("link_length", "a", "m", "m"),
+        ("link_twist", "alpha", "rad", "rad"),
+        ("link_offset", "d", "m", "m"),
+        ("joint_zero", "zero", "rad", "rad"),
+    ):
+        distortion = sliding.distortion(name)
+        ((_, values),) = distortion.shape.items()
+        units = [sliders if j == slider else turning for j in range(1, len(values) + 1)]
+        expected = {f"{symbol}{j}": pair for j, pair in enumerate(zip(values, units, strict=True), start=1)}
+        assert distortion.numbers(sliding.robot) == expected

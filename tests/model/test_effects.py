@@ -1,17 +1,15 @@
 """What all effects share: changes joint by joint, whether samples resolve a form, what only an earlier log tells."""
 
 import pickle
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from conftest import small_robot, smooth_motion
 
 from bayesid.model.catalogue import forms, make_effect, make_terms
-from bayesid.model.effects import Effect
 from bayesid.model.felt import FeltColumns
 from bayesid.model.model import Model
-from bayesid.model.terms import STANDARD, ViscousFriction
+from bayesid.model.terms import STANDARD
 from bayesid.simulation.parameters import random_parameters
 
 JOINTS = 3
@@ -46,10 +44,20 @@ def test_changes_by_joint_are_those_of_all_joints(scene):
             assert all(np.any(shift) for shift in shifts.values())
 
 
-def test_an_effect_of_one_joint_is_asked_for_there_alone(scene):
-    for name in ("viscous_friction", "stribeck_friction", "hysteresis"):
-        form = next(form for form in forms()[name].variants(scene) if form.joints == (2,))
-        assert list(form.change_by_joint(scene)[1]) == [1]
+def test_an_effect_takes_only_numbers_of_its_robot(scene):
+    for kind in (kind for kind in forms().values() if kind.can_be_missing):
+        form = next(iter(kind.variants(scene)))
+        form.check(JOINTS)
+        assert make_effect(form.name, form.shape) == form
+        for key in set(form.shape) - {"joints"} if kind.name != "learned_effect" else ():
+            with pytest.raises(ValueError, match=f"{key} has "):
+                make_effect(form.name, {**form.shape, key: [*form.shape[key], 0.1]}).check(JOINTS)
+        for joints in ((JOINTS + 1,), (0,), (2, 2)) if form.joints else ():
+            shape = {key: values * len(joints) if len(values) == 1 else values for key, values in form.shape.items()}
+            with pytest.raises(ValueError, match="not joints of the robot"):
+                make_effect(form.name, {**shape, "joints": joints}).check(JOINTS)
+    with pytest.raises(ValueError, match="all joints"):
+        make_effect("base_tilt", {"angle": (0.1, 0.2), "joints": (2,)}).check(JOINTS)
 
 
 def test_only_gains_payloads_and_tables_need_an_earlier_log():
@@ -95,81 +103,20 @@ def test_presliding_is_resolved_where_samples_lie_in_its_way(name):
     assert 1.0 < shortest[100.0] * 100.0 / usual < 20.0  # a few samples
 
 
-def test_presliding_of_several_joints_is_resolved_if_it_is_in_all(scene):
-    fine, coarse = 1.0, 1e-5
-    widths = {(fine, fine, fine): True, (fine, coarse, fine): False, (fine, fine, coarse): False}
-    for width, resolved in widths.items():
-        assert make_effect("hysteresis", {"width": list(width)}).resolved(scene) is resolved
-    assert make_effect("hysteresis", {"joints": [3], "width": [fine]}).resolved(scene)
-
-
-def test_other_effects_are_always_resolved(scene):
-    sparse = replace(scene, motion=replace(scene.motion, t=100.0 * scene.motion.t))
-    plain = [kind for kind in forms().values() if kind.resolved is Effect.resolved]
-    assert "hysteresis" not in {kind.name for kind in plain}
-    assert all(next(iter(kind.variants(scene))).resolved(sparse) for kind in plain if kind.can_be_missing)
-
-
-MADE = []
-
-
-class Counted(ViscousFriction):
-    """Counts how often its columns are made."""
-
-    def fill(self, columns, robot, motion):
-        MADE.append(len(motion))
-        super().fill(columns, robot, motion)
-
-
-@pytest.fixture
-def counted(monkeypatch):
-    """A model that counts, of three joints, and the function that makes its columns without counting."""
-    monkeypatch.setenv("OMP_NUM_THREADS", "1")  # what a copy of the process makes is not counted
+def test_a_model_remembers_columns_of_the_same_motion_only(monkeypatch):
+    """In chunks, of which memory holds the first two; what a caller does to his own changes nothing."""
     robot = small_robot(JOINTS)
-    rigid = make_effect("rigid_body", {})
-    plain = Model(robot, (rigid, ViscousFriction()))
-    MADE.clear()
-    return Model(robot, (rigid, Counted())), plain.columns
-
-
-def test_a_model_remembers_the_columns_of_the_motion_it_saw_last(counted):
-    model, plain = counted
     motions = [smooth_motion(JOINTS, 1.0, 50.0, seed=seed) for seed in (3, 4)]
-    for motion, calls in ((motions[0], 1), (motions[0], 1), (motions[1], 2), (motions[0], 3)):
-        ((rows, columns),) = model.chunks(motion)
-        assert len(MADE) == calls
-        assert rows == slice(0, len(motion))
-        np.testing.assert_array_equal(columns, plain(motion))
-        columns[:] = np.nan  # a caller's own
-    assert next(iter(pickle.loads(pickle.dumps(model)).chunks(motions[0])))[1].shape == columns.shape
-    assert len(MADE) == 4
-    model.forget()
-    assert len(list(model.chunks(motions[0]))) == 1
-    assert len(MADE) == 5
-
-
-@pytest.mark.parametrize("kept", [0, 2, 4])
-def test_a_model_remembers_as_many_chunks_as_memory_goes(monkeypatch, counted, kept):
-    (model, plain), motion = counted, smooth_motion(JOINTS, 1.0, 50.0, seed=3)
-    whole = plain(motion)
-    monkeypatch.setattr("bayesid.model.model.CHUNK", 13)  # of 50 samples
-    size = FeltColumns.of(whole[:13]).nbytes
-    monkeypatch.setattr("bayesid.model.model.REMEMBERED", kept * size + size // 2)
-    next(model.felt_chunks(motion))  # somebody who asks for a part leaves it to the others
-    for calls in (4 - min(kept, 1), 4 - kept, 4 - kept):
-        MADE.clear()
-        chunks = list(model.chunks(motion))
+    model = Model(robot, make_terms(STANDARD, robot, motions[0]))
+    whole = [model.columns(motion) for motion in motions]
+    monkeypatch.setattr("bayesid.model.model.CHUNK", 13)
+    monkeypatch.setattr("bayesid.model.model.REMEMBERED", int(2.5 * FeltColumns.of(whole[0][:13]).nbytes))
+    for which in (0, 0, 1, 0):
+        next(model.felt_chunks(motions[which]))  # somebody who asks for a part leaves it to the others
+        chunks = list(model.chunks(motions[which]))
         assert [rows for rows, _ in chunks] == [slice(0, 13), slice(13, 26), slice(26, 39), slice(39, 50)]
-        np.testing.assert_allclose(np.concatenate([columns for _, columns in chunks]), whole, rtol=1e-13)
-        assert len(MADE) == calls
-
-
-def test_copies_of_the_process_make_the_same_columns(monkeypatch):
-    robot, motion = small_robot(JOINTS), smooth_motion(JOINTS, 1.0, 50.0, seed=3)
-    model, found = Model(robot, make_terms(STANDARD, robot, motion)), []
-    monkeypatch.setattr("bayesid.model.model.CHUNK", 5)
-    for processors in ("1", "2"):
-        monkeypatch.setenv("OMP_NUM_THREADS", processors)
-        model.forget()
-        found.append(np.concatenate([columns for _, columns in model.chunks(motion)]))
-    np.testing.assert_array_equal(*found)
+        np.testing.assert_allclose(np.concatenate([columns for _, columns in chunks]), whole[which], rtol=1e-13)
+        for _, columns in chunks:
+            columns[:] = np.nan
+    again = pickle.loads(pickle.dumps(model))
+    np.testing.assert_array_equal(next(iter(again.chunks(motions[0])))[1], next(iter(model.chunks(motions[0])))[1])

@@ -35,15 +35,6 @@ def test_inertia_about_the_centre_of_mass_is_that_of_the_points():
         np.testing.assert_allclose(about, expected, rtol=0, atol=1e-13)
 
 
-def test_pseudo_inertia_and_back():
-    parameters = np.random.default_rng(0).normal(size=(2, 3, 10))
-    matrices = inertia.pseudo_inertia(parameters)
-    assert matrices.shape == (2, 3, 4, 4)
-    np.testing.assert_allclose(inertia.from_pseudo_inertia(matrices), parameters, rtol=0, atol=1e-14)
-    linear = np.einsum("...k,kij->...ij", parameters, inertia.PSEUDO_INERTIA_BASIS)
-    np.testing.assert_allclose(linear, matrices, rtol=0, atol=1e-14)
-
-
 def test_change_of_frame_moves_the_points():
     change = inertia.change_of_frame(ROTATION, SHIFT)
     for (points, masses), parameters in zip(CLOUDS, PARAMETERS, strict=True):

@@ -54,7 +54,6 @@ def install(place, name, files):
 @pytest.fixture
 def forgotten():
     """What is known of installed packages is looked up anew."""
-
     importlib.reload(installed)
     yield
     importlib.reload(installed)
@@ -82,33 +81,27 @@ def refusal(name):
     return caught.value.on_command_line
 
 
-def test_names_of_files_and_of_loaders(packages):
+def test_names_of_files_and_of_loaders(packages, tmp_path, monkeypatch):
     for name in ("ur5_robot", "ur5"):
         robot = load_robot(name)
         assert (robot.name, robot.origin.source, robot.origin.urdf.name) == ("ur", name, "ur5_robot.urdf")
         assert robot.origin.in_python == repr(name)
     assert load_robot("seven_description").name == load_robot("seven").name == "se"
     assert load_robot("any").name == "a_", "of two files with a name the first"
-    assert load_robot("any").origin.urdf.is_absolute()
-
-
-def test_files_and_built_in_robots_come_before_names(packages, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "ur5").write_text(ARM.replace("NAME", "mine"))
     assert load_robot("ur5").name == "mine"
-    assert load_robot("kr5").n_joints == 6
+    assert load_robot("kr5").n_joints == 6, "files and built-in robots come first"
 
 
 def test_descriptions_by_xacro_are_those_that_were_made(packages):
-    name = "made_description"
-    with pytest.raises(InputError, match=r"made_description: is made by xacro, and its URDF is not here; make it once"):
-        load_robot("made")
+    assert "is made by xacro, and its URDF is not here; make it once" in refusal("made_description")
     for age, text in enumerate(("old", "new")):
-        rendered = packages / "xacrodoc" / name / f"{name}-{text}.urdf"
+        rendered = packages / "xacrodoc" / "made_description" / f"{text}.urdf"
         rendered.parent.mkdir(parents=True, exist_ok=True)
         rendered.write_text(ARM.replace("NAME", text))
         os.utime(rendered, (age, age))
-    assert load_robot(name).name == "new"
+    assert load_robot("made").name == "new"
 
 
 def test_a_description_whose_files_are_not_here(packages, monkeypatch):
@@ -119,20 +112,19 @@ def test_a_description_whose_files_are_not_here(packages, monkeypatch):
     assert not packages.exists(), "nothing was fetched"
     place.parent.mkdir(parents=True)
     place.write_text(ARM.replace("NAME", "cloned"))
-    assert load_robot("eight_description").name == load_robot("eight").name == "cloned"
+    assert load_robot("eight").name == "cloned"
     monkeypatch.setenv("ROBOT_DESCRIPTION_COMMIT", "abc")
     assert f"({packages}/arms_clone-abc/arms_clone/robots/seven" in refusal("eight_description")
 
 
-def test_descriptions_without_a_urdf(packages):
-    assert "patched_description: states no URDF file; give the file that `python -m" in refusal("patched_description")
-    assert "no such robot" in refusal("muscles_mj_description")
-
-
-def test_a_name_that_is_near_others(packages):
-    for name, near in (("ur5_robt", "ur5_robot"), ("made_desciption", "made_description"), ("ven", "seven")):
-        assert f"did you mean {near}" in refusal(name)
-    assert "did you mean" not in refusal("zzzz")
+def test_names_without_a_urdf_and_near_others(packages):
+    for name, said in (
+        ("patched_description", "states no URDF file"),
+        ("muscles_mj_description", "no such robot"),
+        ("ur5_robt", "did you mean ur5_robot"),
+        ("ven", "did you mean seven"),
+    ):
+        assert said in refusal(name)
 
 
 def test_without_the_packages(monkeypatch, forgotten):
@@ -144,66 +136,23 @@ def test_without_the_packages(monkeypatch, forgotten):
     assert installed.installed_names() == []
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# The real packages
-# ---------------------------------------------------------------------------------------------------------------
-def files_of(package):
+def test_robots_of_the_real_packages():
+    """All files but two rigid bodies with propellers and one without a link; arms, a hand that is held, a limb."""
     try:
-        files = distribution(package).files
+        files = [Path(str(file.locate())) for file in distribution("example-robot-data").files]
     except PackageNotFoundError:
-        pytest.skip(f"{package} is not installed: pip install 'bayesid[robots]'")
-    return [Path(str(file.locate())) for file in files]
-
-
-REFUSED = {
-    "quadrotor_base.urdf": "has no moving joint",
-    "iris_simple.urdf": "has no moving joint",
-    "ur3.urdf": "has 0 links without a parent joint",
-}
-"""Two rigid bodies with propellers, and a file without a link."""
-
-
-def test_all_but_three_of_example_robot_data_load():
-    refused, files = {}, sorted(file for file in files_of("example-robot-data") if file.suffix == ".urdf")
-    for file in files:
+        pytest.skip("example-robot-data is not installed: pip install 'bayesid[robots]'")
+    refused = set()
+    for file in (file for file in files if file.suffix == ".urdf"):
         try:
             load_robot(file)
-        except InputError as error:
-            refused[file.name] = error.what
-    assert {name: refused.get(name) for name in REFUSED} == REFUSED
+        except InputError:
+            refused.add(file.name)
+    assert {"quadrotor_base.urdf", "iris_simple.urdf", "ur3.urdf"} <= refused
     assert len(refused) <= 4
-    assert len(files) >= 65
-
-
-def test_arms_of_example_robot_data():
-    files_of("example-robot-data")
-    names = [f"panda_joint{k}" for k in range(1, 8)]
-    assert [joint.name for joint in load_robot("panda_description").joints] == names
-    assert load_robot("panda_description").notes == (
-        "joints panda_finger_joint1, panda_finger_joint2 are held: a gripper is not identified",
-    )
-    assert load_robot("panda").origin.urdf is None, "the built-in one"
+    panda = load_robot("panda_description")
+    assert [joint.name for joint in panda.joints] == [f"panda_joint{k}" for k in range(1, 8)]
+    assert panda.notes == ("joints panda_finger_joint1, panda_finger_joint2 are held: a gripper is not identified",)
     left = load_robot("tiago_pro", "arm_left_7_link", {"torso_lift_joint": 0.1})
     assert [joint.name for joint in left.joints] == [f"arm_left_{k}_joint" for k in range(1, 8)]
-    assert load_robot("talos").notes[-1] == "3 chains of joints begin at base_link: it is taken as fixed to the ground"
     assert load_robot("talos_arm").n_joints == load_robot("ur3").n_joints == load_robot("solo12").n_joints / 2 == 6
-    assert load_robot("anymal_c").origin.urdf != load_robot("anymal").origin.urdf
-
-
-def test_robot_descriptions_state_their_files(monkeypatch, tmp_path, forgotten):
-    """But one, which patches its file; those of MuJoCo's format are left out."""
-    monkeypatch.setenv("ROBOT_DESCRIPTIONS_CACHE", str(tmp_path))
-    if not any(file.stem == "iiwa7_description" for file in files_of("robot_descriptions")):
-        pytest.skip("another version of robot_descriptions")
-    unknown = []
-    for name in installed.installed_names():
-        try:
-            installed.installed_urdf(name)
-        except InputError as error:
-            unknown += [name] if "states no URDF file" in error.what else []
-    assert unknown == ["eve_r3_description"]
-    file = tmp_path / "differentiable-robot-model" / "diff_robot_data" / "kuka_iiwa" / "urdf" / "iiwa7.urdf"
-    file.parent.mkdir(parents=True)
-    file.write_text(ARM)
-    assert installed.installed_urdf("iiwa7") == file
-    assert "robot_descriptions" not in sys.modules

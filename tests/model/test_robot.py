@@ -3,14 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from oracles import (
-    STEP,
     actuator_efforts,
     assert_close,
     built_in_table,
     dh_chain,
     joint_torques,
     parameters_of,
-    positions,
     random_clouds,
     random_motion,
     random_table,
@@ -19,9 +17,7 @@ from oracles import (
 )
 
 from bayesid.errors import InputError
-from bayesid.model.kinematics import pose
 from bayesid.model.robot import load_robot, robot_from_table, robot_from_urdf, robot_table
-from bayesid.motion import Motion
 
 DIFFERENT = ("kr5", "panda", "tx40")  # standard, modified, coupled wrist
 TABLES = {
@@ -43,26 +39,6 @@ def test_dynamics_equal_those_of_point_masses(name):
     theta = parameters_of(clouds)
     assert_close(robot.regressor(motion) @ theta, expected, 1e-12)
     assert_close(robot.inverse_dynamics(motion, theta), expected, 1e-12)
-
-
-@pytest.mark.parametrize("name", TABLES)
-def test_gravity_torque_is_the_slope_of_the_potential_energy(name):
-    table = TABLES[name] | {"transmission": None}
-    n = len(table["joints"])
-    robot, clouds, chain = robot_from_table(table, "test"), random_clouds(n), dh_chain(table)
-    masses = np.concatenate([m for _, m in clouds])
-    q = random_motion(n, 1).q[0]
-    slopes = [-(masses @ positions(chain, clouds, q + 1j * STEP * e) @ robot.gravity).imag / STEP for e in np.eye(n)]
-    rest = Motion([0.0], [q], np.zeros((1, n)), np.zeros((1, n)))
-    assert_close(robot.inverse_dynamics(rest, parameters_of(clouds))[0], np.array(slopes), 1e-12)
-
-
-@pytest.mark.parametrize("name", TABLES)
-def test_frames_are_the_products_of_the_dh_matrices(name):
-    robot, q = robot_from_table(TABLES[name], "test"), random_motion(len(TABLES[name]["joints"]), 1).q[0]
-    frames = zip(pose(robot, q).joint_frames, robot.joints, strict=True)
-    found = [frame @ joint.link_frame for frame, joint in frames]
-    np.testing.assert_allclose(found, dh_chain(TABLES[name])(q)[0], rtol=0, atol=1e-14)
 
 
 def test_link_without_mass_may_have_inertia():
@@ -116,20 +92,6 @@ def test_robot_table_comes_back_the_same(name):
     assert back.lengths == robot.lengths
 
 
-@pytest.mark.parametrize("convention", ["standard", "modified"])
-def test_a_table_may_tell_rated_efforts(convention):
-    rows = [
-        {"a": 0.3, "alpha": 0.1, "d": 0.2, "theta": 0.0, "rated_effort": 56.0},
-        dict.fromkeys(("a", "alpha", "d", "theta"), 0.1),
-    ]
-    robot = robot_from_table({"convention": convention, "joints": rows}, "test")
-    back = robot_from_table(robot_table(robot), "test")
-    assert [joint.rated_effort for one in (robot, back) for joint in one.joints] == [56.0, None, 56.0, None]
-    for wrong in (0.0, -3.0, "much"):
-        with pytest.raises(InputError, match="rated_effort"):
-            robot_from_table({"convention": convention, "joints": [{**rows[1], "rated_effort": wrong}]}, "test")
-
-
 def test_another_geometry_mounting_or_gear_is_not_the_same():
     kr5 = load_robot("kr5")
     assert kr5.same_kinematics(robot_from_table(built_in_table("kr5"), "test"))
@@ -154,9 +116,6 @@ def test_urdf_with_fixed_continuous_and_skewed_joints(tmp_path):
     assert_close(robot.inverse_dynamics(motion, parameters_of(clouds)), expected, 1e-12)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Bad files
-# ---------------------------------------------------------------------------------------------------------------
 def refusal(path):
     with pytest.raises(InputError) as caught:
         load_robot(path)
@@ -179,6 +138,7 @@ BAD_TOML = {
     HEAD + ROW + ROW.replace("0.3", '"x"'): "joint 2: key 'd' cannot be used",
     HEAD + ROW.replace("0.3", "nan"): "joint 1: key 'd' cannot be used",
     HEAD + ROW + 'type = "helical"\n': "joint 1: unknown joint type 'helical'",
+    HEAD + ROW + "rated_effort = -3.0\n": "joint 1: key 'rated_effort' is not positive",
     HEAD + "gravity = [0, 9.81]\n" + ROW: "key 'gravity' cannot be used",
     HEAD + "transmission = [[1, 2], [3, 4]]\n" + ROW: "key 'transmission' cannot be used",
     HEAD + "transmission = [1, 1]\n" + ROW + ROW: "key 'transmission' cannot be used",

@@ -53,22 +53,6 @@ def test_logs_are_the_three_motions_with_efforts_without_sign(folders):
         assert all(np.abs(a - b).max() > 0.5 for a, b in zip(motions, motions[1:] + motions[:1], strict=True))
 
 
-def test_only_the_hidden_effect_separates_the_logs(folders):
-    for effect, (_, truth) in folders.items():
-        if effect is None or effect in blind.READERS:
-            continue
-        difference = blind.rms(truth.log_efforts - folders[None][1].log_efforts) / truth.noise
-        assert difference.max() == pytest.approx(4.0, rel=0.02)
-        assert truth.effects == (effect,)
-        assert truth.joints in (((),), (tuple((np.flatnonzero(difference) + 1).tolist()),))
-
-
-def test_floor_is_what_noise_leaves(folders):
-    truth = folders["torque_offset"][1]
-    assert np.all(truth.floor <= 1.1 * truth.noise)
-    assert np.all(truth.floor > 0.5 * truth.noise)
-
-
 def test_truth_comes_back_the_same(folders, tmp_path):
     pair = blind.make_case(tmp_path / "case", 5, ("clipping", "delay"), 3.0)
     for truth in (folders[None][1], folders["payload"][1], folders[blind.OUTSIDE][1], pair):
@@ -83,12 +67,6 @@ def test_truth_comes_back_the_same(folders, tmp_path):
                 assert type(found) is type(expected)
     assert folders[None][1].effects == ()
     assert folders[None][1].size == 0.0
-
-
-def test_cases_are_reproducible(folders, tmp_path):
-    truth = blind.make_case(tmp_path, 21, "payload", 4.0, "kr5", "standard", True)
-    np.testing.assert_array_equal(truth.log_efforts, folders["payload"][1].log_efforts)
-    assert all((tmp_path / name).read_bytes() == (folders["payload"][0] / name).read_bytes() for name in blind.FILES)
 
 
 def test_generator_imports_nothing_of_bayesid():
@@ -116,18 +94,6 @@ def test_plan_is_balanced():
     assert all(3 <= case.size <= 10 for case in pairs + beyond)
     assert len({case.seed for case in cases}) == 300
     assert 140 <= sum(case.style == "bare" for case in cases) <= 160
-
-
-@pytest.mark.parametrize("trials", [8, 57])
-def test_smaller_plans_have_every_kind(trials):
-    cases = blind.plan(trials, 3)
-    assert len(cases) == trials
-    kinds = Counter(
-        "pair" if isinstance(c.effect, tuple) else c.effect if c.effect in (None, "outside") else "single"
-        for c in cases
-    )
-    assert len(kinds) == 4
-    assert kinds["single"] >= 0.6 * trials
-    singles = Counter(c.effect for c in cases if c.effect in blind.EFFECTS)
-    assert max(singles.values()) - min(singles.get(name, 0) for name in blind.EFFECTS) <= 1
-    assert cases == blind.plan(trials, 3) != blind.plan(trials, 4)
+    few = blind.plan(8, 3)
+    assert few == blind.plan(8, 3) != blind.plan(8, 4)
+    assert {"pair" if isinstance(c.effect, tuple) else c.effect for c in few} >= {"pair", None, blind.OUTSIDE}

@@ -30,11 +30,6 @@ def test_the_table_has_27_independent_rows_of_the_papers_model(model, coefficien
     assert np.linalg.matrix_rank(ROWS) == 27
 
 
-def test_every_row_can_be_seen_in_the_torques(coefficients):
-    basis = np.linalg.qr(coefficients.projection.T)[0]
-    assert np.abs(ROWS - ROWS @ basis @ basis.T).max() < 1e-9
-
-
 def test_every_row_can_be_seen_in_an_independent_regressor(model):
     """The same without `base_coefficients`: rows of the regressor on a smooth motion span the table's rows."""
     columns = model.columns(random_trajectory(6, 10.0, seed=8).motion(np.linspace(0, 10, 500))).reshape(-1, 60)
@@ -56,6 +51,8 @@ def test_weights_say_what_the_printed_expression_says(model):
 
 def test_nominal_parameters_reproduce_the_table_to_its_printed_digits():
     np.testing.assert_allclose(ROWS @ nominal_parameters(), NOMINAL, atol=1e-9)
+    assert nominal_parameters()[9::10].sum() == pytest.approx(28.0, abs=1e-12)
+    assert np.all(paper_model().cone.smallest_eigenvalues(nominal_parameters()) >= 0.02)
     for row in TABLE_II:
         assert (round(row.nominal, 4), round(row.published, 4)) == (row.nominal, row.published)
 
@@ -73,38 +70,9 @@ def test_sums_that_catch_typing_errors():
     assert sum(row.published for row in TABLE_II) == pytest.approx(12.7242, abs=1e-9)
 
 
-def test_nominal_centre_and_inertia_about_it_are_physical():
-    """The cone by hand: positive masses, and principal moments about the centre of mass that keep the triangle rule."""
-    for link in nominal_parameters().reshape(6, 10):
-        xx, xy, xz, yy, yz, zz, *first, mass = link
-        about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        c = np.array(first) / mass
-        moments = np.linalg.eigvalsh(about_origin - mass * (c @ c * np.eye(3) - np.outer(c, c)))
-        assert mass > 0
-        assert moments[0] > 0
-        assert moments[0] + moments[1] > moments[2]
-    assert np.all(paper_model().cone.smallest_eigenvalues(nominal_parameters()) >= 0.02)
-
-
-def test_nominal_masses_are_those_behind_the_table(model):
-    theta = nominal_parameters()
-    value = {parameter.name: number for parameter, number in zip(model.parameters, theta, strict=True)}
-    masses = theta.reshape(6, 10)[:, 9]
-    assert masses.sum() == pytest.approx(28.0, abs=1e-12)
-    assert masses[0] == 13.0
-    np.testing.assert_allclose([masses[1:].sum(), masses[2:].sum(), masses[3:].sum()], [15, 9, 3], atol=1e-12)
-    assert value["J2xx"] == value["J2yy"]
-    assert (value["mc2x"], value["mc3x"]) == (-0.9, -0.4)
-
-
 def test_the_nine_coefficients_that_the_table_leaves_out_are_zero(coefficients):
     """They complete the table's 27 to all 36, so together they fix every coefficient of the nominal robot."""
     left_out = ("J2xy", "J2xz", "J2yz", "J2zz", "J3xy", "J4xy", "J4xz", "J4yz", "mc5x")
     rows = coefficients.projection[[coefficients.names.index(name) for name in left_out]]
     assert np.linalg.matrix_rank(np.vstack([ROWS, rows])) == 36
     np.testing.assert_allclose(rows @ nominal_parameters(), 0.0, atol=1e-9)
-
-
-def test_nominal_parameters_are_a_fresh_array():
-    nominal_parameters()[:] = 0.0
-    assert nominal_parameters()[9] == 13.0

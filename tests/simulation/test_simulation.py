@@ -7,8 +7,7 @@ from scipy import stats
 
 from bayesid.errors import InputError
 from bayesid.model.catalogue import main_forms, make_terms
-from bayesid.model.distortions import delay
-from bayesid.model.distortions.gain_error import GainError
+from bayesid.model.distortions.delay import FASTEST_HARMONIC
 from bayesid.model.model import Model
 from bayesid.model.robot import Joint, Robot, load_robot
 from bayesid.model.terms import STANDARD, RigidBody, TorqueOffset, ViscousFriction
@@ -37,9 +36,6 @@ def rms(values):
     return np.sqrt(np.mean(values**2, axis=0))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# simulate
-# ---------------------------------------------------------------------------------------------------------------
 def test_without_noise_the_efforts_are_newton_and_euler():
     model, motion = paper_model(), motion_of(6)
     log = simulate(model, nominal_parameters(), motion, rng=np.random.default_rng(0), noise=0.0, signed=True)
@@ -81,33 +77,27 @@ def test_coloured_noise_has_the_size_of_white_noise_and_the_memory_asked_for():
 
 
 def test_coloured_noise_is_stationary_from_its_first_sample():
-    model = paper_model()
-    motion = motion_of(6, 60)
-    clean = model.effort(motion, nominal_parameters())
-    logs = (
-        simulate(
-            model, nominal_parameters(), motion, rng=np.random.default_rng(seed), noise=0.1, colour=0.9, signed=True
-        )
-        for seed in range(400)
-    )
+    model, motion, theta = paper_model(), motion_of(6, 60), nominal_parameters()
+    clean, rngs = model.effort(motion, theta), map(np.random.default_rng, range(400))
+    logs = [simulate(model, theta, motion, rng=rng, noise=0.1, colour=0.9, signed=True) for rng in rngs]
     z = np.array([(log.effort - clean) / (0.1 * rms(clean)) for log in logs])
+    lowest, highest = stats.chi2.ppf([1e-5, 1 - 1e-5], 2400)
     for sample in (0, 3, 59):
-        lowest, highest = stats.chi2.ppf([1e-5, 1 - 1e-5], 2400)
         assert lowest < (z[:, sample] ** 2).sum() < highest
 
 
-@pytest.mark.parametrize(
-    ("option", "values"),
-    [
-        ("colour", [1.0, -0.1, np.nan]),
-        ("noise", [-0.1, np.nan, np.inf]),
-        ("sensor", [np.full(6, -0.1), np.full(6, np.nan), np.full(6, np.inf), np.full(5, 0.1), np.full((6, 1), 0.1)]),
-    ],
-)
-def test_noise_that_cannot_be_is_refused(option, values):
-    for value in values:
-        with pytest.raises(ValueError, match={"colour": "correlation"}.get(option, option)):
-            simulate(paper_model(), nominal_parameters(), motion_of(6), rng=np.random.default_rng(1), **{option: value})
+def test_noise_that_cannot_be_is_refused():
+    sensors = (np.full(6, -0.1), np.full(6, np.nan), np.full(5, 0.1), np.full((6, 1), 0.1))
+    for option, said, values in (
+        ("colour", "correlation", (1.0, -0.1, np.nan)),
+        ("noise", "noise", (-0.1, np.nan, np.inf)),
+        ("sensor", "sensor", sensors),
+    ):
+        for value in values:
+            with pytest.raises(ValueError, match=said):
+                simulate(
+                    paper_model(), nominal_parameters(), motion_of(6), rng=np.random.default_rng(1), **{option: value}
+                )
 
 
 def test_an_unsigned_log_is_the_absolute_value_of_the_signed_one():
@@ -139,21 +129,6 @@ def test_a_sensor_is_as_noisy_in_any_motion():
         assert np.abs(left[:, 5]).max() == 0.0
 
 
-def test_the_noise_is_rectified_too():
-    """Where the effort is far smaller than the noise, |noise| is left: its mean is sqrt(2 / pi) sd, not zero."""
-    model, motion = paper_model(), motion_of(6, 20_000)
-    clean = model.effort(motion, nominal_parameters())
-    sd = 0.5 * rms(clean)
-    log = simulate(model, nominal_parameters(), motion, rng=np.random.default_rng(2), noise=0.5)
-    small = np.abs(clean) < 0.1 * sd
-    for j in range(6):
-        mean = log.effort[small[:, j], j].mean() / sd[j]
-        assert mean == pytest.approx(np.sqrt(2 / np.pi), abs=4 * 0.6 / np.sqrt(small[:, j].sum()) + 0.005)
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# random_parameters
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("name", ROBOTS)
 def test_random_parameters_are_those_of_a_plausible_robot(name):
     """Strictly inside the cone; links get lighter towards the tip; other effects are a share of the joint's torque."""
@@ -188,22 +163,12 @@ def test_centres_of_mass_lie_along_the_links():
         assert share.mean() == pytest.approx(0.5, abs=0.1)
 
 
-def test_parameters_are_asymmetric_and_differ_by_seed():
-    model = default_model("kr5")
-    first, again, other = (random_parameters(model, np.random.default_rng(seed)) for seed in (5, 5, 6))
-    np.testing.assert_array_equal(first, again)
-    assert np.all(first != other)
-    assert np.all(first != 0.0)
-    assert len(set(np.abs(first))) == len(first)
-    offsets = np.array([random_parameters(model, np.random.default_rng(seed))[72:78] for seed in range(20)])
-    assert np.all(np.any(offsets < 0, axis=0) & np.any(offsets > 0, axis=0))
-
-
 def test_a_model_without_bodies_and_a_model_of_one_joint():
-    robot = load_robot("kr5")
-    friction = random_parameters(Model(robot, (ViscousFriction(), TorqueOffset())), np.random.default_rng(1))
-    assert np.all(friction[:6] > 0.0)
-    assert np.isfinite(friction).all()
+    """Offsets are of either sign."""
+    model = Model(load_robot("kr5"), (ViscousFriction(), TorqueOffset()))
+    friction = np.array([random_parameters(model, np.random.default_rng(seed)) for seed in range(20)])
+    assert np.all(friction[:, :6] > 0.0)
+    assert np.all(np.any(friction[:, 6:] < 0, axis=0) & np.any(friction[:, 6:] > 0, axis=0))
     pendulum = Robot("pendulum", (Joint(np.eye(4), np.array([0.0, 1.0, 0.0])),), np.array([0.0, 0.0, -9.81]))
     model = Model(pendulum, (RigidBody(), ViscousFriction()))
     theta = random_parameters(model, np.random.default_rng(1))
@@ -211,9 +176,6 @@ def test_a_model_without_bodies_and_a_model_of_one_joint():
     assert theta[10] > 0.0
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Effects
-# ---------------------------------------------------------------------------------------------------------------
 NAMES = tuple(main_forms())
 SIMPLE = ("viscous_friction", "coulomb_friction", "torque_offset", "rotor_inertia")
 OF_ALL = tuple(name for name, kind in main_forms().items() if not kind.by_joint)
@@ -233,12 +195,6 @@ def efforts(*effects, robot="kr5", seed=3, noise=0.0, rate=50.0):
     assert signed.signed.all()
     signed.effort.setflags(write=False)
     return signed.effort
-
-
-def test_delays_go_as_far_as_motions_and_gains_as_far_as_levels():
-    assert delay.FASTEST_HARMONIC == HARMONICS
-    highest = parse_effect("gain_error:1:1000", load_robot("kr5")).level
-    assert GainError(gain=(1.0,)).largest_magnitude(None) >= highest
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if name != "link_offset"])
@@ -266,15 +222,10 @@ def test_seeds_choose_the_form():
         changes = [efforts(f"{name}:2:0.1", seed=seed) - efforts(seed=seed) for seed in (1, 1, 2)]
         np.testing.assert_array_equal(changes[0], changes[1])
         assert np.abs(np.corrcoef(changes[0][:, 1], changes[2][:, 1])[0, 1]) < 0.99
-    signs, delayed = set(), set()
-    for seed in range(8):
-        ratio = efforts("gain_error:2:0.1", seed=seed)[:, 1] / efforts(seed=seed)[:, 1]
-        np.testing.assert_allclose(np.abs(ratio - 1.0), 0.1, rtol=1e-5)
-        signs.add(float(np.sign(ratio[0] - 1.0)))
-        change = efforts("delay:2:0.1", seed=seed) - efforts(seed=seed)
-        delayed.add(int(change.any(axis=0).sum()))
-    assert signs == {-1.0, 1.0}
-    assert delayed == {1, 6}
+    changes = [efforts("delay:2:0.1", seed=seed) - efforts(seed=seed) for seed in range(8)]
+    assert {int(change.any(axis=0).sum()) for change in changes} == {1, 6}
+    ratios = [efforts("gain_error:2:0.1", seed=seed)[0, 1] / efforts(seed=seed)[0, 1] for seed in range(8)]
+    np.testing.assert_allclose(sorted(set(np.round(ratios, 5))), [0.9, 1.1], rtol=1e-5)
 
 
 def test_friction_springs_and_bodies_are_physical():
@@ -352,6 +303,7 @@ def test_a_level_of_zero_is_no_effect():
 
 
 def test_levels_out_of_reach_are_refused():
+    assert FASTEST_HARMONIC == HARMONICS, "lags go as far as motions"
     few = "dead_zone:2:0.001"  # so few efforts are so small that one sample more makes a difference
     of_flange, light = "tool_wrench:6:1", "base_tilt:6:100"  # the force acts on the last axis; the wrist is light
     for text in ("delay:2:5", "base_tilt:4:0.3", light, "clipping:3:1.5", "dead_zone:3:1.2", of_flange, few):
@@ -360,10 +312,6 @@ def test_levels_out_of_reach_are_refused():
         assert repr(text) in str(refusal.value)
         assert refusal.value.where == "--effect"
         assert "\n" not in str(refusal.value)
-
-
-def test_a_gain_may_be_large():
-    np.testing.assert_allclose(efforts("gain_error:1:1000")[:, 0], 1001.0 * efforts()[:, 0], rtol=1e-5)
 
 
 def test_what_is_no_effect_is_refused():
