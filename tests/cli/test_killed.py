@@ -121,25 +121,6 @@ def test_identify(place, moments):
 
 
 @pytest.mark.long
-def test_discrepancy_and_report(place):
-    """The folder that a command replaces is whole, and so is the report in a folder of others."""
-    commands = [f"discrepancy of-a {name}.csv --no-posterior --out gap --quiet" for name in "ab"]
-    wholes = []
-    for command in commands:
-        seconds(command.replace("--out gap", f"--out gap-{len(wholes)}"))
-        wholes.append(place / f"gap-{len(wholes)}")
-    seconds(commands[1])
-    kill_at_random(commands, 100, lambda: is_one_of(place / "gap", wholes))
-
-    def check():
-        assert (place / "of-a" / "report.html").read_text().rstrip().endswith("</html>")
-        assert {path.name for path in (place / "of-a").iterdir()} >= {"summary.json", "model.toml"}
-
-    seconds("report of-a --quiet")
-    kill_at_random(["report of-a --quiet"], 100, check)
-
-
-@pytest.mark.long
 def test_study(place, monkeypatch):
     """Rows are added, run after run: none is lost once it stands, and none changes."""
     here = {"workers": 0}

@@ -294,7 +294,15 @@ def test_a_stream_that_is_interrupted_leaves_nothing(place, live):
     assert sorted(os.listdir(place)) == before
 
 
-HEADER = "t,q1,q2,q3,tau1,tau2,tau3\n"
+@pytest.mark.long
+def test_nobody_who_reads_ends_it_too(place, live):
+    content = (place / "log.csv").read_bytes()
+    live.stdout.close()
+    live.stdin.write(content)
+    live.stdin.close()
+    live.stdin, live.stdout = io.BytesIO(), io.BytesIO()
+    assert live.wait(timeout=20) == 141
+    assert not (place / "out").exists()
 
 
 HEADER = "t,q1,q2,q3,tau1,tau2,tau3\n"
