@@ -78,9 +78,6 @@ def rng():
     return np.random.default_rng(0)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Commands
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.fixture(scope="session")
 def arm_shop(tmp_path_factory):
     """A robot file, logs that `simulate` made of it, and what `identify` made of one, for all tests of commands."""

@@ -52,6 +52,30 @@ def text(columns, separator=",", decimal=".", end="\n", quote=csv.QUOTE_MINIMAL)
     return file.getvalue()
 
 
+RECORDED = smooth_recording()
+GERMAN = {"t": "Uhr [ms]", "q": "Gelenk {} ist [Grad]", "dq": "Tempo{}", "i": "Last{} [A]"}
+"""Names of which none is known beforehand."""
+
+
+def strange():
+    """A stranger's columns, with words and other numbers among them; efforts are currents of gain 1."""
+    names, q = GERMAN | {"q": "Gelenk {} ist [°]"}, np.rad2deg(RECORDED["q"])
+    columns = flat({"t": RECORDED["t"] * 1e3, "q": q, "dq": RECORDED["dq"], "i": RECORDED["tau"]}, **names)
+    rows = len(q)
+    return {"Nr": np.arange(rows), **columns, "Soll1": np.zeros(rows), "Bemerkung": ["a;b, c"] * rows}
+
+
+def kuka(recorded, position="AIPos.A", effort="MACur.A", velocity="AxisVel.A", clock="IPOC"):
+    """A controller's columns, among others; efforts in N m and in A are the same numbers here."""
+    rows = len(recorded["t"])
+    columns = {"RIst.X": np.full(rows, 812.5), clock: np.round(recorded["t"] * 1e3)}
+    columns |= flat({"q": np.rad2deg(recorded["q"])}, q=f"{position}{{}}") | flat(
+        {"dq": np.rad2deg(recorded["dq"])}, dq=f"{velocity}{{}}"
+    )
+    columns |= flat({"tau": recorded["tau"]}, tau=f"{effort}{{}}") if "tau" in recorded else {}
+    return columns | {"EIPos.E1": np.zeros(rows), "Digout.o1": np.ones(rows)}
+
+
 def save(path, content, encoding="utf-8"):
     """Writes text, or the table of some columns."""
     content = text(content) if isinstance(content, dict) else content

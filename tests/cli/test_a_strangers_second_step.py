@@ -1,4 +1,4 @@
-"""What a stranger does next: units in the names that they give, empty rows, the next command, the wrong robot."""
+"""What a stranger does next: units in the names that they give, empty rows, the next command."""
 
 import numpy as np
 import pytest
@@ -28,28 +28,13 @@ def test_empty_rows_at_the_end_of_a_spreadsheet(tmp_path):
         read_log(half)
 
 
-@pytest.fixture(scope="module")
-def plain(tmp_path_factory):
-    """A log as `simulate` writes it."""
-    place = tmp_path_factory.mktemp("plain")
-    (place / "arm.toml").write_text(TWO_JOINTS)
-    files = ("--robot", str(place / "arm.toml"), "--out", str(place / "plain.csv"))
-    assert main(["simulate", *files, "--duration", "6", "--quiet"]) == 0
-    return place / "plain.csv"
-
-
-@pytest.fixture
-def place(plain, tmp_path, monkeypatch):
+def test_the_next_commands_read_as_the_first_did(tmp_path, monkeypatch, any_motion, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "arm.toml").write_text(TWO_JOINTS)
-    (tmp_path / "plain.csv").write_bytes(plain.read_bytes())
+    assert main(["simulate", "--robot", "arm.toml", "--out", "plain.csv", "--duration", "6", "--quiet"]) == 0
     values = np.loadtxt("plain.csv", delimiter=",", skiprows=1)
     header = "zeit,lage1,lage2,amp1_mA,amp2_mA"
     table(tmp_path / "log.csv", header, values[:, 0], np.rad2deg(values[:, 1:3]), values[:, 3:] * 1e3)
-    return tmp_path
-
-
-def test_the_next_commands_read_as_the_first_did(place, capsys):
     columns = 't=zeit,q="lage{} [deg]",i=amp{}_mA'
     options = ["--columns", columns, "--gains", "1,1", "--no-posterior", "--complete", "off", "--no-report"]
     command = ["bayesid", "identify", "log.csv", "--robot", "arm.toml", *options, "--out", "result"]
@@ -61,18 +46,7 @@ def test_the_next_commands_read_as_the_first_did(place, capsys):
     assert f"--validation ANOTHER_LOG.csv --columns '{columns}' --gains 1,1`" in check.remedy
     again = eval(findings.summary.provenance.call, {"bayesid": bayesid})
     assert again.log.effort.max() == pytest.approx(read_log("plain.csv").effort.max(), rel=1e-6)
+    assert "no validation: the model was identified from this log" in repr(again.validate(again.log))
     capsys.readouterr()
     assert main(command[1:]) == 0
     assert "written to result/, in place of an earlier result" in capsys.readouterr().out
-
-
-def test_a_validation_on_the_training_log_says_so(place):
-    log = read_log("plain.csv")
-    result = bayesid.identify("arm.toml", log, complete="off", posterior=False)
-    assert "no validation: the model was identified from this log" in repr(result.validate(log))
-
-
-def test_capitals_and_gaps_are_no_reason_not_to_know_a_robot():
-    for name in ("UR5E", "ur 5e", "UR-5e"):
-        with pytest.raises(InputError, match=r"did you mean .*ur5e"):
-            bayesid.load_robot(name)

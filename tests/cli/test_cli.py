@@ -21,8 +21,6 @@ from bayesid.model.terms import STANDARD
 RESULT = {"summary.json", "segments.csv", "signed_log.csv", "coefficients.csv", "parameters.csv"}
 RESULT |= {"model.toml", "robot.urdf", "robot.xml", "findings.npz"}
 """What section 7 of the design promises and more; with draws posterior.nc too, and report.html where it is made."""
-UNUSED = {"arviz", "cvxpy", "distributed", "emcee", "h5py", "jinja2", "matplotlib", "pandas", "pyarrow", "xarray"}
-"""What an identification without posterior and report has no use for."""
 EVERY = ("identify", "validate", "simulate", "demo", "predict", "discrepancy", "payload", "report", "excite", "study")
 HERE = {"arm.toml", "log.csv"}
 
@@ -40,9 +38,6 @@ def summary(folder):
     return json.loads((folder / "summary.json").read_text())
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Help and completion
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("command", ["", *EVERY, "completion", "robot", "robot new", "robot show", "robot list"])
 def test_examples_of_the_help_can_be_typed(command, capfd):
     """Each command has some, and all of their words are options that there are."""
@@ -77,14 +72,6 @@ def test_completion_names_every_command(tmp_path, capfd):
         assert set(done.stdout.split()) == expected
 
 
-def test_the_default_terms_are_the_catalogues():
-    """The parser spells them out, so that it need not import the catalogue."""
-    assert tuple(parse(["identify", "log.csv", "--robot", "kr5"]).terms.split(",")) == STANDARD
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# identify
-# ---------------------------------------------------------------------------------------------------------------
 def test_identify_leaves_what_is_promised(arm_place, capfd):
     """With as few draws as there can be, which do not satisfy: said aloud, and no failure."""
     assert run(*identify(), "--posterior-budget", 0) == 0
@@ -100,46 +87,33 @@ def test_identify_leaves_what_is_promised(arm_place, capfd):
     assert out.endswith("written to out/\n")
 
 
-def test_two_logs_count_as_one(arm_place):
-    shutil.copy("log.csv", "again.csv")
-    assert run("identify", "log.csv", "again.csv", "--robot", "arm.toml", "--out", "out", *QUICK) == 0
-    said = summary(arm_place / "out")
-    assert said["n_samples"] == 2 * 601
-    assert said["log"] == "log.csv + again.csv"
-    assert said["logs"] == [{"source": name, "n_samples": 601} for name in ("log.csv", "again.csv")]
-    assert said["search"]["certified"] is True
-    found = rows(arm_place / "out" / "signed_log.csv")
-    assert [row["log"] for row in found] == ["log.csv"] * 601 + ["again.csv"] * 601
-    assert [row["t"] for row in found[:601]] == [row["t"] for row in found[601:]]
-    assert {row["log"] for row in rows(arm_place / "out" / "segments.csv")} == {"log.csv", "again.csv"}
-
-
-def test_a_quoted_pattern_names_logs(arm_place, monkeypatch):
-    """The folder is called after the first of them."""
-    seen = []
-
-    def spy(robot, log, *_, **__):
-        seen.append([piece.source for piece in log.pieces])
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("bayesid.cli.commands.identify.identify", spy)
-    monkeypatch.setattr("bayesid.cli.commands.identify.check_result_folder", lambda at: seen.append(at.name) or at)
+def test_several_logs_count_as_one(arm_place, capfd):
+    """And without --out the folder is called after the first of them; without a posterior none is written."""
     (arm_place / "runs").mkdir()
-    for name in ("c", "a", "b"):
+    for name in ("b", "a"):
         shutil.copy("log.csv", f"runs/{name}.csv")
-    assert run("identify", "runs/*.csv", "log.csv", "--robot", "arm.toml") == 130
-    assert seen == ["bayesid-a", ["runs/a.csv", "runs/b.csv", "runs/c.csv", "log.csv"]]
-
-
-def test_without_a_posterior_none_is_written(arm_place, capfd):
-    """And without --out the folder is called after the log."""
-    assert run("identify", "log.csv", "--robot", "arm.toml", "--no-posterior", "--search", "beam") == 0
-    assert names(arm_place / "bayesid-log") == RESULT | {"report.html"}
+    beam = "--no-posterior", "--search", "beam", "--complete", "off"
+    assert run("identify", "runs/*.csv", "--robot", "arm.toml", *beam) == 0
     assert "no posterior was sampled" in capfd.readouterr().out
-    assert summary(arm_place / "bayesid-log")["posterior"] is None
+    assert names(arm_place / "bayesid-a") == RESULT | {"report.html"}
+    said = summary(arm_place / "bayesid-a")
+    assert said["posterior"] is None
+    assert said["n_samples"] == 2 * 601
+    assert said["log"] == "runs/a.csv + runs/b.csv"
+    assert said["logs"] == [{"source": name, "n_samples": 601} for name in ("runs/a.csv", "runs/b.csv")]
+    found = rows(arm_place / "bayesid-a" / "signed_log.csv")
+    assert [row["log"] for row in found] == ["runs/a.csv"] * 601 + ["runs/b.csv"] * 601
+    assert [row["t"] for row in found[:601]] == [row["t"] for row in found[601:]]
+    assert {row["log"] for row in rows(arm_place / "bayesid-a" / "segments.csv")} == {"runs/a.csv", "runs/b.csv"}
 
 
-def test_the_terminal_says_of_the_posterior_what_the_summary_does(arm_shop):
+def test_the_signs_are_right_and_the_terminal_says_what_the_summary_does(arm_shop):
+    signed, truth = (rows(arm_shop / name) for name in ("result/signed_log.csv", "log_signed.csv"))
+    for j in range(1, 4):
+        effort, found = (np.array([float(row[f"tau{j}"]) for row in table]) for table in (truth, signed))
+        strong = np.abs(effort) > 0.05 * np.abs(effort).max()
+        np.testing.assert_array_equal(np.abs(found), np.abs(effort))
+        assert np.mean(np.sign(found) == np.sign(effort), where=strong) > 0.999
     result = summary(arm_shop / "result")["posterior"]
     (printed,) = [x for x in (arm_shop / "terminal.txt").read_text().splitlines() if x.startswith("posterior: ")]
     for number in (f"R-hat {result['max_rhat']:.3f}", f"{result['min_ess']:.0f}", f"{result['seconds']:.1f} s"):
@@ -154,27 +128,6 @@ def test_the_same_seed_gives_the_same_files(arm_shop, arm_place):
         assert (arm_place / "out" / name).read_bytes() == (arm_shop / "result" / name).read_bytes(), name
 
 
-def test_nominal_values_are_believed(arm_place):
-    """The first link's mass leaves no trace in the efforts; a parameters.csv with an sd in one line alone will do."""
-    (arm_place / "cad.csv").write_text("name,unit,mean,sd\nm1,kg,27.0,0.5\nm2,kg,3.0,\n")
-    assert run(*identify(), "--quiet", "--posterior-budget", 0, "--no-report", "--nominal", "cad.csv") == 0
-    found = {row["name"]: row for row in rows(arm_place / "out" / "parameters.csv")}
-    assert float(found["m1"]["mean"]) == pytest.approx(27.0, abs=0.5)
-    assert float(found["m1"]["sd"]) == pytest.approx(0.5, rel=0.5)
-    prior = summary(arm_place / "out")["posterior"]["prior_sd"]
-    assert prior["m1"] == 0.5
-    assert prior["m2"] == prior["m3"] > 1.0, "any link's, by the robot's lengths and efforts"
-
-
-def test_the_signs_are_right(arm_shop):
-    signed, truth = (rows(arm_shop / name) for name in ("result/signed_log.csv", "log_signed.csv"))
-    for j in range(1, 4):
-        effort, found = (np.array([float(row[f"tau{j}"]) for row in table]) for table in (truth, signed))
-        strong = np.abs(effort) > 0.05 * np.abs(effort).max()
-        np.testing.assert_array_equal(np.abs(found), np.abs(effort))
-        assert np.mean(np.sign(found) == np.sign(effort), where=strong) > 0.999
-
-
 def test_options_reach_the_identification(arm_place, monkeypatch):
     seen = {}
 
@@ -186,25 +139,27 @@ def test_options_reach_the_identification(arm_place, monkeypatch):
     options = "--unsigned", "1,3", "--beam-width", 7, "--initial-segments", 4, "--cutoff", "11.5", "--seed", 8
     options += "--search", "beam", "--search-budget", 2.5, "--posterior-budget", 3.5, "--nominal", "cad.csv"
     options += "--complete", "only-uncertainty", "--kinematic-tolerance", "3mm,0.5deg"
-    (arm_place / "cad.csv").write_text("name,mean,sd\nm2,1.5,0.25\n")
+    (arm_place / "cad.csv").write_text("name,mean,sd\nm2,1.5,0.25\nm1,2.0,\n")
     assert run(*identify(), "--terms", "rigid_body,torque_offset", *options) == 130
     assert (seen["robot"].origin.source, seen["terms"]) == ("arm.toml", ["rigid_body", "torque_offset"])
     assert seen["search"] == bayesid.Beam(width=7, initial_segments=4, budget=2.5)
     assert seen["preparation"] == bayesid.Preparation(cutoff=11.5)
     assert seen["posterior"] == bayesid.Sampling(budget=3.5, seed=8)
-    assert seen["beliefs"].nominal == {"m2": (1.5, 0.25)}
+    assert seen["beliefs"].nominal == {"m2": (1.5, 0.25)}  # the other line has no sd
     assert seen["beliefs"].kinematics.length == pytest.approx(3e-3)
     assert seen["beliefs"].kinematics.angle == pytest.approx(np.radians(0.5))
     assert seen["complete"] == "only-uncertainty"
     assert seen["log"].signed.tolist() == [False, True, False]
-    assert run(*identify(), "--search-budget", 2.5, "--beam-width", 3, "--time-limit", 9) == 130
+    limits = "--search-budget", 2.5, "--beam-width", 3, "--time-limit", 9, "--kinematic-tolerance", "2cm, 1mrad"
+    assert run(*identify(), *limits) == 130
+    assert (seen["beliefs"].kinematics.length, seen["beliefs"].kinematics.angle) == pytest.approx((0.02, 1e-3))
     assert seen["search"] == bayesid.Certified(budget=2.5, time_limit=9.0, fallback=bayesid.Beam(width=3))
     assert seen["posterior"] == bayesid.Sampling(time_limit=9.0)
     assert run(*identify(), "--no-posterior") == 130
     assert (seen["posterior"], dict(seen["beliefs"].nominal), seen["search"]) == (False, {}, bayesid.Certified())
     own, said = bayesid.KinematicTolerance(), seen["beliefs"].kinematics
     assert (said.length, said.angle) == pytest.approx((own.length, own.angle))
-    assert seen["complete"] == "auto"
+    assert (seen["complete"], tuple(seen["terms"])) == ("auto", STANDARD)
 
 
 def test_currents_need_gains(arm_place, capfd):
@@ -262,9 +217,6 @@ def test_faults_have_their_own_codes(arm_place, monkeypatch, capfd, fault, code,
     assert everything(arm_place) == before
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# validate, report
-# ---------------------------------------------------------------------------------------------------------------
 def test_validate_prints_a_table_and_agrees_with_identify(arm_shop, arm_place, capfd):
     """But for the posterior's mean, which is not where least squares is: by a fraction of the standard deviations."""
     assert run("validate", arm_shop / "result", arm_shop / "log_signed.csv") == 0
@@ -297,26 +249,12 @@ def test_report_is_made_anew_with_a_validation(arm_result, arm_place, capfd):
     changed = {path for path, content in everything(arm_result).items() if others.get(path) != content}
     assert {path.name for path in changed} == {"findings.npz"}
     assert bayesid.report.findings.read_findings("result").prediction.source == "log.csv"
-
-
-def test_report_replaces_that_of_the_folder(arm_result, arm_place, capfd):
-    (arm_result / "report.html").write_text("an old one")
-    assert run("report", "result") == 0
+    assert run("report", "result", "--quiet") == 0  # in the folder
+    assert capfd.readouterr() == ("", "")
     assert (arm_result / "report.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
-    assert capfd.readouterr() == ("written to result/report.html\n", "")
-    assert names(arm_place) == HERE | {"result"}
     assert not list(arm_result.glob(".*"))
-    for arguments in (
-        ("validate", "result", "log.csv", "--out", "validation"),
-        ("report", "result", "--validation", "log.csv"),
-    ):
-        assert run(*arguments, "--quiet") == 0
-        assert capfd.readouterr() == ("", "")
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# simulate, demo, programs
-# ---------------------------------------------------------------------------------------------------------------
 def test_simulate_leaves_the_log_and_its_signs(arm_place, capfd):
     options = "--duration", 2, "--rate", 50, "--noise", 0, "--effect", "coulomb_friction:2:0.2"
     for name, seed in (("new/s", 4), ("same", 4), ("other", 5)):
@@ -332,15 +270,29 @@ def test_simulate_leaves_the_log_and_its_signs(arm_place, capfd):
     assert one == same != other
 
 
-def test_a_urdf_robot(tmp_path, monkeypatch, capfd):
-    """Two joints that turn and one that slides, fixed joints between them."""
+def test_a_urdf_robot_in_a_process_of_its_own(tmp_path, monkeypatch, capfd):
+    """Two joints that turn and one that slides. What the libraries below print would show up here."""
+
+    def program(*arguments):
+        command = [sys.executable, "-m", "bayesid.cli", *map(str, arguments)]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+
     monkeypatch.chdir(tmp_path)
     (tmp_path / "odd.urdf").write_text(urdf_text())
     assert run("simulate", "--robot", "odd.urdf", "--duration", 6, "--out", "odd.csv", "--quiet") == 0
     assert capfd.readouterr() == ("", "")
-    assert run(*identify("odd_signed.csv", "odd.urdf"), *QUICK) == 0
-    assert run("validate", "out", "odd.csv") == 0
-    assert "by the information matrix" in capfd.readouterr().out
+    assert run(*identify("odd_signed.csv", "odd.urdf"), *QUICK, "--complete", "off") == 0
+    result = program("validate", "out", "odd.csv")
+    assert (result.returncode, result.stderr) == (0, "")
+    assert "by the information matrix" in result.stdout
+    before = names(tmp_path)
+    (tmp_path / "odd.urdf").write_text('<robot name="x"><link name="a"/><link name="b"/></robot>')
+    bad = program("identify", "odd.csv", "--robot", "odd.urdf")
+    assert (bad.returncode, bad.stdout, bad.stderr.count("\n")) == (2, "", 1)
+    assert bad.stderr.startswith("bayesid: odd.urdf: ")
+    assert names(tmp_path) == before
+    assert run("--version") == 0
+    assert capfd.readouterr().out.endswith(f"bayesid {bayesid.__version__}\n")
 
 
 def test_demo_is_the_papers_experiment(arm_shop, arm_place, capfd):
@@ -374,31 +326,3 @@ def test_the_catalogue_finds_nothing_in_the_demo(monkeypatch):
     monkeypatch.setattr(demo, "identify", asked)
     assert demo.run_experiment().wrong == 0
     assert results[0].completion.effects == ()
-
-
-def test_as_a_program(arm_shop, tmp_path):
-    """The whole of it in a process of its own: what the libraries below print would show up here."""
-
-    def program(*arguments):
-        command = [sys.executable, "-m", "bayesid.cli", *map(str, arguments)]
-        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-
-    version = program("--version")
-    assert (version.returncode, version.stdout, version.stderr) == (0, f"bayesid {bayesid.__version__}\n", "")
-    result = program("validate", arm_shop / "result", arm_shop / "log_signed.csv")
-    assert (result.returncode, result.stderr) == (0, "")
-    (tmp_path / "bad.urdf").write_text('<robot name="x"><link name="a"/><link name="b"/></robot>')
-    bad = program("identify", arm_shop / "log.csv", "--robot", "bad.urdf")
-    assert (bad.returncode, bad.stdout, bad.stderr.count("\n")) == (2, "", 1)
-    assert bad.stderr.startswith("bayesid: bad.urdf: ")
-    assert names(tmp_path) == {"bad.urdf"}
-
-
-def test_an_identification_imports_what_it_uses(arm_place):
-    arguments = [*identify(), *QUICK, "--complete", "off"]
-    script = (
-        f"import json, sys\nfrom bayesid.cli import main\nmain({arguments!r})\nprint(json.dumps(list(sys.modules)))"
-    )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert not {name.partition(".")[0] for name in json.loads(done.stdout)} & UNUSED
-    assert (arm_place / "out" / "summary.json").is_file()

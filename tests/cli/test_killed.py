@@ -20,32 +20,26 @@ from bayesid.report.findings import read_findings
 from bayesid.study.record import read_rows
 from bayesid.study.study import run_study
 
-pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+pytestmark = [pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork"), pytest.mark.usefixtures("any_motion")]
 
-TERMS = "--terms rigid_body,viscous_friction"
-IDENTIFY = f"--robot arm.toml {TERMS} --complete off --no-posterior --no-report --quiet"
-LONG = [pytest.param(100, marks=pytest.mark.long)]
+IDENTIFY = "--robot arm.toml --terms rigid_body,viscous_friction --complete off --no-posterior --no-report --quiet"
 PATIENCE = 120.0
 """s, after which a command that nobody kills hangs."""
 TABLES = ("model.toml", "segments.csv", "coefficients.csv", "parameters.csv", "signed_log.csv")
 
 
 @pytest.fixture(scope="module")
-def shop(tmp_path_factory):
-    """A robot, logs, and what commands make of them that nobody kills."""
+def shop(tmp_path_factory, any_motion):
+    """A robot, logs, and results that nobody killed."""
     place = tmp_path_factory.mktemp("shop")
     (place / "arm.toml").write_text(TWO_JOINTS)
     before = os.getcwd()
     os.chdir(place)
     try:
-        for seed, name in enumerate("abc"):
+        for seed, name in enumerate("ab"):
             assert main(f"simulate --robot arm.toml --duration 4 --seed {seed} --out {name}.csv --quiet".split()) == 0
         for name in "ab":
             assert main(f"identify {name}.csv {IDENTIFY} --out of-{name}".split()) == 0
-        for name in "bc":
-            run = f"discrepancy of-a {name}.csv --no-posterior --out gap-{name} --quiet"
-            assert main(run.split()) == 0
-        assert main(["report", "of-a", "--quiet"]) == 0
     finally:
         os.chdir(before)
     return place
@@ -119,31 +113,15 @@ def is_one_of(folder, wholes):
     read_findings(folder)
 
 
-@pytest.mark.parametrize("moments", [4, *LONG])
+@pytest.mark.parametrize("moments", [4, pytest.param(100, marks=pytest.mark.long)])
 def test_identify(place, moments):
     commands = [f"identify {name}.csv {IDENTIFY} --out result" for name in "ab"]
     seconds(commands[1])
     kill_at_random(commands, moments, lambda: is_one_of(place / "result", [place / "of-a", place / "of-b"]))
 
 
-@pytest.mark.parametrize("moments", LONG)
-def test_discrepancy(place, moments):
-    commands = [f"discrepancy of-a {name}.csv --no-posterior --out gap --quiet" for name in "bc"]
-    seconds(commands[1])
-    kill_at_random(commands, moments, lambda: is_one_of(place / "gap", [place / "gap-b", place / "gap-c"]))
-
-
-@pytest.mark.parametrize("moments", [6, *LONG])
-def test_report(place, moments):
-    def check():
-        assert (place / "of-a" / "report.html").read_text().rstrip().endswith("</html>")
-        assert {path.name for path in (place / "of-a").iterdir()} >= {"summary.json", "model.toml"}
-
-    kill_at_random(["report of-a --quiet"], moments, check)
-
-
-@pytest.mark.parametrize("moments", [6, *LONG])
-def test_study(place, moments, monkeypatch):
+@pytest.mark.long
+def test_study(place, monkeypatch):
     """Rows are added, run after run: none is lost once it stands, and none changes."""
     here = {"workers": 0}
     monkeypatch.setattr("bayesid.cli.commands.study.load", lambda name: toy_study())
@@ -151,11 +129,12 @@ def test_study(place, moments, monkeypatch):
     stood = []
 
     def check():
-        rows = [{**row, "timings": None} for row in read_rows(place / "rows")]
+        rows = [{**row, "timings": None} for row in read_rows(place / "rows")] if (place / "rows").exists() else []
         assert rows[: len(stood)] == stood
         stood[:] = rows
         if (place / "rows" / "report.txt").exists():
             assert (place / "rows" / "report.txt").read_text().endswith("\n")
 
-    commands = [f"study noise --trials {n} --resume --out rows --quiet" for n in range(40, 40 * (moments + 2), 40)]
-    kill_at_random(commands, moments, check)
+    commands = [f"study noise --trials {n} --resume --out rows --quiet" for n in range(40, 4080, 40)]
+    seconds(commands[0])
+    kill_at_random(commands, 100, check)

@@ -4,7 +4,7 @@ import shutil
 
 import numpy as np
 import pytest
-from command_line import assert_refused, run
+from command_line import run
 from conftest import small_robot, smooth_motion
 
 import bayesid
@@ -70,16 +70,3 @@ def test_a_log_is_a_motion_and_quiet_is_quiet(made, place, capfd):
     expected = made[1].predict(made[1].log, cutoff=9.0)
     np.testing.assert_allclose(values[:, 1:3], expected.mean, rtol=1e-6, atol=1e-6)
     assert capfd.readouterr() == ("", "")
-
-
-def test_motions_that_cannot_be_used(place, capfd):
-    whole = (place / "motion.csv").read_text()
-    for content, says in (
-        (whole.replace("q2", "x"), ["motion.csv", "1 joints"]),
-        (whole.replace("q1", "x"), ["column q1 is missing"]),
-        (whole.replace("t,", "when,"), ["column t is missing"]),
-        (whole + "4.1,a,b\n", ["row 502", "'a', not a number"]),
-        ("\n".join(whole.splitlines()[:9]), ["holds 8 rows"]),
-    ):
-        (place / "motion.csv").write_text(content)
-        assert_refused(capfd, ("predict", "result", "motion.csv", "--out", "x.csv"), says)

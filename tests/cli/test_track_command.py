@@ -4,7 +4,6 @@ import csv
 import io
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -13,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from command_line import everything, run
+from command_line import run
 from matplotlib.figure import Figure
 from payload_cases import PAYLOAD, TERMS, PayloadCase
 
@@ -51,7 +50,7 @@ def made(tmp_path_factory):
 @pytest.fixture
 def place(made, tmp_path, monkeypatch):
     for path in made.iterdir():
-        (shutil.copytree if path.is_dir() else shutil.copy)(path, tmp_path / path.name)
+        (tmp_path / path.name).symlink_to(path)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -76,20 +75,6 @@ def on_input(monkeypatch, content):
     monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(content)))
 
 
-def mangled(lines):
-    """A header with rows repeated, late, not a number, no rows at all, and a gap."""
-    header, *rows = lines
-    cells = rows[60].split(",")
-    missing = ",".join([cells[0], "nan", *cells[2:]])
-    unread = ",".join([*rows[120].split(",")[:-1], ""])
-    bad = ["stray words", rows[80][:20], "", "# a remark"]
-    kept = [*rows[:50], rows[49], rows[40], *rows[50:60], missing, *rows[61:81], *bad, *rows[81:120], unread]
-    return [header, *kept, *rows[121:140], *rows[170:]]
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# A recording
-# ---------------------------------------------------------------------------------------------------------------
 def test_a_recording_is_signed_as_it_would_have_been_live(place, monkeypatch, capfd):
     monkeypatch.setattr(stream_folder, "stream_figure", lambda streamed: Figure())  # it takes seconds
     assert run("track", "result", "log.csv", "--lag", 0.04, "--plot", "svg") == 0
@@ -113,9 +98,16 @@ def test_a_recording_is_signed_as_it_would_have_been_live(place, monkeypatch, ca
     assert summary["smoothing"]["share"] > 0.95
     assert 0.0 < summary["update_microseconds"]["median"] <= summary["update_microseconds"]["p99_9"]
     assert (place / "bayesid-track-log" / "stream.svg").stat().st_size > 0
+    kept = (place / "bayesid-track-log" / "signed_stream.csv").read_text()
+    on_input(monkeypatch, (place / "log.csv").read_bytes())  # read to its end first; an earlier folder is replaced
+    assert run("track", "result", "-", "--lag", 0.04, "--out", "bayesid-track-log", "--quiet") == 0
+    assert (place / "bayesid-track-log" / "signed_stream.csv").read_text() == kept
+    assert sorted(path.name for path in (place / "bayesid-track-log").iterdir()) == FILES
+    assert run("track", "result", "log.csv", "--out", "result") == 2
+    assert "holds other files" in capfd.readouterr().err
 
 
-def test_signs_that_the_log_has_are_found_again_without_them(place, capfd):
+def test_signs_that_the_log_has_count_where_it_is_said(place, monkeypatch, capfd):
     assert run("track", "result", "signed.csv", "--out", "out", "--lag", 0.04) == 0
     stream, _, summary = read(place / "out")
     assert set(np.unique(stream[:, 4:7])) <= {0.0, 1.0}
@@ -123,11 +115,17 @@ def test_signs_that_the_log_has_are_found_again_without_them(place, capfd):
     assert summary["known_signs"]["share"] > 0.95
     assert "Signs that are known" in capfd.readouterr().out
     assert run("track", "result", "signed.csv", "--out", "out", "--unsigned", "all", "--quiet") == 0
-    assert capfd.readouterr().out == ""
     assert read(place / "out")[2]["known_signs"] is None
+    for options, said in ((("--unsigned", "none"), ""), ((), "without their signs"), (("--unsigned", "all"), "")):
+        on_input(monkeypatch, (place / "signed.csv").read_bytes())
+        assert run(*FOLLOW, "--quiet", *options) == 0
+        out, err = capfd.readouterr()
+        assert said in err
+        assert bool(said) == bool(err)
+        assert (set(np.unique(stream_of(out)[-150:, 4:7])) == {0.0, 1.0}) == ("none" in options)
 
 
-def test_a_payload_is_an_alarm_with_the_way_to_go_on(place, capfd):
+def test_a_payload_is_an_alarm_with_the_way_to_go_on(place, monkeypatch, capfd):
     assert run("track", "result", "taken.csv", "--out", "out", "--lag", 0.1) == 0
     out = capfd.readouterr().out
     _, alarms, _ = read(place / "out")
@@ -139,41 +137,15 @@ def test_a_payload_is_an_alarm_with_the_way_to_go_on(place, capfd):
     assert "`bayesid discrepancy result taken.csv`" in out
     assert f"{changes[0]['time']:.2f} s: {changes[0]['kind']}" in out
 
-
-def test_what_explains_a_change_is_named_or_said_to_be_too_short(place, monkeypatch):
-    from bayesid.discrepancy import workflow
-
-    seen = []
-
     def refuse(model, log, posterior):
-        seen.append(log)
+        assert log.t[0] >= changes[0]["time"] >= log.t[0] - 1.0 / RATE
         raise bayesid.InputError("is too short", "log", "record more")
 
-    monkeypatch.setattr(workflow, "find_discrepancy", refuse)
-    assert run("track", "result", "taken.csv", "--out", "out", "--explain", "--quiet") == 0
-    _, alarms, _ = read(place / "out")
-    change = next(one for one in alarms if one["kind"] != "contact")
-    assert seen[0].t[0] >= change["time"] >= seen[0].t[0] - 1.0 / RATE
+    monkeypatch.setattr("bayesid.discrepancy.workflow.find_discrepancy", refuse)
+    assert run("track", "result", "taken.csv", "--out", "out", "--lag", 0.1, "--explain", "--quiet") == 0
+    change = next(one for one in read(place / "out")[1] if one["kind"] != "contact")
     assert change["named"] == []
     assert "is too short" in change["named_status"]
-
-
-def test_a_log_on_standard_input_is_read_to_its_end_first(place, monkeypatch, capfd):
-    on_input(monkeypatch, (place / "log.csv").read_bytes())
-    assert run("track", "result", "-", "--quiet") == 0
-    assert run("track", "result", "log.csv", "--out", "out", "--quiet") == 0
-    both = [(place / folder / "signed_stream.csv").read_text() for folder in ("bayesid-track-stream", "out")]
-    assert both[0] == both[1]
-
-
-def test_an_earlier_folder_is_replaced_and_no_other(place, capfd):
-    (place / "out").mkdir()
-    for name in ("stream.json", "stream.png"):
-        (place / "out" / name).touch()
-    assert run("track", "result", "log.csv", "--out", "out", "--quiet") == 0
-    assert sorted(path.name for path in (place / "out").iterdir()) == FILES
-    assert run("track", "result", "log.csv", "--out", "result") == 2
-    assert "holds other files" in capfd.readouterr().err
 
 
 def test_a_payload_that_the_model_knows(tmp_path, monkeypatch, capfd):
@@ -198,9 +170,6 @@ def test_a_payload_that_the_model_knows(tmp_path, monkeypatch, capfd):
     assert "tool1" in capfd.readouterr().err
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Rows as they come
-# ---------------------------------------------------------------------------------------------------------------
 def test_rows_that_are_followed_are_answered_as_the_recording_is(place, monkeypatch, capfd):
     content = (place / "taken.csv").read_bytes()
     on_input(monkeypatch, content)
@@ -229,7 +198,13 @@ def test_rows_that_are_followed_are_answered_as_the_recording_is(place, monkeypa
 
 
 def test_a_stream_in_disorder_is_counted_and_goes_on(place, monkeypatch, capfd):
-    lines = mangled((place / "log.csv").read_text().splitlines())
+    """Rows repeated, late, not a number, no rows at all, and a gap."""
+    header, *rows = (place / "log.csv").read_text().splitlines()
+    cells = rows[60].split(",")
+    missing, unread = ",".join([cells[0], "nan", *cells[2:]]), rows[120].rpartition(",")[0] + ","
+    bad = ["stray words", rows[80][:20], "", "# a remark"]
+    kept = [*rows[:50], rows[49], rows[40], *rows[50:60], missing, *rows[61:81], *bad, *rows[81:120], unread]
+    lines = [header, *kept, *rows[121:140], *rows[170:]]
     on_input(monkeypatch, "\n".join(lines).encode())
     assert run(*FOLLOW, "--out", "out") == 0
     out, err = capfd.readouterr()
@@ -239,6 +214,18 @@ def test_a_stream_in_disorder_is_counted_and_goes_on(place, monkeypatch, capfd):
     assert len(stream_of(out)) == len(lines) - 3  # the header, a blank line and a remark
     assert "2 lines were no rows" in err
     assert np.all(np.diff(stream[:, 0]) > 0.0)
+
+
+def test_a_stream_at_another_rate_is_told_once(place, monkeypatch, capfd):
+    """All rows come after gaps at 500 Hz, though nothing is wrong with any of them: 50 Hz it should have been."""
+    lines = (place / "log.csv").read_bytes().splitlines()
+    for rows, rate in ((20, 500), (120, 500), (20, 20), (120, 125)):
+        on_input(monkeypatch, b"\n".join(lines[: 1 + rows]))
+        assert run("track", "result", "-", "--follow", "--rate", rate, "--quiet") == 0
+        out, err = capfd.readouterr()
+        assert err.count("\n") == (rate == 500)
+        assert rate != 500 or np.isnan(stream_of(out)[:, 1:4]).all()
+        assert rate != 500 or "give --rate 50" in err
 
 
 def test_units_gains_and_names_count_as_in_files(place, monkeypatch, capfd):
@@ -254,39 +241,6 @@ def test_units_gains_and_names_count_as_in_files(place, monkeypatch, capfd):
     on_input(monkeypatch, (place / "log.csv").read_bytes())
     assert run(*FOLLOW, "--quiet") == 0
     np.testing.assert_allclose(strange, stream_of(capfd.readouterr().out), rtol=1e-4, atol=1e-4)
-
-
-@pytest.mark.parametrize("rows", [20, 120])
-def test_a_stream_at_another_rate_is_told_once(place, monkeypatch, capfd, rows):
-    """All rows come after gaps at 500 Hz, though nothing is wrong with any of them: 50 Hz it should have been."""
-    lines = (place / "log.csv").read_text().splitlines()[: 1 + rows]
-    on_input(monkeypatch, "\n".join(lines).encode())
-    assert run("track", "result", "-", "--follow", "--rate", 500, "--quiet") == 0
-    out, err = capfd.readouterr()
-    assert np.isnan(stream_of(out)[:, 1:4]).all()
-    assert err.count("\n") == 1
-    assert err.startswith("warning: ")
-    assert "give --rate 50" in err
-    for near in (20, 50, 125):
-        on_input(monkeypatch, "\n".join(lines).encode())
-        assert run("track", "result", "-", "--follow", "--rate", near, "--quiet") == 0
-        assert capfd.readouterr().err == ""
-
-
-def test_signs_of_a_stream_count_where_it_is_said(place, monkeypatch, capfd):
-    content = (place / "signed.csv").read_bytes()
-    on_input(monkeypatch, content)
-    assert run(*FOLLOW, "--quiet", "--unsigned", "none") == 0
-    out, err = capfd.readouterr()
-    p = stream_of(out)[-150:, 4:7]
-    assert err == ""
-    assert set(np.unique(p)) == {0.0, 1.0}
-    on_input(monkeypatch, content)
-    assert run(*FOLLOW, "--quiet") == 0
-    assert "without their signs" in capfd.readouterr().err
-    on_input(monkeypatch, content)
-    assert run(*FOLLOW, "--quiet", "--unsigned", "all") == 0
-    assert capfd.readouterr().err == ""
 
 
 @pytest.fixture
@@ -340,61 +294,54 @@ def test_a_stream_that_is_interrupted_leaves_nothing(place, live):
     assert sorted(os.listdir(place)) == before
 
 
+@pytest.mark.long
 def test_nobody_who_reads_ends_it_too(place, live):
     content = (place / "log.csv").read_bytes()
     live.stdout.close()
     live.stdin.write(content)
     live.stdin.close()
-    live.stdin = io.BytesIO()
-    live.stdout = io.BytesIO()
+    live.stdin, live.stdout = io.BytesIO(), io.BytesIO()
     assert live.wait(timeout=20) == 141
     assert not (place / "out").exists()
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Bad input
-# ---------------------------------------------------------------------------------------------------------------
 HEADER = "t,q1,q2,q3,tau1,tau2,tau3\n"
-BAD = {
-    "lag": (("result", "log.csv", "--lag", 2), "", ["--lag", "2 s"]),
-    "rate": (("result", "log.csv", "--rate", 0), "", ["a rate of 0 Hz"]),
-    "rate of another log": (("result", "log.csv", "--rate", 500), "", ["--rate", "50 Hz", "500 Hz", "leave it out"]),
-    "alarms": (("result", "log.csv", "--false-alarms", 0), "", ["--false-alarms"]),
-    "many alarms": (
-        ("result", "log.csv", "--false-alarms", 1e9),
-        "",
-        ["--false-alarms", "more than 0, and 3600 at most"],
-    ),
-    "gains": (("result", "log.csv", "--gains", "1,2,3"), "", ["drop --gains"]),
-    "picture": (("result", "log.csv", "--plot", "bmp"), "", ["--plot", "'bmp'"]),
-    "no stream": (("result", "log.csv", "--follow", "--rate", 50), "", ["log.csv", "give -"]),
-    "no rate": (("result", "-", "--follow"), HEADER, ["--follow", "give --rate HZ"]),
-    "figure of a stream": ((*FOLLOW[1:], "--plot", "png"), HEADER, ["--plot", "whole recording"]),
-    "explained stream": ((*FOLLOW[1:], "--explain"), HEADER, ["--explain", "whole recording"]),
-    "lag of a stream": ((*FOLLOW[1:], "--lag", 7), HEADER, ["--lag", "7 s"]),
-    "empty": (FOLLOW[1:], "", ["does not begin with a header"]),
-    "other joints": (FOLLOW[1:], "t,q1,q2,tau1,tau2\n0,0,0,1,1\n", ["2 joints", "has 3"]),
-    "no efforts": (FOLLOW[1:], "t,q1,q2,q3\n0,0,0,1\n", ["tau1", "is missing"]),
-    "numbers": (FOLLOW[1:], "0,0,0,0,1,1,1\n0.1,0,0,0,1,1,1\n", ["holds numbers"]),
-    "currents": (FOLLOW[1:], HEADER.replace("tau", "i") + "0,0,0,0,1,1,1\n", ["no gains"]),
-    "topic": ((*FOLLOW[1:], "--topic", "/x"), HEADER, ["no topic"]),
-    "degrees": (FOLLOW[1:], HEADER + "0,90,80,70,1,1,1\n", ["are they degrees"]),
-    "milliseconds": (FOLLOW[1:], HEADER + "".join(f"{20 * k},0,0,0,1,1,1\n" for k in range(60)), ["t[ms]", "50 Hz"]),
-}
+MS = "".join(f"{20 * k},0,0,0,1,1,1\n" for k in range(60))
+BAD = [
+    (("--lag", 2), ["--lag", "2 s"]),
+    (("--rate", 0), ["a rate of 0 Hz"]),
+    (("--rate", 500), ["--rate", "50 Hz", "500 Hz", "leave it out"]),
+    (("--false-alarms", 0), ["--false-alarms"]),
+    (("--false-alarms", 1e9), ["--false-alarms", "more than 0, and 3600 at most"]),
+    (("--gains", "1,2,3"), ["drop --gains"]),
+    (("--plot", "bmp"), ["--plot", "'bmp'"]),
+    (("--follow", "--rate", 50), ["log.csv", "give -"]),
+]
+BAD_STREAMS = [
+    (("--plot", "png"), HEADER, ["--plot", "whole recording"]),
+    (("--explain",), HEADER, ["--explain", "whole recording"]),
+    (("--lag", 7), HEADER, ["--lag", "7 s"]),
+    (("--topic", "/x"), HEADER, ["no topic"]),
+    ((), "", ["does not begin with a header"]),
+    ((), "t,q1,q2,tau1,tau2\n0,0,0,1,1\n", ["2 joints", "has 3"]),
+    ((), "t,q1,q2,q3\n0,0,0,1\n", ["tau1", "is missing"]),
+    ((), "0,0,0,0,1,1,1\n0.1,0,0,0,1,1,1\n", ["holds numbers"]),
+    ((), HEADER.replace("tau", "i") + "0,0,0,0,1,1,1\n", ["no gains"]),
+    ((), HEADER + "0,90,80,70,1,1,1\n", ["are they degrees"]),
+    ((), HEADER + MS, ["t[ms]", "50 Hz"]),
+    ((), HEADER.encode("utf-16"), ["UTF-16"]),
+]
 
 
 def test_bad_input_is_one_line_and_nothing_is_written(place, monkeypatch, capfd):
-    for name, (arguments, content, says) in BAD.items():
-        before = everything(place)
-        on_input(monkeypatch, content.encode())
-        assert run("track", *arguments, "--out", "out") == 2, name
+    before = sorted(os.listdir(place))
+    cases = [(("track", "result", "log.csv", *options), "", says) for options, says in BAD]
+    cases += [((*FOLLOW, *options), content, says) for options, content, says in BAD_STREAMS]
+    cases.append((("track", "result", "-", "--follow"), HEADER, ["--follow", "give --rate HZ"]))
+    for arguments, content, says in cases:
+        on_input(monkeypatch, content if isinstance(content, bytes) else content.encode())
+        assert run(*arguments, "--out", "out") == 2
         err = capfd.readouterr().err
         assert err.count("\n") == 1
         assert all(word in err for word in says), err
-        assert everything(place) == before
-
-
-def test_an_encoding_that_cannot_be_followed_is_told(place, monkeypatch, capfd):
-    on_input(monkeypatch, (place / "log.csv").read_text().encode("utf-16"))
-    assert run(*FOLLOW) == 2
-    assert "UTF-16" in capfd.readouterr().err
+        assert sorted(os.listdir(place)) == before

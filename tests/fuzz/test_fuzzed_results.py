@@ -162,9 +162,6 @@ def test_arrays(folder, sample, check_report, examples):
     fuzz(changed_arrays(sample["findings.npz"]), check, examples)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# What was found
-# ---------------------------------------------------------------------------------------------------------------
 def test_a_summary_of_something_else(folder):
     path = folder / "summary.json"
     whole = path.read_text(encoding="utf-8")
@@ -198,24 +195,6 @@ def test_an_archive_that_claims_more_than_it_holds(folder):
         read_findings(folder)
 
 
-def test_findings_of_another_robot(folder):
-    write_findings(make_findings(N + 1), folder / "findings.npz")
-    with pytest.raises(InputError, match=r"summary.json, noise.\w+ has shape \(2,\)"):
-        read_findings(folder)
-
-
-def test_a_name_that_claims_more_than_it_holds(folder, sample):
-    """HDF5 would take as much memory as the length says."""
-    content = bytearray(sample["posterior.nc"])
-    with h5py.File(io.BytesIO(sample["posterior.nc"])) as file:
-        start = file["posterior/coefficient"].id.get_offset()
-    content[start : start + 4] = (2_600_000_000).to_bytes(4, "little")
-    (folder / "posterior.nc").write_bytes(content)
-    with pytest.raises(InputError, match=r"posterior\.nc: not the netCDF file of a posterior, or damaged"):
-        read_findings(folder)
-    check_reader(lambda: read_findings(folder))
-
-
 @pytest.mark.filterwarnings("error")
 def test_numbers_of_a_model_that_nothing_can_be_done_with(folder, sample):
     table = tomllib.loads(sample["model.toml"].decode())
@@ -229,15 +208,3 @@ def test_numbers_of_a_model_that_nothing_can_be_done_with(folder, sample):
     (folder / "model.toml").write_text(tomli_w.dumps(table), encoding="utf-8")
     with pytest.raises(InputError, match="precision is not that of a normal distribution"):
         load_model(folder)
-
-
-def test_an_archive_of_an_earlier_version_lacks_what_has_a_default(folder, sample):
-    """Each array left out in turn: some findings are read all the same, others are refused in one line."""
-    with np.load(io.BytesIO(sample["findings.npz"])) as kept:
-        arrays = {name: kept[name] for name in kept.files}
-    read = []
-    for name in arrays:
-        np.savez(folder / "findings.npz", **{other: values for other, values in arrays.items() if other != name})
-        read.append(check_reader(lambda: read_findings(folder)))
-    assert any(read)
-    assert not all(read)

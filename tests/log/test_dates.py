@@ -1,10 +1,8 @@
 """When logs were recorded: by stamps, by names, or nobody knows."""
 
-from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
-import pytest
 
 from bayesid.log.dates import NAMES, ORDER, STAMPS, dates_of
 from bayesid.log.log import Log, join_logs
@@ -23,20 +21,17 @@ def test_absolute_stamps_come_first():
     np.testing.assert_allclose(dates.days, [0.0, 1.5])
 
 
-@pytest.mark.parametrize(
-    ("names", "texts"),
-    [
-        (("runs/2026-03-14.csv", "runs/2026-05-02.csv"), ("2026-03-14", "2026-05-02")),
-        (("arm_20260314_b.csv", "arm_20260502_a.csv"), ("2026-03-14", "2026-05-02")),
-        (("2026-03-14T0830.csv", "2026-03-14T1700.csv"), ("2026-03-14T08:30:00", "2026-03-14T17:00:00")),
-    ],
-)
-def test_dates_in_names(names, texts):
-    dates = dates_of([log(name) for name in names])
-    assert dates.basis == NAMES
-    assert dates.texts == texts
-    assert dates.days[0] == 0.0
-    assert dates.days[1] > 0.0
+def test_dates_in_names():
+    """A joined log is of its first recording."""
+    for names, texts, days in (
+        (("arm_20260314_b.csv", "runs/2026-05-02.csv"), ("2026-03-14", "2026-05-02"), 49.0),
+        (("2026-05-02.csv", "2026-03-14.csv"), ("2026-05-02", "2026-03-14"), -49.0),
+        (("2026-03-14T0830.csv", "2026-03-14T1700.csv"), ("2026-03-14T08:30:00", "2026-03-14T17:00:00"), 8.5 / 24.0),
+    ):
+        first, second = (log(name) for name in names)
+        dates = dates_of([join_logs([first, log("2026-06-01.csv")]), second])
+        assert (dates.basis, dates.texts, dates.ascending) == (NAMES, texts, days > 0.0)
+        np.testing.assert_allclose(dates.days, [0.0, days])
 
 
 def test_without_a_date_for_each_the_order_counts():
@@ -44,14 +39,3 @@ def test_without_a_date_for_each_the_order_counts():
         dates = dates_of([log("2026-03-14.csv"), log(name), log("2026-05-02.csv")])
         assert (dates.basis, dates.texts, dates.known) == (ORDER, ("1", "2", "3"), False)
         np.testing.assert_allclose(dates.days, [0.0, 1.0, 2.0])
-
-
-def test_order_is_told():
-    assert dates_of([log("2026-03-14.csv"), log("2026-05-02.csv")]).ascending
-    assert not dates_of([log("2026-05-02.csv"), log("2026-03-14.csv")]).ascending
-
-
-def test_a_joined_log_is_of_its_first_recording():
-    joined = join_logs([log("2026-03-14.csv"), log("2026-03-15.csv")])
-    dates = dates_of([joined, replace(log("2026-05-02.csv"))])
-    assert dates.texts == ("2026-03-14", "2026-05-02")

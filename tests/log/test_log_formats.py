@@ -1,6 +1,5 @@
 """One log in every format comes back as its CSV does; and what is wrong with a file is said in one line."""
 
-import shutil
 import sys
 import warnings
 from datetime import datetime, timedelta
@@ -9,14 +8,15 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from conftest import real_log
-from log_files import Bag, assert_same, flat, refusal, save, save_hdf5, save_matlab, save_parquet, text, without
+from log_files import Bag, assert_same, flat, kuka, refusal, save, save_hdf5, save_matlab, save_parquet, text, without
 
 from bayesid.log.log import find_logs, read_log
 
 ROWS = 64
 N = 3
-NAMES = ("base_yaw", "arm_lift", "wrist_roll")
-J = ["j1", "j2", "j3"]
+J = ["base_yaw", "arm_lift", "wrist_roll"]
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*joints are taken in the order")
 
 
 @pytest.fixture
@@ -29,61 +29,38 @@ def recorded():
     return {"t": t, **blocks, "tau": rng.normal(size=(ROWS, N)) * [30.0, 9.0, 0.7]}
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Parquet
-# ---------------------------------------------------------------------------------------------------------------
 def test_parquet_is_known_by_what_it_holds(tmp_path, recorded):
-    name = "log.csv"
+    """Words among its columns, whole numbers, time stamps (since 1970 a float counts in steps of 2.4e-7 s)."""
     columns = {"mode": ["auto"] * ROWS, **flat(recorded), "q9_raw": [None] * ROWS}
-    log = read_log(save_parquet(tmp_path / name, columns))
-    assert_same(log, recorded)
-    assert log.source == str(tmp_path / name)
-
-
-@pytest.mark.parametrize("unit", ["s", "ns"])
-def test_parquet_of_whole_numbers_and_time_stamps(tmp_path, unit):
-    """Since 1970 a float counts in steps of 2.4e-7 s."""
-    rng = np.random.default_rng(1)
-    q, tau = rng.integers(-3, 4, ROWS), rng.integers(-90, 90, ROWS)
-    start, step = datetime(2026, 2, 3, 4, 5, 6), timedelta(seconds=1) if unit == "s" else timedelta(milliseconds=4)
-    times = [start + k * step for k in range(ROWS)]
-    columns = {"q1": pa.array(q, pa.int8()), "tau1": pa.array(tau, pa.int32())}
-    columns["t"] = pa.array(times, pa.timestamp(unit))
-    log = read_log(save_parquet(tmp_path / "log.parquet", columns))
-    since_1970 = (start - datetime(1970, 1, 1)).total_seconds()
-    expected = np.arange(ROWS) * step.total_seconds()
-    np.testing.assert_allclose(log.t, since_1970 + expected, rtol=0.0, atol=2.4e-7)
-    np.testing.assert_array_equal(log.q[:, 0], q)
-    np.testing.assert_array_equal(log.effort[:, 0], tau)
-    columns["t"] = pa.array([time - start for time in times], pa.duration(unit))
-    log = read_log(save_parquet(tmp_path / "since.parquet", columns))
-    np.testing.assert_allclose(log.t, expected, rtol=0.0, atol=1e-15)
-
-
-@pytest.mark.parametrize(
-    ("name", "values", "said"),
-    [
-        ("q2", [*[0.5] * 9, None, *[0.7] * (ROWS - 10)], "log.parquet, row 10: column q2 holds no value; "),
-        ("dq3", [*[0.5] * 4, np.inf, *[0.7] * (ROWS - 5)], "log.parquet, row 5: column dq3 holds inf; "),
-        ("q1", ["far"] * ROWS, "log.parquet, column q1: holds string, not numbers; "),
-        ("q1", pa.array(range(ROWS), pa.timestamp("us")), "column q1: holds timestamp[us], not numbers; "),
-        ("t", np.zeros(ROWS), "log.parquet, column t: time never advances; "),
-    ],
-)
-def test_parquet_with_a_bad_column(tmp_path, recorded, name, values, said):
-    assert said in refusal(save_parquet(tmp_path / "log.parquet", flat(recorded) | {name: values}))
+    assert_same(read_log(save_parquet(tmp_path / "log.csv", columns)), recorded)
+    start, t = datetime(2026, 2, 3, 4, 5, 6), np.arange(ROWS) * 4e-3
+    times = [start + timedelta(seconds=float(one)) for one in t]
+    columns["tau2"], columns["q1"] = pa.array(np.arange(ROWS) - 9, pa.int32()), pa.array(np.arange(ROWS) % 3, pa.int8())
+    for kind, values, zero in (("timestamp", times, start), ("duration", [one - start for one in times], None)):
+        columns["t"] = pa.array(values, getattr(pa, kind)("ns"))
+        log = read_log(save_parquet(tmp_path / "log.parquet", columns))
+        first = (zero - datetime(1970, 1, 1)).total_seconds() if zero else 0.0
+        np.testing.assert_allclose(log.t, first + t, rtol=0.0, atol=2.4e-7 if zero else 1e-15)
+        np.testing.assert_array_equal(log.q[:, 0], np.arange(ROWS) % 3)
+        np.testing.assert_array_equal(log.effort[:, 1], np.arange(ROWS) - 9)
 
 
 def test_parquet_that_cannot_be_used(tmp_path, recorded):
-    path = save_parquet(tmp_path / "log.parquet", without(flat(recorded), "tau2"))
-    assert "log.parquet: column tau2 is missing; add it; q1..q3 are there" in refusal(path)
+    path = tmp_path / "log.parquet"
+    for name, values, said in (
+        ("q2", [*[0.5] * 9, None, *[0.7] * (ROWS - 10)], ", row 10: column q2 holds no value; "),
+        ("dq3", [*[0.5] * 4, np.inf, *[0.7] * (ROWS - 5)], ", row 5: column dq3 holds inf; "),
+        ("q1", ["far"] * ROWS, ", column q1: holds string, not numbers; "),
+        ("q1", pa.array(range(ROWS), pa.timestamp("us")), ", column q1: holds timestamp[us], not numbers; "),
+        ("t", np.zeros(ROWS), ", column t: time never advances; "),
+    ):
+        assert f"log.parquet{said}" in refusal(save_parquet(path, flat(recorded) | {name: values}))
+    lacking = refusal(save_parquet(path, without(flat(recorded), "tau2")))
+    assert "log.parquet: column tau2 is missing; add it; q1..q3 are there" in lacking
     path.write_bytes(path.read_bytes()[:-20])
     assert "log.parquet: is damaged (" in refusal(path)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# MATLAB
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("write", [save_matlab, save_hdf5])
 @pytest.mark.parametrize("form", ["matrices", "transposed", "vectors", "struct", "aliases", "no velocities"])
 def test_matlab(tmp_path, recorded, write, form):
@@ -97,12 +74,8 @@ def test_matlab(tmp_path, recorded, write, form):
         "no velocities": kept,
     }[form]
     assert_same(read_log(write(tmp_path / "log.mat", variables)), kept)
-
-
-def test_matlab_currents_of_one_joint(tmp_path, recorded):
-    for write in (save_matlab, save_hdf5):
-        path = write(tmp_path / "log.mat", {"t": recorded["t"], "q": recorded["q"][:, 1], "i": recorded["tau"][:, 2]})
-        np.testing.assert_array_equal(read_log(path, gains=[3.5]).effort[:, 0], recorded["tau"][:, 2] * 3.5)
+    one = {"t": kept["t"], "q": kept["q"][:, 1], "i": kept["tau"][:, 2]}
+    np.testing.assert_array_equal(read_log(write(tmp_path / "1.mat", one), [3.5]).effort[:, 0], one["i"] * 3.5)
 
 
 @pytest.mark.parametrize(
@@ -134,9 +107,6 @@ def test_two_structs_and_damaged_files(tmp_path, recorded, write):
     assert "save it again with save(..., '-v7')" in refusal(path)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# ROS 2
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.fixture
 def bag():
     return Bag()
@@ -144,13 +114,13 @@ def bag():
 
 @pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
 def test_a_bag(tmp_path, recorded, bag, storage):
-    path = bag.write(tmp_path / "bag", {"/joint_states": bag.states(recorded, NAMES), "/talk": []}, storage)
+    path = bag.write(tmp_path / "bag", {"/joint_states": bag.states(recorded, J), "/talk": []}, storage)
     with pytest.warns(UserWarning, match="the order base_yaw, arm_lift, wrist_roll; if that is not from base to tip"):
         assert_same(read_log(path), recorded, atol=1e-15)
     [file] = [one for one in path.iterdir() if one.suffix != ".yaml"]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        log = read_log(file, joints=[NAMES[2], NAMES[0]])
+        log = read_log(file, joints=[J[2], J[0]])
     assert_same(log, {name: values if name == "t" else values[:, [2, 0]] for name, values in recorded.items()}, 1e-15)
     assert find_logs([str(tmp_path / "b*"), file]) == [path, file]
     assert find_logs([str(tmp_path / "**")]) == [path]
@@ -170,44 +140,36 @@ def test_a_bag_without_definitions(tmp_path, recorded, bag):
 
 
 @pytest.mark.filterwarnings("error")
-def test_numbers_tell_the_order_of_joints(tmp_path, recorded, bag):
+def test_numbers_tell_the_order_of_joints_and_unknown_velocities_are_left_out(tmp_path, recorded, bag):
     """In the messages the second joint stands first, and 10 after 9."""
-    order = [1, 2, 0]
-    stated = {name: values if name == "t" else values[:, order] for name, values in recorded.items()}
-    path = bag.write(tmp_path / "bag", {"/states": bag.states(stated, ["arm2_joint9", "arm2_joint10", "arm2_joint8"])})
-    assert_same(read_log(path), recorded, atol=1e-15)
-
-
-def test_velocities_that_are_not_known_are_left_out(tmp_path, recorded, bag):
-    for name, dq in {"none": None, "nan": np.full((ROWS, N), np.nan)}.items():
-        given = without(recorded, "dq") if dq is None else recorded | {"dq": dq}
-        path = bag.write(tmp_path / name, {"/states": bag.states(given, J)})
-        assert_same(read_log(path), without(recorded, "dq"), atol=1e-15)
+    known = without(recorded, "dq")
+    for name, given in {"none": known, "nan": known | {"dq": np.full((ROWS, N), np.nan)}}.items():
+        stated = {kind: values if kind == "t" else values[:, [1, 2, 0]] for kind, values in given.items()}
+        states = bag.states(stated, ["arm2_joint9", "arm2_joint10", "arm2_joint8"])
+        assert_same(read_log(bag.write(tmp_path / name, {"/states": states})), known, atol=1e-15)
 
 
 def test_stamps_that_are_zero(tmp_path, recorded, bag):
-    names = J
-    path = bag.write(tmp_path / "bag", {"/states": bag.states(recorded, names, stamped=False)})
+    path = bag.write(tmp_path / "bag", {"/states": bag.states(recorded, J, stamped=False)})
     with pytest.warns(UserWarning, match="the stamps are zero; time is when the bag received the messages"):
         log = read_log(path)
     assert_same(log, recorded | {"t": recorded["t"] + 1e-3}, atol=1e-12)
-    mixed = [*bag.states(recorded, names)[:5], *bag.states(recorded, names, stamped=False)[5:]]
+    mixed = [*bag.states(recorded, J)[:5], *bag.states(recorded, J, stamped=False)[5:]]
     path = bag.write(tmp_path / "mixed", {"/states": mixed})
     assert "mixed, topic /states, message 6: time runs backwards, from 12.2" in refusal(path)
     simulated = recorded | {"t": recorded["t"] - recorded["t"][0]}
-    path = bag.write(tmp_path / "simulated", {"/states": bag.states(simulated, names)})
+    path = bag.write(tmp_path / "simulated", {"/states": bag.states(simulated, J)})
     assert_same(read_log(path), simulated, atol=1e-15)
 
 
 def test_which_topic(tmp_path, recorded, bag):
-    names = J
-    states, commands = bag.states(recorded, names), bag.states(without(recorded, "tau"), names)
+    states, commands = bag.states(recorded, J), bag.states(without(recorded, "tau"), J)
     path = bag.write(tmp_path / "bag", {"/commands": commands, "/states": states})
     assert_same(read_log(path), recorded, atol=1e-15)
     assert "topic /commands, message 1: holds no effort of each joint; " in refusal(path, topic="/commands")
     assert "--topic: '/other' is no topic of joint states; give /commands, /states" in refusal(path, topic="/other")
     scaled = recorded | {"tau": 2.0 * recorded["tau"]}
-    path = bag.write(tmp_path / "two", {"/left": states, "/right": bag.states(scaled, names)})
+    path = bag.write(tmp_path / "two", {"/left": states, "/right": bag.states(scaled, J)})
     assert "2 of the topics /left, /right have efforts; say which with --topic" in refusal(path)
     assert_same(read_log(path, topic="/right"), scaled, atol=1e-15)
     path = bag.write(tmp_path / "no", {"/left": commands, "/right": commands})
@@ -216,166 +178,111 @@ def test_which_topic(tmp_path, recorded, bag):
 
 def test_a_topic_of_several_publishers(tmp_path, recorded, bag):
     gripper = [bag.state(t + 5e-4, ["finger1", "finger2"], [0.1, t], [], []) for t in recorded["t"]]
-    path = bag.write(
-        tmp_path / "bag", {"/states": sorted([*bag.states(recorded, NAMES), *gripper], key=lambda one: one[0])}
-    )
+    states = sorted([*bag.states(recorded, J), *gripper], key=lambda one: one[0])
+    path = bag.write(tmp_path / "bag", {"/states": states})
     assert "there are messages of base_yaw, arm_lift, wrist_roll, and of finger1, finger2; say which" in refusal(path)
-    assert_same(read_log(path, joints=NAMES), recorded, atol=1e-15)
+    assert_same(read_log(path, joints=J), recorded, atol=1e-15)
     expected = "no message holds all of the joints elbow; give --joints those of base_yaw, arm_lift, wrist_roll, fing"
     assert expected in refusal(path, joints=["elbow"])
     assert "--joints: a joint is named twice; " in refusal(path, joints=["base_yaw", "base_yaw"])
 
 
-def test_incomplete_messages(tmp_path, recorded, bag):
+def in_degrees(recorded):
+    return recorded | {name: np.rad2deg(recorded[name]) for name in ("q", "dq")}
+
+
+def test_bags_that_cannot_be_read(tmp_path, recorded, bag, monkeypatch):
     states = bag.states(recorded, J)
     for k, (q, tau, said) in enumerate(
         (
             ([0.1], [1.0] * 3, "message 3: holds no position of each joint; "),
             ([0.1] * 3, [1.0] * 2, "message 3: holds no effort of each joint; "),
-            ([0.1, np.nan, 0.2], [1.0] * 3, "message 3: column q2 (j2) holds nan; "),
+            ([0.1, np.nan, 0.2], [1.0] * 3, "message 3: column q2 (arm_lift) holds nan; "),
         )
     ):
         states[2] = bag.state(recorded["t"][2], J, q, [], tau)
         assert said in refusal(bag.write(tmp_path / f"bag{k}", {"/states": states}))
-
-
-def test_bags_that_cannot_be_read(tmp_path, recorded, bag):
     assert "holds no message of sensor_msgs/msg/JointState" in refusal(bag.write(tmp_path / "talk", {"/talk": []}))
     for storage in ("mcap", "sqlite3"):
-        path = bag.write(tmp_path / storage, {"/states": bag.states(recorded, NAMES)}, storage)
+        path = bag.write(tmp_path / storage, {"/states": bag.states(recorded, J)}, storage)
         [file] = [one for one in path.iterdir() if one.suffix != ".yaml"]
         file.write_bytes(file.read_bytes()[:900])
-        assert f"{path}: cannot be read as a bag (" in refusal(path)
-        assert f"{file}: cannot be read as a bag (" in refusal(file)
+        for one in (path, file):
+            assert f"{one}: cannot be read as a bag (" in refusal(one)
         (path / "metadata.yaml").unlink()
         assert f"{path}: is a bag without its metadata.yaml; " in refusal(path)
-
-
-def test_without_rosbags(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
     (tmp_path / "metadata.yaml").touch()
     assert refusal(tmp_path).endswith("bags need the library rosbags; pip install 'bayesid[ros]'")
-
-
-def test_only_bags_have_topics_and_joints(tmp_path, recorded):
     path = save(tmp_path / "log.csv", flat(recorded))
     for option in ({"topic": "/states"}, {"joints": ["j1"]}):
         [name] = option
-        said = f"log.csv: is a CSV table, which has no {name}; leave --{name} out"
-        assert said in refusal(path, **option)
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# KUKA
-# ---------------------------------------------------------------------------------------------------------------
-def kuka(recorded, position="AIPos.A", effort="MACur.A", velocity="AxisVel.A", clock="IPOC"):
-    """A controller's columns, among others; efforts in N m and in A are the same numbers here."""
-    blocks = {position: np.rad2deg(recorded["q"]), velocity: np.rad2deg(recorded["dq"]), effort: recorded["tau"]}
-    columns = {"RIst.X": np.full(ROWS, 812.5), clock: np.round(recorded["t"] * 1e3)}
-    for name, block in blocks.items():
-        columns |= {f"{name}{j + 1}": values for j, values in enumerate(block.T)} if name else {}
-    return columns | {"EIPos.E1": np.zeros(ROWS), "Digout.o1": np.ones(ROWS)}
-
-
-@pytest.mark.parametrize(("separator", "decimal"), [(",", "."), (";", ","), ("\t", ",")])
-def test_kuka_in_any_dialect(tmp_path, recorded, separator, decimal):
-    path = save(tmp_path / "rsi.csv", text(kuka(recorded), separator, decimal))
-    log = read_log(path, gains=[2.0, -3.0, 0.5])
-    assert_same(log, recorded | {"tau": recorded["tau"] * [2.0, -3.0, 0.5]}, atol=1e-13)
-    assert "rsi.csv: the log holds currents but no gains are given" in refusal(path)
+        assert f"log.csv: is a CSV table, which has no {name}; leave --{name} out" in refusal(path, **option)
 
 
 @pytest.mark.parametrize(
     "names",
     [
+        {"effort": "MACur.A"},
         {"position": "AIPos_A", "effort": "GearTorque_A"},
         {"position": "aiposa", "effort": "axistorque", "velocity": "axisvel"},
-        {"position": "A", "effort": "Torque.A"},
+        {"position": "A", "clock": "Time[ms]"},
         {"position": "rx.AIPos.A", "effort": "rx.Torque.A", "velocity": "rx.AxisVel.A", "clock": "rx.IPOC"},
         {"position": "Receive.AIPos.A", "clock": "Send.IPOC"},
-        {"clock": "Time[ms]"},
     ],
 )
 def test_names_of_kuka(tmp_path, recorded, names):
-    columns = kuka(recorded, **{"effort": "Torque.A"} | names)
-    path = save(tmp_path / "rsi.csv", text(columns, ";", ","))
-    assert_same(read_log(path), recorded, atol=1e-13)
+    columns, currents = kuka(recorded, **{"effort": "Torque.A"} | names), names.get("effort") == "MACur.A"
+    for separator, decimal in ((";", ","), ("\t", ",")) if currents else ((",", "."),):
+        path, gains = save(tmp_path / "rsi.csv", text(columns, separator, decimal)), np.array([2.0, -3.0, 0.5])
+        log = read_log(path, gains=gains if currents else None)
+        assert_same(log, recorded | {"tau": recorded["tau"] * (gains if currents else 1.0)}, atol=1e-13)
 
 
-def test_what_kuka_prefers(tmp_path, recorded):
+def test_what_kuka_prefers_and_a_user_names(tmp_path, recorded):
     """Actual positions to commanded ones, the controller's clock to others, torques to currents, one prefix."""
-    more = {f"ASPos.A{j}": np.zeros(ROWS) for j in (1, 2, 3)} | {f"A{j}": np.ones(ROWS) for j in (1, 2, 3)}
-    more |= {"Time": np.ones(ROWS), "Send.IPOC": np.ones(ROWS), "Receive.IPOC": np.round(recorded["t"] * 1e3)}
-    more |= {f"MACur.A{j}": np.full(ROWS, np.nan) for j in (1, 2, 3)}
-    more |= {f"Send.AKorr.A{j}": np.full(ROWS, np.nan) for j in (1, 2, 3)}
+    nothing = {"q": np.full((ROWS, N), np.nan)}
+    more = {"Time": np.ones(ROWS), "Send.IPOC": np.ones(ROWS), "Receive.IPOC": np.round(recorded["t"] * 1e3)}
+    for name in ("ASPos.A{}", "A{}", "MACur.A{}", "Send.AKorr.A{}"):
+        more |= flat(nothing, q=name)
     columns = without(kuka(recorded, "Receive.AIPos.A", "Torque.A"), "IPOC")
     assert_same(read_log(save(tmp_path / "rsi.csv", more | columns)), recorded, atol=1e-13)
-
-
-def test_commanded_positions_of_kuka_are_warned_of(tmp_path, recorded):
     path = save(tmp_path / "rsi.csv", kuka(recorded, "ASPos.A", "Torque.A"))
     with pytest.warns(UserWarning, match="positions are commanded ones"):
         assert_same(read_log(path), recorded, atol=1e-13)
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"AIPos.A1": None, "AIPos.A2": None, "AIPos.A3": None}, "there are no axis positions among RIst.X, IPOC, "),
-        ({"IPOC": None}, "there is no time among RIst.X, AIPos.A1, AIPos.A2, "),
-        (
-            {"MACur.A1": None, "MACur.A2": None, "MACur.A3": None},
-            "there are neither motor currents nor torques of the axes among RIst.X, IPOC, AIPos.A1, AIPos.A2, "
-            "AIPos.A3, AxisVel.A1, AxisVel.A2, AxisVel.A3, EIPos.E1, Digout.o1; needed are IPOC or Time, AIPos.A1..",
-        ),
-        ({"MACur.A2": None}, "row 1: column MACur.A1 has none beside it for axis 2; add it: there are positions of 3"),
-        ({"R2.AIPos.A1": 1.0, "R2.AIPos.A2": 1.0, "R2.AIPos.A3": 1.0}, "AIPos.A1 and R2.AIPos.A1 hold the same"),
-        ({"Torque.A1": 1.0, "GearTorque.A1": 1.0}, "row 1: Torque.A1 and GearTorque.A1 are torques; leave all but one"),
-        (
-            {"IPOC": None, "Time": 4.0},
-            "column Time spans 252 s with steps of 4 s: milliseconds?; name the column Time[ms]",
-        ),
-        ({"MACur.A2": None, "MACur.A2[%]": np.nan}, "row 2: column MACur.A2[%] holds nan"),
-        ({"AxisVel.A1": None, "AxisVel.A1[%]": 1.0}, "column AxisVel.A1[%] is in a unit that is not known; give it in"),
-    ],
-)
-def test_kuka_that_cannot_be_used(tmp_path, recorded, change, said):
-    columns = {name: values for name, values in kuka(recorded).items() if name not in change}
-    columns |= {name: np.arange(1, ROWS + 1) * value for name, value in change.items() if value is not None}
-    assert said in refusal(save(tmp_path / "rsi.csv", text(columns, ";", ",")), gains=[1.0, 1.0, 1.0])
-
-
-def test_a_user_names_the_columns_of_kuka(tmp_path, recorded):
-    """The time alone, in a unit that the header does not state, or all."""
     path = save(tmp_path / "rsi.csv", text(kuka(recorded, effort="Torque.A", clock="Time"), ";", ","))
     assert_same(read_log(path, columns={"t": "Time[ms]"}), recorded, atol=1e-13)
     columns = {"t": "Time [ms]", "q": "AIPos.A{}", "tau": "Torque.A{}", "dq": "AxisVel.A{} [deg/s]"}
     assert_same(read_log(path, columns=columns, degrees=True), recorded, atol=1e-13)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Degrees
-# ---------------------------------------------------------------------------------------------------------------
-def in_degrees(recorded):
-    return recorded | {name: np.rad2deg(recorded[name]) for name in ("q", "dq")}
+def test_kuka_that_cannot_be_used(tmp_path, recorded):
+    for change, said in (
+        ({f"AIPos.A{j}": None for j in (1, 2, 3)}, "there are no axis positions among RIst.X, IPOC, "),
+        ({"IPOC": None}, "there is no time among RIst.X, AIPos.A1, AIPos.A2, "),
+        ({f"MACur.A{j}": None for j in (1, 2, 3)}, "there are neither motor currents nor torques of the axes among "),
+        ({"MACur.A2": None}, "column MACur.A1 has none beside it for axis 2; add it: there are positions of 3"),
+        ({f"R2.AIPos.A{j}": 1.0 for j in (1, 2, 3)}, "AIPos.A1 and R2.AIPos.A1 hold the same"),
+        ({"Torque.A1": 1.0, "GearTorque.A1": 1.0}, "Torque.A1 and GearTorque.A1 are torques; leave all but one"),
+        ({"IPOC": None, "Time": 4.0}, "column Time spans 252 s with steps of 4 s: milliseconds?; name the column Time"),
+        ({"MACur.A2": None, "MACur.A2[%]": np.nan}, "row 2: column MACur.A2[%] holds nan"),
+        ({"AxisVel.A1": None, "AxisVel.A1[%]": 1.0}, "column AxisVel.A1[%] is in a unit that is not known; give it"),
+    ):
+        columns = without(kuka(recorded), *change)
+        columns |= {name: np.arange(1, ROWS + 1) * value for name, value in change.items() if value is not None}
+        assert said in refusal(save(tmp_path / "rsi.csv", text(columns, ";", ",")), gains=[1.0, 1.0, 1.0])
+    assert "the log holds currents but no gains are given" in refusal(save(tmp_path / "rsi.csv", kuka(recorded)))
 
 
-@pytest.mark.parametrize("form", ["q1 (deg)", "q1_deg", "q1[°]"])
-def test_degrees_by_the_header(tmp_path, recorded, form):
-    columns = {}
-    for name, values in flat(in_degrees(recorded)).items():
-        speed = form.replace("deg", "deg_s" if "_" in form else "deg/s").replace("°", "°/s")
-        pattern = form if name[0] == "q" else speed if name[0] == "d" else "q1"
-        columns[pattern.replace("q1", name)] = values
-    assert_same(read_log(save_parquet(tmp_path / "log.parquet", columns)), recorded, atol=1e-14)
-
-
-def test_other_units_by_the_header(tmp_path, recorded):
-    """A prismatic joint's beside a turning one's, in degrees by word of mouth."""
-    columns = {
+def test_units_by_the_header(tmp_path, recorded):
+    degrees = in_degrees(recorded)
+    for q, dq in (("q{} (deg)", "dq{} (deg/s)"), ("q{}_deg", "dq{}_deg_s"), ("q{}[°]", "dq{}[°/s]")):
+        path = save_parquet(tmp_path / "log.parquet", flat(degrees, q=q, dq=dq))
+        assert_same(read_log(path), recorded, atol=1e-14)
+    columns = {  # a prismatic joint's beside a turning one's, in degrees by word of mouth
         "t[ms]": recorded["t"] * 1e3,
         "q1[mm]": recorded["q"][:, 0] * 1e3,
-        "q2": np.rad2deg(recorded["q"][:, 1]),
+        "q2": degrees["q"][:, 1],
         "dq1[m/s]": recorded["dq"][:, 0],
         "dq2[rpm]": recorded["dq"][:, 1] * 30.0 / np.pi,
         "tau1[N]": recorded["tau"][:, 0],
@@ -385,6 +292,31 @@ def test_other_units_by_the_header(tmp_path, recorded):
     assert_same(log, {name: values if name == "t" else values[:, :2] for name, values in recorded.items()}, atol=1e-13)
 
 
+def test_degrees_by_word_of_mouth(tmp_path, recorded):
+    degrees = in_degrees(recorded)
+    for write, name in ((save, "log.csv"), (save_parquet, "log.parquet"), (save_matlab, "log.mat")):
+        path = write(tmp_path / name, flat(degrees))
+        assert_same(read_log(path, degrees=True), recorded, atol=1e-14)
+        assert "are they degrees?; give --degrees, or --no-degrees if they are rad" in refusal(path)
+        np.testing.assert_array_equal(read_log(path, degrees=False).q, degrees["q"])
+
+
+def test_positions_that_look_like_degrees(tmp_path, recorded):
+    """Most joints, and two at least, beyond two turns, 12.57 rad: one that turns on and on is no sign of degrees."""
+    for reach, refused in (
+        ([40.0], False),
+        ([40.0, 13.0], True),
+        ([40.0, 12.5], False),
+        ([0.1, 40.0, 90.0], True),
+        ([3.0, 3.0, 40.0], False),
+        ([1.0, 1.0, 40.0, 40.0], False),
+    ):
+        n, q = len(reach), np.linspace(0.0, 1.0, ROWS)[:, None] * reach
+        path = save(tmp_path / "log.csv", flat({"t": recorded["t"], "q": q, "tau": recorded["tau"][:, [0] * n]}))
+        assert not refused or "are they degrees?" in refusal(path)
+        read_log(path, degrees=False if refused else None)
+
+
 def test_a_plain_name_comes_before_one_with_a_unit(tmp_path, recorded):
     columns = flat(recorded) | {"q1_deg": np.full(ROWS, np.nan), "tau1[Nm]": np.zeros(ROWS), "q2[ticks]": np.ones(ROWS)}
     assert_same(read_log(save(tmp_path / "log.csv", columns)), recorded)
@@ -392,39 +324,6 @@ def test_a_plain_name_comes_before_one_with_a_unit(tmp_path, recorded):
     assert "row 1: column q1 appears twice" in refusal(save(tmp_path / "log.csv", twice))
     unknown = without(columns, "q2")
     assert "row 1: column q2 is missing" in refusal(save(tmp_path / "log.csv", unknown))
-
-
-def test_degrees_by_word_of_mouth(tmp_path, recorded):
-    columns = flat(in_degrees(recorded))
-    for path in (
-        save(tmp_path / "log.csv", columns),
-        save_parquet(tmp_path / "log.parquet", columns),
-        save_matlab(tmp_path / "log.mat", columns),
-    ):
-        assert_same(read_log(path, degrees=True), recorded, atol=1e-14)
-        reach = np.abs(in_degrees(recorded)["q"]).max()
-        expected = f"positions reach {reach:.4g}: are they degrees?; give --degrees, or --no-degrees if they are rad"
-        assert expected in refusal(path)
-        np.testing.assert_array_equal(read_log(path, degrees=False).q, in_degrees(recorded)["q"])
-
-
-@pytest.mark.parametrize(
-    ("reach", "refused"),
-    [
-        ([40.0], False),
-        ([40.0, 13.0], True),
-        ([40.0, 12.5], False),
-        ([0.1, 40.0, 90.0], True),
-        ([3.0, 3.0, 40.0], False),
-        ([1.0, 1.0, 40.0, 40.0], False),
-    ],
-)
-def test_positions_that_look_like_degrees(tmp_path, recorded, reach, refused):
-    """Most joints, and two at least, beyond two turns, 12.57 rad: one that turns on and on is no sign of degrees."""
-    n, q = len(reach), np.linspace(0.0, 1.0, ROWS)[:, None] * reach
-    path = save(tmp_path / "log.csv", flat({"t": recorded["t"], "q": q, "tau": recorded["tau"][:, [0] * n]}))
-    assert not refused or "are they degrees?" in refusal(path)
-    read_log(path, degrees=False if refused else None)
 
 
 @pytest.mark.real
@@ -438,16 +337,10 @@ def test_real_logs_are_not_taken_for_other_units(name, tmp_path):
     assert "are they degrees?" in refusal(save_parquet(tmp_path / "log.parquet", columns))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Which logs; the way back
-# ---------------------------------------------------------------------------------------------------------------
-def test_patterns_match_every_format(tmp_path, recorded):
+def test_patterns_match_every_format(tmp_path):
     for name in ("a.csv", "b.parquet", "c.mat", "d.mcap", "bag/metadata.yaml", "bag/bag_0.db3", "other/deep.csv"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
-    found = [path.relative_to(tmp_path).as_posix() for path in find_logs([str(tmp_path / "*")])]
-    assert found == ["a.csv", "b.parquet", "bag", "c.mat", "d.mcap"]
-    found = [path.relative_to(tmp_path).as_posix() for path in find_logs([str(tmp_path / "**" / "*")])]
-    assert found == ["a.csv", "b.parquet", "bag", "c.mat", "d.mcap", "other/deep.csv"]
-    shutil.rmtree(tmp_path / "bag")
-    assert "no such file" in refusal(tmp_path / "bag")
+    whole = ["a.csv", "b.parquet", "bag", "c.mat", "d.mcap"]
+    for pattern, names in ((tmp_path / "*", whole), (tmp_path / "**" / "*", [*whole, "other/deep.csv"])):
+        assert [path.relative_to(tmp_path).as_posix() for path in find_logs([str(pattern)])] == names

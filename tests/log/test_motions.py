@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from log_files import Bag, flat, save, save_hdf5, save_matlab, save_parquet
-from test_log_formats import kuka
+from log_files import Bag, flat, kuka, save, save_hdf5, save_matlab, save_parquet
 
 import bayesid
 from bayesid.errors import InputError
@@ -23,37 +22,24 @@ def columns():
     return {"t": 3.0 + np.arange(ROWS) * 4e-3, "q": q, "dq": dq, "tau": tau}
 
 
-def kuka_table(path, given):
-    table = kuka(given if "tau" in given else given | {"tau": np.zeros((ROWS, N))})
-    return save(path, {name: x for name, x in table.items() if "tau" in given or not name.startswith("MACur")})
-
-
-WRITERS = {
-    "csv": lambda path, given: save(path, flat(given)),
-    "parquet": lambda path, given: save_parquet(path, flat(given)),
-    "mat": save_matlab,
-    "hdf5": save_hdf5,
-    "kuka": kuka_table,
-}
-
-
-@pytest.mark.parametrize("form", WRITERS)
-def test_a_motion_needs_no_efforts(tmp_path, columns, form):
+def test_a_motion_needs_no_efforts(tmp_path, columns):
     given = {name: values for name, values in columns.items() if name != "tau"}
-    path = WRITERS[form](tmp_path / f"motion{'.mat' if form in ('mat', 'hdf5') else '.csv'}", given)
-    motion = bayesid.read_motion(path)
-    np.testing.assert_allclose(motion.t, columns["t"], atol=1e-12)
-    np.testing.assert_allclose(motion.q, columns["q"], atol=1e-13)
-    np.testing.assert_allclose(motion.dq, columns["dq"], atol=1e-13)
-    with pytest.raises(InputError):
-        read_log(path, gains=[1.0, 1.0, 1.0])
+    for path in (
+        save(tmp_path / "motion.csv", flat(given)),
+        save_parquet(tmp_path / "motion.parquet", flat(given)),
+        save_matlab(tmp_path / "5.mat", given),
+        save_hdf5(tmp_path / "73.mat", given),
+        save(tmp_path / "kuka.csv", kuka(given)),
+    ):
+        motion = bayesid.read_motion(path)
+        for name in ("t", "q", "dq"):
+            np.testing.assert_allclose(getattr(motion, name), columns[name], atol=1e-12)
+        with pytest.raises(InputError):
+            read_log(path, gains=[1.0, 1.0, 1.0])
     np.testing.assert_array_equal(bayesid.read_motion(save(tmp_path / "log.csv", flat(columns))).q, columns["q"])
-
-
-def test_a_bag_without_efforts(tmp_path, columns):
     bag = Bag()
-    given = {name: columns[name] for name in ("t", "q")}
-    path = bag.write(tmp_path / "bag", {"/a": bag.states(given, ["j1", "j2", "j3"]), "/talk": []})
+    states = bag.states({name: columns[name] for name in ("t", "q")}, ["j1", "j2", "j3"])
+    path = bag.write(tmp_path / "bag", {"/a": states, "/talk": []})
     motion = bayesid.read_motion(path, topic="/a", joints=["j3", "j1"])
     np.testing.assert_allclose(motion.q, columns["q"][:, [2, 0]], atol=1e-15)
     assert motion.dq is None

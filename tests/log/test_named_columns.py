@@ -5,6 +5,8 @@ import io
 import numpy as np
 import pytest
 from log_files import (
+    GERMAN,
+    RECORDED,
     assert_same,
     flat,
     refusal,
@@ -13,35 +15,32 @@ from log_files import (
     save_parquet,
     scaled,
     smooth_recording,
+    strange,
     text,
     without,
 )
-from test_strangers_logs import GERMAN, RECORDED, ROWS, strange
 
 from bayesid.errors import InputError
 from bayesid.excitation.judgement import judge_log
-from bayesid.identification.pipeline import identify
 from bayesid.log.formats.base import Options
 from bayesid.log.formats.stated import parse_columns
 from bayesid.log.log import read_log
 from bayesid.log.rows import RowReader
 from bayesid.model.robot import load_robot
 
+ROWS = len(RECORDED["t"])
 NO_DQ = without(RECORDED, "dq")
 
 
-@pytest.mark.parametrize(("separator", "decimal"), [(",", ","), (";", ","), ("\t", "."), ("|", ",")])
-def test_columns_that_a_user_names(tmp_path, separator, decimal):
-    path = save(tmp_path / "log.csv", text(strange(), separator, decimal))
+def test_columns_that_a_user_names(tmp_path):
+    """As a dict, in a file, in words; units and spaces need not be told; in any dialect and format."""
     gains = [-2.0, 0.5, 1.0]
     expected = RECORDED | {"tau": RECORDED["tau"] * gains}
     toml = save(tmp_path / "columns.toml", "".join(f'{key} = "{name}"\n' for key, name in GERMAN.items()))
-    for columns in (GERMAN, toml, ",".join(f'{key}="{name}"' for key, name in GERMAN.items())):
-        assert_same(read_log(path, gains, columns=columns), expected)
-
-
-def test_units_and_spaces_of_names_need_not_be_told(tmp_path):
-    path = save(tmp_path / "log.csv", text(strange(), ";", ","))
+    for separator, decimal in ((",", ","), (";", ","), ("\t", "."), ("|", ",")):
+        path = save(tmp_path / "log.csv", text(strange(), separator, decimal))
+        for columns in (GERMAN, toml, ",".join(f'{key}="{name}"' for key, name in GERMAN.items())):
+            assert_same(read_log(path, gains, columns=columns), expected)
     for change in (
         {"t": "Uhr"},
         {"q": "Gelenk{}ist"},
@@ -49,23 +48,25 @@ def test_units_and_spaces_of_names_need_not_be_told(tmp_path):
         {"q1": "Gelenk 1 ist [Grad]"},
         {"dq": "Tempo{} [rad/s]"},
     ):
-        assert_same(read_log(path, [1.0] * 3, columns=GERMAN | change), RECORDED)
+        assert_same(read_log(path, gains, columns=GERMAN | change), expected)
+    path = save_parquet(tmp_path / "log.parquet", without(strange(), "Bemerkung"))
+    assert_same(read_log(path, gains, columns=GERMAN), expected)
+    variables = {"uhr": RECORDED["t"] * 1e3, "gelenke": RECORDED["q"].T, "last": RECORDED["tau"]}
+    path = save_matlab(tmp_path / "log.mat", {"mess": variables})
+    assert_same(read_log(path, columns={"t": "uhr[ms]", "q": "gelenke{}", "tau": "last{}"}), NO_DQ)
 
 
-@pytest.mark.parametrize(
-    ("stated", "scale"),
-    [
+def test_units_that_a_user_states_count(tmp_path):
+    """Behind the name where the file has none, or at the end of the file's own name."""
+    for stated, scale in (
         ({"t": "t [us]", "q": "q{} [deg]"}, {"t": 1e6, "q": 180 / np.pi}),
         ({"t": "t_ms", "q": "q{}_deg", "tau": "tau{}_kNm"}, {"t": 1e3, "q": 180 / np.pi, "tau": 1e-3}),
         ({"t": "t_s", "q": "q{}_mrad", "tau": "tau{}_Nmm"}, {"q": 1e3, "tau": 1e3}),
         ({"t": "t", "q": "q{}_m", "tau": "tau{}_U"}, {}),
-    ],
-)
-def test_units_that_a_user_states_count(tmp_path, stated, scale):
-    """Behind the name where the file has none, or at the end of the file's own name."""
-    own = {} if " " in stated["t"] else stated
-    path = save(tmp_path / "log.csv", flat(scaled(NO_DQ, **scale), **own))
-    assert_same(read_log(path, columns=stated), NO_DQ)
+    ):
+        own = {} if " " in stated["t"] else stated
+        path = save(tmp_path / "log.csv", flat(scaled(NO_DQ, **scale), **own))
+        assert_same(read_log(path, columns=stated), NO_DQ)
     currents = save(tmp_path / "i.csv", flat(scaled(NO_DQ, tau=1e3), tau="amp{}_mA"))
     assert_same(read_log(currents, [1.0] * 3, columns={"i": "amp{}_mA"}), NO_DQ)
 
@@ -84,15 +85,7 @@ USUAL = {"t": "timestamp", "q": "actual_q_{}", "dq": "actual_qd_{}", "tau": "act
 
 
 @pytest.mark.parametrize(
-    ("kind", "joint", "start", "names"),
-    [
-        ("q", 1, 1, {}),
-        ("dq", 2, 1, {}),
-        ("tau", 3, 1, {}),
-        ("i", 1, 1, {"tau": "i{}"}),
-        ("q", 2, 0, USUAL),
-        ("tau", 2, 1, USUAL),
-    ],
+    ("kind", "joint", "start", "names"), [("q", 1, 1, {}), ("i", 1, 1, {"tau": "i{}"}), ("dq", 2, 0, USUAL)]
 )
 def test_a_single_joints_column_stands_beside_the_others(tmp_path, kind, joint, start, names):
     """These go by their own names, in a file, in memory and in a stream."""
@@ -112,24 +105,22 @@ def test_a_single_joints_column_stands_beside_the_others(tmp_path, kind, joint, 
 def test_a_column_that_a_user_prefers_counts_in_place_of_the_joints_own(tmp_path):
     path = save(tmp_path / "log.csv", flat(NO_DQ) | {"Geber": RECORDED["q"][:, 0] + 1.0})
     assert_same(read_log(path, columns={"q1": "Geber"}), NO_DQ | {"q": RECORDED["q"] + [1.0, 0.0, 0.0]})
-    path = save(tmp_path / "log.csv", flat(RECORDED, start=0, **USUAL))
+    usual = flat(RECORDED, start=0, **USUAL)
+    path = save(tmp_path / "log.csv", usual)
     stated = {f"{kind}{j}": USUAL[kind].replace("{}", str(2 - j)) for kind in ("q", "dq", "tau") for j in (1, 2)}
     turned = {name: RECORDED[name][:, 1::-1] for name in ("q", "dq", "tau")}
     assert_same(read_log(path, columns=stated), RECORDED | turned)  # joints named one by one are all there are
+    for kind, said in (("q", "has no q beside it"), ("tau", "is missing")):
+        # without the first joint's column those of joints 2 and 3 may be numbered from 0 or from 1
+        old = USUAL[kind].replace("{}", "0")
+        path = save(tmp_path / "log.csv", {"first" if name == old else name: v for name, v in usual.items()})
+        assert said in refusal(path, columns={f"{kind}1": "first"})
 
 
-@pytest.mark.parametrize(("kind", "said"), [("q", "has no q beside it"), ("tau", "is missing")])
-def test_where_counting_begins_is_not_guessed(tmp_path, kind, said):
-    """Without the first joint's column those of joints 2 and 3 may be numbered from 0 or from 1."""
-    old = USUAL[kind].replace("{}", "0")
-    columns = flat(RECORDED, start=0, **USUAL)
-    path = save(tmp_path / "log.csv", {"first" if name == old else name: v for name, v in columns.items()})
-    assert said in refusal(path, columns={f"{kind}1": "first"})
-
-
-@pytest.mark.parametrize(
-    ("columns", "said"),
-    [
+def test_columns_that_cannot_be_used(tmp_path):
+    path = save(tmp_path / "log.csv", text(strange(), ";", ","))
+    bad, number = save(tmp_path / "bad.toml", "t = "), save(tmp_path / "number.toml", "t = 5")
+    for columns, said in (
         ({"t": "Uhr [s]"}, "row 1: no column is called Uhr [s] among Nr, Uhr [ms], Gelenk {} ist [°], Tempo{}, Last{}"),
         ({"t1": "Uhr"}, "--columns: 't1' is no column of a log; give t, q, dq, tau or i, or one joint's as q1"),
         ({"tau": "Last{}"}, "--columns: tau and i are both given"),
@@ -138,93 +129,53 @@ def test_where_counting_begins_is_not_guessed(tmp_path, kind, said):
         ({"q": "Gelenk {2-3} ist"}, "column Last3 [A] has no q beside it"),
         ({"q": "Gelenk {1-4} ist", "dq": "Soll{}"}, "row 1: column Soll2 is missing"),
         ({"dq": "Last{}"}, "row 1: column Last1 [A] is in A, which is no known unit of dq; give it in rad/s"),
-    ],
-)
-def test_columns_that_cannot_be_used(tmp_path, columns, said):
-    path = save(tmp_path / "log.csv", text(strange(), ";", ","))
-    assert said in refusal(path, gains=[1.0] * 3, columns=GERMAN | columns)
-
-
-def test_columns_of_the_command_line(tmp_path):
+        ("t=a,t=b", "--columns: t is given twice"),
+        ("z=a", "--columns: 'z' is no column of a log"),
+        ("nowhere.toml", "cannot be read (No such file or directory); give t="),
+        (str(bad), "is not valid TOML ("),
+        (str(number), "t has no name of a column"),
+    ):
+        stated = GERMAN | columns if isinstance(columns, dict) else columns
+        assert said in refusal(path, gains=[1.0] * 3, columns=stated)
     expected = {"t": "Zeit, ab Start [ms]", "q": "Achse{} [Grad]", "tau2": "M=2"}
     assert parse_columns("t=\"Zeit, ab Start [ms]\", q=Achse{} [Grad],tau2 = 'M=2'") == expected
-    path = save(tmp_path / "columns.toml", 't = "Zeit, ab Start [ms]"\nq = "Achse{} [Grad]"\ntau2 = "M=2"\n')
-    assert parse_columns(str(path)) == expected
-    bad, number = save(tmp_path / "bad.toml", "t = "), save(tmp_path / "number.toml", "t = 5")
-    for given, said in {
-        "t=a,t=b": "t is given twice",
-        "z=a": "'z' is no column of a log",
-        "nowhere.toml": "cannot be read (No such file or directory); give t=",
-        str(bad): "is not valid TOML (",
-        str(number): "t has no name of a column",
-    }.items():
-        with pytest.raises(InputError) as caught:
-            parse_columns(given)
-        assert said in caught.value.on_command_line
-        assert caught.value.on_command_line.startswith("--columns")
 
 
-def test_columns_of_other_formats(tmp_path):
-    path = save_parquet(tmp_path / "log.parquet", without(strange(), "Bemerkung"))
-    assert_same(read_log(path, [1.0] * 3, columns=GERMAN), RECORDED)
-    variables = {"uhr": RECORDED["t"] * 1e3, "gelenke": RECORDED["q"].T, "last": RECORDED["tau"]}
-    path = save_matlab(tmp_path / "log.mat", {"mess": variables})
-    assert_same(read_log(path, columns={"t": "uhr[ms]", "q": "gelenke{}", "tau": "last{}"}), NO_DQ)
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Logs in memory
-# ---------------------------------------------------------------------------------------------------------------
-def in_memory(recorded, form):
-    vectors = flat(recorded)
-    if form == "structured":
-        return np.rec.fromarrays(list(vectors.values()), names=list(vectors))
-    if form == "structured matrices":
-        array = np.zeros(ROWS, [("t", float), *((name, float, (3,)) for name in ("q", "dq", "tau"))])
-        for name in array.dtype.names:
-            array[name] = recorded[name]
-        return array
-    if form in ("vectors", "matrices", "transposed", "lists"):
-        return {
-            "vectors": vectors,
-            "matrices": recorded | {"comment": "a text", "gripper": np.zeros(ROWS)},
-            "transposed": {name: values.T for name, values in recorded.items()},
-            "lists": {name: values.tolist() for name, values in recorded.items()},
-        }[form]
+def forms_in_memory():
+    vectors = flat(RECORDED)
+    structured = np.zeros(ROWS, [("t", float), *((name, float, (3,)) for name in ("q", "dq", "tau"))])
+    for name in structured.dtype.names:
+        structured[name] = RECORDED[name]
+    yield from (vectors, np.rec.fromarrays(list(vectors.values()), names=list(vectors)), structured)
+    yield RECORDED | {"comment": "a text", "gripper": np.zeros(ROWS)}
+    yield {name: values.T for name, values in RECORDED.items()}
+    yield {name: values.tolist() for name, values in RECORDED.items()}
     pandas = pytest.importorskip("pandas")
     frame = pandas.DataFrame(vectors)
-    when = pandas.Timestamp("2026-02-03") + pandas.to_timedelta(recorded["t"], unit="s")
-    return {
-        "frame": frame.assign(comment="a text"),
-        "index": frame.set_index("t"),
-        "levels": frame.set_axis([(n.rstrip("123"), n[1:].lstrip("qau")) for n in frame], axis=1),
-        "stamps": frame.assign(t=when),
-        "stamped index": frame.drop(columns="t").set_axis(when),
-    }[form]
+    when = pandas.Timestamp("2026-02-03") + pandas.to_timedelta(RECORDED["t"], unit="s")
+    levels = frame.set_axis([(n.rstrip("123"), n[1:].lstrip("qau")) for n in frame], axis=1)
+    yield from (frame.assign(comment="a text"), frame.set_index("t"), levels)
+    yield from (frame.assign(t=when), frame.drop(columns="t").set_axis(when))
+    frame.columns = ["q1" if name == "q2" else name for name in frame.columns]
+    assert "DataFrame: column q1 appears twice" in refusal(frame)
 
 
-FORMS = ("vectors", "matrices", "transposed", "lists", "structured", "structured matrices")
-
-
-@pytest.mark.parametrize("form", [*FORMS, "frame", "index", "levels", "stamps", "stamped index"])
-def test_logs_in_memory(form):
-    log = read_log(in_memory(RECORDED, form))
-    start = log.t[0] if "stamp" in form else 0.0
-    np.testing.assert_allclose(log.t - start, RECORDED["t"], rtol=0.0, atol=5e-7)
-    assert_same(log, RECORDED | {"t": log.t})
-
-
-def test_options_of_logs_in_memory():
+def test_logs_in_memory():
+    for form in forms_in_memory():
+        log = read_log(form)
+        np.testing.assert_allclose(log.t - (log.t[0] if log.t[0] > 1e9 else 0.0), RECORDED["t"], rtol=0.0, atol=5e-7)
+        assert_same(log, RECORDED | {"t": log.t})
     angles = {"Uhr": RECORDED["t"] * 1e3, "Winkel": np.rad2deg(RECORDED["q"]), "Strom": RECORDED["tau"]}
     stated = {"t": "Uhr [ms]", "q": "Winkel{} [deg]", "i": "Strom{}"}
     log = read_log(angles, [2.0, 3.0, 1.0], "all", columns=stated)
     assert_same(log, NO_DQ | {"tau": np.abs(RECORDED["tau"]) * [2.0, 3.0, 1.0]})
-    assert "has no topic; leave topic out" in refusal(RECORDED, topic="/states")
+    with pytest.raises(InputError, match=r"the log has 3 joints, robot .* has 6"):
+        judge_log(load_robot("kr5"), RECORDED)
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
+def test_logs_in_memory_that_cannot_be_used():
+    recorded = smooth_recording(2, 60)
+    for change, said in (
         ({"q": None}, "dict: column q1 is missing among t (t), dq{} (dq), tau{} (tau); say which"),
         ({"t": np.arange(60) * 4}, "dict: column t spans 236 s with steps of 4 s: milliseconds?"),
         ({"q": np.ones((9, 2))}, "dict: variable q has shape (9, 2) for 60 instants"),
@@ -233,27 +184,8 @@ def test_options_of_logs_in_memory():
         ({"tau": None, "tau1": np.ones(9), "tau2": np.ones(60)}, "dict: tau1 has 9 values, t has 60; "),
         ({"tau": None, "tau1": np.ones(60), "tau2": [{}] * 60}, "dict, row 1: column tau2 holds {}, not a number"),
         ({"t": np.ones((60, 2))}, "dict: variable t has shape (60, 2); give the time as a vector"),
-    ],
-)
-def test_logs_in_memory_that_cannot_be_used(change, said):
-    recorded = smooth_recording(2, 60)
-    assert said in refusal({name: value for name, value in (recorded | change).items() if value is not None})
-
-
-def test_things_that_are_no_log():
+    ):
+        assert said in refusal({name: value for name, value in (recorded | change).items() if value is not None})
+    assert "has no topic; leave topic out" in refusal(RECORDED, topic="/states")
     for thing in (None, 5, [1.0, 2.0], np.ones((ROWS, 5)), b"log.csv", dict):
         assert "; give a path, a Log, a data frame, a structured array, or a dict of arrays t, q and" in refusal(thing)
-    frame = in_memory(RECORDED, "frame")
-    frame.columns = ["q1" if name == "q2" else name for name in frame.columns]
-    assert "DataFrame: column q1 appears twice" in refusal(frame)
-
-
-def test_logs_in_memory_are_logs_wherever_one_is():
-    """Too few joints for the robot: the same one line from all that take a log."""
-    robot = load_robot("kr5")
-    for form in ("matrices", "frame"):
-        for take in (identify, judge_log):
-            with pytest.raises(InputError, match=r"the log has 3 joints, robot .* has 6"):
-                take(robot, in_memory(RECORDED, form))
-    with pytest.raises(InputError, match="is no log: int"):
-        identify(robot, 5)

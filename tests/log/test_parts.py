@@ -48,16 +48,12 @@ def test_positions_and_efforts_in_two_files(places):
     assert "joined by time: 899 rows at the stamps of " in said
     assert "tau.csv (100 Hz); positions of " in said
     assert "q.csv (125 Hz) by a spline; 101 rows that others do not cover are left out" in said
-
-
-def test_parts_from_python(places):
     fast, slow = np.arange(1250) / 125.0, 1.003 + np.arange(1000) / 100.0
     given = {"t": fast, "q": motion(fast)}
-    whole, _ = read("+".join(map(str, places)))
     for parts in (list(places), [given, {"t": slow, "tau": efforts(slow)}], (given, places[1])):
-        log, _ = read(parts)
-        np.testing.assert_allclose(log.q, whole.q, atol=1e-12)
-        np.testing.assert_array_equal(log.effort, whole.effort)
+        again, _ = read(parts)
+        np.testing.assert_allclose(again.q, log.q, atol=1e-12)
+        np.testing.assert_array_equal(again.effort, log.effort)
 
 
 def test_a_file_a_joint_without_numbers(tmp_path):
@@ -71,6 +67,8 @@ def test_a_file_a_joint_without_numbers(tmp_path):
     np.testing.assert_array_equal(log.effort, efforts(t))
     assert "joined by time: 400 rows at the stamps of " in said
     assert "spline" not in said
+    with pytest.warns(UserWarning, match="joined by time: 400 rows"):
+        np.testing.assert_allclose(read_motion(f"{tmp_path}/trace_?.csv+").q, motion(t), atol=1e-12)
 
 
 def test_efforts_at_other_stamps_are_taken_from_the_nearest(tmp_path):
@@ -95,22 +93,16 @@ def test_rows_in_a_pause_of_the_positions_are_left_out(tmp_path):
     assert np.sum(log.t < 4.0) > 395
 
 
-@pytest.mark.parametrize(
-    ("change", "said"), [(1000.0, "have nothing in common: "), (9.0, "they have 1.99 s in common: ")]
-)
-def test_parts_that_are_not_of_one_time(tmp_path, change, said):
-    t = np.arange(1100) / 100.0
-    paths = (
-        save(tmp_path / "q.csv", columns(t, q=motion(t))),
-        save(tmp_path / "tau.csv", columns(t + change, tau=efforts(t))),
-    )
-    line = refusal("+".join(map(str, paths)))
-    assert said in line
-    assert line.endswith("; give the parts of one run, all with times on the same clock")
-
-
-def test_parts_that_do_not_make_a_log(places, tmp_path):
+def test_parts_that_do_not_make_a_log(places, tmp_path, capfd):
     q, tau = places
+    assert cli.main(["identify", *map(str, places), "--robot", "kr5"]) == 2
+    assert "; if another file of the run holds them, give both as FILE+OTHER\n" in capfd.readouterr().err
+    for late, said in ((1000.0, "have nothing in common: "), (9.0, "they have 1.99 s in common: ")):
+        t = np.arange(1100) / 100.0
+        first = save(tmp_path / "first.csv", columns(t, q=motion(t)))
+        line = refusal(f"{first}+{save(tmp_path / 'late.csv', columns(t + late, tau=efforts(t)))}")
+        assert said in line
+        assert line.endswith("; give the parts of one run, all with times on the same clock")
     t = np.arange(1250) / 125.0
     more = save(tmp_path / "more.csv", columns(t, q=motion(t)))
     assert "q1 is in " in refusal(f"{q}+{more}+{tau}")
@@ -124,23 +116,18 @@ def test_parts_that_do_not_make_a_log(places, tmp_path):
     assert "column t is missing among x, tau{}; say which it is with --columns t=" in refusal(f"{q}+{timeless}")
 
 
-def test_the_line_about_a_part_leads_to_the_others(places, capfd):
-    """Two files named as two logs end in one line that says how they are one."""
-    assert cli.main(["identify", *map(str, places), "--robot", "kr5"]) == 2
-    assert "; if another file of the run holds them, give both as FILE+OTHER\n" in capfd.readouterr().err
-
-
-def test_a_motion_in_parts(tmp_path):
-    t = np.arange(300) / 100.0
-    paths = [save(tmp_path / f"{j}.csv", {"t": t, f"q{j + 1}": motion(t)[:, j]}) for j in range(N)]
-    with pytest.warns(UserWarning, match="joined by time: 300 rows"):
-        np.testing.assert_array_equal(read_motion("+".join(map(str, paths))).q, motion(t))
-
-
 @pytest.mark.long
 @pytest.mark.real
 def test_a_real_log_in_two_files_gives_the_same_signs(tmp_path):
     """Positions at 50 Hz, efforts at 100 Hz: 99.9 % of the signs are those of the whole log."""
+
+    def signs(log):
+        result = identify("ur10e", log, complete="off", posterior=False, search=Certified(budget=0.3))
+        grid = result.signals.motion.t
+        nearest = np.clip(np.searchsorted(grid, log.t), 1, len(grid) - 1)
+        nearest -= log.t - grid[nearest - 1] < grid[nearest] - log.t
+        return result.probability[nearest]
+
     every = read_log(real_log("ur10e/a_50s.csv")).rectified()
     whole = Log(every.t[:1999], every.q[:1999], every.effort[:1999], every.signed)
     position = save(tmp_path / "q.csv", columns(whole.t[::2], q=whole.q[::2]))
@@ -162,12 +149,3 @@ def test_efforts_of_a_real_log_at_a_lower_rate(tmp_path, name):
     joined, _ = read(f"{position}+{effort}")
     np.testing.assert_array_equal(joined.effort, whole.effort[1::3])
     np.testing.assert_allclose(joined.q, whole.q[1::3], atol=5e-4)
-
-
-def signs(log):
-    """(N, n) P(sign = +) at a log's own rows."""
-    result = identify("ur10e", log, complete="off", posterior=False, search=Certified(budget=0.3))
-    grid = result.signals.motion.t
-    nearest = np.clip(np.searchsorted(grid, log.t), 1, len(grid) - 1)
-    nearest -= log.t - grid[nearest - 1] < grid[nearest] - log.t
-    return result.probability[nearest]

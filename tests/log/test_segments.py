@@ -30,6 +30,10 @@ def test_zeros_of_the_effort_are_cut():
     effort += 0.05 * rng.standard_normal(effort.shape)
     segments = cut(motion, effort)
     assert pure(segments, effort, 0.6)
+    covered = np.zeros_like(effort)
+    for j, a, b in zip(segments.joint, segments.start, segments.end, strict=True):
+        covered[a:b, j] += 1
+    assert (covered == 1).all()
     crossings = [np.sum(np.diff(np.sign(effort[:, j])) != 0) for j in range(2)]
     assert len(segments) < 12 * sum(crossings)
 
@@ -56,26 +60,6 @@ def test_a_fast_crossing_between_unequal_efforts_is_cut():
     assert np.abs(segments.start - 400).min() <= 6
 
 
-def test_segments_cover_every_sample_once():
-    motion = smooth_motion(3, 6.0, 100.0, seed=3)
-    segments = cut(motion, motion.ddq)
-    covered = np.zeros((len(motion), 3), dtype=int)
-    for j, a, b in zip(segments.joint, segments.start, segments.end, strict=True):
-        covered[a:b, j] += 1
-    assert (covered == 1).all()
-
-
-def test_standstill_is_set_apart():
-    t = np.arange(600) / 100.0
-    q = np.clip(t - 2.0, 0.0, 2.0)[:, None]
-    motion = Motion(t, q, np.gradient(q[:, 0], t)[:, None], np.zeros((600, 1)))
-    segments = cut(motion, 2.0 + 0.01 * t[:, None])
-    laid = segments.per_sample(segments.moving, 600, 1)[:, 0]
-    assert not laid[:150].any()
-    assert laid[240:360].all()
-    assert not laid[450:].any()
-
-
 def test_a_signed_joint_is_known_and_cut_only_at_standstill():
     motion = smooth_motion(2, 10.0, 100.0, seed=5)
     effort = np.stack([np.sin(9 * motion.t), np.sin(7 * motion.t) - 0.2], axis=1)
@@ -98,11 +82,10 @@ def test_split():
     assert segments[np.array([1])].fitted.tolist() == [False]
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.05])
-def test_a_minimum_far_from_zero_is_not_cut(noise):
+def test_a_minimum_far_from_zero_is_not_cut():
     motion = smooth_motion(1, 10.0, 100.0, seed=6)
     rng = np.random.default_rng(1)
-    effort = (5.0 + np.sin(3 * motion.t) + noise * rng.standard_normal(len(motion)))[:, None]
+    effort = (5.0 + np.sin(3 * motion.t) + 0.05 * rng.standard_normal(len(motion)))[:, None]
     segments = cut(motion, effort)
     reversals = np.sum(np.diff(np.sign(motion.dq[:, 0])) != 0)
     assert (segments.moving).sum() <= reversals + 2, "only reversals (and the filter at the ends) may cut"
@@ -129,9 +112,6 @@ def test_a_pause_of_the_log_belongs_to_no_motion():
     assert not segments.per_sample(segments.moving, len(inside), 1)[inside].any()
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Thresholds
-# ---------------------------------------------------------------------------------------------------------------
 def steady(duration=20.0):
     """One joint at constant speed: nothing but its effort is cut."""
     t = np.arange(int(100 * duration)) / 100.0
@@ -174,27 +154,26 @@ def test_a_known_sign_and_a_standstill_know_no_threshold():
     motion = Motion(t, q, np.gradient(q[:, 0], t)[:, None] * np.ones(2), np.zeros((1200, 2)))
     effort = 5.0 * np.sin(3.0 * t)[:, None] * np.ones(2)
     segments = cut(motion, effort, signed=[1], cutting=Cutting(threshold=0.3))
+    moving = segments.per_sample(segments.moving, 1200, 2)
+    assert not moving[:150].any()
+    assert moving[240:960].all()
+    assert not moving[1050:].any()
     known = segments.joint == 1
     assert np.array_equal(segments.fitted[known], segments.moving[known])
     assert not segments.fitted[~segments.moving].any()
     assert not segments.fitted[segments.moving & ~known].all()
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.3])
-def test_without_a_threshold_all_that_move_are_fitted(noise):
+def test_without_a_threshold_all_that_move_are_fitted():
     """However far the filter undershoots."""
     motion, rng = smooth_motion(2, 10.0, 100.0, seed=1), np.random.default_rng(0)
     effort = np.where(np.sin(5.0 * motion.t) > 0.8, 10.0, 0.0)[:, None] * np.ones(2)
-    segments = cut(motion, effort + noise * rng.standard_normal(effort.shape))
+    segments = cut(motion, effort + 0.3 * rng.standard_normal(effort.shape))
     assert np.array_equal(segments.fitted, segments.moving)
     assert segments.fitted.any()
 
 
 def test_shares_that_cannot_be_are_refused():
-    for name, share in [
-        ("prominence", 0.0),
-        *((name, x) for name in ("prominence", "threshold") for x in (-0.1, 1.0, np.nan)),
-    ]:
-        with pytest.raises(InputError, match=f"{name} of {share:g}") as refusal:
+    for name, share in (("prominence", 0.0), ("prominence", 1.0), ("threshold", -0.1), ("threshold", np.nan)):
+        with pytest.raises(InputError, match=f"{name} of {share:g}"):
             Cutting(**{name: share})
-        assert "\n" not in str(refusal.value)

@@ -88,13 +88,6 @@ def test_a_cutoff_that_cannot_be():
             prepare(make_log(smooth_motion(2, 4.0, 100.0)), cutoff=cutoff)
 
 
-def test_what_was_done_is_said():
-    signals = prepare(make_log(smooth_motion(2, 4.0, 100.0)))
-    assert signals.processing["cutoff_hz"] == signals.cutoff
-    assert signals.processing["cutoff_chosen_from"] == "data"
-    assert prepare(make_log(smooth_motion(2, 4.0, 100.0)), 6.0).processing["cutoff_chosen_from"] == "user"
-
-
 def test_stamps_that_jitter_around_an_even_clock_are_evened_out():
     """The controller sampled evenly, only its stamps are off: accelerations must not suffer from that."""
     motion = smooth_motion(2, 10.0, 250.0, seed=8)
@@ -111,15 +104,10 @@ def test_stamps_that_jitter_around_an_even_clock_are_evened_out():
 
     assert error(signals) < 0.3 * error(jittered)
     assert prepare(make_log(motion), cutoff=8.0).processing["time_stamps"] == "as logged"
-
-
-def test_honest_jitter_is_left_alone():
-    """Here the samples were taken when the stamps say."""
-    even = smooth_motion(2, 10.0, 250.0, seed=8)
-    t = np.sort(even.t + np.random.default_rng(4).uniform(-1e-3, 1e-3, len(even)))
-    q = CubicSpline(even.t, even.q)(np.clip(t, even.t[0], even.t[-1]))
-    log = Log(t, q, np.abs(q) + 1.0, np.zeros(2, bool))
-    assert prepare(log, cutoff=8.0).processing["time_stamps"] == "as logged"
+    honest = np.sort(motion.t + np.random.default_rng(4).uniform(-1e-3, 1e-3, len(motion)))
+    q = CubicSpline(motion.t, motion.q)(np.clip(honest, motion.t[0], motion.t[-1]))
+    log = Log(honest, q, np.abs(q) + 1.0, np.zeros(2, bool))
+    assert prepare(log, cutoff=8.0).processing["time_stamps"] == "as logged", "taken when the stamps say"
 
 
 def test_nothing_is_known_in_a_pause():
@@ -133,9 +121,6 @@ def test_nothing_is_known_in_a_pause():
     np.testing.assert_array_equal(signals.measured, np.stack([expected, expected], axis=1))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Signs of samples
-# ---------------------------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def mixed():
     """Joint 2 is signed; the efforts of both are far from what is filtered."""
@@ -151,16 +136,8 @@ def test_the_nearest_effort_has_the_predictions_sign_where_none_is_known(mixed):
     np.testing.assert_array_equal(nearest[:, 0], np.sign(predicted[:, 0]) * mixed.raw_effort[:, 0])
     np.testing.assert_array_equal(nearest[:, 1], mixed.raw_effort[:, 1])
     assert (mixed.raw_effort[:, 1] < 0.0).any()
-
-
-def test_an_effort_keeps_its_size_where_its_prediction_is_exactly_zero(mixed):
-    """np.sign(0) is 0: an effort would be lost, with its residual."""
-    nearest = mixed.nearest(np.zeros((400, 2)))
-    np.testing.assert_array_equal(np.abs(nearest), mixed.magnitude)
+    np.testing.assert_array_equal(np.abs(mixed.nearest(np.zeros((400, 2)))), mixed.magnitude)  # np.sign(0) is 0
     assert mixed.magnitude.min(axis=0)[0] > 0.0
-
-
-def test_probabilities_of_known_signs_are_zero_or_one(mixed):
     probability = mixed.with_known_signs(np.full((400, 2), 0.7))
     np.testing.assert_array_equal(probability[:, 0], 0.7)
     np.testing.assert_array_equal(probability[:, 1], mixed.raw_effort[:, 1] >= 0.0)
@@ -181,28 +158,18 @@ def test_times_are_told_as_a_log_writes_them():
     assert max(len(repr(float(time)).partition(".")[2]) for time in told) <= 2
 
 
-def bursts(step):
-    """Nine hundred rows that arrive ten at a time, a tenth of a second apart."""
-    k = np.arange(900)
-    return (k // 10) * 0.1 + (k % 10) * step
+def test_no_grid_is_larger_than_what_was_recorded_needs():
+    """Rows that arrive ten at a time and a pause of years are refused; a pause of minutes is not."""
 
+    def log(t):
+        q = np.sin(np.arange(len(t)) / 30.0)[:, None]
+        return Log(t=t, q=q, effort=np.abs(q) + 1.0, signed=np.array([False]), source="odd.csv")
 
-@pytest.mark.parametrize(
-    "t",
-    [bursts(1e-9), bursts(1e-12), np.concatenate([np.arange(500) * 0.01, 1e9 + np.arange(500) * 0.01])],
-    ids=["ns", "ps", "a pause of years"],
-)
-def test_no_grid_is_larger_than_what_was_recorded_needs(t):
-    q = np.sin(np.arange(len(t)) / 30.0)[:, None]
-    log = Log(t=t, q=q, effort=np.abs(q) + 1.0, signed=np.array([False]), source="odd.csv")
-    with pytest.raises(InputError, match=r"odd.csv: \d+ instants over .*, lie on .* even ones; give each"):
-        prepare(log)
-
-
-def test_a_pause_of_minutes_is_no_reason_to_refuse():
-    t = np.concatenate([np.arange(500) * 0.01, 300.0 + np.arange(500) * 0.01])
-    q = np.sin(3.0 * t)[:, None]
-    assert len(prepare(Log(t=t, q=q, effort=np.abs(q) + 1.0, signed=np.array([False]))).motion) == 30_500
+    k, t = np.arange(900), np.arange(500) * 0.01
+    for odd in (*((k // 10) * 0.1 + (k % 10) * step for step in (1e-9, 1e-12)), np.concatenate([t, 1e9 + t])):
+        with pytest.raises(InputError, match=r"odd.csv: \d+ instants over .*, lie on .* even ones; give each"):
+            prepare(log(odd))
+    assert len(prepare(log(np.concatenate([t, 300.0 + t]))).motion) == 30_500
 
 
 def test_a_long_log_is_thinned_once_it_is_filtered():

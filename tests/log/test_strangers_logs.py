@@ -9,26 +9,16 @@ from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
-from log_files import assert_same, flat, refusal, save, scaled, smooth_recording, text, without
+from log_files import RECORDED, assert_same, flat, refusal, save, scaled, strange, text, without
 
 from bayesid import cli
 from bayesid.log.log import read_log
 
-RECORDED = smooth_recording()
 ROWS = len(RECORDED["t"])
 DEGREES = 180.0 / np.pi
 NO_DQ = without(RECORDED, "dq")
 IN_MS = scaled(RECORDED, t=1e3)
 LINES = text(flat(RECORDED)).splitlines()
-GERMAN = {"t": "Uhr [ms]", "q": "Gelenk {} ist [Grad]", "dq": "Tempo{}", "i": "Last{} [A]"}
-"""Names of which none is known beforehand."""
-
-
-def strange():
-    """A stranger's columns, with words and other numbers among them; efforts are currents of gain 1."""
-    blocks = {"t": IN_MS["t"], "q": RECORDED["q"] * DEGREES, "dq": RECORDED["dq"], "i": RECORDED["tau"]}
-    columns = flat(blocks, **GERMAN | {"q": "Gelenk {} ist [°]"})
-    return {"Nr": np.arange(ROWS), **columns, "Soll1": np.zeros(ROWS), "Bemerkung": ["a;b, c"] * ROWS}
 
 
 def joined(lines):
@@ -105,22 +95,19 @@ def test_forms_that_are_read_right_at_once(tmp_path, form):
         assert_same(read_log(save(tmp_path / "log.csv", FORMS[form], one)), RECORDED)
 
 
-@pytest.mark.parametrize(
-    "form",
-    [
+def test_clocks(tmp_path):
+    for form in (
         "%d.%m.%Y %H:%M:%S.%f",
         "%m/%d/%Y %I:%M:%S.%f %p",
         "%Y/%m/%d %H:%M:%S,%f",
         "%M:%S.%f",
         "%H:%M:%S:%f",
         "%Y-%m-%dT%H:%M:%S.%f+01:00",
-    ],
-)
-def test_clocks(tmp_path, form):
-    for hour in (10, 23) if "%S:%f" not in form else (10,):
-        log = read_log(save(tmp_path / "log.csv", clocked(form, hour=hour)))
-        np.testing.assert_allclose(log.t - log.t[0], RECORDED["t"], atol=1e-6)
-        assert_same(log, RECORDED | {"t": log.t})
+    ):
+        for hour in (10, 23) if "%S:%f" not in form else (10,):
+            log = read_log(save(tmp_path / "log.csv", clocked(form, hour=hour)))
+            np.testing.assert_allclose(log.t - log.t[0], RECORDED["t"], atol=1e-6)
+            assert_same(log, RECORDED | {"t": log.t})
     late = clocked(form).splitlines()
     late[8] = "late;" + late[8].partition(";")[2]
     assert "row 9: column t holds 'late', not a time" in refusal(save(tmp_path / "log.csv", joined(late)))
@@ -139,36 +126,28 @@ USUAL = [
 ]
 
 
-@pytest.mark.parametrize(("start", "names"), USUAL)
-def test_names_that_are_usual_elsewhere_are_known(tmp_path, start, names):
-    columns = flat(RECORDED, start=start, **names) | flat({"q": RECORDED["q"] + 9.0}, q="target_q_{}", start=start)
-    gains = [1.0] * 3 if any(word in names.get("tau", "") for word in ("urrent", "Strom")) else None
-    path = save(tmp_path / "log.csv", dict(reversed((columns | {"robot_mode": np.full(ROWS, 7)}).items())))
-    assert_same(read_log(path, gains), RECORDED)
-
-
-def test_bayesids_own_names_come_before_others(tmp_path):
-    """What stands beside a whole log is ignored, whatever it holds."""
+def test_names_that_are_usual_elsewhere_are_known(tmp_path):
+    """But bayesid's own come before others: what stands beside a whole log is ignored, whatever it holds."""
+    for start, names in USUAL:
+        columns = flat(RECORDED, start=start, **names) | flat({"q": RECORDED["q"] + 9.0}, q="target_q_{}", start=start)
+        gains = [1.0] * 3 if any(word in names.get("tau", "") for word in ("urrent", "Strom")) else None
+        path = save(tmp_path / "log.csv", dict(reversed((columns | {"robot_mode": np.full(ROWS, 7)}).items())))
+        assert_same(read_log(path, gains), RECORDED)
     more = ("time", "position_1", "velocity_1", "torque_1", "q_1", "Q1", "cmd/q1")
     path = save(tmp_path / "log.csv", flat(RECORDED) | dict.fromkeys(more, np.full(ROWS, np.nan)))
     assert_same(read_log(path), RECORDED)
-    path = save(tmp_path / "log.csv", flat(scaled(NO_DQ, t=1e3)) | {"velocity_1": np.full(ROWS, np.nan)})
+    path = save(tmp_path / "log.csv", flat(without(IN_MS, "dq")))
     assert_same(read_log(path, columns={"t": "t[ms]"}), NO_DQ)
 
 
-@pytest.mark.parametrize(
-    ("period", "refused"), [(0.5, True), (0.499, False), (0.01, False), (1000.0, True), (2e9, True)]
-)
-def test_how_slow_a_log_may_be(tmp_path, period, refused):
+def test_how_slow_a_log_may_be(tmp_path):
     """Repeated times do not count: the typical step does."""
-    t = period * np.arange(ROWS).repeat(2)[:ROWS]
-    path = save(tmp_path / "log.csv", flat(NO_DQ | {"t": t}))
-    assert ("with steps of" in refusal(path)) if refused else len(read_log(path)) == ROWS
+    for period, refused in ((0.5, True), (0.499, False), (1000.0, True), (2e9, True)):
+        t = period * np.arange(ROWS).repeat(2)[:ROWS]
+        path = save(tmp_path / "log.csv", flat(NO_DQ | {"t": t}))
+        assert ("with steps of" in refusal(path)) if refused else len(read_log(path)) == ROWS
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Refused, each by one line that leads on
-# ---------------------------------------------------------------------------------------------------------------
 def archive(name):
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w") as folder:
@@ -277,9 +256,6 @@ def test_rows_are_counted_from_the_first_line_of_the_file(tmp_path):
         assert f"row 10: column q1 {said}" in refusal(save(tmp_path / "log.csv", joined(bad)))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# One line leads to the next command, until the log is read
-# ---------------------------------------------------------------------------------------------------------------
 def test_a_stranger_needs_three_commands(tmp_path, capfd):
     """Names, milliseconds and degrees of which nothing is said."""
     blocks = scaled(RECORDED, t=1e3, q=DEGREES, dq=DEGREES)
@@ -320,28 +296,20 @@ def test_the_columns_that_a_refusal_suggests_read_the_log(tmp_path, columns):
     np.testing.assert_allclose(log.effort, RECORDED["tau"], rtol=1e-12)
 
 
-def test_a_count_of_rows_is_a_time(tmp_path):
-    """`--columns t="sample[10ms]"`: each row is 10 ms."""
+def test_what_efforts_and_times_are_meant(tmp_path):
+    """Torques that are currents, velocities that are no efforts, and `t="sample[10ms]"`: each row is 10 ms."""
+    path, gains = save(tmp_path / "log.csv", flat(RECORDED, tau="effort_{}")), [2.0, 3.0, 1.0]
+    assert_same(read_log(path), RECORDED)
+    assert 'drop --gains, or give --columns i="effort_{}"' in refusal(path, gains=gains)
+    log = read_log(path, gains, columns={"i": "effort_{}"})
+    assert_same(log, RECORDED | {"tau": RECORDED["tau"] * gains})
+    names = {"t": "Time stamp /s", "q": "Axis {} act. pos", "dq": "Axis {} act. vel", "tau": "|M{}| Nm"}
+    columns = {"Unnamed: 0": np.arange(ROWS)} | flat(RECORDED | {"tau": np.abs(RECORDED["tau"])}, **names)
+    path = save(tmp_path / "log.csv", columns)
+    assert refusal(path).endswith('--columns t="Time stamp /s",q="Axis {} act. pos",tau="|M{}| Nm"')
+    wrong = without(names, "dq") | {"tau": names["dq"]}
+    assert "the efforts are the joints' velocities" in refusal(path, columns=wrong)
     path = save(tmp_path / "log.csv", flat(RECORDED | {"t": np.arange(ROWS)}, t="sample"))
     assert 't="sample"' in refusal(path)
     assert "rows?" in refusal(path, columns={"t": "sample"})
     assert_same(read_log(path, columns={"t": "sample[10ms]"}), RECORDED)
-
-
-def test_efforts_that_are_currents(tmp_path):
-    path = save(tmp_path / "log.csv", flat(RECORDED, tau="effort_{}"))
-    assert_same(read_log(path), RECORDED)
-    assert 'drop --gains, or give --columns i="effort_{}"' in refusal(path, gains=[2.0, 3.0, 1.0])
-    log = read_log(path, [2.0, 3.0, 1.0], columns={"i": "effort_{}"})
-    assert_same(log, RECORDED | {"tau": RECORDED["tau"] * [2.0, 3.0, 1.0]})
-
-
-def test_velocities_are_not_taken_for_efforts(tmp_path):
-    """Neither suggested nor read."""
-    columns = {"Unnamed: 0": np.arange(ROWS)}
-    names = {"t": "Time stamp /s", "q": "Axis {} act. pos", "dq": "Axis {} act. vel", "tau": "|M{}| Nm"}
-    path = save(tmp_path / "log.csv", columns | flat(RECORDED | {"tau": np.abs(RECORDED["tau"])}, **names))
-    assert refusal(path).endswith('--columns t="Time stamp /s",q="Axis {} act. pos",tau="|M{}| Nm"')
-    wrong = without(names, "dq") | {"tau": names["dq"]}
-    assert "the efforts are the joints' velocities" in refusal(path, columns=wrong)
-    assert read_log(path, columns=without(names, "dq")).n_joints == 3
