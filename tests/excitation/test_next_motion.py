@@ -6,8 +6,8 @@ from open_results import LIMITS, TERMS, earlier_motion, gains_result, open_resul
 
 from bayesid.errors import InputError
 from bayesid.excitation.feasible import BAND
-from bayesid.excitation.next_motion import RunSettings, design_next, slowed
-from bayesid.excitation.rivals import TELLING
+from bayesid.excitation.next_motion import RunSettings, design_next, equivalent_classes, slowed
+from bayesid.excitation.rivals import TELLING, parse_key
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import join_logs
 from bayesid.model.distortions.delay import Delay
@@ -187,6 +187,12 @@ def test_hypotheses_are_told_better_than_by_a_random_motion(result):
     assert told > 1.5 * by_random
 
 
+def test_equivalent_effects_make_a_class_of_which_the_found_one_is_the_first():
+    found = [("delay", (), ()), ("stribeck_friction", (3,), ("thermal_drift", "payload", "torque_offset:2", "delay:"))]
+    names = ("stribeck_friction:3", "thermal_drift:3", "payload", "torque_offset:2", "delay")
+    assert equivalent_classes(found) == (tuple(parse_key(name) for name in names),)
+
+
 def test_a_payload_is_learned_of_where_the_flange_carries_it():
     carrying = open_result(terms=(*TERMS, CarriedPayload(label=("tool",))))
     run = replace(RUN, effort_limits=(150.0, 80.0, 30.0))
@@ -217,6 +223,7 @@ def test_what_was_not_checked_and_what_no_motion_tells_is_said(result):
         assert all(word in sentence for sentence, word in zip(unchecked, words, strict=True))
     design = design_next(result, ["m3", "Fc1"], run=replace(RUN, duration=2.0), changes=2)
     assert "m3" in design.never[0]
+    assert "coefficients" in repr(design)
     blind = replace(result.identified, precision=np.zeros_like(result.identified.precision))
     wide = replace(RUN, limits=replace(RUN.limits, effort=None))
     assert any("--no-posterior" in said for said in design_next(blind, run=wide, changes=1).never)

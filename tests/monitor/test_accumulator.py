@@ -313,6 +313,7 @@ def test_signs_that_were_turned_are_found_and_named(pieces, forget):
     assert check.certified
     assert check.differ
     assert check.cost < check.cost_taken
+    assert "joint 1," in repr(check)
     for j, start, end in TURNED:
         found = [one for one in check.stretches if one.joint == j + 1 and one.start < end and one.end > start]
         rows = (case.motion.t >= start) & (case.motion.t < end)
