@@ -3,8 +3,6 @@
 Run as a script it is `bayesid study toy`, and processes that are not tests can run it, be interrupted, be killed.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -25,8 +23,7 @@ import source_tree  # noqa: F401
 from bayesid.study.study import Study, in_turn
 
 SCRIPT = Path(__file__)
-PATIENCE = 60.0
-"""s, after which a test gives up waiting."""
+PATIENCE = 60.0  # s, after which a test gives up waiting
 
 
 @dataclass(frozen=True)
@@ -37,14 +34,11 @@ class Scenario:
 
 
 SCENARIOS = [Scenario("low", 0.25, (1, 2)), Scenario("high", 1.75, ())]
-FAILS = ("high", 2)
-"""Name and seed of the trial that fails: number 5 of the plan."""
-GATES = (5, 15)
-"""Seeds from which on trials wait at a closed gate: numbers 10 and 30 of the plan."""
+FAILS = ("high", 2)  # name and seed of the trial that fails: number 5 of the plan
+GATES = (5, 15)  # seeds from which on trials wait at a closed gate: numbers 10 and 30 of the plan
 
 
 def trial(scenario, seed, marks="", nap=0.0):
-    """Numbers from the seed, in every form that a column must bear."""
     if marks:
         leave_mark(marks, scenario.name, seed)
     time.sleep(nap)
@@ -69,7 +63,6 @@ def draw(rows, figure):
 
 
 def toy_study(marks="", nap=0.0):
-    """Marks of the trials go to a file; each takes a nap of so many seconds."""
     task = partial(trial, marks=str(marks), nap=nap)
     return Study("toy", 12, in_turn(SCENARIOS), task, lambda rows: f"{len(rows)} good rows", draw)
 
@@ -98,11 +91,7 @@ def executions(path):
     return Counter(numbers[words] for _, words in marks_in(path))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Processes
-# ---------------------------------------------------------------------------------------------------------------
 def wait_until(holds, what):
-    """Waits until something holds, and returns it."""
     deadline = time.monotonic() + PATIENCE
     while not (found := holds()):
         assert time.monotonic() < deadline, f"waited {PATIENCE:g} s in vain until {what}"

@@ -19,14 +19,20 @@ N = 3
 ORDERS = (("torque_offset", "payload", "coulomb_friction", "rigid_body"), ("viscous_friction", "coulomb_friction"))
 
 
-def test_what_is_uncertain_is_the_geometry_in_its_tolerance():
-    """But for the first joint's place, the base's. The second one is shifted along its own x: differences of robots."""
+def made_case(names, **tolerance):
     robot, motion = small_robot(N, seed=2), smooth_motion(N, 2.0, 50.0, seed=4)
-    model = Model(robot, make_terms(["viscous_friction", "rigid_body"], robot, motion))
+    model = Model(robot, make_terms(names, robot, motion))
     theta = random_parameters(model, np.random.default_rng(1))
     trial = SimpleNamespace(signals=SimpleNamespace(motion=motion), actuators=motion, magnitude=None)
-    tolerance = KinematicTolerance(length=0.004, angle=0.002)
-    case = Case(Knowledge(model, theta, np.zeros((1, 1))), None, None, trial, None, None, tolerance=tolerance)
+    return Case(Knowledge(model, theta, np.zeros((1, 1))), None, None, trial, None, None, **tolerance), motion
+
+
+def test_what_is_uncertain_is_the_geometry_in_its_tolerance():
+    """But for the first joint's place, the base's. The second one is shifted along its own x: differences of robots."""
+    case, motion = made_case(
+        ["viscous_friction", "rigid_body"], tolerance=KinematicTolerance(length=0.004, angle=0.002)
+    )
+    model, theta, robot = case.model, case.knowledge.theta, case.model.robot
     moved, step = list(robot.joints), 1e-4
     place = moved[1].placement @ np.array([[1, 0, 0, step], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]])
     moved[1] = replace(moved[1], placement=place)
@@ -43,12 +49,9 @@ def test_what_is_uncertain_is_the_geometry_in_its_tolerance():
 @pytest.mark.parametrize("names", ORDERS)
 def test_effects_see_the_links_wherever_their_term_stands(names):
     """By the parameters' names: J2xx, mc3y, m1; what the last link carries is part of it."""
-    robot, motion = small_robot(N, seed=2), smooth_motion(N, 2.0, 50.0, seed=4)
-    model = Model(robot, make_terms(names, robot, motion))
-    theta = random_parameters(model, np.random.default_rng(1))
-    knowledge = Knowledge(model, theta, np.zeros((1, 1)))
-    trial = SimpleNamespace(signals=SimpleNamespace(motion=motion), actuators=motion, magnitude=None)
-    scene = Case(knowledge, None, None, trial, None, None).scene(model.effort(motion, theta))
+    case, motion = made_case(names)
+    model, theta = case.model, case.knowledge.theta
+    scene = case.scene(model.effort(motion, theta))
     value = dict(zip((parameter.name for parameter in model.parameters), theta, strict=True))
     stems = [(name.rstrip("xyz"), name[len(name.rstrip("xyz")) :]) for name in NAMES]
     expected = np.array([[value.get(f"{stem}{i}{axes}", 0.0) for stem, axes in stems] for i in (1, 2, 3)])
@@ -59,9 +62,9 @@ def test_effects_see_the_links_wherever_their_term_stands(names):
 @pytest.mark.parametrize("added", [("payload", "hysteresis"), ("delay",)])
 def test_effort_of_an_extended_model_is_its_own(added):
     """The model's own columns are made once, whichever terms come after them; a distortion changes them all."""
-    robot, motion = small_robot(N, seed=2), smooth_motion(N, 2.0, 50.0, seed=4)
-    model = Model(robot, make_terms(["viscous_friction", "rigid_body"], robot, motion))
-    rng, extended = np.random.default_rng(3), model
+    case, motion = made_case(["viscous_friction", "rigid_body"])
+    model, robot, rng = case.model, case.model.robot, np.random.default_rng(3)
+    extended = model
     extra = {
         "payload": make_terms(["payload"], robot, motion)[0],
         "hysteresis": Hysteresis(joints=(2,), width=(0.03,)),

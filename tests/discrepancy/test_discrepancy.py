@@ -1,7 +1,3 @@
-"""The workflow from end to end: blind cases, the command, and what it must refuse."""
-
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace
@@ -9,20 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import real_log, small_robot, smooth_motion
+from made_trials import TERMS, arm_log
 
 import bayesid
 from bayesid.cli import main
 from bayesid.discrepancy.case import BLOCKS, HELD_BACK_BLOCKS
-from bayesid.fit.effects.explanation import LN10
 from bayesid.log.log import Log, read_log, write_log
-from bayesid.model.catalogue import make_terms
-from bayesid.model.model import Model
 from bayesid.results.discrepancy_json import discrepancy_summary
-from bayesid.simulation.logs import simulate
-from bayesid.simulation.parameters import random_parameters
 from bayesid.studies import blind
-
-TERMS = ("rigid_body", "viscous_friction")
 
 
 def blind_case(folder, seed, effect, size=0.0, style="bare", robot="random", trouble=blind.NO_TROUBLE, holdout=True):
@@ -35,21 +25,12 @@ def blind_case(folder, seed, effect, size=0.0, style="bare", robot="random", tro
     return bayesid.find_discrepancy(healthy, folder / "log.csv", held_back, posterior=False), truth
 
 
+LONG = [("rotor_inertia", "standard", 14), ("payload", "bare", 5), ("torque_ripple", "standard", 4)]
+
+
 @pytest.mark.parametrize(
     ("effect", "style", "seed"),
-    [
-        ("clipping", "bare", 11),
-        *(
-            pytest.param(*case, marks=pytest.mark.long)
-            for case in (
-                ("coulomb_friction", "bare", 3),
-                ("rotor_inertia", "standard", 14),
-                ("payload", "bare", 5),
-                ("base_tilt", "standard", 7),
-                ("torque_ripple", "standard", 4),
-            )
-        ),
-    ],
+    [("clipping", "bare", 11), *(pytest.param(*case, marks=pytest.mark.long) for case in LONG)],
 )
 def test_hidden_effect_is_named_and_added(tmp_path, effect, style, seed):
     result, truth = blind_case(tmp_path, seed, effect, 5.0, style)
@@ -57,7 +38,6 @@ def test_hidden_effect_is_named_and_added(tmp_path, effect, style, seed):
     first = result.added[0]
     assert effect in (first.effect, *first.equivalent)
     assert first.joints == truth.joints[0]
-    assert first.gain > 2.0 * LN10
     assert first.probability > 0.9
     assert np.max(result.before / truth.floor) > 1.5
     assert np.max(result.after / truth.floor) < 1.15
@@ -70,7 +50,6 @@ def test_nothing_hidden_nothing_named(tmp_path):
     assert result.status == "no_discrepancy"
     assert not result.added
     assert not result.unexplained
-    assert not result.where
     np.testing.assert_allclose(result.floor.rms, truth.noise, rtol=0.1)
     np.testing.assert_allclose(result.after / truth.noise, 1.0, atol=0.15)  # a quarter of 2400 samples, or less
 
@@ -102,47 +81,14 @@ def test_a_holdout_above_the_floor_or_growing_is_never_no_discrepancy(tmp_path, 
         assert result.after[joint - 1] > 1.25 * truth.floor[joint - 1]
     off = result.floor.rms > 1.3 * truth.noise  # of which the earlier model's error is the larger part
     assert not off[~result.floor.lasting].any()
-    written = discrepancy_summary(result)
-    seen_on = [(one["joint"], tuple(one["seen_on"])) for one in written["unexplained"]]
+    seen_on = [(one["joint"], tuple(one["seen_on"])) for one in discrepancy_summary(result)["unexplained"]]
     assert seen_on == list(result.unexplained_on.items())
-    assert written["gap"]["noise_floor_lasting"] == (np.flatnonzero(result.floor.lasting) + 1).tolist()
 
 
-@pytest.mark.parametrize(
-    ("trouble", "seed"), [pytest.param(WRONG_TABLE, 5, marks=pytest.mark.long), (LASTING_NOISE, 7)]
-)
-def test_a_wrong_table_and_lasting_noise_pass_for_no_effect(tmp_path, trouble, seed):
-    """A spring of log10 BF 13 and a cable of 7 without the geometry's columns, and with zeros in the gaps."""
-    result, _ = blind_case(tmp_path, seed, None, style="standard", robot="kr5", trouble=trouble)
+def test_lasting_noise_passes_for_no_effect(tmp_path):
+    result, _ = blind_case(tmp_path, 7, None, style="standard", robot="kr5", trouble=LASTING_NOISE)
     assert not result.added
     assert all(one.effect == "learned_effect" for one in result.refused)  # what is left is no function of the motion
-
-
-@pytest.mark.long
-def test_two_effects_in_one_joint_are_both_found(tmp_path):
-    folder = tmp_path / "case"
-    for seed in range(40, 60):
-        truth = blind.make_case(folder, seed, ("coulomb_friction", "gain_error"), 5.0, robot="random", style="bare")
-        if truth.joints[0] == truth.joints[1]:
-            break
-    healthy = bayesid.identify(folder / "robot.toml", folder / "baseline.csv", terms=["rigid_body"], posterior=False)
-    result = bayesid.find_discrepancy(healthy, folder / "log.csv", folder / "holdout.csv", posterior=False)
-    named = {effect.joints: set() for effect in result.added}
-    for effect in result.added:
-        named[effect.joints] |= {effect.effect, *effect.equivalent}
-    assert set(named) == {truth.joints[0]}
-    assert {"coulomb_friction", "gain_error"} <= named[truth.joints[0]]
-
-
-def arm_log(seed, extra=None, signed=False, duration=14.0, robot=2):
-    """The same arm, whatever the seed; `extra` changes its effort (N, n)."""
-    robot = small_robot(3, seed=robot)
-    motion = smooth_motion(3, duration, 100.0, seed=seed)
-    model = Model(robot, make_terms(TERMS, robot, motion))
-    theta = random_parameters(model, np.random.default_rng(5))
-    log = simulate(model, theta, motion, rng=np.random.default_rng(seed), noise=0.02, signed=True)
-    effort = log.effort if extra is None else log.effort + extra(motion)
-    return Log(log.t, log.q, effort if signed else np.abs(effort), np.full(3, signed), source=f"log{seed}")
 
 
 def spring(motion):
@@ -152,17 +98,6 @@ def spring(motion):
 @pytest.fixture(scope="module")
 def healthy():
     return bayesid.identify(small_robot(3, seed=2), arm_log(1), terms=TERMS, posterior=False)
-
-
-def test_parameters_and_their_deviations_are_those_of_the_hidden_effect(healthy):
-    """Of logs with signs; the command below has none."""
-    result = bayesid.find_discrepancy(healthy, arm_log(2, spring, True), arm_log(3, spring, True), posterior=False)
-    (effect,) = result.added
-    assert (effect.effect, effect.joints) == ("joint_spring", (2,))
-    value, sd, unit = effect.parameters["k2"]
-    assert unit == "N m/rad"
-    assert 0.0 < sd < 0.3
-    assert abs(value - 7.0) < 4.0 * sd
 
 
 def test_what_the_model_has_already_is_a_change(healthy):
@@ -195,17 +130,6 @@ def test_held_back_stretches_choose_nothing(healthy):
     assert plain.holdout == "stretches 3 and 6 of 8 of log2"
 
 
-@pytest.mark.long
-def test_an_effect_that_unseen_data_do_not_bear_out_is_left_out(healthy):
-    """The spring is in the log, but not in the holdout."""
-    result = bayesid.find_discrepancy(healthy, arm_log(2, spring), arm_log(3), posterior=False)
-    assert ("joint_spring", (2,)) in result.vetoed
-    (spring_again,) = [one for one in result.refused if one.hypothesis.key == ("joint_spring", (2,))]
-    assert spring_again.gain > 2.0 * LN10
-    assert all(effect.effect != "joint_spring" for effect in result.added)
-    assert result.status == "unexplained"
-
-
 def test_what_a_log_cannot_show_is_not_testable(healthy):
     """Joint 3 shows nothing but its encoder's noise."""
     motion, rng = smooth_motion(3, 14.0, 100.0, seed=2), np.random.default_rng(0)
@@ -230,23 +154,19 @@ def folder(healthy, tmp_path_factory):
     return place
 
 
-def test_command_leaves_report_and_extended_model(folder, capsys):
+def test_command_leaves_report_and_extended_model(folder):
     out = folder / "extended"
     arguments = ["discrepancy", str(folder / "healthy"), str(folder / "log.csv"), "--no-posterior", "--out", str(out)]
     assert main([*arguments, "--holdout", str(folder / "holdout.csv")]) == 0
-    printed = capsys.readouterr().out
-    assert "joint_spring" in printed
     written = json.loads((out / "discrepancy.json").read_text())
     assert written["status"] == "explained"
     assert [(effect["effect"], effect["joints"]) for effect in written["found"]] == [("joint_spring", [2])]
     k2 = written["found"][0]["parameters"]["k2"]
     assert k2["unit"] == "N m/rad"
     assert abs(k2["value"] - 7.0) < 4.0 * k2["sd"] < 1.2
-    assert written["where"][0]["joint"] == 2
-    assert written["where"][0]["variable"] == "position"
+    assert (written["where"][0]["joint"], written["where"][0]["variable"]) == (2, "position")
     assert written["gap"]["holdout"].endswith("holdout.csv")
     assert written["gap"]["after"][1] < 0.5 * written["gap"]["before"][1]
-    assert written["unexplained"] == []
     assert "spring" in (out / "discrepancy.html").read_text()
     stored = bayesid.load_model(out)
     assert stored.seen(arm_log(1))  # what the earlier log has shown is in it
@@ -260,7 +180,12 @@ def test_command_leaves_report_and_extended_model(folder, capsys):
 
 
 def test_bad_input_is_one_line_and_exit_code_2(folder, tmp_path, capsys):
-    write_other_logs(folder)
+    log = arm_log(2)
+    write_log(folder / "two.csv", Log(log.t, log.q[:, :2], log.effort[:, :2], log.signed[:2]))
+    write_log(folder / "other.csv", arm_log(2, robot=9))
+    write_log(folder / "still.csv", replace(log, q=np.zeros_like(log.q)))
+    shutil.copytree(folder / "healthy", folder / "broken")
+    (folder / "broken" / "model.toml").write_text("robot = 3\n")
     for change, said in (
         ({"holdout": "log.csv"}, "same motion as the log"),
         ({"result": "nowhere"}, "holds no model.toml"),
@@ -283,25 +208,6 @@ def test_bad_input_is_one_line_and_exit_code_2(folder, tmp_path, capsys):
         assert not (tmp_path / "out").exists()
 
 
-def write_other_logs(folder):
-    log = arm_log(2)
-    write_log(folder / "two.csv", Log(log.t, log.q[:, :2], log.effort[:, :2], log.signed[:2]))
-    write_log(folder / "other.csv", arm_log(2, robot=9))
-    write_log(folder / "still.csv", replace(log, q=np.zeros_like(log.q)))
-    shutil.copytree(folder / "healthy", folder / "broken")
-    (folder / "broken" / "model.toml").write_text("robot = 3\n")
-
-
-def test_nominal_model_says_what_it_does_not_know(folder, tmp_path):
-    """A model.toml without knowledge is one whose parameters nobody has measured."""
-    shutil.copytree(folder / "healthy", tmp_path / "nominal")
-    path = tmp_path / "nominal" / "model.toml"
-    text = path.read_text()
-    path.write_text(text[: text.index("[knowledge]")])
-    result = bayesid.find_discrepancy(bayesid.load_model(tmp_path / "nominal"), arm_log(2), posterior=False)
-    assert any("nothing is known" in warning for warning in result.warnings)
-
-
 @pytest.mark.real
 @pytest.mark.long
 def test_ur10e_payload():
@@ -310,15 +216,3 @@ def test_ur10e_payload():
     result = bayesid.find_discrepancy(model, log, posterior=False)
     assert result.added[0].effect == "payload"
     assert abs(result.added[0].parameters["mp6"][0] / 2.8 - 1.0) < 0.15
-
-
-@pytest.mark.real
-@pytest.mark.long
-def test_ur10e_friction():
-    log = read_log(real_log("ur10e/a_50s.csv")).rectified()
-    terms = ("rigid_body", "torque_offset", "rotor_inertia")
-    rough = bayesid.identify("ur10e", log, terms=terms, complete="off", posterior=False)
-    forgetful = replace(rough.identified, logs=frozenset())  # what is asked is how it names, not whether it is new
-    result = bayesid.find_discrepancy(forgetful, log, posterior=False)
-    named = {(effect.effect, effect.joints) for effect in result.added}
-    assert named == {(name, (j,)) for name in ("coulomb_friction", "viscous_friction") for j in range(1, 7)}

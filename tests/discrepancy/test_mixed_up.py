@@ -1,5 +1,3 @@
-"""Columns that are mixed up, against efforts made by hand."""
-
 import numpy as np
 import pytest
 from conftest import smooth_motion

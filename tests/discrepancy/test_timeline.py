@@ -1,20 +1,7 @@
-"""The statistics of a time line: Holm's correction, a payload taken out, and how often nothing is called a change."""
-
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from bayesid.discrepancy.timeline import LEVEL, Timeline, TrackedParameter, holm, without_payload
-
-
-def timeline(z):
-    """Of (K - 1, C) changes over their sds, those of coefficients with an sd of 2."""
-    value = np.vstack([np.zeros(z.shape[1]), 2.0 * z])
-    sd = np.vstack([np.full(z.shape[1], np.nan), np.full(z.shape, 2.0)])
-    tracked = tuple(TrackedParameter(f"p{c}", f"p{c}", "N m", "coulomb_friction", c + 1) for c in range(z.shape[1]))
-    nothing = np.full_like(value, np.nan)
-    return Timeline(tracked, value, sd, value, sd, np.zeros_like(value), nothing)
+from bayesid.discrepancy.timeline import LEVEL, holm, without_payload
 
 
 def test_holm_rejects_one_after_the_other():
@@ -27,15 +14,6 @@ def test_holm_rejects_one_after_the_other():
             rejected.add(int(left.pop(0)))
         assert set(np.flatnonzero(holm(p) < LEVEL).tolist()) == rejected
     np.testing.assert_allclose(holm(np.array([0.03, 0.001, 0.4])), [0.06, 0.003, 0.4])
-
-
-def test_the_typical_change_over_its_deviation():
-    z = np.random.default_rng(0).normal(size=(2, 4000)) * 1.7
-    line = timeline(z)
-    told = Timeline(**{**vars(line), "p": np.where(np.isfinite(line.z), 1.0, np.nan)})
-    assert told.factor == pytest.approx(1.7, rel=0.05)
-    assert told.n_tested == 8000
-    assert not told.moved.any()
 
 
 def problem(rng, m=14):

@@ -11,7 +11,6 @@ from bayesid.discrepancy import worth
 from bayesid.discrepancy.case import Case, HeldBack
 from bayesid.fit.effects.columns import Columns
 from bayesid.fit.effects.hypotheses import Hypothesis
-from bayesid.fit.effects.worth import Cost, EffortSize
 from bayesid.fit.knowledge import Knowledge
 from bayesid.model.distortions.gain_error import GainError
 from bayesid.model.model import Model
@@ -49,30 +48,18 @@ def test_the_cost_is_the_error_without_an_effect_where_it_matters_most():
 
     chosen = set_of((body, friction), (1.0, 0.2, 3.0))
     fewer = {(friction,): set_of((friction,), (4.0, 1.2, 3.0)), (body,): set_of((body,), (1.0, 2.0, 5.0))}
-    asked = []
 
     def settled(effects, on, joints):
-        asked.append((tuple(effects), on, joints))
+        (gone,) = {body, friction} - set(effects)
+        assert (on, joints) == (data, gone.columns.joints)
         return fewer[tuple(effects)]
 
     trial = made_trial(smooth_motion(3, 4 / RATE, RATE), effort, used, signed=True)
     sets = SimpleNamespace(case=SimpleNamespace(held_back=SimpleNamespace(trial=trial)), settled=settled)
     found = worth.costs(sets, chosen)
-    assert asked == [((friction,), data, body.columns.joints), ((body,), data, friction.columns.joints)]
-    assert [one.joint for one in found] == [2, 3]
-    assert [(one.before, one.after, one.effort) for one in found] == [
-        pytest.approx((1.2, 0.2, 2.0)),
-        pytest.approx((5.0, 3.0, 5.0)),
-    ]
-    assert [(one.share_before, one.share_after) for one in found] == [
-        pytest.approx((0.6, 0.1)),
-        pytest.approx((1.0, 0.6)),
-    ]
-
-
-def test_shares_of_nothing_are_not_known():
-    assert np.isnan(Cost(1, 1.0, 0.5, 0.0).share_before)
-    assert np.isnan(EffortSize(1, 1.0, 2.0, 0.0, "rated effort").share)
+    for one, joint, numbers in zip(found, (2, 3), ((1.2, 0.2, 2.0, 0.6, 0.1), (5.0, 3.0, 5.0, 1.0, 0.6)), strict=True):
+        assert one.joint == joint
+        assert (one.before, one.after, one.effort, one.share_before, one.share_after) == pytest.approx(numbers)
 
 
 FRICTION, OFFSET = CoulombFriction(smoothing=(0.1, 0.1)), TorqueOffset(joints=(2,))

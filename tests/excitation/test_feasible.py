@@ -9,7 +9,6 @@ from open_results import LIMITS, open_known
 from bayesid.excitation.feasible import BAND, Feasibility, largest_efforts
 from bayesid.excitation.limits import check_limits
 from bayesid.excitation.splines import DEGREE, ENDS, SplineBasis, at_rest
-from bayesid.model.terms.hysteresis import Hysteresis
 from bayesid.simulation.trajectories import MotionLimits
 
 POSE = np.array([-0.2, 0.5, 0.3])
@@ -105,22 +104,6 @@ def test_a_step_that_is_none_and_one_that_has_all_the_room(known, basis):
     assert touching.shortened(still, aside) == 1.0
 
 
-@pytest.mark.parametrize("limit", ["position", "jerk"])
-def test_limits_hold_at_every_instant_of_a_shortened_step(known, basis, limit):
-    limits = {"position": {"lower": LIMITS.lower, "upper": LIMITS.upper}, "jerk": {"jerk": (30.0, 80.0, 55.0)}}
-    chosen = limits.get(limit) or {limit: getattr(LIMITS, limit)}
-    feasibility, step = within(known, **chosen), wave(basis, 5, 3.0)
-    motion = moved(at_rest(basis, POSE), step, feasibility.shortened(at_rest(basis, POSE), step))
-    t, order = np.linspace(0.0, 3.1, 20_001), ["position", "velocity", "acceleration", "jerk"].index(limit)
-    values = basis.values(t, order) @ motion.control
-    lower, upper = feasibility.lower, feasibility.upper
-    if order:
-        lower, upper = -feasibility.rates[order - 1], feasibility.rates[order - 1]
-    room = np.minimum(upper - values.max(axis=0), values.min(axis=0) - lower) / (upper - lower)
-    assert room.min() >= -1e-12
-    assert room.min() < 0.05  # and the limit is used
-
-
 def test_the_band_is_that_of_the_coefficients_and_what_the_model_lacks(basis):
     known = open_known(lacking=0.7)
     motion = moved(at_rest(basis, POSE), wave(basis)).motion(np.linspace(0.5, 2.5, 23))
@@ -188,16 +171,6 @@ def test_windows_say_of_efforts_what_the_whole_motion_says(known, basis, seed):
     inside = feasibility.largest_efforts(after, *window)
     np.testing.assert_allclose(np.maximum(earlier, inside), np.maximum(earlier, whole), rtol=1e-12)
     assert np.any(whole > earlier)
-
-
-def test_with_memory_efforts_are_those_of_the_whole_motion(basis):
-    """Presliding: what a joint feels in a window depends on where it has been before."""
-    known = open_known(n=2, terms=("rigid_body", Hysteresis(width=(0.3, 0.5))))
-    step = wave(basis, 4, 0.6)[:, :2]
-    trajectory = moved(at_rest(basis, POSE[:2]), step)
-    feasibility = Feasibility.of(known, MotionLimits(effort=1e3), None)
-    whole = feasibility.largest_efforts(trajectory)
-    np.testing.assert_allclose(feasibility.largest_efforts(trajectory, 1.0, 1.5), whole, rtol=1e-12)
 
 
 def test_steps_into_a_collision_are_refused(known, basis):

@@ -1,5 +1,3 @@
-"""The next motion, from a result to what its recording leaves; a small arm, few changes."""
-
 from dataclasses import replace
 
 import numpy as np
@@ -9,12 +7,10 @@ from open_results import LIMITS, TERMS, earlier_motion, gains_result, open_resul
 from bayesid.errors import InputError
 from bayesid.excitation.feasible import BAND
 from bayesid.excitation.next_motion import RunSettings, design_next, equivalent_classes, slowed
-from bayesid.excitation.rivals import TELLING
+from bayesid.excitation.rivals import TELLING, parse_key
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import join_logs
-from bayesid.model.coefficients import base_coefficients
 from bayesid.model.distortions.delay import Delay
-from bayesid.model.robot import robot_from_table
 from bayesid.model.terms.payload import CarriedPayload
 from bayesid.simulation.logs import simulate
 
@@ -92,27 +88,15 @@ def test_whatever_effects_a_model_has_a_motion_is_found_for_it(effect):
 def test_the_motion_keeps_all_limits_at_every_millisecond_with_the_true_parameters(truth, design):
     t = np.linspace(0.0, 5.0, 5001)
     motion, limits = design.trajectory.motion(t), design.run.limits
-    assert np.all(motion.q >= np.array(limits.lower) - 1e-9)
-    assert np.all(motion.q <= np.array(limits.upper) + 1e-9)
-    assert np.all(np.abs(motion.dq).max(axis=0) <= np.array(limits.velocity) * (1.0 + 1e-9))
-    assert np.all(np.abs(motion.ddq).max(axis=0) <= np.array(limits.acceleration) * (1.0 + 1e-9))
+    assert np.all((motion.q >= np.array(limits.lower) - 1e-9) & (motion.q <= np.array(limits.upper) + 1e-9))
     jerk = design.trajectory.basis.values(t, 3) @ design.trajectory.control
-    assert np.all(np.abs(jerk).max(axis=0) <= np.array(limits.jerk) * (1.0 + 1e-9))
+    rates = (motion.dq, limits.velocity), (motion.ddq, limits.acceleration), (jerk, limits.jerk)
+    for values, limit in rates:
+        assert np.all(np.abs(values) <= np.array(limit) * (1.0 + 1e-9))
     true = np.abs(truth.model.effort(motion, truth.theta)).max(axis=0)
     assert np.all(true <= EFFORT)
     assert np.all(true <= design.largest_effort)
     assert np.all(design.largest_effort <= EFFORT)
-
-
-def test_a_motion_that_was_found_is_not_said_to_break_its_limits(result):
-    """Whatever the rate of the controller: what was checked while searching is what is said."""
-    found = design_next(result, run=replace(RUN, rate=10.0), **QUICK)
-    assert 1.0 in found.slow
-    assert np.all(found.largest_effort <= EFFORT)
-    mean, sd = effort_band(found, found.trajectory.motion(np.linspace(0.0, 5.0, 20_001)))
-    finest = (np.abs(mean) + BAND * sd).max(axis=0)
-    np.testing.assert_array_less(finest, found.largest_effort)
-    np.testing.assert_allclose(found.largest_effort, finest, rtol=0.03)
 
 
 def effort_band(design, motion):
@@ -120,21 +104,14 @@ def effort_band(design, motion):
     return columns @ design.known.mean, np.sqrt(np.einsum("njr,rs,njs->nj", columns, design.known.now, columns))
 
 
-def test_the_limits_of_efforts_bind(result, design):
-    """Without them the same search loads a joint beyond its own."""
-    free = design_next(result, run=replace(RUN, limits=replace(RUN.limits, effort=None)), **QUICK)
-    assert np.any(free.largest_effort > EFFORT)
-    assert np.all(free.trajectory.control[:3] == design.trajectory.control[:3])
-
-
 def test_the_motion_starts_and_ends_at_rest_where_the_log_began(result, design):
     motion = design.motion
     assert len(motion) == 251
     assert motion.t[-1] == 5.0
     np.testing.assert_allclose(motion.q[[0, -1]], np.tile(result.signals.motion.q[0], (2, 1)), atol=1e-12)
-    assert not motion.dq[[0, -1]].any() or np.abs(motion.dq[[0, -1]]).max() < 1e-12
+    np.testing.assert_allclose(motion.dq[[0, -1]], 0.0, atol=1e-12)
     assert np.abs(motion.dq).max(axis=0).min() > 0.3
-    assert design.run.start == tuple(result.signals.motion.q[0].tolist())
+    assert design.predicted.gain > design.of_random.gain > 0.0
 
 
 def test_a_start_of_one_s_own_and_none_that_is_known(result):
@@ -144,8 +121,11 @@ def test_a_start_of_one_s_own_and_none_that_is_known(result):
     loaded = design_next(result.identified, run=replace(RUN, duration=3.0), changes=10)
     middle = 0.5 * (np.array(LIMITS.lower) + np.array(LIMITS.upper))
     np.testing.assert_allclose(loaded.motion.q[0], middle, atol=1e-12)
-    told = design_next(result.identified, run=replace(RUN, duration=3.0), recorded=earlier_motion(), changes=10)
+    lacking = np.diag((0.3 * result.sd) ** 2)
+    model, run = replace(result.identified, lacking=lacking), replace(RUN, duration=3.0)
+    told = design_next(model, run=run, recorded=earlier_motion(), changes=10)
     np.testing.assert_allclose(told.motion.q[0], earlier_motion().q[0], atol=1e-12)
+    np.testing.assert_allclose(told.predicted.sd_lacking**2, told.predicted.sd**2 + np.diag(lacking))
 
 
 def test_a_robot_that_must_not_touch_the_table_does_not(result, design):
@@ -172,19 +152,6 @@ def test_what_was_predicted_is_what_an_identification_of_both_logs_finds(truth, 
     np.testing.assert_array_equal(design.predicted.sd_lacking, design.predicted.sd)  # nothing is said to be lacking
 
 
-def test_a_designed_motion_tells_more_than_a_random_one(design):
-    assert design.predicted.gain > design.of_random.gain > 0.0
-    assert design.predicted.open <= design.predicted.open_now
-    np.testing.assert_array_equal(design.of_random.sd_now, design.predicted.sd_now)
-
-
-def test_what_the_model_lacks_is_left(result):
-    lacking = np.diag((0.3 * result.sd) ** 2)
-    wider = design_next(replace(result.identified, lacking=lacking), run=replace(RUN, duration=3.0), changes=10)
-    np.testing.assert_allclose(wider.predicted.sd_lacking**2, wider.predicted.sd**2 + np.diag(lacking))
-    assert wider.predicted.open_lacking >= wider.predicted.open
-
-
 def test_a_gain_is_open_where_it_is_known_to_less_than_a_tenth():
     """Of its logarithm the standard deviation is the relative one; its value, near zero, is no measure."""
     result = gains_result()
@@ -207,15 +174,9 @@ def test_what_is_asked_for_is_told_better_than_by_a_motion_for_all(result, desig
         assert about.predicted.sd[place] < design.predicted.sd[place]
 
 
-@pytest.fixture(scope="module")
-def telling(result):
-    return design_next(
-        result.identified, between=["stribeck_friction:3", "thermal_drift:3"], run=replace(RUN, duration=3.0), **QUICK
-    )
-
-
-def test_hypotheses_are_told_better_than_by_a_random_motion(telling):
+def test_hypotheses_are_told_better_than_by_a_random_motion(result):
     pair = ("stribeck_friction:3", "thermal_drift:3")
+    telling = design_next(result.identified, between=pair, run=replace(RUN, duration=3.0), **QUICK)
     assert set(telling.predicted.log10_bayes_factors) == {pair, pair[::-1]}
     assert telling.goal is None
     assert telling.predicted.gain == 0.0
@@ -224,20 +185,12 @@ def test_hypotheses_are_told_better_than_by_a_random_motion(telling):
         for one in (telling.predicted, telling.of_random)
     )
     assert told > 1.5 * by_random
-    assert telling.never == ()
-    assert "told apart    stribeck_friction:3 from thermal_drift:3" in repr(telling)
 
 
 def test_equivalent_effects_make_a_class_of_which_the_found_one_is_the_first():
     found = [("delay", (), ()), ("stribeck_friction", (3,), ("thermal_drift", "payload", "torque_offset:2", "delay:"))]
-    same = [
-        ("stribeck_friction", (3,)),
-        ("thermal_drift", (3,)),
-        ("payload", ()),
-        ("torque_offset", (2,)),
-        ("delay", ()),
-    ]
-    assert equivalent_classes(found) == (tuple(same),)
+    names = ("stribeck_friction:3", "thermal_drift:3", "payload", "torque_offset:2", "delay")
+    assert equivalent_classes(found) == (tuple(parse_key(name) for name in names),)
 
 
 def test_a_payload_is_learned_of_where_the_flange_carries_it():
@@ -254,9 +207,6 @@ def test_a_payload_is_learned_of_where_the_flange_carries_it():
     assert np.any(loaded.of_random.sd[places] < 0.9 * before)  # the random one carries it too
     mean, _ = loaded.effort_band
     np.testing.assert_allclose(mean, carrying.model.effort(loaded.motion, carrying.theta), atol=1e-8)
-    bare = replace(loaded.motion, payload=np.array(""))
-    assert np.abs(mean - carrying.model.effort(bare, carrying.theta)).max() > 1.0
-    assert any("tool on the flange" in sentence for sentence in loaded.checked)
     near = design_next(carrying, ["payload"], run=replace(run, payload="tool", clearance=Table(1.7)), changes=2)
     assert any(sentence.startswith("distances of tool:") for sentence in near.unchecked)
 
@@ -270,12 +220,13 @@ def test_what_was_not_checked_and_what_no_motion_tells_is_said(result):
         run = replace(RUN, duration=2.0, limits=replace(LIMITS, **limits), clearance=clearance)
         unchecked = design_next(result, run=run, changes=2).unchecked
         assert len(unchecked) == len(words)
-        for sentence, word in zip(unchecked, words, strict=True):
-            assert word in sentence
-            assert "\n" not in sentence
+        assert all(word in sentence for sentence, word in zip(unchecked, words, strict=True))
     design = design_next(result, ["m3", "Fc1"], run=replace(RUN, duration=2.0), changes=2)
     assert "m3" in design.never[0]
     assert "coefficients" in repr(design)
+    blind = replace(result.identified, precision=np.zeros_like(result.identified.precision))
+    wide = replace(RUN, limits=replace(RUN.limits, effort=None))
+    assert any("--no-posterior" in said for said in design_next(blind, run=wide, changes=1).never)
 
 
 def test_slower_motions_take_longer_and_less_effort(design):
@@ -335,19 +286,3 @@ def test_requests_that_cannot_be_met_are_refused(result):
         )
     with pytest.raises(InputError, match=r"'result' is no result.*load_model"):
         design_next("result")
-
-
-def test_a_result_that_knows_nothing_says_what_stands_for_it(result):
-    blind = replace(result.identified, precision=np.zeros_like(result.identified.precision))
-    wide = replace(RUN, limits=replace(RUN.limits, effort=None))
-    assert any("--no-posterior" in said for said in design_next(blind, run=wide, changes=1).never)
-
-
-def test_a_joint_that_slides_needs_limits():
-    rows = [{"a": 0.1, "alpha": 0.3, "d": 0.2, "theta": 0.0, "type": kind} for kind in ("revolute", "prismatic")]
-    robot = robot_from_table({"name": "slider", "convention": "standard", "joints": rows}, "test")
-    turned = open_result(n=2)
-    sliding = replace(turned, model=replace(turned.model, robot=robot))
-    base = base_coefficients(sliding.model)
-    sliding = replace(sliding, precision=np.eye(len(base)))
-    assert_refused(lambda: design_next(sliding, changes=1), "--limits", "joint 2 slides")

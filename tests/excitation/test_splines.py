@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from scipy.interpolate import BSpline
-from scipy.special import comb
 
 from bayesid.excitation.splines import DEGREE, ENDS, SplineBasis, SplineTrajectory, at_rest
 
@@ -81,32 +80,3 @@ def test_a_single_control_point_moves_the_curve_as_the_uniform_spline_of_degree_
     for order, values in enumerate(want):
         np.testing.assert_allclose(basis.values(t, order) @ control[:, 0], values, atol=1e-10)
         assert not (basis.values(np.array([0.0, 0.74, 2.26, 4.0]), order) @ control).any()
-
-
-def blossom(knots, power, degree=DEGREE):
-    """Control points of t^power: elementary symmetric sums of the knots within each function (Ramshaw 1989)."""
-    inner = np.array([knots[k + 1 : k + 1 + degree] for k in range(len(knots) - degree - 1)])
-    sums = np.array([np.poly(-row)[power] for row in inner])
-    return sums / comb(degree, power)
-
-
-def test_a_quintic_is_exact_and_so_are_its_bounds():
-    """t^p and its derivatives grow from t = 0, so the outermost Bernstein coefficients are the values at the ends."""
-    duration, power, factors = 1.7, 5, (1, 5, 20, 60)
-    trajectory = SplineTrajectory(SplineBasis(duration), blossom(SplineBasis(duration).knots, power)[:, None])
-    t = np.linspace(0.0, duration, 41)[1:-1]
-    for order, factor in enumerate(factors):
-        found = (trajectory.basis.values(t, order) @ trajectory.control)[:, 0]
-        top = factor * duration ** (power - order)
-        np.testing.assert_allclose(found, factor * t ** (power - order), atol=1e-11 * top)
-        (least,), (largest,) = trajectory.bounds(order)
-        assert least == pytest.approx(factor * 0.0 ** (power - order), abs=1e-10 * top)
-        assert largest == pytest.approx(top, rel=1e-10)
-
-
-def test_a_straight_line_is_that_of_its_values_at_the_places():
-    """Whose exactness defines them (de Boor, chapter XI)."""
-    basis = SplineBasis(3.7)
-    t = np.linspace(0.0, 3.7, 57)
-    np.testing.assert_allclose(basis.values(t) @ basis.places, t, atol=1e-13)
-    assert np.all(np.diff(basis.places) > 0.0)

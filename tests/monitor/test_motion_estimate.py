@@ -1,5 +1,3 @@
-"""Positions, velocities and accelerations from the samples up to now."""
-
 import numpy as np
 import pytest
 
@@ -57,30 +55,6 @@ def test_stated_noise_of_the_acceleration_is_what_it_has(velocities):
             stated.append(local.variance_of_acceleration(float(instant))[0])
     ratio = np.sqrt(np.mean(stated)) / np.std(found)
     assert 0.85 < ratio < 1.15, ratio  # 3700 samples, 20 of which count as one: 5 % of either
-
-
-def test_the_noise_is_known_on_average_as_soon_as_the_window_is_full():
-    rng, first = np.random.default_rng(2), []
-    estimator = MotionEstimator(1, 0.12, RATE, False, False)
-    for _ in range(400):
-        window = estimator.begin()
-        for k in range(14):
-            estimator.add(window, k / RATE, 1e-4 * rng.standard_normal(1))
-            local = estimator.fit(window)
-        assert local.full
-        first.append(local.variance[0])
-    assert 0.8 < np.mean(first) / 1e-8 < 1.2  # ten squares each, 400 times: 3 %, more as they are not independent
-
-
-def test_looking_back_is_less_noisy():
-    t = np.arange(60) / RATE
-    estimator = MotionEstimator(1, 0.2, RATE, False, False)
-    window = estimator.begin()
-    for instant in t:
-        estimator.add(window, float(instant), np.array([1e-4 * np.sin(1e3 * instant)]))
-    local = estimator.fit(window)
-    back, newest = (local.variance_of_acceleration(t[-1] - lag)[0] for lag in (0.1, 0.0))
-    assert back < 0.05 * newest  # of 21 values: 0.03, by the polynomials of Gram
 
 
 def test_nothing_older_than_the_window_plays_a_part():

@@ -1,7 +1,3 @@
-"""Signs, torques and alarms of a running robot: simulated ones, and real logs as streams."""
-
-from __future__ import annotations
-
 import pickle
 import sys
 from dataclasses import fields, replace
@@ -9,7 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from conftest import real_log
-from tracked_arm import RATE, T, changed, identified, motion_of, right_share, run, stream, truth
+from tracked_arm import RATE, T, changed, identified, right_share, run, stream, truth
 
 import bayesid
 from bayesid.errors import InputError
@@ -23,8 +19,6 @@ def test_signs(lag, least):
     tracker, records = run(motion, effort, lag=lag)
     assert tracker.lag == lag
     assert right_share(records, motion, effort) >= least
-    sure = [record for record in records[50:] if max(record.probability.max(), 1 - record.probability.min()) > 0.5]
-    assert len(sure) == len(records) - 50
     assert not tracker.alarms
     assert tracker.counts.updates == len(T)
 
@@ -73,22 +67,10 @@ def test_a_record_is_of_the_oldest_sample_that_is_waited_for(lag):
         assert known[60:].all()
     assert tracker.counts.gaps == 1
     assert rest[0].state == ("unknown",) * 3
+    assert (first[0].probability == 0.5).all()
     nothing = SignTracker(identified(), RATE, lag).update(0.0, [np.nan] * 3, np.zeros(3))
     assert np.isnan(nothing.t)
     assert not nothing.fresh
-
-
-def test_states_and_what_is_not_known_yet():
-    model, theta = truth()
-    still = motion_of(2)[np.full(100, 700)]
-    records = run(motion_of(2), np.tile(model.effort(still[:1], theta), (100, 1)), rows=slice(0, 3))[1]
-    assert records[0].state == ("unknown",) * 3
-    assert np.isnan(records[0].predicted).all()
-    assert (records[0].probability == 0.5).all()
-    tracker = SignTracker(identified(), RATE)
-    for t, e in zip(T[:100], np.abs(model.effort(still, theta)), strict=True):
-        record = tracker.update(t, still.q[0], e)
-    assert record.state == ("rest",) * 3
 
 
 def same(one, other):
@@ -119,10 +101,9 @@ def test_late_repeated_and_missing_samples_are_counted_and_change_nothing():
     for k in range(300):
         records.append(tracker.update(motion.t[k], motion.q[k], np.abs(effort[k])))
         if k == 100:
-            assert not tracker.update(motion.t[k], motion.q[k], np.abs(effort[k])).fresh
-            assert not tracker.update(motion.t[k - 3], motion.q[k], np.abs(effort[k])).fresh
-            assert not tracker.update(motion.t[k] + 0.001, [np.nan, 0.0, 0.0], np.abs(effort[k])).fresh
-            assert not tracker.update(np.nan, motion.q[k], np.abs(effort[k])).fresh
+            t, q = motion.t[k], motion.q[k]
+            for bad in ((t, q), (motion.t[k - 3], q), (t + 0.001, [np.nan, 0.0, 0.0]), (np.nan, q)):
+                assert not tracker.update(*bad, np.abs(effort[k])).fresh
     assert all(same(a, b) for a, b in zip(records, expected, strict=True))
     counts = tracker.counts
     assert (counts.updates, counts.repeated, counts.late, counts.missing, counts.gaps) == (300, 1, 1, 2, 0)
@@ -158,35 +139,6 @@ def test_a_clock_that_is_set_back():
     window = tracker.window()
     assert window.t[0] == later.t[1004]
     assert len(window) == 1496
-
-
-def test_what_happens_after_a_clock_was_set_back_is_timed_by_it():
-    """A contact goes on when the clock is set back; another one, and a change, come afterwards."""
-    motion, effort, *_ = pushed(2, -0.3, 9.9)
-    other = np.where(
-        (T < 15.0)[:, None], effort + pushed(1, 0.3, 12.0)[1] - stream()[1], stream(2, changed(Fc3=3.0))[1]
-    )
-    tracker, _ = run(motion, other, rows=slice(0, 1000))
-    assert [alarm.kind for alarm in tracker.alarms] == ["contact"]
-    run(replace(motion, t=motion.t - 9.0), other, tracker, slice(1000, 2500))
-    times = [(alarm.kind, alarm.time) for alarm in tracker.alarms if 2.0 < alarm.time < 9.0]
-    assert [kind for kind, _ in times] == ["contact", "friction"]
-    assert 3.0 <= times[0][1] <= 3.25
-    assert 6.0 <= times[1][1] <= 7.0
-
-
-def test_neither_a_few_late_samples_nor_one_from_the_future_do_lasting_harm():
-    motion, effort = stream()
-    for order in ((6, 1, 2, 3, 4), (5, 1, 1, 2, 2, 2), (9, 8, 7, 6, 5, 4, 3, 2), (5, 1, 2, 3, 6, 1, 2, 3)):
-        tracker, _ = run(motion, effort, rows=slice(0, 101))
-        for k in order:
-            tracker.update(motion.t[100 + k], motion.q[100 + k], np.abs(effort[100 + k]))
-        assert tracker.counts.set_back == 0
-        assert tracker.counts.late + tracker.counts.updates == 101 + len(order)
-    tracker.update(1e6, motion.q[300], np.abs(effort[300]))
-    _, records = run(motion, effort, tracker, slice(301, 600))
-    assert tracker.counts.set_back == 1
-    assert all(record.fresh for record in records[4:])
 
 
 def test_neither_objects_nor_the_state_grow_with_updates():
@@ -275,30 +227,28 @@ def with_payload():
     return tuple(theta.tolist())
 
 
-@pytest.mark.parametrize(
-    ("theta", "kind", "joint"), [(with_payload(), "payload", None), (changed(Fc3=2.5, Fv3=2.0), "friction", 3)]
-)
-def test_changes_are_named(theta, kind, joint):
-    tracker, records = run(*stream(2, theta))
-    changes = [alarm for alarm in tracker.alarms if alarm.kind != "contact"]
-    assert changes[0].kind == kind
-    assert {alarm.kind for alarm in changes} == {kind}
-    assert changes[0].raised - changes[0].time < 3.0
-    if kind == "payload":
-        assert abs(changes[0].amount - 1.5) < 0.3
-    else:
-        assert changes[0].joint == joint
-        assert changes[0].amount > 0.0
-    assert "unknown" in records[-1].state
-
-
-def test_a_gain_that_drops_is_named():
+def with_gain(factor):
     motion, effort = stream()
-    effort = effort * np.array([1.0, 0.6, 1.0])
-    tracker, _ = run(motion, effort)
-    first = next(alarm for alarm in tracker.alarms if alarm.kind != "contact")
-    assert (first.kind, first.joint) == ("gain", 2)
-    assert abs(first.amount + 0.4) < 0.1
+    return motion, effort * np.array([1.0, factor, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("streamed", "kind", "joint", "least", "most"),
+    [
+        (stream(2, with_payload()), "payload", None, 1.2, 1.8),
+        (stream(2, changed(Fc3=2.5, Fv3=2.0)), "friction", 3, 0.0, np.inf),
+        (with_gain(0.6), "gain", 2, -0.5, -0.3),
+    ],
+    ids=["payload", "friction", "gain"],
+)
+def test_changes_are_named(streamed, kind, joint, least, most):
+    tracker, records = run(*streamed)
+    changes = [alarm for alarm in tracker.alarms if alarm.kind != "contact"]
+    assert {alarm.kind for alarm in changes} == {kind}
+    assert joint in (None, changes[0].joint)
+    assert changes[0].raised - changes[0].time < 3.0
+    assert least < changes[0].amount < most
+    assert "unknown" in records[-1].state
 
 
 def test_the_window_of_a_change_is_a_log_for_a_discrepancy():
@@ -320,14 +270,14 @@ def test_what_cannot_be_tracked_is_refused():
                 SignTracker(identified(), **{"rate": RATE, name: value})
     tracker = SignTracker(identified(), RATE)
     tracker.update(0.0, [0.0, 0.1, 0.2], [1.0, 2.0, 3.0])
-    with pytest.raises(InputError, match="as in the first sample"):
-        tracker.update(0.01, [0.0, 0.1, 0.2], [1.0, 2.0, 3.0], dq=[0.0, 0.0, 0.0])
-    with pytest.raises(InputError):
-        tracker.update(0.01, [0.0, 0.1], [1.0, 2.0, 3.0])
-    with pytest.raises(InputError):
-        SignTracker(identified(), RATE).window()
-    with pytest.raises(InputError, match="another"):
-        SignTracker(identified(), 2 * RATE).restore(tracker.state())
+    for call in (
+        lambda: tracker.update(0.01, [0.0, 0.1, 0.2], [1.0, 2.0, 3.0], dq=[0.0, 0.0, 0.0]),
+        lambda: tracker.update(0.01, [0.0, 0.1], [1.0, 2.0, 3.0]),
+        SignTracker(identified(), RATE).window,
+        lambda: SignTracker(identified(), 2 * RATE).restore(tracker.state()),
+    ):
+        with pytest.raises(InputError):
+            call()
 
 
 @pytest.fixture(scope="module")
@@ -357,13 +307,10 @@ def test_real_streams(ur10e, name, lag, least):
 
 
 @pytest.mark.real
-@pytest.mark.parametrize("of", ["a_50s", pytest.param("c_unloaded", marks=pytest.mark.long)])
-def test_a_real_payload(of, ur10e):
+def test_a_real_payload(ur10e):
     """Streamed to the model of the unloaded arm: named within 2 s of motion."""
-    log = bayesid.read_log(real_log(f"ur10e/{of}.csv"), unsigned="all")
-    model = ur10e if of == "a_50s" else bayesid.identify("ur10e", log, posterior=False)
     loaded = bayesid.read_log(real_log("ur10e/c_loaded.csv"), unsigned="all")
-    tracker = SignTracker(model, RATE)
+    tracker = SignTracker(ur10e, RATE)
     for t, q, e, dq in zip(loaded.t, loaded.q, loaded.effort, loaded.dq, strict=True):
         tracker.update(t, q, e, dq)
     (alarm,) = tracker.alarms

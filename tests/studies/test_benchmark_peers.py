@@ -16,9 +16,7 @@ from bayesid.simulation.trajectories import random_trajectory
 from bayesid.studies.benchmarks import peers
 from bayesid.studies.benchmarks.peer_methods import (
     Recording,
-    feasibility,
     least_squares,
-    most_feasible,
     ordinary,
     weighted,
     weighted_feasible,
@@ -85,28 +83,6 @@ def test_the_covariance_is_that_of_many_fits():
     assert np.all(np.diag(unweighted.covariance) > 2.0 * np.diag(fits[0].covariance))
 
 
-def test_the_sdp_is_feasible_and_loses_little(noisy):
-    free, answer = weighted(noisy.recording), weighted_feasible(noisy.recording)
-    least, negative = feasibility(answer)
-    assert least >= -1e-6
-    assert negative == 0
-    assert np.isnan(answer.interval).all()
-    errors = [noisy.recording.error(one.effort(noisy.recording.motion)) for one in (free, answer)]
-    assert np.all(errors[1] < 1.1 * errors[0])
-
-
-def test_coefficients_of_no_robot_are_told_from_those_of_one(clean):
-    model, coefficients = clean.recording.model, base_coefficients(clean.recording.model)
-    possible = coefficients.project(clean.theta)
-    inside = most_feasible(model, coefficients, possible)
-    np.testing.assert_allclose(coefficients.project(inside), possible, atol=1e-5 * np.abs(possible).max())
-    assert model.cone.smallest_eigenvalues(inside).min() > -1e-6
-    friction = coefficients.names.index("Fc2")
-    impossible = np.where(np.arange(len(possible)) == friction, -possible, possible)
-    answer = replace(weighted(clean.recording), beta=impossible)
-    assert feasibility(answer)[1] == 1
-
-
 def test_the_error_is_that_of_rows_that_the_fit_has_not_seen(noisy):
     first, second = (Recording.of(noisy.robot, peers.half_of(noisy.log, which)) for which in (1, 2))
     assert first.motion.t[-1] < second.motion.t[0]
@@ -116,26 +92,3 @@ def test_the_error_is_that_of_rows_that_the_fit_has_not_seen(noisy):
     rows = [peers.score("weighted", weighted, first, other, "halves") for other in (second, ruined)]
     assert rows[1].error[0] == pytest.approx(np.hypot(rows[0].error[0], 3.0), rel=0.1)
     assert rows[1].error[1] == rows[0].error[1]
-
-
-def test_the_sign_of_the_velocity_scores_what_it_is_worth(noisy):
-    signs, _, answer = peers.by_velocity(noisy.recording)
-    right = peers.right_share(noisy.recording, signs)
-    speed, effort = noisy.recording.motion.dq, noisy.recording.signals.raw_effort
-    strong = noisy.recording.used & (np.abs(effort) >= 0.05 * np.abs(effort).max(axis=0))
-    assert right == pytest.approx(np.mean((speed * effort > 0.0)[strong]))
-    assert 0.3 < right < 0.99
-    predicted = answer.effort(noisy.recording.motion)
-    signed = weighted(noisy.recording).effort(noisy.recording.motion)
-    assert np.all(noisy.recording.error(predicted) > noisy.recording.error(signed))
-    assert peers.right_share(noisy.recording, np.sign(effort)) == 1.0
-
-
-def test_truth_and_intervals_are_counted():
-    case = peers.make_case(replace(peers.CLASSES[0], robot="kr5"), 1)
-    fitted, other = (Recording.of(case.robot, peers.half_of(case.log, which)) for which in (1, 2))
-    rows = [peers.score(name, method, fitted, other, "simulated", case) for name, method in PLAIN.items()]
-    assert rows[1].counted > 40
-    assert rows[1].inside <= rows[1].counted
-    assert rows[2].counted == 0  # no intervals
-    assert all(0.0 < row.coefficient_error < 0.2 for row in rows)

@@ -1,7 +1,5 @@
 """The posterior's benchmark: what NUTS samples is the very same density, and the study runs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -9,13 +7,10 @@ from bayesid.posterior.sampler import Sampling, sample
 from bayesid.studies.benchmarks import posterior as benchmark_posterior
 from bayesid.studies.benchmarks.posterior import (
     LogCholesky,
-    Outcome,
-    Setting,
     Straight,
     main,
     make_log_density,
     numpyro_installed,
-    nuts,
     simulated_problem,
 )
 
@@ -71,40 +66,10 @@ def test_all_of_space_maps_into_the_region(jax, problem, points, chosen, rng):
     np.testing.assert_array_equal(np.isfinite(values), light)
 
 
-@needs_numpyro
-def test_nuts_moves(problem):
-    outcome = nuts(problem, Setting(LogCholesky, 0.9, 25, depth=4), 0.1)
-    assert outcome.draws.shape[1:3] == (4, 1)
-    assert np.isfinite(outcome.draws).all()
-    assert np.ptp(outcome.draws[:, 0, 0], axis=0).min() > 0.0
-    assert 0.0 < outcome.warm_up < outcome.seconds
-
-
 def forward(jax, chosen, z):
     """(W, P + n) coordinates and (W,) log |Jacobian|."""
     inner, volume = jax.jit(jax.vmap(chosen.forward))(z)
     return np.array(inner), np.array(volume)
-
-
-class TestOutcome:
-    def test_walkers_that_never_move_have_not_converged(self, rng):
-        still = np.repeat(rng.standard_normal((1, 4, 500, 2)), 50, axis=0)
-        still += 1e-6 * rng.standard_normal(still.shape)
-        outcome = Outcome("still", still, 0.0, 1.0, 1.0, "")
-        assert outcome.diagnostics.max_rhat < 1.01
-        assert outcome.between_walkers > 100.0
-        assert not outcome.converged
-
-    def test_figures_per_second(self, rng):
-        outcome = Outcome("white", rng.standard_normal((500, 4, 1, 3)), 1.0, 3.0, 2.0, "")
-        assert outcome.converged
-        assert outcome.diagnostics.min_ess > 1000
-        assert outcome.per_second == pytest.approx(outcome.diagnostics.min_ess / 3.0)
-        assert outcome.per_second_after_warm_up == pytest.approx(outcome.diagnostics.min_ess / 2.0)
-        assert outcome.per_cpu_second == pytest.approx(outcome.diagnostics.min_ess / 2.0)
-        assert outcome.off(outcome) == 0.0
-        other = Outcome("shifted", outcome.draws + np.array([0.0, 1.0, 0.0]), 1.0, 3.0, 2.0, "")
-        assert other.off(outcome) > 20.0
 
 
 @pytest.mark.long

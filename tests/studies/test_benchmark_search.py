@@ -1,7 +1,5 @@
 """The parts of the search's benchmark against closed forms and brute force."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np
@@ -11,10 +9,9 @@ from bayesid.identification.pipeline import identify
 from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
 from bayesid.model.terms import STANDARD
-from bayesid.signs.search.beam import beam
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
-from bayesid.studies.benchmarks.nodes_through_cvxpy import plain_node, tree_through_cvxpy
+from bayesid.studies.benchmarks.nodes_through_cvxpy import plain_node
 from bayesid.studies.benchmarks.problems import Recorder, Searched
 from bayesid.studies.benchmarks.scip import FORMULATIONS, NoCone, scip_installed, solve_with_scip, without_cone
 from tests.conftest import small_robot, smooth_motion
@@ -40,12 +37,6 @@ def brute_force(cost, free):
     )
 
 
-class TestProblems:
-    def test_the_pipelines_own_search_is_repeated_exactly(self, searched):
-        assert searched.repeated().cost == pytest.approx(searched.result.search.cost, rel=1e-12)
-        assert len(searched.problem.moments) == len(searched.result.searched)
-
-
 class TestThroughCvxpy:
     def test_a_node_costs_what_the_fast_solver_says(self, searched):
         problem, rng = searched.problem, np.random.default_rng(1)
@@ -58,14 +49,6 @@ class TestThroughCvxpy:
             expected = energy + solver.prepared(hessian).solve_precisely(gradient).cost
             cost = node.cost(hessian, gradient, energy)
             assert cost == pytest.approx(expected, abs=3e-5 * problem.energy)  # cvxpy may end with an inaccurate 1e-5
-
-    def test_a_wide_tree_finds_the_best_signs(self, searched):
-        problem = searched.problem.first(6)
-        signs, cost, nodes = tree_through_cvxpy(problem, width=64, initial=4)
-        best = beam(problem.moments, problem.solver(), width=None)
-        assert cost == pytest.approx(best.cost, abs=1e-5 * problem.energy)
-        assert nodes == 16 + 32 + 64
-        assert set(signs) <= {1, -1}
 
 
 class TestWithoutCone:
@@ -82,12 +65,6 @@ class TestWithoutCone:
         assert problem.energy + solution.cost == pytest.approx(expected, abs=1e-9 * problem.energy)
         assert problem.cost(signs) == pytest.approx(expected, abs=1e-9 * problem.energy)
         assert solution.lower_bound == solution.cost == solver.solve_precisely(gradient).cost
-
-    def test_the_certified_search_finds_the_best_of_all_signs(self, searched):
-        problem = without_cone(searched.problem.first(8))
-        found = problem.certified()
-        assert found.certified
-        assert found.cost == pytest.approx(brute_force(problem.cost, problem), abs=1e-8 * problem.energy)
 
     @pytest.mark.skipif(not scip_installed(), reason="pyscipopt is not installed")
     @pytest.mark.parametrize("name", list(FORMULATIONS))

@@ -8,7 +8,7 @@ import pytest
 
 from bayesid.studies import blind, blind_forms, blind_sets
 from bayesid.studies.blind import BEFORE
-from bayesid.studies.blind_sets import KINDS, NOTHING, TABLE, TROUBLES
+from bayesid.studies.blind_sets import KINDS, NOTHING, TABLE
 
 T = np.array([0.0, 2.5, 9.0])
 Q = np.array([[0.3, -0.7, 1.1], [-0.4, 0.5, 0.2], [0.9, -1.2, -0.6]])
@@ -66,14 +66,6 @@ def test_shapes_of_forms_by_hand():
     np.testing.assert_allclose(shape, [g if 0 <= g < 1 else 0.0 for g in grown])
 
 
-def test_what_is_one_effect_is_never_hidden_as_two_in_one_joint():
-    assert not blind_sets.allowed(("coulomb_friction", "hysteresis"), (2, 2))
-    assert blind_sets.allowed(("coulomb_friction", "hysteresis"), (2, 3))
-    pairs = {frozenset(pair) for pair in blind_sets.possible(blind_sets.PAIRS_TOGETHER)}
-    assert not pairs & blind_sets.ONE_EFFECT
-    assert frozenset(("coulomb_friction", "viscous_friction")) in pairs
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_cases_of_a_kind_hide_what_they_say(kind):
     case = blind_sets.of_kind(kind, 1, 11)[0]
@@ -111,15 +103,3 @@ def test_the_table_that_is_off_is_that_of_log_and_holdout():
     other = replace(logs.robot, table={**logs.table, "joints": joints})
     expected = play.under(other).healthy() - play.rigid + other.rigid_efforts(play.q, play.dq, play.ddq)
     np.testing.assert_allclose(logs.log.clean, expected[BEFORE:], atol=1e-9)
-
-
-def test_stribeck_friction_all_along_rises_towards_standstill():
-    trouble = TROUBLES["Stribeck all along"]
-    scene = blind.drawn_scene(5, "kr5", "standard", True, True, trouble)
-    smooth = replace(scene.robot, bump=0.0)
-    for play in scene.plays:
-        share = (play.healthy() - play.under(smooth).healthy()) / (scene.robot.coulomb * np.sign(play.dq))
-        slow, fast = np.abs(play.dq) < 0.01, np.abs(play.dq) > 0.4
-        assert slow.any()
-        np.testing.assert_allclose(share[slow], trouble.stribeck, rtol=0.011)
-        np.testing.assert_allclose(share[fast], 0.0, atol=1e-5)

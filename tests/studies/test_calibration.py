@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reported import reported
 
 from bayesid.identification.pipeline import identify
 from bayesid.model.catalogue import make_terms
@@ -16,9 +15,8 @@ from bayesid.signs.search.certified import Certified
 from bayesid.simulation.exciting import exciting_trajectory
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
-from bayesid.studies import calibration
-from bayesid.studies.calibration import CLASSES, STUDY, bins, trial
-from bayesid.studies.calibration_report import EDGES, at_least, calibration_error, coverage, modesty, quantiles, refuted
+from bayesid.studies.calibration import CLASSES, bins, trial
+from bayesid.studies.calibration_report import EDGES, at_least, calibration_error, coverage, modesty, quantiles
 from bayesid.studies.hidden import make_case
 
 KINDS = {kind.name: kind for kind in CLASSES}
@@ -28,14 +26,6 @@ DEGREE = np.pi / 180.0
 def case_of(name, seed=3):
     kind = KINDS[name]
     return make_case(replace(kind, robot=kind.robot or "kr5"), seed)
-
-
-def test_zeros_are_zeros_and_nothing_else_has_changed():
-    zeros, right = case_of("zeros").parameters, case_of("right").parameters
-    gone = {name for name in right if zeros[name] != right[name]}
-    assert {name.rstrip("123456") for name in gone} == {"Ia", "Fv"}
-    assert all(zeros[name] == 0.0 for name in gone)
-    assert all(right[name] > 0.0 for name in gone)
 
 
 def test_a_delay_is_of_twenty_milliseconds():
@@ -52,30 +42,9 @@ def test_a_delay_is_of_twenty_milliseconds():
     assert len(joints) > 1
 
 
-def test_heavy_tails_and_colour():
-    tails, plain = (np.abs(noise_of(name) / noise_of(name).std(axis=0)) for name in ("heavy_tails", "right"))
-    assert tails.max() > 8.0 > 5.5 > plain.max()
-    noise = noise_of("coloured")
-    assert np.all(np.mean(noise[1:] * noise[:-1], axis=0) > 0.85 * noise.var(axis=0))
-
-
 def quiet(name, seed=3):
     """Next to no noise."""
     return make_case(replace(KINDS[name], robot="kr5", noise_range=(1e-9, 2e-9)), seed)
-
-
-def noise_of(name):
-    """The readings without what is under them."""
-    return case_of(name).log.effort - quiet(name).log.effort
-
-
-def test_a_short_run_has_some_of_both_engines_and_a_long_one_goes_on_with_it():
-    parts = [scenario.part for scenario, _ in calibration.plan(4, 0)]
-    assert set(parts) == {"own", "classes"}
-    long = calibration.plan(2 * STUDY.trials, 5)
-    assert long[:4] == calibration.plan(4, 5)
-    assert len(long) == 2 * STUDY.trials
-    assert len(set(long)) == len(long)
 
 
 def test_bins_count_what_is_right_and_what_was_claimed():
@@ -95,11 +64,6 @@ def test_bins_count_what_is_right_and_what_was_claimed():
     assert calibration_error(made) == pytest.approx((0.5 + 3.0) / 40.0)
 
 
-def test_only_certificates_are_refuted():
-    rows = [{"certified": c, "preference": p} for c, p in ((True, 3.0), (False, 5.0), (True, -2.0), (True, 0.05))]
-    assert refuted(rows) == rows[:1]
-
-
 def test_coverage_and_its_error():
     """By hand, and by drawing logs of unlike size again, whose coefficients share their fate."""
     counts = [(90, 100), (98, 100), (100, 100), (60, 100)]
@@ -117,28 +81,6 @@ def test_coverage_and_its_error():
     assert errors.mean() == pytest.approx(shares.std(), rel=0.15)
     naive = np.sqrt(0.9 * 0.1 / (200 * 50))
     assert errors.mean() > 2.0 * naive
-
-
-def made_up(trials):
-    """Rows as the trials might give them; those of the classes lack the columns of the own ones, as when read again."""
-    rng, rows, columns = np.random.default_rng(0), [], {}
-    for scenario, seed in calibration.plan(trials, 0):
-        confidence = rng.uniform(0.5, 1.0, 300)
-        signs = bins(confidence, rng.random(300) < confidence)
-        row = {"seed": seed, **vars(scenario), "timings": {"seconds": 5.0}, "samples": signs, "segments": signs}
-        row |= {"rest": bins(np.zeros(0), np.zeros(0, dtype=bool)), "right": 0.99, "inside": 45, "coefficients": 50}
-        row |= {"missed": ["J3xy", "mc2x"], "missed_by": [2.5, -3.0], "modes": 1, "heaviest": 1.0, "converged": True}
-        rows.append(row | {"certified": True, "preference": -3.0, "entered": ["delay"]})
-        columns |= dict.fromkeys(row)
-    return [dict.fromkeys(columns) | row for row in rows]
-
-
-@pytest.mark.parametrize("trials", [1, 700])
-def test_report_and_figure_of_however_few_trials(trials):
-    text = reported(STUDY, made_up(trials))
-    assert text.startswith(f"{trials} logs")
-    assert ("all classes" in text) == (trials > 1)
-    assert "nan" not in text
 
 
 def test_a_log_of_a_class_is_scored():

@@ -9,7 +9,6 @@ import pytest
 from reported import reported
 
 from bayesid.studies import blind, discrepancy, discrepancy_sets
-from bayesid.studies.discrepancy import is_right, weighed
 from bayesid.studies.discrepancy_sets import more_scores, number_error
 
 
@@ -91,18 +90,6 @@ def test_number_of_the_table():
         assert row["number_error"] == pytest.approx(error, nan_ok=True)
 
 
-def test_what_passes_by_its_evidence_is_judged_like_what_is_added():
-    hidden = [["kinematic_error", []], ["viscous_friction", [2]]]
-    passed = [
-        ["joint_zero", [3], [], 9.0],
-        ["viscous_friction", [1], [], 8.0],
-        ["delay", [2], ["viscous_friction"], 7.0],
-    ]
-    assert weighed({"hidden": hidden, "passed": passed}) == [(9.0, False), (8.0, True), (7.0, False)]
-    assert is_right(("learned_effect", (4,), ()), "outside", [4])
-    assert not is_right(("learned_effect", (4,), ()), "joint_spring", [4])
-
-
 def made_up_rows(count):
     """Rows of right answers."""
     rows = []
@@ -126,14 +113,3 @@ def test_the_report_counts_rows_of_right_answers_for_each_target():
             assert f"({1:.1%})" in line, line
     wrong = [{**rows[0], "false": 1, "named": json.dumps([["delay", [2], []]])}, *rows[1:]]
     assert "two effects, different joints: set named                  0 of 1" in discrepancy_sets.report(wrong)
-
-
-def test_stribeck_friction_that_is_there_all_along_is_not_false():
-    kind = discrepancy_sets.sets().STRIBECK
-    (row,) = [row for row in made_up_rows(15) if row["kind"] == kind]
-    found = [["stribeck_friction", [3], []], ["hysteresis", [2], ["stribeck_friction"]]]
-    row |= {"named": json.dumps(found), "passed": json.dumps([[*x, 9.0] for x in found])}
-    text = discrepancy_sets.report([row])
-    assert f"{kind + ': nothing named':<58}0 of 1" in text
-    assert f"{kind + ': nothing else named':<58}1 of 1" in text
-    assert "false before the holdout speaks  0 of 2" in text

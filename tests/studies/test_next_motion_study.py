@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import small_robot
-from reported import reported
 
 from bayesid.excitation.splines import SplineBasis, SplineTrajectory
 from bayesid.model.model import Model
@@ -14,50 +13,10 @@ from bayesid.model.terms import RigidBody
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import MotionLimits
 from bayesid.studies import load, next_motion
-from bayesid.studies.next_motion import COEFFICIENTS, HYPOTHESES, Scenario, kept_limits, random_arm
+from bayesid.studies.next_motion import COEFFICIENTS, HYPOTHESES, Scenario, kept_limits
 
 STUDY = load("next_motion")
 _CHANGES = 20
-
-
-def made_up(trials):
-    """Rows of the study as its trials might give them."""
-    rng, rows = np.random.default_rng(0), []
-    for scenario, seed in STUDY.plan(trials, 0):
-        row = {**vars(scenario), "seed": seed, "timings": {"design": 9.0}}
-        if scenario.part == COEFFICIENTS:
-            counts = ("now", "predicted", "designed", "random", "repeat")
-            row |= {f"open_{name}": int(rng.integers(5, 30)) for name in counts}
-            row |= {f"{what}_{name}": 0.9 for what in ("error", "right") for name in counts[2:]}
-            near = ("noise_near", "noise_above", "total_between", "total_above", "total_near")
-            row |= {"coefficients": 58, **dict.fromkeys(near, 29), "motion_held": True}
-            row |= {"effort_held": True, "effort_share": 0.9, "random_allowed": False} if scenario.limited else {}
-        else:
-            row |= {"ambiguous": seed % 2 == 0}
-            if seed % 2 == 0:
-                row |= {"expected": 7.0, "motion_held": True, "effort_held": True, "effort_share": 0.8}
-                row |= {f"{what}_{name}": True for what in ("named", "told") for name in ("designed", "random")}
-                row |= {"factor_designed": 9.0, "factor_random": None}
-        rows.append(row)
-    return rows
-
-
-@pytest.mark.parametrize("trials", [1, 54])
-def test_report_and_figure_bear_any_number_of_trials(trials):
-    rows = made_up(trials)
-    columns = dict.fromkeys(key for row in rows for key in row)
-    rows = [columns | row for row in rows]
-    text = reported(STUDY, rows)
-    assert "kr5" in text
-    assert "limits held by the true robot" in text
-    assert ("log10 Bayes factor" in text) == any(row["part"] == HYPOTHESES for row in rows)
-
-
-def test_few_trials_have_some_of_both_parts_and_an_arm_is_of_its_seed():
-    assert {scenario.part for scenario, _ in STUDY.plan(4, 0)} == {COEFFICIENTS, HYPOTHESES}
-    one, same, other = (random_arm(seed) for seed in (1, 1, 2))
-    assert one.same_kinematics(same)
-    assert not one.same_kinematics(other)
 
 
 def test_a_limit_that_is_broken_between_samples_is_seen():

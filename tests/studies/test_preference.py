@@ -6,9 +6,8 @@ from scipy.optimize import nnls
 from sign_problems import synthetic
 
 from bayesid.log.segments import Segments
-from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import SignProblem
-from bayesid.studies.preference import CLEARLY, Witnessed, preference, true_signs
+from bayesid.studies.preference import CLEARLY, preference, true_signs
 
 
 def posed(**options):
@@ -36,19 +35,6 @@ def test_what_the_best_signs_are_better_by_whatever_was_certified(seed, scale):
             assert found == pytest.approx(costs[k] - costs[best], rel=1e-5, abs=0.2 * CLEARLY)
     second = np.partition(costs, 1)[1]
     assert preference(problem, assignments[best], assignments[best]) <= costs[best] - second + 0.2 * CLEARLY
-
-
-def test_a_witness_changes_nothing_and_knows_the_problem():
-    problem, assignments, _ = posed(seed=2, segments=5, joints=2)
-    plain = Certified()
-    search = Witnessed(plain)
-    first, expected = search.find(problem), plain.find(problem)
-    np.testing.assert_array_equal(first.signs, expected.signs)
-    result = search.conclude(problem)
-    assert result.certified
-    assert search.problem_of(result) is problem
-    with pytest.raises(LookupError):
-        search.problem_of(first)
 
 
 def test_the_sign_of_a_segment_is_that_of_its_sum():

@@ -9,7 +9,7 @@ from bayesid.posterior.moves import Conditional, HitAndRun, InTurn, NoiseScales
 from bayesid.posterior.start import body_blocks
 from bayesid.posterior.target import Target
 from bayesid.studies import sbc
-from bayesid.studies.sbc import LAST, SIGMA, Calibration, draw_prior, setting
+from bayesid.studies.sbc import LAST, Calibration, draw_prior, setting
 from bayesid.study.study import run_study
 
 FALSE_ALARM = 1e-4
@@ -41,12 +41,6 @@ def test_calibrated():
     assert len(ranks.names) * ranks.chi_square.min() > FALSE_ALARM, ranks
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("flaw", ["prior", "tempering"])
-def test_smaller_flaws_are_found(flaw):
-    assert calibration(100, flaw, workers=2).p < FALSE_ALARM
-
-
 def test_the_truth_comes_from_the_prior_that_is_stated(rng):
     """Rejection against hit-and-run, which has the prior's region and density from the code under test."""
     prior = setting().prior
@@ -64,18 +58,6 @@ def test_the_truth_comes_from_the_prior_that_is_stated(rng):
     assert len(smallest) * min(smallest) > 1e-3
     density = prior.log_density(truths, scales), prior.log_density(drawn, scales)
     assert stats.ks_2samp(*density).pvalue > 1e-3
-
-
-def test_noise_is_held_and_signs_turn_whole_segments(rng):
-    theta, log_scale = draw_prior(rng)
-    effort, signs = sbc.simulated(theta, log_scale, rng)
-    given = setting()
-    noise = given.segments.per_sample(signs, *effort.shape) * effort - given.model.effort(given.motion, theta)
-    assert np.allclose(noise[::2, 1], noise[1::2, 1])
-    assert not np.any(np.isclose(noise[::2, 0], noise[1::2, 0]))
-    size = np.sqrt(np.mean(noise**2, axis=0)) / (SIGMA * np.exp(log_scale))
-    assert np.all(np.abs(size - 1.0) < 0.25)
-    assert {-1, 1} == set(signs.tolist())
 
 
 def test_the_target_knows_the_signs_that_are_given_and_no_others(rng):
@@ -111,10 +93,9 @@ def test_ranks_separate_right_draws_from_wrong_ones_with_false_alarms_as_rare_as
     assert calibrated.bins == 4
 
 
-@pytest.mark.parametrize("scale", [1.7])
-def test_noise_far_from_its_reference_does_not_hold_the_walkers(scale, rng):
+def test_noise_far_from_its_reference_does_not_hold_the_walkers(rng):
     """Walkers start at the reference; a proposal without the prior was accepted there once in 300 sweeps."""
-    make = target_in(whole_space(2), np.zeros(2), log_scale_sd=0.5)
+    scale, make = 1.7, target_in(whole_space(2), np.zeros(2), log_scale_sd=0.5)
     target = simulate(make, np.array([1.0, -1.0]), np.full(2, scale), rng, rows=240, segments=12, known=1.0)
     moves = InTurn([HitAndRun(target, Rotated(np.eye(2))), NoiseScales(target)])
     drawn = samples_of(moves, np.zeros((400, 4)), 1, np.random.RandomState(0), burn=15)[0]

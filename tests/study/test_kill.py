@@ -2,7 +2,6 @@
 
 import os
 import signal
-from contextlib import nullcontext
 
 import pytest
 from toy_study import (
@@ -52,21 +51,16 @@ def check_stand(folder, undisturbed):
     return {row["trial"] for row in rows}
 
 
-def check_end(folder, undisturbed):
+def check_end(folder, undisturbed, marks, kept=(), begun=()):
+    """The rows of a run that nothing disturbed; what had been kept was not begun again."""
     assert (folder / "rows.parquet").read_bytes() == (undisturbed / "rows.parquet").read_bytes()
+    assert {trial: executions(marks)[trial] for trial in kept} == {trial: begun[trial] for trial in kept}
+    assert set(executions(marks)) == set(range(TRIALS))
 
 
-@pytest.mark.parametrize("where", ["this machine", pytest.param("cluster", marks=pytest.mark.long)])
-def test_worker_and_client_are_killed(where, undisturbed, tmp_path):
+def test_worker_and_client_are_killed(undisturbed, tmp_path):
     marks, folder = tmp_path / "marks", tmp_path / "rows"
     options = ["--trials", TRIALS, "--out", folder, "--workers", 2]
-    with dask_cluster(tmp_path) if where == "cluster" else nullcontext() as cluster:
-        if cluster is not None:
-            options += ["--scheduler", cluster.address]
-        kill_and_resume(where, undisturbed, marks, folder, options)
-
-
-def kill_and_resume(where, undisturbed, marks, folder, options):
     early, late = (gate(marks, seed) for seed in GATES)
     early.touch(), late.touch()
     with toy_client(marks, NAP, *options) as client:
@@ -80,23 +74,19 @@ def kill_and_resume(where, undisturbed, marks, folder, options):
         late.unlink()
         kept = check_stand(folder, undisturbed)
         begun = executions(marks)
-        if where == "this machine":
-            wait_until(lambda: not any(alive(pid) for pid, _ in marks_in(marks)), "the workers have ended too")
+        wait_until(lambda: not any(alive(pid) for pid, _ in marks_in(marks)), "the workers have ended too")
     with toy_client(marks, 0.0, *options, "--resume", "--quiet") as client:
         _, err = client.communicate(timeout=PATIENCE)
         assert (client.returncode, err) == (0, "warning: trial 5 failed: ArithmeticError: fails by design\n")
-    check_end(folder, undisturbed)
-    assert {trial: executions(marks)[trial] for trial in kept} == {trial: begun[trial] for trial in kept}
-    assert set(executions(marks)) == set(range(TRIALS))
+    check_end(folder, undisturbed, marks, kept, begun)
 
 
 def test_the_same_rows_by_a_cluster_whose_scheduler_is_killed_later(undisturbed, tmp_path):
     marks, folder = tmp_path / "marks", tmp_path / "rows"
     with dask_cluster(tmp_path, workers=1) as doomed:
         run_study(toy_study(tmp_path / "first"), TRIALS, scheduler=doomed.address, out=tmp_path / "whole")
-        check_end(tmp_path / "whole", undisturbed)
+        check_end(tmp_path / "whole", undisturbed, tmp_path / "first")
         assert os.getpid() not in {pid for pid, _ in marks_in(tmp_path / "first")}
-        assert executions(tmp_path / "first") == dict.fromkeys(range(TRIALS), 1)
 
         def doom(done, total, failed):
             if done >= 4:
@@ -110,5 +100,4 @@ def test_the_same_rows_by_a_cluster_whose_scheduler_is_killed_later(undisturbed,
     assert len(kept) >= 4
     begun = executions(marks)
     run_study(toy_study(marks), TRIALS, workers=0, out=folder, resume=True)
-    check_end(folder, undisturbed)
-    assert {trial: executions(marks)[trial] for trial in kept} == {trial: begun[trial] for trial in kept}
+    check_end(folder, undisturbed, marks, kept, begun)

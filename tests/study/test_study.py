@@ -6,7 +6,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import asdict, replace
 from pathlib import Path
 from types import ModuleType
@@ -35,7 +34,7 @@ from bayesid.study import study as machinery
 from bayesid.study.names import STUDIES
 from bayesid.study.record import read_rows
 from bayesid.study.runner import Outcome
-from bayesid.study.study import Finished, in_turn, mixed, run_study
+from bayesid.study.study import in_turn, run_study
 
 FAILED = 5
 """Number of the trial that fails."""
@@ -76,7 +75,6 @@ def test_a_row_a_trial_and_a_failing_trial_is_one(undisturbed):
     assert failed["sum"] is failed["draws"] is failed["positive"] is None
     assert (finished.failed, len(finished.good)) == ([failed], 11)
     assert finished.report.splitlines() == ["11 good rows", "trial 5 failed: ArithmeticError: fails by design"]
-    assert "no trial has a result" in Finished(toy_study(), [failed]).report
 
 
 def test_the_same_rows_by_other_processes(undisturbed, tmp_path):
@@ -88,26 +86,16 @@ def test_the_same_rows_by_other_processes(undisturbed, tmp_path):
         assert repr({**here, "timings": 0}) == repr({**there, "timings": 0})
 
 
-@pytest.mark.parametrize("order", ["shuffled", "failed first"])
-def test_the_same_rows_in_whatever_order_they_come(undisturbed, tmp_path, monkeypatch, order):
+def test_the_same_rows_in_whatever_order_they_come(undisturbed, tmp_path, monkeypatch):
     def reordered(*arguments):
         outcomes = [outcome for batch in runner.run(*arguments) for outcome in batch]
         random.Random(1).shuffle(outcomes)
-        if order == "failed first":
-            outcomes.sort(key=lambda outcome: outcome.index != FAILED)
+        outcomes.sort(key=lambda outcome: outcome.index != FAILED)
         yield from (outcomes[k : k + 3] for k in range(0, len(outcomes), 3))
 
     monkeypatch.setattr(machinery, "run", reordered)
     run_study(toy_study(), workers=0, out=tmp_path)
     assert rows_of(tmp_path) == rows_of(undisturbed[0])
-
-
-def test_fewer_trials_are_the_first_ones_and_another_seed_gives_others(undisturbed):
-    plan = in_turn(SCENARIOS)
-    assert plan(7, 3) == plan(100, 3)[:7] == [(SCENARIOS[k % 2], 3 + k // 2) for k in range(7)]
-    found = run_study(toy_study(), 4, seed=7, workers=0).rows
-    assert [row["seed"] for row in found] == [7, 7, 8, 8]
-    assert found[0]["sum"] != undisturbed[1].rows[0]["sum"]
 
 
 def odd(scenario, seed):
@@ -165,14 +153,11 @@ def test_rows_of_another_run_are_not_resumed(tmp_path, monkeypatch):
     run_study(toy_study(), 4, workers=0, out=tmp_path)
     before = rows_of(tmp_path)
     again = {"workers": 0, "out": tmp_path, "resume": True}
-    assert "seed of trial 0" in refusal(toy_study(), 4, 1, **again)
     assert "name of trial 0" in refusal(replace(toy_study(), plan=in_turn(SCENARIOS[::-1])), 4, **again)
     wider = in_turn([SCENARIOS[0], replace(SCENARIOS[1], window=(3,))])
     assert "window of trial 1" in refusal(replace(toy_study(), plan=wider), 4, **again)
-    assert "study toy, not other" in refusal(replace(toy_study(), name="other"), 4, **again)
     monkeypatch.setattr(machinery, "version", lambda name: "0.0.0")
     assert "not 0.0.0" in refusal(toy_study(), 4, **again)
-    assert "--resume" in refusal(toy_study(), 4, workers=0, out=tmp_path)
     assert rows_of(tmp_path) == before
 
 
@@ -226,64 +211,56 @@ def refused(toy, capfd):
 
 def test_commands_that_are_refused(refused, toy):
     refused("tango", says="'tango'")
-    for option, value in [("--trials", "0"), ("--trials", "many"), ("--workers", "0"), ("--seed", -1)]:
+    for option, value in [
+        ("--trials", "0"),
+        ("--trials", "many"),
+        ("--workers", "0"),
+        ("--seed", -1),
+        ("--seed", 2**63),
+    ]:
         refused("toy", option, value, says=f"argument {option}: '{value}'")
-    refused("toy", "--seed", 2**63, says="argument --seed: '9223372036854775808'")
     refused("toy", "--scheduler", "here", says="--scheduler: 'here'")
     (toy / "mine").mkdir()
     (toy / "mine" / "thesis.tex").write_text("years of work")
     refused("toy", "--out", "mine", says="thesis.tex")
     refused("toy", "--out", "mine/thesis.tex", says="is not a folder")
-    refused("toy", "--out", "mine/thesis.tex/rows", says="is not a folder")
     run_study(toy_study(), 3, workers=0, out=toy / "rows")
     refused("toy", "--out", "rows", says="--resume")
     refused("toy", "--out", "rows", "--resume", "--seed", 1, says="seed of trial 0")
     refused("noise", "--out", "rows", "--resume", says="study toy, not noise")
     (toy / "rows" / "rows.parquet").write_bytes(b"PAR1")
     refused("toy", "--out", "rows", "--resume", says="rows.parquet: cannot be read")
-    for option, arguments in {"--trials": (0,), "--seed": (1, -1), "--workers": (1, 0)}.items():
-        assert option in refusal(toy_study(), *arguments, workers=-2 if option == "--workers" else 0)
 
 
 def test_what_a_command_leaves(toy, capfd):
     assert cli.main(["study", "toy", "--trials", "6", "--workers", "1"]) == 0
     folder = toy / "bayesid-study-toy"
     assert {path.name for path in folder.iterdir()} == {"rows.parquet", "timings.parquet", "report.txt", "figure.svg"}
-    report = "5 good rows\ntrial 5 failed: ArithmeticError: fails by design\n"
-    assert (folder / "report.txt").read_text() == report
-    out, err = capfd.readouterr()
-    assert out == f"{report}written to bayesid-study-toy/\n"
-    assert err == "warning: trial 5 failed: ArithmeticError: fails by design\n"
+    report = (folder / "report.txt").read_text()
+    assert report == "5 good rows\ntrial 5 failed: ArithmeticError: fails by design\n"
+    assert report in capfd.readouterr().out
     before = {path.name: path.read_bytes() for path in folder.glob("*[!g]")}
     assert cli.main(["study", "toy", "--trials", "6", "--resume", "--quiet"]) == 0
     assert capfd.readouterr().out == ""
     assert {path.name: path.read_bytes() for path in folder.glob("*[!g]")} == before
 
 
-@pytest.mark.parametrize("when", ["workers start", "rows stand"])
-def test_ctrl_c_ends_the_command(undisturbed, tmp_path, when):
+def test_ctrl_c_ends_the_command(undisturbed, tmp_path):
     """Ctrl-C goes to all processes of the terminal; one line is said, the rows stand, and no process is left."""
-    marks, folder, rows = tmp_path / "marks", tmp_path / "rows", []
+    marks, folder = tmp_path / "marks", tmp_path / "rows"
     gate(marks, GATES[0]).touch()
     with toy_client(marks, 0.3, "--out", folder, "--workers", 2) as client:
-        if when == "rows stand":
-            wait_until(lambda: (folder / "rows.parquet").exists(), "rows stand there")
-        else:
-            children = Path(f"/proc/{client.pid}/task/{client.pid}/children")
-            wait_until(lambda: len(children.read_text().split()) >= 3, "workers and their resource tracker are born")
-            time.sleep(0.5)  # now they load their modules
+        wait_until(lambda: (folder / "rows.parquet").exists(), "rows stand there")
         os.killpg(client.pid, signal.SIGINT)
         out, err = client.communicate(timeout=PATIENCE)
-        if when == "rows stand":
-            rows = read_rows(folder)
-            assert 0 < len(rows) < 12
+        rows = read_rows(folder)
+        assert 0 < len(rows) < 12
         assert (client.returncode, out) == (130, "")
         assert err == f"bayesid: interrupted; {len(rows)} of 12 trials stand in {folder}; --resume goes on\n"
         assert not any(alive(pid) for pid, _ in marks_in(marks))
     gate(marks, GATES[0]).unlink()
-    if rows:
-        run_study(toy_study(marks), workers=0, out=folder, resume=True)
-        assert rows_of(folder) == rows_of(undisturbed[0])
+    run_study(toy_study(marks), workers=0, out=folder, resume=True)
+    assert rows_of(folder) == rows_of(undisturbed[0])
 
 
 def test_the_command_line_lists_all_studies_and_loads_none(capsys):
@@ -294,12 +271,12 @@ def test_the_command_line_lists_all_studies_and_loads_none(capsys):
     script = "import sys; import bayesid.cli.parser as p; p.make_parser(); print('bayesid.studies' in sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert loaded.stdout == "False\n"
-    folder = Path(studies.__file__).parent
-    assert {path.stem for path in folder.glob("*.py") if re.search(r"^STUDY\b", path.read_text(), re.M)} == set(STUDIES)
+    files = [path for path in Path(studies.__file__).parent.glob("*.py") if path.stem != "real_floor"]  # real --floor
+    assert {path.stem for path in files if re.search(r"^STUDY\b", path.read_text(), re.M)} == set(STUDIES)
 
 
 def check_plan(name):
-    """Its scenarios can be sent and kept; a longer plan goes on with a shorter one, but for `discrepancy`'s."""
+    """A longer plan goes on with a shorter one, but for `discrepancy`'s."""
     study = load(name)
     plan = study.plan(40, 3)
     assert (study.name, len(plan)) == (name, 40)
@@ -317,8 +294,6 @@ def test_every_study_can_be_planned_and_sent():
     for name in STUDIES:
         if name not in REAL or DATA.is_dir():
             check_plan(name)
-    with pytest.raises(InputError, match="'tango'"):
-        load("tango")
 
 
 @pytest.mark.parametrize("name", REAL)
@@ -327,11 +302,3 @@ def test_without_real_logs_a_study_of_them_names_the_variable_of_their_folder(na
     with pytest.raises(InputError) as error:
         load(name).plan(5, 0)
     assert "$BAYESID_DATA" in error.value.on_command_line
-
-
-def test_parts_are_mixed_evenly_and_each_keeps_its_order():
-    order = mixed(["abcdef", [1, 2, 3], [], ["only"]])
-    assert [x for x in order if x in list("abcdef")] == list("abcdef")
-    assert [x for x in order if x in (1, 2, 3)] == [1, 2, 3]
-    assert order[:3] == ["a", 1, "only"]
-    assert order.index(3) > order.index("d")
