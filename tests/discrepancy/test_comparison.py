@@ -9,12 +9,14 @@ from conftest import small_robot, smooth_motion
 import bayesid
 from bayesid.cli import main
 from bayesid.discrepancy.all_along import ABSENT, SHOWN
+from bayesid.discrepancy.comparison import names_of
 from bayesid.discrepancy.timeline import PAYLOAD
 from bayesid.log.log import Log, write_log
 from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
 from bayesid.model.robot import robot_table
 from bayesid.report.discrepancy_verdicts import discrepancy_checks
+from bayesid.report.timeline_text import columns
 from bayesid.results.discrepancy_json import discrepancy_summary
 from bayesid.simulation.parameters import random_parameters
 
@@ -62,6 +64,10 @@ def test_what_was_there_all_along_is_told_from_what_came(loaded):
     assert keys(loaded, "gone") == set()
     (stribeck,) = loaded.of("all_along")
     assert [what.says for what in stribeck.by_log] == [SHOWN, SHOWN]
+    said = columns(loaded)
+    assert any("payload" in line for line in said["changed"])
+    assert any("Stribeck friction, joint 2" in line for line in said["all_along"])
+    assert "payload" in repr(loaded)
     line = loaded.timeline
     (place,) = [c for c, one in enumerate(line.tracked) if one.name == PAYLOAD]
     assert abs(line.value[1, place] - MASS) < 4.0 * line.sd[1, place]
@@ -93,6 +99,15 @@ def test_a_stored_model_tells_what_was_missing_all_along(loaded, sticky, told):
     assert [check.name for check in discrepancy_checks(result)].count("Missing all along") == len(told)
     listed = [{"effect": effect, "joints": list(joints)} for effect, joints in told]
     assert discrepancy_summary(result)["all_along"] == listed
+
+
+def test_names_of_logs_are_short_and_each_another_one():
+    for sources, names in (
+        (("a/x.csv", "b/y.csv"), ("x.csv", "y.csv")),
+        (("a/x.csv", "b/x.csv"), ("a/x.csv", "b/x.csv")),
+        (("x", "x"), ("log 1", "log 2")),
+    ):
+        assert names_of([arm_log(1, name=source) for source in sources]) == names
 
 
 WORN = {"arm-2026-03-14.csv": 1.0, "arm-2026-05-02.csv": 1.15, "arm-2026-07-30.csv": 1.3}

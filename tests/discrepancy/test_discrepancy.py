@@ -208,6 +208,16 @@ def test_bad_input_is_one_line_and_exit_code_2(folder, tmp_path, capsys):
         assert not (tmp_path / "out").exists()
 
 
+def test_nominal_model_says_what_it_does_not_know(folder, tmp_path):
+    """A model.toml without knowledge is one whose parameters nobody has measured."""
+    shutil.copytree(folder / "healthy", tmp_path / "nominal")
+    path = tmp_path / "nominal" / "model.toml"
+    text = path.read_text()
+    path.write_text(text[: text.index("[knowledge]")])
+    result = bayesid.find_discrepancy(bayesid.load_model(tmp_path / "nominal"), arm_log(2), posterior=False)
+    assert any("nothing is known" in warning for warning in result.warnings)
+
+
 @pytest.mark.real
 @pytest.mark.long
 def test_ur10e_payload():

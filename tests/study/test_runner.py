@@ -7,6 +7,7 @@ from collections import Counter
 from contextlib import closing
 from functools import partial
 from importlib.metadata import version
+from types import SimpleNamespace
 
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
@@ -14,7 +15,7 @@ from toy_study import alive, dask_client, dask_cluster, leave_mark, marks_in, wa
 
 from bayesid.errors import InputError
 from bayesid.study import runner
-from bayesid.study.runner import connect, run
+from bayesid.study.runner import Cluster, LostSchedulerError, connect, run
 
 ON_CLUSTER = "BAYESID_TEST_CLUSTER"
 """Variable that stands in the environment of a cluster's workers, and of no other process."""
@@ -119,6 +120,23 @@ def test_closed_early_a_cluster_is_asked_to_stop(cluster, tmp_path):
     with dask_client(cluster.address) as client:
         wait_until(lambda: not client.run_on_scheduler(lambda dask_scheduler: dask_scheduler.tasks), "no task is left")
     assert len(marks_in(marks)) < 10
+
+
+def test_a_scheduler_that_is_gone():
+    """What its client raises depends on when it is asked; test_kill.py kills one."""
+
+    def gone(*_):
+        raise AttributeError("ncores")
+
+    executor = SimpleNamespace(submit=gone)
+    client = SimpleNamespace(nthreads=gone, status="closing", get_executor=lambda pure: executor)
+    pool = Cluster(client)
+    for call in (lambda: pool.room(1), lambda: pool.submit(do, ("square", 1))):
+        with pytest.raises(LostSchedulerError):
+            call()
+    client.status = "running"
+    with pytest.raises(AttributeError):
+        pool.submit(do, ("square", 1))
 
 
 def refusal(call=None, **where):

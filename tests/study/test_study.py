@@ -230,6 +230,8 @@ def test_commands_that_are_refused(refused, toy):
     refused("noise", "--out", "rows", "--resume", says="study toy, not noise")
     (toy / "rows" / "rows.parquet").write_bytes(b"PAR1")
     refused("toy", "--out", "rows", "--resume", says="rows.parquet: cannot be read")
+    for option, trials, seed in (("--trials", 0, 0), ("--seed", 1, -1)):
+        assert option in refusal(toy_study(), trials, seed, workers=0)
 
 
 def test_what_a_command_leaves(toy, capfd):
