@@ -33,9 +33,6 @@ def uneven(n_runs, number, seed=0):
     return size * rng.normal(size=number), size * 10.0 ** rng.uniform(-1.5, -0.5, (n_runs, number))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# The numbers
-# ---------------------------------------------------------------------------------------------------------------
 def test_by_hand():
     """Means 1, 2, 4 with sd 1, 2, 1/2: weights 1, 1/4, 4; and what only two of three runs decide."""
     found = agreement([run([1.0, 7.0], [1.0, np.inf]), run([2.0, -3.0], [2.0, 3.0]), run([4.0, 7.0], [0.5, 4.0])])
@@ -89,9 +86,6 @@ def test_false_alarms_are_rare_and_so_many_that_differ_are_chance():
         assert found.beyond_chance == (so_many < 1e-3)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Which coefficients
-# ---------------------------------------------------------------------------------------------------------------
 def test_what_not_every_run_decides():
     """Missing, infinite, not a number or zero: left out of that run."""
     nan, inf = np.nan, np.inf
@@ -138,9 +132,6 @@ def test_what_cannot_be_compared():
         assert not nothing.beyond_chance
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# What is said
-# ---------------------------------------------------------------------------------------------------------------
 def two_runs(distances):
     """Two runs of sd 1 whose means lie so many times the sd of their difference apart."""
     zero = np.zeros(len(distances))
@@ -158,7 +149,6 @@ def test_the_sentence_says_what_the_numbers_say():
         (0.4 * TYPICAL, "0.4", 0, False),
         (2.4 * TYPICAL, "2.4", 16, True),
         ([*TYPICAL[:57], 9.0], "1.0", 1, True),
-        ([1.5], "2.2", 0, False),
         ([2.6], "3.9", 1, False),
         ([3.4], "5.0", 1, True),
     ):
@@ -170,16 +160,6 @@ def test_the_sentence_says_what_the_numbers_say():
         assert said[0] == times, found.sentence
         assert said[1:3] == [str(number), "2"], found.sentence
         assert said[3:6] == [str(count), str(number), "1"], found.sentence
-
-
-def test_the_table_names_the_ten_worst():
-    found = two_runs(np.array([0.1, 12.0, *np.linspace(3.0, 4.0, 9), 11.0, 0.2]))
-    _, head, *lines = text(found).splitlines()
-    assert head.split() == ["coefficient", "runs", "mean", "spread", "typical", "sd", "ratio", "p"]
-    assert [line.split(",")[0] for line in lines] == ["m1", "m11", *(f"m{k}" for k in range(10, 2, -1))]
-    assert lines[0].split() == ["m1,", "kg", "2", "8.485", "12", "1", "12.0", "4e-33"]
-    assert {len(line) for line in lines} == {len(head)}
-    assert len(text(two_runs([1.0, 2.0])).splitlines()) == 4
 
 
 def test_the_file_says_the_same(tmp_path):
