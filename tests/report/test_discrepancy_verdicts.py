@@ -160,6 +160,14 @@ def test_which_data_say_that_a_joint_is_unexplained_is_said():
         assert ("0.39 N m" in lead(result)) != grown, "what is left, 0.31 N m times the root of 1.6 squared less one"
 
 
+def test_nothing_missing_is_told_by_the_worst_joint():
+    result = make(status="no_discrepancy", **NOTHING, before=np.array([0.292, 0.312, 0.313]))
+    assert discrepancy_checks(result) == ()
+    assert holds(lead(result), "1.04", "joint 2", "0.312 N m", "0.300 N m")
+    moved = lead(make(status="no_discrepancy", added=(), holdout="stretches 3 and 6 of 8 of log.csv"))
+    assert holds(moved, "No effect", "joint 2", "2.41", "0.312 N m", "0.300")
+
+
 def test_a_floor_that_is_a_models_own_error_is_to_be_looked_at():
     rms = np.array([0.29, 0.30, 0.31])
     floor = floor_of(rms, "earlier model's residual", lasting=[0, 2], white=0.5)

@@ -287,6 +287,7 @@ def test_what_is_no_findings_is_refused_in_one_line(tmp_path):
     for name, damaged, says in (
         ("summary.json", None, "no summary.json"),
         ("summary.json", b"{", ""),
+        ("summary.json", b"[]", ""),
         ("summary.json", json.dumps(summary).encode(), "provenance"),
         (FILE, None, f"no {FILE}"),
         (FILE, whole[FILE][: len(whole[FILE]) // 2], ""),

@@ -48,7 +48,12 @@ def signed():
     return with_summary(found, posterior=None)
 
 
-MADE = {"everything": everything, "one_joint": one_joint, "beam": beam, "signed": signed}
+def unproven():
+    """A bound, but not a proof."""
+    return with_summary(beam(), "search", lower_bound=800.25, gap=12.25, method="certified")
+
+
+MADE = {"everything": everything, "one_joint": one_joint, "beam": beam, "signed": signed, "unproven": unproven}
 
 
 @pytest.fixture(scope="module")
@@ -151,6 +156,7 @@ def test_text_from_outside_is_escaped(pages):
         ("everything", ["Nominal</th>", 'id="pair-', 'id="rank-', 'id="validation2broad-'], ["No other assignment"]),
         ("one_joint", ["No other assignment", 'id="pair-', 'id="torque1slim-'], ["Nominal</th>", 'id="validation1']),
         ("beam", ['id="proof"'], ['id="alternatives-', 'id="pair-', "No other assignment"]),
+        ("unproven", ["800.25", 'id="alternatives-'], ["No other assignment"]),
         ("signed", [">recorded</li>"], ['id="proof"', "Hatched", 'id="pair-']),
     ],
 )

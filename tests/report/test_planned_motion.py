@@ -111,3 +111,13 @@ def test_extreme_poses_of_a_robot():
     assert np.hypot(*said["farthest out"][:2]) == pytest.approx(np.hypot(*tip[:, :2].T).max(), abs=1e-12)
     np.testing.assert_allclose(said["least distance (1.23 s)"], tip[123], atol=1e-12)
     np.testing.assert_array_equal(poses.points[0], skeleton_line(robot, q[0]))
+    _, (side, _, distance) = drawn(picture(poses=poses))
+    np.testing.assert_array_equal(lines(side, "pose 0")[0], poses.points[0][:, [0, 2]])
+    assert (lines(side, "floor")[0][:, 1] == -0.5).all()
+    assert lines(distance, "least")[0][0, 1] == DISTANCE.min()
+
+
+def test_what_does_not_fit_the_motion_is_refused():
+    for what in ({"effort": EFFORT[1:]}, {"effort_band": (BAND[0], BAND[1][:, :2])}, {"distance": DISTANCE[1:]}):
+        with pytest.raises(ValueError, match="motion"):
+            picture(**what)

@@ -11,7 +11,7 @@ from bayesid.monitor.figures import StreamFigures, UpdateTimes
 from bayesid.monitor.replay import Agreement, Replay
 from bayesid.monitor.tracked import Counts, Tracked
 from bayesid.report.plot.stream import stream_figure
-from bayesid.report.track_text import alarm_line, track_lines, track_rows
+from bayesid.report.track_text import alarm_line, count_line, track_lines, track_rows
 
 PAYLOAD = Alarm(2.31, 3, "payload", (2, 3), 3.2, None, 2.81, 0.9)
 CONTACT = Alarm(1.0, 2, "contact", (1, 2), 1.0, 0.25, 31.7)
@@ -65,6 +65,14 @@ def test_an_external_torque_is_told_as_the_test_of_a_contact_takes_it():
     test, sums = ChangeTest(None, 50.0, 0.01), Sums.begin(2)
     felt = np.array([test.push(sums, ratio * limit, limit) for ratio in ratios])
     np.testing.assert_array_equal(felt.any(axis=0), of_stream.pushed > 1.0)
+
+
+def test_what_was_not_compared_and_what_became_of_the_rows_is_said():
+    none = Agreement.of(np.ones((3, 2)), np.ones((3, 2), dtype=bool), np.zeros((3, 2), dtype=bool))
+    said = (None, "the log is too short", None), (none, "done", None)
+    assert [track_lines(*one)[0].state for one in said] == ["look", "look"]
+    assert "known in the log" in track_lines(none, "done", None, signed=True)[0].message
+    assert re.findall(r"\d+", count_line(Counts(), figures(), 0.0)) == ["0"]
 
 
 def test_update_times_are_kept_to_a_hundredth(rng):

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
-from exported_robots import ROBOTS, branched, dofs, in_mujoco, in_pinocchio
+from exported_robots import ROBOTS, dofs, in_mujoco, in_pinocchio
 from oracles import assert_close, dh_chain, parameters_of, random_clouds, random_motion, random_table, turn
 from oracles import joint_torques as torques_of_points
 
@@ -124,17 +124,6 @@ def test_payload_and_friction_of_some_joints(convention):
     assert [set(element.attrib) for element in dynamics] == kinds
     assert "link6 includes the payload" in text
     assert [name for name in ("mcxp6", "Fc") if name in text] == []
-
-
-def test_branches_keep_their_order():
-    parents = [-1, 0, -1, 2, 3, 2, 0, -1, 1, 1, 4, -1]
-    order = [0, 1, 8, 9, 6, 2, 3, 4, 10, 5, 7, 11]  # depth first, as pinocchio numbers joints
-    robot = branched([order.index(parents[i]) if parents[i] >= 0 else -1 for i in order])
-    text = urdf(Model(robot, (RigidBody(),)), parameters_of(random_clouds(12)))
-    again = replace(robot_from_urdf(text, "test"), gravity=robot.gravity)
-    assert [joint.parent for joint in again.joints] == [joint.parent for joint in robot.joints]
-    for joint, original in zip(again.joints, robot.joints, strict=True):
-        np.testing.assert_allclose(joint.placement, original.placement, rtol=0, atol=1e-15)
 
 
 def test_angles_give_the_rotation_back():

@@ -123,15 +123,6 @@ def test_a_model_of_every_effect_comes_back(tmp_path, rng):
     np.testing.assert_array_equal(found.knowledge.precision, stored.precision)
 
 
-def test_without_knowledge_nothing_is_known(tmp_path, rng):
-    """The file of a nominal model."""
-    stored = of_everything(rng, [made("payload", ())], (made("delay", (1,)),))
-    content = model_table(stored)
-    del content["knowledge"]
-    (tmp_path / "model.toml").write_text(tomli_w.dumps(content))
-    assert_same(load_model(tmp_path), replace(stored, precision=np.zeros_like(stored.precision)))
-
-
 def test_a_robot_that_took_up_a_payload_comes_back(tmp_path):
     """What the two logs tell of the last link and the payload each is more than one log without the other can tell."""
     result = identified()

@@ -1,9 +1,11 @@
 """Folders that are whole or not there, and what stands whatever becomes of its exports and pages."""
 
+import ctypes
 import json
 import signal
 import tempfile
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from saved_results import PROMISED, contents, identified, save, validated
@@ -118,6 +120,27 @@ def test_whatever_goes_wrong_everything_is_as_it_was(result, other, tmp_path, mo
             save(other, place)
     assert [path.name for path in tmp_path.iterdir()] == ["r"]
     assert contents(tmp_path / "r") == before
+
+
+def test_a_rename_that_fails_puts_the_earlier_result_back(result, other, tmp_path, monkeypatch):
+    """On a system that cannot exchange two names."""
+    place = save(result, tmp_path / "r")
+    before, rename = contents(place), Path.rename
+
+    def fail_once(path, target):
+        if target == place and path.name == "new":
+            raise OSError(13, "Permission denied")
+        return rename(path, target)
+
+    def no_library(*_, **__):
+        raise OSError
+
+    monkeypatch.setattr(Path, "rename", fail_once)
+    monkeypatch.setattr(ctypes, "CDLL", no_library)
+    with pytest.raises(InputError, match="Permission denied"):
+        save(other, place)
+    assert list(tmp_path.iterdir()) == [place]
+    assert contents(place) == before
 
 
 def no_page(*_):

@@ -100,8 +100,6 @@ def test_the_summary_tells_the_posterior(sampled, folder):
     told, search, draws = content["posterior"], content["search"], sampled.posterior.draws
     assert set(told) == KEYS
     assert search["cost_parts"]["data"] + search["cost_parts"]["pull"] == pytest.approx(search["cost"])
-    assert 0.0 < search["cost_parts"]["pull"] < 1.0
-    assert len(search["noise_weights"]) == 3
     assert told["converged"] is True
     assert 0.99 < told["max_rhat"] <= 1.01
     assert told["min_ess"] >= 400.0
@@ -111,9 +109,6 @@ def test_the_summary_tells_the_posterior(sampled, folder):
     assert sum(mode["weight"] for mode in content["modes"]) == pytest.approx(1.0)
     assert len(told["assignments"]) == search["assignments"]
     assert sum(told["assignments"]) + told["assignments_elsewhere"] == pytest.approx(1.0)
-    assert content["signs"] == {"model": list(STANDARD), "weight": 1.0, "doubt": sampled.sign_doubt.tolist()}
-    assert content["fit"]["standard_deviations"] == "of the posterior"
-    assert {"posterior", "smooth"} <= set(content["timings"])
 
 
 def test_the_file_of_draws_says_where_it_comes_from(sampled, folder):
