@@ -42,24 +42,6 @@ def test_links_are_drawn_where_they_are(name):
     assert np.ptp(axes[0].get_xlim()) == pytest.approx(np.ptp(axes[1].get_ylim())), "one scale"
 
 
-def arrows(ax):
-    """(K, 2, 2) start and end of each."""
-    return np.array([(one.xyann, one.xy) for one in ax.texts if isinstance(one, Annotation) and one.arrow_patch])
-
-
-def test_axes_point_where_the_joints_turn():
-    """A1 of a KUKA turns about -z, so its arrow points down; A2, A3, A5 about y, away from who looks from the side."""
-    side, _ = skeleton("kr6r900", POSES["kr6r900"])
-    from_base = [end - start for start, end in arrows(side) if np.allclose(start, 0.0)]
-    directions = {tuple(np.sign(arrow.round(12)).tolist()) for arrow in from_base}
-    assert directions == {(1.0, 0.0), (0.0, 1.0), (0.0, -1.0)}, "x and z of the base, and A1"
-    away = [tuple(line.get_xydata()[0].round(3).tolist()) for line in side.lines if line.get_marker() == "x"]
-    assert sorted(away) == [(0.025, 0.4), (0.025, 0.855), (0.445, 0.89)]
-    forwards, _ = skeleton("ur5e")
-    towards = [line for line in forwards.lines if line.get_marker() == "."]
-    assert len(towards) == 4, "joints 2, 3, 4 and 6 of a UR turn about -y at zero"
-
-
 def test_what_cannot_be_drawn():
     for robot, q, says in (("kr55", None, "no such robot"), ("kr5", [0.0], "q: are no positions")):
         with pytest.raises(InputError, match=says):
