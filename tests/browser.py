@@ -109,13 +109,3 @@ def faults(driver, rules=None):
         for one in found["violations"]
         if one["impact"] in _SERIOUS
     ]
-
-
-def picture(driver, path):
-    """The whole page as a PNG."""
-    import base64
-
-    size = driver.execute_script("return [document.documentElement.clientWidth, document.documentElement.scrollHeight]")
-    clip = {"x": 0, "y": 0, "width": size[0], "height": size[1], "scale": 1}
-    shot = driver.execute_cdp_cmd("Page.captureScreenshot", {"clip": clip, "captureBeyondViewport": True})
-    path.write_bytes(base64.b64decode(shot["data"]))

@@ -14,7 +14,7 @@ class Page(HTMLParser):
         super().__init__()
         self.open, self.references, self.identifiers, self.tags = [], [], [], []
         self.tables, self.captions, self.labels, self.hidden = [], [], [], 0
-        self.figures, self.links = {}, []
+        self.links = []
         self.feed(text)
         self.close()
         assert not self.open
@@ -37,8 +37,6 @@ class Page(HTMLParser):
             self.hidden += 1
         elif tag == "svg":
             self.labels.append(attributes["aria-label"])
-        if tag == "figure" and "id" in attributes:
-            self.figures[attributes["id"]] = attributes
         if tag == "a":
             self.links.append(attributes)
         if tag not in _VOID:

@@ -166,38 +166,6 @@ def test_a_segments_link_leads_to_it(driver, report):
     assert -1.0 <= top < 900.0
 
 
-def test_dragging_zooms_and_a_double_click_shows_all(driver, report):
-    from selenium.webdriver.common.action_chains import ActionChains
-
-    browser.look(driver, report, 1400, "light")
-    driver.execute_script("document.querySelector('#validation2').scrollIntoView({block: 'center'})")
-    first = state(driver, "#validation2")
-    area, (left, right) = first["area"], first["ends"]
-    svg = driver.find_element("css selector", "#validation2 .broad svg")
-    middle = driver.execute_script("const b = arguments[0].getBoundingClientRect(); return b.x + b.width / 2", svg)
-    places = [area["x"] + share * area["width"] for share in (0.7, 0.2)]  # from right to left
-    start, end = (round(place - middle) for place in places)
-    drag = ActionChains(driver, duration=20).move_to_element_with_offset(svg, start, 0).click_and_hold()
-    drag.move_to_element_with_offset(svg, end, 0).release().perform()
-    seen = state(driver, "#validation2")
-    per_pixel = (right - left) / area["width"]
-    expected = [left + share * (right - left) for share in (0.2, 0.7)]
-    assert span(seen) == pytest.approx(expected, abs=2.0 * per_pixel + 0.01)
-    ActionChains(driver, duration=20).move_to_element(svg).double_click().perform()
-    assert state(driver, "#validation2") == first
-
-
-@pytest.mark.parametrize("width", browser.WIDTHS)
-def test_without_scripts_all_is_there(driver, report, width):
-    browser.look(driver, report, width, "light")
-    with_scripts = visible(driver, "figure svg")
-    assert visible(driver, ".controls button") == 5 * visible(driver, "figure.wide")
-    browser.look(driver, report, width, "light", scripts=False)
-    assert visible(driver, "figure svg") == with_scripts
-    assert visible(driver, ".controls") == 0
-    assert browser.complaints(driver) == []
-
-
 @pytest.mark.parametrize("page", ["report", "discrepancy"])
 def test_nothing_is_cut_off_on_paper(request, driver, page):
     """Which is white, whatever the screen is."""

@@ -7,8 +7,6 @@ from completion_problems import identified
 
 from bayesid.report.findings import Summary, as_json, find_findings, from_json
 from bayesid.report.findings.summary import EffectSummary
-from bayesid.report.pages.identification_page import identification_page
-from bayesid.report.verdicts import effect_rows
 from bayesid.results.folders import save_identification
 
 HIDDEN = ("stribeck_friction", "delay")
@@ -71,31 +69,3 @@ def test_summaries_come_back(case):
     back = from_json(Summary, json.loads((folder / "summary.json").read_text()))
     assert back == summary
     assert all(isinstance(effect, EffectSummary) for effect in back.complete.effects)
-
-
-def test_where_the_catalogue_was_not_asked_there_is_none():
-    """Older folders say nothing of it at all."""
-    summary = find_findings(identified(complete="off")).summary
-    assert summary.complete is None
-    content = json.loads(json.dumps(as_json(summary)))
-    assert from_json(Summary, content) == from_json(Summary, {**content, "complete": None}) == summary
-    content.pop("complete", None)
-    assert from_json(Summary, content) == summary
-
-
-def test_every_effect_has_its_evidence_numbers_and_rivals_in_the_table(case):
-    """In the terminal and on the page alike."""
-    result, _ = case
-    findings = find_findings(result)
-    rows = effect_rows(findings.summary)
-    assert len(rows) == len(result.completion.effects)
-    page = identification_page(findings)
-    assert ("Log10 Bayes factor" in page) == bool(rows)
-    for row, entered in zip(rows, result.completion.effects, strict=True):
-        name, evidence, size, equivalent = row
-        assert all(f"joint {joint}" in name for joint in entered.joints)
-        assert evidence == f"{entered.log10_bayes_factor:.1f}"
-        assert all(f"{parameter.name} " in size for parameter in entered.source.parameters(result.model.robot))
-        assert "+-" in size
-        assert equivalent.count(",") == max(len(entered.equivalent) - 1, 0)
-        assert all(cell in page for cell in (name, evidence))

@@ -116,7 +116,6 @@ def test_a_folder_holds_the_same(any_of_them, tmp_path):
     assert as_json(found.summary) == written
 
 
-# --- What there is to show -------------------------------------------------------------------------------------------
 def test_samples_are_the_log_and_the_model(any_of_them):
     """The residual by |recorded| and the model alone: the sign of an effort is that of its likelier side."""
     samples, signals = find_findings(any_of_them).samples, any_of_them.signals
@@ -230,20 +229,6 @@ def test_long_logs_are_thinned(half_signed, monkeypatch, tmp_path):
     same(other, kept(other, tmp_path))
 
 
-def test_a_validation_is_kept(half_signed, logs, tmp_path):
-    validation = half_signed.validate(logs[1])
-    folder = save_identification(half_signed, tmp_path / "result", validation=validation, report=False)
-    seen = read_findings(folder).prediction
-    assert seen.source == logs[1].source
-    assert seen.band == "parameters and noise, by the information matrix"
-    np.testing.assert_allclose(seen.upper - seen.lower, validation.upper - validation.lower, rtol=1e-4)
-    assert np.all(seen.upper - seen.lower > 2 * 1.959 * half_signed.noise.sigma)
-    np.testing.assert_array_equal(seen.coverage, validation.coverage)
-    np.testing.assert_allclose(seen.measured, validation.measured, rtol=SINGLE)
-    same(find_findings(half_signed).with_validation(validation), read_findings(folder))
-
-
-# --- What figures ask ------------------------------------------------------------------------------------------------
 def test_what_is_scattered_is_in_motion_and_even():
     found = make_findings()
     value, residual = found.scatter(1, "velocity", 50)
@@ -289,63 +274,37 @@ def test_bars_are_in_units_of_a_coefficients_own_size():
     np.testing.assert_allclose(table.relative_sd, [0.25, 2.0, np.inf])
 
 
-# --- Files that are no findings --------------------------------------------------------------------------------------
-@pytest.fixture
-def folder(tmp_path):
+def test_what_is_no_findings_is_refused_in_one_line(tmp_path):
+    """Damage of all kinds is in tests/fuzz."""
     kept(make_findings(draws=False), tmp_path)
-    return tmp_path
-
-
-def refused(folder, *says):
-    with pytest.raises(InputError) as caught:
-        read_findings(folder)
-    line = str(caught.value)
-    assert "\n" not in line
-    assert line.startswith(str(folder))
-    assert line.count(str(folder)) == 1
-    assert line.endswith("identify again to write it anew")
-    for words in says:
-        assert words in line
-
-
-def test_folders_that_are_none(tmp_path, folder):
-    refused(tmp_path / "nowhere", "no summary.json")
-    refused(folder / "summary.json", "no summary.json")
-    (folder / FILE).unlink()
-    refused(folder, f"no {FILE}")  # of a version before the report, or of a validation
-
-
-def test_a_findings_file_that_is_damaged(folder):
-    whole = (folder / FILE).read_bytes()
-    rotten = bytearray(whole)
-    for at in range(len(whole) // 3, len(whole) // 3 + 40):
-        rotten[at] ^= 0x5A
-    cut = [whole[: int(share * len(whole))] for share in (0.2, 0.9, 0.999)]
-    for damaged in (b"", b"PK\x03\x04 or not", b"garbage", b"\x93NUMPY\x01\x00", b"{}", bytes(rotten), *cut):
-        (folder / FILE).write_bytes(damaged)
-        refused(folder)
-
-
-@pytest.mark.parametrize("name", ["samples.t", "correlation.lag", "coefficients.sd", "effort_unit"])
-def test_a_findings_file_that_lacks_something(folder, name):
-    with np.load(folder / FILE) as file:
-        arrays = {key: file[key] for key in file.files if key != name}
-    np.savez(folder / FILE, **arrays)
-    refused(folder, name)
-    np.savez(folder / FILE, **{key: value for key, value in arrays.items() if not key.startswith(name.split(".")[0])})
-    refused(folder, name.split(".")[0])
-
-
-def test_a_summary_that_is_none(folder):
-    for text in ("", "{", "[]", "7", "null", '"text"', "\udcff"):
-        (folder / "summary.json").write_bytes(text.encode(errors="surrogateescape"))
-        refused(folder)
-    summary = as_json(make_findings().summary)
+    whole = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    summary = json.loads(whole["summary.json"])
     del summary["provenance"]
-    (folder / "summary.json").write_text(json.dumps(summary))
-    refused(folder, "provenance")
-    (folder / "summary.json").write_text(json.dumps(as_json(make_findings().summary)))
-    (folder / "posterior.nc").write_bytes(b"\x89HDF\r\n\x1a\n and no more")
-    refused(folder, "posterior")
-    np.savez(folder / FILE, **{"samples.t": np.array([{"a": 1}], dtype=object)})
-    refused(folder)  # objects are not unpickled
+    with np.load(tmp_path / FILE) as file:
+        lacking = {key: file[key] for key in file.files if key != "coefficients.sd"}
+    np.savez(tmp_path / "lacking.npz", **lacking)
+    np.savez(tmp_path / "pickled.npz", **{"samples.t": np.array([{"a": 1}], dtype=object)})
+    for name, damaged, says in (
+        ("summary.json", None, "no summary.json"),
+        ("summary.json", b"{", ""),
+        ("summary.json", b"[]", ""),
+        ("summary.json", json.dumps(summary).encode(), "provenance"),
+        (FILE, None, f"no {FILE}"),
+        (FILE, whole[FILE][: len(whole[FILE]) // 2], ""),
+        (FILE, (tmp_path / "lacking.npz").read_bytes(), "coefficients.sd"),
+        (FILE, (tmp_path / "pickled.npz").read_bytes(), ""),
+        ("posterior.nc", b"\x89HDF\r\n\x1a\n and no more", "posterior"),
+    ):
+        if damaged is None:
+            (tmp_path / name).unlink()
+        else:
+            (tmp_path / name).write_bytes(damaged)
+        with pytest.raises(InputError) as caught:
+            read_findings(tmp_path)
+        line = str(caught.value)
+        assert "\n" not in line
+        assert line.startswith(str(tmp_path))
+        assert line.endswith("identify again to write it anew")
+        assert says in line
+        for each, intact in whole.items():
+            (tmp_path / each).write_bytes(intact)

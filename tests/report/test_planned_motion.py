@@ -10,14 +10,7 @@ import bayesid
 from bayesid.model.kinematics import pose
 from bayesid.motion import Motion
 from bayesid.report.plot.ink import MAGENTA
-from bayesid.report.plot.planned_motion import (
-    JointLimits,
-    MotionPicture,
-    Poses,
-    extreme_poses,
-    planned_motion,
-    skeleton_line,
-)
+from bayesid.report.plot.planned_motion import JointLimits, MotionPicture, extreme_poses, planned_motion, skeleton_line
 
 T = np.linspace(0.0, 4.0, 801)
 SWING, CENTRE = np.array([0.7, -0.4, 1.1]), np.array([0.2, -0.5, 0.9])
@@ -104,43 +97,6 @@ def test_margins_are_told_and_what_goes_beyond_stands_out():
     assert not axes[1, 2].texts, "no limit, nothing said"
 
 
-def test_the_distance_is_drawn_with_its_margin_and_its_least():
-    _, (ax,) = drawn(picture())
-    (curve,), (margin,), (least,) = (lines(ax, name) for name in ("distance", "margin", "least"))
-    assert margin[0, 1] == 0.03
-    row = int(np.argmin(DISTANCE))
-    np.testing.assert_array_equal(least, [[T[row], DISTANCE[row]]])
-    assert curve[:, 1].min() == DISTANCE[row]
-    assert re.search(rf"{1e3 * DISTANCE[row]:.0f} mm.*{T[row]:.3g} s", ax.get_title())
-    assert ax.title.get_color() != MAGENTA
-    _, (ax,) = drawn(picture(margin=0.19))
-    assert ax.title.get_color() == MAGENTA
-    _, (ax,) = drawn(picture(distance=DISTANCE - 0.2))
-    assert ax.get_ylim()[0] <= DISTANCE.min() - 0.2, "what goes through itself is in sight"
-
-
-def test_poses_are_lines_through_the_points_from_two_sides():
-    points = np.array([[[0, 0, 0], [0.1, 0.2, 0.4], [0.7, -0.3, 0.5]], [[0, 0, 0], [-0.2, 0.1, 0.4], [-0.4, 0.6, 0.1]]])
-    tip = np.array([[0.7, -0.3, 0.5], [0.1, 0.3, 0.9], [-0.4, 0.6, 0.1]])
-    _, (side, top, _) = drawn(picture(poses=Poses(points, ("start", "lowest tip"), tip, -0.35)))
-    for ax, seen in ((side, [0, 2]), (top, [0, 1])):
-        for k in range(2):
-            (line,) = lines(ax, f"pose {k}")
-            np.testing.assert_array_equal(line, points[k][:, seen])
-        np.testing.assert_array_equal(lines(ax, "tip")[0], tip[:, seen])
-        assert ax.get_aspect() == 1.0
-        (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
-        assert left < points[..., seen[0]].min() < points[..., seen[0]].max() < right
-        assert low < min(points[..., seen[1]].min(), tip[:, seen[1]].min())
-        assert high > max(points[..., seen[1]].max(), tip[:, seen[1]].max())
-    (floor,) = lines(side, "floor")
-    assert (floor[:, 1] == -0.35).all()
-    assert side.get_ylim()[0] < -0.35
-    assert not lines(top, "floor")
-    (legend,) = planned_motion(picture(poses=Poses(points, ("start", "lowest tip")))).subfigs[1].legends
-    assert [text.get_text() for text in legend.get_texts()] == ["start", "lowest tip"]
-
-
 def test_extreme_poses_of_a_robot():
     robot, t = bayesid.load_robot("ur10e"), np.linspace(0.0, 3.0, 301)
     q = np.array([0.3, -1.2, 1.0, -0.4, 0.6, 0.2]) + np.outer(np.sin(t), [0.8, 0.5, -0.9, 0.3, 0.2, 0.1])
@@ -155,11 +111,13 @@ def test_extreme_poses_of_a_robot():
     assert np.hypot(*said["farthest out"][:2]) == pytest.approx(np.hypot(*tip[:, :2].T).max(), abs=1e-12)
     np.testing.assert_allclose(said["least distance (1.23 s)"], tip[123], atol=1e-12)
     np.testing.assert_array_equal(poses.points[0], skeleton_line(robot, q[0]))
+    _, (side, _, distance) = drawn(picture(poses=poses))
+    np.testing.assert_array_equal(lines(side, "pose 0")[0], poses.points[0][:, [0, 2]])
+    assert (lines(side, "floor")[0][:, 1] == -0.5).all()
+    assert lines(distance, "least")[0][0, 1] == DISTANCE.min()
 
 
 def test_what_does_not_fit_the_motion_is_refused():
     for what in ({"effort": EFFORT[1:]}, {"effort_band": (BAND[0], BAND[1][:, :2])}, {"distance": DISTANCE[1:]}):
         with pytest.raises(ValueError, match="motion"):
             picture(**what)
-    with pytest.raises(ValueError, match="names"):
-        MotionPicture("arm", NAMES[:2], MOTION)

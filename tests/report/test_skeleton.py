@@ -1,12 +1,9 @@
 """The skeleton of a robot: what is drawn is where its links are, seen from the side and from above."""
 
-from dataclasses import replace
-
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
 import bayesid
@@ -43,54 +40,6 @@ def test_links_are_drawn_where_they_are(name):
         boxes = [word.get_window_extent(ax.figure.canvas.get_renderer()).padded(-1.5) for word in words(ax)]
         assert not [(a, b) for i, a in enumerate(boxes) for b in boxes[:i] if a.overlaps(b)], "labels on each other"
     assert np.ptp(axes[0].get_xlim()) == pytest.approx(np.ptp(axes[1].get_ylim())), "one scale"
-
-
-def test_joints_lengths_and_ends_are_named():
-    side, top = ({word.get_text() for word in words(ax)} for ax in skeleton("kr6r900", POSES["kr6r900"]))
-    assert side == {"g", "base", "flange", *"xz1234", "5, 6", "400", "25", "455", "35", "420", "80"}
-    assert top == {"base", "flange", *"xy1", "2, 3, 4", "5, 6", "25", "420", "80"}, "what is seen whole"
-
-
-def arrows(ax):
-    """(K, 2, 2) start and end of each."""
-    return np.array([(one.xyann, one.xy) for one in ax.texts if isinstance(one, Annotation) and one.arrow_patch])
-
-
-def test_axes_point_where_the_joints_turn():
-    """A1 of a KUKA turns about -z, so its arrow points down; A2, A3, A5 about y, away from who looks from the side."""
-    side, _ = skeleton("kr6r900", POSES["kr6r900"])
-    from_base = [end - start for start, end in arrows(side) if np.allclose(start, 0.0)]
-    directions = {tuple(np.sign(arrow.round(12)).tolist()) for arrow in from_base}
-    assert directions == {(1.0, 0.0), (0.0, 1.0), (0.0, -1.0)}, "x and z of the base, and A1"
-    away = [tuple(line.get_xydata()[0].round(3).tolist()) for line in side.lines if line.get_marker() == "x"]
-    assert sorted(away) == [(0.025, 0.4), (0.025, 0.855), (0.445, 0.89)]
-    forwards, _ = skeleton("ur5e")
-    towards = [line for line in forwards.lines if line.get_marker() == "."]
-    assert len(towards) == 4, "joints 2, 3, 4 and 6 of a UR turn about -y at zero"
-
-
-def test_gravity_is_shown_where_it_can_be_seen():
-    for gravity, seen in (([0, 0, -9.81], (1, 0)), ([0, 9.81, 0], (0, 1)), ([-9.81, 0, 0], (1, 1))):
-        axes = skeleton(replace(bayesid.load_robot("kr5"), gravity=np.array(gravity, dtype=float)))
-        for ax, plane, shown in zip(axes, VIEWS, seen, strict=True):
-            assert [word.get_text() for word in words(ax)].count("g") == shown
-            corner, reach = np.array([ax.get_xlim()[0], ax.get_ylim()[1]]), 0.25 * np.ptp(ax.get_xlim())
-            drawn = [end - start for start, end in arrows(ax) if np.linalg.norm(start - corner) < reach]
-            assert len(drawn) == shown
-            for arrow in drawn:
-                towards = np.array(gravity)[plane] / 9.81
-                np.testing.assert_allclose(arrow / np.linalg.norm(arrow), towards, rtol=0, atol=1e-12)
-
-
-def test_given_axes_are_used_and_their_figure_keeps_its_caption():
-    side, _ = bayesid.plot.skeleton(bayesid.load_robot("ur5e"))  # at zero
-    assert side.figure.get_supxlabel().startswith("q = 0°, 0°, 0°, 0°, 0°, 0°\n")
-    axes = Figure().subplots(2)
-    axes[0].figure.supxlabel("mine")
-    assert bayesid.plot.skeleton("ur5e", axes=axes) == axes.tolist()
-    assert axes[0].figure.get_supxlabel() == "mine"
-    with pytest.raises(ValueError, match="1 axes are given, 2 are needed"):
-        bayesid.plot.skeleton("ur5e", axes=axes[:1])
 
 
 def test_what_cannot_be_drawn():

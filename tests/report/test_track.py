@@ -11,7 +11,7 @@ from bayesid.monitor.figures import StreamFigures, UpdateTimes
 from bayesid.monitor.replay import Agreement, Replay
 from bayesid.monitor.tracked import Counts, Tracked
 from bayesid.report.plot.stream import stream_figure
-from bayesid.report.track_text import HEADINGS, alarm_line, change_line, count_line, track_lines, track_rows
+from bayesid.report.track_text import alarm_line, count_line, track_lines, track_rows
 
 PAYLOAD = Alarm(2.31, 3, "payload", (2, 3), 3.2, None, 2.81, 0.9)
 CONTACT = Alarm(1.0, 2, "contact", (1, 2), 1.0, 0.25, 31.7)
@@ -31,12 +31,6 @@ def figures():
 def test_an_alarm_is_a_line_with_its_time_kind_joints_and_size():
     for alarm, *parts in LINES:
         assert re.search(".*".join(map(re.escape, parts)), alarm_line(alarm))
-
-
-def test_a_change_says_how_to_go_on():
-    said = change_line(PAYLOAD, "my result", "log.csv", 20.0)
-    assert "`bayesid discrepancy 'my result' log.csv`" in said
-    assert re.search(r"2\.31.*20\.00 s", said)
 
 
 def test_signs_of_samples_that_count_are_compared():
@@ -73,23 +67,11 @@ def test_an_external_torque_is_told_as_the_test_of_a_contact_takes_it():
     np.testing.assert_array_equal(felt.any(axis=0), of_stream.pushed > 1.0)
 
 
-def test_what_was_not_compared_is_said():
-    assert [len(row) for row in track_rows(figures(), None)] == [len(HEADINGS)] * 2
-    (line,) = track_lines(None, "the log is too short", None)
-    assert (line.state, "too short" in line.message) == ("look", True)
+def test_what_was_not_compared_and_what_became_of_the_rows_is_said():
     none = Agreement.of(np.ones((3, 2)), np.ones((3, 2), dtype=bool), np.zeros((3, 2), dtype=bool))
+    said = (None, "the log is too short", None), (none, "done", None)
+    assert [track_lines(*one)[0].state for one in said] == ["look", "look"]
     assert "known in the log" in track_lines(none, "done", None, signed=True)[0].message
-    (line,) = track_lines(none, "done", None)
-    assert (line.state, "no sample in motion" in line.message) == ("look", True)
-    assert "known" not in line.message
-
-
-def test_what_became_of_the_rows_is_one_line():
-    of_stream = figures()
-    for microseconds in range(100, 200):
-        of_stream.times.add(1e-6 * microseconds)
-    line = count_line(Counts(updates=1990, repeated=3, late=0, missing=1, unread=0, gaps=1), of_stream, 0.05, bad=2)
-    assert re.search("1,990 .*3 repeated.*1 without.*2 no rows.*1 gap.*took 1.*0.05 s", line)
     assert re.findall(r"\d+", count_line(Counts(), figures(), 0.0)) == ["0"]
 
 

@@ -1,22 +1,19 @@
 import xml.etree.ElementTree as ET
-from dataclasses import fields, replace
+from dataclasses import replace
 from itertools import product
 
 import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
-from exported_robots import COUPLED, ROBOTS, branched, dofs, in_mujoco, in_pinocchio
+from exported_robots import ROBOTS, dofs, in_mujoco, in_pinocchio
 from oracles import assert_close, dh_chain, parameters_of, random_clouds, random_motion, random_table, turn
 from oracles import joint_torques as torques_of_points
 
 from bayesid.model.catalogue import make_effect, make_terms
-from bayesid.model.distortions import CATALOGUE as DISTORTIONS
 from bayesid.model.model import Model
 from bayesid.model.robot import robot_from_table, robot_from_urdf
-from bayesid.model.terms import CATALOGUE, STANDARD, ActuatorTerm, RigidBody, ViscousFriction
-from bayesid.model.terms.learned_effect import LearnedEffect
-from bayesid.motion import Motion
+from bayesid.model.terms import STANDARD, RigidBody
 from bayesid.results.export import urdf
 from bayesid.results.export.urdf_text import roll_pitch_yaw
 
@@ -60,24 +57,6 @@ def test_pinocchio_and_mujoco_find_the_same_torques(model, theta):
     assert_close(in_mujoco(loaded, motion), expected, MUJOCO)
 
 
-@pytest.mark.parametrize("name", ["ur10e", "standard", "tree"])
-def test_friction_completes_the_torques_as_urdf_defines_it(name):
-    """damping * q' + friction * sign(q'), wherever the motion is no standstill: in MuJoCo itself, and by hand."""
-    robot, rng = ROBOTS[name], np.random.default_rng(4)
-    n = robot.n_joints
-    q, ddq = rng.uniform(-3.0, 3.0, (2, 20, n))
-    motion = Motion(np.arange(20.0), q, rng.uniform(0.5, 3.0, (20, n)) * rng.choice([-1.0, 1.0], (20, n)), ddq)
-    shape = {"smoothing": [0.02] * n}  # rad/s: tanh(0.5 / 0.02) is 1 to rounding
-    friction = ViscousFriction(), make_effect("coulomb_friction", shape)
-    model = Model(replace(robot, transmission=None), (RigidBody(), *friction))
-    theta = np.concatenate([parameters_of(random_clouds(n, seed=7)), rng.uniform(0.5, 3.0, 2 * n)])
-    text, expected = urdf(model, theta), model.effort(motion, theta)
-    loaded = pin.buildModelFromXML(text)
-    rigid = in_pinocchio(loaded, robot.gravity, motion)
-    assert_close(rigid + loaded.damping * motion.dq + loaded.friction * np.sign(motion.dq), expected, 1e-12)
-    assert_close(in_mujoco(mujoco.MjModel.from_xml_string(text), motion), expected, MUJOCO)
-
-
 def test_bayesid_loads_it_again(model, theta):
     """In the exported robot the links' frames are the joints'; the point masses are moved there by hand."""
     n = model.robot.n_joints
@@ -94,23 +73,6 @@ def test_bayesid_loads_it_again(model, theta):
     assert again.same_kinematics(replace(model.robot, transmission=None)) == own_frames
 
 
-def test_effects_without_a_place_are_in_the_comment(model, theta):
-    text = urdf(model, theta)
-    comment = text[text.index("<!--") : text.index("-->")]
-    for parameter, value in list(zip(model.parameters, theta, strict=True))[10 * model.robot.n_joints :]:
-        in_joint = HELD.get(model.robot.name, np.ones(model.robot.n_joints))[parameter.joint - 1]
-        held = parameter.name[:2] in ("Fv", "Fc") and in_joint
-        assert (f"{parameter.name} = {float(value)!r} {parameter.unit}" in comment) != held
-    assert f"gravity = {' '.join(map(str, model.robot.gravity.tolist()))} m/s^2" in comment
-    assert ("motor speeds" in comment) == (model.robot.transmission is not None)
-    joints = ET.fromstring(text).findall("joint")
-    held = HELD.get(model.robot.name, np.ones(model.robot.n_joints))
-    assert [joint.find("dynamics") is not None for joint in joints] == list(map(bool, held))
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Models with effects in some joints
-# ---------------------------------------------------------------------------------------------------------------
 SPEED = 0.4  # rad/s, of the tanh that stands for the direction of motion
 DAMPING = [1.5, 0.0, 2.0 + 0.25, 0.0, 0.75, 0.0]  # N m s/rad, of the terms below
 DRY = [0.0, 6.0, 4.0 + 1.0, 3.0 + 2.0, 0.0, 7.0]  # N m
@@ -164,71 +126,6 @@ def test_payload_and_friction_of_some_joints(convention):
     assert [name for name in ("mcxp6", "Fc") if name in text] == []
 
 
-def comment_of(text):
-    """The lines at the head, of text that is an XML document."""
-    ET.fromstring(text)
-    return [line.strip() for line in text[text.index("<!--") : text.index("-->")].splitlines()]
-
-
-@pytest.mark.parametrize("robot", [ROBOTS["standard"], COUPLED], ids=["standard", "coupled"])
-def test_every_other_term_stands_at_the_head_with_its_numbers(robot):
-    """Unless a URDF has a place for it, which it has not for what a motor does that moves several joints."""
-    rng = np.random.default_rng(9)
-    numbers = {"smoothing": 0.05, "speed": 0.125, "harmonic": 23.5, "width": 0.375, "time": 17.5}
-    numbers |= {"start": -0.25, "side": -1.0}
-    unit = "m" if robot.joints[2].prismatic else "rad"
-    units = {"speed": f"{unit}/s", "harmonic": f"1/{unit}", "width": unit, "time": "s", "start": unit}
-    bodies = parameters_of(random_clouds(robot.n_joints))
-    for name, kind in ((name, kind) for name, kind in CATALOGUE.items() if kind not in (RigidBody, LearnedEffect)):
-        needed = {one.name for one in fields(kind)} - {"joints", "links"}
-        shape = {key: [numbers.get(key, 0.625)] for key in needed}
-        shape |= {"joints": [3]} if issubclass(kind, ActuatorTerm) else {}
-        if name == "load_dependent_friction":
-            shape["links"] = rng.uniform(size=10 * robot.n_joints).tolist()
-        term = make_effect(name, shape)
-        parameters = term.parameters(robot)
-        values = rng.uniform(0.1, 2.0, len(parameters))
-        lines = comment_of(urdf(Model(robot, (RigidBody(), term)), np.concatenate([bodies, values])))
-        remarks = {f"{name}: {p.name} = {float(v)!r} {p.unit}" for p, v in zip(parameters, values, strict=True)}
-        has_place = "urdf" in kind.places
-        assert has_place or name not in ("viscous_friction", "coulomb_friction")
-        in_the_robot = name == "payload" or (has_place and robot is not COUPLED)
-        assert not remarks & set(lines) if in_the_robot else remarks <= set(lines)
-        own = (needed - {"smoothing", "side"}) & set(units)
-        assert {f"{name}: {key}3 = {numbers[key]} {units[key]}" for key in own} <= set(lines)
-
-
-def test_distortions_stand_at_the_head():
-    robot = ROBOTS["standard"]
-    unit = ["N" if joint.prismatic else "N m" for joint in robot.joints]
-    numbers = {
-        "gain_error": ({"gain": [1.125, 0.75], "joints": [2, 5]}, ["gain2 = 1.125 1", "gain5 = 0.75 1"]),
-        "delay": ({"lag": [0.0125]}, ["lag = 0.0125 s"]),
-        "base_tilt": ({"angle": [0.25, -0.0625]}, ["tilt1 = 0.25 rad", "tilt2 = -0.0625 rad"]),
-        "clipping": ({"limit": [50.5], "joints": [1]}, [f"limit1 = 50.5 {unit[0]}"]),
-        "dead_zone": ({"width": [0.5] * 6}, [f"width{j + 1} = 0.5 {unit[j]}" for j in range(6)]),
-        "dead_zone.shrinking": ({"width": [0.75], "joints": [6]}, [f"width6 = 0.75 {unit[5]}"]),
-    }
-    assert set(numbers) <= set(DISTORTIONS)
-    made = tuple(make_effect(name, shape) for name, (shape, _) in numbers.items())
-    bodies = parameters_of(random_clouds(6))
-    plain, distorted = (urdf(Model(robot, (RigidBody(),), some), bodies) for some in ((), made))
-    remarks = [f"{name}: {line}" for name, (_, lines) in numbers.items() for line in lines]
-    assert comment_of(distorted) == [*comment_of(plain)[:-1], *remarks, ""]
-    assert distorted[distorted.index("-->") :] == plain[plain.index("-->") :]
-
-
-def test_branches_keep_their_order():
-    parents = [-1, 0, -1, 2, 3, 2, 0, -1, 1, 1, 4, -1]
-    order = [0, 1, 8, 9, 6, 2, 3, 4, 10, 5, 7, 11]  # depth first, as pinocchio numbers joints
-    robot = branched([order.index(parents[i]) if parents[i] >= 0 else -1 for i in order])
-    text = urdf(Model(robot, (RigidBody(),)), parameters_of(random_clouds(12)))
-    again = replace(robot_from_urdf(text, "test"), gravity=robot.gravity)
-    assert [joint.parent for joint in again.joints] == [joint.parent for joint in robot.joints]
-    for joint, original in zip(again.joints, robot.joints, strict=True):
-        np.testing.assert_allclose(joint.placement, original.placement, rtol=0, atol=1e-15)
-
-
 def test_angles_give_the_rotation_back():
     def rotation(roll, pitch, yaw):
         return turn((0, 0, 1), yaw) @ turn((0, 1, 0), pitch) @ turn((1, 0, 0), roll)
@@ -237,16 +134,6 @@ def test_angles_give_the_rotation_back():
     for roll, pitch, yaw in product(angles, (*angles, np.pi / 2 - 1e-8, 1e-12 - np.pi / 2), angles):
         expected = rotation(roll, pitch, yaw)
         np.testing.assert_allclose(rotation(*roll_pitch_yaw(expected)), expected, rtol=0, atol=2e-15)
-
-
-def test_text_is_plain_urdf():
-    text = urdf(Model(replace(ROBOTS["standard"], name='a "b" & <c>'), (RigidBody(),)), parameters_of(random_clouds(6)))
-    root = ET.fromstring(text)
-    assert root.get("name") == 'a "b" & <c>'
-    assert [link.get("name") for link in root.findall("link")] == ["base", *(f"link{i}" for i in range(1, 7))]
-    assert {joint.get("type") for joint in root.findall("joint")} == {"revolute", "prismatic"}
-    assert all(joint.find("limit") is not None for joint in root.findall("joint"))
-    assert text.endswith("</robot>\n")
 
 
 EDGES = {  # points in each body, their masses' share of the usual, and how far the moments of inertia are off

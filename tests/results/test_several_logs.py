@@ -1,5 +1,4 @@
 import json
-import os
 
 import numpy as np
 import pytest
@@ -91,13 +90,32 @@ def test_a_bad_log_is_named_and_the_rest_is_complete(week, tmp_path, capsys):
     code = main(["identify", *map(str, logs), *run.split(), "--workers", "1", "--out", str(out)])
     printed = capsys.readouterr()
     assert code == 2
-    assert "short.csv" in printed.err
-    assert "too few" in printed.err
-    assert "1 of 3 logs" in printed.err
+    assert all(one in printed.err for one in ("short.csv", "too few", "1 of 3 logs"))
     assert "Traceback" not in printed.err
     assert sorted(path.name for path in out.iterdir()) == ["agreement.csv", "mon", "runs.csv", "tue"]
     assert [bool(row["error"]) for row in table(out / "runs.csv")] == [False, True, False]
     assert "2 runs" in printed.out
+
+
+@pytest.mark.parametrize("theirs", ["", "notes.txt", "mon/notes.txt", "mon/mon.csv"])
+def test_nothing_of_others_is_replaced(week, tmp_path, theirs):
+    """A file instead of the folder, other files in it, the log itself."""
+    place, log = tmp_path / "out" / theirs, week / "mon.csv"
+    place.parent.mkdir(parents=True, exist_ok=True)
+    place.write_bytes(log.read_bytes())
+    with pytest.raises(bayesid.InputError):
+        identify_separately(
+            week / "arm.toml", [place if place.name == log.name else log], tmp_path / "out", workers=0, **OPTIONS
+        )
+    assert place.read_bytes() == log.read_bytes()
+    assert not (tmp_path / "out" / "runs.csv").exists()
+
+
+def test_a_bad_robot_or_option_is_named_once(week, tmp_path, capsys):
+    for bad, says in ((["--each", "--robot", "nosuch"], "nosuch"), (["--workers", "2", "--robot", "kr5"], "--each")):
+        assert main(["identify", f"{week}/mon.csv", *bad, "--out", f"{tmp_path}/out"]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert says in line
 
 
 def test_logs_of_one_name_get_folders_of_their_own(week, tmp_path):
@@ -107,47 +125,6 @@ def test_logs_of_one_name_get_folders_of_their_own(week, tmp_path):
     logs = [tmp_path / "a" / "log.csv", tmp_path / "b" / "log.csv"]
     result = identify_separately(week / "arm.toml", logs, tmp_path / "out", workers=0, **OPTIONS)
     assert [run.folder.name for run in result.runs] == ["a-log", "b-log"]
-    with pytest.raises(bayesid.InputError, match="name"):
-        identify_separately(week / "arm.toml", [logs[0], logs[0]], tmp_path / "more", workers=0, **OPTIONS)
-    alone = identify_separately(week / "arm.toml", logs[:1], tmp_path / "one", workers=0, **OPTIONS)
-    assert alone.agreement is None
-    assert not (tmp_path / "one" / "agreement.csv").exists()
-
-
-@pytest.mark.parametrize("case", ["file", "other", "folder", "log"])
-def test_nothing_of_others_is_replaced(week, tmp_path, case):
-    out, log = tmp_path / "out", week / "mon.csv"
-    if case == "file":
-        out.write_text("mine")
-    else:
-        out.mkdir()
-    if case == "other":
-        (out / "notes.txt").write_text("mine")
-    if case == "folder":
-        (out / "mon").mkdir()
-        (out / "mon" / "notes.txt").write_text("mine")
-    if case == "log":
-        (out / "mon").mkdir()
-        log = out / "mon" / "mon.csv"
-        log.write_text((week / "mon.csv").read_text())
-    with pytest.raises(bayesid.InputError):
-        identify_separately(week / "arm.toml", [log], out, workers=0, **OPTIONS)
-    assert not (out / "runs.csv").exists()
-
-
-def test_a_bad_robot_or_option_is_named_once(week, tmp_path, capsys):
-    code = main(["identify", str(week / "mon.csv"), "--each", "--robot", "nosuch", "--out", str(tmp_path / "out")])
-    assert code == 2
-    assert len(capsys.readouterr().err.splitlines()) == 1
-    code = main(["identify", str(week / "mon.csv"), "--workers", "2", "--robot", str(week / "arm.toml")])
-    assert code == 2
-    assert "--each" in capsys.readouterr().err
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes with names")
-def test_streams_are_no_logs_of_several(tmp_path):
-    os.mkfifo(tmp_path / "log.csv")
-    for log in (tmp_path / "log.csv", "-"):
-        with pytest.raises(bayesid.InputError, match="is a stream"):
-            identify_separately("kr5", [log], tmp_path / "out")
-    assert not (tmp_path / "out").exists()
+    for wrong, says in (([logs[0], logs[0]], "name"), (["-"], "is a stream")):
+        with pytest.raises(bayesid.InputError, match=says):
+            identify_separately(week / "arm.toml", wrong, tmp_path / "more", workers=0, **OPTIONS)
