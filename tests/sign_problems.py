@@ -36,8 +36,6 @@ STRONG = 0.1  # of a joint's strongest segment: what a proof decides one by one 
 
 @dataclass(frozen=True)
 class SignProblem:
-    """Moments, the cone, and the coefficients; the rows of each segment where they are known."""
-
     cone: Cone
     coefficients: BaseCoefficients
     moments: Moments
@@ -48,7 +46,6 @@ class SignProblem:
         return float(self.moments.energy.sum())
 
     def solver(self, tolerance=1e-6):
-        """A new one, prepared for all data."""
         hessian = self.moments.hessian.total()
         return ConeLeastSquares(self.cone, self.coefficients, hessian, self.energy, tolerance=tolerance)
 
@@ -63,7 +60,6 @@ class SignProblem:
         return (EXACT if len(self.cone.bodies) else ROUNDING) * self.energy + self._priced[1]
 
     def but(self, changed):
-        """The same with other moments."""
         return SignProblem(self.cone, self.coefficients, changed)
 
     @cached_property
@@ -83,7 +79,6 @@ class SignProblem:
 
     @property
     def least(self):
-        """The cost of the best assignment."""
         return float(self.costs.min())
 
     def price(self, signs):
@@ -141,18 +136,9 @@ def synthetic(
 ):
     """Random rows, each segment with a sign of its own and some noise: dense, and of no robot in particular.
 
-    Args:
-        seed: of everything.
-        segments: S.
-        joints: among which the segments are shared out at random.
-        cone: "free", "orthant", "half" (of the parameters nonnegative) or "body" (one, and some nonnegative ones).
-        size: r.
-        noise: relative to each segment's effort.
-        spread: of the columns of different segments; their energies differ by its square.
-        longest: samples of a segment.
-        known: segments of known sign.
-        scale: efforts in units of their noise.
-        load: of the efforts; small ones are of parameters far below a typical link's, to which the pull then is strong.
+    The cone is "free", "orthant", "half" (of the parameters nonnegative) or "body" (one, and nonnegative ones); `noise`
+    is relative to each segment's effort, energies differ by the square of `spread`, segments are shared out among the
+    joints at random, and a small `load` makes parameters far below a typical link's, to which the pull then is strong.
     """
     rng = np.random.default_rng(seed)
     cones = {

@@ -31,13 +31,8 @@ def ornstein_uhlenbeck(size, memory, rng):
 def weighed_paths(effort, predicted, white, first, steps, look_ahead=None):
     """(N',) P(sign = +) and its Monte Carlo error, by weighing paths of the error: no grid, no recursion over beliefs.
 
-    Args:
-        effort: (N,) |effort|.
-        predicted: (N,)
-        white: scale of the readings' noise, Student's t of four degrees.
-        first: (paths,) first values of the error.
-        steps: from each sample's values to the next one's, N - 1 of them.
-        look_ahead: samples that are waited for; None for all.
+    `white` is the scale of a Student's t of four degrees, `first` the paths' first errors, `steps` those from each
+    sample to the next; `look_ahead` samples are waited for, all if None.
     """
     b, log_weight, plus, found = first, np.zeros(len(first)), [], []
     for i, (e, p) in enumerate(zip(effort, predicted, strict=True)):

@@ -118,21 +118,6 @@ def test_standard_deviations_mean_what_they_say():
     assert worst < 5.0
 
 
-def test_the_parts_of_a_result_belong_together(unsigned):
-    n_samples, n = unsigned.signals.effort.shape
-    segments = unsigned.segments
-    assert unsigned.probability.shape == unsigned.fit.predicted.shape == (n_samples, n)
-    assert np.all((unsigned.probability >= 0.0) & (unsigned.probability <= 1.0))
-    assert set(np.unique(unsigned.signs)) == {-1, 1}
-    assert np.all((unsigned.confidence >= 0.5) & (unsigned.confidence <= 1.0))
-    assert np.array_equal(np.bincount(segments.joint, weights=segments.end - segments.start), np.full(n, n_samples))
-    assert unsigned.posterior is None
-    assert set(unsigned.timings) == {"prepare", "search", "second opinion", "other readings"}
-    np.testing.assert_allclose(unsigned.coefficients.project(unsigned.fit.theta), unsigned.fit.beta)
-    predicted = unsigned.model.effort(unsigned.signals.motion, unsigned.fit.theta)
-    np.testing.assert_allclose(predicted, unsigned.fit.predicted)
-
-
 def test_without_noise_there_are_draws_too(truth):
     """No effort counts as known to better than a thousandth of its size: neither sampler nor start may break down."""
     result = bayesid.identify(truth.model.robot, truth.log(grid(), noise=0.0))
@@ -429,34 +414,18 @@ def test_real_logs_without_their_signs(name):
         assert right[strong[:, j], j].mean() >= 0.985
 
 
-def one_joint(*bounds: int, known: tuple[int, ...] | None = None) -> Segments:
-    size = len(bounds) - 1
-    return Segments(
-        np.zeros(size, dtype=np.int64),
-        np.array(bounds[:-1]),
-        np.array(bounds[1:]),
-        np.array(known or (0,) * size),
-        np.ones(size, dtype=bool),
-    )
+def one_joint(known: int = 0) -> Segments:
+    """All of 101 samples as one."""
+    return Segments(*(np.array([value]) for value in (0, 0, 101, known, True)))
 
 
 def test_a_clear_crossing_is_cut_where_the_effort_is_least_unless_the_sign_is_known():
     predicted, sigma = np.linspace(1.0, -1.0, 101)[:, None], np.array([0.1])
     effort = np.abs(predicted) + 0.05
     effort[47] = 0.01
-    assert crossings(one_joint(0, 101), predicted, effort, sigma) == [(0, 47)]
-    cut = one_joint(0, 101).split([(0, 47)])
+    assert crossings(one_joint(), predicted, effort, sigma) == [(0, 47)]
+    cut = one_joint().split([(0, 47)])
     assert (cut.start.tolist(), cut.end.tolist()) == ([0, 47], [47, 101])
     assert crossings(cut, predicted, effort, sigma) == []
-    assert crossings(one_joint(0, 101, known=(1,)), predicted, effort, sigma) == []
-    both = Segments(*(np.array(values) for values in ([0, 1], [0, 0], [101, 101], [0, 0], [True, True])))
-    each = np.tile(predicted, 2)
-    assert crossings(both, each, np.abs(each), np.array([0.6, 0.1])) == [(1, 50)], "each joint has its own noise"
-
-
-def test_an_unclear_crossing_is_not_cut():
-    t = np.linspace(0.0, 1.0, 101)[:, None]
-    touches = np.where(t < 0.5, 1.0 - 2.0 * t, 2.0 * t - 1.0) - 0.15
-    assert crossings(one_joint(0, 101), touches, np.abs(touches), np.array([0.1])) == []
-    deeper = np.where(t < 0.5, 1.0 - 2.0 * t, 2.0 * t - 1.0) - 0.25
-    assert len(crossings(one_joint(0, 101), deeper, np.abs(deeper), np.array([0.1]))) == 2
+    assert crossings(one_joint(known=1), predicted, effort, sigma) == []
+    assert crossings(one_joint(), predicted, np.abs(predicted), 6.0 * sigma) == [], "not clear"

@@ -12,8 +12,7 @@ from oracles import assert_close
 
 import bayesid
 from bayesid.errors import InputError
-from bayesid.identification.provenance import hashes
-from bayesid.log.log import join_logs, read_log, write_log
+from bayesid.log.log import join_logs
 from bayesid.model.catalogue import make_effect, make_terms
 from bayesid.model.inertia import NAMES
 from bayesid.model.model import Model
@@ -62,12 +61,6 @@ def two():
     return TwoRobots([np.zeros(10), TOOL])
 
 
-@pytest.fixture(scope="module")
-def found(two):
-    log = join_logs([two.logs[0], two.logs[1].carrying("tool1")])
-    return bayesid.identify(ROBOT, log, TERMS, complete="off", posterior=False)
-
-
 def test_two_payloads_have_parameters_of_their_own():
     both = TwoRobots([np.zeros(10), TOOL, OTHER])
     log = join_logs([both.logs[0], both.logs[1].carrying("tool1"), both.logs[2].carrying("part_2")])
@@ -89,17 +82,6 @@ def test_a_stated_mass_that_the_log_contradicts_is_told(two):
         assert any("m_tool1 was stated as" in warning for warning in found.warnings) == contradicts
 
 
-def test_columns_are_what_the_heavier_robot_has_more(two):
-    motion = random_trajectory(4, 5.0, seed=9).motion(np.arange(50) / 10.0)
-    labelled = replace(motion, payload=np.resize(["", "tool1", "tool2"], 50))
-    heavier = two.theta[:40].copy()
-    heavier[30:] += TOOL
-    more = ROBOT.inverse_dynamics(motion, heavier) - ROBOT.inverse_dynamics(motion, two.theta[:40])
-    expected = np.where((labelled.payload == "tool1")[:, None], more, 0.0)
-    assert_close(CarriedPayload(label=("tool1",)).columns(ROBOT, labelled) @ TOOL, expected, 1e-12)
-    assert not CarriedPayload(label=("tool1",)).columns(ROBOT, motion).any()
-
-
 @pytest.mark.parametrize(
     "effect", [make_effect("delay", {"lag": [0.02]}), make_effect("gear_ratio", {"joints": [2], "error": [0.05]})]
 )
@@ -113,7 +95,9 @@ def test_a_motion_that_is_changed_carries_the_same(two, effect):
     assert_close(model.effort(motion, np.append(two.theta, TOOL)), expected, 1e-12)
 
 
-def test_model_file_brings_the_payload_back(tmp_path, found, two):
+def test_model_file_brings_the_payload_back(tmp_path, two):
+    log = join_logs([two.logs[0], two.logs[1].carrying("tool1")])
+    found = bayesid.identify(ROBOT, log, TERMS, complete="off", posterior=False)
     save_identification(found, tmp_path / "result", report=False)
     stored = load_model(tmp_path / "result")
     assert stored.model.payloads == ("tool1",)
@@ -128,23 +112,11 @@ def test_model_file_brings_the_payload_back(tmp_path, found, two):
     with pytest.raises(InputError, match=r"no payload 'tool2'.*tool1"):
         stored.predict(loaded.carrying("tool2"))
     text = (tmp_path / "result" / "model.toml").read_text()
-    for bad in ('["tool 1"]', "[1]", '["a", "b"]', '"tool1"', "[]"):
-        written = text.replace('[\n    "tool1",\n]', bad)
-        assert written != text
-        (tmp_path / "result" / "model.toml").write_text(written)
-        with pytest.raises(InputError, match=r"model\.toml"):
-            load_model(tmp_path / "result")
-
-
-def test_a_log_is_known_again_whatever_it_carries(two, tmp_path):
-    log = two.logs[1]
-    assert hashes(log.carrying("tool1")) == hashes(log)
-    assert log.carrying("a").rectified().payload.tolist() == ["a"] * len(log)
-    write_log(tmp_path / "log.csv", log)
-    back = read_log(tmp_path / "log.csv")
-    joined = join_logs([two.logs[0], back.carrying("tool1")])
-    assert hashes(back) <= hashes(joined)
-    assert [piece.payload for piece in joined.carrying("b").pieces] == ["b", "b"]
+    written = text.replace('[\n    "tool1",\n]', '["tool 1"]')
+    assert written != text
+    (tmp_path / "result" / "model.toml").write_text(written)
+    with pytest.raises(InputError, match=r"model\.toml"):
+        load_model(tmp_path / "result")
 
 
 def test_labels_are_letters_digits_and_underscores(two):

@@ -5,10 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import small_robot, smooth_motion
+from conftest import smooth_motion
 
 from bayesid.identification.other_readings import BetterReading
-from bayesid.identification.pipeline import identify
 from bayesid.identification.warnings import warnings_of
 from bayesid.log.log import Log
 from bayesid.log.low_pass import AfterRectifier, LowPass
@@ -20,8 +19,10 @@ def fit_with(relative=(0.1, 0.2), sd=(0.3, 0.5, 0.1), on_edge=(False, False, Fal
     )
 
 
-def signs_with(certified=True, lower_bound=90.0, unsplit=0, withheld=""):
-    search = SimpleNamespace(certified=certified, lower_bound=lower_bound, cost=120.0, withheld=withheld)
+def signs_with(certified=True, lower_bound=90.0, unsplit=0, withheld="", timed_out=False):
+    search = SimpleNamespace(
+        certified=certified, lower_bound=lower_bound, cost=120.0, withheld=withheld, timed_out=timed_out
+    )
     return SimpleNamespace(search=search, unsplit=unsplit, rounds=4)
 
 
@@ -64,7 +65,7 @@ def unproven(**changes):
     return SimpleNamespace(signs=signs_with(certified=False, **changes))
 
 
-def posterior_with(converged=True, weights=(1.0,), chosen=0, asked=1, excluded=None, pressed=()):
+def posterior_with(converged=True, weights=(1.0,), chosen=0, asked=1, excluded=None, pressed=(), timed_out=False):
     return SimpleNamespace(
         excluded=excluded,
         converged=converged,
@@ -75,6 +76,7 @@ def posterior_with(converged=True, weights=(1.0,), chosen=0, asked=1, excluded=N
         chosen=chosen,
         sampling=SimpleNamespace(mode=asked),
         pressed=pressed,
+        timed_out=timed_out,
     )
 
 
@@ -98,20 +100,17 @@ FAULTS = (
     ({"fit": fit_with(relative=(0.1, 0.26))}, ("joint 2", "26%")),
     ({"fit": fit_with(sd=(0.3, np.inf, np.inf))}, ("2 coefficients",)),
     ({"fit": fit_with(on_edge=(True, True, False))}, ("links 1, 2", "--nominal")),
-    ({"fit": fit_with(on_edge=(True, False, True))}, ("link 1", "last link carries")),
     ({"fit": fit_with(tolerance=2e-8)}, ("2e-08",)),
     ({"settled": unproven()}, ("30 less than 120",)),
     ({"settled": unproven(lower_bound=120.0, withheld="pull")}, ("not proven",)),
     ({"settled": unproven(lower_bound=120.0, withheld="noise")}, ("noise",)),
     ({"posterior": posterior_with(excluded=0.83)}, ("83%",)),
     ({"settled": SimpleNamespace(signs=signs_with(unsplit=3))}, ("3 segments", "4 searches")),
-    ({"settled": SimpleNamespace(signs=signs_with(unsplit=1))}, ("1 segment ", "4 searches")),
+    ({"settled": SimpleNamespace(signs=signs_with(timed_out=True))}, ("search", "--time-limit")),
+    ({"posterior": posterior_with(converged=False, timed_out=True)}, ("sampling", "--time-limit")),
     ({"doubt": (0.0, 0.3)}, ("joint 2", "0.85")),
     ({"posterior": posterior_with(weights=(0.7, 0.3))}, ("mode 1 (0.7)", "0.3 for mode 2", "joint 2, 3", "--mode")),
-    (
-        {"posterior": posterior_with(weights=(0.7, 0.28, 0.02), chosen=1)},
-        ("mode 2 (0.28)", "0.7 for mode 1", "0.02 for"),
-    ),
+    ({"posterior": posterior_with(weights=(0.7, 0.28, 0.02), chosen=1)}, ("mode 2 (0.28)", "0.7 for mode 1")),
     ({"posterior": posterior_with(asked=3)}, ("no mode 3", "of 1")),
     ({"posterior": posterior_with(converged=False)}, ("1.051", "73", "--posterior-budget")),
     (
@@ -139,8 +138,7 @@ def test_each_fault_is_one_line_that_names_what_is_at_fault_and_the_option(log):
 def test_what_a_robot_was_read_with_comes_first(log):
     notes = ("joints finger1, finger2 are held: a gripper is not identified",)
     found = warnings(log, asked=model_of("rigid_body", notes=notes), doubt=(0.0, 0.3))
-    assert found[0] == notes[0]
-    assert len(found) == 2
+    assert (found[0], len(found)) == (notes[0], 2)
 
 
 def test_what_the_model_lacks_is_named_with_its_joint_where_another_one_has_it(log):
@@ -160,14 +158,3 @@ def test_a_joint_that_is_hardly_ever_negative_is_named(log):
         effort[7, 1] = -share * effort[:, 1].max()
         sentences = warnings(Log(log.t, log.q, effort, log.signed))
         assert ["--unsigned 2" in sentence for sentence in sentences] == [True] * named
-
-
-def test_a_rectified_effort_that_undershoots_is_pointed_out():
-    """A filter after the rectifier: hardly ever negative, yet by the rule it counts as signed."""
-    motion = smooth_motion(2, 6.0, 100.0, seed=3)
-    effort = np.abs(motion.ddq) + 0.5
-    effort[7, 1] = -0.01
-    log = Log(motion.t, motion.q, effort, np.array([False, True]))
-    result = identify(small_robot(2, 1), log, terms=["rigid_body"], posterior=False)
-    assert ["--unsigned 2" in warning for warning in result.warnings].count(True) == 1
-    assert not any("--unsigned 1" in warning for warning in result.warnings)

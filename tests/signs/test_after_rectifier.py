@@ -87,16 +87,6 @@ def test_what_was_not_filtered_or_before_the_rectifier_is_left_alone(kind):
     np.testing.assert_array_equal(settled.probability, expected.probability)
 
 
-def test_efforts_freed_of_it_are_those_before_it():
-    """The fit leaves what it leaves without a filter, and efforts come near those that were never filtered."""
-    settled = unfiltered("2nd 3 Hz")
-    signals, truth = settled.evidence.signals, np.abs(signed_log().effort)
-    inner = settled.evidence.used
-    left = np.abs(signals.raw_effort - truth)[inner].mean()
-    assert left < 0.3 * np.abs(signals.after_rectifier.read - truth)[inner].mean()
-    assert settled.fit.relative_residual.max() < 0.05
-
-
 def test_significance_bounds_the_share_of_all_signs():
     contrast = np.array([0.9, 0.8, 0.75, 0.6, 0.5, 0.5, 0.3, 0.2, -0.1])
     sums = [signs @ contrast for signs in product((-1.0, 1.0), repeat=len(contrast))]

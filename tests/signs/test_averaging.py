@@ -4,19 +4,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import small_robot
-from simulated_arms import BUDGET, arm_with_friction, rms, settle, settled_by_standard_terms
+from simulated_arms import BUDGET, arm_with_friction, rms, settle
 
 from bayesid.identification import pipeline
-from bayesid.model.catalogue import make_terms
-from bayesid.model.model import Model
 from bayesid.model.terms import STANDARD
 from bayesid.posterior.sampler import Sampling
 from bayesid.signs.averaging import richer_model, structural_doubt, weight_against
 from bayesid.signs.search.certified import Certified
-from bayesid.simulation.logs import simulate
-from bayesid.simulation.parameters import random_parameters
-from bayesid.simulation.trajectories import random_trajectory
 
 identify = partial(pipeline.identify, complete="off")
 SEARCH = Certified(budget=BUDGET)
@@ -76,34 +70,19 @@ def test_parameters_are_those_of_the_model_asked_for_under_the_others_signs(roug
 
 def test_given_signs_stand_in_the_posterior_of_the_poor_model(poor):
     """Its draws must not find the wrong signs again that the other model has ruled out."""
-    assert np.all(poor.posterior.moments.known != 0)
+    np.testing.assert_array_equal(np.abs(poor.posterior.moments.known), 1)
     np.testing.assert_array_equal(poor.posterior.moments.known, poor.search.signs)
     assert poor.posterior.elsewhere is None
-    assert poor.posterior.branch_mass.size == 0
-    assert any("not converged" in warning for warning in poor.warnings)
 
 
-@pytest.fixture(scope="module")
-def smooth():
-    return arm_with_friction(0.0)
-
-
-def test_a_right_model_is_not_talked_over(smooth):
+def test_a_right_model_is_not_talked_over():
+    smooth = arm_with_friction(0.0)
     result = identify(smooth.robot, smooth.log(), ["rigid_body"], search=SEARCH, posterior=False)
     assert result.sign_terms == ("rigid_body",)
     assert result.sign_weight > 0.95
     right, strong = smooth.right(result)
     assert right[strong].all()
     assert not any("lacks" in warning for warning in result.warnings)
-
-
-def test_twelve_more_parameters_are_not_worth_what_they_explain_of_white_noise(smooth, asked):
-    plain = settle(smooth.robot, smooth.log(), ["rigid_body"])
-    rival = settle(smooth.robot, smooth.log(), STANDARD)
-    assert richer_model(plain) is None or weight_against(rival, plain) < 0.05
-    assert weight_against(rival, plain) < 0.05
-    rival = settled_by_standard_terms(1.5)
-    assert weight_against(rival, asked) == 0.95
 
 
 @pytest.fixture(scope="module")
@@ -172,21 +151,3 @@ def test_a_large_error_or_one_of_signs_without_proof_makes_guesses_of_the_signs_
         ([3.0, 0.1], True, (False, True), [0.5, 0.0]),
     ):
         np.testing.assert_allclose(doubt(share, certified, signed), expected, rtol=1e-6)
-
-
-def test_an_effect_that_no_term_holds_lowers_confidences():
-    """A spring of the joint's own size: many signs are wrong, and none of the confidences may be high."""
-    robot = small_robot(3, 2)
-    motion = random_trajectory(3, duration=8.0, seed=3).motion(np.arange(801) / 100.0)
-    model = Model(robot, make_terms(STANDARD, robot, motion))
-    rng = np.random.default_rng(3)
-    signed = simulate(model, random_parameters(model, rng), motion, rng=rng, noise=0.02, signed=True)
-    spring = motion.q * rms(signed.effort) / rms(motion.q)
-    log = replace(signed, effort=signed.effort + spring)
-    result = identify(robot, log.rectified(), search=Certified(budget=2.0), posterior=False)
-    confidence = np.maximum(result.probability, 1.0 - result.probability)
-    wrong = result.sample_signs != np.sign(log.effort)
-    sure = confidence >= 0.99
-    assert sure.sum() == 0 or wrong[sure].mean() <= 0.005
-    assert result.sign_doubt.max() > 0.05
-    assert any("the model's own error is large" in warning for warning in result.warnings)

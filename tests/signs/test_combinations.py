@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.special import logsumexp
-from sign_problems import ROUNDING, arm, moments_of, strong, synthetic
+from sign_problems import arm, moments_of, strong, synthetic
 
 from bayesid.signs.search.combinations import TooManyError, combinations, least_costs
 from bayesid.signs.search.limits import Limits
@@ -76,26 +76,6 @@ def test_nothing_that_may_cost_up_to_the_limit_is_left_out(problems, options):
         assert options or set(np.flatnonzero(strong(problem.moments))) == set(combined.decided)
 
 
-def test_a_coarse_solver_leaves_nothing_out_either(problems):
-    for problem in problems[::2]:
-        Combined(problem, 1.0, problem.solver(tolerance=1e-2)).assert_sound()
-
-
-def test_parameters_of_twice_a_typical_link_cost_less_than_a_pull_to_zero_would():
-    """The bounds' half of the pull, to zero, is then as high as it can be above the pull itself: by the slack.
-
-    The motion hardly shows these parameters, which makes the pull a share of the efforts that counts.
-    """
-    for seed in range(4):
-        base = synthetic(seed, 5, joints=2, cone="body", size=5)
-        rng, beta = np.random.default_rng(seed), 2.0 * base.coefficients.project(base.pull[1])
-        hides = np.eye(5) - 0.99 * np.outer(beta, beta) / (beta @ beta)
-        rows = [(y, y @ beta) for y in rng.normal(size=(5, 6, 5)) @ hides]
-        problem = base.but(moments_of(rows, [0, 1, 0, 1, 0], [0] * 5))
-        assert Problem(problem.moments, problem.solver(), np.inf).slack > 1e-7 * problem.energy, "beyond rounding"
-        Combined(problem, 2e-8 * problem.energy).assert_sound()
-
-
 def test_what_a_coarse_level_excludes_counts_with_all_its_completions():
     """The cone settles one segment; four others, half as strong, have no gradient: their 16 choices cost the same."""
     rng = np.random.default_rng(6)
@@ -129,23 +109,3 @@ def test_where_there_are_too_many_fewer_segments_are_decided():
     short = Combined(problem, 30.0, longest_list=4)
     short.assert_sound()
     assert 0 < len(short.decided) < len(whole.decided)
-
-
-def test_least_costs_are_what_each_joints_rows_cost_by_themselves(problems):
-    """The least over all patterns of min over beta of |s e - Y beta|^2 + beta' share beta, from the rows."""
-    for problem in problems:
-        if not problem.rows:
-            continue
-        view, m = Problem(problem.moments, problem.solver(), np.inf), problem.moments
-        for block, found in zip(view.blocks, least_costs(view), strict=True):
-            joint = np.unique(m.joint)[view.blocks.index(block)]
-            here = np.flatnonzero(m.joint == joint)
-            share = block.hessian(0) - m.hessian_of(here[m.known[here] != 0])
-            columns = np.vstack([*(problem.rows[k][0] for k in here), np.linalg.cholesky(share).T])
-            costs = []
-            for signs in np.unique(problem.assignments[:, here], axis=0):
-                efforts = [s * problem.rows[k][1] for s, k in zip(signs, here, strict=True)]
-                target = np.concatenate([*efforts, np.zeros(len(share))])
-                left = columns @ np.linalg.lstsq(columns, target, rcond=None)[0] - target
-                costs.append(left @ left)
-            assert found == pytest.approx(min(costs), abs=ROUNDING * problem.energy)

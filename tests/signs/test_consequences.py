@@ -9,14 +9,7 @@ from bayesid.signs.search.problem import Problem
 
 
 class Followed:
-    """Some signs of a small problem, what follows from them, and the brute force to hold it to.
-
-    Args:
-        problem: the sign problem.
-        decided: segments that are decided.
-        within: limit of the cost above the least one.
-        rank: of the assignment whose signs they take, by cost.
-    """
+    """What follows from the signs of some segments in the assignment of a rank, by cost, up to a limit."""
 
     def __init__(self, problem, decided, within, rank=0):
         m = problem.moments

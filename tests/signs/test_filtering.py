@@ -52,18 +52,6 @@ def test_waiting_for_all_that_comes_is_smoothing(rests):
     np.testing.assert_allclose(late, whole[: len(late)], atol=2e-3)
 
 
-def test_at_high_rates_steps_are_fewer_and_signs_the_same():
-    effort, predicted = a_stream()
-    model = noise_of(0.3, 0.5, 0.1, n=2)
-    slow = filtered(effort, predicted, model, np.array([0.5, 0.5]))
-    wider = noise_of(0.3 * np.sqrt(5.0), 0.5, 0.1, n=2)  # five readings of it weigh as one did
-    fast = filtered(effort.repeat(5, axis=0), predicted.repeat(5, axis=0), wider, np.array([0.5, 0.5]), rate=500.0)
-    assert SignFilter.of(wider, np.array([0.5, 0.5]), 500.0).stride == 4
-    sure = np.abs(slow - 0.5) > 0.45
-    assert sure.mean() > 0.8
-    assert ((fast[4::5] > 0.5) == (slow > 0.5))[sure].all()
-
-
 def test_a_reading_that_is_missing_leaves_the_sign_to_the_model():
     of = SignFilter.of(noise_of(0.3, 0.5, 0.1, n=2), np.array([0.5, 0.5]), RATE)
     belief, zero, moving = of.begin(), np.zeros(2), np.ones(2, dtype=bool)

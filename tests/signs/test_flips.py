@@ -9,14 +9,7 @@ from bayesid.signs.search.problem import Problem
 
 
 class Flipped:
-    """A branch of a small problem, its flips, and what all of them cost by brute force.
-
-    Args:
-        problem: the sign problem.
-        rank: of the branch among all assignments, by cost.
-        fixed: segments that are not free.
-        tolerance: of the branch's parameters; None for as precise as possible.
-    """
+    """The flips of the branch of a rank, by cost, and what all of them cost by brute force."""
 
     def __init__(self, problem, rank=0, fixed=(), tolerance=None):
         self.problem, self.fixed = problem, np.array(fixed, dtype=np.int64)
@@ -43,11 +36,6 @@ class Flipped:
         only_free = ~np.any(self.turned[:, self.fixed], axis=1)
         rows = np.all([only_free, *chosen], axis=0)
         return self.changes[rows].min(initial=np.inf)
-
-    @property
-    def some(self):
-        """Whether anything is turned."""
-        return np.any(self.turned, axis=1)
 
 
 def flipped_cases():
@@ -77,7 +65,7 @@ def cases():
 
 def assert_bounds_hold(case, flips):
     assert flips.best[0] <= min(case.least(), 0.0) + case.rounding
-    assert flips.any <= case.least(case.some) + case.rounding
+    assert flips.any <= case.least(np.any(case.turned, axis=1)) + case.rounding
     alone = np.sum(case.turned, axis=1) == 1
     for k, change, by_itself in zip(case.free, flips.changes(), flips.alone, strict=True):
         assert change <= case.least(case.turned[:, k]) + case.rounding
@@ -90,20 +78,6 @@ def test_no_set_of_flips_costs_less_than_is_said(cases):
         assert set(case.flips.best[1]) <= set(case.free)
         (nothing_forced,) = case.flips.forced(np.zeros((1, case.problem.moments.gradient.shape[1])))
         assert nothing_forced <= case.flips.best[0] + case.rounding, "the slopes are no sharper than the enumeration"
-
-
-def test_the_branch_is_the_best_where_all_is_decided_and_not_where_other_signs_are_better(cases):
-    settled = [case for case in cases if not case.flips.undecided.size]
-    poor = [case for case in cases if case.least() < -case.problem.exact]
-    assert min(len(settled), len(poor)) > 10, "or nothing is shown"
-    for case in settled:
-        assert case.least() >= -case.problem.exact
-        assert case.flips.best[0] == 0.0
-        assert case.flips.any > 0.0
-    for case in poor:
-        assert case.flips.undecided.size
-        assert case.flips.best[0] < 0.0
-        assert len(case.flips.best[1])
 
 
 @pytest.mark.parametrize("limits", [{"enumerated": 0}, {"many_flips": 1}, {"rows_at_once": 2}])
@@ -154,11 +128,5 @@ def test_parameters_that_are_not_quite_the_best_are_allowed_for():
             precise, coarse = Flipped(problem, 1), Flipped(problem, 1, tolerance=1e-2)
             assert coarse.branch.cost - coarse.branch.lower_bound > precise.branch.cost - precise.branch.lower_bound
             assert coarse.flips.best[0] <= coarse.least() + coarse.rounding
-            m, pull = problem.moments, problem.solver().pull()[0]
-            steps, beta = coarse.signs[:2] @ m.gradient[:2], problem.coefficients.project(coarse.branch.theta)
-            own = steps @ np.linalg.solve(m.hessian.total() + pull, steps)
-            doubt = np.sqrt((coarse.branch.cost - coarse.branch.lower_bound) * own)
-            nothing_free = coarse.view.flips(coarse.branch, coarse.free[:0])
-            assert nothing_free.forced(steps[None])[0] == pytest.approx(4.0 * (steps @ beta - doubt - own), rel=1e-6)
             for k, bound in zip(coarse.free, coarse.flips.changes(), strict=True):
                 assert bound <= coarse.least(coarse.turned[:, k]) + coarse.rounding

@@ -15,8 +15,6 @@ from bayesid.signs.search.pbpr import (
     AnnealedLeastSquares,
     Annealing,
     Bodies,
-    Bounds,
-    Constraint,
     center_of_mass_inside,
     coefficient_error,
     effort_error,
@@ -79,28 +77,15 @@ def test_feasible_parameters_of_known_coefficients_meet_constraints_on_mass_and_
     assert np.all((center >= hull[0] - TOLERANCE) & (center <= hull[1] + TOLERANCE))
 
 
-def test_a_constraint_without_a_slope_is_met_within_the_bounds_and_repeatably(arm):
-    """No gradient leads out of a forbidden mass of 2 to 20 kg: this is what annealing is for."""
-    model, coefficients, theta = arm
-    error = coefficient_error(coefficients, coefficients.project(theta), np.diag(np.arange(1.0, 11.0)))
-    bounds = make_bounds(model, {"m2": (0.4, 24.0), "mc1z": (0.01, 0.02)})
-    forbidden = Constraint("forbidden masses", lambda bodies: float(2.0 < bodies.mass[1] < 20.0))
-    without = retrieve_by_annealing(error, model.cone, bounds, ())
-    assert 2.0 < without.theta[19] < 20.0
-    found, again, other = (
-        retrieve_by_annealing(error, model.cone, bounds, (forbidden,), Annealing(seed=seed)) for seed in (0, 0, 1)
-    )
-    assert found.satisfied
-    assert not 2.0 < found.theta[19] < 20.0
-    assert np.all((bounds.lower <= found.theta) & (found.theta <= bounds.upper))
-    assert found.theta.tolist() == again.theta.tolist() != other.theta.tolist()
-
-
-def test_what_cannot_be_satisfied_is_reported_and_makes_a_node_dear(arm):
+def test_what_cannot_be_satisfied_is_reported_repeatably_and_makes_a_node_dear(arm):
     model, coefficients, theta = arm
     hessian, beta = np.diag(np.arange(1.0, 11.0)), coefficients.project(theta)
     error, heavy = coefficient_error(coefficients, beta), total_mass(75.0, 80.0)  # two links of at most 30 kg
-    found = retrieve_by_annealing(error, model.cone, make_bounds(model), (heavy,), Annealing(runs=4, evaluations=300))
+    bounds = make_bounds(model, {"mc1z": (0.01, 0.02)})
+    annealing = Annealing(runs=4, evaluations=300)
+    found, again = (retrieve_by_annealing(error, model.cone, bounds, (heavy,), annealing) for _ in range(2))
+    assert found.theta.tolist() == again.theta.tolist()
+    assert np.all((bounds.lower <= found.theta) & (found.theta <= bounds.upper))
     assert not found.satisfied
     assert found.violations["total mass"] == pytest.approx(15.0, abs=0.1)
     assert found.runs == 4
@@ -116,19 +101,5 @@ def test_what_cannot_be_satisfied_is_reported_and_makes_a_node_dear(arm):
     assert free.tolerance == 0.0
     assert bound.cost > free.cost + 1.0
     assert bound.tolerance > 10.0
-
-
-def test_what_cannot_be_used_is_refused(arm):
-    model, coefficients, theta = arm
-    error = coefficient_error(coefficients, coefficients.project(theta))
-    for constraints, message in (
-        ((Constraint("broken", lambda _: np.nan),), r"'broken'.*finite"),
-        ((total_mass(0, 1), total_mass(2, 3)), "repeat"),
-    ):
-        with pytest.raises(InputError, match=message):
-            retrieve_by_annealing(error, model.cone, make_bounds(model), constraints)
-    for overrides in ({"m9": (0, 1)}, {"m1": (2, 1)}, {"m1": (0, np.inf)}):
-        with pytest.raises(InputError, match=next(iter(overrides))):
-            make_bounds(model, overrides)
-    with pytest.raises(ValueError, match="no room"):
-        Bounds(np.array([0.0, 1.0]), np.array([1.0, 1.0]))
+    with pytest.raises(InputError, match="m9"):
+        make_bounds(model, {"m9": (0, 1)})

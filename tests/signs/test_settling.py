@@ -31,30 +31,15 @@ def rough():
     return arm_with_friction(1.5)
 
 
-@pytest.fixture(scope="module")
-def smooth():
-    """Without friction."""
-    return arm_with_friction(0.0)
-
-
-@pytest.fixture(scope="module")
-def alone():
-    return settled_by_standard_terms(1.5)
-
-
-@pytest.fixture(scope="module")
-def misled(rough):
-    return settle(rough.robot, rough.log(), STANDARD, Misled(budget=BUDGET))
-
-
 def earlier_about(case, theta, spread):
     """Coefficients known to a share of their size, and parameters to settle signs under."""
     size = np.abs(base_coefficients(case.model).project(case.theta))
     return Earlier(Knowledge(case.model, case.theta, np.diag(1.0 / (spread * size + 0.01) ** 2)), theta)
 
 
-def test_what_an_earlier_log_has_shown_stands_in_the_fit(rough, alone):
+def test_what_an_earlier_log_has_shown_stands_in_the_fit(rough):
     """Coefficients are those of both models, their information that of both logs."""
+    alone = settled_by_standard_terms(1.5)
     earlier = earlier_about(rough, rough.theta, 0.03)
     settled = settle(rough.robot, rough.log(), STANDARD, earlier=earlier)
     assert rough.right_share(settled) >= 0.99
@@ -66,9 +51,9 @@ def test_what_an_earlier_log_has_shown_stands_in_the_fit(rough, alone):
 
 
 @pytest.mark.parametrize("spread", [0.03, 1.0])
-def test_parameters_that_are_known_save_signs_that_a_search_has_lost(rough, misled, spread):
+def test_parameters_that_are_known_save_signs_that_a_search_has_lost(rough, spread):
     """However vaguely: where knowledge does not decide, the residuals do."""
-    assert rough.right_share(misled) < 0.2
+    assert rough.right_share(settle(rough.robot, rough.log(), STANDARD, Misled(budget=BUDGET))) < 0.2
     earlier = earlier_about(rough, rough.theta, spread)
     saved = settle(rough.robot, rough.log(), STANDARD, Misled(budget=BUDGET), earlier)
     assert rough.right_share(saved) >= 0.99
@@ -77,8 +62,9 @@ def test_parameters_that_are_known_save_signs_that_a_search_has_lost(rough, misl
 
 
 @pytest.mark.parametrize("signed", [(False, False, False), (True, False, True)])
-def test_a_restored_log_is_one_of_the_efforts_themselves(smooth, signed):
+def test_a_restored_log_is_one_of_the_efforts_themselves(signed):
     """Joint 1 lacks 0.4 N m of every effort, joint 3 is cut off; what the readings cannot tell is not measured."""
+    smooth = arm_with_friction(0.0)
     motion = smooth.motion
     effort = smooth.model.effort(motion, smooth.theta)
     limit = 0.7 * np.abs(effort[:, 2]).max()

@@ -1,11 +1,9 @@
 import numpy as np
 import pytest
-from conftest import smooth_motion
 from scipy.stats import t
 from smoothing_oracles import noise_of, ornstein_uhlenbeck, size_at_rest, weighed_paths
 
-from bayesid.log.signals import Signals
-from bayesid.signs.smoothing import sign_probabilities, smooth
+from bayesid.signs.smoothing import smooth
 
 RATE = 100.0
 
@@ -21,21 +19,6 @@ def test_against_monte_carlo(seed):
     expected, error = weighed_paths(effort, predicted, 0.4, 0.5 * rng.standard_normal(400_000), steps)
     found = smooth(effort[:, None], predicted[:, None], np.ones((6, 1), dtype=bool), noise_of(0.4, 0.5, 0.03), RATE)
     np.testing.assert_allclose(found[:, 0], expected, atol=4 * error + 0.02)
-
-
-def test_neighbours_decide_what_a_sample_cannot():
-    """The model errs for 0.4 s, where it goes below zero; the effort's own course, away from zero, tells the sign."""
-    time = np.arange(200) / RATE
-    truth = np.where(time < 1.0, 2.0, -1.5) * np.abs(np.cos(np.pi * time / 2)) + np.where(time < 1.0, 0.5, -0.6)
-    predicted = truth - 2.6 * np.exp(-(((time - 0.5) / 0.15) ** 2))
-    lost = (predicted < 0.0) & (truth > 0.0)
-    assert lost.sum() > 10
-    moving = np.ones((200, 1), dtype=bool)
-    found = smooth(np.abs(truth)[:, None], predicted[:, None], moving, noise_of(0.2, 1.0, 0.2), RATE)
-    assert ((found[:, 0] > 0.5) == (truth > 0)).all()
-    inside = np.abs(truth[lost])[:, None], predicted[lost][:, None], moving[lost]
-    alone = smooth(*inside, noise_of(0.2, 1.0, 0.2), RATE)
-    assert (alone < 0.5).mean() > 0.9, "without its neighbours the stretch would follow the model"
 
 
 def test_probabilities_are_calibrated():
@@ -115,19 +98,3 @@ def test_an_outlier_is_no_proof_of_its_sign():
         assert found[40] == pytest.approx(up / (up + down), abs=1e-4)
         assert found[40] < 0.97
         assert np.delete(found, 40).min() > 0.99
-
-
-def test_known_signs_are_not_smoothed():
-    """Joint 2 is measured, far from its prediction; joint 1 is smoothed as it would be by itself."""
-    rng = np.random.default_rng(3)
-    motion = smooth_motion(2, 0.8, RATE, seed=4)
-    effort = rng.standard_normal((80, 2)) * [1.0, 3.0]
-    effort[:, 0] = np.abs(effort[:, 0])
-    every = np.ones((80, 2), dtype=bool)
-    signals = Signals(motion, effort, effort, np.array([False, True]), RATE, 20.0, {}, every)
-    predicted = 0.7 * rng.standard_normal((80, 2, 3))
-    probability = sign_probabilities(signals, predicted, every, noise_of(0.4, 0.3, 0.05, 2))
-    np.testing.assert_array_equal(probability[:, 1], effort[:, 1] >= 0.0)
-    alone = smooth(effort[:, :1], predicted[:, :1], every[:, :1], noise_of(0.4, 0.3, 0.05), RATE)
-    np.testing.assert_allclose(probability[:, :1], alone, rtol=1e-12)
-    assert 0.1 < probability[:, 0].mean() < 0.9
