@@ -167,10 +167,9 @@ def _of_seeds(first: Figures, second: Figures) -> Figures:
 
 _TAKEN: Mapping[str, str] = {
     "summary": "n_samples n_segments n_coefficients terms processing.cutoff_hz search.method search.certified "
-    "search.cost search.lower_bound search.sdp_solves noise.sd noise.samples_that_count_as_one fit.relative_residual "
-    "posterior.converged complete.effects complete.held_back_error.before complete.held_back_error.after "
-    "complete.uncertain gains.mean gains.sd gains.ratio_sd gains.factor gains.decided_by gains.settled "
-    "payloads.payload.mass.value verdict.state",
+    "search.cost search.lower_bound search.sdp_solves noise.sd fit.relative_residual posterior.converged "
+    "complete.effects complete.held_back_error.before complete.held_back_error.after gains.mean gains.sd "
+    "gains.ratio_sd gains.factor gains.decided_by gains.settled payloads.payload.mass.value verdict.state",
     "discrepancy": "status found gap.before gap.after gap.noise_floor unexplained.joint where.joint not_borne_out",
     "payload": "shown check.passed check.chi_square check.residual_ratio posterior.converged",
     "stream": "summary.instants summary.rms_residual summary.largest_external_over_threshold n_alarms "
@@ -217,7 +216,8 @@ def _of_tables(folder: Path, truth: Sequence[Path], ess: float) -> Figures:
         strong = np.abs(effort) >= _STRONG * np.abs(effort).max(axis=0)
         shares["right"] = (signs == np.sign(effort))[strong].mean()
     for name, s in shares.items():
-        figures[f"signs.{name}"] = [float(s), math.sqrt(max(s * (1.0 - s), 1.0 / ess) / ess)]
+        error = math.sqrt(max(s * (1.0 - s), 1.0 / ess) / ess)
+        figures[f"signs.{name}"] = [float(s), error] if error else float(s)
     return figures
 
 
@@ -251,14 +251,14 @@ def _sha(value: Any) -> str:
 
 
 def reduced(figures: Figures) -> Figures:
-    """Those of the reference: a number instead of the elements of a list, and ten digits."""
+    """Those of the reference: a number instead of the elements of a list, and eight digits."""
     kept = {name: value for name, value in figures.items() if "#" not in name}
     for stem in dict.fromkeys(name.partition("#")[0] for name in figures if "#" in name):
         values, errors = np.array([_with_error(figures[name]) for name in figures if name.startswith(f"{stem}#")]).T
         weights = np.cos(np.arange(1.0, len(values) + 1.0))
         error = max(_SMALL * float(np.linalg.norm(values)), float(np.abs(weights) @ errors))
-        kept[f"{stem}#{len(values)}"] = [float(weights @ values), error]
-    return json.loads(json.dumps(kept), parse_float=lambda digits: float(f"{float(digits):.10g}"))
+        kept[f"{stem}#{len(values)}"] = [float(weights @ values), float(f"{error:.1e}")]
+    return json.loads(json.dumps(kept), parse_float=lambda digits: float(f"{float(digits):.8g}"))
 
 
 def _with_error(value: Any) -> tuple[float, float]:
@@ -329,8 +329,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     few = {name: {**one, "figures": reduced(one.get("figures", {}))} for name, one in results.items()}
     if options.update:  # a line a run; runs that were not made keep theirs
         kept = json.loads(REFERENCE.read_text()) if REFERENCE.exists() else {}
-        lines = (f"{json.dumps(name)}: {json.dumps(one)}" for name, one in {**kept, **few}.items())
-        REFERENCE.write_text("{\n" + ",\n".join(lines) + "\n}\n")
+        text = json.dumps({**kept, **few}, separators=(",", ":"))
+        REFERENCE.write_text(text.replace("}},", "}},\n") + "\n")
     failed = int(any("error" in one for one in results.values()))
     reference = json.loads(options.check.read_text()) if options.check else few
     return max(failed, _told({name: one for name, one in reference.items() if name in few}, few))
