@@ -1,8 +1,7 @@
 """Golden results: what users see in fifty seeded runs, so that a rebuild of the inside can be compared.
 
     python -m bayesid.studies.golden --check studies/golden.json     # before and after a change; exit 1 if they differ
-    python -m bayesid.studies.golden --only blind real/ur10e --out now.json
-    python -m bayesid.studies.golden --compare before.json now.json  # every figure that differs
+    python -m bayesid.studies.golden --compare before.json now.json  # every figure that differs, of two full files
     python -m bayesid.studies.golden --update                        # after a change that is meant
 
 A run is a few commands of `bayesid`; figures are read from the files that the last one writes. Searches and sampling
@@ -26,6 +25,7 @@ import hashlib
 import io
 import json
 import math
+import os
 import re
 import shlex
 import sys
@@ -49,8 +49,7 @@ Results: TypeAlias = dict[str, dict[str, Any]]
 """Runs, each with `hash` and `figures`, or with `error`."""
 REFERENCE = Path(__file__).with_name("golden.json")
 RELATIVE, ERRORS, _SMALL = 1e-6, 5.0, 2e-7  # the last as an error, relative to a scale, allows `RELATIVE` of the scale
-_DRAWN = "differs between seeds"
-_ROW = "{:<24} {:<44} {:<34} {}"
+_DRAWN, _ROW = "differs between seeds", "{:<24} {:<44} {:<34} {}"
 _STRONG, _SURE = 0.05, 0.99  # share of a joint's largest |effort| at which a sign counts; probability of a sure sign
 _CASES = 20
 _BRIEF = "--no-posterior --repeatable --no-report"
@@ -141,6 +140,8 @@ def _command(words: str) -> None:
     code = 2  # where the options are wrong
     with redirect_stderr(said), redirect_stdout(said), suppress(SystemExit):
         code = bayesid([*shlex.split(words), "--quiet"])
+    if code >= 128:
+        raise KeyboardInterrupt  # which the command has taken for itself
     if code:
         raise RuntimeError(f"bayesid {words}: exit code {code}: {said.getvalue().strip()[-300:]}")
 
@@ -191,8 +192,8 @@ def read_figures(folder: Path, truth: Sequence[Path] = ()) -> Figures:
     for name, path in (("summary", "complete.effects"), ("discrepancy", "found")):
         for k, one in enumerate(_at(contents.get(name), path) or (), 1):
             figures[f"{name}.log10_bayes_factor#{k}"] = one["log10_bayes_factor"]
-    draws = [one["posterior"] for one in contents.values() if isinstance(one, dict) and one.get("posterior")]
-    ess = draws[0]["min_ess"] if draws else math.inf
+    draws = (one["posterior"] for one in contents.values() if "posterior" in one)
+    ess = next((one["min_ess"] for one in draws if one), math.inf)
     for name in ("mass", "com", "inertia"):
         for k, one in enumerate(np.atleast_1d(contents.get("payload", {}).get(name, [])), 1):
             for kind in ("value", "sd"):
@@ -287,8 +288,8 @@ def differences(before: Results, after: Results) -> list[str]:
     return told
 
 
-def execute(chosen: Iterable[Run]) -> Results:
-    """Runs them one by one, and says so; one that fails keeps its error."""
+def execute(chosen: Iterable[Run], out: Path = Path(os.devnull)) -> Results:
+    """Runs them one by one, and says so; one that fails keeps its error. All so far are in the file after each run."""
     results: Results = {}
     for run in chosen:
         began = time.perf_counter()
@@ -298,6 +299,7 @@ def execute(chosen: Iterable[Run]) -> Results:
         except Exception as error:  # whatever it is, the other runs go on
             one = {"error": f"{type(error).__name__}: {error}"}
         results[run.name] = one
+        out.write_text(json.dumps(results, indent=1) + "\n")
         print(f"{run.name:<24} {time.perf_counter() - began:6.1f} s  {one.get('error', 'done')}", flush=True)
     return results
 
@@ -306,7 +308,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs, compares, writes; 1 if something differs or failed."""
     parser = argparse.ArgumentParser(prog="python -m bayesid.studies.golden")
     add = parser.add_argument
-    add("--out", type=Path, metavar="FILE", help="file for all figures")
+    add("--out", type=Path, default=os.devnull, metavar="FILE", help="file for all figures")
     add("--only", nargs="+", default=[""], metavar="NAME", help="beginnings of names of runs")
     add("--short", action="store_const", dest="only", const=_SHORT, help="a few quick runs")
     add("--list", action="store_true", help="print the names of the runs")
@@ -323,9 +325,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.list:
         print("\n".join(run.name for run in chosen))
         return 0
-    results = execute(chosen)
-    if options.out:
-        options.out.write_text(json.dumps(results, indent=1) + "\n")
+    results = execute(chosen, options.out)
     few = {name: {**one, "figures": reduced(one.get("figures", {}))} for name, one in results.items()}
     if options.update:  # a line a run; runs that were not made keep theirs
         kept = json.loads(REFERENCE.read_text()) if REFERENCE.exists() else {}
