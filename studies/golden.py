@@ -1,8 +1,7 @@
 """Golden results: what users see in fifty seeded runs, so that a rebuild of the inside can be compared.
 
     python -m bayesid.studies.golden --check studies/golden.json     # before and after a change; exit 1 if they differ
-    python -m bayesid.studies.golden --only blind real/ur10e --out now.json
-    python -m bayesid.studies.golden --compare before.json now.json  # every figure that differs
+    python -m bayesid.studies.golden --compare before.json now.json  # every figure that differs, of two full files
     python -m bayesid.studies.golden --update                        # after a change that is meant
 
 A run is a few commands of `bayesid`; figures are read from the files that the last one writes. Searches and sampling
@@ -26,6 +25,7 @@ import hashlib
 import io
 import json
 import math
+import os
 import re
 import shlex
 import sys
@@ -49,8 +49,7 @@ Results: TypeAlias = dict[str, dict[str, Any]]
 """Runs, each with `hash` and `figures`, or with `error`."""
 REFERENCE = Path(__file__).with_name("golden.json")
 RELATIVE, ERRORS, _SMALL = 1e-6, 5.0, 2e-7  # the last as an error, relative to a scale, allows `RELATIVE` of the scale
-_DRAWN = "differs between seeds"
-_ROW = "{:<24} {:<44} {:<34} {}"
+_DRAWN, _ROW = "differs between seeds", "{:<24} {:<44} {:<34} {}"
 _STRONG, _SURE = 0.05, 0.99  # share of a joint's largest |effort| at which a sign counts; probability of a sure sign
 _CASES = 20
 _BRIEF = "--no-posterior --repeatable --no-report"
@@ -141,6 +140,8 @@ def _command(words: str) -> None:
     code = 2  # where the options are wrong
     with redirect_stderr(said), redirect_stdout(said), suppress(SystemExit):
         code = bayesid([*shlex.split(words), "--quiet"])
+    if code >= 128:
+        raise KeyboardInterrupt  # which the command has taken for itself
     if code:
         raise RuntimeError(f"bayesid {words}: exit code {code}: {said.getvalue().strip()[-300:]}")
 
@@ -167,10 +168,9 @@ def _of_seeds(first: Figures, second: Figures) -> Figures:
 
 _TAKEN: Mapping[str, str] = {
     "summary": "n_samples n_segments n_coefficients terms processing.cutoff_hz search.method search.certified "
-    "search.cost search.lower_bound search.sdp_solves noise.sd noise.samples_that_count_as_one fit.relative_residual "
-    "posterior.converged complete.effects complete.held_back_error.before complete.held_back_error.after "
-    "complete.uncertain gains.mean gains.sd gains.ratio_sd gains.factor gains.decided_by gains.settled "
-    "payloads.payload.mass.value verdict.state",
+    "search.cost search.lower_bound search.sdp_solves noise.sd fit.relative_residual posterior.converged "
+    "complete.effects complete.held_back_error.before complete.held_back_error.after gains.mean gains.sd "
+    "gains.ratio_sd gains.factor gains.decided_by gains.settled payloads.payload.mass.value verdict.state",
     "discrepancy": "status found gap.before gap.after gap.noise_floor unexplained.joint where.joint not_borne_out",
     "payload": "shown check.passed check.chi_square check.residual_ratio posterior.converged",
     "stream": "summary.instants summary.rms_residual summary.largest_external_over_threshold n_alarms "
@@ -192,8 +192,8 @@ def read_figures(folder: Path, truth: Sequence[Path] = ()) -> Figures:
     for name, path in (("summary", "complete.effects"), ("discrepancy", "found")):
         for k, one in enumerate(_at(contents.get(name), path) or (), 1):
             figures[f"{name}.log10_bayes_factor#{k}"] = one["log10_bayes_factor"]
-    draws = [one["posterior"] for one in contents.values() if isinstance(one, dict) and one.get("posterior")]
-    ess = draws[0]["min_ess"] if draws else math.inf
+    draws = (one["posterior"] for one in contents.values() if "posterior" in one)
+    ess = next((one["min_ess"] for one in draws if one), math.inf)
     for name in ("mass", "com", "inertia"):
         for k, one in enumerate(np.atleast_1d(contents.get("payload", {}).get(name, [])), 1):
             for kind in ("value", "sd"):
@@ -217,7 +217,8 @@ def _of_tables(folder: Path, truth: Sequence[Path], ess: float) -> Figures:
         strong = np.abs(effort) >= _STRONG * np.abs(effort).max(axis=0)
         shares["right"] = (signs == np.sign(effort))[strong].mean()
     for name, s in shares.items():
-        figures[f"signs.{name}"] = [float(s), math.sqrt(max(s * (1.0 - s), 1.0 / ess) / ess)]
+        error = math.sqrt(max(s * (1.0 - s), 1.0 / ess) / ess)
+        figures[f"signs.{name}"] = [float(s), error] if error else float(s)
     return figures
 
 
@@ -251,14 +252,14 @@ def _sha(value: Any) -> str:
 
 
 def reduced(figures: Figures) -> Figures:
-    """Those of the reference: a number instead of the elements of a list, and ten digits."""
+    """Those of the reference: a number instead of the elements of a list, and eight digits."""
     kept = {name: value for name, value in figures.items() if "#" not in name}
     for stem in dict.fromkeys(name.partition("#")[0] for name in figures if "#" in name):
         values, errors = np.array([_with_error(figures[name]) for name in figures if name.startswith(f"{stem}#")]).T
         weights = np.cos(np.arange(1.0, len(values) + 1.0))
         error = max(_SMALL * float(np.linalg.norm(values)), float(np.abs(weights) @ errors))
-        kept[f"{stem}#{len(values)}"] = [float(weights @ values), error]
-    return json.loads(json.dumps(kept), parse_float=lambda digits: float(f"{float(digits):.10g}"))
+        kept[f"{stem}#{len(values)}"] = [float(weights @ values), float(f"{error:.1e}")]
+    return json.loads(json.dumps(kept), parse_float=lambda digits: float(f"{float(digits):.8g}"))
 
 
 def _with_error(value: Any) -> tuple[float, float]:
@@ -287,8 +288,8 @@ def differences(before: Results, after: Results) -> list[str]:
     return told
 
 
-def execute(chosen: Iterable[Run]) -> Results:
-    """Runs them one by one, and says so; one that fails keeps its error."""
+def execute(chosen: Iterable[Run], out: Path = Path(os.devnull)) -> Results:
+    """Runs them one by one, and says so; one that fails keeps its error. All so far are in the file after each run."""
     results: Results = {}
     for run in chosen:
         began = time.perf_counter()
@@ -298,6 +299,7 @@ def execute(chosen: Iterable[Run]) -> Results:
         except Exception as error:  # whatever it is, the other runs go on
             one = {"error": f"{type(error).__name__}: {error}"}
         results[run.name] = one
+        out.write_text(json.dumps(results, indent=1) + "\n")
         print(f"{run.name:<24} {time.perf_counter() - began:6.1f} s  {one.get('error', 'done')}", flush=True)
     return results
 
@@ -306,7 +308,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs, compares, writes; 1 if something differs or failed."""
     parser = argparse.ArgumentParser(prog="python -m bayesid.studies.golden")
     add = parser.add_argument
-    add("--out", type=Path, metavar="FILE", help="file for all figures")
+    add("--out", type=Path, default=os.devnull, metavar="FILE", help="file for all figures")
     add("--only", nargs="+", default=[""], metavar="NAME", help="beginnings of names of runs")
     add("--short", action="store_const", dest="only", const=_SHORT, help="a few quick runs")
     add("--list", action="store_true", help="print the names of the runs")
@@ -323,14 +325,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.list:
         print("\n".join(run.name for run in chosen))
         return 0
-    results = execute(chosen)
-    if options.out:
-        options.out.write_text(json.dumps(results, indent=1) + "\n")
+    results = execute(chosen, options.out)
     few = {name: {**one, "figures": reduced(one.get("figures", {}))} for name, one in results.items()}
     if options.update:  # a line a run; runs that were not made keep theirs
         kept = json.loads(REFERENCE.read_text()) if REFERENCE.exists() else {}
-        lines = (f"{json.dumps(name)}: {json.dumps(one)}" for name, one in {**kept, **few}.items())
-        REFERENCE.write_text("{\n" + ",\n".join(lines) + "\n}\n")
+        text = json.dumps({**kept, **few}, separators=(",", ":"))
+        REFERENCE.write_text(text.replace("}},", "}},\n") + "\n")
     failed = int(any("error" in one for one in results.values()))
     reference = json.loads(options.check.read_text()) if options.check else few
     return max(failed, _told({name: one for name, one in reference.items() if name in few}, few))
