@@ -5,7 +5,7 @@
     python -m bayesid.studies.golden --update                        # after a change that is meant
 
 A run is a few commands of `bayesid`; figures are read from the files that the last one writes. Searches and sampling
-are repeatable: no figure depends on the machine's load, and none is a time.
+count their work: no figure depends on the machine's load, and none is a time.
 
 Tolerances. Text, whole numbers and hashes of signs must be the same. A figure x with the error e, written [x, e],
 equals y with the error f if |x - y| is at most 1e-6 of the larger or at most 5 hypot(e, f). Figures without draws have
@@ -52,7 +52,7 @@ RELATIVE, ERRORS, _SMALL = 1e-6, 5.0, 2e-7  # the last as an error, relative to 
 _DRAWN, _ROW = "differs between seeds", "{:<24} {:<44} {:<34} {}"
 _STRONG, _SURE = 0.05, 0.99  # share of a joint's largest |effort| at which a sign counts; probability of a sure sign
 _CASES = 20
-_BRIEF = "--no-posterior --repeatable --no-report"
+_BRIEF = "--no-posterior --no-report"
 _PLAIN = f"{_BRIEF} --complete off --out result"
 _SIMULATE = "simulate --duration 10 --seed 1"
 _LOADED = f"{_SIMULATE} --effect payload:2:0.2 --out loaded.csv"
@@ -84,13 +84,13 @@ def simulated_runs() -> Iterator[Run]:
     for robot in ("kr5", "ur10e"):
         log, identify = _simulated(robot)
         yield Run(f"gains/{robot}", (log, f"{identify} {wrong}"), (Path("log_signed.csv"),))
-    payload, track = "payload result loaded.csv --repeatable --out out", "track result loaded_signed.csv --lag 0.05"
+    payload, track = "payload result loaded.csv --out out", "track result loaded_signed.csv --lag 0.05"
     yield Run("payload/simulated", (*_simulated("kr5"), f"{_LOADED} --robot kr5", payload), seeds=(0, 1))
     yield Run("tracker/simulated", (*_simulated("panda"), f"{_LOADED} --robot panda", f"{track} --out out"))
     yield Run("excite/robot", ("excite --robot kr5 --duration 10 --out out",))
     yield Run("excite/result", (*_simulated("ur10e"), "excite --for result --duration 10 --changes 300 --out out"))
     identify = f"identify baseline.csv --robot robot.toml {_PLAIN} --terms TERMS"
-    compare = "discrepancy result log.csv --holdout holdout.csv --no-posterior --repeatable --out out"
+    compare = "discrepancy result log.csv --holdout holdout.csv --no-posterior --out out"
     for case in range(_CASES):
         yield Run(f"blind/{case:02d}", (identify, compare), (Path("truth.csv"),), case=case)
 
@@ -106,13 +106,13 @@ def real_runs() -> Iterator[Run]:
         name = f"{log.parent.name}/{log.stem}"
         yield Run(f"real/{name}", (f"{_identify(log)} {_BRIEF} --out out",), (log,))
         if name in ("ur10e/c_unloaded", "panda/a"):
-            sampled = f"{_identify(log)} --repeatable --no-report --out out"
+            sampled = f"{_identify(log)} --no-report --out out"
             yield Run(f"posterior/{name}", (sampled,), (log,), seeds=(0, 1))
     healthy, loaded = (DATA.resolve() / "ur10e" / name for name in ("c_unloaded.csv", "c_loaded.csv"))
     first, second = f"{_identify(healthy)} {_PLAIN}", f"{shlex.quote(str(loaded))} --unsigned all --out out"
     known = f"{first} --payload {shlex.quote(f'2.8~0.005@{loaded}')} --gains {','.join(6 * ['1~20%'])} --out out"
     yield Run("gains/real", (known,), (healthy, loaded))
-    yield Run("payload/real", (first, f"payload result {second} --repeatable"), seeds=(0, 1))
+    yield Run("payload/real", (first, f"payload result {second}"), seeds=(0, 1))
     yield Run("tracker/real", (first, f"track result {second} --lag 0.05"))
 
 
@@ -136,7 +136,7 @@ def figures_of(run: Run) -> Figures:
 
 def _command(words: str) -> None:
     said, terms = io.StringIO(), Path("terms.txt")
-    words = words.replace("TERMS", terms.read_text().strip()) if terms.exists() else words
+    words = words.replace("TERMS", terms.read_text(encoding="utf-8").strip()) if terms.exists() else words
     code = 2  # where the options are wrong
     with redirect_stderr(said), redirect_stdout(said), suppress(SystemExit):
         code = bayesid([*shlex.split(words), "--quiet"])
@@ -299,7 +299,7 @@ def execute(chosen: Iterable[Run], out: Path = Path(os.devnull)) -> Results:
         except Exception as error:  # whatever it is, the other runs go on
             one = {"error": f"{type(error).__name__}: {error}"}
         results[run.name] = one
-        out.write_text(json.dumps(results, indent=1) + "\n")
+        out.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
         print(f"{run.name:<24} {time.perf_counter() - began:6.1f} s  {one.get('error', 'done')}", flush=True)
     return results
 
