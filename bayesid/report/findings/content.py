@@ -306,8 +306,8 @@ class Findings:
         """Indices of at most so many coefficients: those that the log decides worst, by sd over the prior's sd.
 
         Example:
-            >>> [findings.coefficients.name[k] for k in findings.worst(2)]
-            ['J2zz', 'J2xy']
+            >>> sorted(findings.coefficients.name[k] for k in findings.worst(2))
+            ['J2xy', 'J2zz']
         """
         table = self.coefficients
         undecided = np.where(np.isfinite(table.prior_sd), table.sd / table.prior_sd, table.relative_sd)
