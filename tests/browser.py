@@ -12,15 +12,8 @@ WIDTHS = (1400, 400)
 SCHEMES = ("light", "dark")
 _SERIOUS = ("serious", "critical")
 _FLAGS = (
-    "--headless=new",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-sync",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--hide-scrollbars",
+    *("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
+    *("--disable-background-networking", "--disable-component-update", "--hide-scrollbars"),
 )
 _CUT_OFF = """
 const wide = document.documentElement.scrollWidth - document.documentElement.clientWidth;
@@ -109,13 +102,3 @@ def faults(driver, rules=None):
         for one in found["violations"]
         if one["impact"] in _SERIOUS
     ]
-
-
-def picture(driver, path):
-    """The whole page as a PNG."""
-    import base64
-
-    size = driver.execute_script("return [document.documentElement.clientWidth, document.documentElement.scrollHeight]")
-    clip = {"x": 0, "y": 0, "width": size[0], "height": size[1], "scale": 1}
-    shot = driver.execute_cdp_cmd("Page.captureScreenshot", {"clip": clip, "captureBeyondViewport": True})
-    path.write_bytes(base64.b64decode(shot["data"]))
