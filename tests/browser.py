@@ -12,15 +12,8 @@ WIDTHS = (1400, 400)
 SCHEMES = ("light", "dark")
 _SERIOUS = ("serious", "critical")
 _FLAGS = (
-    "--headless=new",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-sync",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--hide-scrollbars",
+    *("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
+    *("--disable-background-networking", "--disable-component-update", "--hide-scrollbars"),
 )
 _CUT_OFF = """
 const wide = document.documentElement.scrollWidth - document.documentElement.clientWidth;

@@ -38,6 +38,7 @@ HOSTILE_VALUES = (
     *("", "a\x01b", "x" * 3000, "1e308", "\u0661"),
     *([], {}, [[]], [1, "a"], [1e308] * 3, {"a": {"b": []}}, [None], [[1.0] * 4] * 4),
 )
+_CHANGES = ("flip", "insert", "renumber", "renumber", "cut", "truncate", "repeat")
 _NUMBER = re.compile(rb"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 
 
@@ -112,48 +113,30 @@ def mutated_bytes(draw, sample: bytes) -> bytes:
     """A sample with one to four changes: bytes, words, numbers, cuts and repetitions."""
     content = sample
     for _ in range(draw(st.integers(1, 4))):
-        content = draw(st.sampled_from(_CHANGES))(draw, content)
+        content = _changed(draw, content)
     return content
 
 
-def _place(draw, content: bytes) -> int:
-    """Anywhere, but in the first part, where headers are, as often as in all the rest."""
-    return draw(st.one_of(st.integers(0, min(len(content), 300)), st.integers(0, len(content))))
-
-
-def _flip(draw, content: bytes) -> bytes:
-    at = _place(draw, content)
-    return content[:at] + draw(st.binary(min_size=1, max_size=8)) + content[at + draw(st.integers(0, 8)) :]
-
-
-def _insert(draw, content: bytes) -> bytes:
-    at = _place(draw, content)
-    return content[:at] + draw(st.sampled_from(HOSTILE_WORDS)) + content[at:]
-
-
-def _renumber(draw, content: bytes) -> bytes:
-    found = list(_NUMBER.finditer(content))
-    if not found:
-        return content
-    one = found[min(draw(st.one_of(st.integers(0, 40), st.integers(0, len(found) - 1))), len(found) - 1)]
-    return content[: one.start()] + draw(st.sampled_from(HOSTILE_NUMBERS)).encode() + content[one.end() :]
-
-
-def _cut(draw, content: bytes) -> bytes:
-    at = _place(draw, content)
-    return content[:at] + content[at + draw(st.integers(1, 400)) :]
-
-
-def _truncate(draw, content: bytes) -> bytes:
-    return content[: _place(draw, content)]
-
-
-def _repeat(draw, content: bytes) -> bytes:
-    at, length = _place(draw, content), draw(st.integers(1, 200))
+def _changed(draw, content: bytes) -> bytes:
+    how = draw(st.sampled_from(_CHANGES))
+    if how == "renumber":
+        found = list(_NUMBER.finditer(content))
+        if not found:
+            return content
+        one = found[min(draw(st.one_of(st.integers(0, 40), st.integers(0, len(found) - 1))), len(found) - 1)]
+        return content[: one.start()] + draw(st.sampled_from(HOSTILE_NUMBERS)).encode() + content[one.end() :]
+    # anywhere, but in the first part, where headers are, as often as in all the rest
+    at = draw(st.one_of(st.integers(0, min(len(content), 300)), st.integers(0, len(content))))
+    if how == "flip":
+        return content[:at] + draw(st.binary(min_size=1, max_size=8)) + content[at + draw(st.integers(0, 8)) :]
+    if how == "insert":
+        return content[:at] + draw(st.sampled_from(HOSTILE_WORDS)) + content[at:]
+    if how == "cut":
+        return content[:at] + content[at + draw(st.integers(1, 400)) :]
+    if how == "truncate":
+        return content[:at]
+    length = draw(st.integers(1, 200))
     return content[:at] + content[at : at + length] * draw(st.integers(2, 60)) + content[at:]
-
-
-_CHANGES = (_flip, _insert, _renumber, _renumber, _cut, _truncate, _repeat)
 
 
 @st.composite

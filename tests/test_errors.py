@@ -8,7 +8,7 @@ from conftest import small_robot, smooth_motion
 
 import bayesid
 from bayesid.cli.parser import make_parser
-from bayesid.errors import PYTHON_NAMES, InputError, in_python, near_names
+from bayesid.errors import PYTHON_NAMES, InputError
 from bayesid.log.log import Log, write_log
 
 
@@ -30,12 +30,6 @@ def test_an_argument_stands_in_place_of_an_option():
     error = InputError("a budget of -1 s", "--search-budget", "give --terms fewer, or --out a new folder")
     assert str(error) == "Certified(budget=...): a budget of -1 s; give terms fewer, or a new folder"
     assert error.on_command_line == "--search-budget: a budget of -1 s; give --terms fewer, or --out a new folder"
-
-
-def test_what_is_no_option_stays():
-    assert in_python("a--b -- c, log.csv, row 3") == "a--b -- c, log.csv, row 3"
-    assert in_python("run `dask worker --nthreads 1`, or --seed") == "run `dask worker --nthreads 1`, or seed"
-    assert in_python("say --no-degrees, or `--cutoff`") == "say degrees=False, or `cutoff`"
 
 
 def test_an_error_survives_the_way_from_a_worker():
@@ -76,7 +70,3 @@ def test_numbers_in_place_of_lists_are_refused(log, tmp_path):
     assert refusal(bayesid.read_log, tmp_path / "log.csv", gains=14.0).startswith("gains: 14.0 is no list")
     assert refusal(bayesid.read_log, tmp_path / "log.csv", joints=7).startswith("joints: 7 is no list")
     assert "joints=[7]" in refusal(bayesid.plot.style.each_joint, 7, 7, None, 1.0)
-
-
-def test_a_name_is_suggested_once():
-    assert near_names("Fc9", ["Fc6", "Fc6", "Ia3"]) == "did you mean Fc6?"

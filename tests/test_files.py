@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from bayesid.errors import InputError
-from bayesid.files.writing import check_folder, replace_file, save_folder, write_columns
+from bayesid.files.writing import replace_file, save_folder, write_columns
 
 NAMES = frozenset({"summary.json", *(f"part{k}.txt" for k in range(20))})
 WRITER = """
@@ -55,28 +55,6 @@ def test_a_kill_leaves_the_old_folder_or_the_new(tmp_path, count):
         assert place.with_name("result.csv").read_text() in (str(k - 1) * 1000, str(k) * 1000)
         save(place, str(k))
         assert sorted(path.name for path in tmp_path.iterdir()) == ["result", "result.csv"]
-
-
-def test_where_names_cannot_be_exchanged_the_old_folder_is_put_back_after_a_kill(tmp_path, monkeypatch):
-    """The moment between two renames: the old one is aside, the new one not yet there."""
-
-    def no_library(*_, **__):
-        raise OSError
-
-    monkeypatch.setattr("ctypes.CDLL", no_library)
-    place, aside = tmp_path / "result", []
-    save(place, "older")
-    save(place, "old")
-    assert whole(place) == "old"
-    save_folder(tmp_path / "x", NAMES, "summary.json", lambda new: aside.append(new.parent.name))
-    dead = tmp_path / aside[0].replace(".x-", ".result-").replace(f"{os.getpid()}-", f"{2**22 + 1}-")
-    dead.mkdir()  # of a process with so high a number that there is none
-    place.rename(dead / "old")
-    living = tmp_path / dead.name.replace(f"{2**22 + 1}-", f"{os.getppid()}-")
-    living.mkdir()
-    check_folder(place, NAMES, "summary.json")
-    assert whole(place) == "old"
-    assert [path for path in tmp_path.iterdir() if path.name.startswith(".")] == [living]
 
 
 def test_a_folder_that_somebody_filled_meanwhile_is_not_touched(tmp_path):

@@ -4,11 +4,9 @@ A process under pytest may have threads, and is not copied then; so every case i
 """
 
 import os
-import signal
 import subprocess
 import sys
 import textwrap
-import time
 
 import pytest
 from command_line import ARM
@@ -54,18 +52,6 @@ def test_as_many_copies_take_part_as_the_environment_allows():
     assert len(said("print(*{pid for _, pid in sum(in_parallel([lambda: in_parallel(EIGHT)] * 2), [])})")) == 2
 
 
-@copies_only
-def test_a_process_with_threads_is_not_copied_unless_they_only_look_on():
-    code = """
-        stop = threading.Event()
-        {}threading.Thread(target=stop.wait).start()
-        print(hands(EIGHT))
-        stop.set()
-    """
-    assert said(code.format("")) == ["1"]
-    assert int(said(code.format("with onlookers(): "))[0]) > 1
-
-
 def test_the_first_error_in_the_order_of_the_tasks_is_raised():
     assert said("""
         def task(k):
@@ -91,30 +77,6 @@ def test_what_a_copy_cannot_hand_over_is_done_again(fault):
             return k
         print(*in_parallel([partial(task, k) for k in range(6)]))
     """) == [*"012345"]
-
-
-@copies_only
-def test_an_interruption_ends_copies_too(tmp_path):
-    code = """
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        def task(k):
-            open(str(os.getpid()), "w").close()
-            time.sleep(60.0)
-        try:
-            in_parallel([partial(task, k) for k in range(2)])
-        except KeyboardInterrupt:
-            sys.exit(7)
-    """
-    running = subprocess.Popen(command(code), cwd=tmp_path, env=INHERITED)
-    for _ in range(500):
-        if len(list(tmp_path.iterdir())) == 2:
-            break
-        time.sleep(0.02)
-    running.send_signal(signal.SIGINT)
-    assert running.wait(timeout=10) == 7
-    for file in tmp_path.iterdir():
-        with pytest.raises(ProcessLookupError):
-            os.kill(int(file.name), 0)
 
 
 @copies_only

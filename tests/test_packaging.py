@@ -32,14 +32,6 @@ TOOLS = {"test", "docs", "browser", "release"}
 """Extras of those who work on bayesid, not of those who use it."""
 FOLDERS = (".ci", "bayesid", "docs", "studies", "tests")
 """Of the repository: the source distribution holds all of them."""
-SLICE = (
-    "tests/test_errors.py",
-    "tests/docs/test_links.py",
-    "tests/docs/test_tables.py",
-    "tests/model/test_new_effects.py",
-    "tests/study/test_record.py",
-)
-"""Tests that read files of all folders, import studies and start commands."""
 
 
 def top_files():
@@ -91,7 +83,6 @@ def imported(*folders):
 def test_the_list_of_packages_is_complete():
     folders = {Path(name).parent.as_posix().replace("/", ".") for name in installed_files() if name.endswith(".py")}
     assert PROJECT["tool"]["setuptools"]["packages"] == sorted(folders)
-    assert all((ROOT / name).is_file() for name in SLICE)
 
 
 def test_whatever_is_imported_is_declared_with_a_lower_bound_and_whatever_is_declared_is_imported():
@@ -101,14 +92,6 @@ def test_whatever_is_imported_is_declared_with_a_lower_bound_and_whatever_is_dec
     core = {PROVIDES.get(need.name, need.name) for need in requirements()}
     assert imported(ROOT / "bayesid") - core == {"distributed", "rosbags"}
     assert set(lower_bounds(EXTRAS)) >= declared
-
-
-def test_the_page_on_installing_names_all_that_is_needed():
-    """On Windows packages are taken from conda-forge by name."""
-    page = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
-    named = set(re.search(r"^conda create .*$", page, re.M)[0].split())
-    assert {need.name for need in requirements()} - {"pin"} | {"pinocchio"} <= named
-    assert set(re.findall(r"^\| `(\w+)` \|", page, re.M)) == set(EXTRAS) - TOOLS
 
 
 def test_the_citation_is_of_this_version():
@@ -182,26 +165,6 @@ def test_the_wheel_and_the_source_distribution_hold_every_file(built):
     paths = [*top_files(), *(path for folder in FOLDERS for path in files_of(ROOT / folder))]
     assert {path.relative_to(ROOT).as_posix() for path in paths} <= names
     assert not [name for name in names if name.startswith("bayesid/studies") or "__pycache__" in name]
-
-
-@pytest.mark.long
-def test_tests_pass_in_the_source_distribution(built, elsewhere, tmp_path):
-    with tarfile.open(built[1]) as source:
-        source.extractall(tmp_path, filter="data")
-    (unpacked,) = tmp_path.iterdir()
-    pytest_ = ("-m", "pytest", "-n0", "-p", "no:cacheprovider")
-    collected = execute([*pytest_, "--collect-only"], unpacked, elsewhere)
-    assert int(re.search(r"(\d+)(?:/\d+)? tests collected", collected)[1]) > 1000
-    assert " passed" in execute([*pytest_, *SLICE], unpacked, elsewhere)
-
-
-@pytest.mark.long
-def test_the_tools_of_a_release_find_nothing(built, tmp_path):
-    cffconvert = pytest.importorskip("cffconvert", reason="pip install 'bayesid[release]'")
-    cffconvert.Citation((ROOT / "CITATION.cff").read_text(encoding="utf-8")).validate()
-    execute(["-m", "check_wheel_contents", built[0]], tmp_path)
-    execute(["-m", "twine", "check", "--strict", *built], tmp_path)
-    execute(["-m", "pyroma", "--min=9", built[1]], tmp_path)
 
 
 @pytest.mark.long

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from bayesid.model.axes import Axis, Component, Family, Quantity, products
+from bayesid.model.axes import Axis, Family, Quantity
 
-POSITION, VELOCITY, TIME = Quantity.POSITION, Quantity.VELOCITY, Quantity.TIME
+POSITION, VELOCITY = Quantity.POSITION, Quantity.VELOCITY
 
 
 @pytest.mark.parametrize(("length", "count"), [(0.1, 14), (0.2, 8)])
@@ -51,16 +51,6 @@ def test_nothing_explodes_beyond_the_range_seen(axis):
     assert not np.allclose(inner, ends)
 
 
-def test_waves_go_round_and_fading_ends():
-    waves = Axis(POSITION, 1, Family.PERIODIC, 0.0, 1.0, 3.0, 5)
-    x = np.array([0.3, 0.3 + 2.0 * np.pi / 3.0])
-    one, other = waves.columns(x)
-    np.testing.assert_allclose(one, other, atol=1e-14)
-    np.testing.assert_allclose(one, [1.0, np.cos(0.9), np.sin(0.9), np.cos(1.8), np.sin(1.8)], rtol=1e-14)
-    fading = Axis(TIME, 0, Family.FADING, 0.0, 10.0, 4.0, 2)
-    np.testing.assert_allclose(fading.columns(np.array([8.0])), [[1.0, np.exp(-2.0)]])
-
-
 def test_variances_add_up_to_one():
     for axis in (
         Axis(POSITION, 1, Family.SMOOTH, 0.0, 2.0, 0.0, 9),
@@ -70,17 +60,3 @@ def test_variances_add_up_to_one():
         assert axis.density(0.3).sum() == pytest.approx(1.0)
     slow, fast = (Axis(POSITION, 1, Family.SMOOTH, 0.0, 2.0, 0.0, 9).density(length)[5:].sum() for length in (0.8, 0.1))
     assert slow < 1e-4 < 0.1 < fast
-
-
-def test_a_component_is_the_weighted_products():
-    axes = (Axis(POSITION, 1, Family.POWER, -9.0, 9.0, 1.0, 2), Axis(VELOCITY, 2, Family.POWER, -9.0, 9.0, 0.0, 3))
-    x, v = np.array([0.5, -1.0]), np.array([2.0, 0.3])
-    weights = np.arange(1.0, 13.0).reshape(6, 2)
-    component = Component(axes, weights)
-    found = component.columns(lambda axis: x if axis.quantity is POSITION else v)
-    by_hand = [
-        [sum(weights[3 * i + k, c] * a ** (i + 1) * b**k for i in range(2) for k in range(3)) for c in range(2)]
-        for a, b in zip(x, v, strict=True)
-    ]
-    np.testing.assert_allclose(found, by_hand, rtol=1e-14)
-    assert products([np.ones((4, 2)), np.ones((4, 5))]).shape == (4, 10)

@@ -136,20 +136,6 @@ def test_frames_and_axes_are_those_of_the_dh_matrices(name):
     np.testing.assert_allclose(here.axes, [frame[:3, 2] for frame in turning], rtol=0, atol=1e-13)
 
 
-def test_the_skeleton_goes_straight_to_the_next_axis_and_then_along_it():
-    here = pose(load_robot("kr6r900"), home("kr6r900"))
-    corners = 1e3 * np.array([line[2] for line in here.lines])
-    expected = [(0, 0, 0), (25, 0, 400), (25, 0, 855), (25, 0, 890), (445, 0, 890), (445, 0, 890), (525, 0, 890)]
-    np.testing.assert_allclose(corners, expected, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(here.joint_points, corners[:-1] / 1e3, rtol=0, atol=0)
-
-
-def test_axes_that_are_nearly_parallel_are_not_drawn_to_where_they_meet():
-    rows = [{"a": a, "alpha": 2e-3, "d": 0.1, "theta": 0.0} for a in (0.4, 0.3, 0.2)]
-    here = pose(robot_from_table({"convention": "standard", "joints": rows}, "test"))
-    assert np.abs(np.concatenate(here.lines)).max() < 1.0
-
-
 def test_reach_of_a_planar_arm():
     """Two links in a horizontal plane reach as far as they are long, and 0.7 m with the second joint stuck."""
     rows = [{"a": a, "alpha": 0.0, "d": 0.3, "theta": 0.4} for a in (0.7, 0.45)]

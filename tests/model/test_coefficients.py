@@ -7,7 +7,7 @@ import pytest
 from oracles import assert_close, random_motion, random_table
 
 from bayesid.model.catalogue import make_effect, make_terms
-from bayesid.model.coefficients import base_coefficients, embedding
+from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
 from bayesid.model.robot import load_robot, robot_from_table
 from bayesid.model.terms import STANDARD, RigidBody
@@ -42,16 +42,6 @@ def name(request):
     return request.param
 
 
-@pytest.fixture
-def model(name):
-    return standard(name)[0]
-
-
-@pytest.fixture
-def coefficients(name):
-    return standard(name)[1]
-
-
 def torque_rows(robot, samples, seed):
     """Efforts of unit parameters by Newton-Euler, scaled to columns of unit length; the ones of zero dropped."""
     motion = random_motion(robot.n_joints, samples, seed)
@@ -79,7 +69,8 @@ def test_expressions_say_what_is_computed(name):
     assert_close(found, coefficients.project(theta), 1e-9 if exact else 1e-5)
 
 
-def test_efforts_depend_on_the_coefficients_alone(model, coefficients):
+def test_efforts_depend_on_the_coefficients_alone(name):
+    model, coefficients = standard(name)
     rng = np.random.default_rng(1)
     theta, motion = rng.normal(size=(3, len(model.parameters))), random_motion(model.robot.n_joints, 20, seed=8)
     columns = model.columns(motion)
@@ -133,13 +124,3 @@ def test_a_payload_is_no_news_but_to_one_who_knew_the_robot_without_it(name):
     both = base_coefficients(whole, earlier=part)
     assert len(both) == r + own
     assert set(base_coefficients(part).names) <= set(both.names)
-
-
-@pytest.mark.parametrize("name", ["ur10e", "modified4"])
-def test_efforts_of_both_models_depend_on_the_coefficients_of_both(name):
-    part, whole = with_payload(name)
-    both, rng = base_coefficients(whole, earlier=part), np.random.default_rng(4)
-    theta = rng.normal(size=len(whole.parameters))
-    motion = random_motion(ROBOTS[name].n_joints, 20, seed=8)
-    for columns in (whole.columns(motion), part.columns(motion) @ embedding(part, whole)):
-        assert_close(columns[:, :, both.kept] @ both.project(theta), columns @ theta, 1e-9)

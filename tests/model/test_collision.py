@@ -2,19 +2,18 @@
 
 from itertools import combinations
 
-import coal
 import numpy as np
 import pytest
 from conftest import real_log
-from made_paths import FINE, GJK, poses, sines
-from oracles import built_in_table, dh_chain, random_table, turn
+from made_paths import FINE, poses, sines
+from oracles import built_in_table, dh_chain, random_table
 
 from bayesid.errors import InputError
 from bayesid.model.collision import Capsules, collision_model
 from bayesid.model.collision import clearance as clearances
-from bayesid.model.collision.distances import PairDistances, solid_of
+from bayesid.model.collision.distances import PairDistances
 from bayesid.model.collision.frames import line_distances
-from bayesid.model.collision.shapes import capsules, enclosing_capsule
+from bayesid.model.collision.shapes import capsules
 from bayesid.model.robot import load_robot, robot_from_table
 
 WIDTHS = (0.05, 0.04, 0.03, 0.06, 0.035, 0.045, 0.025)
@@ -87,28 +86,6 @@ def test_capsules_follow_the_table(convention, slides):
             assert max(min(by_search((p, p), line) for line in skeleton) for p in on_line) < 1e-9
 
 
-def test_coal_finds_the_capsules_distances():
-    robot, _ = arm(7, 1)
-    pairs = list(combinations(capsules(robot, WIDTHS), 2))
-    found, frames = PairDistances(robot, pairs, None).bounds(poses(7, 20, 1))
-    for row, at in zip(found, frames, strict=True):
-        for distance, pair in zip(row, pairs, strict=True):
-            placed = [(solid, at[shape.body] @ place) for shape in pair for solid, place in [solid_of(shape)]]
-            (a, ta), (b, tb) = ((s, coal.Transform3s(t[:3, :3], t[:3, 3])) for s, t in placed)
-            theirs = coal.distance(a, ta, b, tb, coal.DistanceRequest(), coal.DistanceResult())
-            assert theirs == pytest.approx(distance, abs=GJK)
-    assert 0 < (found > 0.0).sum() < found.size
-
-
-def test_a_capsule_holds_the_points_that_it_encloses(rng):
-    for scale in ([1.0, 1.0, 1.0], [3.0, 0.2, 0.5], [1.0, 1.0, 0.0], [2.0, 0.0, 0.0]):
-        points = rng.normal(size=(60, 3)) * scale @ turn((0.6, 0.0, 0.8), 1.1).T + [0.3, -0.2, 0.1]
-        ends, radius = enclosing_capsule(points)
-        reach = max(by_search((p, p), ends) for p in points)
-        assert reach <= radius + 1e-9
-        assert reach >= radius - 1e-6  # and none smaller about this line
-
-
 def test_radii_and_a_tool_are_checked():
     robot, _ = arm()
     for radii in (0.0, -0.1, [0.1] * 6, 80.0, float("nan")):
@@ -122,16 +99,6 @@ def test_radii_and_a_tool_are_checked():
             collision_model(load_robot("ur10e"), AT_REST["ur10e"], Capsules(radius), floor=None, margin=margin)
 
 
-def test_built_in_robots_are_clear_where_they_stand():
-    """With radii of about their links'."""
-    for name, q in AT_REST.items():
-        model = collision_model(load_robot(name), q, Capsules(0.06))
-        assert not model.left_out
-        assert model.distance(q[None])[0] >= 0.01
-        assert ("link 1", "link 2") not in model.pairs + model.inseparable
-        assert {pair[1] for pair in model.pairs} >= {"floor", "link 4", "link 6"}
-
-
 @pytest.mark.real
 @pytest.mark.parametrize(("log", "robot"), [("ur10e/a_50s.csv", "ur10e"), ("panda/a.csv", "panda")])
 def test_robots_are_clear_where_their_logs_were(log, robot):
@@ -142,18 +109,6 @@ def test_robots_are_clear_where_their_logs_were(log, robot):
     assert set(model.left_out) <= {("link 2", "link 4")}  # at panda's elbow, whose lines pass at 83 mm
     assert model.distance(q).min() >= model.margin
     assert ("base" if robot == "panda" else "link 1", "link 5") in model.pairs
-
-
-def test_wrists_that_never_part_are_named_and_do_not_count():
-    """Three axes of kr5's wrist meet: links 4 and 6 have one point in common in every pose."""
-    robot = load_robot("kr5")
-    model = collision_model(robot, np.array([0.0, -1.2, 0.5, 0.0, 0.8, 0.0]), Capsules(0.06))
-    assert ("link 4", "link 6") in model.inseparable
-    assert ("link 4", "link 6") not in model.pairs
-    chain = dh_chain(built_in_table("kr5"))
-    for one in poses(6, 20):
-        frames = chain(one)[0]
-        np.testing.assert_allclose(frames[3][:3, 3], frames[4][:3, 3], atol=1e-12)
 
 
 def test_what_overlaps_where_the_robot_has_been_is_named():

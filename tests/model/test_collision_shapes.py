@@ -187,13 +187,6 @@ def test_a_mesh_that_cannot_be_used_is_refused(tmp_path):
             collision_model(mesh_arm(tmp_path, filename), np.zeros(2))
 
 
-def test_a_flat_mesh_counts_as_the_capsule_around_it(tmp_path):
-    (tmp_path / "tool.stl").write_text(stl(BRACKET[:3], FACES[:1]), encoding="utf-8")
-    model = collision_model(mesh_arm(tmp_path, "tool.stl"), np.zeros(2), floor=None)
-    true = to_hull(np.array([1.0, 0.0, 0.07]), BRACKET[:3] + np.array([0.0, 0.0, 0.3])) - 0.07
-    assert true - 0.2 < model.distance(np.zeros((1, 2)))[0] <= true
-
-
 def test_a_shape_that_cannot_be_used_is_refused(tmp_path):
     for shape, said in (
         ('<sphere radius="-1"/>', "not positive"),
@@ -214,9 +207,3 @@ def test_a_robot_without_shapes_says_why(tmp_path):
         assert isinstance(found, NoShapes)
         assert why in found.reason
     assert isinstance(collision_model(bare, np.zeros(2), Capsules(0.05), floor=None), NoShapes), "two links only"
-
-
-def test_capsules_stand_in_for_a_urdfs_shapes(tmp_path):
-    capsules = Capsules([0.05, 0.04, 0.03, 0.02], tool=(0, 0, 0.3))
-    model = collision_model(urdf_robot(tmp_path, *ARM), np.array([0.3, -0.4, 0.2, 0.5]), capsules)
-    assert ("link 2", "link 4") in model.pairs + model.inseparable + model.left_out

@@ -23,10 +23,6 @@ def changed(table, row, number):
     return robot_from_table({**table, "joints": rows}, "changed")
 
 
-def frames(robot):
-    return pose(robot, Q).joint_frames
-
-
 @pytest.mark.parametrize("convention", ["standard", "modified"])
 @pytest.mark.parametrize(("number", "move", "turning"), MOVES)
 def test_moves_are_those_of_the_table(convention, number, move, turning):

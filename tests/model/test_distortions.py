@@ -68,12 +68,6 @@ def test_delay_is_an_earlier_motion_up_to_the_splines_error(table):
     assert errors[0] > 10 * errors[1]
 
 
-def test_delay_that_is_none_or_of_a_single_instant_changes_nothing(sliding):
-    for lag, motion in ((0.0, sliding.motion), (0.01, sliding.motion[:1])):
-        columns = sliding.model.extend(make_effect("delay", {"lag": (lag,)})).columns(motion)
-        np.testing.assert_array_equal(columns, sliding.model.columns(motion))
-
-
 def test_other_joints_are_left_alone(sliding):
     arm = sliding
     n, healthy = arm.robot.n_joints, arm.model.effort(arm.motion, arm.theta)
@@ -197,21 +191,6 @@ def test_slopes_are_those_of_the_efforts_by_hand(arm, name):
         np.testing.assert_allclose(slope[some], expected, rtol=0, atol=error)
 
 
-def test_moved_adds_to_the_numbers(sliding):
-    for distortion in each(sliding, TUNED):
-        before = distortion.numbers(sliding.robot)
-        step = np.linspace(0.01, 0.05, len(before))
-        moved = distortion.moved(step)
-        moved.check(sliding.robot.n_joints)
-        after = moved.numbers(sliding.robot)
-        assert after.keys() == before.keys()
-        expected = [value + more for (value, _), more in zip(before.values(), step, strict=True)]
-        np.testing.assert_allclose([value for value, _ in after.values()], expected, rtol=1e-15)
-        assert {type(value) for values in moved.shape.values() for value in values} == {float}  # as in TOML
-    fixed = sliding.distortion("clipping")
-    assert fixed.moved(np.empty(0)) == fixed
-
-
 def business_of_others(arm, name):
     """In the modified convention the first a and alpha mount the base; of a joint that slides d is the zero."""
     sliding = {(j,) for j, row in enumerate(arm.table["joints"], start=1) if row.get("type") == "prismatic"}
@@ -254,41 +233,3 @@ def test_tilt_may_show_the_weight_of_link_1(arm):
     waves = np.stack([np.sin(q1), np.cos(q1)], axis=1) if across < 0.1 else np.zeros((len(q1), 2))
     np.testing.assert_allclose(slopes[:, 0, 2:], waves, rtol=1e-14)
     np.testing.assert_array_equal(slopes[:, 1:, 2:], 0.0)
-
-
-def test_limits_and_widths_that_are_tried_go_beyond_the_true_ones(sliding):
-    for name, share in (("clipping", 0.9), ("dead_zone", 0.25), ("dead_zone.shrinking", 0.25)):
-        true = share * np.sqrt(np.mean(sliding.effort**2, axis=0))
-        (key,) = sliding.distortion(name).shape
-        measured = np.abs(make_effect(name, {key: true}).measured(sliding.effort))
-        variants = list(CATALOGUE[name].variants(replace(sliding.scene, measured=measured)))
-        for j in range(sliding.robot.n_joints):
-            tried = [getattr(one, key)[0] for one in variants if one.joints == (j + 1,)]
-            assert len(tried) > 10
-            assert min(tried) < true[j] < max(tried) * (1 + 1e-12)
-
-
-def test_nothing_is_clipped_that_the_model_does_not_exceed(sliding):
-    arm = sliding
-    scene = replace(arm.scene, measured=1.01 * np.abs(arm.scene.effort).max(axis=0) * np.ones_like(arm.effort))
-    assert not list(CATALOGUE["clipping"].variants(scene))
-
-
-def test_numbers_have_names_and_units(sliding):
-    """A joint that slides has N, not N m."""
-    (slider,) = [j for j, joint in enumerate(sliding.robot.joints, start=1) if joint.prismatic]
-    for name, symbol, turning, sliders in (
-        ("gain_error", "gain", "1", "1"),
-        ("clipping", "limit", "N m", "N"),
-        ("dead_zone", "width", "N m", "N"),
-        ("gear_ratio", "ratio", "1", "1"),
-        ("link_length", "a", "m", "m"),
-        ("link_twist", "alpha", "rad", "rad"),
-        ("link_offset", "d", "m", "m"),
-        ("joint_zero", "zero", "rad", "rad"),
-    ):
-        distortion = sliding.distortion(name)
-        ((_, values),) = distortion.shape.items()
-        units = [sliders if j == slider else turning for j in range(1, len(values) + 1)]
-        expected = {f"{symbol}{j}": pair for j, pair in enumerate(zip(values, units, strict=True), start=1)}
-        assert distortion.numbers(sliding.robot) == expected

@@ -68,17 +68,6 @@ def test_only_gains_payloads_and_tables_need_an_earlier_log():
     }
 
 
-def test_a_payload_makes_no_effort_that_the_last_link_could_not(scene):
-    """Its columns are in the span of the model's; those of a wrench at the tool are not."""
-    model = Model(scene.robot, make_terms(STANDARD, scene.robot, scene.motion))
-    span = model.columns(scene.motion).reshape(-1, len(model.parameters))
-    for name in ("payload", "tool_wrench"):
-        form = next(iter(forms()[name].variants(scene)))
-        columns = form.change(scene)[1].reshape(len(span), -1)
-        left = np.abs(columns - span @ np.linalg.lstsq(span, columns, rcond=None)[0]).max()
-        assert (left < 1e-8 * np.abs(columns).max()) == form.needs_earlier == (name == "payload")
-
-
 def at_rate(rate):
     """One second of the fastest joint passing zero; the same motion whatever the rate."""
     return smooth_motion(1, 4.0, rate, seed=2)

@@ -11,12 +11,6 @@ ROTATION = turn((0.6, 0.0, 0.8), 0.7) @ turn((0.0, 1.0, 0.0), -2.1)
 SHIFT = np.array([0.3, -0.7, 1.1])
 
 
-def test_order_of_the_parameters():
-    assert inertia.NAMES == ("Jxx", "Jxy", "Jxz", "Jyy", "Jyz", "Jzz", "mcx", "mcy", "mcz", "m")
-    assert len(inertia.UNITS) == 10
-    np.testing.assert_array_equal(inertia.inertia_matrix(np.arange(1.0, 11)), [[1, 2, 3], [2, 4, 5], [3, 5, 6]])
-
-
 def test_pseudo_inertia_is_the_second_moment_of_the_mass():
     for (points, masses), parameters in zip(CLOUDS, PARAMETERS, strict=True):
         homogeneous = np.column_stack([points, np.ones(len(points))])
@@ -71,18 +65,3 @@ def test_unphysical_parameters_are_refused():
         body[[inertia.NAMES.index(name) for name in change]] = list(change.values())
         assert not CONE.contains(body), why
         assert CONE.smallest_eigenvalues(body)[0] < -1e-6, why
-
-
-def test_cones_add_up_in_order():
-    cone = Cone.orthant(2) + Cone.rigid_bodies(2) + Cone.free(3) + Cone.orthant(1)
-    assert cone.size == 26
-    assert cone.nonnegative.tolist() == [0, 1, 25]
-    np.testing.assert_array_equal(cone.bodies, np.arange(2, 22).reshape(2, 10))
-    good = np.concatenate([[0.1, 0.2], BLOCK, PARAMETERS[0], [-1, 0, 1], [0.3]])
-    assert cone.contains(good)
-    for index in (0, 1, 11, 21, 25):  # friction, masses, friction
-        bad = good.copy()
-        bad[index] = -0.01
-        assert not cone.contains(bad)
-        assert cone.contains(bad, tolerance=1.0)
-    np.testing.assert_allclose(cone.pseudo_inertias(good)[1], inertia.pseudo_inertia(PARAMETERS[0]), atol=1e-14)

@@ -1,7 +1,6 @@
 """Robots of installed packages: of packages made up here and, where they are installed, of the real ones."""
 
 import importlib
-import os
 import sys
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
@@ -30,9 +29,6 @@ PACKAGE_PATH: str = _path.join(_path.dirname(_path.join(REPOSITORY_PATH, "robots
 MODULES = {
     "seven_description": MODULE + 'URDF_PATH: str = _path.join(PACKAGE_PATH, "urdf", "seven.urdf")\n',
     "eight_description": MODULE + 'URDF_PATH: str = _path.join(PACKAGE_PATH, "urdf", "eight.urdf")\n',
-    "made_description": MODULE + 'XACRO_PATH: str = _path.join(PACKAGE_PATH, "made.urdf.xacro")\n',
-    "patched_description": MODULE + "URDF_PATH: str = _patch(PACKAGE_PATH)\n",
-    "muscles_mj_description": MODULE + 'MJCF_PATH: str = _path.join(PACKAGE_PATH, "muscles.xml")\n',
     "_empty_description": MODULE,
     "_repositories": REPOSITORIES,
     "__init__": 'raise RuntimeError("imported")\n',
@@ -94,16 +90,6 @@ def test_names_of_files_and_of_loaders(packages, tmp_path, monkeypatch):
     assert load_robot("kr5").n_joints == 6, "files and built-in robots come first"
 
 
-def test_descriptions_by_xacro_are_those_that_were_made(packages):
-    assert "is made by xacro, and its URDF is not here; make it once" in refusal("made_description")
-    for age, text in enumerate(("old", "new")):
-        rendered = packages / "xacrodoc" / "made_description" / f"{text}.urdf"
-        rendered.parent.mkdir(parents=True, exist_ok=True)
-        rendered.write_text(ARM.replace("NAME", text))
-        os.utime(rendered, (age, age))
-    assert load_robot("made").name == "new"
-
-
 def test_a_description_whose_files_are_not_here(packages, monkeypatch):
     place = packages / "arms_clone" / "robots" / "seven" / "urdf" / "eight.urdf"
     said = refusal("eight_description")
@@ -115,16 +101,6 @@ def test_a_description_whose_files_are_not_here(packages, monkeypatch):
     assert load_robot("eight").name == "cloned"
     monkeypatch.setenv("ROBOT_DESCRIPTION_COMMIT", "abc")
     assert f"({packages}/arms_clone-abc/arms_clone/robots/seven" in refusal("eight_description")
-
-
-def test_names_without_a_urdf_and_near_others(packages):
-    for name, said in (
-        ("patched_description", "states no URDF file"),
-        ("muscles_mj_description", "no such robot"),
-        ("ur5_robt", "did you mean ur5_robot"),
-        ("ven", "did you mean seven"),
-    ):
-        assert said in refusal(name)
 
 
 def test_without_the_packages(monkeypatch, forgotten):

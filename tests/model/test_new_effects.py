@@ -8,22 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import tomli_w
 from command_line import TWO_JOINTS
 
 import bayesid
 from bayesid.cli import main
 from bayesid.fit.effects.hypotheses import hypotheses
-from bayesid.fit.noise import Noise
-from bayesid.identification.identified_model import IdentifiedModel
-from bayesid.model.catalogue import forms, make_effect, make_terms
-from bayesid.model.coefficients import base_coefficients
+from bayesid.model.catalogue import forms, make_terms
 from bayesid.model.model import Model
 from bayesid.model.parameters import Cone
 from bayesid.model.registered import registered_effects
 from bayesid.model.robot import load_robot, robot_from_table
-from bayesid.results.export import mjcf, urdf
-from bayesid.results.model_file import model_table
 from bayesid.simulation.logs import parse_effect, with_effects
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
@@ -80,8 +74,8 @@ def registered(tmp_path, monkeypatch, forgotten, sources):
     sys.modules.pop("robot_fan", None)
 
 
-@pytest.mark.usefixtures("any_motion")
-def test_registered_effects_are_simulated_sought_exported_and_read_back(registered, tmp_path):
+@pytest.mark.usefixtures("any_motion", "registered")
+def test_registered_effects_are_simulated_and_sought():
     robot = load_robot("tx40")
     motion = random_trajectory(6, 4.0, seed=1).motion(np.arange(200) / 50.0)
     rigid = Model(robot, make_terms(["rigid_body", "viscous_friction"], robot, motion))
@@ -97,18 +91,6 @@ def test_registered_effects_are_simulated_sought_exported_and_read_back(register
     candidates = [one for group in hypotheses(rigid, scene, np.ones(effort.shape, bool)) for one in group]
     for name in NAMES:
         assert {one.joints for one in candidates if one.effect == name} == {(j,) for j in range(1, 7)}
-
-    own = [make_effect("fan_drag", {"joints": [2]}), make_effect("crossover", {"joints": [3], "width": [0.5]})]
-    model, theta = rigid.extend(own[1]).extend(own[0]), np.append(theta, 1.25)
-    for text in (urdf(model, theta), mjcf(model, theta)):
-        assert "fan_drag: c2 = 1.25 N m s^2/rad^2" in text
-        assert "crossover: width3 = 0.5 N m" in text
-    precision, noise = np.eye(len(base_coefficients(model))), Noise(*np.full((4, 6), 0.5))
-    table = model_table(IdentifiedModel(model, theta, noise, precision))
-    (tmp_path / "model.toml").write_text(tomli_w.dumps(table))
-    again = bayesid.load_model(tmp_path)
-    assert again.model.effects == model.effects
-    np.testing.assert_array_equal(again.theta, theta)
 
 
 def test_a_registered_term_is_named_on_the_command_line_and_read_back(registered, tmp_path, monkeypatch, capsys):

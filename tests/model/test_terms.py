@@ -149,13 +149,6 @@ def test_cone_keeps_from_negative_what_cannot_be(terms, robot):
             assert cone.contains(np.where([name in kept for name in names], 1.0, -1.0))
 
 
-def test_a_learned_effect_takes_only_numbers_that_fit(robot):
-    shape = EFFORTS["learned_effect"].shape(robot.n_joints)
-    for key, values in shape.items():
-        with pytest.raises(ValueError, match=f"{key} has {len(values) - 1} numbers"):
-            make_effect("learned_effect", {**shape, key: values[:-1]}).check(robot.n_joints)
-
-
 def test_shape_that_no_motion_tells_is_asked_for(robot, motion):
     for name in NEED_A_SHAPE:
         with pytest.raises(InputError, match=r"bayesid discrepancy|carrying") as caught:
@@ -229,20 +222,6 @@ def test_presliding_forgets_what_lies_two_widths_back(monkeypatch, robot):
         pieces = np.concatenate([columns for _, columns in Model(robot, (term,)).chunks(motion)])
         assert error < 1e-3
         np.testing.assert_allclose(pieces, whole, rtol=0, atol=error + 1e-13)
-
-
-def test_presliding_is_dry_friction_over_long_ways_and_nothing_at_rest():
-    robot, motion = load_robot("kr5"), smooth_motion(6, 10.0, 100.0)
-    rest = Motion(np.arange(5.0), np.ones((5, 6)), np.zeros((5, 6)), np.zeros((5, 6)))
-    step = np.diff(motion.q[:, 0])
-    fast = np.abs(step) > 40e-4  # of two widths, or e^-40
-    assert fast.sum() > 100
-    for name in ("hysteresis", "hysteresis.smooth"):
-        term = make_effect(name, {"width": [1e-4] * 6})
-        state = term.columns(robot, motion)[1:, 0, 0]
-        np.testing.assert_allclose(state[fast], np.sign(step[fast]), rtol=0, atol=1e-15)
-        for still in (rest, rest[:1]):
-            np.testing.assert_array_equal(term.columns(robot, still), 0.0)
 
 
 def test_model_stacks_its_terms(terms, table, robot, motion):

@@ -11,7 +11,6 @@ from oracles import assert_close, random_motion
 import bayesid
 from bayesid.errors import InputError
 from bayesid.model.robot import check_joints, load_robot, robot_from_table, robot_from_urdf, robot_table
-from bayesid.model.robot.log_joints import chains_of
 
 
 def joint(name, kind, parent, child, axis="0 0 1", extra="", seed=0):
@@ -166,10 +165,6 @@ def test_a_follower_on_the_chain_is_refused_but_not_beyond_the_tip():
     assert held(text, tip="l1") == ["j2", "j3"]
 
 
-def test_what_a_tip_leaves_out_and_what_is_asked_for_are_told():
-    assert held(TORSO, tip="right2", hold={"lift": 0.25}) == ["left1", "left2", "left3", "tail", "lift (at 0.25)"]
-
-
 def test_a_base_that_may_move_is_told():
     for chosen in ({}, {"tip": "a1"}):
         assert "2 chains of joints begin at trunk" in notes(LEGS, **chosen)[-1]
@@ -239,19 +234,6 @@ def test_a_table_is_one_chain():
             load_robot("kr5", **chosen)
 
 
-def test_limbs_are_proposed_for_a_log_of_fewer_joints():
-    """And every proposal has as many."""
-    robot = robot_from_urdf(TORSO, "test")
-    assert chains_of(robot, 3) == ["--tip left3 --hold lift=0,bend=0"]
-    assert chains_of(robot_from_urdf(HAND, "test"), 2) == ["--tip j2"], "a single chain may end anywhere"
-    assert chains_of(load_robot("kr5"), 3) == [], "a table's joints have no names"
-    for count in range(1, 6):
-        for option in chains_of(robot, count):
-            tip, _, hold = option.removeprefix("--tip ").partition(" --hold ")
-            positions = dict.fromkeys([word.partition("=")[0] for word in hold.split(",") if word], 0.0)
-            assert robot_from_urdf(TORSO, "test", tip, positions).n_joints == count
-
-
 def test_other_numbers_of_joints_are_refused_with_the_way_out():
     robot = robot_from_urdf(TORSO, "test")
     with pytest.raises(InputError, match="or choose its chain of 3 joints by tip left3 hold lift=0,bend=0") as caught:
@@ -261,15 +243,3 @@ def test_other_numbers_of_joints_are_refused_with_the_way_out():
     with pytest.raises(InputError, match=r"5 joints, robot stranger has 3 \(joints finger1, finger2 are held"):
         check_joints(hand, 5, "log.csv")
     check_joints(hand, 3, "log.csv")
-
-
-def test_identifications_say_what_is_held(tmp_path):
-    path = tmp_path / "hand.urdf"
-    path.write_text(HAND)
-    robot = load_robot(path, tip="l2")
-    log = bayesid.simulate_log(robot, 8.0, 50.0, 0.05, (), seed=2)[1]
-    result = bayesid.identify(robot, log, complete="off", posterior=False)
-    assert result.warnings[0] == robot.notes[0]
-    options = result.provenance.options
-    assert (options["robot"], options["tip"]) == (str(path), "l2")
-    assert robot.origin.in_python in result.provenance.call

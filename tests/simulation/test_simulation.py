@@ -76,16 +76,6 @@ def test_coloured_noise_has_the_size_of_white_noise_and_the_memory_asked_for():
     assert np.abs((innovation[1:] * innovation[:-1]).mean(axis=0)).max() < 4.5 * (1.0 - colour**2) / np.sqrt(len(z))
 
 
-def test_coloured_noise_is_stationary_from_its_first_sample():
-    model, motion, theta = paper_model(), motion_of(6, 60), nominal_parameters()
-    clean, rngs = model.effort(motion, theta), map(np.random.default_rng, range(400))
-    logs = [simulate(model, theta, motion, rng=rng, noise=0.1, colour=0.9, signed=True) for rng in rngs]
-    z = np.array([(log.effort - clean) / (0.1 * rms(clean)) for log in logs])
-    lowest, highest = stats.chi2.ppf([1e-5, 1 - 1e-5], 2400)
-    for sample in (0, 3, 59):
-        assert lowest < (z[:, sample] ** 2).sum() < highest
-
-
 def test_noise_that_cannot_be_is_refused():
     sensors = (np.full(6, -0.1), np.full(6, np.nan), np.full(5, 0.1), np.full((6, 1), 0.1))
     for option, said, values in (
@@ -152,17 +142,6 @@ def test_random_parameters_are_those_of_a_plausible_robot(name):
         assert np.all((share > 0.85 * low) & (share < 1.15 * high))
 
 
-def test_centres_of_mass_lie_along_the_links():
-    """Link 2 of the KR5 (standard convention) reaches from x = -a2 to its own frame; the UR10e's from +0.6127."""
-    for name, start in (("kr5", -0.27), ("ur10e", 0.6127)):
-        model = Model(load_robot(name), (RigidBody(),))
-        link = np.array([random_parameters(model, np.random.default_rng(s)).reshape(-1, 10)[1] for s in range(50)])
-        share = link[:, 6] / link[:, 9] / start
-        assert share.min() > 0.1
-        assert share.max() < 0.9
-        assert share.mean() == pytest.approx(0.5, abs=0.1)
-
-
 def test_a_model_without_bodies_and_a_model_of_one_joint():
     """Offsets are of either sign."""
     model = Model(load_robot("kr5"), (ViscousFriction(), TorqueOffset()))
@@ -177,7 +156,6 @@ def test_a_model_without_bodies_and_a_model_of_one_joint():
 
 
 NAMES = tuple(main_forms())
-SIMPLE = ("viscous_friction", "coulomb_friction", "torque_offset", "rotor_inertia")
 OF_ALL = tuple(name for name, kind in main_forms().items() if not kind.by_joint)
 OF_TABLE = {"link_length": 3, "link_twist": 4, "joint_zero": 2, "gear_ratio": 3, "link_offset": None}
 """Of this joint and those before it; each with the joint in which a table can be as far off as here."""
@@ -208,26 +186,6 @@ def test_an_effect_has_its_level_on_its_joint(name):
             assert others.any() == (name in OF_ALL)
 
 
-def test_an_effect_has_its_level_on_a_coupled_wrist():
-    """Of the TX40, whose flange lies on the axes of the wrist: a force there is felt further up."""
-    healthy = efforts(robot="tx40")
-    for name in (name for name in NAMES if name not in OF_TABLE):
-        joint = 3 if name == "tool_wrench" else 5
-        change = efforts(f"{name}:{joint}:0.1", robot="tx40") - healthy
-        assert rms(change)[joint - 1] == pytest.approx(0.1 * rms(healthy)[joint - 1], rel=0.01)
-
-
-def test_seeds_choose_the_form():
-    for name in ("torque_ripple", "hysteresis", "cable_drag", "payload", "base_tilt"):
-        changes = [efforts(f"{name}:2:0.1", seed=seed) - efforts(seed=seed) for seed in (1, 1, 2)]
-        np.testing.assert_array_equal(changes[0], changes[1])
-        assert np.abs(np.corrcoef(changes[0][:, 1], changes[2][:, 1])[0, 1]) < 0.99
-    changes = [efforts("delay:2:0.1", seed=seed) - efforts(seed=seed) for seed in range(8)]
-    assert {int(change.any(axis=0).sum()) for change in changes} == {1, 6}
-    ratios = [efforts("gain_error:2:0.1", seed=seed)[0, 1] / efforts(seed=seed)[0, 1] for seed in range(8)]
-    np.testing.assert_allclose(sorted(set(np.round(ratios, 5))), [0.9, 1.1], rtol=1e-5)
-
-
 def test_friction_springs_and_bodies_are_physical():
     """What cannot be negative is positive: dissipation, stiffness, mass; a lag is not a lead."""
     robot = load_robot("kr5")
@@ -245,27 +203,6 @@ def test_friction_springs_and_bodies_are_physical():
             assert 0.0 < model.distortions[0].lag[0] < 0.5
         elif name == "base_tilt":
             assert 0.0 < np.hypot(*model.distortions[0].angle) <= 1.0
-
-
-def test_the_simple_effects_are_what_they_always_were():
-    """Positive, in proportion to speed, its direction, one and acceleration."""
-    healthy = efforts()
-    motion = random_trajectory(6, 12.0, seed=3).motion(np.arange(601) / 50)
-    speed = motion.dq[:, 2]
-    laws = (speed, np.tanh(speed / (0.01 * np.abs(speed).max())), np.ones(601), motion.ddq[:, 2])
-    for name, law in zip(SIMPLE, laws, strict=True):
-        expected = 0.25 * rms(healthy)[2] * law / rms(law)
-        np.testing.assert_allclose((efforts(f"{name}:3:0.25") - healthy)[:, 2], expected, rtol=0, atol=1e-9)
-
-
-def test_several_effects_add_up():
-    healthy = efforts()
-    texts = [f"{name}:{joint}:0.2" for joint in (2, 5) for name in SIMPLE]
-    alone = sum(efforts(text) - healthy for text in texts)
-    np.testing.assert_allclose(efforts(*texts) - healthy, alone, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(efforts(*reversed(texts)) - healthy, alone, rtol=0, atol=1e-9)
-    once, twice = efforts("viscous_friction:3:0.3"), efforts("viscous_friction:3:0.1", "viscous_friction:3:0.2")
-    np.testing.assert_allclose(once, twice, rtol=0, atol=1e-9)
 
 
 def test_distortions_meet_what_terms_have_made_and_sensors_come_last():

@@ -2,9 +2,6 @@ import numpy as np
 import pytest
 
 from bayesid.model.coefficients import base_coefficients
-from bayesid.model.model import Model
-from bayesid.model.robot import load_robot
-from bayesid.model.terms import RigidBody
 from bayesid.simulation.exciting import condition_number, exciting_trajectory
 from bayesid.simulation.paper import paper_model
 from bayesid.simulation.trajectories import FourierTrajectory, MotionLimits, random_trajectory
@@ -51,15 +48,6 @@ def test_derivatives_agree_with_finite_differences():
     np.testing.assert_allclose((after.dq - before.dq) / (2 * h), here.ddq, atol=2e-5)
 
 
-def test_the_duration_holds_a_whole_number_of_periods():
-    periods = 3
-    series = random_trajectory(4, DURATION, seed=2, periods=periods)
-    ends = series.motion(np.array([0.0, DURATION, DURATION / periods]))
-    for values in (ends.q, ends.dq, ends.ddq):
-        np.testing.assert_allclose(values, values[:1].repeat(3, axis=0), atol=1e-11)
-    assert series.frequency * DURATION == pytest.approx(periods, abs=1e-12)
-
-
 @pytest.mark.parametrize(("harmonics", "duration"), [(1, 13.33), (5, 2.0), (9, 60.0)])
 def test_each_joint_touches_one_limit_and_breaks_none(harmonics, duration):
     limits = MotionLimits(lower=(-2.0, -3.0, -0.4), upper=(2.0, -0.1, 2.5), velocity=(3.0, 1.0, 2.0), acceleration=8.0)
@@ -96,31 +84,6 @@ def test_condition_number_agrees_with_an_svd_of_the_projected_rows(model, coeffi
     rows = model.robot.regressor(motion).reshape(-1, 60) @ np.linalg.pinv(coefficients.projection)
     values = np.linalg.svd(rows / np.sqrt((rows**2).sum(axis=0)), compute_uv=False)
     assert condition_number(model, coefficients, motion) == pytest.approx(values[0] / values[-1], rel=1e-9)
-
-
-def test_condition_number_sees_a_missing_excitation(model, coefficients):
-    """With the first four joints at rest the wrist's motion cannot show all coefficients."""
-    series = random_trajectory(6, DURATION, seed=1)
-    moving = np.array([0, 0, 0, 0, 1, 1])[:, None]
-    wrist = FourierTrajectory(series.frequency, moving * series.sine, moving * series.cosine, series.centre)
-    assert condition_number(model, coefficients, wrist.motion(TIMES)) > 1e6
-
-
-def test_another_robot_other_limits_and_several_periods():
-    robot = load_robot("panda")
-    model = Model(robot, (RigidBody(),))
-    lower, upper = (-2.7, -1.6, -2.7, -3.0, -2.7, 0.2, -2.7), (2.7, 1.6, 2.7, -0.2, 2.7, 3.6, 2.7)
-    limits = MotionLimits(
-        lower, upper, velocity=(2.0, 2.0, 2.0, 2.0, 2.5, 2.5, 2.5), acceleration=(10.0, 7.0) * 3 + (12.0,)
-    )
-    coefficients = base_coefficients(model)
-    series = exciting_trajectory(model, coefficients, 20.0, seed=1, limits=limits, harmonics=4, periods=2)
-    q = series.motion(np.linspace(0, 20, 5001)).q
-    assert np.all(q >= limits.lower)
-    assert np.all(q <= limits.upper)
-    assert np.all(peaks(series)[1] <= limits.velocity)
-    assert np.all(peaks(series)[2] <= limits.acceleration)
-    assert condition_number(model, coefficients, series.motion(np.linspace(0, 20, 500))) < 6.0
 
 
 def test_bad_arguments_are_refused():
