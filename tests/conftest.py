@@ -8,6 +8,12 @@ import shutil
 from contextlib import redirect_stdout
 from pathlib import Path
 
+for number in (
+    signal.SIGINT,
+    signal.SIGHUP,
+):  # commands are interrupted in tests: a shell's background job ignores both
+    if signal.getsignal(number) == signal.SIG_IGN:
+        signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # matrices are small: BLAS threads only get into each other's way
 
 import command_line
