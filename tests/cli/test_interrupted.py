@@ -18,8 +18,6 @@ from bayesid.results.several_logs import identify_separately
 
 pytestmark = pytest.mark.usefixtures("any_motion")
 
-OPTIONS = ("--robot", "arm.toml", "--no-posterior", "--no-report", "--quiet")
-
 
 @pytest.fixture(scope="module")
 def shop(tmp_path_factory):
@@ -40,22 +38,6 @@ def place(shop, monkeypatch):
 
 def left_in(folder):
     return sorted(path.name for path in folder.iterdir())
-
-
-def test_interrupted_while_modules_load(place):
-    """No traceback, whatever was just being imported."""
-    code = f"""
-import sys
-class Stop:
-    def find_spec(self, name, path=None, target=None):
-        if name == "bayesid.signs.search.certified":
-            raise KeyboardInterrupt
-sys.meta_path.insert(0, Stop())
-from bayesid.cli import main
-sys.exit(main({["identify", "a.csv", *OPTIONS]!r}))
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert (done.returncode, done.stderr) == (130, "bayesid: interrupted; nothing was written\n")
 
 
 @pytest.mark.skipif(not os.path.isdir("/proc/self/task"), reason="asks Linux for a process's children")

@@ -12,13 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import TWO_JOINTS
-from toy_study import toy_study
 
 import bayesid
 from bayesid.cli import main
 from bayesid.report.findings import read_findings
-from bayesid.study.record import read_rows
-from bayesid.study.study import run_study
 
 pytestmark = [pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork"), pytest.mark.usefixtures("any_motion")]
 
@@ -118,23 +115,3 @@ def test_identify(place, moments):
     commands = [f"identify {name}.csv {IDENTIFY} --out result" for name in "ab"]
     seconds(commands[1])
     kill_at_random(commands, moments, lambda: is_one_of(place / "result", [place / "of-a", place / "of-b"]))
-
-
-@pytest.mark.long
-def test_study(place, monkeypatch):
-    """Rows are added, run after run: none is lost once it stands, and none changes."""
-    here = {"workers": 0}
-    monkeypatch.setattr("bayesid.cli.commands.study.load", lambda name: toy_study())
-    monkeypatch.setattr("bayesid.cli.commands.study.run_study", lambda *a, **named: run_study(*a, **(named | here)))
-    stood = []
-
-    def check():
-        rows = [{**row, "timings": None} for row in read_rows(place / "rows")] if (place / "rows").exists() else []
-        assert rows[: len(stood)] == stood
-        stood[:] = rows
-        if (place / "rows" / "report.txt").exists():
-            assert (place / "rows" / "report.txt").read_text().endswith("\n")
-
-    commands = [f"study noise --trials {n} --resume --out rows --quiet" for n in range(40, 4080, 40)]
-    seconds(commands[0])
-    kill_at_random(commands, 100, check)

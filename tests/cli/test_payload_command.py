@@ -22,7 +22,6 @@ def made(tmp_path_factory):
     loaded = arm.later(PAYLOAD)
     write_log(place / "loaded.csv", loaded)
     write_log(place / "empty.csv", arm.later())
-    write_log(place / "worn.csv", arm.later(PAYLOAD, friction=(2, 1.4)))
     write_log(place / "first.csv", arm.first)
     write_log(place / "currents.csv", bayesid.Log(loaded.t, loaded.q, loaded.effort / GAINS, loaded.signed))
     path = place / "currents.csv"
@@ -90,13 +89,3 @@ def test_without_a_payload_null_stands_in_place_of_numbers(place, capfd):
     assert read["com"] is read["inertia"] is read["gain_factor"] is None
     assert read["mass"]["interval"][0] == 0.0
     assert read["shown"] is False
-
-
-def test_what_else_has_changed_is_one_line_with_the_command(place, capfd):
-    assert run("payload", "result", "worn.csv", "--out", "out", *QUICK) == 0
-    (line,) = [line for line in capfd.readouterr().out.splitlines() if "something else has changed" in line]
-    assert "in joint 2" in line
-    assert "`bayesid discrepancy result worn.csv`" in line
-    read = written(place)
-    assert (read["check"]["passed"], read["check"]["joints"]) == (False, [2])
-    assert read["mass"]["value"] > 1.0

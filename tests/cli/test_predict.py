@@ -61,12 +61,3 @@ def test_the_file_holds_what_python_gives(made, place, capfd, options, noise):
     assert predicted.holds in out
     assert "written to new/torques.csv" in out
     assert err == ""
-
-
-def test_a_log_is_a_motion_and_quiet_is_quiet(made, place, capfd):
-    (place / "torques.csv").write_text("old")
-    assert run("predict", "result", "log.csv", "--out", "torques.csv", "--cutoff", 9, "--quiet") == 0
-    _, values = table(place / "torques.csv")
-    expected = made[1].predict(made[1].log, cutoff=9.0)
-    np.testing.assert_allclose(values[:, 1:3], expected.mean, rtol=1e-6, atol=1e-6)
-    assert capfd.readouterr() == ("", "")

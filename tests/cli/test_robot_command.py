@@ -2,9 +2,7 @@
 
 import re
 import tomllib
-import xml.etree.ElementTree as ET
 
-import matplotlib.image
 import numpy as np
 import pytest
 from command_line import assert_refused, run
@@ -53,22 +51,6 @@ def test_a_table_becomes_a_robot_file(place, capfd):
     assert load_robot(place / "kr.toml").n_joints == 6
 
 
-def test_the_table_may_be_text_or_come_from_elsewhere(place, monkeypatch, capfd):
-    text = "a[mm]  alpha[deg]  d[mm]  theta[deg]\n25 -90 400 0\n455 0 0 -90"
-    (place / "stdin.txt").write_text(text)
-    with (place / "stdin.txt").open() as stdin:
-        monkeypatch.setattr("sys.stdin", stdin)
-        for given in (text, text.replace("\n", r"\n"), "-"):
-            command = "robot", "new", given, "--convention", "modified", "--out", "one.toml", "--force", "--quiet"
-            assert run(*command) == 0
-            table = rows_of(place / "one.toml")
-            assert table["joints"][1] == {"a": 0.455, "alpha": 0.0, "d": 0.0, "theta": -np.pi / 2}
-            assert table["name"] == "one"
-            (place / "one.toml").write_text("mine")
-    assert run(*command[:-2]) == 2
-    assert "one.toml: is there already" in capfd.readouterr().err
-
-
 def test_tables_in_many_ways_of_writing():
     for text, row in (
         ("a,alpha,d,theta\n0.5,pi/2,-0.25,0", (0.5, np.pi / 2, -0.25, 0.0)),
@@ -88,15 +70,12 @@ def test_tables_in_many_ways_of_writing():
 
 TABLES = {
     "a,alpha,d,theta\n25,0,0.4,0": ", joint 1: column a holds 25, too much for m; name the column with its unit: a[mm]",
-    "a,alpha,d,theta\n0,0,0,0\n0,-90,0.4,0": ", joint 2: column alpha holds -90, too much for rad",
     "a,alpha,d\n0,0,0": ": column theta is missing (a, alpha, d)",
     "a[deg],alpha,d,theta\n0,0,0,0": ": column a[deg] is in 'deg'; give it in mm, cm or m",
-    "a,alpha[mm],d,theta\n0,0,0,0": ": column alpha[mm] is in 'mm'; give it in deg or rad",
     "a,alpha,d,theta\n0,0,0,0\n0,x,0,0": ", joint 2: column alpha holds 'x', not a number",
     "a,alpha,d,theta\n0,0,0,0\n0,0,0": ", joint 2: holds 3 values, the header names 4",
     "a,alpha,d,theta,r\n0,0,0,0,0": ": has two columns for a: a and r",
     "a,alpha,d,theta,type\n0,0,0,0,round": ", joint 1: unknown joint type 'round'",
-    "a,alpha,d,theta\n0,0,nan,0": ", joint 1: column d holds 'nan', not a number",
     "a,alpha,d,theta\n": ": holds no joint",
     "": ": column a is missing (no header)",
 }
@@ -128,14 +107,9 @@ def test_new_files_that_cannot_be(place, refused):
     (place / "picture.csv").write_bytes(b"\x89PNG\r\n\x1a\n\0\0\0\x81")
     new = "robot", "new"
     refused(*new, "table.csv", "--out", "a.toml", says=["--convention: is needed with a table", "standard or modified"])
-    refused(
-        *new, "no.csv", "--convention", "standard", "--out", "a.toml", says=["no.csv: cannot be read (No such file"]
-    )
     refused(*new, "picture.csv", "--convention", "standard", "--out", "a.toml", says=["picture.csv"])
-    refused(*new, ".", "--convention", "standard", "--out", "a.toml", says=["cannot be read (Is a directory)"])
     refused(*new, "--out", "a.csv", says=["a.csv: does not end in .toml"])
     refused(*new, "--out", "folder.toml", says=["folder.toml: is a folder"])
-    refused(*new, "--out", "table.csv/a.toml", says=["table.csv/a.toml: cannot be written"])
     refused(*new, says=["--out"])
     refused(*new, "--convention", "craig", "--out", "a.toml", says=["craig"])
 
@@ -170,18 +144,6 @@ def test_show_says_where_the_flange_is(capfd):
     np.testing.assert_allclose(np.array(line[4:], dtype=float), expected, rtol=0, atol=0.051)
 
 
-def test_pictures(place, capfd):
-    assert run("robot", "show", "tx90", "--q", "0.3,0.2,1,0,0.5,0", "--out", "to/arm.png") == 0
-    assert capfd.readouterr().out.endswith("written to to/arm.png\n")
-    image = matplotlib.image.imread(place / "to" / "arm.png")
-    assert image.shape[0] > 500
-    assert len(np.unique(image.reshape(-1, image.shape[2]), axis=0)) > 20
-    assert run("robot", "show", "tx90", "--quiet", "--out", "arm.svg") == 0
-    assert capfd.readouterr() == ("", "")
-    assert ET.parse(place / "arm.svg").getroot().tag.endswith("svg")
-    assert {path.name for path in place.iterdir()} == {"table.csv", "to", "arm.svg"}
-
-
 def test_what_cannot_be_shown(place, refused):
     show = "robot", "show"
     refused(*show, "kr6r90", says=["kr6r90: no such robot", "kr6r900"])
@@ -189,6 +151,5 @@ def test_what_cannot_be_shown(place, refused):
     refused(*show, "kr5", "--q", "0,-90,90,0,0,0", says=["looks like degrees", "--degrees"])
     refused(*show, "kr5", "--q", "0,0,0,0,0,x", says=["is not a list of numbers"])
     refused(*show, "kr5", "--out", "arm.gif", says=["arm.gif: is no picture by its name", ".png"])
-    refused(*show, "kr5", "--out", ".", says=["is a folder"])
     refused(*show, says=["robot"])
     assert run(*show, "kr5", "--q", "0,-90,90,0,0,0", "--no-degrees", "--quiet") == 0

@@ -37,13 +37,3 @@ def test_nothing_heavy_is_imported_at_the_start(script):
 def test_the_start_takes_little_time(script):
     """The best of three: other programs steal caches, not CPU time."""
     assert min(cpu_time(script) for _ in range(3)) <= BUDGET
-
-
-def test_commands_load_what_they_need():
-    """Of SciPy no part that takes long before it is called; nothing that only figures in Python, or ArviZ, need."""
-    listing = "import bayesid.cli.commands.identify, bayesid.cli.commands.report, bayesid.posterior.kept, json, sys\n"
-    listing += "import bayesid.report.pages.identification_page\nprint(json.dumps(sorted(sys.modules)))"
-    done = subprocess.run([sys.executable, "-c", listing], capture_output=True, text=True, check=True)
-    unneeded = {"arviz", "dask", "matplotlib", "pandas", "xarray", "bayesid.discrepancy"}
-    parts = {f"scipy.{part}" for part in ("interpolate", "optimize", "signal", "spatial", "stats")}
-    assert not (unneeded | parts) & set(json.loads(done.stdout))

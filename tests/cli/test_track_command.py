@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from command_line import run
 from matplotlib.figure import Figure
-from payload_cases import PAYLOAD, TERMS, PayloadCase
+from payload_cases import PAYLOAD, PayloadCase
 
 import bayesid
 from bayesid.log.log import write_log
@@ -148,28 +148,6 @@ def test_a_payload_is_an_alarm_with_the_way_to_go_on(place, monkeypatch, capfd):
     assert "is too short" in change["named_status"]
 
 
-def test_a_payload_that_the_model_knows(tmp_path, monkeypatch, capfd):
-    """With its label a log of the loaded arm is as usual, replayed and from a pipe; without it a payload has come."""
-    monkeypatch.chdir(tmp_path)
-    arm = PayloadCase(0)
-    logs = arm.first, arm.log(arm.before, PAYLOAD).carrying("tool1")
-    known = bayesid.identify(arm.robot, bayesid.join_logs(logs), TERMS, complete="off", posterior=False)
-    bayesid.save_identification(known, "result", report=False)
-    write_log("loaded.csv", arm.later(PAYLOAD))
-    assert run("track", "result", "loaded.csv", "--payload", "tool1", "--out", "with") == 0
-    assert run("track", "result", "loaded.csv", "--out", "without") == 0
-    stream, alarms, summary = read(tmp_path / "with")
-    assert alarms == []
-    assert summary["smoothing"]["share"] > 0.97
-    assert "payload" in [alarm["kind"] for alarm in read(tmp_path / "without")[1]]
-    on_input(monkeypatch, (tmp_path / "loaded.csv").read_bytes())
-    assert run(*FOLLOW, "--payload", "tool1", "--out", "followed") == 0
-    np.testing.assert_allclose(read(tmp_path / "followed")[0], stream, rtol=1e-6, atol=1e-7)
-    capfd.readouterr()
-    assert run("track", "result", "loaded.csv", "--payload", "tool2") == 2
-    assert "tool1" in capfd.readouterr().err
-
-
 def test_rows_that_are_followed_are_answered_as_the_recording_is(place, monkeypatch, capfd):
     content = (place / "taken.csv").read_bytes()
     on_input(monkeypatch, content)
@@ -214,18 +192,6 @@ def test_a_stream_in_disorder_is_counted_and_goes_on(place, monkeypatch, capfd):
     assert len(stream_of(out)) == len(lines) - 3  # the header, a blank line and a remark
     assert "2 lines were no rows" in err
     assert np.all(np.diff(stream[:, 0]) > 0.0)
-
-
-def test_a_stream_at_another_rate_is_told_once(place, monkeypatch, capfd):
-    """All rows come after gaps at 500 Hz, though nothing is wrong with any of them: 50 Hz it should have been."""
-    lines = (place / "log.csv").read_bytes().splitlines()
-    for rows, rate in ((20, 500), (120, 500), (20, 20), (120, 125)):
-        on_input(monkeypatch, b"\n".join(lines[: 1 + rows]))
-        assert run("track", "result", "-", "--follow", "--rate", rate, "--quiet") == 0
-        out, err = capfd.readouterr()
-        assert err.count("\n") == (rate == 500)
-        assert rate != 500 or np.isnan(stream_of(out)[:, 1:4]).all()
-        assert rate != 500 or "give --rate 50" in err
 
 
 def test_units_gains_and_names_count_as_in_files(place, monkeypatch, capfd):
@@ -294,17 +260,6 @@ def test_a_stream_that_is_interrupted_leaves_nothing(place, live):
     assert sorted(os.listdir(place)) == before
 
 
-@pytest.mark.long
-def test_nobody_who_reads_ends_it_too(place, live):
-    content = (place / "log.csv").read_bytes()
-    live.stdout.close()
-    live.stdin.write(content)
-    live.stdin.close()
-    live.stdin, live.stdout = io.BytesIO(), io.BytesIO()
-    assert live.wait(timeout=20) == 141
-    assert not (place / "out").exists()
-
-
 HEADER = "t,q1,q2,q3,tau1,tau2,tau3\n"
 MS = "".join(f"{20 * k},0,0,0,1,1,1\n" for k in range(60))
 BAD = [
@@ -312,16 +267,13 @@ BAD = [
     (("--rate", 0), ["a rate of 0 Hz"]),
     (("--rate", 500), ["--rate", "50 Hz", "500 Hz", "leave it out"]),
     (("--false-alarms", 0), ["--false-alarms"]),
-    (("--false-alarms", 1e9), ["--false-alarms", "more than 0, and 3600 at most"]),
     (("--gains", "1,2,3"), ["drop --gains"]),
     (("--plot", "bmp"), ["--plot", "'bmp'"]),
     (("--follow", "--rate", 50), ["log.csv", "give -"]),
 ]
 BAD_STREAMS = [
     (("--plot", "png"), HEADER, ["--plot", "whole recording"]),
-    (("--explain",), HEADER, ["--explain", "whole recording"]),
     (("--lag", 7), HEADER, ["--lag", "7 s"]),
-    (("--topic", "/x"), HEADER, ["no topic"]),
     ((), "", ["does not begin with a header"]),
     ((), "t,q1,q2,tau1,tau2\n0,0,0,1,1\n", ["2 joints", "has 3"]),
     ((), "t,q1,q2,q3\n0,0,0,1\n", ["tau1", "is missing"]),
@@ -329,7 +281,6 @@ BAD_STREAMS = [
     ((), HEADER.replace("tau", "i") + "0,0,0,0,1,1,1\n", ["no gains"]),
     ((), HEADER + "0,90,80,70,1,1,1\n", ["are they degrees"]),
     ((), HEADER + MS, ["t[ms]", "50 Hz"]),
-    ((), HEADER.encode("utf-16"), ["UTF-16"]),
 ]
 
 

@@ -10,13 +10,11 @@ from bayesid.fit.effects.kinematics import KinematicTolerance
 from bayesid.fit.knowledge import Knowledge
 from bayesid.model.catalogue import make_terms
 from bayesid.model.distortions.delay import Delay
-from bayesid.model.inertia import NAMES
 from bayesid.model.model import Model
 from bayesid.model.terms.hysteresis import Hysteresis
 from bayesid.simulation.parameters import random_parameters
 
 N = 3
-ORDERS = (("torque_offset", "payload", "coulomb_friction", "rigid_body"), ("viscous_friction", "coulomb_friction"))
 
 
 def made_case(names, **tolerance):
@@ -44,19 +42,6 @@ def test_what_is_uncertain_is_the_geometry_in_its_tolerance():
     for j in range(N):
         found = case.uncertain.rows[j][:, 0]
         np.testing.assert_allclose(found, expected[:, j], atol=1e-3 * np.abs(expected).max())
-
-
-@pytest.mark.parametrize("names", ORDERS)
-def test_effects_see_the_links_wherever_their_term_stands(names):
-    """By the parameters' names: J2xx, mc3y, m1; what the last link carries is part of it."""
-    case, motion = made_case(names)
-    model, theta = case.model, case.knowledge.theta
-    scene = case.scene(model.effort(motion, theta))
-    value = dict(zip((parameter.name for parameter in model.parameters), theta, strict=True))
-    stems = [(name.rstrip("xyz"), name[len(name.rstrip("xyz")) :]) for name in NAMES]
-    expected = np.array([[value.get(f"{stem}{i}{axes}", 0.0) for stem, axes in stems] for i in (1, 2, 3)])
-    expected[-1] += [value.get(f"{name}p{N}", 0.0) for name in NAMES]
-    np.testing.assert_array_equal(scene.links, expected.ravel())
 
 
 @pytest.mark.parametrize("added", [("payload", "hysteresis"), ("delay",)])

@@ -4,7 +4,7 @@ from conftest import small_robot, smooth_motion
 from made_trials import RATE, made_trial
 from scipy.signal import butter, sosfiltfilt
 
-from bayesid.discrepancy.compare import make_trial, noise_floor, shortened, where_it_shows
+from bayesid.discrepancy.compare import make_trial, noise_floor, where_it_shows
 from bayesid.fit.effects.error_model import fit_error
 from bayesid.fit.noise import Noise
 from bayesid.log.log import Log
@@ -45,17 +45,6 @@ def test_gap_is_the_rms_of_what_is_left():
     np.testing.assert_array_equal(trial.nearest(predicted)[60], [3.0, -3.0])
 
 
-def test_probability_is_that_of_the_prediction_where_the_log_has_no_signs():
-    motion = smooth_motion(2, 4.0, RATE, seed=3)
-    effort = 4.0 * np.sin(3.0 * motion.t[:, None] + np.array([0.4, 2.0])) + 1.0
-    noisy = effort + 0.1 * np.random.default_rng(1).standard_normal(effort.shape)
-    probability = made_trial(motion, noisy, signed=[True, False]).probability(effort + 0.2)
-    np.testing.assert_array_equal(probability[:, 0], noisy[:, 0] >= 0.0)
-    clear, near = np.abs(effort[:, 1]) > 1.0, np.abs(effort[:, 1]) < 0.03
-    np.testing.assert_allclose(probability[clear, 1], effort[clear, 1] > 0.0, atol=1e-3)
-    assert np.all((probability[near, 1] > 0.01) & (probability[near, 1] < 0.999))
-
-
 def test_samples_count_in_motion_and_away_from_the_ends():
     """2.5 times a hundredth of the highest speed; half a period of the cut-off."""
     robot, motion = small_robot(2), smooth_motion(2, 8.0, RATE, seed=5)
@@ -71,26 +60,6 @@ def test_samples_count_in_motion_and_away_from_the_ends():
     assert not trial.used[320:380, 1].any()
     assert trial.used.mean() > 0.8
     np.testing.assert_array_equal(trial.magnitude, signals.raw_effort)
-
-
-def test_a_long_log_is_stood_for_by_stretches_of_it():
-    motion = smooth_motion(1, 137.0, RATE, seed=2)
-    trial = made_trial(motion, 5.0 + motion.q)
-    short = shortened(trial)
-    assert len(short.used) == 10_000
-    steps = np.diff(short.signals.motion.t)
-    assert (steps > 0.0).all()
-    seams = np.flatnonzero(steps > 1.5 / RATE) + 1
-    assert len(seams) == 7
-    rows = np.searchsorted(motion.t, short.signals.motion.t - 1e-9)
-    assert (rows[0], rows[-1]) == (0, len(motion) - 1)
-    for name in ("raw_effort", "effort"):
-        np.testing.assert_array_equal(getattr(short.signals, name), getattr(trial.signals, name)[rows])
-    np.testing.assert_array_equal(short.actuators.ddq, motion.ddq[rows])
-    assert short.signals.motion.origin == motion.origin
-    for seam in (*seams, 0, 10_000):
-        assert not short.used[max(0, seam - 10) : seam + 10].any()
-    assert short.used.sum() == 10_000 - 8 * 20
 
 
 def noise_of(white, coloured, correlation=(0.1, 0.1)):

@@ -85,12 +85,6 @@ def test_a_holdout_above_the_floor_or_growing_is_never_no_discrepancy(tmp_path, 
     assert seen_on == list(result.unexplained_on.items())
 
 
-def test_lasting_noise_passes_for_no_effect(tmp_path):
-    result, _ = blind_case(tmp_path, 7, None, style="standard", robot="kr5", trouble=LASTING_NOISE)
-    assert not result.added
-    assert all(one.effect == "learned_effect" for one in result.refused)  # what is left is no function of the motion
-
-
 def spring(motion):
     return np.array([0.0, 7.0, 0.0]) * motion.q
 

@@ -34,12 +34,6 @@ def extended(model, theta, draws=None):
     return SimpleNamespace(model=model, theta=theta, posterior=posterior, parameter_sd=(sd, sd > 0.0))
 
 
-def test_a_change_is_told_beside_the_new_value():
-    numbers = Numbers(EARLIER, BEFORE, extended(EARLIER, THETA[:2]))
-    told = numbers.parameters(hypothesis(FRICTION.in_joints((2,), 2), changes=("Fc2",)))
-    assert told == {"Fc2": (8.0, 0.25, "N m"), "change of Fc2": (pytest.approx(-1.1), 0.25, "N m")}
-
-
 def test_what_adds_to_the_earlier_models_is_summed_with_its_deviation():
     """Coulomb friction and the drift's cold part trade against each other: their sum is known better than either."""
     rng = np.random.default_rng(2)

@@ -74,23 +74,6 @@ def test_probabilities_are_of_effects_whatever_their_form():
     assert [one.probability for one in found] == pytest.approx([(1.0 + np.exp(-1.0)) / total, np.exp(-2.0) / total])
 
 
-def test_a_set_that_always_looks_likelier_once_it_is_settled_again_is_not_settled_for_ever():
-    """So it was with two errors of the robot's table: what a set is judged by moves with it."""
-    both, dry = made([DRY, SPRING], 10.0, 0.0), made([DRY], 5.0, 0.0)
-    both.without = lambda one: [effect for effect in both.effects if effect is not one]
-    settled = list[int]()
-
-    def settle(effects, *_):
-        assert len(settled) < 20
-        settled.append(len(effects))
-        return SimpleNamespace(**{**vars(both), "log_posterior": 16.0}) if len(effects) == 2 else dry
-
-    for effect in both.effects:
-        effect.columns = SimpleNamespace(joints={1})
-    sets = SimpleNamespace(anchored=lambda one: both, settled=settle, case=SimpleNamespace(thresholds=Thresholds()))
-    assert selection.polished(sets, both).keys == both.keys
-
-
 def test_log_densities_are_students():
     residual, sd = np.array([[0.3, -2.0], [7.0, 0.1]]), np.array([0.5, 1.5])
     used = np.array([[True, True], [True, False]])

@@ -36,17 +36,3 @@ def test_a_payload_is_that_of_least_squares_with_the_covariance():
     np.testing.assert_allclose(rest.of_payload, columns @ best, atol=1e-8)
     np.testing.assert_allclose(rest.change + rest.of_payload, difference)
     assert rest.mass == pytest.approx((best[9], np.sqrt(np.linalg.inv(information)[9, 9])))
-
-
-def test_what_a_payload_does_not_touch_has_no_say_and_stays():
-    rng = np.random.default_rng(2)
-    columns, covariance = problem(rng)
-    difference = rng.normal(size=14)
-    moved = difference + np.where(np.arange(14) >= 12, 50.0, 0.0)
-    before, after = (without_payload(d, covariance, columns) for d in (difference, moved))
-    np.testing.assert_allclose(before.of_payload, after.of_payload)
-    np.testing.assert_allclose(after.change[12:], moved[12:])
-    np.testing.assert_allclose(after.sd[12:], np.sqrt(np.diag(covariance)[12:]))
-    none = without_payload(difference, covariance, np.zeros((14, 0)))
-    np.testing.assert_allclose(none.change, difference)
-    np.testing.assert_allclose(none.sd, np.sqrt(np.diag(covariance)))

@@ -1,8 +1,6 @@
-import json
-
 import numpy as np
 import pytest
-from conftest import small_robot, smooth_motion
+from conftest import small_robot
 from made_trials import TERMS, arm_log
 
 import bayesid
@@ -51,17 +49,6 @@ def test_it_is_the_function_that_was_hidden(found):
     learned = term.columns(found.identification.model.robot, motion)[:, 1] @ amplitudes
     truth = magnets(motion)[:, 1]
     assert np.sqrt(np.mean((learned - truth) ** 2)) < 0.05 * np.sqrt(np.mean(truth**2))
-
-
-def test_it_is_told_in_json_and_kept_in_the_model_file(found, tmp_path):
-    (told,) = [one for one in discrepancy_summary(found)["found"] if one["effect"] == "learned_effect"]
-    assert told["variables"] == ["q1", "q3"]
-    bayesid.save_discrepancy(found, tmp_path)
-    assert json.loads((tmp_path / "discrepancy.json").read_text())["found"][0]["variables"] == ["q1", "q3"]
-    stored, motion = bayesid.load_model(tmp_path), smooth_motion(3, 3.0, 50.0, seed=9)
-    again = found.identification
-    np.testing.assert_array_equal(stored.model.effort(motion, stored.theta), again.model.effort(motion, again.theta))
-    assert told["formula"] in (tmp_path / "robot.urdf").read_text()
 
 
 def test_what_only_the_log_shows_is_refused_and_said(healthy):

@@ -30,14 +30,7 @@ from bayesid.results.designs import save_design
 from bayesid.simulation.exciting import condition_number
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
-from bayesid.simulation.trajectories import (
-    FourierTrajectory,
-    MotionLimits,
-    from_rest,
-    random_shape,
-    random_trajectory,
-    within_limits,
-)
+from bayesid.simulation.trajectories import FourierTrajectory, MotionLimits, random_trajectory
 from tests.conftest import real_log, small_robot, smooth_motion
 
 LIMITS = MotionLimits(
@@ -163,15 +156,6 @@ def test_what_is_left_is_the_posterior_of_a_linear_regression(problem, model):
     _, values, vectors = np.linalg.svd(stacked * expectation.size, full_matrices=False)
     np.testing.assert_allclose(sd, np.linalg.norm(vectors.T / values, axis=1), rtol=1e-6)
     assert 0.05 < sd.min() < sd.max() < 1.0
-
-
-def test_a_series_from_rest_has_no_velocity_and_no_acceleration_at_its_ends():
-    shape = from_rest(random_shape(3, 4, np.random.default_rng(6)))
-    ends = within_limits(shape, 0.21, LIMITS).motion(np.array([0.0, 1 / 0.21]))
-    np.testing.assert_allclose(ends.dq, 0.0, atol=1e-12)
-    np.testing.assert_allclose(ends.ddq, 0.0, atol=1e-12)
-    np.testing.assert_allclose(from_rest(shape), shape, atol=1e-14)  # a projection
-    assert np.abs(shape[:, :8]).max(axis=1).min() > 0.1
 
 
 def test_a_design_keeps_its_limits_and_ends_where_it_starts(design):

@@ -8,7 +8,7 @@ from open_results import LIMITS, open_known
 
 from bayesid.excitation.feasible import BAND, Feasibility, largest_efforts
 from bayesid.excitation.limits import check_limits
-from bayesid.excitation.splines import DEGREE, ENDS, SplineBasis, at_rest
+from bayesid.excitation.splines import ENDS, SplineBasis, at_rest
 from bayesid.simulation.trajectories import MotionLimits
 
 POSE = np.array([-0.2, 0.5, 0.3])
@@ -89,21 +89,6 @@ def test_a_shortened_step_touches_one_limit_and_breaks_none(known, basis, limits
     assert not feasibility.within_limits(moved(start, step, 1.0001 * share))
 
 
-def test_a_step_that_is_none_and_one_that_has_all_the_room(known, basis):
-    still = at_rest(basis, POSE)
-    assert within(known).shortened(still, np.zeros((len(basis), 3))) == 0.0
-    assert within(known).shortened(still, wave(basis)) == 1.0
-    touching = within(known, upper=(-0.2, 9.0, 9.0))
-    up = np.zeros((len(basis), 3))
-    up[6, 0] = 0.1
-    assert touching.shortened(still, up) == 0.0
-    assert touching.shortened(still, -up) == 1.0
-    assert touching.shortened(moved(still, -up), -up) == 1.0  # rounding beside the bump is no step either
-    aside = np.zeros((len(basis), 3))
-    aside[6, 1] = 0.1  # another joint has room
-    assert touching.shortened(still, aside) == 1.0
-
-
 def test_the_band_is_that_of_the_coefficients_and_what_the_model_lacks(basis):
     known = open_known(lacking=0.7)
     motion = moved(at_rest(basis, POSE), wave(basis)).motion(np.linspace(0.5, 2.5, 23))
@@ -158,21 +143,6 @@ def test_largest_efforts_hold_between_the_samples_of_a_motion(known):
     assert missed > 6
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_windows_say_of_efforts_what_the_whole_motion_says(known, basis, seed):
-    """Of a step in a window: where all was well before, the window alone says what all instants say, to the digit."""
-    feasibility, rng = within(known), np.random.default_rng(seed)
-    before = moved(at_rest(basis, POSE), wave(basis, seed, 0.1))
-    step, first = np.zeros((len(basis), 3)), int(rng.integers(ENDS, len(basis) - ENDS - 2))
-    step[first : first + 2] = rng.normal(size=(2, 3))
-    after = moved(before, step)
-    window = float(basis.knots[first]), float(basis.knots[first + 1 + DEGREE + 1])
-    whole, earlier = (feasibility.largest_efforts(one) for one in (after, before))
-    inside = feasibility.largest_efforts(after, *window)
-    np.testing.assert_allclose(np.maximum(earlier, inside), np.maximum(earlier, whole), rtol=1e-12)
-    assert np.any(whole > earlier)
-
-
 def test_steps_into_a_collision_are_refused(known, basis):
     wall = FakeClearance(joint=0, wall=0.1)
     feasibility, still = within(known, clearance=wall), at_rest(basis, POSE)
@@ -183,17 +153,3 @@ def test_steps_into_a_collision_are_refused(known, basis):
     assert feasibility.possible(moved(still, -up))
     assert feasibility.possible(moved(still, other))
     assert within(known).possible(moved(still, up))
-
-
-def test_clearance_is_asked_for_the_window_with_speeds_that_hold(known, basis):
-    wall = FakeClearance(wall=9.0)
-    trajectory = moved(at_rest(basis, POSE), wave(basis))
-    assert within(known, clearance=wall).possible(trajectory, 0.75, 2.0)
-    ((t, speed),) = wall.asked
-    assert 0.5 < t[0] <= 0.75
-    assert 2.0 <= t[-1] < 2.25
-    assert len(speed) == len(t) - 1
-    for start, end, most in zip(t[:-1], t[1:], speed, strict=True):
-        fastest = np.abs(trajectory.motion(np.linspace(start, end, 501)).dq).max(axis=0)
-        assert np.all(most >= fastest - 1e-12)
-        assert np.all(most <= 1.2 * fastest + 0.2)  # of that interval, not of the whole motion

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import smooth_motion
-from open_results import NOISE, gains_result, open_known, open_result
+from open_results import NOISE, gains_result, open_result
 
 from bayesid.excitation.expectation import expect
 from bayesid.excitation.known import inverse, known_of
@@ -36,18 +36,6 @@ def test_what_a_recording_leaves_is_a_regression_on_prior_and_noise_rows(motion)
     assert np.all(np.diag(found) < np.diag(known.now))
     before, after = np.diag(known.now), np.diag(found)
     assert (after / before).min() < 0.05  # the motion tells something
-
-
-def test_standing_still_tells_nothing(motion):
-    known = open_known()
-    still = replace(motion, dq=0.0 * motion.dq, ddq=0.0 * motion.ddq)
-    assert not known.information(still, PERIOD).any()
-    half = replace(motion, dq=motion.dq * np.array([1.0, 0.0, 1.0]))
-    weights = known.weights(half, PERIOD)
-    assert not weights[:, 1].any()
-    slow = known.weights(motion, PERIOD, standstill=np.array([1e9, 0.0, 0.0]))
-    assert not slow[:, 0].any()
-    np.testing.assert_allclose(slow[:, 1:], np.tile(known.density[1:] * PERIOD, (len(motion), 1)))
 
 
 def test_columns_are_derivatives_of_efforts_as_they_are_read(motion):
@@ -95,17 +83,6 @@ def test_draws_that_are_wider_than_the_log_s_information_say_what_is_lacking():
     np.testing.assert_allclose(ratio, 3.0, rtol=0.07)  # five times 4 / 3 sqrt(2 / 20000)
     told = replace(result, draws=ParameterDraws(theta, np.tile(NOISE.sigma, (20_000, 1))), lacking=0.5 * inside)
     np.testing.assert_allclose(known_of(told, 50.0).lacking, 0.5 * inside, rtol=1e-6, atol=1e-9)
-
-
-def test_where_nothing_is_lacking_the_chance_of_few_draws_is_not_taken_for_it():
-    result = open_result()
-    base = known_of(result, 50.0).coefficients
-    root = np.linalg.cholesky(np.linalg.inv(result.precision))
-    for seed in range(5):
-        beta = np.random.default_rng(seed).normal(size=(256, len(base))) @ root.T
-        theta = result.theta + beta @ np.linalg.pinv(base.projection).T
-        known = known_of(replace(result, draws=ParameterDraws(theta, np.tile(NOISE.sigma, (256, 1)))), 50.0)
-        assert np.all(np.diag(known.lacking) < 0.05 * np.diag(known.now))
 
 
 def test_without_a_posterior_what_plausible_robots_have_in_common_is_the_prior():

@@ -26,13 +26,6 @@ def urdf(tmp_path, *joints):
     return path
 
 
-def chain(tmp_path, *efforts):
-    """Revolute joints with these attributes of effort, of the last joint first."""
-    limits = [f'<limit lower="-1.5" upper="1.5" velocity="{k + 2}" {effort}/>' for k, effort in enumerate(efforts)]
-    joints = [joint(f"j{k}", "revolute", f"l{k}", f"l{k + 1}", limit) for k, limit in enumerate(limits)]
-    return urdf(tmp_path, *reversed(joints))
-
-
 def test_limits_from_a_table(tmp_path):
     path = table(tmp_path, "lower = [-1, -2.5]\nupper = 2\nvelocity = 2.5\njerk = [200, 150.5]\neffort = 80\n")
     limits = read_limits(path)
@@ -76,18 +69,6 @@ def test_values_that_cannot_be_used_are_refused_in_one_line(tmp_path):
             MotionLimits(**wrong)
 
 
-def test_efforts_of_a_urdf_are_those_of_the_chain_as_far_as_it_knows_them(tmp_path):
-    """Exporters write 0, or a huge number, where they know none."""
-    limits = read_limits(chain(tmp_path, 'effort="87"', 'effort="12.5"', 'effort="4"'))
-    assert (limits.effort, limits.velocity, limits.jerk) == ((87.0, 12.5, 4.0), (2.0, 3.0, 4.0), None)
-    some = read_limits(chain(tmp_path, 'effort="0"', 'effort="12.5"', 'effort="1e30"', ""))
-    assert some.effort == (np.inf, 12.5, np.inf, np.inf)
-    assert check_limits(some, small_robot(4)).effort == some.effort
-    assert read_limits(chain(tmp_path, 'effort="0"', "", 'effort="-3"')).effort is None
-    with pytest.raises(InputError, match="joint j1"):
-        read_limits(chain(tmp_path, 'effort="3"', 'effort="strong"'))
-
-
 def test_limits_of_a_urdf_are_read_through_fixed_joints_and_refused_where_it_branches(tmp_path):
     joints = [
         joint("c", "continuous", "l2", "l3", '<limit velocity="0.9" effort="7"/>'),
@@ -100,3 +81,9 @@ def test_limits_of_a_urdf_are_read_through_fixed_joints_and_refused_where_it_bra
     )
     with pytest.raises(InputError, match="branches"):
         read_limits(urdf(tmp_path, *joints, joint("d", "revolute", "l1", "l9")))
+    unknown = '<limit lower="-1" upper="1" velocity="2" effort="{}"/>'  # as exporters write
+    pair = [
+        joint(f"j{k}", "revolute", f"l{k}", f"l{k + 1}", unknown.format(one)) for k, one in enumerate((0, "1e30", 12.5))
+    ]
+    assert read_limits(urdf(tmp_path, *pair)).effort == (np.inf, np.inf, 12.5)
+    assert read_limits(urdf(tmp_path, pair[0])).effort is None

@@ -2,15 +2,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from open_results import LIMITS, TERMS, earlier_motion, gains_result, open_result
+from open_results import LIMITS, TERMS, earlier_motion, open_result
 
 from bayesid.errors import InputError
 from bayesid.excitation.feasible import BAND
-from bayesid.excitation.next_motion import RunSettings, design_next, equivalent_classes, slowed
-from bayesid.excitation.rivals import TELLING, parse_key
+from bayesid.excitation.next_motion import RunSettings, design_next, slowed
+from bayesid.excitation.rivals import TELLING
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import join_logs
-from bayesid.model.distortions.delay import Delay
 from bayesid.model.terms.payload import CarriedPayload
 from bayesid.simulation.logs import simulate
 
@@ -64,16 +63,6 @@ def design(result):
     return design_next(result, run=RUN, **QUICK)
 
 
-def test_when_efforts_are_logged_is_of_no_account(truth):
-    """A real robot's model has a delay as a rule: the same motion, limits and predictions as without it."""
-    delayed = replace(truth, model=truth.model.extend(Delay(joints=(2,), lag=(0.012,))))
-    with_delay, without = (design_next(one, run=RUN, changes=30) for one in (delayed, truth))
-    np.testing.assert_array_equal(with_delay.trajectory.control, without.trajectory.control)
-    np.testing.assert_allclose(with_delay.largest_effort, without.largest_effort, rtol=1e-9)
-    np.testing.assert_allclose(with_delay.predicted.sd, without.predicted.sd, rtol=1e-9)
-    assert with_delay.known.model.parameters == without.known.model.parameters
-
-
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_whatever_effects_a_model_has_a_motion_is_found_for_it(effect):
     """That keeps its limits, and tells more than standing still."""
@@ -99,11 +88,6 @@ def test_the_motion_keeps_all_limits_at_every_millisecond_with_the_true_paramete
     assert np.all(design.largest_effort <= EFFORT)
 
 
-def effort_band(design, motion):
-    columns = design.known.columns(motion)
-    return columns @ design.known.mean, np.sqrt(np.einsum("njr,rs,njs->nj", columns, design.known.now, columns))
-
-
 def test_the_motion_starts_and_ends_at_rest_where_the_log_began(result, design):
     motion = design.motion
     assert len(motion) == 251
@@ -121,11 +105,6 @@ def test_a_start_of_one_s_own_and_none_that_is_known(result):
     loaded = design_next(result.identified, run=replace(RUN, duration=3.0), changes=10)
     middle = 0.5 * (np.array(LIMITS.lower) + np.array(LIMITS.upper))
     np.testing.assert_allclose(loaded.motion.q[0], middle, atol=1e-12)
-    lacking = np.diag((0.3 * result.sd) ** 2)
-    model, run = replace(result.identified, lacking=lacking), replace(RUN, duration=3.0)
-    told = design_next(model, run=run, recorded=earlier_motion(), changes=10)
-    np.testing.assert_allclose(told.motion.q[0], earlier_motion().q[0], atol=1e-12)
-    np.testing.assert_allclose(told.predicted.sd_lacking**2, told.predicted.sd**2 + np.diag(lacking))
 
 
 def test_a_robot_that_must_not_touch_the_table_does_not(result, design):
@@ -152,19 +131,6 @@ def test_what_was_predicted_is_what_an_identification_of_both_logs_finds(truth, 
     np.testing.assert_array_equal(design.predicted.sd_lacking, design.predicted.sd)  # nothing is said to be lacking
 
 
-def test_a_gain_is_open_where_it_is_known_to_less_than_a_tenth():
-    """Of its logarithm the standard deviation is the relative one; its value, near zero, is no measure."""
-    result = gains_result()
-    draws = replace(result.draws, log_gain=result.draws.log_gain * [0.5, 1.0, 1.0])  # 6 % and 30 %
-    design = design_next(replace(result, draws=draws), ["gains"], run=RunSettings(duration=3.0), changes=5)
-    predicted = design.predicted
-    assert predicted.names[-2:] == ("log_gain1", "log_gain3")
-    coefficients = predicted.sd_now[:-2] > 0.1 * np.abs(predicted.mean[:-2])
-    assert predicted.open_now == coefficients.sum() + 1
-    assert design.goal.names == ("gain3/gain1",)
-    assert predicted.gain > 0.0
-
-
 def test_what_is_asked_for_is_told_better_than_by_a_motion_for_all(result, design):
     """For the two criteria: the friction of joint 2 alone."""
     place = design.predicted.names.index("Fc2")
@@ -185,12 +151,6 @@ def test_hypotheses_are_told_better_than_by_a_random_motion(result):
         for one in (telling.predicted, telling.of_random)
     )
     assert told > 1.5 * by_random
-
-
-def test_equivalent_effects_make_a_class_of_which_the_found_one_is_the_first():
-    found = [("delay", (), ()), ("stribeck_friction", (3,), ("thermal_drift", "payload", "torque_offset:2", "delay:"))]
-    names = ("stribeck_friction:3", "thermal_drift:3", "payload", "torque_offset:2", "delay")
-    assert equivalent_classes(found) == (tuple(parse_key(name) for name in names),)
 
 
 def test_a_payload_is_learned_of_where_the_flange_carries_it():
@@ -221,12 +181,6 @@ def test_what_was_not_checked_and_what_no_motion_tells_is_said(result):
         unchecked = design_next(result, run=run, changes=2).unchecked
         assert len(unchecked) == len(words)
         assert all(word in sentence for sentence, word in zip(unchecked, words, strict=True))
-    design = design_next(result, ["m3", "Fc1"], run=replace(RUN, duration=2.0), changes=2)
-    assert "m3" in design.never[0]
-    assert "coefficients" in repr(design)
-    blind = replace(result.identified, precision=np.zeros_like(result.identified.precision))
-    wide = replace(RUN, limits=replace(RUN.limits, effort=None))
-    assert any("--no-posterior" in said for said in design_next(blind, run=wide, changes=1).never)
 
 
 def test_slower_motions_take_longer_and_less_effort(design):
@@ -242,7 +196,8 @@ def test_speeds_at_which_efforts_keep_their_limits(truth, design):
     for share in (0.1, 0.3, 1.0):
         duration = 5.0 / share
         motion = slowed(design.trajectory, share, 2000.0 / duration)
-        mean, sd = effort_band(design, motion)
+        columns = design.known.columns(motion)
+        mean, sd = columns @ design.known.mean, np.sqrt(np.einsum("njr,rs,njs->nj", columns, design.known.now, columns))
         holds = np.all(np.abs(mean) + BAND * sd <= EFFORT)
         assert (share in design.slow) == holds
 
@@ -254,15 +209,6 @@ def assert_refused(call, where, *words):
     assert said.startswith(where)
     assert "\n" not in said
     assert all(word in said for word in words)
-
-
-def test_runs_that_cannot_be_used_are_refused(monkeypatch):
-    for options in ({"duration": 1.0}, {"duration": float("nan")}, {"duration": 1e4}, {"rate": 5.0}, {"rate": np.inf}):
-        assert_refused(lambda options=options: RunSettings(**options), f"--{next(iter(options))}")
-    for margin in (-0.01, float("nan")):
-        monkeypatch.setattr(Table, "margin", margin)
-        with pytest.raises(InputError, match=r"^margin: "):
-            RunSettings(clearance=Table(1.0))
 
 
 def test_requests_that_cannot_be_met_are_refused(result):

@@ -51,9 +51,3 @@ def test_the_share_is_that_of_segments_that_cost_enough_when_turned(quiet):
     found = certain_share(known, motion, PERIOD)
     assert found == pytest.approx(brute_force(known, motion), abs=1e-9)
     assert 0.05 < found < 1.0
-
-
-def test_without_motion_no_sign_is_certain():
-    known, motion = open_known(), smooth_motion(3, 1.0, 20.0)
-    still = replace(motion, dq=0.0 * motion.dq)
-    assert certain_share(known, still, PERIOD) == 0.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from bayesid.excitation.splines import DEGREE, ENDS, SplineBasis, SplineTrajectory, at_rest
+from bayesid.excitation.splines import DEGREE, ENDS, SplineBasis, SplineTrajectory
 
 WIDE = (0.04, 0.09, 0.15, 0.14)
 """Share of the range by which bounds of positions, velocities, accelerations and jerks are too wide at most: what
@@ -35,19 +35,6 @@ def test_derivatives_are_those_of_another_implementation_of_splines(duration):
     motion = trajectory.motion(t)
     np.testing.assert_allclose(motion.dq, other.derivative(1)(t), atol=1e-11 * np.abs(motion.dq).max())
     np.testing.assert_allclose(motion.ddq, other.derivative(2)(t), atol=1e-11 * np.abs(motion.ddq).max())
-
-
-def test_motions_start_and_end_at_rest():
-    trajectory = random_spline(4.4, 3, seed=2)
-    ends = trajectory.motion(np.array([-1.0, 0.0, 4.4, 6.0]))
-    np.testing.assert_allclose(ends.q[:2], trajectory.control[[0, 0]], atol=1e-14)
-    np.testing.assert_allclose(ends.q[2:], trajectory.control[[-1, -1]], atol=1e-14)
-    np.testing.assert_allclose(ends.dq, 0.0, atol=1e-12)
-    np.testing.assert_allclose(ends.ddq, 0.0, atol=1e-10)
-    assert np.abs(trajectory.motion(np.array([0.2, 4.2])).dq[:, :2]).min() > 1.0
-    still = at_rest(trajectory.basis, np.array([0.3, -1.2])).motion(np.linspace(0.0, 4.4, 50))
-    np.testing.assert_allclose(still.q, np.tile([0.3, -1.2], (50, 1)), atol=1e-14)
-    np.testing.assert_allclose(still.ddq, 0.0, atol=1e-11)
 
 
 @pytest.mark.parametrize("duration", [1.0, 9.0])

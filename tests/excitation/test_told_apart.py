@@ -171,24 +171,6 @@ def test_an_effect_that_was_found_is_true_with_its_own_amplitudes(motion):
     assert_is_mean(expected[drift.name, stribeck.name], factors)
 
 
-def test_without_an_effect_the_rest_keeps_what_is_known_of_it():
-    """The columns that are left are the same, so their coefficients have the variances they had beside the effect."""
-    known = known_of(found_result(), 100.0)
-    rivals = make_rivals(known, keys("stribeck_friction:3", "thermal_drift:3"), None, earlier_motion())
-    bare = rivals.known
-    same = [k for k, name in enumerate(bare.names) if name not in ("Fc3", "Fk3")]
-    places = [known.names.index(bare.names[k]) for k in same]
-    assert len(same) == len(bare) - 1
-    np.testing.assert_allclose(bare.mean[same], known.mean[places])
-    np.testing.assert_allclose(bare.now[np.ix_(same, same)], known.now[np.ix_(places, places)], rtol=1e-6, atol=1e-12)
-    np.testing.assert_allclose(
-        rivals.columns(earlier_motion())[:, :, : len(bare)] @ bare.mean,
-        bare.model.effort(earlier_motion(), known.theta[: known.model.places[-1].start]),
-        atol=1e-9,
-    )
-    np.testing.assert_array_equal(bare.density, known.density)
-
-
 @pytest.mark.parametrize(
     ("distortion", "key"), [(BaseTilt(angle=(0.1, -0.05)), "base_tilt"), (Delay(lag=(0.02,)), "delay")]
 )

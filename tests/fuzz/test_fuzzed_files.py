@@ -23,15 +23,12 @@ from bayesid.errors import InputError
 from bayesid.excitation.limits import read_limits
 from bayesid.files.writing import check_folder
 from bayesid.fit.knowledge import Beliefs, read_nominal
-from bayesid.identification.options import call_of_log
-from bayesid.identification.provenance import fingerprint, hashes
 from bayesid.log.formats.stated import parse_columns
 from bayesid.log.log import find_logs, read_log
 from bayesid.log.motions import read_motion
-from bayesid.model.robot import load_robot, robot_from_table, robot_table
+from bayesid.model.robot import load_robot, robot_from_table
 from bayesid.report.findings import read_findings
 from bayesid.results.model_file import load_model
-from bayesid.results.robot_file import robot_file
 
 RECORDED = {name: values.round(5) for name, values in smooth_recording(2, 60, 50.0).items()}
 IN_DEGREES = scaled(RECORDED, t=1000.0, q=180.0 / np.pi, dq=180.0 / np.pi)
@@ -77,14 +74,12 @@ OTHERS = {
     "limits.urdf": ("", URDF),
     "nominal.csv": ("", b'name,mean,sd,decided\nm1,2.5,0.3,data\n"Fv2",1.5,,prior\nFc3,0.7,1e-2,data\n'),
     "columns.toml": ("", b't = "Zeit [ms]"\nq = "Achse{} [Grad]"\ni = "Strom{1-6} [A]"\ndq2 = "v2"\n'),
-    "sheet.csv": ("", b"joint,a[mm],alpha[deg],d[mm],theta[deg]\n1,25,-90,400,0\n2,455,0,0,q2 + pi/2\n"),
 }
 READERS = {
     "robot": load_robot,
     "limits": read_limits,
     "nominal": lambda path: Beliefs(nominal=read_nominal(path)),
     "columns": lambda path: parse_columns(str(path)),
-    "sheet": lambda path: robot_file(path.read_bytes().decode("latin-1"), "arm", "standard", "sheet.csv"),
 }
 
 
@@ -137,9 +132,7 @@ def test_bytes(tmp_path, binaries, family, examples):
 @BUDGETS
 def test_tables_of_robots_and_limits(tmp_path, examples):
     table, path = tomllib.loads(DH.decode()), tmp_path / "limits.toml"
-    chain = robot_table(robot_from_table(table, "arm"))
-    trees = mutated_tree(table) | mutated_tree(chain)
-    fuzz(trees, lambda one: check_reader(lambda: robot_from_table(one, "arm")), examples)
+    fuzz(mutated_tree(table), lambda one: check_reader(lambda: robot_from_table(one, "arm")), examples)
 
     def check(table):
         try:
@@ -161,7 +154,6 @@ def test_options_of_logs(tmp_path, examples):
     def check(word):
         check_reader(lambda: read_log(path, unsigned=word))
         check_reader(lambda: read_log(path, columns=word))
-        check_reader(lambda: read_log(path, columns={"t": "t", "q": word, "tau": word}))
         check_reader(lambda: read_log(word))
         check_reader(lambda: read_log(path, topic=word or "x"))
 
@@ -220,15 +212,10 @@ SLIDES = URDF.decode().replace('lower="0" upper="0.5"', 'lower="0" upper="0"')
 BEYOND = [
     ("limits.urdf", SLIDES.replace('<mimic joint="j2"/>', ""), "slides, and has no limits"),
     ("robot.urdf", chain(5000, "revolute"), "has 5001 links"),
-    ("robot.urdf", chain(500, "revolute"), "has 500 moving joints"),
     ("robot.urdf", f'<robot name="deep">{"<a>" * 100_000}{"</a>" * 100_000}</robot>', "in more than 32 others"),
-    ("robot.urdf", f'<robot name="{"x" * (9 << 20)}"/>', "is longer than 8 MiB"),
     ("robot.urdf", URDF.decode().replace("0 0 0.3", "0 0 1e308"), "key 'origin xyz' holds 1e\\+308"),
     ("robot.toml", f"joints = {'[' * 5000}{']' * 5000}", "tables or lists in more than 32 others"),
-    ("robot.toml", f"{'a.' * 20_000}b = 1", "tables or lists in more than 32 others"),
-    ("robot.toml", f"gravity = {'9' * 5001}", "is not valid TOML"),
     ("robot.toml", DH.decode().replace("0.3", "1" + "0" * 400), "key 'a' cannot be used"),
-    ("robot.toml", DH.decode().replace("0.3", "1e308"), "key 'a' holds 1e\\+308"),
     (
         "limits.urdf",
         f"<robot name='r'>{''.join(RING.format(*one) for one in ('xa', 'ab', 'ba'))}</robot>",
@@ -247,26 +234,11 @@ def test_robots_and_limits_beyond_all_robots(tmp_path):
     assert load_robot(path).n_joints == 40
 
 
-@pytest.fixture
-def pipe(tmp_path):
-    """A named pipe into which a thread writes what it is given, once."""
+def test_a_pipe_is_read_once(tmp_path):
     path = tmp_path / "pipe"
     os.mkfifo(path)
-    return lambda content: (threading.Thread(target=path.write_bytes, args=(content,), daemon=True).start(), path)[1]
-
-
-def test_a_pipe_is_read_once(tmp_path, pipe, binaries):
-    for name, content in (*TEXTS.values(), binaries["73.mat"], binaries["1.parquet"]):
-        (tmp_path / name).write_bytes(content)
-        gains = [2.0, 3.0] if b"Strom" in content or b"actual_current" in content else None
-        log, of_file = read_log(pipe(content), gains=gains), read_log(tmp_path / name, gains=gains)
-        assert log.source == str(tmp_path / "pipe")
-        np.testing.assert_array_equal(log.effort, of_file.effort)
-        assert hashes(log) == {fingerprint(of_file)}, "the same samples; of the file itself nothing is left"
-        assert call_of_log(log) == "log"
-    with pytest.raises(InputError) as caught:
-        read_log(pipe(TEXTS["csv"][1].replace(b"\n0.04,", b"\nnan,")))
-    assert str(caught.value).startswith(f"{tmp_path / 'pipe'}, row 4: column t holds nan")
+    threading.Thread(target=path.write_bytes, args=(TEXTS["csv"][1],), daemon=True).start()
+    np.testing.assert_array_equal(read_log(path).effort, RECORDED["tau"])
 
 
 def test_standard_input_and_devices(monkeypatch):

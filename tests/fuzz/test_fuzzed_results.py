@@ -6,12 +6,10 @@ import tomllib
 import zipfile
 from functools import reduce
 
-import h5py
 import numpy as np
 import pytest
 import tomli_w
 from conftest import small_robot, smooth_motion
-from hypothesis import strategies as st
 from made_findings import make_findings
 from mutations import BUDGETS, check_reader, fuzz, mutated_files, mutated_tree
 
@@ -29,12 +27,6 @@ from bayesid.results.folders import make_report
 from bayesid.results.model_file import load_model, model_table
 
 N = 2
-HOSTILE_ARRAYS = (
-    *(np.zeros(0), np.zeros(3), np.zeros((2, 2)), np.zeros((300, 2)), np.full((300, 2), np.nan), np.full(300, np.inf)),
-    *(np.array("a"), np.array(["a", "b"]), np.array(1), np.array(-7), np.array(1e308), np.full((300, 2), 1e300)),
-    *(np.ones((300, 2), dtype=bool), np.full(12, 99), np.full(12, -1), np.full(8, np.nan), np.array(["x" * 3000] * 8)),
-    *(np.arange(300)[::-1] * 1.0, np.zeros((2, 20)), np.full((300, 2), 2.5), np.zeros(300), np.full(8, 1e29)),
-)
 
 
 def stored_model():
@@ -48,23 +40,6 @@ def stored_model():
     return IdentifiedModel(model, rng.standard_normal(len(model.parameters)), noise, root @ root.T)
 
 
-def posterior_bytes(model, coefficients=8):
-    """As `bayesid.posterior.kept` writes it, as far as its readers look."""
-    file = io.BytesIO()
-    names = [parameter.name for parameter in model.parameters]
-    with h5py.File(file, "w") as content:
-        content.attrs["inference_library"], content.attrs["walkers"] = "bayesid", np.array([4])
-        group = content.create_group("posterior")
-        rng = np.random.default_rng(1)
-        for name, width in (("theta", len(names)), ("noise", N), ("beta", coefficients)):
-            group[name] = rng.standard_normal((2, 8, width))
-        text = h5py.string_dtype()
-        group.create_dataset("parameter", data=names, dtype=text)
-        group.create_dataset("joint", data=["joint 1", "joint 2"], dtype=text)
-        group.create_dataset("coefficient", data=[f"c{k}" for k in range(coefficients)], dtype=text)
-    return file.getvalue()
-
-
 @pytest.fixture(scope="module")
 def sample(tmp_path_factory):
     """File to its bytes, of a folder that everything reads."""
@@ -74,7 +49,6 @@ def sample(tmp_path_factory):
     (folder / "summary.json").write_text(json.dumps(as_json(findings.summary)), encoding="utf-8")
     stored = stored_model()
     (folder / "model.toml").write_text(tomli_w.dumps(model_table(stored)), encoding="utf-8")
-    (folder / "posterior.nc").write_bytes(posterior_bytes(stored.model))
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
@@ -130,38 +104,6 @@ def test_tables_of_the_model_and_the_summary(folder, sample, check_report, examp
     fuzz(mutated_tree(json.loads(sample["summary.json"])), check_summary, examples)
 
 
-@st.composite
-def changed_arrays(draw, content):
-    """The archive with one or two of its arrays lost, cut, turned, renamed or replaced."""
-    with np.load(io.BytesIO(content)) as kept:
-        arrays = {name: kept[name] for name in kept.files}
-    for _ in range(draw(st.integers(1, 2))):
-        name = draw(st.sampled_from(sorted(arrays)))
-        how = draw(st.integers(0, 6))
-        if how == 0:
-            del arrays[name]
-        elif how == 1:
-            arrays[name] = arrays[name][..., : draw(st.integers(0, 5))] if arrays[name].ndim else arrays[name]
-        elif how == 2:
-            arrays[name] = arrays[name].T.copy()
-        elif how == 3:
-            arrays[name] = arrays[draw(st.sampled_from(sorted(arrays)))]
-        else:
-            arrays[name] = draw(st.sampled_from(HOSTILE_ARRAYS))
-    file = io.BytesIO()
-    np.savez(file, **arrays)
-    return file.getvalue()
-
-
-@BUDGETS
-def test_arrays(folder, sample, check_report, examples):
-    def check(content):
-        (folder / "findings.npz").write_bytes(content)
-        check_report()
-
-    fuzz(changed_arrays(sample["findings.npz"]), check, examples)
-
-
 def test_a_summary_of_something_else(folder):
     path = folder / "summary.json"
     whole = path.read_text(encoding="utf-8")
@@ -169,7 +111,6 @@ def test_a_summary_of_something_else(folder):
         ((), "warnings", 3, "3 is of another kind"),
         (("noise",), "sd", [0.1], "noise.sd has shape"),
         (("search",), "seconds", "long", "'long' is of another kind"),
-        ((), "signed_joints", [7], "joints beyond 2"),
         ((), "n_samples", 10**30, "no number that bayesid writes"),
     ):
         content = json.loads(whole)

@@ -3,7 +3,7 @@
 import numpy as np
 import pyarrow as pa
 import pytest
-from log_files import assert_same, flat, read, refusal, save, save_parquet, scaled, smooth_recording, text, without
+from log_files import assert_same, flat, read, refusal, save, smooth_recording, text, without
 from pyarrow import parquet
 
 ROWS, N = 120, 3
@@ -38,7 +38,6 @@ ABB = {"Time [s]": T} | block("position_{} [deg]", np.rad2deg(Q), 1) | block("to
 ABB |= block("speed_ref_{}", DQ, 1)
 ISAAC = {"sim_time": T} | block("joint_pos[{}]", Q) | block("joint_vel[{}]", DQ) | block("applied_torque[{}]", TAU)
 ISAAC |= block("computed_torque[{}]", TAU * 2.0)
-GYM = {"sim_time": T} | block("robot.dof_pos_{}", Q) | block("robot.dof_vel_{}", DQ) | block("robot.dof_force_{}", TAU)
 READ = {
     "UR, currents": (rtde(actual_current=CURRENTS), " ", GAINS, ["UR's RTDE", "i is actual_current_{}"]),
     "UR, torques": (rtde(actual_current=0.1 * TAU, actual_current_as_torque=TAU), ",", None, []),
@@ -48,7 +47,6 @@ READ = {
     "KUKA's variables": (SYSTEM, ";", None, []),
     "ABB": (ABB, "\t", GAINS, ["i is torque_ref_{}, not speed_ref_{}"]),
     "Isaac": (ISAAC, ",", None, ["not computed_torque[{}]"]),
-    "Isaac Gym": (GYM, ",", None, []),
 }
 
 
@@ -68,22 +66,6 @@ def test_what_a_recorder_lacks_is_said_with_what_it_has(tmp_path):
     said = refusal(save(tmp_path / "log.csv", rtde()))
     assert "timestamp (t), target_q_{} (not used), target_moment_{} (not used), actual_q_{} (q), " in said
     assert "record actual_current too" in said
-
-
-def test_plain_names_need_no_word_and_a_users_come_first(tmp_path):
-    log, said = read(save(tmp_path / "a.csv", flat(RECORDED, q="q_{}", dq="dq_{}", tau="tau_{}")))
-    assert_same(log, RECORDED)
-    assert said == ""
-    path = save(tmp_path / "b.csv", rtde(actual_current=CURRENTS))
-    assert_same(read(path, columns={"tau": "target_moment_{}"})[0], scaled(RECORDED, tau=1.1))
-
-
-def test_a_recorders_names_do_not_vouch_for_units(tmp_path):
-    """Somebody may have put degrees or milliseconds there: what shows in any log shows in these too."""
-    columns = rtde(actual_current=CURRENTS)
-    far = without(columns, *block("actual_qd_{}", DQ)) | block("actual_q_{}", 600.0 * Q)
-    assert "are they degrees?" in refusal(save(tmp_path / "a.csv", far), gains=GAINS)
-    assert "milliseconds?" in refusal(save(tmp_path / "b.csv", scaled(columns, timestamp=1e3)), gains=GAINS)
 
 
 def lerobot(lengths, fixed=False, **efforts):
@@ -123,11 +105,3 @@ def test_data_sets_of_lerobot_that_cannot_be_used(tmp_path):
     assert said.endswith("; record observation.effort too; action holds commands, no efforts")
     parquet.write_table(lerobot([30, 40], effort=TAU), tmp_path / "b.parquet")
     assert "holds 2 recordings of episode_index, none with 50 rows" in refusal(tmp_path / "b.parquet")
-
-
-def test_lists_of_other_recorders(tmp_path):
-    lists = {"joint_pos": Q.tolist(), "joint_vel": DQ.tolist(), "applied_torque": TAU.tolist()}
-    assert_same(read(save_parquet(tmp_path / "a.parquet", {"sim_time": T} | lists))[0], RECORDED)
-    lists["joint_pos"] = [[1.0], *lists["joint_pos"][1:]]
-    said = refusal(save_parquet(tmp_path / "b.parquet", {"sim_time": T} | lists))
-    assert "column joint_pos: holds lists of 1 to 3 values" in said

@@ -9,7 +9,7 @@ from simulated_arms import STRONG, arm_with_friction
 
 from bayesid.identification.pipeline import identify
 from bayesid.log.faults import find_faults
-from bayesid.log.log import Log, join_logs, read_log
+from bayesid.log.log import Log, read_log
 from bayesid.log.signals import prepare
 from bayesid.motion import Motion
 from bayesid.simulation.logs import simulate
@@ -149,26 +149,3 @@ def test_signs_elsewhere_stay_right_where_a_joint_stands_still():
     strong = np.abs(effort) >= STRONG * np.abs(effort).max(axis=0)
     assert ((result.probability[:, :2] >= 0.5) == (effort > 0.0))[strong].mean() > 0.995
     assert result.warnings[0].startswith("joint 3: it stands still in all of the log, 0.000 to 8.000 s, ")
-
-
-def recording(seed, stops):
-    """Two joints for 4 s, the first of which comes to rest at the end."""
-    t = np.arange(400) / 100.0
-    phase = np.random.default_rng(seed).uniform(0.0, 6.0, 2)
-    q = np.sin(2.0 * t[:, None] + phase)
-    q[len(t) - stops :, 0] = q[len(t) - stops - 1, 0]
-    return Log(t, q, effort=np.abs(3.0 * np.cos(q)), signed=[False, False])
-
-
-def test_faults_of_several_recordings_are_told_together_and_their_border_is_none():
-    assert prepare(join_logs([recording(1, stops=5), recording(2, stops=0)])).faults == ()
-    logs = []
-    for seed in (3, 4):
-        log = recording(seed, stops=0)
-        effort = np.array(log.effort)
-        effort[100 + 10 * seed, 1] = 40.0
-        logs.append(replace(log, effort=effort))
-    both = join_logs(logs)
-    (fault,) = prepare(both).faults
-    assert (fault.joint, fault.reading, fault.kind) == (1, "effort", "outlier")
-    assert fault.start.tolist() == [both.t[130], both.t[400 + 140]]

@@ -33,7 +33,6 @@ def test_a_file_has_a_gain_and_its_sd_a_joint(tmp_path):
     path.write_text("gain,sd\n12,20%\nunknown,\n")
     assert gains_of(path, 2).sd.tolist() == [0.2, np.inf]
     for content, says in {
-        "gain,sd\n12,2.4\n": "1 gains for 2 joints",
         "gain,sd\n12,2.4\nsixteen,1\n": "gains.csv, line 3: 'sixteen', '1' are no gain",
         "K\n12\n": "has no columns gain, sd",
     }.items():
@@ -47,12 +46,7 @@ def test_what_is_no_gain_is_refused():
         "12~20%": "1 gains for 2 joints",
         "12~20%,x": "is not a list of gains",
         "12~-5%,3": "is uncertain by -5 %",
-        "12~300%,3": "give 0 to 100 %, or unknown",
-        "12~20,3": "12~20 is uncertain by 167 %",
-        "12~,3": "is not a list of gains",
         "0~20%,3": "a gain is zero or not finite",
-        "nan~20%,3": "a gain is zero or not finite",
-        "12~nan%,3": "is uncertain by nan %",
         "missing.csv": "missing.csv",
     }.items():
         with pytest.raises(InputError, match=says):

@@ -45,16 +45,6 @@ def test_a_motion_needs_no_efforts(tmp_path, columns):
     assert motion.dq is None
 
 
-def test_degrees_and_bad_files_are_as_of_logs(tmp_path, columns):
-    path = save(tmp_path / "motion.csv", flat({"t": columns["t"], "q": np.rad2deg(columns["q"])}))
-    with pytest.raises(InputError, match="are they degrees"):
-        bayesid.read_motion(path)
-    np.testing.assert_allclose(bayesid.read_motion(path, degrees=True).q, columns["q"], atol=1e-12)
-    path.write_text("t,q2\n" + "".join(f"{k},0.1\n" for k in range(60)))
-    with pytest.raises(InputError, match="column q1 is missing"):
-        bayesid.read_motion(path)
-
-
 def test_a_motion_at_its_own_rows_is_that_of_the_even_grid():
     """Jittering rows: each has the values of a curve through the filtered grid."""
     rng = np.random.default_rng(3)

@@ -1,7 +1,5 @@
 """Columns that a user names, in files of every format, in memory and in streams; and logs in memory."""
 
-import io
-
 import numpy as np
 import pytest
 from log_files import (
@@ -13,7 +11,6 @@ from log_files import (
     save,
     save_matlab,
     save_parquet,
-    scaled,
     smooth_recording,
     strange,
     text,
@@ -22,10 +19,8 @@ from log_files import (
 
 from bayesid.errors import InputError
 from bayesid.excitation.judgement import judge_log
-from bayesid.log.formats.base import Options
 from bayesid.log.formats.stated import parse_columns
 from bayesid.log.log import read_log
-from bayesid.log.rows import RowReader
 from bayesid.model.robot import load_robot
 
 ROWS = len(RECORDED["t"])
@@ -56,21 +51,6 @@ def test_columns_that_a_user_names(tmp_path):
     assert_same(read_log(path, columns={"t": "uhr[ms]", "q": "gelenke{}", "tau": "last{}"}), NO_DQ)
 
 
-def test_units_that_a_user_states_count(tmp_path):
-    """Behind the name where the file has none, or at the end of the file's own name."""
-    for stated, scale in (
-        ({"t": "t [us]", "q": "q{} [deg]"}, {"t": 1e6, "q": 180 / np.pi}),
-        ({"t": "t_ms", "q": "q{}_deg", "tau": "tau{}_kNm"}, {"t": 1e3, "q": 180 / np.pi, "tau": 1e-3}),
-        ({"t": "t_s", "q": "q{}_mrad", "tau": "tau{}_Nmm"}, {"q": 1e3, "tau": 1e3}),
-        ({"t": "t", "q": "q{}_m", "tau": "tau{}_U"}, {}),
-    ):
-        own = {} if " " in stated["t"] else stated
-        path = save(tmp_path / "log.csv", flat(scaled(NO_DQ, **scale), **own))
-        assert_same(read_log(path, columns=stated), NO_DQ)
-    currents = save(tmp_path / "i.csv", flat(scaled(NO_DQ, tau=1e3), tau="amp{}_mA"))
-    assert_same(read_log(currents, [1.0] * 3, columns={"i": "amp{}_mA"}), NO_DQ)
-
-
 def test_columns_of_single_joints_and_of_a_range(tmp_path):
     """External axes stand before and behind; the joints are named from tip to base."""
     q, tau = RECORDED["q"][:, :2], RECORDED["tau"]
@@ -82,24 +62,6 @@ def test_columns_of_single_joints_and_of_a_range(tmp_path):
 
 
 USUAL = {"t": "timestamp", "q": "actual_q_{}", "dq": "actual_qd_{}", "tau": "actual_current_as_torque_{}"}
-
-
-@pytest.mark.parametrize(
-    ("kind", "joint", "start", "names"), [("q", 1, 1, {}), ("i", 1, 1, {"tau": "i{}"}), ("dq", 2, 0, USUAL)]
-)
-def test_a_single_joints_column_stands_beside_the_others(tmp_path, kind, joint, start, names):
-    """These go by their own names, in a file, in memory and in a stream."""
-    own = names.get("tau" if kind == "i" else kind, f"{kind}{{}}").replace("{}", str(joint - 1 + start))
-    columns = flat(RECORDED, start=start, **names)
-    columns = {"Gelenk_x" if name == own else name: values for name, values in columns.items()}
-    gains, stated = [1.0] * 3 if kind == "i" else None, {f"{kind}{joint}": "Gelenk_x"}
-    content = text(columns)
-    assert_same(read_log(save(tmp_path / "log.csv", content), gains, columns=stated), RECORDED)
-    assert_same(read_log(columns, gains, columns=stated), RECORDED)
-    options = Options(columns=stated, currents=gains is not None)
-    rows = list(RowReader(io.BytesIO(content.encode()), "stream", gains, options=options))
-    for part, expected in (("q", "q"), ("dq", "dq"), ("effort", "tau")):
-        np.testing.assert_allclose([getattr(row, part) for row in rows], RECORDED[expected], rtol=1e-12)
 
 
 def test_a_column_that_a_user_prefers_counts_in_place_of_the_joints_own(tmp_path):
@@ -125,12 +87,9 @@ def test_columns_that_cannot_be_used(tmp_path):
         ({"t1": "Uhr"}, "--columns: 't1' is no column of a log; give t, q, dq, tau or i, or one joint's as q1"),
         ({"tau": "Last{}"}, "--columns: tau and i are both given"),
         ({"t": " "}, "--columns: t has no name of a column"),
-        ({"q": "Gelenk {} {}"}, "--columns: Gelenk {} {} has more than one number"),
-        ({"q": "Gelenk {2-3} ist"}, "column Last3 [A] has no q beside it"),
         ({"q": "Gelenk {1-4} ist", "dq": "Soll{}"}, "row 1: column Soll2 is missing"),
         ({"dq": "Last{}"}, "row 1: column Last1 [A] is in A, which is no known unit of dq; give it in rad/s"),
         ("t=a,t=b", "--columns: t is given twice"),
-        ("z=a", "--columns: 'z' is no column of a log"),
         ("nowhere.toml", "cannot be read (No such file or directory); give t="),
         (str(bad), "is not valid TOML ("),
         (str(number), "t has no name of a column"),
@@ -179,11 +138,8 @@ def test_logs_in_memory_that_cannot_be_used():
         ({"q": None}, "dict: column q1 is missing among t (t), dq{} (dq), tau{} (tau); say which"),
         ({"t": np.arange(60) * 4}, "dict: column t spans 236 s with steps of 4 s: milliseconds?"),
         ({"q": np.ones((9, 2))}, "dict: variable q has shape (9, 2) for 60 instants"),
-        ({"q": [[1.0], [1.0, 2.0]]}, "dict: variable q is not an array of numbers"),
         ({"tau": None, "tau1": [None] * 60, "tau2": np.ones(60)}, "dict, row 1: column tau1 holds None, not a number"),
         ({"tau": None, "tau1": np.ones(9), "tau2": np.ones(60)}, "dict: tau1 has 9 values, t has 60; "),
-        ({"tau": None, "tau1": np.ones(60), "tau2": [{}] * 60}, "dict, row 1: column tau2 holds {}, not a number"),
-        ({"t": np.ones((60, 2))}, "dict: variable t has shape (60, 2); give the time as a vector"),
     ):
         assert said in refusal({name: value for name, value in (recorded | change).items() if value is not None})
     assert "has no topic; leave topic out" in refusal(RECORDED, topic="/states")

@@ -6,10 +6,8 @@ from conftest import real_log
 from log_files import flat, read, refusal, save, text
 
 from bayesid import cli
-from bayesid.identification.pipeline import identify
-from bayesid.log.log import Log, read_log
+from bayesid.log.log import read_log
 from bayesid.log.motions import read_motion
-from bayesid.signs.search.certified import Certified
 
 N = 2
 
@@ -114,29 +112,6 @@ def test_parts_that_do_not_make_a_log(places, tmp_path, capfd):
     assert "no column is called Last{} in any part" in refusal(f"{q}+{tau}", columns={"i": "Last{}"})
     timeless = save(tmp_path / "timeless.csv", {"x": t, "tau1": t, "tau2": t})
     assert "column t is missing among x, tau{}; say which it is with --columns t=" in refusal(f"{q}+{timeless}")
-
-
-@pytest.mark.long
-@pytest.mark.real
-def test_a_real_log_in_two_files_gives_the_same_signs(tmp_path):
-    """Positions at 50 Hz, efforts at 100 Hz: 99.9 % of the signs are those of the whole log."""
-
-    def signs(log):
-        result = identify("ur10e", log, complete="off", posterior=False, search=Certified(budget=0.3))
-        grid = result.signals.motion.t
-        nearest = np.clip(np.searchsorted(grid, log.t), 1, len(grid) - 1)
-        nearest -= log.t - grid[nearest - 1] < grid[nearest] - log.t
-        return result.probability[nearest]
-
-    every = read_log(real_log("ur10e/a_50s.csv")).rectified()
-    whole = Log(every.t[:1999], every.q[:1999], every.effort[:1999], every.signed)
-    position = save(tmp_path / "q.csv", columns(whole.t[::2], q=whole.q[::2]))
-    effort = save(tmp_path / "tau.csv", columns(whole.t, tau=whole.effort))
-    joined, said = read(f"{position}+{effort}")
-    np.testing.assert_array_equal(joined.effort, whole.effort)
-    assert "joined by time: 1,999 rows at the stamps of " in said
-    loud = whole.effort >= 0.05 * whole.effort.max(axis=0)
-    assert np.mean((signs(whole) >= 0.5)[loud] == (signs(joined) >= 0.5)[loud]) >= 0.999
 
 
 @pytest.mark.real

@@ -148,31 +148,6 @@ def test_samples_under_the_threshold_are_set_apart(threshold):
     assert pure(segments, 10.0 * np.sin(phase)[:, None], 0.3), "zeros under the threshold are cut all the same"
 
 
-def test_a_known_sign_and_a_standstill_know_no_threshold():
-    t = np.arange(1200) / 100.0
-    q = np.clip(t - 2.0, 0.0, 8.0)[:, None] * np.ones(2)
-    motion = Motion(t, q, np.gradient(q[:, 0], t)[:, None] * np.ones(2), np.zeros((1200, 2)))
-    effort = 5.0 * np.sin(3.0 * t)[:, None] * np.ones(2)
-    segments = cut(motion, effort, signed=[1], cutting=Cutting(threshold=0.3))
-    moving = segments.per_sample(segments.moving, 1200, 2)
-    assert not moving[:150].any()
-    assert moving[240:960].all()
-    assert not moving[1050:].any()
-    known = segments.joint == 1
-    assert np.array_equal(segments.fitted[known], segments.moving[known])
-    assert not segments.fitted[~segments.moving].any()
-    assert not segments.fitted[segments.moving & ~known].all()
-
-
-def test_without_a_threshold_all_that_move_are_fitted():
-    """However far the filter undershoots."""
-    motion, rng = smooth_motion(2, 10.0, 100.0, seed=1), np.random.default_rng(0)
-    effort = np.where(np.sin(5.0 * motion.t) > 0.8, 10.0, 0.0)[:, None] * np.ones(2)
-    segments = cut(motion, effort + 0.3 * rng.standard_normal(effort.shape))
-    assert np.array_equal(segments.fitted, segments.moving)
-    assert segments.fitted.any()
-
-
 def test_shares_that_cannot_be_are_refused():
     for name, share in (("prominence", 0.0), ("prominence", 1.0), ("threshold", -0.1), ("threshold", np.nan)):
         with pytest.raises(InputError, match=f"{name} of {share:g}"):

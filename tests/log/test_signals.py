@@ -4,7 +4,7 @@ from conftest import smooth_motion
 from scipy.interpolate import CubicSpline
 
 from bayesid.errors import InputError
-from bayesid.log.log import Log, join_logs
+from bayesid.log.log import Log
 from bayesid.log.signals import choose_cutoff, lowpass, prepare, signed_effort
 from bayesid.motion import Motion
 
@@ -141,21 +141,6 @@ def test_the_nearest_effort_has_the_predictions_sign_where_none_is_known(mixed):
     probability = mixed.with_known_signs(np.full((400, 2), 0.7))
     np.testing.assert_array_equal(probability[:, 0], 0.7)
     np.testing.assert_array_equal(probability[:, 1], mixed.raw_effort[:, 1] >= 0.0)
-
-
-def test_times_are_told_as_a_log_writes_them():
-    """An even grid of stamps with two decimals has such stamps: no 0.18000000000002814."""
-    t = np.arange(5000) / 100.0
-    q = np.column_stack([np.sin(2.0 * t), np.cos(3.0 * t)])
-    log = Log(t, q, 5.0 * q, np.array([True, True]))
-    signals = prepare(log)
-    assert signals.rate == 100.0
-    assert signals.processing["period_ms"] == {"min": 10.0, "max": 10.0}
-    _, told = log.clock(signals.motion.t)
-    assert max(len(repr(float(time)).partition(".")[2]) for time in told) <= 2
-    joined = join_logs([log, log])
-    _, told = joined.clock(prepare(joined).motion.t)
-    assert max(len(repr(float(time)).partition(".")[2]) for time in told) <= 2
 
 
 def test_no_grid_is_larger_than_what_was_recorded_needs():

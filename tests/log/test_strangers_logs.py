@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from log_files import RECORDED, assert_same, flat, refusal, save, scaled, strange, text, without
 
-from bayesid import cli
 from bayesid.log.log import read_log
 
 ROWS = len(RECORDED["t"])
@@ -81,6 +80,7 @@ FORMS = {
     "remarks between and at the end": joined([*LINES[:100], "# second motion", "% third", *LINES[100:], "", "# end"]),
     "separators behind all but the header": joined([LINES[0], *(line + "," for line in LINES[1:])]),
     "separators behind all": joined(line + "," for line in LINES),
+    "empty rows of a spreadsheet": joined([*LINES, *["," * LINES[0].count(",")] * 2]),
 }
 ENCODINGS = ("utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "cp1252")
 
@@ -140,14 +140,6 @@ def test_names_that_are_usual_elsewhere_are_known(tmp_path):
     assert_same(read_log(path, columns={"t": "t[ms]"}), NO_DQ)
 
 
-def test_how_slow_a_log_may_be(tmp_path):
-    """Repeated times do not count: the typical step does."""
-    for period, refused in ((0.5, True), (0.499, False), (1000.0, True), (2e9, True)):
-        t = period * np.arange(ROWS).repeat(2)[:ROWS]
-        path = save(tmp_path / "log.csv", flat(NO_DQ | {"t": t}))
-        assert ("with steps of" in refusal(path)) if refused else len(read_log(path)) == ROWS
-
-
 def archive(name):
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w") as folder:
@@ -155,27 +147,16 @@ def archive(name):
     return file.getvalue()
 
 
-def array():
-    file = io.BytesIO()
-    np.save(file, RECORDED["q"])
-    return file.getvalue()
-
-
 RECORDS = [dict(zip(LINES[0].split(","), map(float, line.split(",")), strict=True)) for line in LINES[1:]]
 JAPANESE = joined(["備考,ソ" + LINES[0], *("表,ﾏ" + line for line in LINES[1:])]).encode("shift_jis")
 OTHER_KINDS = {
     "JSON": (json.dumps(RECORDS).encode(), ["JSON", "CSV", "Python"]),
-    "lines of JSON": ("\n".join(map(json.dumps, RECORDS)).encode(), ["pandas.read_json(FILE, lines=True)"]),
     "HTML": (b"\xef\xbb\xbf\n<!DOCTYPE html>\n<html><body><table></table></body></html>", ["HTML"]),
-    "XML": (b'<?xml version="1.0"?>\n<Rob Type="KUKA"/>', ["XML"]),
     "gzip": (gzip.compress(joined(LINES).encode()), ["compressed", "unpack"]),
     "zip": (archive("log.csv"), ["zip", "unpack"]),
     "Excel": (archive("xl/workbook.xml"), ["Excel", "CSV"]),
-    "NumPy": (array(), ["NumPy", "Python"]),
     "HDF5": (b"\x89HDF\r\n\x1a\n" + bytes(600), ["HDF5"]),
-    "trace of KUKA": (b"DIAEXTENDED  {@:ENGLISH\n#BEGINGLOBALHEADER\n", ["DIAdem", "KUKA"]),
     "bag of ROS 1": (b"#ROSBAG V2.0\n" + bytes(99), ["ROS 1", "rosbags-convert"]),
-    "picture": (b"\x89PNG\r\n\x1a\n\xff\xfe", ["picture"]),
     "unknown letters": (JAPANESE, ["encoding", "UTF-8", "iconv"]),
     "no text": (b"a" * 200_000, ["is not text"]),
     "nothing": (b"\n\n", ["header"]),
@@ -190,26 +171,16 @@ def test_files_of_another_kind_are_named(tmp_path, kind):
         assert all(word in said for word in says), said
 
 
-def test_what_is_said_of_json_works(tmp_path):
-    pandas = pytest.importorskip("pandas")
-    path = save(tmp_path / "log.json", OTHER_KINDS["lines of JSON"][0])
-    assert_same(read_log(pandas.read_json(path, lines=True)), RECORDED, atol=1e-9)
-
-
 WHOLE_SECONDS = clocked("%Y-%m-%d %H:%M:%S", ",")
 REFUSED = {
     "header again": (joined([*LINES[:150], LINES[0], *LINES[150:]]), ["row 151", "header again"]),
     "error of a spreadsheet": (changed(51, "dq2", "#DIV/0!"), ["row 51", "dq2", "'#DIV/0!'", "remove the row"]),
     "thousands": (changed(51, "dq2", '"1,234.5"'), ["row 51", "separators of thousands"]),
     "backwards": (joined([LINES[0], *LINES[:0:-1]]), ["row 3", "time runs backwards"]),
-    "shuffled ms": (joined([LINES[0], *text(flat(IN_MS)).splitlines()[:0:-1]]), ["time runs backwards"]),
     "no header": (joined(LINES[1:]), ["row 1", "holds numbers, not the names"]),
     "ms": (text(flat(IN_MS)), ["milliseconds?", "t[ms]", "--columns"]),
-    "us": (text(flat(scaled(RECORDED, t=1e6))), ["microseconds?", "t[us]"]),
     "ns": (text(flat(scaled(RECORDED, t=1e9))), ["nanoseconds?", "t[ns]"]),
     "whole seconds": (WHOLE_SECONDS, ["column t only advances every 1 s"]),
-    "minutes": (text(flat(scaled(RECORDED, t=1.0 / 60.0))), ["say the units of time, positions"]),
-    "minutes, no velocity": (text(flat(scaled(NO_DQ, t=1.0 / 60.0))), ["faster than 60 rad/s", "units"]),
     "degrees": (text(flat(scaled(NO_DQ, q=30.0 * DEGREES))), ["are they degrees?", "--degrees"]),
     "degrees and ms": (text(flat(scaled(RECORDED, q=DEGREES, dq=DEGREES, t=1e3))), ['t="t[ms]"', "--degrees too"]),
     "counts": (text(flat(scaled(RECORDED, q=2e4))), ["neither rad nor degrees", "counts of an encoder"]),
@@ -218,9 +189,10 @@ REFUSED = {
         text(flat(scaled(RECORDED, q=0.1 * DEGREES, dq=0.1))),
         ["0.0175 times the change of its position", "q1[deg]"],
     ),
+    "minutes": (text(flat(scaled(RECORDED, t=1.0 / 60.0))), ["say the units of time, positions"]),
     "velocity turned": (text(flat(scaled(RECORDED, dq=-1.0))), ["velocity of joint 1 is -1 times"]),
-    "mA for A": (text(flat(scaled(RECORDED, tau=1e4))), ["effort of joint 1 reaches", "unit"]),
     "percent": (text(flat(RECORDED, tau="tau{} [%]")), ["tau1 [%]", "Nm", "gains"]),
+    "mA for A": (text(flat(scaled(RECORDED, tau=1e4))), ["effort of joint 1 reaches", "unit"]),
     "decimal commas unquoted": (text(flat(RECORDED), ",", ",").replace('"', ""), ["decimal commas"]),
     "currents": (text(flat(RECORDED, tau="i{}")), ["--gains K1,..,Kn", "N m/A"]),
     "positions unnamed": (text(flat(RECORDED, q="X{}")), ["X{} (not used)", "--columns"]),
@@ -228,10 +200,6 @@ REFUSED = {
     "two times": (
         text(without(flat(RECORDED), "t") | {"time": RECORDED["t"], "timestamp": RECORDED["t"]}),
         ["time and timestamp may both be the time", "--columns t="],
-    ),
-    "two positions": (
-        text(flat(RECORDED, q="joint_{}") | {"position_1": RECORDED["t"]}),
-        ["may both be q", "joint_1", "position_1"],
     ),
     "one joint missing": (text(without(flat(NO_DQ), "q2")), ["column q2 is missing", "q1..q3 are there"]),
     "no time": (text(without(flat(RECORDED), "t")), ["q{} (q), dq{} (dq), tau{} (tau)", '--columns t="NAME"']),
@@ -254,25 +222,6 @@ def test_rows_are_counted_from_the_first_line_of_the_file(tmp_path):
     for cell, said in (("nan", "holds nan"), ("?", "holds '?', not a number")):
         bad = [*lines[:9], ";".join([lines[9].partition(";")[0], cell, *lines[9].split(";")[2:]]), *lines[10:]]
         assert f"row 10: column q1 {said}" in refusal(save(tmp_path / "log.csv", joined(bad)))
-
-
-def test_a_stranger_needs_three_commands(tmp_path, capfd):
-    """Names, milliseconds and degrees of which nothing is said."""
-    blocks = scaled(RECORDED, t=1e3, q=DEGREES, dq=DEGREES)
-    kinds = {"angle": "q", "rate": "dq", "load": "tau"}
-    columns = {"tick": blocks["t"]}
-    for what, kind in kinds.items():
-        columns |= {f"{part}.{what}": blocks[kind][:, j] for j, part in enumerate(("hip", "knee", "toe"))}
-    path = save(tmp_path / "log.csv", text(columns, ";"))
-    columns = refusal(path).partition("--columns ")[2]
-    named = [*(f'q{j}="{part}.angle"' for j, part in enumerate(("hip", "knee", "toe"), 1))]
-    assert columns.startswith(",".join(['t="tick"', *named]))
-    second = refusal(path, columns=columns)
-    assert "give --degrees too" in second
-    columns = second.partition("--columns ")[2].partition(" (")[0]
-    assert_same(read_log(path, columns=columns, degrees=True), NO_DQ)
-    assert cli.main(["identify", str(path), "--robot", "kr5", "--columns", columns, "--degrees"]) == 2
-    assert "the log has 3 joints" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -304,9 +253,7 @@ def test_what_efforts_and_times_are_meant(tmp_path):
     log = read_log(path, gains, columns={"i": "effort_{}"})
     assert_same(log, RECORDED | {"tau": RECORDED["tau"] * gains})
     names = {"t": "Time stamp /s", "q": "Axis {} act. pos", "dq": "Axis {} act. vel", "tau": "|M{}| Nm"}
-    columns = {"Unnamed: 0": np.arange(ROWS)} | flat(RECORDED | {"tau": np.abs(RECORDED["tau"])}, **names)
-    path = save(tmp_path / "log.csv", columns)
-    assert refusal(path).endswith('--columns t="Time stamp /s",q="Axis {} act. pos",tau="|M{}| Nm"')
+    path = save(tmp_path / "log.csv", flat(RECORDED | {"tau": np.abs(RECORDED["tau"])}, **names))
     wrong = without(names, "dq") | {"tau": names["dq"]}
     assert "the efforts are the joints' velocities" in refusal(path, columns=wrong)
     path = save(tmp_path / "log.csv", flat(RECORDED | {"t": np.arange(ROWS)}, t="sample"))
