@@ -5,15 +5,10 @@ from __future__ import annotations
 import io
 import os
 import shutil
+import signal
 from contextlib import redirect_stdout
 from pathlib import Path
 
-for number in (
-    signal.SIGINT,
-    signal.SIGHUP,
-):  # commands are interrupted in tests: a shell's background job ignores both
-    if signal.getsignal(number) == signal.SIG_IGN:
-        signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # matrices are small: BLAS threads only get into each other's way
 
 import command_line
@@ -27,6 +22,11 @@ from bayesid.simulation import logs
 from bayesid.simulation.trajectories import random_trajectory
 
 DATA = Path(os.environ.get("BAYESID_DATA", Path(__file__).parents[2] / "shared" / "data"))
+
+
+for number, usual in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
+    if signal.getsignal(number) == signal.SIG_IGN:  # of a shell's job in the background; tests interrupt commands
+        signal.signal(number, usual)
 
 
 def real_log(name: str) -> Path:
