@@ -1,8 +1,7 @@
 """Do the tests notice a wrong sign, factor, index or comparison? Numerical lines are changed at random, one at a time.
 
 `python -m bayesid.studies.mutations --count 60 --seed 0` changes one expression of a copy of the source, runs the tests
-of that package (`tests/NAME`) until the first one fails, then those of `tests/identification`, and prints which changes
-no test noticed. The same seed and source give the same changes: two sets of tests can be compared. Some changes alter
+of that package (`tests/NAME`) until the first one fails, and prints which changes no test noticed. The same seed and source give the same changes: two sets of tests can be compared. Some changes alter
 nothing that can be seen (a bound that is never reached): what counts is the share beside that of an earlier commit.
 """
 
@@ -146,11 +145,11 @@ def noticed(mutation: Mutation, root: Path) -> bool:
             shutil.copy(root / name, copy / name)
         changed = copy / mutation.path
         changed.write_text(mutation.applied(changed.read_text(encoding="utf-8")), encoding="utf-8")
-        return any(_fails(copy, tests) for tests in dict.fromkeys((package, "identification")))
+        return _fails(copy, package)
 
 
-def _fails(root: Path, tests: str) -> bool:
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", f"tests/{tests}"]
+def _fails(root: Path, package: str) -> bool:
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", f"tests/{package}"]
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     try:
         ended = subprocess.run(command, cwd=root, env=environment, capture_output=True, timeout=LONGEST, check=False)

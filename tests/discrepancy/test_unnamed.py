@@ -51,6 +51,7 @@ def test_it_is_the_function_that_was_hidden(found):
     assert np.sqrt(np.mean((learned - truth) ** 2)) < 0.05 * np.sqrt(np.mean(truth**2))
 
 
+@pytest.mark.long
 def test_what_only_the_log_shows_is_refused_and_said(healthy):
     result = bayesid.find_discrepancy(healthy, arm_log(2, magnets, 20.0), arm_log(3, duration=20.0), posterior=False)
     assert not result.added

@@ -41,6 +41,7 @@ def test_calibrated():
     assert len(ranks.names) * ranks.chi_square.min() > FALSE_ALARM, ranks
 
 
+@pytest.mark.long
 def test_the_truth_comes_from_the_prior_that_is_stated(rng):
     """Rejection against hit-and-run, which has the prior's region and density from the code under test."""
     prior = setting().prior
