@@ -1,8 +1,9 @@
 """Do the tests notice a wrong sign, factor, index or comparison? Numerical lines are changed at random, one at a time.
 
 `python -m bayesid.studies.mutations --count 60 --seed 0` changes one expression of a copy of the source, runs the tests
-of that package (`tests/NAME`) until the first one fails, and prints which changes no test noticed. The same seed and source give the same changes: two sets of tests can be compared. Some changes alter
-nothing that can be seen (a bound that is never reached): what counts is the share beside that of an earlier commit.
+of that package (`tests/NAME`) until the first one fails, and prints which changes no test noticed. The same seed and
+source give the same changes: two sets of tests can be compared. Some changes alter nothing that can be seen (a bound
+that is never reached): what counts is the share beside that of an earlier commit.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -59,6 +61,11 @@ class Mutation:
     before: str
     after: str
     place: tuple[int, int, int, int]
+
+    @property
+    def package(self) -> str:
+        """Whose tests should notice."""
+        return self.path.split("/")[1]
 
     def applied(self, source: str) -> str:
         """The source with the change."""
@@ -133,9 +140,8 @@ def drawn(root: Path, count: int, seed: int) -> list[Mutation]:
     return [found[kind][rng.integers(len(found[kind]))] for kind, _ in zip(kinds * count, range(count), strict=False)]
 
 
-def noticed(mutation: Mutation, root: Path) -> bool:
-    """Whether a test fails under the change."""
-    package = mutation.path.split("/")[1]
+def fails(root: Path, package: str, mutation: Mutation | None = None) -> bool:
+    """Whether a test of a package fails in a copy of the source, with a change if one is given."""
     with tempfile.TemporaryDirectory() as place:
         copy = Path(place) / "bayesid"
         copy.mkdir()
@@ -143,12 +149,13 @@ def noticed(mutation: Mutation, root: Path) -> bool:
             shutil.copytree(root / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
         for name in ("pyproject.toml", "README.md"):
             shutil.copy(root / name, copy / name)
-        changed = copy / mutation.path
-        changed.write_text(mutation.applied(changed.read_text(encoding="utf-8")), encoding="utf-8")
-        return _fails(copy, package)
+        if mutation is not None:
+            changed = copy / mutation.path
+            changed.write_text(mutation.applied(changed.read_text(encoding="utf-8")), encoding="utf-8")
+        return _tests_fail(copy, package)
 
 
-def _fails(root: Path, package: str) -> bool:
+def _tests_fail(root: Path, package: str) -> bool:
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", f"tests/{package}"]
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     try:
@@ -170,7 +177,13 @@ def main() -> None:
     options = parser.parse_args()
     mutations, caught = drawn(options.root, options.count, options.seed), 0
     with ThreadPoolExecutor(options.workers) as pool:
-        for mutation, failed in zip(mutations, pool.map(lambda m: noticed(m, options.root), mutations), strict=True):
+        red = [
+            name for name, red in zip(PACKAGES, pool.map(partial(fails, options.root), PACKAGES), strict=True) if red
+        ]
+        if red:
+            sys.exit(f"tests fail without any change: {', '.join(red)}")
+        results = pool.map(lambda mutation: fails(options.root, mutation.package, mutation), mutations)
+        for mutation, failed in zip(mutations, results, strict=True):
             caught += failed
             print("noticed " if failed else "MISSED  ", mutation, flush=True)
     print(f"{caught} of {len(mutations)} changes noticed ({caught / len(mutations):.0%})")
