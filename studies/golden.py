@@ -45,8 +45,7 @@ from bayesid.studies.real import DATA
 
 Figures: TypeAlias = dict[str, Any]
 """Names with text, whole numbers, floats, or [float, error]; name#element for the elements of a list."""
-Results: TypeAlias = dict[str, dict[str, Any]]
-"""Runs, each with `hash` and `figures`, or with `error`."""
+Results: TypeAlias = dict[str, dict[str, Any]]  # runs, each with `hash` and `figures`, or with `error`
 REFERENCE = Path(__file__).with_name("golden.json")
 RELATIVE, ERRORS, _SMALL = 1e-6, 5.0, 2e-7  # the last as an error, relative to a scale, allows `RELATIVE` of the scale
 _DRAWN, _ROW = "differs between seeds", "{:<24} {:<44} {:<34} {}"
@@ -196,8 +195,8 @@ def read_figures(folder: Path, truth: Sequence[Path] = ()) -> Figures:
     ess = next((one["min_ess"] for one in draws if one), math.inf)
     for name in ("mass", "com", "inertia"):
         for k, one in enumerate(np.atleast_1d(contents.get("payload", {}).get(name, [])), 1):
-            for kind in ("value", "sd"):
-                figures[f"payload.{name}.{kind}.{k}"] = [one[kind], one["sd"] / math.sqrt(ess)]
+            error = one["sd"] / math.sqrt(ess)
+            figures |= {f"payload.{name}.{kind}.{k}": [one[kind], error] for kind in ("value", "sd")}
     return figures | (_of_tables(folder, truth, ess) if (folder / "signed_log.csv").exists() else {})
 
 
@@ -205,8 +204,7 @@ def _of_tables(folder: Path, truth: Sequence[Path], ess: float) -> Figures:
     """Coefficients; signs of segments and samples; shares of sure signs, and of right ones."""
     segments = [line.split(",")[:5] for line in (folder / "segments.csv").read_text().splitlines()]
     signs = np.sign(_columns(folder / "signed_log.csv", "tau")).astype(int)
-    probability = _columns(folder / "signed_log.csv", "p")
-    sure = np.maximum(probability, 1.0 - probability)
+    sure = np.maximum(positive := _columns(folder / "signed_log.csv", "p"), 1.0 - positive)
     figures: Figures = {"signs.segments": _sha(segments), "signs.samples": _sha(signs.tolist())}
     for row in csv.DictReader((folder / "coefficients.csv").open(encoding="utf-8")):
         for kind in ("mean", "sd") if row["sd"] else ():
@@ -332,7 +330,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         text = json.dumps({**kept, **few}, separators=(",", ":"))
         REFERENCE.write_text(text.replace("}},", "}},\n") + "\n")
     failed = int(any("error" in one for one in results.values()))
-    reference = json.loads(options.check.read_text()) if options.check else few
+    if options.check is None:
+        return failed
+    reference = json.loads(options.check.read_text())
     return max(failed, _told({name: one for name, one in reference.items() if name in few}, few))
 
 
@@ -340,7 +340,7 @@ def _told(before: Results, after: Results) -> int:
     """Prints a table of differences; the exit code."""
     told = differences(before, after)
     exact = sum(one.get("hash", "") == after.get(name, {}).get("hash") for name, one in before.items())
-    print(*([_ROW.format("run", "figure", "before", "after"), *told] if told else []), sep="\n")
+    print(_ROW.format("run", "figure", "before", "after"), *told, sep="\n")
     print(f"{len(told)} differences; {exact} of {len(before)} runs are the same to the last digit")
     return int(bool(told))
 
