@@ -183,7 +183,7 @@ _TAKEN: Mapping[str, str] = {
 def read_figures(folder: Path, truth: Sequence[Path] = ()) -> Figures:
     """Of all files of a folder that users read; `truth` as in `Run`."""
     files = [file for file in sorted(folder.glob("*.json")) if file.stem in _TAKEN]
-    contents = {file.stem: json.loads(file.read_text()) for file in files}
+    contents = {file.stem: json.loads(file.read_text(encoding="utf-8")) for file in files}
     figures: Figures = {}
     for name, content in contents.items():
         for path in _TAKEN[name].split():
@@ -315,7 +315,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add("--compare", type=Path, nargs=2, metavar="FILE", help="compare two full files; run nothing")
     options = parser.parse_args(arguments)
     if options.compare:
-        return _told(*(json.loads(path.read_text()) for path in options.compare))
+        return _told(*(json.loads(path.read_text(encoding="utf-8")) for path in options.compare))
     if not DATA.is_dir():
         print(f"runs on real logs are left out: {DATA} is not here; set BAYESID_DATA to their folder")
     every = [*simulated_runs(), *(real_runs() if DATA.is_dir() else ())]
@@ -326,13 +326,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     results = execute(chosen, options.out)
     few = {name: {**one, "figures": reduced(one.get("figures", {}))} for name, one in results.items()}
     if options.update:  # a line a run; runs that were not made keep theirs
-        kept = json.loads(REFERENCE.read_text()) if REFERENCE.exists() else {}
+        kept = json.loads(REFERENCE.read_text(encoding="utf-8")) if REFERENCE.exists() else {}
         text = json.dumps({**kept, **few}, separators=(",", ":"))
-        REFERENCE.write_text(text.replace("}},", "}},\n") + "\n")
+        REFERENCE.write_text(text.replace("}},", "}},\n") + "\n", encoding="utf-8")
     failed = int(any("error" in one for one in results.values()))
     if options.check is None:
         return failed
-    reference = json.loads(options.check.read_text())
+    reference = json.loads(options.check.read_text(encoding="utf-8"))
     return max(failed, _told({name: one for name, one in reference.items() if name in few}, few))
 
 
