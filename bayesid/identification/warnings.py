@@ -238,14 +238,13 @@ def edge_warning(fit: Fit, n_links: int) -> list[str]:
 
 def _search_warnings(signs: SegmentSigns) -> list[str]:
     search, warnings = signs.search, []
-    if search.timed_out:
-        warnings.append(
-            "the search was stopped by the time limit on the clock: a faster machine may find other signs; give a "
-            "larger --time-limit"
-        )
     if search.lower_bound is not None and not search.certified:
         gap = f"{not_ruled_out(search.cost - search.lower_bound, search.cost)}; give more --search-budget"
+        if search.timed_out:
+            gap = "the time limit on the clock stopped the search; give a larger --time-limit"
         warnings.append(f"the signs are not proven to be the best: {WITHHELD.get(search.withheld, gap)}")
+    elif search.timed_out and not search.certified:
+        warnings.append("the time limit on the clock stopped the search; give a larger --time-limit")
     if signs.unsplit:
         segments = "1 segment still crosses" if signs.unsplit == 1 else f"{signs.unsplit} segments still cross"
         warnings.append(f"{segments} zero after {signs.rounds} searches")

@@ -150,7 +150,11 @@ def run_study(
             _run_rest(study, plan, record, workers, scheduler, progress)
         except (KeyboardInterrupt, LostSchedulerError) as stop:
             done = sum(k in record.rows for k in range(trials))
-            kept = f"{done} of {trials} trials stand in {folder}; --resume goes on" if out else "nothing was written"
+            kept = (
+                f"{done} of {trials} trials stand in {folder}; --resume goes on"
+                if out and done
+                else "nothing was written"
+            )
             raise type(stop)("; ".join([*map(str, stop.args), kept])) from None
         finally:
             record.save(now=True)

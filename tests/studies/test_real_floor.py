@@ -69,7 +69,7 @@ def test_one_log_at_its_floor_and_below(monkeypatch, tmp_path, capsys):
         pytest.skip(f"the real logs are not at {real.DATA}; set BAYESID_DATA to their folder")
     log = "tx40/a"
     monkeypatch.setattr(real_floor, "FLOORS", {log: FLOORS[log]})
-    command = ["study", "real", "--floor", "--trials", "1", "--workers", "1", "--quiet", "--out"]
+    command = ["study", "real", "--floor", "--workers", "1", "--quiet", "--out"]
     assert main([*command, str(tmp_path / "held")]) == 0
     monkeypatch.setattr(real_floor, "FLOORS", {log: replace(FLOORS[log], sure_wrong=-1)})
     assert main([*command, str(tmp_path / "broken")]) == 1

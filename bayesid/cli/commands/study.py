@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bayesid.cli.progress import CountBar
 from bayesid.cli.terminal import show, warn
-from bayesid.errors import BayesidError
+from bayesid.errors import BayesidError, InputError
 from bayesid.files.writing import reserved
 from bayesid.studies import load
 from bayesid.study.results import check_results, save_results
@@ -16,6 +16,8 @@ from bayesid.study.study import run_study
 
 def run(options: argparse.Namespace) -> None:
     """A folder with the trials' rows, a report and a figure."""
+    if options.floor and options.trials is not None:
+        raise InputError("--floor runs all logs", "--trials", "leave it out")
     study, folder = load(options.name, floor=options.floor), options.out or Path(f"bayesid-study-{options.name}")
     check_results(folder)
     with reserved(folder), CountBar("trials", options.quiet) as bar:
