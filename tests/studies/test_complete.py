@@ -1,4 +1,4 @@
-"""The study of completed models: its cases are true to what they say, its report and figure bear short runs."""
+"""The study of completed models: its cases are true to what they say."""
 
 from dataclasses import replace
 
