@@ -9,7 +9,7 @@ from conftest import small_robot, smooth_motion
 import bayesid
 from bayesid.cli.parser import make_parser
 from bayesid.errors import PYTHON_NAMES, InputError
-from bayesid.log.log import Log
+from bayesid.log.log import Log, write_log
 
 
 @pytest.fixture(scope="module")
@@ -56,3 +56,17 @@ def test_terms_and_options_are_named_as_arguments(log):
     assert refusal(bayesid.identify, robot, log, beliefs={"m2": (1.0, 0.1)}).startswith("beliefs: dict are no")
     fast = bayesid.Preparation(cutoff=99.0)
     assert refusal(bayesid.identify, robot, log, preparation=fast).startswith("cutoff: ")
+
+
+@pytest.mark.parametrize("stated", [0.7, (0.7,), (0.7, 0.1, 2.0), "0.7", None, ("a", "b")])
+def test_a_nominal_value_without_its_sd_is_refused(log, stated):
+    said = refusal(bayesid.identify, small_robot(2), log, beliefs=bayesid.Beliefs(nominal={"m2": stated}))
+    assert said.startswith(f"Beliefs(nominal=...): m2 = {stated!r} is no mean with its sd")
+    assert "{'m2': (0.7, 0.1)}" in said
+
+
+def test_numbers_in_place_of_lists_are_refused(log, tmp_path):
+    write_log(tmp_path / "log.csv", log)
+    assert refusal(bayesid.read_log, tmp_path / "log.csv", gains=14.0).startswith("gains: 14.0 is no list")
+    assert refusal(bayesid.read_log, tmp_path / "log.csv", joints=7).startswith("joints: 7 is no list")
+    assert "joints=[7]" in refusal(bayesid.plot.style.each_joint, 7, 7, None, 1.0)

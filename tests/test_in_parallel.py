@@ -52,6 +52,19 @@ def test_as_many_copies_take_part_as_the_environment_allows():
     assert len(said("print(*{pid for _, pid in sum(in_parallel([lambda: in_parallel(EIGHT)] * 2), [])})")) == 2
 
 
+def test_the_first_error_in_the_order_of_the_tasks_is_raised():
+    assert said("""
+        def task(k):
+            time.sleep(0.1 if k == 2 else 0.0)  # it fails after the other one
+            if k in (2, 5):
+                raise ValueError(f"task{k}")
+        try:
+            in_parallel([partial(task, k) for k in range(8)])
+        except ValueError as error:
+            print(error)
+    """) == ["task2"]
+
+
 @copies_only
 @pytest.mark.parametrize("fault", ["os.kill(os.getpid(), signal.SIGKILL)", "return lambda: k"])
 def test_what_a_copy_cannot_hand_over_is_done_again(fault):

@@ -139,11 +139,6 @@ BAD_COMMANDS = [
     ("excite --no-degress --robot kr5", ["did you mean --no-degrees?"]),
     ("identify log.csv --robot kr5 --search certifed", ["did you mean certified?"]),
     ("robot show kr5 --qq 0", ["no option --qq"]),
-    ("robot show kr5 --q 1,2", ["--q: holds 2 positions"]),
-    ("robot show kr5 --q 0,0,0,0,0,x", ["is not a list of numbers"]),
-    ("robot show kr5 --out arm.gif", ["arm.gif"]),
-    ("robot new --out a.csv", ["a.csv: does not end in .toml"]),
-    ("identify log.csv --robot kr5 --hold lift", ["--hold: 'lift' are no positions"]),
     ("identify log.csv --robot UR-5e", ["ur5e"]),
     ("excite --robot kr5 --about Fc2", ["--about", "--for"]),
 ]

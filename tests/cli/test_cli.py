@@ -4,10 +4,13 @@ import csv
 import json
 import shlex
 import shutil
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 from command_line import QUICK, assert_refused, everything, identify, no_large_files, run
+from oracles import urdf_text
 
 import bayesid
 from bayesid.cli.parser import parse
@@ -49,6 +52,14 @@ def test_examples_of_the_help_can_be_typed(command, capfd):
         words = shlex.split(example.partition(" > ")[0].partition(" | ")[0])
         assert parse(words[1:]).command == words[1]
         assert " ".join(words[1:]).startswith(command)
+
+
+def test_completion_names_every_command(capfd):
+    for shell in ("zsh", "tcsh", "bash"):
+        assert run("completion", shell) == 0
+        out, err = capfd.readouterr()
+        assert err == ""
+        assert all(word in out for word in (*EVERY, "robot", "--validation", "--convention"))
 
 
 def test_identify_leaves_what_is_promised(arm_place, capfd):
@@ -245,6 +256,31 @@ def test_simulate_leaves_the_log_and_its_signs(arm_place, capfd):
     np.testing.assert_array_equal(log.effort, np.abs(signed.effort))
     one, same, other = ((arm_place / f"{name}.csv").read_bytes() for name in ("new/s", "same", "other"))
     assert one == same != other
+
+
+def test_a_urdf_robot_in_a_process_of_its_own(tmp_path, monkeypatch, capfd):
+    """Two joints that turn and one that slides. What the libraries below print would show up here."""
+
+    def program(*arguments):
+        command = [sys.executable, "-m", "bayesid.cli", *map(str, arguments)]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "odd.urdf").write_text(urdf_text())
+    assert run("simulate", "--robot", "odd.urdf", "--duration", 6, "--out", "odd.csv", "--quiet") == 0
+    assert capfd.readouterr() == ("", "")
+    assert run(*identify("odd_signed.csv", "odd.urdf"), *QUICK, "--complete", "off") == 0
+    result = program("validate", "out", "odd.csv")
+    assert (result.returncode, result.stderr) == (0, "")
+    assert "by the information matrix" in result.stdout
+    before = names(tmp_path)
+    (tmp_path / "odd.urdf").write_text('<robot name="x"><link name="a"/><link name="b"/></robot>')
+    bad = program("identify", "odd.csv", "--robot", "odd.urdf")
+    assert (bad.returncode, bad.stdout, bad.stderr.count("\n")) == (2, "", 1)
+    assert bad.stderr.startswith("bayesid: odd.urdf: ")
+    assert names(tmp_path) == before
+    assert run("--version") == 0
+    assert capfd.readouterr().out.endswith(f"bayesid {bayesid.__version__}\n")
 
 
 def test_demo_is_the_papers_experiment(arm_shop, arm_place, capfd):

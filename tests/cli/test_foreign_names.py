@@ -49,3 +49,11 @@ def test_a_result_is_kept_whatever_the_names(place):
     assert summary["log"] == r"l\udcff\x1b[31m\n.csv"
     assert (place / "result" / "report.html").stat().st_size > 50_000
     assert b"the band holds" in done.stdout
+
+
+def test_what_a_file_says_reaches_the_terminal_escaped(place, capfd):
+    (place / "odd.csv").write_text("t,q1,q2,tau1,tau2,\x1b]0;mine\x07\n0,1,2,3,x\x1b[2J,4\n", encoding="utf-8")
+    assert main(["identify", "odd.csv", *QUICK]) == 2
+    err = capfd.readouterr().err
+    assert "\x1b" not in err
+    assert err.count("\n") == 1

@@ -1,6 +1,7 @@
 """Ctrl-C and neighbours: what a run that does not come to its end, or is not alone, leaves and says."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,6 +13,8 @@ from command_line import TWO_JOINTS
 
 from bayesid.cli import main
 from bayesid.files.writing import reserved
+from bayesid.results import several_logs
+from bayesid.results.several_logs import identify_separately
 
 pytestmark = pytest.mark.usefixtures("any_motion")
 
@@ -65,6 +68,22 @@ def test_workers_are_gone_with_the_command(place, number, said, code):
     _, err = running.communicate(timeout=20)
     assert (running.returncode, err) == (code, f"bayesid: {said}; nothing was written\n")
     assert left_in(place) == before
+
+
+def test_interrupted_between_logs(place, monkeypatch):
+    """What is there is told."""
+    saved = several_logs.save_identification
+
+    def save(result, folder, **options):
+        if folder.name == "b":
+            raise KeyboardInterrupt
+        return saved(result, folder, **options)
+
+    monkeypatch.setattr(several_logs, "save_identification", save)
+    with pytest.raises(KeyboardInterrupt, match="1 of 2 results stand in each"):
+        identify_separately("arm.toml", ["a.csv", "b.csv"], "each", workers=0, report=False, posterior=False)
+    assert left_in(place / "each") == ["a"]
+    shutil.rmtree(place / "each")
 
 
 def test_a_place_where_another_run_writes_is_refused(place, capfd):

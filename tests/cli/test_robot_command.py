@@ -10,6 +10,7 @@ from command_line import assert_refused, run
 from bayesid.errors import InputError
 from bayesid.model.kinematics import pose
 from bayesid.model.robot import load_robot
+from bayesid.model.robot.built_in import BUILT_IN, built_in_table
 from bayesid.results.robot_file import robot_file, robot_template
 
 KR5 = """Achse;a [mm];alpha [deg];d [mm];theta [deg]
@@ -101,6 +102,29 @@ def test_the_template_says_what_to_fill_in_and_is_no_robot_before(place, refused
     assert all(len(line) <= 120 for line in robot_template("arm", "arm.toml").splitlines())
 
 
+def test_new_files_that_cannot_be(place, refused):
+    (place / "folder.toml").mkdir()
+    (place / "picture.csv").write_bytes(b"\x89PNG\r\n\x1a\n\0\0\0\x81")
+    new = "robot", "new"
+    refused(*new, "table.csv", "--out", "a.toml", says=["--convention: is needed with a table", "standard or modified"])
+    refused(*new, "picture.csv", "--convention", "standard", "--out", "a.toml", says=["picture.csv"])
+    refused(*new, "--out", "a.csv", says=["a.csv: does not end in .toml"])
+    refused(*new, "--out", "folder.toml", says=["folder.toml: is a folder"])
+    refused(*new, says=["--out"])
+    refused(*new, "--convention", "craig", "--out", "a.toml", says=["craig"])
+
+
+def test_list_has_all_built_in_robots(capfd):
+    assert run("robot", "list") == 0
+    out, err = capfd.readouterr()
+    assert err == ""
+    for name, line in zip(BUILT_IN, out.splitlines()[1:], strict=True):
+        table = built_in_table(name)
+        assert line.split()[:2] == [name, str(len(table["joints"]))]
+        assert table["description"] in line
+        assert table["source"] in line
+
+
 def test_show_says_where_the_flange_is(capfd):
     """KR 6 R900 in the side view of its data sheet: 525 mm forwards, 890 mm up; reach 901.5 mm."""
     assert run("robot", "show", "kr6r900", "--q", "0,-90,90,0,0,0", "--degrees") == 0
@@ -118,3 +142,14 @@ def test_show_says_where_the_flange_is(capfd):
     (line,) = [line.split() for line in capfd.readouterr().out.splitlines() if line.startswith("flange")]
     expected = 1e3 * pose(load_robot("ur5e"), np.radians(q)).flange[:3, 3]
     np.testing.assert_allclose(np.array(line[4:], dtype=float), expected, rtol=0, atol=0.051)
+
+
+def test_what_cannot_be_shown(place, refused):
+    show = "robot", "show"
+    refused(*show, "kr6r90", says=["kr6r90: no such robot", "kr6r900"])
+    refused(*show, "kr5", "--q", "1,2", says=["--q: holds 2 positions, kuka_kr5_sixx_r650 has 6 joints"])
+    refused(*show, "kr5", "--q", "0,-90,90,0,0,0", says=["looks like degrees", "--degrees"])
+    refused(*show, "kr5", "--q", "0,0,0,0,0,x", says=["is not a list of numbers"])
+    refused(*show, "kr5", "--out", "arm.gif", says=["arm.gif: is no picture by its name", ".png"])
+    refused(*show, says=["robot"])
+    assert run(*show, "kr5", "--q", "0,-90,90,0,0,0", "--no-degrees", "--quiet") == 0

@@ -23,6 +23,7 @@ from bayesid.results import stream_folder
 RATE = 50.0
 FILES = ["alarms.json", "signed_stream.csv", "stream.json"]
 NAMES = ["t", *(f"{kind}{j}" for kind in ("tau", "p", "predicted", "external") for j in (1, 2, 3))]
+GAINS = np.array([10.0, 20.0, 5.0])
 FOLLOW = "track", "result", "-", "--follow", "--rate", RATE
 
 
@@ -191,6 +192,21 @@ def test_a_stream_in_disorder_is_counted_and_goes_on(place, monkeypatch, capfd):
     assert len(stream_of(out)) == len(lines) - 3  # the header, a blank line and a remark
     assert "2 lines were no rows" in err
     assert np.all(np.diff(stream[:, 0]) > 0.0)
+
+
+def test_units_gains_and_names_count_as_in_files(place, monkeypatch, capfd):
+    log = bayesid.read_log("log.csv")
+    names = ["Zeit", *(f"q{j} [deg]" for j in (1, 2, 3)), *(f"Strom{j}" for j in (1, 2, 3))]
+    values = np.column_stack([1e3 * log.t, np.rad2deg(log.q), log.effort / GAINS])
+    units = ";".join(["ms", *[""] * 3, *["A"] * 3])
+    rows = [";".join(repr(x).replace(".", ",") for x in row) for row in values.tolist()]
+    on_input(monkeypatch, "\n".join([";".join(names), units, *rows]).encode())
+    options = "--gains", ",".join(map(str, GAINS)), "--columns", 't=Zeit [ms],i="Strom{} [A]"'
+    assert run(*FOLLOW, *options, "--quiet") == 0
+    strange = stream_of(capfd.readouterr().out)
+    on_input(monkeypatch, (place / "log.csv").read_bytes())
+    assert run(*FOLLOW, "--quiet") == 0
+    np.testing.assert_allclose(strange, stream_of(capfd.readouterr().out), rtol=1e-4, atol=1e-4)
 
 
 @pytest.fixture

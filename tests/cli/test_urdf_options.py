@@ -77,3 +77,42 @@ def test_a_log_of_fewer_joints_is_told_the_options_that_help(place, capfd):
     assert proposed == ["--tip left2 --hold lift=0", "--tip right2 --hold lift=0"]
     assert run(*identify, *shlex.split(proposed[0])) == 0
     assert not capfd.readouterr().err.startswith("bayesid")
+
+
+def test_show_names_the_joints_in_the_logs_order(place, capfd):
+    assert run("robot", "show", "two arms.urdf", *LEFT, "--q", "0.1,0.2") == 0
+    out, err = capfd.readouterr()
+    assert [line.split()[:3] for line in out.splitlines() if line.startswith("joint")] == [
+        ["joint", "1", "left1"],
+        ["joint", "2", "left2"],
+    ]
+    assert "not on the chain to left_hand" in err
+    for command, options, says in (
+        (("identify", "left.csv"), ("--tip", "left_hnd"), "two arms.urdf: has no link or joint 'left_hnd'; --tip take"),
+        (("excite",), ("--hold", "lift"), "--hold: 'lift' are no positions; give JOINT=POSITION,.. in rad or m"),
+        (("simulate",), ("--hold", "lif=1"), "two arms.urdf: has no moving joint 'lif'; --hold takes lift"),
+    ):
+        assert run(*command, "--robot", "two arms.urdf", *options, "--out", "none") == 2
+        assert capfd.readouterr().err.startswith(f"bayesid: {says}")
+    assert not (place / "none").exists()
+
+
+def test_limits_are_those_of_the_chosen_joints(place, monkeypatch, capfd):
+    """The file's own limits, although it branches; those of another file with the same names too."""
+    seen = {}
+
+    def spy(robot, *arguments, **named):
+        seen.update(named, robot=robot)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("bayesid.cli.commands.excite.design_excitation", spy)
+    for options in ((), ("--limits", "two arms.urdf")):
+        assert run("excite", "--robot", "two arms.urdf", "--tip", "right2", *options) == 130
+        assert [joint.name for joint in seen["robot"].joints] == ["lift", "right1", "right2"]
+        limits = seen["limits"]
+        assert (limits.lower[:2], limits.upper[:2]) == ((-1.5, -4.5), (1.25, 4.25))
+        assert limits.velocity == (2.0, 2.3, 2.4)
+    assert "not on the chain to right2" in capfd.readouterr().err
+    (place / "other.urdf").write_text(urdf().replace("right1", "wright1"))
+    assert run("excite", "--robot", "two arms.urdf", "--tip", "right2", "--limits", "other.urdf") == 2
+    assert "other.urdf: has no joint 'right1'" in capfd.readouterr().err

@@ -24,6 +24,7 @@ from bayesid.fit.moments import moments
 from bayesid.log.segments import Segments
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.model import Model
+from bayesid.model.robot import robot_from_table
 from bayesid.model.terms import RigidBody, ViscousFriction
 from bayesid.results.designs import save_design
 from bayesid.simulation.exciting import condition_number
@@ -208,6 +209,13 @@ def test_a_folder_holds_the_motion_and_the_series_that_makes_it(design, tmp_path
     reached = written["limits"]["reached"]
     assert reached["velocity"] == pytest.approx(np.abs(rows[:, 4:7]).max(axis=0).tolist(), rel=1e-6)
     assert written["reached"]["condition_number"] < written["start"]["condition_number"]
+
+
+def test_a_joint_that_slides_needs_limits():
+    rows = [{"a": 0.1, "alpha": 0.3, "d": 0.2, "theta": 0.0, "type": kind} for kind in ("revolute", "prismatic")]
+    robot = robot_from_table({"name": "slider", "convention": "standard", "joints": rows}, "test")
+    with pytest.raises(InputError, match="joint 2 slides"):
+        design_excitation(robot, shape=TrajectoryShape(duration=5.0))
 
 
 def log_of(model, trajectory, duration=20.0, rate=50.0, signed=False):

@@ -97,6 +97,17 @@ def test_signs_are_the_efforts_of_random_motions(known):
     assert np.trace(goal.left(known.now)) == pytest.approx(want, rel=1e-6)
 
 
+def test_a_name_of_nothing_is_refused_with_those_near_it(known):
+    for name, other in {"Fc9": "Fc1", "viscous_frictoin": "viscous_friction", "mc3": "mc3x"}.items():
+        with pytest.raises(InputError) as caught:
+            goal_of(known, ["Fc1", name])
+        said = caught.value.on_command_line
+        assert said.startswith("--about")
+        assert repr(name) in said
+        assert other in said
+        assert "\n" not in said
+
+
 def test_information_is_what_a_normal_recording_tells_of_sums_as_well_as_they_are_wanted(known):
     """Mutual information of the sums, with an error of what is wanted, and the recording: by determinants of all."""
     rng = np.random.default_rng(4)

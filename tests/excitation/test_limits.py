@@ -41,6 +41,34 @@ def test_limits_from_a_table(tmp_path):
     np.testing.assert_array_equal(feasibility.upper, [1.0, 2.0, 3.0])
 
 
+def test_values_that_cannot_be_used_are_refused_in_one_line(tmp_path):
+    for text in (
+        "lower = ",
+        "lower = 'low'",
+        "lower = [1, true]",
+        "speed = 2",
+        "velocity = 0.0",
+        "upper = nan",
+        "lower = [3, 3]",
+        "lower = [-1, -2]\nupper = [1, 2, 3]",
+        "jerk = [10, -1]",
+        "effort = []",
+        "effort = inf",
+        "effort = [[1, 2], [3, 4]]",
+        "jerk = [1, 2]\neffort = [1, 2, 3]",
+    ):
+        with pytest.raises(InputError) as caught:
+            read_limits(table(tmp_path, text))
+        said = caught.value.on_command_line
+        assert "limits.toml" in said
+        assert "\n" not in said
+    with pytest.raises(InputError, match=r"none\.toml"):
+        read_limits(tmp_path / "none.toml")
+    for wrong in ({"jerk": 0.0}, {"effort": (3.0, -1.0)}, {"effort": float("nan")}):
+        with pytest.raises(ValueError, match="must be positive"):
+            MotionLimits(**wrong)
+
+
 def test_limits_of_a_urdf_are_read_through_fixed_joints_and_refused_where_it_branches(tmp_path):
     joints = [
         joint("c", "continuous", "l2", "l3", '<limit velocity="0.9" effort="7"/>'),

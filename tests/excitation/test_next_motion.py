@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from open_results import LIMITS, TERMS, earlier_motion, open_result
 
+from bayesid.errors import InputError
 from bayesid.excitation.feasible import BAND
 from bayesid.excitation.next_motion import RunSettings, design_next, slowed
 from bayesid.excitation.rivals import TELLING
@@ -170,6 +171,18 @@ def test_a_payload_is_learned_of_where_the_flange_carries_it():
     assert any(sentence.startswith("distances of tool:") for sentence in near.unchecked)
 
 
+def test_what_was_not_checked_and_what_no_motion_tells_is_said(result):
+    for limits, clearance, words in (
+        ({}, None, ("efforts: no limits are known", "jerks", "collisions")),
+        ({"effort": (60.0, np.inf, 1.6), "jerk": 150.0}, None, ("efforts of joints 2:", "collisions")),
+        ({"effort": 70.0, "jerk": 150.0}, Table(1.7), ("distances of hand and table (held)",)),
+    ):
+        run = replace(RUN, duration=2.0, limits=replace(LIMITS, **limits), clearance=clearance)
+        unchecked = design_next(result, run=run, changes=2).unchecked
+        assert len(unchecked) == len(words)
+        assert all(word in sentence for sentence, word in zip(unchecked, words, strict=True))
+
+
 def test_slower_motions_take_longer_and_less_effort(design):
     slow, whole = slowed(design.trajectory, 0.3, 120.0), design.trajectory
     assert slow.t[-1] == pytest.approx(5.0 / 0.3)
@@ -187,3 +200,35 @@ def test_speeds_at_which_efforts_keep_their_limits(truth, design):
         mean, sd = columns @ design.known.mean, np.sqrt(np.einsum("njr,rs,njs->nj", columns, design.known.now, columns))
         holds = np.all(np.abs(mean) + BAND * sd <= EFFORT)
         assert (share in design.slow) == holds
+
+
+def assert_refused(call, where, *words):
+    with pytest.raises(InputError) as caught:
+        call()
+    said = caught.value.on_command_line
+    assert said.startswith(where)
+    assert "\n" not in said
+    assert all(word in said for word in words)
+
+
+def test_requests_that_cannot_be_met_are_refused(result):
+    for run, options, where, words in (
+        ({"start": (0.1, 0.2)}, {}, "--start", ("2 numbers", "3 joints")),
+        ({"start": (0.1, 0.2, float("nan"))}, {}, "--start", ()),
+        ({"start": (-1.5, 0.2, 0.1)}, {}, "--start", ("joint 1 starts at -1.5", "-1.4 to 0.9")),
+        ({"limits": replace(LIMITS, velocity=(1.0, 2.0))}, {}, "--limits", ("2 numbers",)),
+        ({"limits": replace(LIMITS, effort=(1.0, 2.0))}, {}, "--limits", ("'effort'",)),
+        ({"limits": replace(LIMITS, effort=(60.0, 0.4, 60.0))}, {}, "--effort-limits", ("joint 2 may need", "0.4 N m")),
+        ({"clearance": Table(0.1), "start": (0.0, 0.4, 0.0)}, {}, "--start", ("-0.300 m", "0.05 m")),
+        ({}, {"about": ["Fc2"], "between": ["torque_offset:1", "joint_spring:1"]}, "--between", ()),
+        ({}, {"between": ["torque_offset:1"]}, "--between", ()),
+        ({}, {"about": ["Fc8"]}, "--about", ("Fc8",)),
+        ({}, {"criterion": "E"}, "--criterion", ("'E'", "D or A")),
+        ({}, {"changes": 0}, "--changes", ()),
+    ):
+        options = {"changes": 1, **options}
+        assert_refused(
+            lambda run=run, more=options: design_next(result, run=replace(RUN, **run), **more), where, *words
+        )
+    with pytest.raises(InputError, match=r"'result' is no result.*load_model"):
+        design_next("result")

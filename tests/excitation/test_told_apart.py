@@ -8,9 +8,10 @@ from conftest import smooth_motion
 from open_results import LIMITS, TERMS, earlier_motion, open_known, open_result
 from scipy.stats import multivariate_normal
 
+from bayesid.errors import InputError
 from bayesid.excitation.known import known_of
 from bayesid.excitation.reference import usual_motion
-from bayesid.excitation.rivals import inseparable, make_rivals, parse_key
+from bayesid.excitation.rivals import inseparable, log10, make_rivals, parse_key
 from bayesid.model.distortions.base_tilt import BaseTilt
 from bayesid.model.distortions.delay import Delay
 from bayesid.model.terms.stribeck_friction import StribeckFriction
@@ -200,3 +201,15 @@ def test_a_pair_that_no_motion_tells_apart_is_named(known, reference):
     assert inseparable(friction, reference) == []  # the model has the one, not the other's second column
     as_gain = replace(drift, forms=(*drift.forms, replace(gain.forms[0])))  # one form that is alike is enough
     assert inseparable(replace(rivals, rivals=(gain, as_gain)), reference) == [("gain_error:3", "thermal_drift:1")]
+
+
+def test_names_of_hypotheses(known, reference):
+    assert log10(np.log(1000.0)) == pytest.approx(3.0)
+    refused = [lambda text=text: parse_key(text) for text in ("friction:3", "stribeck_friction:x", "", "delay:1.5")]
+    for names in ((), ("stribeck_friction:3",), ("thermal_drift:7",), ("base_tilt:2",)):
+        pair = keys("stribeck_friction:3", *names)
+        refused.append(lambda pair=pair: make_rivals(known, pair, None, reference))
+    for call in refused:
+        with pytest.raises(InputError) as caught:
+            call()
+        assert caught.value.on_command_line.startswith("--between")

@@ -96,3 +96,12 @@ def test_data_sets_of_lerobot(tmp_path, fixed):
     assert log.pieces[1].source.endswith("a.parquet, episode_index 2")
     np.testing.assert_array_equal(log.effort[120:], TAU[:70])
     np.testing.assert_array_equal(log.dq[:120], DQ)
+
+
+def test_data_sets_of_lerobot_that_cannot_be_used(tmp_path):
+    parquet.write_table(lerobot([ROWS], True), tmp_path / "a.parquet")
+    said = refusal(tmp_path / "a.parquet")
+    assert "among action{} (not used), observation.state{} (q), " in said
+    assert said.endswith("; record observation.effort too; action holds commands, no efforts")
+    parquet.write_table(lerobot([30, 40], effort=TAU), tmp_path / "b.parquet")
+    assert "holds 2 recordings of episode_index, none with 50 rows" in refusal(tmp_path / "b.parquet")

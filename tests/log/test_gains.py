@@ -41,6 +41,18 @@ def test_a_file_has_a_gain_and_its_sd_a_joint(tmp_path):
             gains_of(path, 2)
 
 
+def test_what_is_no_gain_is_refused():
+    for text, says in {
+        "12~20%": "1 gains for 2 joints",
+        "12~20%,x": "is not a list of gains",
+        "12~-5%,3": "is uncertain by -5 %",
+        "0~20%,3": "a gain is zero or not finite",
+        "missing.csv": "missing.csv",
+    }.items():
+        with pytest.raises(InputError, match=says):
+            gains_of(text, 2)
+
+
 def test_a_log_of_currents_becomes_one_of_efforts_and_keeps_its_gains():
     log = read_log(CURRENTS, gains="12~20%,16")
     np.testing.assert_allclose(log.effort, np.abs(Q) * [12.0, 16.0])

@@ -126,6 +126,21 @@ def test_unsigned_joints_are_recognised_or_named(table, save):
             np.testing.assert_array_equal(log.effort, np.where(signed, recorded * factors, abs(recorded * factors)))
 
 
+def test_log_checks_its_arrays():
+    good = {"t": np.arange(8.0), "q": np.ones((8, 2)), "effort": np.ones((8, 2)), "signed": [True, False]}
+    assert not Log(**good).q.flags.writeable
+    for change, said in (
+        ({"t": np.arange(9.0)}, "t has shape"),
+        ({"t": -np.arange(8.0)}, "time runs backwards"),
+        ({"effort": np.ones((8, 3))}, "effort has shape"),
+        ({"q": np.full((8, 2), np.nan)}, "not finite"),
+        ({"signed": [True]}, "signed has shape"),
+        ({"effort": -np.ones((8, 2))}, "cannot be negative"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            Log(**good | change)
+
+
 def recorded(rows=100, period=0.01, joints=2, start=5.0, velocities=False, signed=(False, False), name="log"):
     """A log that tells its rows apart."""
     t = start + period * np.arange(rows)
@@ -198,3 +213,19 @@ def test_paths_and_patterns_name_logs(shelf):
         (["x[1].csv"], ["x[1].csv"]),
     ):
         assert [path.as_posix() for path in find_logs(patterns)] == found
+
+
+def test_patterns_that_match_nothing_or_a_log_twice(shelf):
+    for pattern in ("runs/*.txt", "nowhere/*", "runs/fol*", "[", "z" * 300 + "*"):
+        with pytest.raises(InputError) as caught:
+            find_logs(["runs/a.csv", pattern])
+        assert str(caught.value).startswith(f"{pattern}: matches no file; ")
+    for patterns, said in (
+        (["runs/a.csv", "runs/b.csv", "runs/a.csv"], "runs/a.csv: is named twice"),
+        (["runs/*.csv", "runs/a.csv"], "runs/a.csv: is named twice"),
+        (["runs/a.csv", "runs/deep/../a.csv"], "runs/deep/../a.csv: is the same file as runs/a.csv"),
+        (["runs/a.csv", "link.csv"], "link.csv: is the same file as runs/a.csv"),
+    ):
+        with pytest.raises(InputError) as caught:
+            find_logs(patterns)
+        assert str(caught.value).startswith(f"{said}; name every log once")

@@ -45,6 +45,22 @@ def test_parquet_is_known_by_what_it_holds(tmp_path, recorded):
         np.testing.assert_array_equal(log.effort[:, 1], np.arange(ROWS) - 9)
 
 
+def test_parquet_that_cannot_be_used(tmp_path, recorded):
+    path = tmp_path / "log.parquet"
+    for name, values, said in (
+        ("q2", [*[0.5] * 9, None, *[0.7] * (ROWS - 10)], ", row 10: column q2 holds no value; "),
+        ("dq3", [*[0.5] * 4, np.inf, *[0.7] * (ROWS - 5)], ", row 5: column dq3 holds inf; "),
+        ("q1", ["far"] * ROWS, ", column q1: holds string, not numbers; "),
+        ("q1", pa.array(range(ROWS), pa.timestamp("us")), ", column q1: holds timestamp[us], not numbers; "),
+        ("t", np.zeros(ROWS), ", column t: time never advances; "),
+    ):
+        assert f"log.parquet{said}" in refusal(save_parquet(path, flat(recorded) | {name: values}))
+    lacking = refusal(save_parquet(path, without(flat(recorded), "tau2")))
+    assert "log.parquet: column tau2 is missing; add it; q1..q3 are there" in lacking
+    path.write_bytes(path.read_bytes()[:-20])
+    assert "log.parquet: is damaged (" in refusal(path)
+
+
 @pytest.mark.parametrize("write", [save_matlab, save_hdf5])
 @pytest.mark.parametrize("form", ["matrices", "transposed", "vectors", "struct", "aliases", "no velocities"])
 def test_matlab(tmp_path, recorded, write, form):
@@ -60,6 +76,23 @@ def test_matlab(tmp_path, recorded, write, form):
     assert_same(read_log(write(tmp_path / "log.mat", variables)), kept)
     one = {"t": kept["t"], "q": kept["q"][:, 1], "i": kept["tau"][:, 2]}
     np.testing.assert_array_equal(read_log(write(tmp_path / "1.mat", one), [3.5]).effort[:, 0], one["i"] * 3.5)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"q": None}, "there is no t with a q among t, dq, tau; save t (N x 1), q (N x n)"),
+        ({"tau": None}, "column tau1 (or i1 with gains) is missing"),
+        ({"q": np.ones((ROWS - 1, 3))}, "variable q has shape (63, 3) for 64 instants"),
+        ({"q": np.ones((ROWS, ROWS))}, "variable q is square: its rows or its columns may be instants"),
+        ({"t": np.ones((ROWS, 2))}, "variable t has shape (64, 2)"),
+        ({"q2": np.arange(ROWS)}, "variables q and q2 may be the same"),
+        ({"dq": np.full((ROWS, 3), np.nan)}, "row 1: column dq1 holds nan"),
+    ],
+)
+def test_matlab_that_cannot_be_used(tmp_path, recorded, change, said):
+    variables = {name: value for name, value in (recorded | change).items() if value is not None}
+    assert said in refusal(save_matlab(tmp_path / "log.mat", variables))
 
 
 @pytest.mark.parametrize("write", [save_matlab, save_hdf5])
@@ -125,6 +158,17 @@ def test_which_topic(tmp_path, recorded, bag):
     assert "none of the topics /left, /right has efforts; record one with efforts" in refusal(path)
 
 
+def test_a_topic_of_several_publishers(tmp_path, recorded, bag):
+    gripper = [bag.state(t + 5e-4, ["finger1", "finger2"], [0.1, t], [], []) for t in recorded["t"]]
+    states = sorted([*bag.states(recorded, J), *gripper], key=lambda one: one[0])
+    path = bag.write(tmp_path / "bag", {"/states": states})
+    assert "there are messages of base_yaw, arm_lift, wrist_roll, and of finger1, finger2; say which" in refusal(path)
+    assert_same(read_log(path, joints=J), recorded, atol=1e-15)
+    expected = "no message holds all of the joints elbow; give --joints those of base_yaw, arm_lift, wrist_roll, fing"
+    assert expected in refusal(path, joints=["elbow"])
+    assert "--joints: a joint is named twice; " in refusal(path, joints=["base_yaw", "base_yaw"])
+
+
 def in_degrees(recorded):
     return recorded | {name: np.rad2deg(recorded[name]) for name in ("q", "dq")}
 
@@ -173,6 +217,20 @@ def test_names_of_kuka(tmp_path, recorded, names):
         path, gains = save(tmp_path / "rsi.csv", text(columns, separator, decimal)), np.array([2.0, -3.0, 0.5])
         log = read_log(path, gains=gains if currents else None)
         assert_same(log, recorded | {"tau": recorded["tau"] * (gains if currents else 1.0)}, atol=1e-13)
+
+
+def test_kuka_that_cannot_be_used(tmp_path, recorded):
+    for change, said in (
+        ({f"AIPos.A{j}": None for j in (1, 2, 3)}, "there are no axis positions among RIst.X, IPOC, "),
+        ({f"MACur.A{j}": None for j in (1, 2, 3)}, "there are neither motor currents nor torques of the axes among "),
+        ({"MACur.A2": None}, "column MACur.A1 has none beside it for axis 2; add it: there are positions of 3"),
+        ({"IPOC": None, "Time": 4.0}, "column Time spans 252 s with steps of 4 s: milliseconds?; name the column Time"),
+        ({"MACur.A2": None, "MACur.A2[%]": np.nan}, "row 2: column MACur.A2[%] holds nan"),
+    ):
+        columns = without(kuka(recorded), *change)
+        columns |= {name: np.arange(1, ROWS + 1) * value for name, value in change.items() if value is not None}
+        assert said in refusal(save(tmp_path / "rsi.csv", text(columns, ";", ",")), gains=[1.0, 1.0, 1.0])
+    assert "the log holds currents but no gains are given" in refusal(save(tmp_path / "rsi.csv", kuka(recorded)))
 
 
 def test_units_by_the_header(tmp_path, recorded):

@@ -11,6 +11,7 @@ from log_files import (
     save,
     save_matlab,
     save_parquet,
+    smooth_recording,
     strange,
     text,
     without,
@@ -58,6 +59,24 @@ def test_columns_of_single_joints_and_of_a_range(tmp_path):
     stated = {"t": "clock", "q": "pose{3-4}", "tau1": "base", "tau2": "wrist"}
     log = read_log(save(tmp_path / "log.csv", columns), columns=stated)
     assert_same(log, {"t": RECORDED["t"], "q": q, "tau": tau[:, :2]})
+
+
+USUAL = {"t": "timestamp", "q": "actual_q_{}", "dq": "actual_qd_{}", "tau": "actual_current_as_torque_{}"}
+
+
+def test_a_column_that_a_user_prefers_counts_in_place_of_the_joints_own(tmp_path):
+    path = save(tmp_path / "log.csv", flat(NO_DQ) | {"Geber": RECORDED["q"][:, 0] + 1.0})
+    assert_same(read_log(path, columns={"q1": "Geber"}), NO_DQ | {"q": RECORDED["q"] + [1.0, 0.0, 0.0]})
+    usual = flat(RECORDED, start=0, **USUAL)
+    path = save(tmp_path / "log.csv", usual)
+    stated = {f"{kind}{j}": USUAL[kind].replace("{}", str(2 - j)) for kind in ("q", "dq", "tau") for j in (1, 2)}
+    turned = {name: RECORDED[name][:, 1::-1] for name in ("q", "dq", "tau")}
+    assert_same(read_log(path, columns=stated), RECORDED | turned)  # joints named one by one are all there are
+    for kind, said in (("q", "has no q beside it"), ("tau", "is missing")):
+        # without the first joint's column those of joints 2 and 3 may be numbered from 0 or from 1
+        old = USUAL[kind].replace("{}", "0")
+        path = save(tmp_path / "log.csv", {"first" if name == old else name: v for name, v in usual.items()})
+        assert said in refusal(path, columns={f"{kind}1": "first"})
 
 
 def test_columns_that_cannot_be_used(tmp_path):
@@ -111,3 +130,18 @@ def test_logs_in_memory():
     assert_same(log, NO_DQ | {"tau": np.abs(RECORDED["tau"]) * [2.0, 3.0, 1.0]})
     with pytest.raises(InputError, match=r"the log has 3 joints, robot .* has 6"):
         judge_log(load_robot("kr5"), RECORDED)
+
+
+def test_logs_in_memory_that_cannot_be_used():
+    recorded = smooth_recording(2, 60)
+    for change, said in (
+        ({"q": None}, "dict: column q1 is missing among t (t), dq{} (dq), tau{} (tau); say which"),
+        ({"t": np.arange(60) * 4}, "dict: column t spans 236 s with steps of 4 s: milliseconds?"),
+        ({"q": np.ones((9, 2))}, "dict: variable q has shape (9, 2) for 60 instants"),
+        ({"tau": None, "tau1": [None] * 60, "tau2": np.ones(60)}, "dict, row 1: column tau1 holds None, not a number"),
+        ({"tau": None, "tau1": np.ones(9), "tau2": np.ones(60)}, "dict: tau1 has 9 values, t has 60; "),
+    ):
+        assert said in refusal({name: value for name, value in (recorded | change).items() if value is not None})
+    assert "has no topic; leave topic out" in refusal(RECORDED, topic="/states")
+    for thing in (None, 5, [1.0, 2.0], np.ones((ROWS, 5)), b"log.csv", dict):
+        assert "; give a path, a Log, a data frame, a structured array, or a dict of arrays t, q and" in refusal(thing)

@@ -217,6 +217,13 @@ def test_what_a_log_leaves_open_is_one_line(tmp_path, form):
     assert all(word in said for word in says), said
 
 
+def test_rows_are_counted_from_the_first_line_of_the_file(tmp_path):
+    lines = ["Recorder 1.2", "", *text(flat(RECORDED), ";").splitlines()]
+    for cell, said in (("nan", "holds nan"), ("?", "holds '?', not a number")):
+        bad = [*lines[:9], ";".join([lines[9].partition(";")[0], cell, *lines[9].split(";")[2:]]), *lines[10:]]
+        assert f"row 10: column q1 {said}" in refusal(save(tmp_path / "log.csv", joined(bad)))
+
+
 @pytest.mark.parametrize(
     "columns",
     [
@@ -236,3 +243,20 @@ def test_the_columns_that_a_refusal_suggests_read_the_log(tmp_path, columns):
     log = read_log(path, gains, columns=suggested)
     np.testing.assert_allclose(log.q, RECORDED["q"], atol=1e-12)
     np.testing.assert_allclose(log.effort, RECORDED["tau"], rtol=1e-12)
+
+
+def test_what_efforts_and_times_are_meant(tmp_path):
+    """Torques that are currents, velocities that are no efforts, and `t="sample[10ms]"`: each row is 10 ms."""
+    path, gains = save(tmp_path / "log.csv", flat(RECORDED, tau="effort_{}")), [2.0, 3.0, 1.0]
+    assert_same(read_log(path), RECORDED)
+    assert 'drop --gains, or give --columns i="effort_{}"' in refusal(path, gains=gains)
+    log = read_log(path, gains, columns={"i": "effort_{}"})
+    assert_same(log, RECORDED | {"tau": RECORDED["tau"] * gains})
+    names = {"t": "Time stamp /s", "q": "Axis {} act. pos", "dq": "Axis {} act. vel", "tau": "|M{}| Nm"}
+    path = save(tmp_path / "log.csv", flat(RECORDED | {"tau": np.abs(RECORDED["tau"])}, **names))
+    wrong = without(names, "dq") | {"tau": names["dq"]}
+    assert "the efforts are the joints' velocities" in refusal(path, columns=wrong)
+    path = save(tmp_path / "log.csv", flat(RECORDED | {"t": np.arange(ROWS)}, t="sample"))
+    assert 't="sample"' in refusal(path)
+    assert "rows?" in refusal(path, columns={"t": "sample"})
+    assert_same(read_log(path, columns={"t": "sample[10ms]"}), RECORDED)

@@ -1,12 +1,14 @@
-"""The posterior's benchmark: what NUTS samples is the very same density."""
+"""The posterior's benchmark: what NUTS samples is the very same density, and the study runs."""
 
 import numpy as np
 import pytest
 
 from bayesid.posterior.sampler import Sampling, sample
+from bayesid.studies.benchmarks import posterior as benchmark_posterior
 from bayesid.studies.benchmarks.posterior import (
     LogCholesky,
     Straight,
+    main,
     make_log_density,
     numpyro_installed,
     simulated_problem,
@@ -68,3 +70,15 @@ def forward(jax, chosen, z):
     """(W, P + n) coordinates and (W,) log |Jacobian|."""
     inner, volume = jax.jit(jax.vmap(chosen.forward))(z)
     return np.array(inner), np.array(volume)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("numpyro", [pytest.param(True, marks=needs_numpyro), False])
+def test_the_study_runs(monkeypatch, capsys, numpyro):
+    monkeypatch.setattr(benchmark_posterior, "numpyro_installed", lambda: numpyro)
+    main(["--short", "--seconds", "0.5"])
+    shown = capsys.readouterr().out
+    assert "emcee stretch" in shown
+    assert ("NUTS straight" in shown) == numpyro
+    assert ("pip install 'bayesid[bench]'" in shown) != numpyro
+    assert shown.count("target >=") == 1 + numpyro

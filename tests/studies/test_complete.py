@@ -1,4 +1,4 @@
-"""The study of completed models: its cases are true to what they say."""
+"""The study of completed models: its cases are true to what they say, its report and figure bear short runs."""
 
 from dataclasses import replace
 

@@ -1,11 +1,14 @@
-"""The study of sets of effects: scores by hand."""
+"""The study of sets of effects: scores by hand, its plan by kind, a report and a figure of rows made up."""
 
+import json
+from dataclasses import asdict
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from reported import reported
 
-from bayesid.studies import blind, discrepancy
+from bayesid.studies import blind, discrepancy, discrepancy_sets
 from bayesid.studies.discrepancy_sets import more_scores, number_error
 
 
@@ -85,3 +88,28 @@ def test_number_of_the_table():
         row = scores(added[1:], truth_of(("kinematic_error",), ((),), [off]))
         assert row["each"]
         assert row["number_error"] == pytest.approx(error, nan_ok=True)
+
+
+def made_up_rows(count):
+    """Rows of right answers."""
+    rows = []
+    for trial, (scenario, seed) in enumerate(discrepancy_sets.plan(count, 0)):
+        names = tuple(scenario.effects.split("+")) if scenario.effects else ()
+        silent = "only" in scenario.kind
+        added = [] if silent else [effect({"outside": "learned_effect"}.get(name, name), (1,)) for name in names]
+        off = {"row": 1, "number": "a", "value": 0.005}
+        row = scores(added, truth_of(names, tuple((1,) for _ in names), [off | {"variables": []} for _ in names]))
+        timings = {"timings": {"discrepancy": 4.0 + trial, "cpu": 3.0}}
+        rows.append({**asdict(scenario), **row, "number_error": 0.1, "seed": seed, "trial": trial, **timings})
+    return rows
+
+
+def test_the_report_counts_rows_of_right_answers_for_each_target():
+    rows = made_up_rows(15)
+    lines = reported(discrepancy_sets.STUDY, rows).splitlines()
+    for target in discrepancy_sets.targets():
+        (line,) = [line for line in lines if line.startswith(f"{target.said:<58}")]
+        if not target.said.startswith("outside: right"):
+            assert f"({1:.1%})" in line, line
+    wrong = [{**rows[0], "false": 1, "named": json.dumps([["delay", [2], []]])}, *rows[1:]]
+    assert "two effects, different joints: set named                  0 of 1" in discrepancy_sets.report(wrong)

@@ -1,9 +1,10 @@
-"""The study of the next motion: its limits are checked against the true robot."""
+"""The study of the next motion: its limits are checked against the true robot, and its report bears short runs."""
 
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from conftest import small_robot
 
 from bayesid.excitation.splines import SplineBasis, SplineTrajectory
@@ -11,7 +12,11 @@ from bayesid.model.model import Model
 from bayesid.model.terms import RigidBody
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import MotionLimits
-from bayesid.studies.next_motion import kept_limits
+from bayesid.studies import load, next_motion
+from bayesid.studies.next_motion import COEFFICIENTS, HYPOTHESES, Scenario, kept_limits
+
+STUDY = load("next_motion")
+_CHANGES = 20
 
 
 def test_a_limit_that_is_broken_between_samples_is_seen():
@@ -34,3 +39,26 @@ def test_a_limit_that_is_broken_between_samples_is_seen():
     effort = np.abs(truth.model.effort(trajectory.motion(np.linspace(0.0, 2.0, 4001)), truth.theta)).max(axis=0)
     assert held(effort=tuple(1.0001 * effort))["effort_held"]
     assert not held(effort=tuple(0.999 * effort))["effort_held"]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "scenario",
+    [
+        Scenario(COEFFICIENTS, "kr5", changes=_CHANGES),
+        Scenario(COEFFICIENTS, "arm", limited=False, changes=_CHANGES),
+        Scenario(HYPOTHESES, "kr5", "joint_spring", changes=_CHANGES),
+    ],
+    ids=lambda scenario: f"{scenario.part}-{scenario.robot}",
+)
+def test_a_short_trial_of_each_kind(scenario):
+    row = next_motion.trial(scenario, 0)
+    assert row["motion_held"]
+    assert row["effort_held"] in ((True,) if scenario.limited else (None,))
+    if scenario.part == COEFFICIENTS:
+        assert row["open_designed"] < row["open_now"]
+        assert max(row["error_designed"], row["error_random"]) < 1.5
+        assert row["noise_above"] < 0.2 * row["coefficients"]
+    else:
+        assert row["named_designed"]
+        assert row["told_designed"]
