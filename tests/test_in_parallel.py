@@ -80,7 +80,6 @@ def test_what_a_copy_cannot_hand_over_is_done_again(fault):
 
 
 @copies_only
-@pytest.mark.long
 def test_an_identification_is_the_same_with_and_without_copies(tmp_path):
     """Signs, draws, effects and figures of the page, to the last digit."""
     (tmp_path / "arm.toml").write_text(ARM)

@@ -4,7 +4,7 @@ from conftest import small_robot, smooth_motion
 from made_trials import RATE, made_trial
 from scipy.signal import butter, sosfiltfilt
 
-from bayesid.discrepancy.compare import make_trial, noise_floor, where_it_shows
+from bayesid.discrepancy.compare import make_trial, noise_floor, shortened, where_it_shows
 from bayesid.fit.effects.error_model import fit_error
 from bayesid.fit.noise import Noise
 from bayesid.log.log import Log
@@ -222,3 +222,25 @@ def test_the_variable_and_its_range_are_named(name):
     place = [np.mean(values[used[:, 1]] <= edge) for edge in found.range]
     assert place[0] == pytest.approx(low, abs=1.0 / 12.0 + 0.01)
     assert place[1] == pytest.approx(high, abs=1.0 / 12.0 + 0.01)
+
+
+def test_a_long_log_is_stood_for_by_stretches_of_it():
+    motion = smooth_motion(1, 137.0, RATE, seed=2)
+    trial = made_trial(motion, 5.0 + motion.q)
+    short = shortened(trial)
+    assert len(short.used) == 10_000
+    steps = np.diff(short.signals.motion.t)
+    assert (steps > 0.0).all()
+    seams = np.flatnonzero(steps > 1.5 / RATE) + 1
+    assert len(seams) == 7
+    rows = np.searchsorted(motion.t, short.signals.motion.t - 1e-9)
+    assert (rows[0], rows[-1]) == (0, len(motion) - 1)
+    for name in ("raw_effort", "effort"):
+        np.testing.assert_array_equal(getattr(short.signals, name), getattr(trial.signals, name)[rows])
+    np.testing.assert_array_equal(short.actuators.ddq, motion.ddq[rows])
+    assert short.signals.motion.origin == motion.origin
+    for seam in (*seams, 0, 10_000):
+        assert not short.used[max(0, seam - 10) : seam + 10].any()
+    assert short.used.sum() == 10_000 - 8 * 20
+    few = made_trial(smooth_motion(1, 100.0, RATE), np.ones((10_000, 1)))
+    assert shortened(few) is few

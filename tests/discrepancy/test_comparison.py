@@ -74,7 +74,6 @@ def test_what_was_there_all_along_is_told_from_what_came(loaded):
     assert [line.tracked[c].name for c in np.flatnonzero(line.moved.any(axis=0))] == [PAYLOAD]  # and no link
 
 
-@pytest.mark.long
 def test_what_only_the_first_log_shows_is_gone_and_what_only_a_later_one_shows_has_changed():
     """And logs out of the order of their dates are warned of."""
     first = arm_log(1, sticky=STICKY, name="arm-2026-08-01.csv")

@@ -1,3 +1,5 @@
+import json
+
 import numpy as np
 import pytest
 from conftest import small_robot
@@ -51,7 +53,18 @@ def test_it_is_the_function_that_was_hidden(found):
     assert np.sqrt(np.mean((learned - truth) ** 2)) < 0.05 * np.sqrt(np.mean(truth**2))
 
 
-@pytest.mark.long
+def test_it_is_kept_with_the_model_and_drawn_on_the_page(found, tmp_path):
+    folder = bayesid.save_discrepancy(found, tmp_path / "found")
+    motion = found.trial.signals.motion
+    kept = bayesid.load_model(folder)
+    assert np.allclose(kept.predict(motion).mean, found.identification.predict(motion).mean, rtol=1e-9)
+    (told,) = [one for one in json.loads((folder / "discrepancy.json").read_text())["found"] if one["variables"]]
+    assert told["effect"] == "learned_effect"
+    assert told["formula"]
+    page = (folder / "report.html").read_text()
+    assert any(f"{name} = " in page for name in ("q1", "q3"))  # one function over each, at values of the other
+
+
 def test_what_only_the_log_shows_is_refused_and_said(healthy):
     result = bayesid.find_discrepancy(healthy, arm_log(2, magnets, 20.0), arm_log(3, duration=20.0), posterior=False)
     assert not result.added

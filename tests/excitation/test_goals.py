@@ -10,6 +10,7 @@ from open_results import open_known
 from bayesid.errors import InputError
 from bayesid.excitation.goals import CRITERIA, Goal, goal_of, information_gain, open_coefficients
 from bayesid.excitation.reference import usual_motion
+from bayesid.model.terms.payload import CarriedPayload
 
 
 @pytest.fixture(scope="module")
@@ -85,6 +86,31 @@ def test_gains_are_ratios_and_their_common_factor_is_no_motion_s(known):
     assert "gain3/gain1" not in goal_of(with_gains(known, 2)).names  # one alone has no ratio
     with pytest.raises(InputError, match="gains are exact"):
         goal_of(known, ["gains"])
+
+
+def test_a_payload_that_no_log_has_shown_is_the_last_link_s(known):
+    goal = goal_of(known, ["payload"])
+    assert any("record once without it and once with it" in sentence for sentence in goal.never)
+    assert {"J3xx", "mc3x"} < set(goal.names)
+    assert not {"Fc3", "Fv3"} & set(goal.names)
+
+
+def test_payloads_that_logs_carried_are_theirs_alone():
+    terms = ("rigid_body", CarriedPayload(label=("tool",)), "viscous_friction", CarriedPayload(label=("box",)))
+    known = open_known(n=2, terms=terms)
+    goal = goal_of(known, ["payload"], "tool")
+    assert goal.never == ()
+    assert not {"Fv1", "Fv2"} & set(goal.names)
+    assert len(goal.names) == 10
+    of_tool = known.model.places[1]
+    names = [parameter.name for parameter in known.model.parameters[of_tool]]
+    assert [name.split(".")[0] for name in goal.names] == [name.split(".")[0] for name in names], goal.names
+
+
+def test_a_payload_that_the_motion_does_not_carry_is_told_by_none_of_it():
+    known = open_known(n=2, terms=("rigid_body", CarriedPayload(label=("tool",))))
+    with pytest.raises(InputError, match="as tool"):
+        goal_of(known, ["payload"])
 
 
 def test_signs_are_the_efforts_of_random_motions(known):

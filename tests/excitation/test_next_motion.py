@@ -98,6 +98,10 @@ def test_the_motion_starts_and_ends_at_rest_where_the_log_began(result, design):
     assert design.predicted.gain > design.of_random.gain > 0.0
 
 
+def test_it_says_what_it_leaves_open(design):
+    assert f"{design.predicted.open} after its recording" in repr(design)
+
+
 def test_a_start_of_one_s_own_and_none_that_is_known(result):
     run = replace(RUN, duration=3.0, start=(0.1, 0.4, -0.5))
     own = design_next(result, run=run, changes=10)

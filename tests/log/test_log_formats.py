@@ -219,11 +219,28 @@ def test_names_of_kuka(tmp_path, recorded, names):
         assert_same(log, recorded | {"tau": recorded["tau"] * (gains if currents else 1.0)}, atol=1e-13)
 
 
+def test_what_kuka_prefers(tmp_path, recorded):
+    """Actual positions to commanded ones, the controller's clock to others, torques to currents, one prefix."""
+    more = {f"ASPos.A{j}": np.zeros(ROWS) for j in (1, 2, 3)} | {f"A{j}": np.ones(ROWS) for j in (1, 2, 3)}
+    more |= {"Time": np.ones(ROWS), "Send.IPOC": np.ones(ROWS), "Receive.IPOC": np.round(recorded["t"] * 1e3)}
+    more |= {f"MACur.A{j}": np.full(ROWS, np.nan) for j in (1, 2, 3)}
+    columns = without(kuka(recorded, "Receive.AIPos.A", "Torque.A"), "IPOC")
+    assert_same(read_log(save(tmp_path / "rsi.csv", more | columns)), recorded, atol=1e-13)
+    commanded = save(tmp_path / "set.csv", kuka(recorded, "ASPos.A", "Torque.A"))
+    with pytest.warns(UserWarning, match="positions are commanded ones"):
+        assert_same(read_log(commanded), recorded, atol=1e-13)
+
+
 def test_kuka_that_cannot_be_used(tmp_path, recorded):
     for change, said in (
         ({f"AIPos.A{j}": None for j in (1, 2, 3)}, "there are no axis positions among RIst.X, IPOC, "),
         ({f"MACur.A{j}": None for j in (1, 2, 3)}, "there are neither motor currents nor torques of the axes among "),
         ({"MACur.A2": None}, "column MACur.A1 has none beside it for axis 2; add it: there are positions of 3"),
+        ({"IPOC": None}, "there is no time among RIst.X, AIPos.A1, AIPos.A2, "),
+        ({"aipos_a2": 1.0}, "row 1: columns AIPos.A2 and aipos_a2 hold the same"),
+        ({f"R2.AIPos.A{j}": 1.0 for j in (1, 2, 3)}, "AIPos.A1 and R2.AIPos.A1 hold the same"),
+        ({"Torque.A1": 1.0, "GearTorque.A1": 1.0}, "row 1: Torque.A1 and GearTorque.A1 are torques; leave all but one"),
+        ({"AxisVel.A1": None, "AxisVel.A1[%]": 1.0}, "column AxisVel.A1[%] is in a unit that is not known; give it in"),
         ({"IPOC": None, "Time": 4.0}, "column Time spans 252 s with steps of 4 s: milliseconds?; name the column Time"),
         ({"MACur.A2": None, "MACur.A2[%]": np.nan}, "row 2: column MACur.A2[%] holds nan"),
     ):
