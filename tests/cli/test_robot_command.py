@@ -1,5 +1,6 @@
 """`bayesid robot`: files made from data sheets, robots shown and listed."""
 
+import io
 import re
 import tomllib
 
@@ -153,3 +154,11 @@ def test_what_cannot_be_shown(place, refused):
     refused(*show, "kr5", "--out", "arm.gif", says=["arm.gif: is no picture by its name", ".png"])
     refused(*show, says=["robot"])
     assert run(*show, "kr5", "--q", "0,-90,90,0,0,0", "--no-degrees", "--quiet") == 0
+
+
+def test_a_table_from_the_standard_input_is_shown_as_a_picture(place, monkeypatch):
+    table = b"a[mm] alpha[deg] d[mm] theta[deg]\n25 -90 400 0\n315 0 0 0\n"
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(table), encoding="utf-8"))
+    assert run("robot", "new", "-", "--convention", "standard", "--out", "arm.toml", "--quiet") == 0
+    assert run("robot", "show", "arm.toml", "--out", "arm.svg", "--quiet") == 0
+    assert b"<svg" in (place / "arm.svg").read_bytes()

@@ -7,6 +7,7 @@ import struct
 import sys
 import threading
 import tomllib
+import zlib
 from contextlib import closing
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from hypothesis import strategies as st
 from log_files import Bag, flat, save_hdf5, save_matlab, save_parquet, scaled, smooth_recording, text
 from mutations import BUDGETS, check_reader, fuzz, mutated_files, mutated_tree
 from pyarrow import parquet
+from scipy.io import savemat
 
 from bayesid.errors import InputError
 from bayesid.excitation.limits import read_limits
@@ -247,3 +249,13 @@ def test_standard_input_and_devices(monkeypatch):
     assert read_log("-").source == "standard input"
     with pytest.raises(InputError, match="is a device, no file"):
         read_log("/dev/zero")
+
+
+def test_matlab_files_that_claim_more_than_they_hold(tmp_path):
+    savemat(path := tmp_path / "log.mat", {"t": np.arange(9.0)})
+    header, packed = path.read_bytes()[:128], zlib.compress(bytes(8) + bytes(1 << 20))
+    wide = struct.pack("<2I4I2I2i", 14, 48, 6, 8, 1, 0, 5, 8, 30_000, 30_000) + bytes(16)  # cells in 16 bytes
+    level_4 = struct.pack("<5i", 0, 1 << 20, 1 << 10, 0, 2) + b"t\0"
+    for content in (header + struct.pack("<2I", 15, len(packed)) + packed, header + wide, level_4):
+        path.write_bytes(content)
+        assert not check_reader(lambda: read_log(path))
