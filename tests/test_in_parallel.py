@@ -7,9 +7,13 @@ import os
 import subprocess
 import sys
 import textwrap
+import time
+from functools import partial
 
 import pytest
 from command_line import ARM
+
+from bayesid.process import in_parallel
 
 COPIES = sys.platform == "linux" and len(os.sched_getaffinity(0)) > 1
 copies_only = pytest.mark.skipif(not COPIES, reason="needs Linux and two processors")
@@ -77,6 +81,27 @@ def test_what_a_copy_cannot_hand_over_is_done_again(fault):
             return k
         print(*in_parallel([partial(task, k) for k in range(6)]))
     """) == [*"012345"]
+
+
+def test_this_process_gets_back_what_it_knows_errors_and_what_a_copy_left(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "2")
+    things, told, here = [lambda: 0 for _ in range(8)], [], os.getpid()  # none can be pickled
+
+    def task(k, fails=-1, leaves=False):
+        time.sleep(0.02)
+        if k == fails:
+            raise ValueError(f"task{k}")
+        if leaves and os.getpid() != here:
+            os._exit(1)
+        return things[k], [things[0]]
+
+    for leaves in (False, True):
+        tasks = [partial(task, k, leaves=leaves) for k in range(8)]
+        found = in_parallel(tasks, lambda *counts: told.append(counts), known=things)
+        assert all(one is thing and held[0] is things[0] for thing, (one, held) in zip(things, found, strict=True))
+    assert {total for _, total in told} == {8}
+    with pytest.raises(ValueError, match="task5"):
+        in_parallel([partial(task, k, 5) for k in range(8)])
 
 
 @copies_only
