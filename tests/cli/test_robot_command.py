@@ -109,6 +109,7 @@ def test_new_files_that_cannot_be(place, refused):
     new = "robot", "new"
     refused(*new, "table.csv", "--out", "a.toml", says=["--convention: is needed with a table", "standard or modified"])
     refused(*new, "picture.csv", "--convention", "standard", "--out", "a.toml", says=["picture.csv"])
+    refused(*new, "no.csv", "--convention", "standard", "--out", "a.toml", says=["no.csv: cannot be read"])
     refused(*new, "--out", "a.csv", says=["a.csv: does not end in .toml"])
     refused(*new, "--out", "folder.toml", says=["folder.toml: is a folder"])
     refused(*new, says=["--out"])
@@ -152,6 +153,7 @@ def test_what_cannot_be_shown(place, refused):
     refused(*show, "kr5", "--q", "0,-90,90,0,0,0", says=["looks like degrees", "--degrees"])
     refused(*show, "kr5", "--q", "0,0,0,0,0,x", says=["is not a list of numbers"])
     refused(*show, "kr5", "--out", "arm.gif", says=["arm.gif: is no picture by its name", ".png"])
+    refused(*show, "kr5", "--out", ".", says=["is a folder"])
     refused(*show, says=["robot"])
     assert run(*show, "kr5", "--q", "0,-90,90,0,0,0", "--no-degrees", "--quiet") == 0
 
@@ -162,3 +164,5 @@ def test_a_table_from_the_standard_input_is_shown_as_a_picture(place, monkeypatc
     assert run("robot", "new", "-", "--convention", "standard", "--out", "arm.toml", "--quiet") == 0
     assert run("robot", "show", "arm.toml", "--out", "arm.svg", "--quiet") == 0
     assert b"<svg" in (place / "arm.svg").read_bytes()
+    assert run("robot", "new", r"a,alpha,d,theta\n1,0,0,0", "--convention", "standard", "--out", "one.toml") == 0
+    assert load_robot(place / "one.toml").n_joints == 1

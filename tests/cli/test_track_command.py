@@ -209,6 +209,15 @@ def test_units_gains_and_names_count_as_in_files(place, monkeypatch, capfd):
     np.testing.assert_allclose(strange, stream_of(capfd.readouterr().out), rtol=1e-4, atol=1e-4)
 
 
+def test_a_few_rows_at_another_rate_are_answered_with_a_warning(place, monkeypatch, capfd):
+    rows = "".join(f"{0.2 * k},0,0,0,0,0,0,1,1,1\n" for k in range(20))
+    on_input(monkeypatch, (HEADER.replace("tau1", "dq1,dq2,dq3,tau1") + rows).encode())
+    assert run(*FOLLOW, "--quiet") == 0
+    out, err = capfd.readouterr()
+    assert len(stream_of(out)) == 20
+    assert "give --rate 5" in err
+
+
 @pytest.fixture
 def live(place):
     """A `bayesid track --follow` of its own, with its ends."""
@@ -281,6 +290,8 @@ BAD_STREAMS = [
     ((), HEADER.replace("tau", "i") + "0,0,0,0,1,1,1\n", ["no gains"]),
     ((), HEADER + "0,90,80,70,1,1,1\n", ["are they degrees"]),
     ((), HEADER + MS, ["t[ms]", "50 Hz"]),
+    ((), (HEADER + MS).encode("utf-16"), ["UTF-16", "UTF-8"]),
+    (("--topic", "x"), HEADER, ["has no topic"]),
 ]
 
 
