@@ -114,11 +114,11 @@ ON_SLIDES = (
 )
 
 
-def mesh_arm(folder, filename="package://parts/meshes/tool.stl", scale="1 1 2"):
+def mesh_arm(folder, filename="package://parts/meshes/tool.stl", scale="1 1 2", near=BALL):
     mesh = f'<mesh filename="{filename}" scale="{scale}"/>'
     return urdf_robot(
         folder,
-        link("plate", (BALL, "1 0 0.07", "0 0 0")),
+        link("plate", (near, "1 0 0.07", "0 0 0")),
         link("carriage"),
         link("tool", (mesh, "0 0 0.3", "0 0 0")),
         *ON_SLIDES,
@@ -161,6 +161,12 @@ def to_hull(point, corners):
         options={"ftol": 1e-15, "maxiter": 500},
     )
     return float(np.sqrt(found.fun))
+
+
+def test_a_flat_mesh_counts_as_a_capsule_that_holds_it(tmp_path):
+    (tmp_path / "tool.stl").write_text(stl(BRACKET[:3], FACES[:1]), encoding="utf-8")
+    model = collision_model(mesh_arm(tmp_path, "tool.stl", near=BOX), np.zeros(2), floor=None)
+    assert 0.5 < model.distance(np.zeros((1, 2)))[0] < np.hypot(0.65, 0.08), "of the nearest corner"
 
 
 def test_meshes_are_found_above_the_urdf_and_in_ros_package_path(package, tmp_path, monkeypatch):

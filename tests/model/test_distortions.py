@@ -172,6 +172,12 @@ def test_change_is_the_difference_that_the_model_makes(arm, name):
     assert slopes.shape[2] == {"base_tilt": 4}.get(distortion.name, numbers)
 
 
+def test_errors_are_told_a_joint_with_their_units(sliding):
+    for name, unit in (("link_length", "m"), ("link_twist", "rad"), ("gear_ratio", "1")):
+        distortion = sliding.distortion(name)
+        assert [*distortion.numbers(sliding.robot).values()] == [(error, unit) for error in distortion.error]
+
+
 @pytest.mark.parametrize("name", TUNED)
 def test_slopes_are_those_of_the_efforts_by_hand(arm, name):
     distortion, step = arm.distortion(name), 1e-4

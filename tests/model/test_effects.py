@@ -5,6 +5,7 @@ import pickle
 import numpy as np
 import pytest
 from conftest import small_robot, smooth_motion
+from term_efforts import LEARNED
 
 from bayesid.model.catalogue import forms, make_effect, make_terms
 from bayesid.model.felt import FeltColumns
@@ -56,6 +57,10 @@ def test_an_effect_takes_only_numbers_of_its_robot(scene):
             shape = {key: values * len(joints) if len(values) == 1 else values for key, values in form.shape.items()}
             with pytest.raises(ValueError, match="not joints of the robot"):
                 make_effect(form.name, {**shape, "joints": joints}).check(JOINTS)
+    learned = {**LEARNED, "links": [0.1] * 10 * JOINTS}
+    for key in ("links", "kept", "weights"):
+        with pytest.raises(ValueError, match=f"{key} has "):
+            make_effect("learned_effect", {**learned, key: [*learned[key], 1.0]}).check(JOINTS)
     with pytest.raises(ValueError, match="all joints"):
         make_effect("base_tilt", {"angle": (0.1, 0.2), "joints": (2,)}).check(JOINTS)
 

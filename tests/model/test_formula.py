@@ -6,7 +6,7 @@ import pytest
 from bayesid.model.axes import Axis, Component, Family, Quantity
 from bayesid.model.formula import described
 
-POSITION, VELOCITY = Quantity.POSITION, Quantity.VELOCITY
+POSITION, VELOCITY, LOAD, TIME = Quantity.POSITION, Quantity.VELOCITY, Quantity.LOAD, Quantity.TIME
 Q2 = Axis(POSITION, 2, Family.PERIODIC, -1.0, 0.6, 2.0, 2)
 Q6 = Axis(POSITION, 6, Family.PERIODIC, -0.4, 1.5, 3.0, 2)
 TURNING = Axis(VELOCITY, 5, Family.DIRECTION, -1.0, 1.4, 0.02, 1)
@@ -41,6 +41,16 @@ def test_friction_is_odd_in_the_joints_own_speed():
     even = told(5, ((Axis(VELOCITY, 5, Family.POWER, -1.0, 1.4, 2.0, 1),), [0.4]))
     assert even.formula == "0.4 dq5^2 N m"
     assert not even.families
+
+
+def test_loads_and_what_fades_with_time():
+    speed = Axis(VELOCITY, 5, Family.ODD, -1.0, 1.4, 1.0, 1)
+    load = Axis(LOAD, 5, Family.EVEN, -30.0, 40.0, 1.0, 1)
+    fading = Axis(TIME, 0, Family.FADING, 0.0, 20.0, 6.0, 2)
+    words = told(5, ((speed, load), [-0.03]), ((speed, fading), [0.0, 1.2]))
+    assert words.formula == "(-0.03 dq5 |dq5| |tau5| + 1.2 exp(-t / 6 s) dq5 |dq5|) N m"
+    assert words.depends == "the speed of joint 5, the load of joint 5 and the time since the recording began"
+    assert words.families[1] == "exponential in time, over 6 s, as what warms up"
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Robots of installed packages: of packages made up here and, where they are installed, of the real ones."""
 
 import importlib
+import os
 import sys
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
@@ -29,6 +30,8 @@ PACKAGE_PATH: str = _path.join(_path.dirname(_path.join(REPOSITORY_PATH, "robots
 MODULES = {
     "seven_description": MODULE + 'URDF_PATH: str = _path.join(PACKAGE_PATH, "urdf", "seven.urdf")\n',
     "eight_description": MODULE + 'URDF_PATH: str = _path.join(PACKAGE_PATH, "urdf", "eight.urdf")\n',
+    "made_description": MODULE + 'XACRO_PATH: str = _path.join(PACKAGE_PATH, "made.xacro")\n',
+    "bare_description": MODULE,
     "_empty_description": MODULE,
     "_repositories": REPOSITORIES,
     "__init__": 'raise RuntimeError("imported")\n',
@@ -101,6 +104,17 @@ def test_a_description_whose_files_are_not_here(packages, monkeypatch):
     assert load_robot("eight").name == "cloned"
     monkeypatch.setenv("ROBOT_DESCRIPTION_COMMIT", "abc")
     assert f"({packages}/arms_clone-abc/arms_clone/robots/seven" in refusal("eight_description")
+
+
+def test_descriptions_by_xacro_are_those_that_were_made_last(packages):
+    assert "states no URDF file" in refusal("bare_description")
+    assert "is made by xacro, and its URDF is not here" in refusal("made_description")
+    place = packages / "xacrodoc" / "made_description"
+    place.mkdir(parents=True)
+    for age, name in enumerate(("b", "a")):
+        (place / f"{name}.urdf").write_text(ARM.replace("NAME", name))
+        os.utime(place / f"{name}.urdf", (age, age))
+    assert load_robot("made").name == "a"
 
 
 def test_without_the_packages(monkeypatch, forgotten):

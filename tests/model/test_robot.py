@@ -57,6 +57,21 @@ def test_robot_table_comes_back_the_same(name):
     assert back.lengths == robot.lengths
 
 
+def test_tables_of_chains_that_cannot_be_used():
+    table = robot_table(robot_from_table(TABLES["standard"], "test"))
+    one = table["joints"][0]
+    for change, said in (
+        ({"joints": []}, "key 'joints'"),
+        ({"joints": [3]}, "joint 1: is not a table"),
+        ({"joints": [one] * 500}, "has 500 moving joints"),
+        ({"joints": [one | {"axis": "up"}]}, "joint 1: key 'axis'"),
+        ({"joints": [one | {"rated_effort": "x"}]}, "joint 1: key 'rated_effort'"),
+        ({"transmission": [1.0]}, "key 'transmission'"),
+    ):
+        with pytest.raises(InputError, match=said):
+            robot_from_table(table | change, "test")
+
+
 def test_another_geometry_mounting_or_gear_is_not_the_same():
     kr5 = load_robot("kr5")
     assert kr5.same_kinematics(robot_from_table(built_in_table("kr5"), "test"))
@@ -132,6 +147,8 @@ BAD_URDF = {
     arm('<mimic joint="x"/>'): "has no moving joint but joint elbow, held",
     arm('<mimic joint="x" offset="far"/>'): "joint elbow: key 'mimic offset' cannot be used",
     arm('<axis xyz="0 0 0"/>'): "joint elbow: key 'axis xyz' cannot be used",
+    arm('<axis xyz="up"/>'): "joint elbow: key 'axis xyz' cannot be used",
+    arm('<origin rpy="up"/>'): "joint elbow: key 'origin rpy' cannot be used",
     arm('<origin xyz="0 0 up"/>'): "joint elbow: key 'origin xyz' cannot be used",
     arm(parent="x"): "joint elbow: its <parent> names no link",
     arm(extra='<link name="c"/>'): "has 2 links without a parent joint: b, c",

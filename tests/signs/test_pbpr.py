@@ -15,6 +15,8 @@ from bayesid.signs.search.pbpr import (
     AnnealedLeastSquares,
     Annealing,
     Bodies,
+    Bounds,
+    Constraint,
     center_of_mass_inside,
     coefficient_error,
     effort_error,
@@ -101,5 +103,19 @@ def test_what_cannot_be_satisfied_is_reported_repeatably_and_makes_a_node_dear(a
     assert free.tolerance == 0.0
     assert bound.cost > free.cost + 1.0
     assert bound.tolerance > 10.0
-    with pytest.raises(InputError, match="m9"):
-        make_bounds(model, {"m9": (0, 1)})
+
+
+def test_constraints_and_bounds_that_cannot_be_used(arm):
+    model, coefficients, theta = arm
+    away = coefficients.project(theta) - (beta := np.linspace(-1.0, 2.0, len(coefficients)))
+    error = coefficient_error(coefficients, beta, np.diag(np.arange(10.0)))
+    assert error(theta) == pytest.approx(np.arange(10.0) @ away**2)
+    with pytest.raises(ValueError, match="no room"):
+        Bounds(np.array([0.0, 1.0]), np.array([1.0, 1.0]))
+    for name, bounds in (("m9", (0, 1)), ("m1", (2, 1)), ("m1", (0, np.inf))):
+        with pytest.raises(InputError, match=name):
+            make_bounds(model, {name: bounds})
+    broken = Constraint("broken", lambda _: np.nan)
+    for constraints, said in (((broken,), "'broken'.*finite"), ((total_mass(0, 1), total_mass(2, 3)), "repeat")):
+        with pytest.raises(InputError, match=said):
+            retrieve_by_annealing(error, model.cone, make_bounds(model), constraints)
