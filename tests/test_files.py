@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from bayesid.errors import InputError
-from bayesid.files.writing import replace_file, save_folder, write_columns
+from bayesid.files.bounded import read_source
+from bayesid.files.writing import check_folder, plain, replace_file, save_folder, write_columns
 
 NAMES = frozenset({"summary.json", *(f"part{k}.txt" for k in range(20))})
 WRITER = """
@@ -79,3 +80,14 @@ def test_long_tables_are_written_in_order(tmp_path):
     assert header == ["t", "a", "b", "log"]
     np.testing.assert_array_equal(np.array([row[:3] for row in rows], dtype=float), np.column_stack([t, values]))
     assert [row[3] for row in rows] == [f"log,{k}" for k in range(n)]
+
+
+def test_texts_that_are_too_long_and_folders_that_are_files(tmp_path):
+    path = tmp_path / "arm.toml"
+    path.write_text("name")
+    assert read_source(path, "give another", most=4) == "name"
+    with pytest.raises(InputError, match="is longer than"):
+        read_source(path, "give another", most=3)
+    with pytest.raises(InputError, match="is not a folder"):
+        check_folder(path, NAMES, "summary.json")
+    assert plain((np.float64(np.inf), np.int64(3))) == [None, 3]

@@ -5,7 +5,7 @@ import pytest
 from log_files import refusal
 
 from bayesid.errors import InputError
-from bayesid.log.log import Log, find_logs, join_logs, read_log, write_log
+from bayesid.log.log import Log, Piece, find_logs, join_logs, read_log, write_log
 
 ROWS = 60
 
@@ -136,9 +136,12 @@ def test_log_checks_its_arrays():
         ({"q": np.full((8, 2), np.nan)}, "not finite"),
         ({"signed": [True]}, "signed has shape"),
         ({"effort": -np.ones((8, 2))}, "cannot be negative"),
+        ({"pieces": (Piece("a", 0, 4, np.arange(4.0)),)}, "one after the other"),
     ):
         with pytest.raises(ValueError, match=said):
             Log(**good | change)
+    with pytest.raises(ValueError, match="no rows"):
+        Piece("a", 3, 3, np.arange(0.0))
 
 
 def recorded(rows=100, period=0.01, joints=2, start=5.0, velocities=False, signed=(False, False), name="log"):

@@ -55,6 +55,9 @@ def test_parquet_that_cannot_be_used(tmp_path, recorded):
         ("t", np.zeros(ROWS), ", column t: time never advances; "),
     ):
         assert f"log.parquet{said}" in refusal(save_parquet(path, flat(recorded) | {name: values}))
+    lists = [[0.1], *[[0.1, 0.2, 0.3]] * (ROWS - 1)]
+    said = refusal(save_parquet(path, flat(without(recorded, "q")) | {"q": lists}))
+    assert "column q: holds lists of 1 to 3 values" in said
     lacking = refusal(save_parquet(path, without(flat(recorded), "tau2")))
     assert "log.parquet: column tau2 is missing; add it; q1..q3 are there" in lacking
     path.write_bytes(path.read_bytes()[:-20])
@@ -87,6 +90,8 @@ def test_matlab(tmp_path, recorded, write, form):
         ({"q": np.ones((ROWS, ROWS))}, "variable q is square: its rows or its columns may be instants"),
         ({"t": np.ones((ROWS, 2))}, "variable t has shape (64, 2)"),
         ({"q2": np.arange(ROWS)}, "variables q and q2 may be the same"),
+        ({"time": np.arange(ROWS)}, "variables t and time may be the same"),
+        ({"q": np.full((ROWS, 3), "a")}, "variable q is not an array of numbers"),
         ({"dq": np.full((ROWS, 3), np.nan)}, "row 1: column dq1 holds nan"),
     ],
 )

@@ -87,6 +87,7 @@ def test_columns_that_cannot_be_used(tmp_path):
         ({"t1": "Uhr"}, "--columns: 't1' is no column of a log; give t, q, dq, tau or i, or one joint's as q1"),
         ({"tau": "Last{}"}, "--columns: tau and i are both given"),
         ({"t": " "}, "--columns: t has no name of a column"),
+        ({"q": "Gelenk {} {}"}, "--columns: Gelenk {} {} has more than one number"),
         ({"q": "Gelenk {1-4} ist", "dq": "Soll{}"}, "row 1: column Soll2 is missing"),
         ({"dq": "Last{}"}, "row 1: column Last1 [A] is in A, which is no known unit of dq; give it in rad/s"),
         ("t=a,t=b", "--columns: t is given twice"),
@@ -145,3 +146,4 @@ def test_logs_in_memory_that_cannot_be_used():
     assert "has no topic; leave topic out" in refusal(RECORDED, topic="/states")
     for thing in (None, 5, [1.0, 2.0], np.ones((ROWS, 5)), b"log.csv", dict):
         assert "; give a path, a Log, a data frame, a structured array, or a dict of arrays t, q and" in refusal(thing)
+    assert "variable q is not an array of numbers" in refusal({**RECORDED, "q": [[0.1], [0.1, 0.2]]})

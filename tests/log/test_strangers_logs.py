@@ -133,7 +133,7 @@ def test_names_that_are_usual_elsewhere_are_known(tmp_path):
         gains = [1.0] * 3 if any(word in names.get("tau", "") for word in ("urrent", "Strom")) else None
         path = save(tmp_path / "log.csv", dict(reversed((columns | {"robot_mode": np.full(ROWS, 7)}).items())))
         assert_same(read_log(path, gains), RECORDED)
-    more = ("time", "position_1", "velocity_1", "torque_1", "q_1", "Q1", "cmd/q1")
+    more = ("time", "position_1", "velocity_1", "torque_1", "q_1", "Q1", "cmd/q1", "q1 [rad]")
     path = save(tmp_path / "log.csv", flat(RECORDED) | dict.fromkeys(more, np.full(ROWS, np.nan)))
     assert_same(read_log(path), RECORDED)
     path = save(tmp_path / "log.csv", flat(without(IN_MS, "dq")))
@@ -191,6 +191,8 @@ REFUSED = {
     ),
     "minutes": (text(flat(scaled(RECORDED, t=1.0 / 60.0))), ["say the units of time, positions"]),
     "velocity turned": (text(flat(scaled(RECORDED, dq=-1.0))), ["velocity of joint 1 is -1 times"]),
+    "frantic": (text(flat(scaled(NO_DQ, t=1e-3))), ["most joints are faster than 60 rad/s", "units of time"]),
+    "glacial": (text(flat(scaled(RECORDED, t=1e14))), ["no joint log is so slow"]),
     "percent": (text(flat(RECORDED, tau="tau{} [%]")), ["tau1 [%]", "Nm", "gains"]),
     "mA for A": (text(flat(scaled(RECORDED, tau=1e4))), ["effort of joint 1 reaches", "unit"]),
     "decimal commas unquoted": (text(flat(RECORDED), ",", ",").replace('"', ""), ["decimal commas"]),
