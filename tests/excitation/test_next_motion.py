@@ -100,6 +100,7 @@ def test_the_motion_starts_and_ends_at_rest_where_the_log_began(result, design):
 
 def test_it_says_what_it_leaves_open(design):
     assert f"{design.predicted.open} after its recording" in repr(design)
+    assert any("jerks" in sentence for sentence in design.checked)
 
 
 def test_a_start_of_one_s_own_and_none_that_is_known(result):
@@ -150,6 +151,7 @@ def test_hypotheses_are_told_better_than_by_a_random_motion(result):
     assert set(telling.predicted.log10_bayes_factors) == {pair, pair[::-1]}
     assert telling.goal is None
     assert telling.predicted.gain == 0.0
+    assert all(f"{true} from {other}" in repr(telling) for true, other in (pair, pair[::-1]))
     told, by_random = (
         sum(min(value, 2.0 * TELLING) for value in one.log10_bayes_factors.values())  # what is clear counts no more
         for one in (telling.predicted, telling.of_random)
