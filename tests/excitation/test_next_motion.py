@@ -1,4 +1,5 @@
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -238,3 +239,17 @@ def test_requests_that_cannot_be_met_are_refused(result):
         )
     with pytest.raises(InputError, match=r"'result' is no result.*load_model"):
         design_next("result")
+
+
+def test_what_the_posterior_s_draws_say_that_the_model_lacks_no_recording_tells(result):
+    theta = result.theta + 1e-3 * np.random.default_rng(4).standard_normal((2, 300, len(result.theta)))
+    wide = theta[0] + 0.1 * (theta[1] - result.theta) / 1e-3
+    draws, uncertain = (SimpleNamespace(theta=one) for one in (theta[0], wide))
+    posterior = SimpleNamespace(log_gain=None, shift=wide - theta[0], draws=draws, uncertain=uncertain)
+    run = RunSettings(duration=2.0, rate=50.0, limits=LIMITS)
+    told = design_next(replace(result, posterior=posterior), run=run, changes=1).predicted
+    wider, narrow = (result.coefficients.project(one.theta).var(axis=0, ddof=1) for one in (uncertain, draws))
+    np.testing.assert_allclose(told.sd_lacking**2 - told.sd**2, wider - narrow, rtol=1e-6)
+    posterior.shift = None
+    told = design_next(replace(result, posterior=posterior), run=run, changes=1).predicted
+    np.testing.assert_array_equal(told.sd_lacking, told.sd)

@@ -119,11 +119,7 @@ def test_every_joint_has_its_effort_and_its_external_torque():
 def test_streams_of_no_and_of_two_samples_are_drawn():
     whole = made_stream()
     for count in (0, 2):
-        arrays = {
-            name: value[:count]
-            for name, value in vars(whole).items()
-            if getattr(value, "shape", (0,))[0] == len(whole.t)
-        }
-        axes = stream_figure(replace(whole, **arrays)).axes
+        parts = "t", "effort", "predicted", "predicted_sd", "external", "threshold"
+        axes = stream_figure(replace(whole, **{name: getattr(whole, name)[:count] for name in parts})).axes
         assert [len(line.get_xdata()) for line in axes[0].get_lines()][:2] == [count, count]
         assert np.isfinite([ax.get_ylim() for ax in axes]).all()
