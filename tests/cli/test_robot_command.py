@@ -79,6 +79,7 @@ TABLES = {
     "a,alpha,d,theta,type\n0,0,0,0,round": ", joint 1: unknown joint type 'round'",
     "a,alpha,d,theta\n": ": holds no joint",
     "": ": column a is missing (no header)",
+    "a\0lpha": ": is not text",
 }
 
 

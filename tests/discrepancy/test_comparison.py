@@ -16,6 +16,7 @@ from bayesid.model.catalogue import make_terms
 from bayesid.model.model import Model
 from bayesid.model.robot import robot_table
 from bayesid.report.discrepancy_verdicts import discrepancy_checks
+from bayesid.report.plot.timeline import timeline_figure
 from bayesid.report.timeline_text import columns
 from bayesid.results.discrepancy_json import discrepancy_summary
 from bayesid.simulation.parameters import random_parameters
@@ -72,6 +73,8 @@ def test_what_was_there_all_along_is_told_from_what_came(loaded):
     (place,) = [c for c, one in enumerate(line.tracked) if one.name == PAYLOAD]
     assert abs(line.value[1, place] - MASS) < 4.0 * line.sd[1, place]
     assert [line.tracked[c].name for c in np.flatnonzero(line.moved.any(axis=0))] == [PAYLOAD]  # and no link
+    drawn = timeline_figure(loaded).axes[0]  # by the order of logs without dates
+    assert [label.get_text() for label in drawn.get_xticklabels()] == ["1", "2"]
 
 
 def test_what_only_the_first_log_shows_is_gone_and_what_only_a_later_one_shows_has_changed():

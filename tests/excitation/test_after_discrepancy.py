@@ -8,7 +8,7 @@ from conftest import smooth_motion
 from open_results import TERMS, earlier_motion, open_result
 
 from bayesid.discrepancy.workflow import find_discrepancy
-from bayesid.excitation.next_motion import RunSettings, design_next
+from bayesid.excitation.next_motion import RunSettings, design_next, equivalent_classes
 from bayesid.identification.pipeline import identify
 from bayesid.model.terms.stribeck_friction import StribeckFriction
 from bayesid.simulation.logs import simulate
@@ -56,3 +56,5 @@ def test_equivalent_effects_are_told_apart_each_in_its_own_place(found):
     assert len(design.predicted.log10_bayes_factors) == 6
     assert "stribeck_friction" not in {term.name for term in rivals.known.model.terms}
     assert design_next(with_equivalents(found, "thermal_drift"), ["Fs3"], run=RUN, changes=5).rivals == ()
+    of_no_score = [("stribeck_friction", (3,), ("thermal_drift", "payload"))]
+    assert equivalent_classes(of_no_score) == (tuple(rival.key for rival in rivals.rivals),)

@@ -240,6 +240,11 @@ def test_a_good_log_is_green_and_a_joint_that_hardly_moves_is_found(model):
     assert [remark[:7] for remark in bad.remarks if " covers" in remark] == ["joint 2"]
     assert len(bad.undecided) > 0
     assert bad.condition > 10.0 * good.condition
+    log = log_of(model, series)
+    held = {name: np.pad(getattr(log, name), ((0, 1500), (0, 0)), "edge") for name in ("q", "effort")}
+    resting = judge_log(model.robot, replace(log, t=np.arange(len(log) + 1500) / 50.0, **held), TERMS)
+    np.testing.assert_allclose(resting.idle, 0.6, atol=0.05)
+    assert [remark[:7] for remark in resting.remarks if " stands still" in remark] == ["joint 1", "joint 2", "joint 3"]
 
 
 def test_a_joint_that_nothing_but_the_cone_can_sign_is_found():

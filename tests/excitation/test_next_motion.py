@@ -1,4 +1,5 @@
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -100,6 +101,7 @@ def test_the_motion_starts_and_ends_at_rest_where_the_log_began(result, design):
 
 def test_it_says_what_it_leaves_open(design):
     assert f"{design.predicted.open} after its recording" in repr(design)
+    assert any("jerks" in sentence for sentence in design.checked)
 
 
 def test_a_start_of_one_s_own_and_none_that_is_known(result):
@@ -150,6 +152,7 @@ def test_hypotheses_are_told_better_than_by_a_random_motion(result):
     assert set(telling.predicted.log10_bayes_factors) == {pair, pair[::-1]}
     assert telling.goal is None
     assert telling.predicted.gain == 0.0
+    assert all(f"{true} from {other}" in repr(telling) for true, other in (pair, pair[::-1]))
     told, by_random = (
         sum(min(value, 2.0 * TELLING) for value in one.log10_bayes_factors.values())  # what is clear counts no more
         for one in (telling.predicted, telling.of_random)
@@ -236,3 +239,17 @@ def test_requests_that_cannot_be_met_are_refused(result):
         )
     with pytest.raises(InputError, match=r"'result' is no result.*load_model"):
         design_next("result")
+
+
+def test_what_the_posterior_s_draws_say_that_the_model_lacks_no_recording_tells(result):
+    theta = result.theta + 1e-3 * np.random.default_rng(4).standard_normal((2, 300, len(result.theta)))
+    wide = theta[0] + 0.1 * (theta[1] - result.theta) / 1e-3
+    draws, uncertain = (SimpleNamespace(theta=one) for one in (theta[0], wide))
+    posterior = SimpleNamespace(log_gain=None, shift=wide - theta[0], draws=draws, uncertain=uncertain)
+    run = RunSettings(duration=2.0, rate=50.0, limits=LIMITS)
+    told = design_next(replace(result, posterior=posterior), run=run, changes=1).predicted
+    wider, narrow = (result.coefficients.project(one.theta).var(axis=0, ddof=1) for one in (uncertain, draws))
+    np.testing.assert_allclose(told.sd_lacking**2 - told.sd**2, wider - narrow, rtol=1e-6)
+    posterior.shift = None
+    told = design_next(replace(result, posterior=posterior), run=run, changes=1).predicted
+    np.testing.assert_array_equal(told.sd_lacking, told.sd)

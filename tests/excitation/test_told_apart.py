@@ -213,3 +213,17 @@ def test_names_of_hypotheses(known, reference):
         with pytest.raises(InputError) as caught:
             call()
         assert caught.value.on_command_line.startswith("--between")
+
+
+def test_a_term_that_has_changed_is_as_it_was_before_without_the_step_that_it_made():
+    """Which is taken out of what was known of it, but for a hundredth of the variance."""
+    known, earlier = known_of(open_result(share=0.3), 100.0), earlier_motion()[::5]
+    (key, other), place = keys("coulomb_friction:3", "thermal_drift:3"), known.coefficients.names.index("Fc3")
+    plain, changed = (make_rivals(known, (key, other), earlier, earlier, {key: step}) for step in ({}, {"Fc3": 0.25}))
+    assert (plain.rivals[0].own, changed.rivals[0].own) == (None, [0.25])
+    moved = np.zeros(len(known))
+    moved[place] = 0.25
+    np.testing.assert_allclose(plain.known.mean - changed.known.mean, moved, atol=1e-12)
+    covariance, (sd,) = np.linalg.inv(plain.prior), changed.rivals[0].forms[0].sd
+    covariance[place, place] -= min(sd**2, 0.99 / plain.prior[place, place])
+    np.testing.assert_allclose(covariance @ changed.prior, np.eye(len(known)), atol=1e-6)

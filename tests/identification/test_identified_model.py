@@ -94,6 +94,8 @@ def test_the_posteriors_draws_make_mean_and_band(noise):
     predicted = identified.predict(motion_of(7), draws=40, noise=False)
     column = MODEL.columns(motion_of(7))[:, :, k]
     np.testing.assert_allclose(predicted.sd, np.abs(column) * drawn[:, k].std(), rtol=1e-9, atol=1e-9)
+    covered = identified.spread.sd(MODEL.columns(motion_of(7)))  # N - 1 in place of N
+    np.testing.assert_allclose(covered * np.sqrt(199 / 200), predicted.sd, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(predicted.sd_of_noise, np.sqrt((sigma**2).mean(axis=0)))
     possible = MODEL.columns(motion_of(7)[[100]]) @ drawn.T
     chosen = np.abs(predicted.draws[:, 100, 1][:, None] - possible[0, 1]).min(axis=1)
@@ -204,6 +206,7 @@ def test_a_prediction_is_the_same_from_a_folder_and_in_frames_datasets_and_files
     assert list(frame.columns) == header
     np.testing.assert_array_equal(frame["upper3"], predicted.upper[:, 2])
     assert data.draws.dims == ("draw", "time", "joint")
+    assert "draws" not in there.predict(motion_of(7)).to_xarray()
     np.testing.assert_array_equal(data.lower.sel(joint=2), predicted.lower[:, 1])
     path = predicted.save(tmp_path / "new" / "prediction.csv")
     assert path.read_text().splitlines()[0] == ",".join(header)

@@ -15,6 +15,7 @@ import bayesid
 from bayesid.identification.payload import AXES, PayloadBody, evenly_sized, identify_payload, with_common_factor
 from bayesid.identification.unchanged import UnchangedCheck
 from bayesid.model.inertia import pseudo_inertia
+from bayesid.report.payload_text import payload_checks
 
 ALL = range(24)
 """Seeds of the cases whose rates are counted."""
@@ -93,6 +94,9 @@ def test_changed_friction_is_marked():
     assert not read.check.passed
     assert read.check.joints == (2,)
     assert "CHANGED: joint 2" in repr(read)
+    unchanged = payload_checks(read, "before")[1]
+    assert (unchanged.state, "joint 2" in unchanged.message) == ("bad", True)
+    assert "`bayesid discrepancy before " in unchanged.remedy
 
 
 def test_gains_that_are_off_by_a_tenth():

@@ -81,8 +81,11 @@ def result():
     return replace(sampled(), log=replace(sampled().log, source="a.csv"))
 
 
-def test_a_result_is_told_in_some_ten_lines(result):
+def test_a_result_is_told_in_some_ten_lines(result, fit):
+    signed = replace(fit, log=replace(fit.log, signed=np.ones(3, dtype=bool)))
     for thing, word in (
+        (fit, "not sampled"),
+        (signed, "all known"),
         (result, "Identification of arm3 from a.csv: 601 rows"),
         (result.identified, "rigid_body"),
         (result.posterior, "R-hat"),

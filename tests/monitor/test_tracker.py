@@ -10,7 +10,13 @@ from tracked_arm import RATE, T, changed, identified, right_share, run, stream, 
 import bayesid
 from bayesid.errors import InputError
 from bayesid.identification.identification import Identification
+from bayesid.model.model import Model
+from bayesid.model.terms import RigidBody
+from bayesid.model.terms.coulomb_friction import CoulombFriction
+from bayesid.monitor.kinds import Look, kind_of
+from bayesid.monitor.running_model import RunningModel
 from bayesid.monitor.tracker import SignTracker
+from bayesid.motion import STANDSTILL
 
 
 @pytest.mark.parametrize(("lag", "least"), [(0.0, 0.99), (0.05, 0.997)])
@@ -317,3 +323,20 @@ def test_a_real_payload(ur10e):
     assert alarm.kind == "payload"
     assert alarm.raised - alarm.time <= 2.0
     assert abs(alarm.amount - 3.0) < 0.3  # 2.8 kg by currents that read 7 % too much
+
+
+def test_a_misfit_that_no_kind_explains_is_unknown(rng):
+    effort, off = 5.0 * rng.standard_normal((300, 2)), np.array([0.0, 3.0])
+    speed, ones = rng.standard_normal((300, 2)), np.ones((300, 2))
+    reading, body = effort + off * rng.standard_normal((300, 2)), rng.standard_normal((300, 2, 4))
+    look = Look(reading, effort, ones, body, np.sign(speed), speed, np.array([True, True]), np.ones(2))
+    kind = kind_of(look, off > 0.0)
+    assert (kind.name, kind.joints, kind.amount) == ("unknown", (2,), None)
+    assert kind.explained < 0.1
+
+
+def test_a_joint_without_dry_friction_stands_still_below_a_share_of_its_highest_speed():
+    friction = CoulombFriction(joints=(2,), smoothing=(0.3,))
+    bare = Model(truth()[0].robot, (RigidBody(), friction))
+    running = RunningModel(replace(identified().identified, model=bare))
+    np.testing.assert_allclose(running.resting_speeds(np.array([1.0, 2.0, 4.0])), [STANDSTILL, 0.3, 4.0 * STANDSTILL])

@@ -72,11 +72,12 @@ TILT = {"tilt1": (np.deg2rad(1.5), np.deg2rad(0.02), "rad"), "tilt2": (np.deg2ra
 
 FOUND = [
     (found(friction(), FRICTION), "good", ["Joint 2", "Coulomb friction", "1.90 +- 0.10 N m"]),
-    (found(CoulombFriction(joints=(1, 2), smoothing=(0.1, 0.1))), "good", ["Joints 1 and 2", "Coulomb friction"]),
+    (found(CoulombFriction(joints=(1, 2), smoothing=(0.1, 0.1)), FRICTION), "good", ["Joints 1 and 2", "Fc", "1.90"]),
     (found(Payload(), {"mp3": (2.5, 0.04, "kg")}), "good", ["payload", "2.50 +- 0.04 kg"]),
     (found(BaseTilt(angle=(0.02, -0.01)), TILT), "good", ["1.50 +- 0.02 degrees", "-0.500 degrees"]),
     (found(Delay(lag=(0.004,)), {"lag": (0.004, 3e-4, "s")}), "good", ["All joints", "lag 4.0 +- 0.3 ms"]),
     (found(Delay(joints=(2,), lag=(0.0,)), {"lag2": (-0.004, 3e-4, "s")}), "good", ["4.0 +- 0.3 ms", "ahead"]),
+    (found(Delay(lag=(-0.004,))), "good", ["All joints'", "0.00400", "ahead"]),
     (found(GainError(joints=(1,), gain=(0.9,)), {"gain1": (0.9, 0.02, "1")}), "good", ["10 +- 2 %", "too small"]),
     (
         found(friction(), {"Fc2": (2.3, 0.1, "N m"), "change of Fc2": (0.4, 0.1, "N m")}, changes=("Fc2",)),

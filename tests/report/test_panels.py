@@ -100,3 +100,17 @@ def test_a_curve_goes_through_its_points():
     broken.plot(np.arange(6.0), np.array([0.0, 1.0, np.nan, 2.0, 3.0, np.inf]), color=ORANGE)
     (path,) = [one.get("d") for one in drawn(broken.figure) if one.get("stroke") == ORANGE]
     assert (path.count("M"), path.count("L")) == (2, 2), "interrupted where nothing is known"
+
+
+def test_names_stand_at_the_x_axis_and_an_axis_of_one_value_has_room():
+    panel = Paper(2.0).subplots()
+    panel.set_xlim(3.0, 3.0)
+    panel.set_xticks([3.0], ["the third"])
+    look = {"fontsize": 7.0, "color": BLUE}
+    for x, text in ((3.0, "within"), (9.0, "beyond")):
+        panel.annotate(text, (x, 0.98), (3.0, 0.0), panel.get_xaxis_transform(), "offset points", **look)
+    left, right = panel.get_xlim()
+    assert left < 3.0 < right
+    said = [one.text for one in drawn(panel.figure) if one.tag == "text"]
+    assert {"the third", "within"} <= set(said)
+    assert "beyond" not in said

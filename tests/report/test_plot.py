@@ -182,3 +182,15 @@ print(bayesid.plot.torques.__name__)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "\ntorques\n"
+
+
+def test_in_axes_of_others_the_legend_is_inside_and_names_what_is_there():
+    sure = replace(FOUND.coefficients, by_data=np.ones(8, dtype=bool), nominal=np.full(8, np.nan))
+    for found, labels in ((FOUND, 3), (replace(FOUND, coefficients=sure), 1)):
+        ax = Figure().subplots()
+        assert plot.coefficients(found, ax) is ax
+        assert len(ax.get_legend().get_texts()) == labels
+        assert not ax.figure.legends
+    given = Figure().subplots(2).tolist()
+    assert plot.rank(FOUND, 2, given) == given
+    assert set(dir(plot)) == set(plot.__all__)

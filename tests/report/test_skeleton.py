@@ -4,12 +4,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
 import bayesid
 from bayesid.errors import InputError
 from bayesid.model.kinematics import pose
-from bayesid.report.plot.robots import skeleton
+from bayesid.report.plot.robots import skeleton, skeleton_figure
 
 POSES = {
     "kr6r900": np.radians([0.0, -90.0, 90.0, 0.0, 0.0, 0.0]),
@@ -46,3 +47,13 @@ def test_what_cannot_be_drawn():
     for robot, q, says in (("kr55", None, "no such robot"), ("kr5", [0.0], "q: are no positions")):
         with pytest.raises(InputError, match=says):
             skeleton(robot, q)
+
+
+def test_it_is_drawn_into_given_axes_or_a_figure_of_its_own():
+    robot = bayesid.load_robot("kr6r900")
+    given = Figure().subplots(1, 2).tolist()
+    assert skeleton(robot, axes=given) == given
+    assert "q = " in skeleton_figure(robot).get_supxlabel()
+    assert not given[0].figure.get_supxlabel()
+    with pytest.raises(ValueError, match=r"1 axes.*2"):
+        skeleton(robot, axes=given[:1])

@@ -114,3 +114,12 @@ def test_every_joint_has_its_effort_and_its_external_torque():
     assert {"model", "threshold of a contact", "contact", "change, when it was said"} <= {
         text.get_text() for text in key.get_texts()
     }
+
+
+def test_streams_of_no_and_of_two_samples_are_drawn():
+    whole = made_stream()
+    for count in (0, 2):
+        parts = "t", "effort", "predicted", "predicted_sd", "external", "threshold"
+        axes = stream_figure(replace(whole, **{name: getattr(whole, name)[:count] for name in parts})).axes
+        assert [len(line.get_xdata()) for line in axes[0].get_lines()][:2] == [count, count]
+        assert np.isfinite([ax.get_ylim() for ax in axes]).all()

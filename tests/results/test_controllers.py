@@ -2,6 +2,7 @@
 
 import csv
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from bayesid.errors import InputError
 from bayesid.motion import Motion
 from bayesid.results.controllers import PROGRAM_FILES, PlannedMotion, check_programs, save_programs
-from bayesid.results.controllers.kuka import krl_program, rsi_table
+from bayesid.results.controllers.kuka import krl_axes, krl_program, rsi_table
 from bayesid.results.controllers.ros import joint_trajectory
 from bayesid.results.controllers.universal_robots import urscript
 from bayesid.results.controllers.via_points import ViaPoints, cubic, quintic, via_points
@@ -202,3 +203,13 @@ def test_each_speed_has_a_folder_with_the_same_files(tmp_path):
     (tmp_path / "speed_30" / "mine.txt").write_text("x")
     with pytest.raises(InputError, match="mine"):
         check_programs(tmp_path)
+
+
+def test_krl_names_joints_as_their_names_end_or_in_order():
+    six = "joint_e1", "A2", "x_a3", "joint_a4", "E5", "a6"
+    assert krl_axes(planned(joint_names=six)) == ["E1", "A2", "A3", "A4", "E5", "A6"]
+    assert krl_axes(planned(3)) == ["A1", "A2", "A3"]
+    seven = SimpleNamespace(n_joints=7, joint_names=("joint",) * 7, robot="long arm")
+    for write in (krl_program, rsi_table):
+        with pytest.raises(InputError, match="long arm: 7 joints have no names"):
+            write(seven)
