@@ -12,7 +12,14 @@ from payload_cases import CENTRE, MASS, PAYLOAD, TERMS, TRUTH, PayloadCase, ten_
 from scipy.stats import binom
 
 import bayesid
-from bayesid.identification.payload import AXES, PayloadBody, evenly_sized, identify_payload, with_common_factor
+from bayesid.identification.payload import (
+    AXES,
+    Estimate,
+    PayloadBody,
+    evenly_sized,
+    identify_payload,
+    with_common_factor,
+)
 from bayesid.identification.unchanged import UnchangedCheck
 from bayesid.model.inertia import pseudo_inertia
 from bayesid.report.payload_text import payload_checks
@@ -64,6 +71,12 @@ def test_a_common_factor_moves_mass_and_inertia_alike_and_no_centre():
         assert after.sd / abs(after.value) == pytest.approx(np.hypot(0.01, 0.05), rel=0.05)
     assert [one.sd for one in wide.centre] == pytest.approx([0.0] * 3, abs=1e-12)
     assert with_common_factor(draws, 0.0) is draws
+
+
+def test_intervals_are_central_and_hold_nineteen_of_twenty_draws():
+    """Of a skew distribution: exponential, its quantiles -ln(1 - p)."""
+    draws = -np.log1p(-(np.arange(10_000) + 0.5) / 10_000)
+    assert Estimate.of_draws(draws).interval == pytest.approx((-np.log(0.975), -np.log(0.025)), rel=3e-3)
 
 
 def test_a_payload_is_read():

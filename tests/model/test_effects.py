@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pytest
 from conftest import small_robot, smooth_motion
-from term_efforts import LEARNED
+from term_efforts import EFFORTS, LEARNED
 
 from bayesid.model.catalogue import forms, make_effect, make_terms
 from bayesid.model.felt import FeltColumns
@@ -63,6 +63,14 @@ def test_an_effect_takes_only_numbers_of_its_robot(scene):
             make_effect("learned_effect", {**learned, key: [*learned[key], 1.0]}).check(JOINTS)
     with pytest.raises(ValueError, match="all joints"):
         make_effect("base_tilt", {"angle": (0.1, 0.2), "joints": (2,)}).check(JOINTS)
+
+
+def test_a_learned_effect_takes_only_functions_that_there_are():
+    shape = EFFORTS["learned_effect"].shape(JOINTS)
+    make_effect("learned_effect", shape).check(JOINTS)
+    for key, value in (("of_joint", JOINTS + 1.0), ("high", shape["low"][0]), ("order", -1.0)):
+        with pytest.raises(ValueError, match="cannot be used"):
+            make_effect("learned_effect", {**shape, key: [value, *shape[key][1:]]}).check(JOINTS)
 
 
 def test_only_gains_payloads_and_tables_need_an_earlier_log():

@@ -1,4 +1,5 @@
 import pkgutil
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -178,8 +179,10 @@ def test_variants_go_through_what_the_log_can_tell(robot, scene):
     """Positions that were reached, ways that were covered, speeds that were passed, waves that were sampled."""
     u, speeds, last = scene.actuators.q, np.abs(scene.actuators.dq), scene.motion.t[-1]
 
-    def values(name, key, j):
-        return np.array([getattr(one, key)[0] for one in CATALOGUE[name].variants(scene) if one.joints == (j + 1,)])
+    later = replace(scene, motion=replace(scene.motion, t=scene.motion.t + 1e3, origin=scene.motion.origin + 1e3))
+
+    def values(name, key, j, seen=scene):
+        return np.array([getattr(one, key)[0] for one in CATALOGUE[name].variants(seen) if one.joints == (j + 1,)])
 
     for j in range(robot.n_joints):
         for name in ("cable_drag", "cable_drag.friction", "cable_drag.stiffening"):
@@ -199,6 +202,7 @@ def test_variants_go_through_what_the_log_can_tell(robot, scene):
         for name in ("thermal_drift", "thermal_drift.viscous", "thermal_drift.both", "thermal_drift.offset"):
             times = values(name, "time", j)
             assert 0 < times.min() < last < times.max() < 2 * last
+            np.testing.assert_allclose(values(name, "time", j, later), times, rtol=1e-9)
         waves = values("torque_ripple", "harmonic", j)
         usual = np.percentile(speeds[:, j], 80)
         assert waves.max() * usual < np.pi * 6.0 <= 2 * (waves.max() + np.diff(waves)[0]) * usual

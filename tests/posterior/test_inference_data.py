@@ -19,7 +19,7 @@ from bayesid.posterior.inference_data import as_inference_data
 from bayesid.posterior.kept import Group, Kept, Labels, Variable, keep, pointwise, write
 from bayesid.posterior.likelihood import make_likelihood
 from bayesid.posterior.sampler import Draws
-from bayesid.posterior.stored import read_draws
+from bayesid.posterior.stored import read_coefficients, read_draws
 
 JOINTS = ("A1", "A2", "A3")
 SIGMA = np.array([0.5, 2.0, 1.3])
@@ -287,6 +287,7 @@ def test_draws_come_back(tmp_path):
     theta, noise = read_draws(tmp_path / "p.nc", [parameter.name for parameter in problem.labels.parameters])
     assert np.array_equal(theta, draws.theta.transpose(1, 2, 0, 3).reshape(-1, 5))
     assert np.allclose(noise, SIGMA * np.exp(draws.log_scale.transpose(1, 2, 0, 3).reshape(-1, 3)))
+    assert np.array_equal(read_coefficients(tmp_path / "p.nc"), draws.beta.transpose(1, 0, 2, 3).reshape(4, -1, 3))
     (tmp_path / "again").mkdir()
     write(made, tmp_path / "again" / "p.nc")
     assert (tmp_path / "again" / "p.nc").read_bytes() == (tmp_path / "p.nc").read_bytes()

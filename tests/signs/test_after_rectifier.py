@@ -107,6 +107,13 @@ def test_the_noise_that_a_low_pass_took_is_what_is_missing(white, slow):
     assert noise_taken(low_pass, passed, np.ones(60_000, dtype=bool), RATE) == pytest.approx(expected, rel=0.25)
 
 
+def test_of_a_residual_that_no_low_pass_has_shaped_as_much_noise_was_taken_as_is_left():
+    """White noise of the sensor behind it: nothing is missing, so the least there is, by the variance."""
+    residual = np.random.default_rng(4).normal(size=20_000)
+    taken = noise_taken(LowPass(2, 3.0, zero_phase=False), residual, np.ones(20_000, dtype=bool), RATE)
+    assert taken == pytest.approx(residual.std(), rel=0.02)
+
+
 def test_probabilities_are_calibrated_behind_a_low_pass():
     """Model error that lasts and noise before a low-pass of known cut-off: of all bins, the share that is right."""
     rng, count, n = np.random.default_rng(8), 1500, 12

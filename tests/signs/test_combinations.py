@@ -76,17 +76,32 @@ def test_nothing_that_may_cost_up_to_the_limit_is_left_out(problems, options):
         assert options or set(np.flatnonzero(strong(problem.moments))) == set(combined.decided)
 
 
-def test_what_a_coarse_level_excludes_counts_with_all_its_completions():
-    """The cone settles one segment; four others, half as strong, have no gradient: their 16 choices cost the same."""
+def settled_by_the_cone(joint, costs=None):
+    """The cone settles one segment, whose other sign costs so much; four others, half as strong, have no gradient."""
     rng = np.random.default_rng(6)
     columns = rng.normal(size=(5, 8, 3))
-    target = np.cos(np.arange(8))
-    rows = [(columns[0], columns[0] @ np.array([1.0, 2.0, 0.5]))]
+    target, effort = np.cos(np.arange(8)), columns[0] @ np.array([1.0, 2.0, 0.5])
+    rows = [(columns[0], effort if costs is None else np.sqrt(costs) / np.linalg.norm(effort) * effort)]
     for y in columns[1:]:
         away = target - y @ np.linalg.lstsq(y, target, rcond=None)[0]
         rows.append((1e-4 * y, np.sqrt(0.5) * np.linalg.norm(rows[0][1]) / np.linalg.norm(away) * away))
-    problem = synthetic(6, 2, size=3).but(moments_of(rows, [0] * 5, [0] * 5))
-    combined = Combined(problem, 1.0, few_combinations=0)
+    return Combined(synthetic(6, 2, size=3).but(moments_of(rows, joint, [0] * 5)), 1.0, few_combinations=0)
+
+
+@pytest.mark.parametrize(("more", "coarse"), [(-0.2, 2), (0.2, 1)])
+def test_a_coarse_level_excludes_what_all_completions_together_cost_more_than_the_limit(more, coarse):
+    """Two joints; a coarse level leaves two segments open: four completions, so 2 log 4 above the limit of 1.
+
+    Pairs priced: 8 by 4 of the whole lists, 2 by 4 of the coarse ones, 16 for each that is left; then 16 twice.
+    """
+    combined = settled_by_the_cone([0, 0, 0, 1, 1], 1.0 + 2.0 * np.log(4.0) + more)
+    combined.assert_sound()
+    assert combined.view.combined == 32 + 8 + 16 * coarse + 2 * 16
+
+
+def test_what_a_coarse_level_excludes_counts_with_all_its_completions():
+    """The 16 choices of the others' signs cost the same."""
+    combined = settled_by_the_cone([0] * 5)
     assert len(combined.decided) == 5
     assert [choice[0] for choice in combined.listed] == [1] * 16
     combined.assert_sound()

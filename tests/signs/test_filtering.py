@@ -32,6 +32,15 @@ def test_against_monte_carlo(look_ahead):
     np.testing.assert_allclose(found[:, 0], expected, atol=4 * error + 0.02)
 
 
+@pytest.mark.parametrize("rate", [100.0, 300.0, 1000.0])
+def test_the_error_decays_at_its_own_pace_at_any_rate(rate):
+    """E[b'] = b exp(-stride / (tau f)) of an Ornstein-Uhlenbeck process, well inside the grid."""
+    of = SignFilter.of(noise_of(0.3, 0.5, 0.1), np.array([0.5]), rate)
+    grid, inside = of.grid[0], np.abs(of.grid[0]) < 1.0
+    expected = grid * np.exp(-of.stride / (0.1 * rate))
+    np.testing.assert_allclose((of.backwards[0] @ grid)[inside], expected[inside], atol=0.01)
+
+
 def a_stream(samples=300):
     rng = np.random.default_rng(5)
     time = np.arange(samples) / RATE

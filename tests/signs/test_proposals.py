@@ -34,6 +34,12 @@ def test_what_is_missing_is_proposed_first_though_signs_are_wrong(log):
     assert propose(PoorJoint.of(log, 0), log.library) == [], "that joint lacks nothing"
 
 
+def test_efforts_the_wrong_way_round_lead_to_the_same_proposals(log):
+    """Signs that are all wrong show as much as signs that are all right."""
+    turned = replace(log, fit=replace(log.fit, predicted=-log.fit.predicted))
+    assert propose(PoorJoint.of(turned, 1), log.library) == propose(PoorJoint.of(log, 1), log.library)
+
+
 @pytest.mark.parametrize(
     ("name", "shape"), [("delay", {"lag": [0.04]}), ("clipping", {"limit": [1.0]}), ("dead_zone", {"width": [0.2]})]
 )

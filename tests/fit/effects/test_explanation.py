@@ -12,6 +12,7 @@ from bayesid.fit.effects import explanation as evidence
 from bayesid.fit.effects.columns import Columns
 from bayesid.fit.effects.error_model import ErrorModel, fit_error
 from bayesid.fit.effects.explanation import Regression
+from bayesid.fit.effects.scores import BestOfGroup, best_groups
 from bayesid.fit.effects.screening import Screening
 from bayesid.fit.knowledge import Information
 
@@ -217,3 +218,15 @@ def test_errors_of_joints_that_an_effect_leaves_alone_are_kept():
     own = regression.explain(before.errors, effect)
     assert own.errors[0] != before.errors[0]
     assert abs(own.log_evidence - after.log_evidence) < 0.5
+
+
+def test_of_the_groups_of_an_effect_the_best_stands_for_it():
+    """Less the log of how many names share the effect, over all of its groups; the best effect first."""
+
+    def group(name, key, gain, spread):
+        return BestOfGroup(None, (key, (1,)), np.ones(1), 0, gain, spread, 0.0, frozenset([name]))
+
+    groups = [group("a", "a", 4.0, -1.0), group("b", "b", 2.0, -0.5), group("b.x", "b", 9.0, -2.0)]
+    for order in ((0, 1, 2), (2, 1, 0)):
+        found = [(order[k], spread) for k, spread in best_groups([groups[k] for k in order])]
+        assert found == [(2, pytest.approx(-2.0 - np.log(2.0))), (0, -1.0)]

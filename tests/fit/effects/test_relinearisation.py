@@ -4,10 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from completion_problems import LAG, identified
+from completion_problems import BASE, LAG, identified, log_with
 
+from bayesid.fit.effects.forward import Products
+from bayesid.fit.effects.scores import plain_errors
+from bayesid.fit.effects.signed_log import SignedLog
+from bayesid.log.segments import Cutting, find_segments
+from bayesid.log.signals import prepare
 from bayesid.model.coefficients import base_coefficients
 from bayesid.model.distortions.delay import Delay
+from bayesid.signs.search.certified import Certified
+from bayesid.signs.settling import settle_signs
 
 
 def left_at(lag, result):
@@ -34,3 +41,16 @@ def test_the_lag_is_that_of_the_least_residual():
     assert entered.source.lag[0] == pytest.approx(best, abs=0.5 * sd)
     curvature = curve.deriv(2)(best)
     assert sd == pytest.approx(np.sqrt(2.0 / curvature), rel=0.3)
+
+
+def test_distortions_are_linearised_anew_where_what_was_found_changes_the_effort():
+    """Not where nothing was found; all of them where the efforts that they distort are half as large by now."""
+    signals = prepare(log_with(signed=True))
+    segments = find_segments(signals, BASE.robot.actuators(signals.motion), Cutting())
+    settled = settle_signs(BASE, signals, segments, Certified(budget=2.0))
+    log = SignedLog.of(settled.evidence, settled.fit, settled.probability)
+    lags = log.made([Delay(lag=(0.01,)), Delay(lag=(0.03,))])
+    products = Products(log.data, lags, plain_errors(log.data))
+    assert log.sharpened(products, []) == {}
+    halved = replace(log, fit=replace(log.fit, predicted=2.0 * log.fit.predicted))
+    assert set(halved.sharpened(products, [])) == {id(one) for one in lags}
