@@ -170,7 +170,7 @@ def trial(scenario: Scenario | Simulated, seed: int) -> Row:
     """Simulates a log, identifies the robot without its signs and scores what is claimed."""
     search, sampling = Witnessed(Certified()), Sampling(seed=seed)
     if isinstance(scenario, Scenario):
-        _, theta, log = _log(scenario, seed)
+        _, theta, log = make_log(scenario, seed)
         result = identify(scenario.robot, log.rectified(), complete="off", search=search, posterior=sampling)
         truth = result.coefficients.project(theta)
     else:
@@ -183,7 +183,7 @@ def trial(scenario: Scenario | Simulated, seed: int) -> Row:
     return {**_of_signs(result, log), **_of_coefficients(result, truth), **_of_search(result, search, log)}
 
 
-def _log(scenario: Scenario, seed: int) -> tuple[Model, Array, Log]:
+def make_log(scenario: Scenario, seed: int) -> tuple[Model, Array, Log]:
     """The model, its true parameters and the log with its signs; its grid is that of the pipeline."""
     rng = np.random.default_rng(seed)
     robot = load_robot(scenario.robot)
@@ -212,7 +212,7 @@ def _truth(case: Case, result: Identification) -> Array:
 # ---------------------------------------------------------------------------------------------------------------
 def _of_signs(result: Identification, log: Log) -> Row:
     """Bins of confidence; an effort that is read as zero has no sign to be right about."""
-    effort = _on_grid(result, log)
+    effort = on_grid(result, log)
     confidence = np.maximum(result.probability, 1.0 - result.probability)
     right, some = result.sample_signs == np.sign(effort), effort != 0.0
     at_rest = some & (result.segments.per_sample(result.segments.moving, *effort.shape) == 0.0)
@@ -225,7 +225,7 @@ def _of_signs(result: Identification, log: Log) -> Row:
     }
 
 
-def _on_grid(result: Identification, log: Log) -> Array:
+def on_grid(result: Identification, log: Log) -> Array:
     """(N, n) the log's efforts with their signs at the pipeline's instants."""
     t = result.signals.motion.t
     after = np.clip(np.searchsorted(log.t, t), 1, len(log.t) - 1)
@@ -261,7 +261,7 @@ def _of_coefficients(result: Identification, truth: Array) -> Row:
 
 def _of_search(result: Identification, search: Witnessed, log: Log) -> Row:
     """The proof, and by how much (units of the cost) the data prefer other signs than the best ones."""
-    truth = true_signs(result.searched, _on_grid(result, log))
+    truth = true_signs(result.searched, on_grid(result, log))
     entered = [] if result.completion is None else [effect.effect for effect in result.completion.effects]
     return {
         "certified": bool(result.search.certified),

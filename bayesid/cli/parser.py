@@ -311,7 +311,7 @@ def _add_identify(commands: _Commands) -> None:
     parser = _command(commands, "identify", "signs, coefficients and feasible parameters from a log", examples)
     _add_logs(parser)
     _share(parser, *_ROBOT, "--terms")
-    search = "certified: the best signs with a proof; beam: T-PBPR (default: %(default)s)"
+    search = "certified: branch and bound, the best signs with a proof; beam: T-PBPR (default: %(default)s)"
     parser.add_argument("--search", choices=("certified", "beam"), default="certified", help=search)
     budget = "work of all searches, about seconds of an idle core; a fallback adds up to 20 %% (default: %(default)g)"
     _share(parser, "--search-budget", default=30.0, help=budget)

@@ -117,7 +117,7 @@ def separate_parts(separate: Separate) -> list[RenderableType]:
         for run in separate.runs
         if run.figures
     ]
-    headings = ["log", "samples", "segments", "certified", "converged", "worst relative residual"]
+    headings = ["log", "samples", "segments", "proven", "converged", "worst relative residual"]
     few = "fewer than two results: nothing to compare"
     agreement = few if separate.agreement is None else agreement_text(separate.agreement)
     return [table(headings, rows, left=["log"]), "", agreement]

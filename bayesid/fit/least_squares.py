@@ -33,6 +33,8 @@ studied."""
 _SILENT = 1e-12
 """Length of a column, or curvature of columns of unit length, relative to the largest one, that is rounding. A round
 number; not studied."""
+_NONE = 1e-9
+"""Share of a coefficient below which a parameter's is rounding."""
 _INVOLVED = 1e-3
 """Component in a direction without curvature from which on a coefficient is unexcited. A round number; not studied."""
 _NEAR_EDGE = 10.0
@@ -84,6 +86,19 @@ class Fit:
     def sd(self) -> Array:
         """(r,) standard deviations of the coefficients."""
         return np.sqrt(np.diag(self.covariance))
+
+    def parameter_sd(self, projection: Array) -> Array:
+        """(P,) standard deviations of the parameters; NaN where a parameter is not decided by itself.
+
+        Args:
+            projection: (r, P) B with beta = B theta.
+        """
+        lift, finite = np.linalg.pinv(projection), np.isfinite(self.sd)
+        decided = np.abs(lift @ projection - np.eye(projection.shape[1])).max(axis=1) < _NONE
+        decided &= ~(np.abs(lift[:, ~finite]) > _SILENT).any(axis=1)
+        known = lift[:, finite]
+        variance = np.einsum("pr,rs,ps->p", known, self.covariance[np.ix_(finite, finite)], known)
+        return np.where(decided, np.sqrt(np.maximum(variance, 0.0)), np.nan)
 
     @property
     def on_edge(self) -> Mask:

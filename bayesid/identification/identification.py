@@ -35,8 +35,6 @@ _SHOWN = 3
 """Warnings that a short text shows."""
 _NONE = 1e-9
 """Share of a coefficient below which a parameter's is rounding."""
-_SILENT = 1e-12
-"""Share of a coefficient that the log does not excite below which a parameter does not depend on it."""
 
 
 SURE = 0.99
@@ -152,7 +150,7 @@ class Identification:
     def _about_signs(self) -> str:
         if self.log.signed.all():
             return "all known"
-        proof = "certified: no other assignment costs less" if self.search.certified else "not certified"
+        proof = "proven: no other assignment costs less" if self.search.certified else "not proven"
         count = len(self.recorded_segments[0])
         return f"{count} segments, {proof}; {self.sure_share:.1%} of |effort| sure to {SURE:.0%}"
 
@@ -265,13 +263,8 @@ class Identification:
         """
         if self.posterior is not None:
             return self.posterior.parameter_sd, self.posterior.decided_by_data
-        fit, projection = self.fit, self.coefficients.projection
-        lift = np.linalg.pinv(projection)
-        decided = np.abs(lift @ projection - np.eye(len(fit.theta))).max(axis=1) < _NONE
-        finite = np.isfinite(fit.sd)
-        variance = np.einsum("pr,rs,ps->p", lift[:, finite], fit.covariance[np.ix_(finite, finite)], lift[:, finite])
-        by_data: Mask = decided & ~(np.abs(lift[:, ~finite]) > _SILENT).any(axis=1)
-        return np.where(by_data, np.sqrt(variance), np.nan), by_data
+        sd = self.fit.parameter_sd(self.coefficients.projection)
+        return sd, np.isfinite(sd)
 
     @property
     def prior_sd(self) -> tuple[Array, Mask]:

@@ -54,13 +54,14 @@ from bayesid.posterior.sampler import Sampling
 from bayesid.process import one_blas_thread
 from bayesid.progress import SILENT, Progress
 from bayesid.signs.after_rectifier import settle_unfiltered
-from bayesid.signs.averaging import AveragedSigns, average_over_models, structural_doubt
-from bayesid.signs.completion import Completing
+from bayesid.signs.averaging import AveragedSigns, average_over_models
+from bayesid.signs.completion import CompletedSigns, Completing
 from bayesid.signs.completion import complete as complete_model
+from bayesid.signs.doubt import structural_doubt
 from bayesid.signs.search.budget import OneBudget
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
-from bayesid.signs.settling import Earlier, Settled, restored
+from bayesid.signs.settling import Earlier, Settled, restored, settle_signs
 from bayesid.signs.smoothing import sign_probabilities
 
 QUICK = Certified(budget=3.0)
@@ -128,30 +129,49 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
     if gains.unknown.any():
         gains.begin(Evidence.of(model, signals, segments.per_sample(segments.moving, *signals.effort.shape) > 0))
         signals, segments = _cut(run, model, gains.log)
-    completing = Completing(complete == "auto", beliefs.kinematics, preparation.cutting)
+    completing = None
+    if complete != "off":
+        completing = Completing(complete == "auto", beliefs.kinematics, preparation.cutting)
     plain = True
     while True:  # until gains and signs agree, first under the terms asked for, then under the completed model
         search = OneBudget(run.search)  # what was spent on signs by other gains proves nothing of these
         asked, found = settle_unfiltered(model, signals, segments, search, preparation.cutting, progress)
         run.lap("search")
-        plain = plain and gains.moved(asked.evidence, asked.fit.noise, asked.probability)
+        plain = plain and gains.moved(asked.evidence, asked.fit.noise, asked.mixed)
         if plain:
             signals, segments = _cut(run, model, gains.log)
             continue
-        averaged = average_over_models(asked, found, search, progress)
-        run.lap("second opinion")
-        completed = None
-        if complete != "off":
-            completed = complete_model(averaged, found, search, completing, progress)
-            run.lap("complete")
-        last = averaged if completed is None else completed.averaged
-        if not gains.moved(last.asked.evidence, asked.fit.noise, last.probability):
+        completed = _completed(run, asked, found, search, completing)
+        if not gains.moved(completed.averaged.asked.evidence, asked.fit.noise, completed.averaged.mixed):
             break
         signals, segments = _cut(run, model, gains.log)
-    if completed is None:
-        return _identification(run, log, asked.evidence.signals, model, averaged, gains)
     result = _identification(run, log, completed.signals, completed.model, completed.averaged, gains)
+    if _turned(result):  # effects that were chosen under other signs than the posterior's are chosen anew under these
+        search, begun = OneBudget(run.search), replace(asked, probability=result.probability)
+        asked = settle_signs(model, asked.evidence.signals, found, search, progress, begun=begun)
+        run.lap("search")
+        completed = _completed(run, asked, found, search, completing)
+        result = _identification(run, log, completed.signals, completed.model, completed.averaged, gains)
     return replace(result, signals=asked.evidence.signals, completion=completed.completion)
+
+
+def _completed(
+    run: _Run, asked: Settled, segments: Segments, search: Search, completing: Completing | None
+) -> CompletedSigns:
+    """A second opinion on signs, and effects that enter the model; without `completing` none is looked for."""
+    averaged = average_over_models(asked, segments, search, run.progress)
+    run.lap("second opinion")
+    if completing is None:
+        return CompletedSigns(asked.model, asked.evidence.signals, averaged, None)
+    completed = complete_model(averaged, segments, search, completing, run.progress)
+    run.lap("complete")
+    return completed
+
+
+def _turned(result: Identification) -> bool:
+    """Whether the posterior's signs of a joint are other ones than those that were settled before it."""
+    posterior = result.posterior
+    return posterior is not None and bool(posterior.turned_joints(posterior.chosen, result.search.signs))
 
 
 @one_blas_thread
@@ -348,7 +368,7 @@ def _identification(
     for one in (asked.model, settled.model):
         one.forget()
     doubt = structural_doubt(settled)
-    probability = (1.0 - doubt) * probability + 0.5 * doubt
+    probability = _with_unseen(settled, (1.0 - doubt) * probability + 0.5 * doubt)
     segments = settled.signs.segments.split(_sign_changes(signals))
     signs, confidence = segment_signs(segments, probability, signals.raw_effort)
     return Identification(
@@ -383,11 +403,11 @@ def _identification(
 def _sampled(run: _Run, averaged: AveragedSigns) -> tuple[AveragedSigns, Posterior | None, Array]:
     """With the fit of the chosen mode, the posterior if it is sampled, and (N, n) P(sign = +), averaged over it."""
     if run.sampling is None:
-        return averaged, None, averaged.probability
+        return averaged, None, averaged.mixed
     posterior = _sample(run, averaged, run.sampling)
     run.lap("posterior")
     averaged = replace(averaged, fit=_fit_of_mode(averaged, posterior, posterior.chosen))
-    probability = averaged.probability
+    probability = averaged.mixed
     if averaged.by_asked:
         probability = _average_over_draws(averaged, posterior, run.progress)
     run.lap("smooth")
@@ -424,6 +444,12 @@ def _inverse(covariance: Array) -> Array:
 # ---------------------------------------------------------------------------------------------------------------
 # Posterior, and signs of samples and segments
 # ---------------------------------------------------------------------------------------------------------------
+def _with_unseen(settled: Settled, probability: Array) -> Array:
+    """(N, n) P(sign = +) with the mass of assignments that nobody has looked at, whose signs are guesses."""
+    unseen = settled.signs.search.unseen
+    return np.where(settled.evidence.signals.signed, probability, (1.0 - unseen) * probability + 0.5 * unseen)
+
+
 def _sample(run: _Run, averaged: AveragedSigns, sampling: Sampling) -> Posterior:
     """The posterior of the model asked for; signs that another model has settled are given, all others summed out."""
     evidence, settled, fit = averaged.asked.evidence, averaged.settled, averaged.fit

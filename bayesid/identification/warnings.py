@@ -96,16 +96,16 @@ def low_passed(low_pass: str) -> str:
     return f"|effort| was low-passed after it was rectified, at about {low_pass}"
 
 
-def not_ruled_out(gap: float, cost: float) -> str:
-    """How much less than the best assignment others may cost, where nothing better is proven."""
-    return f"others may cost up to {gap:.3g} less than {cost:.4g}"
+def not_proven(seconds: float, gap: float) -> str:
+    """That a proof did not end, and how much less than the best assignment another one may cost."""
+    return f"not proven (stopped after {seconds:.0f} s; a better assignment may cost up to {gap:.3g} less)"
 
 
 WITHHELD = {
-    "pull": "others that it lists may cost the data less: only what is assumed of links sets them apart",
-    "noise": "which assignment is the best depends on how large each joint's noise is taken to be",
+    "pull": "the data alone prefer another assignment that is listed: only what is assumed of links decides",
+    "noise": "which assignment is the best depends on the noise level that is assumed of each joint",
 }
-"""Why a proof that was found is no certificate (`SearchResult.withheld`)."""
+"""Why nothing counts as proven although the search has ended (`SearchResult.withheld`)."""
 
 
 def excluded_yet_likely(share: float) -> str:
@@ -239,12 +239,13 @@ def edge_warning(fit: Fit, n_links: int) -> list[str]:
 def _search_warnings(signs: SegmentSigns) -> list[str]:
     search, warnings = signs.search, []
     if search.lower_bound is not None and not search.certified:
-        gap = f"{not_ruled_out(search.cost - search.lower_bound, search.cost)}; give more --search-budget"
+        said = f"{not_proven(search.seconds, search.cost - search.lower_bound)}; give more --search-budget"
         if search.timed_out:
-            gap = "the time limit on the clock stopped the search; give a larger --time-limit"
-        warnings.append(f"the signs are not proven to be the best: {WITHHELD.get(search.withheld, gap)}")
+            said = "not proven: the time limit ended the search; give a larger --time-limit"
+        reason = WITHHELD.get(search.withheld)
+        warnings.append(f"signs: {said if reason is None else f'not proven ({reason})'}")
     elif search.timed_out and not search.certified:
-        warnings.append("the time limit on the clock stopped the search; give a larger --time-limit")
+        warnings.append("signs: the time limit ended the search; give a larger --time-limit")
     if signs.unsplit:
         segments = "1 segment still crosses" if signs.unsplit == 1 else f"{signs.unsplit} segments still cross"
         warnings.append(f"{segments} zero after {signs.rounds} searches")

@@ -112,6 +112,12 @@ class Segments:
             rows += [(self.joint[k], a, b, self.known[k], self.moving[k], self.fitted[k]) for a, b in pairwise(edges)]
         return _from_rows(rows)
 
+    def sums(self, values: Array) -> Array:
+        """(S,) sums of samples' values (N, n)."""
+        summed = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
+        total: Array = summed[self.end, self.joint] - summed[self.start, self.joint]
+        return total
+
     def per_sample(self, values: Array | Integers | Mask, n_samples: int, n_joints: int) -> Array:
         """(N, n) the segments' values (S,) laid out over the samples."""
         laid = np.zeros((n_samples, n_joints))

@@ -72,7 +72,7 @@ class SignCheck:
 
     def __repr__(self) -> str:
         turned = f"{len(self.stretches)} of {self.n_stretches} stretches would be turned"
-        how = "certified" if self.certified else "not certified"
+        how = "proven" if self.certified else "not proven"
         lines = [f"SignCheck: {turned}, {how}; cost {self.cost:.6g}, as taken {self.cost_taken:.6g}"]
         lines += [f"joint {one.joint}, {one.start:.6g} to {one.end:.6g} s: {one.cost:.3g}" for one in self.stretches]
         return "\n  ".join(lines)

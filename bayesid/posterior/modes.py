@@ -19,7 +19,7 @@ from bayesid.fit.moments import Moments
 from bayesid.fit.solver import ConeLeastSquares, PreparedLeastSquares
 from bayesid.posterior.start import find_centre
 from bayesid.posterior.target import Target
-from bayesid.signs.search.result import Branch, SearchResult
+from bayesid.signs.search.result import SearchResult
 
 _MOST_BRANCHES = 32
 """Assignments of the search's list, cheapest first, that are followed to their centres. A round number; not studied."""
@@ -78,19 +78,23 @@ def find_modes(target: Target, moments: Moments, solver: ConeLeastSquares, searc
 def starting_points(
     moments: Moments, information: Information | None, solver: ConeLeastSquares, search: SearchResult
 ) -> list[tuple[Integers, Array]]:
-    """Signs and best parameters of the search's branches and of its best assignment with each joint turned round.
+    """Signs and best parameters of the search's branches, and of its best assignment with each joint turned round.
 
-    Those are left out that fit hopelessly worse than the best one.
+    What is left out is hopelessly worse by a lower bound of its cost. The cost itself is not to be relied on: efforts
+    of little noise make it a small difference of large numbers.
+
+    Raises:
+        SolverError: a cone problem could not be solved.
     """
-    listed = search.branches[:_MOST_BRANCHES] or (Branch(search.signs, search.theta, search.cost, -np.inf),)
-    starts, prepared = [branch.signs for branch in listed], solver.prepared()
+    starts = [branch.signs for branch in search.branches[:_MOST_BRANCHES]] or [search.signs]
+    prepared = solver.prepared()
     for joint in np.unique(moments.joint[moments.known == 0]):
-        turned = (moments.joint == joint) & (moments.known == 0)
-        starts.append(_settle(moments, information, prepared, np.where(turned, -search.signs, search.signs)))
+        of_joint = (moments.joint == joint) & (moments.known == 0)
+        starts.append(_settle(moments, information, prepared, np.where(of_joint, -search.signs, search.signs)))
     distinct = {signs.tobytes(): signs for signs in starts}.values()
-    fits = [(signs, prepared.solve(_gradient(moments, information, signs))) for signs in distinct]
-    most = min(solution.cost for _, solution in fits) + 2.0 * _HOPELESS
-    return [(signs, solution.theta) for signs, solution in fits if solution.cost <= most]
+    fits = [(signs, prepared.solve_precisely(_gradient(moments, information, signs))) for signs in distinct]
+    most = min(fit.cost for _, fit in fits) + 2.0 * _HOPELESS
+    return [(signs, fit.theta) for signs, fit in fits if fit.lower_bound <= most]
 
 
 def _gradient(moments: Moments, information: Information | None, signs: Integers) -> Array:

@@ -28,7 +28,7 @@ from bayesid.identification.warnings import (
     excluded_yet_likely,
     low_passed,
     not_excited,
-    not_ruled_out,
+    not_proven,
     other_modes,
     other_reading,
     pressed_windows,
@@ -281,30 +281,30 @@ def proof(summary: Summary) -> Check:
         remedy = f"{_TELL_APART}; or validate on a log with known signs"
         return Check(name, "bad", excluded_yet_likely(excluded), remedy)
     if search.certified:
-        others = (search.assignments or 1) - 1
-        also = "no other" if not others else "one other" if others == 1 else f"{others} others"
-        comes = "come" if others > 1 else "comes"
+        others, within = (search.assignments or 1) - 1, search.within or 0.0
+        if not others:
+            odds = np.exp(0.5 * within)
+            message = f"proven: every other assignment of the strong segments is at least {odds:.0f} times less likely"
+            return Check(name, "good", message)
+        also = "one other" if others == 1 else f"{others} others"
         message = (
-            f"under this model no assignment of signs costs less, and {also} of the strong segments {comes} within "
-            f"{search.within or 0.0:.1f}, twice the log of the odds"
+            f"proven: no assignment of signs costs less; {also} of the strong segments cost up to {within:.1f} more"
         )
-        return Check(name, "good" if not others else "look", message, _ALTERNATIVES if others else "")
+        return Check(name, "look", message, _ALTERNATIVES)
     if search.lower_bound is None:
-        kept = search.assignments or 0
-        survived = f"{kept} assignment{'s' * (kept != 1)} survived the beam"
-        message = f"nothing is proven: {survived} and can be weighed; what it has dropped is unknown"
+        message = "not proven (a beam search proves nothing)"
         if undecided := (search.beam_nodes or {}).get("undecided", 0):
             message += (
-                f"; time was up before it came to {undecided} segment{'s' * (undecided != 1)}, which it predicted"
+                f"; its budget ended before {undecided} segment{'s' * (undecided != 1)}, whose signs are predicted"
             )
         return Check(
             name, "look", message, f"leave out --search beam{commands.again(summary, without=('--search', 'beam'))}"
         )
     if search.withheld:
-        return Check(name, "look", f"not certified: {WITHHELD[search.withheld]}", f"{_TELL_APART}; {_ALTERNATIVES}")
-    message = f"not proven: {not_ruled_out(search.gap or 0.0, search.cost or 0.0)}"
+        return Check(name, "look", f"not proven ({WITHHELD[search.withheld]})", f"{_TELL_APART}; {_ALTERNATIVES}")
+    message = not_proven(search.seconds, search.gap or 0.0)
     if search.timed_out:
-        return Check(name, "look", f"{message}; stopped by the clock", "give a larger --time-limit")
+        return Check(name, "look", f"{message}; the time limit ended it", "give a larger --time-limit")
     return Check(name, "look", message, f"give more --search-budget, or a longer log{_more(summary, 'search')}")
 
 

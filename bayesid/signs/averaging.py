@@ -29,15 +29,6 @@ _LASTING = 0.5
 studied."""
 _LARGEST_WEIGHT = 0.95
 """The model that was asked for keeps a say: neither is the truth, whatever their odds. A round number; not studied."""
-_TOLERATED = 0.3
-"""Model error, as a share of the effort, that casts no doubt on proven signs (study `misfit`)."""
-_TOLERATED_UNPROVEN = 0.1
-"""The same without a proof (study `misfit`)."""
-_TO_A_GUESS = 0.7
-"""So much more, and a sign is a guess in half of the cases (study `misfit`)."""
-_SHARED = 0.6
-"""Share of the worst joint's model error that all joints are suspected of: parameters are common to them (study
-`misfit`)."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +68,11 @@ class AveragedSigns:
         signs = 2.0 * rival.probability - 1.0  # a doubt about the model is none about single signs: it biases the fit
         fit = fit_signed(replace(asked.evidence, fitted=rival.evidence.fitted), signs)
         return cls(asked, rival, fit, probability, weight)
+
+    @property
+    def mixed(self) -> Array:
+        """(N, n) P(sign = +) of every sample, over all assignments that nothing excludes too (:eq:`mixed-signs`)."""
+        return self.settled.mixed_with(self.probability)
 
     @property
     def by_asked(self) -> bool:
@@ -143,21 +139,3 @@ def evidence_gain(rival: Settled, asked: Settled) -> float:
     gain = float(count @ (2.0 * np.log(asked.fit.residual.sigma / rival.fit.residual.sigma)))
     more = len(rival.evidence.coefficients) - len(asked.evidence.coefficients)
     return gain - more * float(np.log(count.sum()))
-
-
-def structural_doubt(settled: Settled) -> Array:
-    """(n,) probability, per joint, that signs are guesses because the model is not the robot's.
-
-    A model that leaves a large lasting error of its own finds wrong signs that suit it, joints at a time, and every
-    probability that is conditional on the model follows it. A rule of thumb, in the size of the lasting error relative
-    to the effort and in whether a proof was had (:eq:`doubt`); `bayesid study misfit` shows what it does.
-    """
-    signals, fitted = settled.evidence.signals, settled.evidence.fitted
-    square = np.where(fitted, signals.raw_effort**2, 0.0).sum(axis=0)
-    effort = np.sqrt(square / np.maximum(fitted.sum(axis=0), 1))
-    shown = fitted.any(axis=0)  # a joint whose efforts are all in fault shows no error
-    error = np.where(shown, settled.fit.noise.coloured / np.maximum(effort, 1e-300), 0.0)
-    suspected = np.maximum(error, _SHARED * error.max())
-    tolerated = _TOLERATED if settled.signs.search.certified else _TOLERATED_UNPROVEN
-    doubt: Array = np.clip((suspected - tolerated) / _TO_A_GUESS, 0.0, 1.0)
-    return np.where(signals.signed, 0.0, 0.5 * doubt)

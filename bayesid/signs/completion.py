@@ -7,7 +7,7 @@ signs are searched under the completed model, and so on until nothing changes: t
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Set
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from itertools import islice
 
@@ -20,11 +20,20 @@ from bayesid.fit.effects.hypotheses import EffectKey
 from bayesid.fit.effects.kinematics import KINEMATICS, KinematicTolerance
 from bayesid.fit.effects.signed_log import SignedLog
 from bayesid.fit.effects.unseen import find_unseen
-from bayesid.fit.effects.wanted import NEEDED, EnteredEffect, Wanted, still_wanted, what_is_wanted
+from bayesid.fit.effects.wanted import (
+    NEEDED,
+    EnteredEffect,
+    Wanted,
+    borne_out,
+    consistent_with_nothing,
+    still_wanted,
+    what_is_wanted,
+)
 from bayesid.fit.evidence import Evidence
 from bayesid.fit.least_squares import POOR_FIT, Fit, fit_signed, widened
 from bayesid.log.segments import Cutting, Segments, find_segments
 from bayesid.log.signals import Signals
+from bayesid.model.effects import Effect
 from bayesid.model.model import Model
 from bayesid.progress import SILENT, Progress
 from bayesid.signs.averaging import AveragedSigns, evidence_gain, weight_against
@@ -36,8 +45,8 @@ _MOST_ROUNDS = 3
 """Selections, each under the signs that the one before it led to. A round number; not studied."""
 _MOST_PROPOSED = 2
 """Effects that are proposed for a joint in a round; a round number."""
-_MOST_RIVALS = 2
-"""Proposals for a joint, one of which may be taken: each costs a search. A round number."""
+_MOST_RIVALS = 3
+"""Proposals for a joint, the best of which may be taken: each costs a search. A round number."""
 _LIKELIER = 0.5
 """Weight from which on the completed model is the likelier one."""
 _DECISIVE = 2.0 * LN10
@@ -79,13 +88,13 @@ class CompletedSigns:
         model: with sensors' distortions too.
         signals: the log without what the model says of its sensors.
         averaged: signs and fit.
-        completion: what entered.
+        completion: what entered; None where nobody asked.
     """
 
     model: Model
     signals: Signals
     averaged: AveragedSigns
-    completion: Completion
+    completion: Completion | None
 
 
 @dataclass(frozen=True)
@@ -121,12 +130,13 @@ class _Searching:
     search: Search
     cutting: Cutting
 
-    def under(self, model: Model, progress: Progress) -> _Opinion:
-        """Signs under a model."""
+    def under(self, model: Model, begun: Settled, progress: Progress, also: Sequence[Array] = ()) -> _Opinion:
+        """Signs under a model, from those under another one, and from other ones (N, n)."""
         signals, segments = restored(model, self.as_read), self.segments
         if model.before_sensors is not model and model.before_sensors.distortions != model.distortions:
             segments = find_segments(signals, model.robot.actuators(signals.motion), self.cutting)
-        return _Opinion(model, signals, settle_signs(model.before_sensors, signals, segments, self.search, progress))
+        found = settle_signs(model.before_sensors, signals, segments, self.search, progress, begun=begun, also=also)
+        return _Opinion(model, signals, found)
 
 
 def complete(
@@ -152,20 +162,32 @@ def complete(
         if not rounds.go_on(searching, enter=may_enter, progress=progress):
             break
     rounds.check(searching, progress)
-    completed, wanted, signs = rounds.completed, rounds.wanted, rounds.signs
-    if not _worth_it(signs, plain):
-        signs = first
-    if completed is plain and signs is first:
-        settled = averaged
-    elif completed is signs:
-        settled = AveragedSigns.alone(signs.settled)
-    else:
-        settled = AveragedSigns.of(completed.settled, signs.settled)
-    effects = () if completed is plain else wanted.effects
-    summed_out, narrow = _summed_out(settled, {(e.effect, e.joints) for e in effects}, wanted, how.kinematics)
+    while True:
+        effects = rounds.effects
+        settled = rounds.averaged(averaged, first)
+        entered = {(effect.effect, effect.joints) for effect in effects}
+        summed_out, narrow = _summed_out(settled, entered, rounds.wanted, how.kinematics)
+        least = _least_half(_insignificant(effects, summed_out))
+        if not least:
+            break
+        rounds.leave_out(least, searching, progress)
+    wanted = rounds.wanted
     after, sizes = wanted.after if effects else wanted.before, _sizes(summed_out)
     completion = Completion(effects, wanted.before.rms, after.rms, wanted.effort, may_enter, sizes, narrow)
-    return CompletedSigns(completed.model, completed.signals, summed_out, completion)
+    return CompletedSigns(rounds.completed.model, rounds.completed.signals, summed_out, completion)
+
+
+def _least_half(effects: Sequence[EnteredEffect]) -> set[EffectKey]:
+    """Those with less evidence than the others, at least one: without them the others may be clear."""
+    ordered = sorted(effects, key=lambda effect: effect.log10_bayes_factor)
+    return {(effect.effect, effect.joints) for effect in ordered[: -(-len(ordered) // 2)]}
+
+
+def _insignificant(effects: Sequence[EnteredEffect], settled: AveragedSigns) -> list[EnteredEffect]:
+    """Effects none of whose numbers differs from zero under the final fit."""
+    evidence, fit = settled.asked.evidence, settled.fit
+    sd = fit.parameter_sd(evidence.coefficients.projection)
+    return [effect for effect in effects if consistent_with_nothing(effect, evidence.model, fit.theta, sd)]
 
 
 @dataclass
@@ -188,9 +210,29 @@ class _Rounds:
     completed: _Opinion = field(init=False)
     wanted: Wanted = field(init=False)
     _last: Wanted | None = None
+    _turned: bool = False
 
     def __post_init__(self) -> None:
         self.completed = self.plain
+
+    @property
+    def effects(self) -> tuple[EnteredEffect, ...]:
+        """Of the completed model."""
+        return () if self.completed is self.plain else self.wanted.effects
+
+    def averaged(self, plain: AveragedSigns, first: _Opinion) -> AveragedSigns:
+        """Signs under the completed model and, if that is another one, under the likeliest.
+
+        Args:
+            plain: before any effect.
+            first: the likeliest opinion then.
+        """
+        signs = self.signs if _worth_it(self.signs, self.plain) else first
+        if self.completed is self.plain and signs is first:
+            return plain
+        if self.completed is signs:
+            return AveragedSigns.alone(signs.settled)
+        return AveragedSigns.of(self.completed.settled, signs.settled)
 
     def go_on(self, searching: _Searching, *, enter: bool, progress: Progress) -> bool:
         """One more round; whether another one may change anything."""
@@ -198,13 +240,15 @@ class _Rounds:
             self._follow(better)
         progress("completing the model", 0, 1)
         start = [effect for effect in self.signs.model.effects if effect not in self.plain.model.effects]
-        wanted = what_is_wanted(self.plain.settled.evidence, self.fit, self.probability, start, enter=enter)
+        evidence = self.plain.settled.evidence
+        wanted = what_is_wanted(evidence, self.fit, self.probability, [] if self._turned else start, enter=enter)
+        wanted = self._by_all_signs(wanted)
         before, self._last = self._last, wanted
         if before is None:
             self.wanted = wanted
         if wanted.keys == (set() if before is None else before.keys):
             return False
-        opinion = searching.under(wanted.extension.model, progress.under("completed model"))
+        opinion = searching.under(wanted.extension.model, self.signs.settled, progress.under("completed model"))
         if _worth_it(opinion, self.plain) and weight_against(opinion.settled, self.completed.settled) >= _LIKELIER:
             self.completed, self.wanted = opinion, wanted
         if weight_against(opinion.settled, self.signs.settled) < _LIKELIER:
@@ -218,17 +262,39 @@ class _Rounds:
         if self.completed is self.plain:
             return
         wanted = still_wanted(self.plain.settled.evidence, self.fit, self.probability, self.wanted)
-        if wanted.keys == self.wanted.keys:
-            return
+        if wanted.keys != self.wanted.keys:
+            self._reduced(wanted, searching, progress)
+
+    def leave_out(self, effects: Set[EffectKey], searching: _Searching, progress: Progress) -> None:
+        """Leaves effects out of the completed model, and what is not worth it without them."""
+        evidence = self.plain.settled.evidence
+        self._reduced(still_wanted(evidence, self.fit, self.probability, self.wanted, effects), searching, progress)
+
+    def _reduced(self, wanted: Wanted, searching: _Searching, progress: Progress) -> None:
+        """Completes the model with fewer effects; signs follow where that hardly changes them."""
         opinion = self.plain
         if wanted.keys:
-            left = searching.under(wanted.extension.model, progress.under("completed model"))
+            left = searching.under(wanted.extension.model, self.signs.settled, progress.under("completed model"))
             opinion = left if _worth_it(left, self.plain) else self.plain
-        if self.signs is self.completed:
+        if self.signs is self.completed and not _changed(
+            self.plain.settled.evidence, self.probability, opinion.settled.probability
+        ):
             self.signs = opinion
         self.completed, self.wanted = opinion, wanted
 
+    def _by_all_signs(self, wanted: Wanted) -> Wanted:
+        """Without the effects that another assignment of signs, which nothing excludes, does not bear out."""
+        evidence, sources = self.plain.settled.evidence, [effect.source for effect in wanted.effects]
+        left = wanted.keys
+        for other in self.signs.settled.alternatives if sources else ():
+            fit = fit_signed(evidence, 2.0 * other.probability - 1.0)
+            left = left & borne_out(evidence, fit, other.probability, sources).keys
+        if left == wanted.keys:
+            return wanted
+        return still_wanted(evidence, self.fit, self.probability, wanted, wanted.keys - left)
+
     def _follow(self, opinion: _Opinion) -> None:
+        self._turned = _joint_turned(self.plain.settled.evidence, self.probability, opinion.settled.probability)
         self.signs, self.probability = opinion, opinion.settled.probability
         self.fit = fit_signed(self.plain.settled.evidence, 2.0 * self.probability - 1.0)
 
@@ -260,13 +326,19 @@ def _with_proposal(opinion: _Opinion, joint: int, searching: _Searching, progres
     if not _poor(settled)[joint]:
         return opinion
     log = SignedLog.of(settled.evidence, settled.fit, settled.probability)
-    known = {(effect.effect, effect.joints) for effect in opinion.model.effects}
-    proposed = (e for e in propose(PoorJoint.of(log, joint), log.library) if (e.effect, e.joints) not in known)
-    for effect in islice(proposed, _MOST_RIVALS):
-        rival = searching.under(opinion.model.extend(effect), progress)
-        if 0.5 * evidence_gain(rival.settled, settled) > NEEDED:
-            return rival
-    return opinion
+    known = {_key(effect) for effect in opinion.model.effects}
+    proposed = (p for p in propose(PoorJoint.of(log, joint), log.library(joint)) if _key(p.effect) not in known)
+    rivals = []
+    for proposal in islice(proposed, _MOST_RIVALS):
+        signs = 2.0 * settled.probability - 1.0
+        signs[:, joint] = proposal.signs
+        rivals.append(searching.under(opinion.model.extend(proposal.effect), settled, progress, [signs]))
+    gains = {0.5 * evidence_gain(rival.settled, settled): rival for rival in rivals}
+    return gains[max(gains)] if max(gains, default=0.0) > NEEDED else opinion
+
+
+def _key(effect: Effect) -> EffectKey:
+    return effect.effect, effect.joints
 
 
 def _summed_out(
@@ -296,6 +368,13 @@ def _sizes(averaged: AveragedSigns) -> dict[str, float]:
     """Of what is summed out, relative to what is usual."""
     nuisance = averaged.asked.evidence.nuisance
     return {} if nuisance is None else dict(zip(nuisance.names, nuisance.scales.tolist(), strict=True))
+
+
+def _joint_turned(evidence: Evidence, before: Array, after: Array) -> bool:
+    """Whether most of a joint's effort has another sign than before."""
+    energy = np.where(evidence.used, evidence.signals.effort**2, 0.0)
+    turned = np.where((before >= 0.5) != (after >= 0.5), energy, 0.0).sum(axis=0)
+    return bool(np.any(turned > 0.5 * energy.sum(axis=0)))
 
 
 def _changed(evidence: Evidence, before: Array, after: Array) -> bool:

@@ -9,15 +9,17 @@ that they take, are proposed; a search under each decides.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from bayesid.arrays import Array
+from bayesid.arrays import Array, Integers
 from bayesid.fit.effects.hypotheses import Hypothesis
 from bayesid.fit.effects.relevance import inverse_of
 from bayesid.fit.effects.signed_log import SignedLog
 from bayesid.model.effects import Effect
+from bayesid.process import in_parallel
 
 _MOST_TURNS = 40
 """Of coefficients and signs; a round number, a fit of 60 coefficients takes some ten."""
@@ -33,11 +35,26 @@ class _Rows:
         columns: (M, m) of the model, those of the effect last.
         magnitude: (M,) |effort|, N m.
         known: (M,) the effort by the model so far, N m.
+        place: (M,) which of the log's thinned rows they are.
     """
 
     columns: Array
     magnitude: Array
     known: Array
+    place: Integers
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """An effect for a joint.
+
+    Attributes:
+        effect: term or distortion.
+        signs: (N,) +1 or -1 of the joint's samples under it; 0 where nothing counts.
+    """
+
+    effect: Effect
+    signs: Array
 
 
 @dataclass(frozen=True)
@@ -85,23 +102,34 @@ class PoorJoint:
             columns=self.log.data.columns[used, self.joint],
             magnitude=self.log.evidence.signals.magnitude[self.log.rows, self.joint][used],
             known=self.log.fit.predicted[self.log.rows, self.joint][used],
+            place=np.flatnonzero(used),
         )
+
+    def of_samples(self, rows: _Rows, signs: Array) -> Array:
+        """(N,) signs of all samples from those of rows (M,): each sample's is that of the nearest thinned row."""
+        thinned = np.zeros(len(self.log.rows))
+        thinned[rows.place] = signs
+        samples = np.arange(len(self.log.evidence.signals.motion))
+        after = np.clip(np.searchsorted(self.log.rows, samples), 1, len(self.log.rows) - 1)
+        earlier = samples - self.log.rows[after - 1] < self.log.rows[after] - samples
+        nearest: Array = thinned[np.where(earlier, after - 1, after)]
+        return nearest
 
     def rows_under(self, effect: Hypothesis) -> _Rows:
         """With a term's columns; with columns or readings as a distortion makes them."""
         plain, used = self.rows(), self.log.data.used[:, self.joint]
         if effect.source.linear:
             more = effect.columns.rows[self.joint][used]
-            return _Rows(np.concatenate([plain.columns, more], axis=1), plain.magnitude, plain.known)
+            return replace(plain, columns=np.concatenate([plain.columns, more], axis=1))
         evidence = self.log.evidence
         model = evidence.model.extend(effect.source)
         columns = model.columns(evidence.signals.motion[self.log.rows])[used, self.joint]
         magnitude, readable = (x[used, self.joint] for x in model.unread(evidence.signals.magnitude[self.log.rows]))
         columns = columns[:, evidence.coefficients.kept]
-        return _Rows(columns[readable], magnitude[readable], plain.known[readable])
+        return _Rows(columns[readable], magnitude[readable], plain.known[readable], plain.place[readable])
 
 
-def propose(poor: PoorJoint, library: Sequence[Sequence[Hypothesis]]) -> list[Effect]:
+def propose(poor: PoorJoint, library: Sequence[Sequence[Hypothesis]]) -> list[Proposal]:
     """The effects that explain a joint best, with signs of its own, best first; none where none is worth it.
 
     Judged by half the fall of the Bayesian information criterion, less the choice of the form.
@@ -113,42 +141,57 @@ def propose(poor: PoorJoint, library: Sequence[Sequence[Hypothesis]]) -> list[Ef
     plain = poor.rows()
     if not len(plain.magnitude):
         return []
-    rms = _least_rms(poor, plain)
-    best: dict[str, tuple[float, Effect]] = {}
-    for group in library:
-        if group[0].columns.joints != {poor.joint} or (group[0].source.linear and not group[0].columns.rows):
-            continue
-        choice = float(np.log(len(group)))  # of the form
-        for hypothesis in group:
-            rows = poor.rows_under(hypothesis)
-            readable = len(rows.magnitude) / len(plain.magnitude)  # the other samples are explained as without it
-            more = rows.columns.shape[1] - plain.columns.shape[1]
-            gain = poor.count * readable * float(np.log(rms / _least_rms(poor, rows)))
-            gain -= 0.5 * more * float(np.log(poor.count)) + choice
-            if gain > best.get(hypothesis.effect, (_LEAST_GAIN,))[0]:
-                best[hypothesis.effect] = gain, hypothesis.source
-    return [source for _, source in sorted(best.values(), key=lambda one: -one[0])]
+    groups = [group for group in library if group[0].columns.joints == {poor.joint}]
+    groups = [group for group in groups if not group[0].source.linear or group[0].columns.rows]
+    rms = _alternated(poor, plain)[0]
+    best: dict[str, tuple[float, Proposal]] = {}
+    for found in in_parallel([partial(_best_form, poor, plain, rms, group) for group in groups]):
+        if found is not None and found[0] > best.get(found[1].effect.effect, (_LEAST_GAIN,))[0]:
+            best[found[1].effect.effect] = found
+    return [proposal for _, proposal in sorted(best.values(), key=lambda one: -one[0])]
 
 
-def _least_rms(poor: PoorJoint, rows: _Rows) -> float:
-    """What a joint's samples leave at least, N m, from the best of three starts."""
-    by_others = rows.columns[:, : len(poor.gradient)] @ (inverse_of(poor.hessian) @ poor.gradient)
-    starts = (np.where(value >= 0.0, 1.0, -1.0) for value in (rows.known, -rows.known, by_others))
-    return min(_alternated(poor, rows, signs) for signs in starts)
+def _best_form(poor: PoorJoint, plain: _Rows, rms: float, group: Sequence[Hypothesis]) -> tuple[float, Proposal] | None:
+    """The form that gains most, and how much, in nats, less the choice of the form; None of an empty group.
+
+    Args:
+        poor: the joint.
+        plain: its rows without an effect.
+        rms: what they leave, N m.
+        group: forms of one effect.
+    """
+    best = None
+    for hypothesis in group:
+        rows = poor.rows_under(hypothesis)
+        readable = len(rows.magnitude) / len(plain.magnitude)  # the other samples are explained as without it
+        least, signs = _alternated(poor, rows)
+        gain = poor.count * readable * float(np.log(rms / least))
+        gain -= 0.5 * (rows.columns.shape[1] - plain.columns.shape[1]) * float(np.log(poor.count))
+        gain -= float(np.log(len(group)))
+        if best is None or gain > best[0]:
+            best = gain, Proposal(hypothesis.source, poor.of_samples(rows, signs))
+    return best
 
 
-def _alternated(poor: PoorJoint, rows: _Rows, signs: Array) -> float:
-    """RMS residual, N m, once coefficients and signs (M,) have been fitted in turn."""
+def _alternated(poor: PoorJoint, rows: _Rows) -> tuple[float, Array]:
+    """What a joint's samples leave at least, N m, and (M,) their signs then: fitted in turn, from the best of three."""
     r, columns = len(poor.gradient), rows.columns
     hessian = columns.T @ columns / poor.weight**2
     hessian[:r, :r] += poor.hessian
     inverse = inverse_of(hessian)
-    for _ in range(_MOST_TURNS):
-        gradient = columns.T @ (signs * rows.magnitude) / poor.weight**2
-        gradient[:r] += poor.gradient
-        predicted = columns @ (inverse @ gradient)
-        nearest = np.where(predicted >= 0.0, 1.0, -1.0)
-        if np.array_equal(nearest, signs):
-            break
-        signs = nearest
-    return float(np.sqrt(np.mean((signs * rows.magnitude - predicted) ** 2)) + np.finfo(float).tiny)
+    others = np.zeros(columns.shape[1])
+    others[:r] = poor.gradient
+    reach = columns @ inverse  # (M, m) what a unit of the gradient adds to each prediction
+    base, turning = reach @ others, columns * rows.magnitude[:, None] / poor.weight**2
+    best = np.inf, rows.known
+    for start in (rows.known, -rows.known, columns[:, :r] @ (inverse_of(poor.hessian) @ poor.gradient)):
+        signs = np.where(start >= 0.0, 1.0, -1.0)
+        for _ in range(_MOST_TURNS):
+            predicted = base + reach @ (signs @ turning)
+            nearest = np.where(predicted >= 0.0, 1.0, -1.0)
+            if np.array_equal(nearest, signs):
+                break
+            signs = nearest
+        rms = float(np.sqrt(np.mean((signs * rows.magnitude - predicted) ** 2)) + np.finfo(float).tiny)
+        best = min(best, (rms, signs), key=lambda found: found[0])
+    return best

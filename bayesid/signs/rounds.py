@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +16,7 @@ from bayesid.model.coefficients import BaseCoefficients
 from bayesid.model.model import Model
 from bayesid.progress import SILENT, Progress
 from bayesid.signs.search.protocol import Search, SignProblem
-from bayesid.signs.search.result import SearchResult
+from bayesid.signs.search.result import Branch, SearchResult
 from bayesid.signs.search.rivals import rivals
 
 _FIRST_NOISE = 0.05
@@ -29,7 +30,7 @@ _MEDIAN_TO_SD = 1.4826
 """Standard deviation of a normal variable over the median of its absolute value."""
 _MOST_ROUNDS = 4
 """Searches of one log. A round number; not studied. The segments that still cross zero then are reported."""
-_MOST_INDIVIDUAL = 5_000
+MOST_INDIVIDUAL = 5_000
 """Segments of each joint with an H_k of their own; some 6 kB each (docs/certified-search.md)."""
 
 
@@ -44,6 +45,7 @@ class SegmentSigns:
         unsplit: cuts that the last search still asked for.
         weights: (n,) noise by which the rows of the last search were scaled, N m.
         proofs: how often the last word was said: again where the final noise weights change the signs.
+        near: the best assignment and others that cost at most 20 nats more, by the weights of the final fit.
     """
 
     segments: Segments
@@ -52,6 +54,7 @@ class SegmentSigns:
     unsplit: int
     weights: Array
     proofs: int = 1
+    near: tuple[Branch, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,8 @@ class SignSearch:
         signals: the log.
         search: how signs are searched.
         progress: called as progress(stage, done, total).
+        likely: (N, n) each, signs that are likely beforehand, between -1 and 1.
+        unseen: `SearchResult.unseen` of the search that these are from.
     """
 
     model: Model
@@ -71,6 +76,8 @@ class SignSearch:
     signals: Signals
     search: Search
     progress: Progress = SILENT
+    likely: Sequence[Array] = ()
+    unseen: float = 0.5
 
     def run(self, segments: Segments) -> SegmentSigns:
         """Searches the signs, splits segments whose predicted effort clearly crosses zero, and searches again.
@@ -83,38 +90,45 @@ class SignSearch:
         for rounds in range(1, _MOST_ROUNDS + 1):
             fitted = segments[segments.fitted]
             motion, effort = self.signals.motion, self.signals.effort
-            raw = moments(self.model, self.coefficients, motion, effort, fitted, _MOST_INDIVIDUAL)
+            raw = moments(self.model, self.coefficients, motion, effort, fitted, MOST_INDIVIDUAL)
             sigma = _FIRST_NOISE * raw.rms_effort(self._n) if sigma is None else sigma
             steps = self.progress.steps(f"search, round {rounds}")
-            searched.append(self.search.find(self._problem(raw.scaled(sigma), searched), steps))
+            searched.append(self.search.find(self._problem(fitted, raw.scaled(sigma), searched), steps))
             cuts, sigma = self._crossings(fitted, searched[-1]), self._noise(fitted, raw, searched[-1])
             last = rounds == _MOST_ROUNDS
             if last or not cuts:
-                searched.append(self.search.conclude(self._problem(raw.scaled(sigma), searched), self.progress))
+                searched.append(self.search.conclude(self._problem(fitted, raw.scaled(sigma), searched), self.progress))
+                turned = not np.array_equal(searched[-1].signs, searched[-2].signs)
                 cuts = self._crossings(fitted, searched[-1])
-            if last or not cuts:
-                break
+                if last or not cuts or searched[-1].certified or not turned:
+                    break
             segments = segments.split(cuts)
         assert sigma is not None  # there was a round
         return SegmentSigns(segments, searched[-1].with_work_of(searched[:-1]), rounds, len(cuts), sigma)
 
     def reweighted(self, searched: SegmentSigns, weights: Array, repeat: bool = True) -> SegmentSigns:
-        """What stays of a proof by other noise weights (n,), N m, say those of the final fit.
+        """What stays of a search by other noise weights (n,), N m, say those of the final fit.
 
-        Where the optimum changes the proof is repeated with these weights or, if it may not be, nothing is certified.
-        Where it does not, a segment stays settled if turning it, or its joint, still costs more than Delta.
+        Where the optimum changes a proof is repeated with these weights or, if it may not be, nothing is certified;
+        without a proof the cheaper signs take its place. Where it does not, a segment stays settled if turning it, or
+        its joint, still costs more than Delta.
 
         Raises:
             SolverError: a cone problem could not be solved.
         """
-        result = searched.search
-        if result.settled is None:
+        result, fitted = searched.search, searched.segments[searched.segments.fitted]
+        if np.all(fitted.known != 0):
             return searched
-        fitted = searched.segments[searched.segments.fitted]
         motion, effort = self.signals.motion, self.signals.effort
-        raw = moments(self.model, self.coefficients, motion, effort, fitted, _MOST_INDIVIDUAL)
-        problem = self._problem(raw.scaled(weights), [result])
+        raw = moments(self.model, self.coefficients, motion, effort, fitted, MOST_INDIVIDUAL)
+        problem = self._problem(fitted, raw.scaled(weights), [result])
         found = rivals(problem, result, self.progress.steps("proof by the noise of the fit"))
+        searched = replace(searched, near=found.near)
+        if result.settled is None:
+            if not found.changed:
+                return searched
+            best = replace(result, signs=found.best.signs, theta=found.best.theta, cost=found.best.cost)
+            return replace(searched, search=best, weights=weights)
         if found.changed and not repeat:
             doubted = replace(result, certified=False, withheld="noise", settled=result.settled & found.settled)
             return replace(searched, search=doubted)
@@ -123,8 +137,11 @@ class SignSearch:
         again = self.search.conclude(problem, self.progress).with_work_of([result])
         return replace(searched, search=again, weights=weights, proofs=searched.proofs + 1)
 
-    def _problem(self, scaled: Moments, searched: list[SearchResult]) -> SignProblem:
-        return SignProblem(scaled, self.model.cone, self.coefficients, searched[-1] if searched else None)
+    def _problem(self, segments: Segments, scaled: Moments, searched: list[SearchResult]) -> SignProblem:
+        earlier = searched[-1] if searched else None
+        sums = [segments.sums(likely * self.signals.effort) for likely in self.likely]
+        starts = tuple(np.where(segments.known != 0, segments.known, np.where(s >= 0.0, 1, -1)) for s in sums)
+        return SignProblem(scaled, self.model.cone, self.coefficients, earlier, starts, self.unseen)
 
     @property
     def _n(self) -> int:

@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
-from bayesid.arrays import Array
+from bayesid.arrays import TINY, Array, Integers
 from bayesid.fit.evidence import Evidence
 from bayesid.fit.knowledge import Information, Knowledge
 from bayesid.fit.least_squares import Fit, fit_signed
 from bayesid.fit.noise import residual_noise
+from bayesid.fit.solver import ConeLeastSquares
 from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals, signed_effort
 from bayesid.model.coefficients import BaseCoefficients, base_coefficients
 from bayesid.model.model import Model
 from bayesid.process import in_parallel
 from bayesid.progress import SILENT, Progress
-from bayesid.signs.rounds import SegmentSigns, SignSearch
+from bayesid.signs.rounds import MOST_INDIVIDUAL, SegmentSigns, SignSearch
 from bayesid.signs.search.protocol import Search
+from bayesid.signs.search.result import Branch
 from bayesid.signs.smoothing import sign_probabilities
+
+_DIFFERENT = 0.01
+"""Share of a joint's energy in which two assignments differ if both count: less, and smoothing says as much."""
+_MOST = 6
+"""Alternatives that are kept."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +57,36 @@ class Settled:
         """(N, n) the fitted model's efforts, N m."""
         return self.fit.predicted
 
+    @cached_property
+    def alternatives(self) -> tuple[Alternative, ...]:
+        """Other assignments that neither a proof nor 20 nats exclude and that differ in much, the likeliest first."""
+        return _alternatives(self)
+
+    @property
+    def mixed(self) -> Array:
+        """(N, n) P(sign = +) of every sample, over this assignment and its alternatives (:eq:`mixed-signs`)."""
+        return self.mixed_with(self.probability)
+
+    def mixed_with(self, probability: Array) -> Array:
+        """The same where this assignment says (N, n) P(sign = +)."""
+        weights = np.array([1.0, *(one.odds for one in self.alternatives)])
+        every = [probability, *(one.probability for one in self.alternatives)]
+        mixed: Array = np.tensordot(weights / weights.sum(), np.array(every), axes=1)
+        return mixed
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """Another assignment of signs.
+
+    Attributes:
+        odds: against the best one, exp(-(its cost - the best cost) / 2), at most 1.
+        probability: (N, n) P(sign = +) of every sample under it.
+    """
+
+    odds: float
+    probability: Array
+
 
 @dataclass(frozen=True)
 class Earlier:
@@ -70,6 +108,8 @@ def settle_signs(
     search: Search,
     progress: Progress = SILENT,
     earlier: Earlier | None = None,
+    begun: Settled | None = None,
+    also: Sequence[Array] = (),
 ) -> Settled:
     """Searches the signs under a model, smooths them and fits the model to them.
 
@@ -80,18 +120,28 @@ def settle_signs(
         search: how to search.
         progress: of the searches.
         earlier: what an earlier log says.
+        begun: signs under another model, from which the search begins.
+        also: (N, n) each, other signs from which it begins then, between -1 and 1.
 
     Raises:
         SolverError: an optimisation failed.
     """
     plain = base_coefficients(model)
-    sign_search = SignSearch(model, plain, signals, search, progress)
+    sign_search = SignSearch(
+        model,
+        plain,
+        signals,
+        search,
+        progress,
+        () if begun is None else (2.0 * begun.probability - 1.0, *also),
+        0.5 if begun is None else begun.signs.search.unseen,
+    )
     searched = sign_search.run(segments)
     progress("fit", 0, 1)
     settled = _fitted_to(plain, model, signals, searched)
     searched = sign_search.reweighted(settled.signs, _weights(settled.fit))
     progress("fit", 0, 1)
-    if searched.proofs > settled.signs.proofs:
+    if not np.array_equal(searched.search.signs, settled.signs.search.signs) or searched.proofs > settled.signs.proofs:
         settled = _fitted_to(plain, model, signals, searched)
         searched = sign_search.reweighted(searched, _weights(settled.fit), repeat=False)
     settled = replace(settled, signs=searched)
@@ -120,6 +170,56 @@ def _fitted_to(coefficients: BaseCoefficients, model: Model, signals: Signals, s
     predicted = model.effort(signals.motion, searched.search.theta)
     probability = _smoothed(evidence, predicted, signed_effort(signals, signs, filtered=False))
     return Settled(evidence, searched, probability, fit_signed(evidence, 2.0 * probability - 1.0))
+
+
+def _alternatives(settled: Settled) -> tuple[Alternative, ...]:
+    """Of what comes near the best assignment that which differs from it, and among itself, in much of a joint's energy.
+
+    Odds are those of unfiltered efforts, in the signs that their samples are expected to have: a low-pass rounds off
+    where |effort| touches zero, which looks like a little negative friction and favours the wrong side of a near tie.
+    The best assignment keeps half of the probability at least.
+
+    Raises:
+        SolverError: a cone problem could not be solved.
+    """
+    search, shape = settled.signs.search, settled.probability.shape
+    segments = settled.signs.segments[settled.signs.segments.fitted]
+    energy = segments.sums(settled.evidence.signals.effort**2) * (segments.known == 0)
+    joints = (np.arange(shape[1])[:, None] == segments.joint) * energy
+    share = joints / np.maximum(joints.sum(axis=1, keepdims=True), TINY)
+    distinct = [search.signs]
+    chosen = list[Branch]()
+    for branch in sorted(settled.signs.near, key=lambda branch: branch.cost):
+        if all(np.any(share @ (branch.signs != other) > _DIFFERENT) for other in distinct) and len(chosen) < _MOST:
+            distinct.append(branch.signs)
+            chosen.append(branch)
+    if not chosen:
+        return ()
+    return tuple(
+        Alternative(float(np.exp(-0.5 * max(rise, 0.0))), _probability(settled, segments, branch))
+        for rise, branch in zip(_rises(settled, segments, distinct), chosen, strict=True)
+    )
+
+
+def _rises(settled: Settled, segments: Segments, assignments: Sequence[Integers]) -> list[float]:
+    """By how much other assignments cost more than the first one, by unfiltered efforts."""
+    evidence, expected = settled.evidence, 2.0 * settled.probability - 1.0
+    orientation = segments.per_sample(assignments[0], *expected.shape)
+    raw = evidence.moments(expected, segments, MOST_INDIVIDUAL, orientation, summed_out=False)
+    scaled = raw.scaled(_weights(settled.fit))
+    hessian, energy = scaled.hessian.total(), float(scaled.energy.sum())
+    solver = ConeLeastSquares(evidence.model.cone, evidence.coefficients, hessian, energy)
+    prepared = solver.prepared()
+    costs = [prepared.solve_precisely(signs @ scaled.gradient).cost for signs in assignments]
+    return [cost - costs[0] for cost in costs[1:]]
+
+
+def _probability(settled: Settled, segments: Segments, branch: Branch) -> Array:
+    """(N, n) P(sign = +) of every sample under another assignment."""
+    signals = settled.evidence.signals
+    predicted = settled.model.effort(signals.motion, branch.theta)
+    signs = segments.per_sample(branch.signs, *settled.probability.shape)
+    return _smoothed(settled.evidence, predicted, signed_effort(signals, signs, filtered=False))
 
 
 def _weights(fit: Fit) -> Array:

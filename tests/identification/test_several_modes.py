@@ -43,17 +43,17 @@ def robot(tmp_path_factory):
     return path
 
 
-def made_log(path):
+def made_log(path, slow=SLOW, noise=NOISE, seed=2):
     t = np.arange(0.0, 40.0, 0.02)
-    waves = ((0.6, SLOW, 0.0), (0.1, 2.3 * SLOW, 1.0))
+    waves = ((0.6, slow, 0.0), (0.1, 2.3 * slow, 1.0))
     q = sum(a * np.sin(w * t + p) for a, w, p in waves)[:, None]
     dq = sum(a * w * np.cos(w * t + p) for a, w, p in waves)[:, None]
     ddq = sum(-a * w * w * np.sin(w * t + p) for a, w, p in waves)[:, None]
     motion, robot = Motion(t, q, dq, ddq), load_robot(path)
     model = Model(robot, make_terms(["rigid_body"], robot, motion))
     effort = model.effort(motion, np.array([TRUTH.get(p.name, 0.0) for p in model.parameters]))
-    noise = NOISE * np.sqrt(np.mean(effort**2)) * np.random.default_rng(2).standard_normal(effort.shape)
-    return Log(t, q, np.abs(effort + noise), np.array([False]))
+    error = noise * np.sqrt(np.mean(effort**2)) * np.random.default_rng(seed).standard_normal(effort.shape)
+    return Log(t, q, np.abs(effort + error), np.array([False]))
 
 
 @cache
@@ -116,3 +116,18 @@ def test_the_command_writes_the_other_one(robot, tmp_path, capsys):
     assert "mode 2" in capsys.readouterr().err
     with pytest.raises(SystemExit, match="2"):
         main([*command[:-1], "0"])
+
+
+def test_without_a_posterior_a_near_tie_is_as_sure_as_its_mode_weighs(robot):
+    """Slower and clearer than above: chi-square differs by 3, and both halves are listed."""
+    log = made_log(robot, slow=0.05, noise=0.01, seed=1)
+    quick = identify(robot, log, ["rigid_body"], complete="off", posterior=False)
+    sampled = identify(robot, log, ["rigid_body"], complete="off", posterior=Sampling(seed=1))
+    assert [len(result.search.branches) for result in (quick, sampled)] == [2, 2]
+    assert len(sampled.posterior.modes) == 2
+    strong = log.effort[:, 0] > 0.3 * log.effort.max()
+    of_mode = sampled.posterior.modes[0].weight
+    for result in (quick, sampled):
+        confidence = np.maximum(result.probability, 1.0 - result.probability)[strong, 0]
+        assert confidence.mean() == pytest.approx(of_mode, abs=0.03)
+    assert 0.7 < of_mode < 0.9, "neither a tie nor clear"

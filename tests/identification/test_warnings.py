@@ -21,7 +21,7 @@ def fit_with(relative=(0.1, 0.2), sd=(0.3, 0.5, 0.1), on_edge=(False, False, Fal
 
 def signs_with(certified=True, lower_bound=90.0, unsplit=0, withheld="", timed_out=False):
     search = SimpleNamespace(
-        certified=certified, lower_bound=lower_bound, cost=120.0, withheld=withheld, timed_out=timed_out
+        certified=certified, lower_bound=lower_bound, cost=120.0, seconds=9.0, withheld=withheld, timed_out=timed_out
     )
     return SimpleNamespace(search=search, unsplit=unsplit, rounds=4)
 
@@ -101,7 +101,7 @@ FAULTS = (
     ({"fit": fit_with(sd=(0.3, np.inf, np.inf))}, ("2 coefficients",)),
     ({"fit": fit_with(on_edge=(True, True, False))}, ("links 1, 2", "--nominal")),
     ({"fit": fit_with(tolerance=2e-8)}, ("2e-08",)),
-    ({"settled": unproven()}, ("30 less than 120",)),
+    ({"settled": unproven()}, ("not proven", "30 less", "--search-budget")),
     ({"settled": unproven(lower_bound=120.0, withheld="pull")}, ("not proven",)),
     ({"settled": unproven(lower_bound=120.0, withheld="noise")}, ("noise",)),
     ({"posterior": posterior_with(excluded=0.83)}, ("83%",)),

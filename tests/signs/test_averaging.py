@@ -9,7 +9,7 @@ from simulated_arms import BUDGET, arm_with_friction, rms, settle
 from bayesid.identification import pipeline
 from bayesid.model.terms import STANDARD
 from bayesid.posterior.sampler import Sampling
-from bayesid.signs.averaging import richer_model, structural_doubt, weight_against
+from bayesid.signs.averaging import richer_model, weight_against
 from bayesid.signs.search.certified import Certified
 
 identify = partial(pipeline.identify, complete="off")
@@ -125,29 +125,3 @@ def test_the_weight_is_that_of_the_information_criterion():
         criteria = [information_criterion(np.array(s), count, k) for s, k in (([1.1, 2.0], 4), ([1.0, 1.9], size))]
         odds = np.exp(-0.5 * (criteria[1] - criteria[0]))
         assert weight_against(rival, asked) == pytest.approx(min(0.95, odds / (1.0 + odds)), rel=1e-9)
-
-
-def doubt(share, certified, signed=(False, False)):
-    """About efforts of RMS 2 and 5 N m, by a model whose lasting error is these shares of them."""
-    effort = np.array([2.0, 5.0]) * np.sqrt(2.0) * np.sin(np.linspace(0.0, 20.0 * np.pi, 2001))[:-1, None]
-    effort[1000:] *= 3.0  # standstill, which does not count
-    moving = np.arange(2000)[:, None] < np.array([1000, 1000])
-    signals = SimpleNamespace(raw_effort=effort, signed=np.array(signed))
-    settled = SimpleNamespace(
-        evidence=SimpleNamespace(signals=signals, fitted=moving),
-        fit=SimpleNamespace(noise=SimpleNamespace(coloured=np.array(share) * [2.0, 5.0])),
-        signs=SimpleNamespace(search=SimpleNamespace(certified=certified)),
-    )
-    return structural_doubt(settled)
-
-
-def test_a_large_error_or_one_of_signs_without_proof_makes_guesses_of_the_signs_that_are_unknown():
-    for share, certified, signed, expected in (
-        ([0.1, 0.29], True, (False, False), [0.0, 0.0]),
-        ([0.02, 0.09], False, (False, False), [0.0, 0.0]),
-        ([0.2, 0.24], False, (False, False), 0.5 * np.array([0.1, 0.14]) / 0.7),
-        ([0.65, 0.1], True, (False, False), 0.5 * np.array([0.35, 0.09]) / 0.7),
-        ([3.0, 0.1], True, (False, False), [0.5, 0.5]),
-        ([3.0, 0.1], True, (False, True), [0.5, 0.0]),
-    ):
-        np.testing.assert_allclose(doubt(share, certified, signed), expected, rtol=1e-6)

@@ -112,10 +112,10 @@ class SignedLog:
         made = (self._make(effect) for effect in effects)
         return sorted((h for h in made if h.columns.joints), key=lambda hypothesis: not hypothesis.source.linear)
 
-    @cached_property
-    def library(self) -> list[list[Hypothesis]]:
-        """All that a first log can tell from the model's own parameters, and its samples resolve."""
-        return [group for kind in kinds_of_forms(refinements=True) for group in self._tellable(kind)]
+    def library(self, joint: int) -> list[list[Hypothesis]]:
+        """All forms in a (0-based) joint that a first log can tell from the model's own parameters and can resolve."""
+        kinds = kinds_of_forms(refinements=True)
+        return [group for kind in kinds for group in self._tellable(kind, (joint + 1,))]
 
     def screened(self, screening: Screening, most: int) -> list[Hypothesis]:
         """The most promising effects of the library, each in its best form, best first."""
@@ -128,9 +128,9 @@ class SignedLog:
     def _best(self, screening: Screening, kind: type[Effect]) -> list[BestOfGroup]:
         return [BestOfGroup.of(screening, group) for group in self._tellable(kind)]
 
-    def _tellable(self, kind: type[Effect]) -> list[list[Hypothesis]]:
-        """The part of the library that is of one kind."""
-        groups = hypotheses_of(kind, self._make, self._scene)
+    def _tellable(self, kind: type[Effect], joints: tuple[int, ...] | None = None) -> list[list[Hypothesis]]:
+        """The forms of one kind; in some joints (from 1) alone, if they are given."""
+        groups = hypotheses_of(kind, self._make, self._scene, joints)
         testable = ([h for h in group if _testable(h, self._scene)] for group in groups)
         return [group for group in testable if group]
 

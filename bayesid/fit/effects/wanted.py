@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,12 +21,15 @@ from bayesid.fit.evidence import Evidence
 from bayesid.fit.knowledge import Knowledge
 from bayesid.fit.least_squares import Fit
 from bayesid.model.effects import Effect
+from bayesid.model.model import Model
 
 NEEDED = 12.0
 """Nats by which an effect enters a model: e^-12 times some 150 places a log leave 1e-3 false ones, even if the noise
 model is off by a factor of two in nats. The prototypes of DESIGN.md 4."""
 _MOST = 16
 """Effects that are added; a bound against endless loops."""
+_SIGNIFICANT = 3.0
+"""Standard deviations that one number of an effect must be from zero under the final fit: by chance one in 370 is."""
 _SHORT_LIST = 60
 """Effects that are looked at again after the first of all looks, in their best form. A round number; not studied."""
 
@@ -56,6 +59,26 @@ class EnteredEffect:
     def joints(self) -> tuple[int, ...]:
         """From 1, in which it acts; none named: on the whole robot."""
         return self.source.joints
+
+
+def consistent_with_nothing(effect: EnteredEffect, model: Model, theta: Array, sd: Array) -> bool:
+    """Whether none of an effect's numbers is three standard deviations from zero.
+
+    Not where no number has one.
+
+    Args:
+        effect: of the model.
+        model: with the effect.
+        theta: (P,) parameters.
+        sd: (P,) of them; NaN where a parameter is not decided by itself.
+    """
+    place = {parameter.name: k for k, parameter in enumerate(model.parameters)}
+    own = [place[parameter.name] for parameter in effect.source.parameters(model.robot)]
+    values = [*theta[own].tolist(), *(value for value, _ in effect.source.numbers(model.robot).values())]
+    spreads = np.array([*sd[own].tolist(), *effect.number_sd])
+    numbers = np.abs(values[: len(spreads)])
+    known = np.isfinite(spreads)
+    return bool(known.any() and np.all(numbers[known] < _SIGNIFICANT * spreads[known]))
 
 
 @dataclass(frozen=True)
@@ -106,7 +129,9 @@ def what_is_wanted(
     return _selected(case, products, keys, _MOST if enter else 0)
 
 
-def still_wanted(evidence: Evidence, fit: Fit, probability: Array, wanted: Wanted) -> Wanted:
+def still_wanted(
+    evidence: Evidence, fit: Fit, probability: Array, wanted: Wanted, without: Set[EffectKey] = frozenset()
+) -> Wanted:
     """Those of the effects that are worth it too if nobody knows how dry friction turns round near standstill.
 
     Args:
@@ -114,8 +139,10 @@ def still_wanted(evidence: Evidence, fit: Fit, probability: Array, wanted: Wante
         fit: of the model to the log.
         probability: (N, n) P(sign = +) of every sample, settled with the effects.
         wanted: the effects that were selected.
+        without: effects that are left out.
     """
-    left = borne_out(evidence, fit, probability, [effect.source for effect in wanted.effects])
+    kept = [effect.source for effect in wanted.effects if (effect.effect, effect.joints) not in without]
+    left = borne_out(evidence, fit, probability, kept)
     equivalent = {(effect.effect, effect.joints): effect.equivalent for effect in wanted.effects}
     effects = (replace(effect, equivalent=equivalent[effect.effect, effect.joints]) for effect in left.effects)
     return replace(left, effects=tuple(effects), screened=wanted.screened)

@@ -73,7 +73,7 @@ class SearchSummary:
             None where nodes were priced otherwise.
         noise_weights: (n,) sd by which the rows of each joint were scaled, N m, as if only effective samples counted.
         proofs: how often the last word was said: again where the final noise weights change the signs.
-        withheld: why a proof is no certificate: "pull" or "noise"; empty otherwise.
+        withheld: why nothing counts as proven although the search has ended: "pull" or "noise"; empty otherwise.
         beam_nodes: grown, pruned by the bound or by the cone, survived a step, leaves, and segments undecided when time
             was up; None without a beam.
         certified: whether no assignment costs less.
@@ -89,6 +89,8 @@ class SearchSummary:
         nodes: partial assignments that were bounded.
         rounds: searches until no segment's predicted effort crossed zero.
         timed_out: whether the time limit on the clock ended a search: a faster machine may give other signs.
+        ways: of the last search: what each way of searching has found, its nominal seconds, and its starts.
+        unseen: probability that an assignment which no search has met is the right one; 0 where a proof excludes it.
     """
 
     method: str
@@ -112,6 +114,8 @@ class SearchSummary:
     nodes: int
     rounds: int
     timed_out: bool = False
+    ways: tuple[Mapping[str, Any], ...] = ()
+    unseen: Number = None
 
 
 @dataclass(frozen=True)
@@ -547,6 +551,8 @@ def _search(identification: Identification) -> SearchSummary:
         nodes=search.nodes,
         rounds=identification.rounds,
         timed_out=search.timed_out,
+        ways=tuple(asdict(way) for way in search.ways),
+        unseen=search.unseen,
     )
 
 

@@ -365,7 +365,7 @@ def _search_text(search: SearchSummary) -> str:
                 f" Its time was up before it came to {undecided} segments: it predicted their signs from the others."
             )
     if search.lower_bound is None:
-        return f"{text} Nothing is proven about the others: what the beam has dropped is unknown."
+        return f"{text} Nothing is proven about assignments that the beam has dropped."
     text += (
         " No assignment costs less: every one was either weighed or ruled out by a bound."
         if search.certified

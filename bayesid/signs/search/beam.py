@@ -23,15 +23,10 @@ from bayesid.fit.solver import ConeLeastSquares
 from bayesid.progress import Steps, no_steps
 from bayesid.signs.search.budget import Budget
 from bayesid.signs.search.protocol import NodeCost, NodeCostFactory, Search, SignProblem
-from bayesid.signs.search.result import Branch, Pruning, SearchResult, UnconstrainedBound
+from bayesid.signs.search.result import Branch, Pruning, SearchResult, UnconstrainedBound, listed_without_proof
 
 _WIDER = 4
 """A first search that leaves a poor fit is repeated with a beam so many times as wide; a round number, not studied."""
-_WITHIN = float(2.0 * np.log(1e3))
-"""Cost beyond the best one's up to which a leaf is a branch: a thousandth of its mass."""
-_STRONG = 0.1
-"""Share of the energy of a joint's strongest segment from which on a branch decides a segment: as in a proof
-(`Limits.shares`)."""
 _MOST_INITIAL = 12
 """Segments that may be enumerated at the start: 2^12 nodes."""
 
@@ -231,20 +226,10 @@ def _with_undecided_segments(
 
 
 def _listed(moments: Moments, result: SearchResult, leaves: Iterable[Branch]) -> SearchResult:
-    """The result with its own signs and those of the leaves as branches: what costs too much more is pruned.
-
-    A branch decides the strong segments and those in which leaves differ; it stands for all signs of the others.
-    Nothing is proven about what the beam has dropped: `within` is 0, `missed` infinite, and no segment settled.
-    """
+    """The result with its own signs and those of the leaves as branches: what costs too much more is pruned."""
     own = Branch(result.signs, result.theta, result.cost, -np.inf)
-    distinct = {leaf.signs.tobytes(): leaf for leaf in [*leaves, own]}.values()
-    branches = tuple(sorted((leaf for leaf in distinct if leaf.cost <= own.cost + _WITHIN), key=lambda leaf: leaf.cost))
-    differ = np.any([branch.signs != own.signs for branch in branches], axis=0)
-    strongest = np.zeros(int(moments.joint.max(initial=-1)) + 1)
-    np.maximum.at(strongest, moments.joint, moments.energy)
-    strong = moments.energy >= _STRONG * strongest[moments.joint]
-    decided = (moments.known == 0) & ((strong & moments.individual) | differ)
-    return replace(result, branches=branches, decided=np.tile(decided, (len(branches), 1)))
+    branches, decided = listed_without_proof(moments, own, leaves)
+    return replace(result, branches=branches, decided=decided)
 
 
 def _search_order(moments: Moments) -> Integers:

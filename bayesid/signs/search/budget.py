@@ -9,6 +9,8 @@ which its result then says.
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,6 +66,13 @@ class Budget:
         self._choices += choices
         self._solved += parameters**2
         self._pairs += pairs
+
+    @contextmanager
+    def at_most(self, seconds: float) -> Iterator[None]:
+        """Ends at so many nominal seconds, for a while."""
+        whole, self.seconds = self.seconds, min(self.seconds, seconds)
+        yield
+        self.seconds = whole
 
     @property
     def spent(self) -> float:

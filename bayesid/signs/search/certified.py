@@ -22,27 +22,35 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayesid.arrays import Array
+from bayesid.arrays import Array, Integers
 from bayesid.errors import InputError
 from bayesid.fit.moments import Moments
 from bayesid.fit.solver import ConeLeastSquares
 from bayesid.progress import SILENT, Progress, Steps, no_steps
 from bayesid.signs.search.beam import Beam
-from bayesid.signs.search.budget import AFTERWARDS
 from bayesid.signs.search.combinations import TooManyError, combinations, combine, least_costs, shortest_first
 from bayesid.signs.search.limits import Limits
+from bayesid.signs.search.local import LocalOptima, local_search
 from bayesid.signs.search.patterns import LOG2, Keep
 from bayesid.signs.search.problem import OutOfTimeError, Problem
 from bayesid.signs.search.protocol import Budgeted, Search, SignProblem
-from bayesid.signs.search.result import Branch, SearchResult
+from bayesid.signs.search.result import ALIKE, NEAR, Branch, SearchResult, Way, listed_without_proof
 from bayesid.signs.search.tree import Proof, prove, settled
 
-_REPEATED = 0.2
-"""Share of the budget for which a first search goes on that leaves a poor fit; a round number, not studied."""
+_PROOF = 0.4
+"""Share of the budget that a proof may take, for the sake of the other ways. Proofs that end do so within 0.35 of the
+default budget on all logs of `studies.real_floor`."""
+_BEAM = 0.2
+"""Share that the fallback may take at most, once a local search has had its turn."""
+_FAILURES = 98
+"""Starts of a local search without a better assignment: the probability that the next one leads to a better one is then
+1 / (98 + 2) = 1 %, by Laplace's rule of succession."""
+METHOD = "branch and bound"
+_MOST_BEGUN = 8
+"""Assignments of a list from which a local search begins."""
+_FAILURES_ON_THE_WAY = 20
+"""The same where another search follows: in a round that fits poorly, and from signs that another model has settled."""
 
-_ALIKE = 0.1
-"""Cost, twice the nats, within which the data do not prefer one of two assignments: odds of 1.05. What counts as equal
-in the tree may be several nats where a log is precise; of the few that are priced one by one it need not."""
 _HIDDEN = 3.0
 """Times its own pull by which a branch may cost the data less than its cost says (`_data_agree`)."""
 
@@ -91,7 +99,7 @@ class Certified(Search):
         return replace(self, budget=budget, time_limit=time_limit)
 
     def find(self, problem: SignProblem, steps: Steps = no_steps) -> SearchResult:
-        """Candidates without a proof; in the first round a share of the budget too, where the fit is poor.
+        """Candidates without a proof; where the fit is poor, a local search too.
 
         Raises:
             SolverError: a cone problem could not be solved.
@@ -102,13 +110,12 @@ class Certified(Search):
             (56, False)
         """
         result = self._search(problem, 0.0, steps)
-        if problem.earlier is not None or not problem.is_poor(result):
+        if problem.starts or not problem.is_poor(result):
             return result
-        better = self._search(replace(problem, earlier=result), _REPEATED * self.budget, steps)
-        return better.with_work_of([result])
+        return searched_locally(problem, [result], _FAILURES_ON_THE_WAY)
 
     def conclude(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
-        """The proof; where the budget ends before it, the cheaper of its and the fallback's signs.
+        """The proof; where it does not end, the cheapest signs of a local search, a beam, and a local search from its.
 
         Raises:
             SolverError: an optimisation failed.
@@ -119,28 +126,36 @@ class Certified(Search):
             >>> search.conclude(replace(problem, earlier=search.find(problem))).certified
             True
         """
-        result = self._search(problem, self.budget, progress.steps("proof"))
-        if result.certified or self.budget == 0.0:
+        result = self._search(problem, _PROOF * self.budget, progress.steps("proof"))
+        if result.certified:
             return result
-        left = max((1.0 + AFTERWARDS) * self.budget - result.spent, 0.0)
+        progress("local search", 0, 1)
+        if problem.starts:
+            return searched_locally(problem, [result], _FAILURES_ON_THE_WAY)
+        result = searched_locally(problem, [result], _FAILURES)
+        left = self.budget - result.spent
         fallback = self.fallback
         if isinstance(fallback, Budgeted):
-            fallback = fallback.limited(left, max(self.time_limit - result.seconds, 0.0))
+            on_the_clock = max(self.time_limit - result.seconds, 0.0)
+            fallback = fallback.limited(max(min(_BEAM * self.budget, left), 0.0), on_the_clock)
         other = fallback.find(replace(problem, earlier=result), progress.steps("search, beam"))
-        best = replace(other, lower_bound=result.lower_bound) if other.cost < result.cost else result
-        work = {name: getattr(result, name) + getattr(other, name) for name in ("nodes", "solves", "spent")}
-        method = f"{result.method}, then {other.method}"
-        timed_out = result.timed_out or other.timed_out
-        return replace(best, method=method, width=other.width, pruning=other.pruning, timed_out=timed_out, **work)
+        return searched_locally(problem, [result, other], _FAILURES_ON_THE_WAY)
 
     def _search(self, problem: SignProblem, budget: float, steps: Steps) -> SearchResult:
-        start = None if problem.earlier is None else problem.earlier.theta
-        return certified(
-            problem.moments, problem.solver(), budget, self.missed_mass, start, steps, time_limit=self.time_limit
+        result = certified(
+            problem.moments,
+            problem.solver(),
+            budget,
+            self.missed_mass,
+            None if problem.earlier is None else problem.earlier.theta,
+            steps,
+            time_limit=self.time_limit,
+            signs=problem.starts,
         )
+        return result if result.certified else replace(result, unseen=problem.unseen)
 
 
-def certified(
+def certified(  # noqa: PLR0913  a problem, a budget, two starts, and how to go on
     moments: Moments,
     solver: ConeLeastSquares,
     budget: float = 10.0,
@@ -149,6 +164,7 @@ def certified(
     steps: Steps = no_steps,
     time_limit: float = np.inf,
     limits: Limits = Limits(),
+    signs: Sequence[Integers] = (),
 ) -> SearchResult:
     """Finds the best signs and proves as much about all others as the budget allows.
 
@@ -158,6 +174,7 @@ def certified(
         budget: nominal seconds of work; the candidates are looked for however few they are.
         missed: the mass, relative to the best assignment's, that the branches may leave out.
         start: (P,) parameters of an earlier search; what they predict is a candidate too.
+        signs: (S,) each, that are likely beforehand; they take the place of other candidates.
         steps: called as steps(percent of the budget that is spent, 100); where the search ends, as steps(100, 100).
         time_limit: seconds on the clock.
         limits: how much work to do at each step.
@@ -168,39 +185,105 @@ def certified(
     began = time.perf_counter()
     steps(0, 100)
     problem = Problem(moments, solver, budget, time_limit, limits, steps)
-    best, lower_bound, proof = _first(problem, start), 0.0, None
+    best, lower_bound, proof = _first(problem, start, signs), 0.0, None
+    ways = [Way("earlier signs" if signs else "candidates", best.cost, problem.spent)]
     try:
-        least = least_costs(problem)
+        with problem.at_most(limits.unmoved * budget):
+            least = least_costs(problem)
         lower_bound = float(least.sum()) - problem.slack
         proof = _prove_enough(problem, best, least, float(np.log(missed)))
     except (OutOfTimeError, TooManyError):
         pass
     result = _result(problem, best, lower_bound, proof, missed)
-    if not result.certified and start is not None and budget > 0.0:  # the candidates have not been looked for
-        other = candidate(problem)
-        if other.cost < result.cost:
-            result = _result(problem, other, lower_bound, proof, missed)
+    if budget > 0.0:
+        ways.append(Way(METHOD, result.cost, problem.spent - ways[0].spent))
     steps(100, 100)
-    seconds = time.perf_counter() - began
     return replace(
         result,
         nodes=problem.nodes,
         solves=problem.solves,
         tolerance=problem.tolerance,
-        seconds=seconds,
+        seconds=time.perf_counter() - began,
         spent=problem.spent if budget > 0.0 else 0.0,
         timed_out=problem.timed_out and budget > 0.0,
+        ways=tuple(ways),
     )
 
 
-def _first(problem: Problem, start: Array | None) -> Branch:
-    """What a proof begins with: the signs of an earlier search; without it, or without a budget, the best candidate."""
-    if start is None:
-        return candidate(problem)
-    earlier = problem.price(problem.settle(problem.moments.known, start).signs)
-    if not problem.out_of_time:
-        return earlier
-    return min(candidate(problem), earlier, key=lambda branch: branch.cost)
+def _first(problem: Problem, start: Array | None, signs: Sequence[Integers]) -> Branch:
+    """What a proof begins with: the signs of an earlier search; without it, or without a budget, the best candidate.
+
+    Signs that are likely beforehand take the candidates' place.
+    """
+    known, begun = problem.moments.known, []
+    if start is not None:
+        begun.append(problem.price(problem.settle(known, start).signs))
+    if signs:
+        begun += [problem.price(problem.settle_from(assignment).signs) for assignment in signs]
+    elif start is None or problem.out_of_time:
+        begun.insert(0, candidate(problem))
+    return min(begun, key=lambda branch: branch.cost)
+
+
+def searched_locally(problem: SignProblem, results: Sequence[SearchResult], failures: int) -> SearchResult:
+    """The best of some results, searched further; the local optima that come near are its branches.
+
+    Args:
+        problem: of this round.
+        results: the first one says what is proven, if anything.
+        failures: starts without a better assignment after which the search ends.
+
+    Raises:
+        SolverError: a cone problem could not be solved.
+    """
+    began, inner = time.perf_counter(), Problem(problem.moments, problem.solver(), np.inf)
+    known, first = problem.moments.known, results[0]
+    begun = [inner.settle(known, theta) for result in results for theta in _thetas(result)]
+    found = local_search(inner, begun, failures)
+    best = found.best
+    near = [branch for branch in found.met if branch.cost <= best.cost + NEAR]
+    result = replace(
+        first.with_work_of(results[1:]),
+        signs=best.signs,
+        theta=best.theta,
+        cost=best.cost,
+        pull=inner.pull_of(best),
+        width=results[-1].width,
+        pruning=results[-1].pruning,
+        unseen=_unseen(first, found),
+        seconds=sum(one.seconds for one in results) + time.perf_counter() - began,
+    )
+    work = inner.spent
+    result = replace(
+        result,
+        solves=result.solves + inner.solves,
+        spent=result.spent + (work if first.spent > 0.0 else 0.0),
+        tolerance=max(inner.tolerance, *(one.tolerance for one in results)),
+        ways=(*(way for one in results for way in _ways(one)), Way("local search", best.cost, work, found.starts)),
+    )
+    if first.settled is not None and np.array_equal(first.signs, best.signs):
+        return result
+    listed = listed_without_proof(problem.moments, best, near)
+    return replace(result, branches=listed[0], decided=listed[1], within=0.0, missed=np.inf, settled=None)
+
+
+def _unseen(first: SearchResult, found: LocalOptima) -> float:
+    """Probability that one start more leads to a better assignment, after so many that did not: Laplace's rule.
+
+    Where nothing is better than the result that the search began with, the starts that led there count too.
+    """
+    before = 0.5 if found.best.cost < first.cost - ALIKE else first.unseen
+    return before / (1.0 + found.failed * before)  # 1 / (starts + 2)
+
+
+def _ways(result: SearchResult) -> tuple[Way, ...]:
+    """Of a search that does not say more, its method."""
+    return result.ways or (Way(result.method, result.cost, result.spent),)
+
+
+def _thetas(result: SearchResult) -> list[Array]:
+    """Of its best assignment, and of those listed."""
+    return [result.theta, *(branch.theta for branch in result.branches[:_MOST_BEGUN])]
 
 
 def _result(problem: Problem, best: Branch, lower_bound: float, proof: Proof | None, missed: float) -> SearchResult:
@@ -210,7 +293,7 @@ def _result(problem: Problem, best: Branch, lower_bound: float, proof: Proof | N
         signs=best.signs,
         theta=best.theta,
         cost=best.cost,
-        method="certified",
+        method=METHOD,
         pull=problem.pull_of(best),
         lower_bound=max(min(lower_bound, best.lower_bound), 0.0),  # the cost is a sum of squares
     )
@@ -221,6 +304,7 @@ def _result(problem: Problem, best: Branch, lower_bound: float, proof: Proof | N
         certified=proof.runner_up >= best.cost - problem.exact,
         lower_bound=max(result.lower_bound or 0.0, proof.lower_bound),
     )
+    result = replace(result, unseen=0.0 if result.certified else result.unseen)
     kept, within, log_missed = _what_matters(proof, best.cost, missed)
     if within < 0.0:
         return result  # the budget has ended while something below the best cost was open
@@ -248,7 +332,7 @@ def _data_agree(problem: Problem, best: Branch, others: Sequence[Branch]) -> boo
     """
     near = [branch for branch in others if branch.cost - _HIDDEN * problem.pull_of(branch) <= best.cost + problem.exact]
     value = problem.data_cost(best)[1] if near else best.cost
-    return all(problem.data_cost(branch)[0] >= value - min(problem.exact, _ALIKE) for branch in near)
+    return all(problem.data_cost(branch)[0] >= value - min(problem.exact, ALIKE) for branch in near)
 
 
 def _what_matters(proof: Proof, cost: float, missed: float) -> tuple[int, float, float]:

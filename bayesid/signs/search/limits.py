@@ -36,6 +36,8 @@ class Limits:
         rows_at_once: of K that are made together; bounds the memory.
         pairs_at_once: of patterns that are priced together when two lists are joined; bounds the memory.
         allowance: cost beyond that of a single assignment of the allowed mass up to which a proof goes at first.
+        unmoved: share of the budget after which a proof is given up whose lower bound is still zero, for the sake of
+            the other ways. Proofs that end do so within a third of the default budget on all logs of `real_floor`.
         growth: cost beyond what would have sufficed before, by which a proof is widened.
     """
 
@@ -62,3 +64,4 @@ class Limits:
     pairs_at_once: int = 50_000
     allowance: float = 10.0
     growth: float = 2.0
+    unmoved: float = 1.0 / 3.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
+
 import numpy as np
 
 from bayesid.arrays import Array, Integers
@@ -103,6 +105,10 @@ class Problem:
         """Whether the budget has ended."""
         return self._budget.over
 
+    def at_most(self, seconds: float) -> AbstractContextManager[None]:
+        """Ends at so many nominal seconds, for a while."""
+        return self._budget.at_most(seconds)
+
     def count(self, choices: int) -> None:
         """Takes down a step of the work, in which so many sign choices were priced."""
         self._budget.count(steps=1, choices=choices)
@@ -121,6 +127,10 @@ class Problem:
         self.count(choices)
         if self.out_of_time:
             raise OutOfTimeError
+
+    def draw(self, rng: np.random.Generator) -> Array:
+        """(r,) normal, of mean zero and the covariance (H + Q)^-1 of the coefficients."""
+        return self._unconstrained.draw(rng)
 
     # -----------------------------------------------------------------------------------------------------------
     # Partial assignments
@@ -168,6 +178,10 @@ class Problem:
                 return branch
             signs = after
         return self._known(signs)
+
+    def settle_from(self, signs: Integers) -> Branch:
+        """The same with all segments undecided but those known beforehand, from the best parameters for signs (S,)."""
+        return self.settle(self.moments.known, self._known(signs).theta)
 
     def _known(self, signs: Integers) -> Branch:
         """The best parameters for signs (S,): as they were priced or solved already, or by one more solve."""

@@ -14,7 +14,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from bayesid.arrays import Array
+from bayesid.arrays import Array, Integers
 from bayesid.fit.least_squares import POOR_FIT
 from bayesid.fit.moments import Moments
 from bayesid.fit.solver import ConeLeastSquares, Solution
@@ -34,12 +34,16 @@ class SignProblem:
         coefficients: the model's r base coefficients.
         earlier: the result of the search before, on this log but perhaps on longer segments and with other noise; None
             in the first round.
+        starts: (S,) each, signs that are likely beforehand, say those under another model.
+        unseen: `SearchResult.unseen` of the search that these are from.
     """
 
     moments: Moments
     cone: Cone
     coefficients: BaseCoefficients
     earlier: SearchResult | None = None
+    starts: tuple[Integers, ...] = ()
+    unseen: float = 0.5
 
     @cached_property
     def hessian(self) -> Array:

@@ -9,10 +9,19 @@ import numpy as np
 from scipy.linalg.lapack import dtrtri
 
 from bayesid.arrays import Array, Integers, Mask
+from bayesid.fit.moments import Moments
 
 EXACT = 1e-8
 """Share of the energy below which two costs count as equal (docs/certified-search.md): that of the finest solutions'
 gaps (tests/fit/test_solver.py)."""
+ALIKE = 0.1
+"""Cost, twice the nats, within which the data do not prefer one of two assignments: odds of 1.05. What counts as equal
+in the tree may be several nats where a log is precise; of the few that are priced one by one it need not."""
+NEAR = 40.0
+"""Cost beyond the best one's up to which an assignment is listed where nothing is proven: 20 nats."""
+_STRONG = 0.1
+"""Share of the energy of a joint's strongest segment from which on such a branch decides a segment: as in a proof
+(`Limits.shares`)."""
 _RIDGE = 1e-13
 """Curvature added to columns of unit length: a hundredth of the solver's least pull to typical links
 (`bayesid.fit.solver.pull_weight`), so that the bound stays below the cost."""
@@ -69,6 +78,40 @@ class Pruning:
         return Pruning(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
 
 
+def listed_without_proof(moments: Moments, best: Branch, others: Iterable[Branch]) -> tuple[tuple[Branch, ...], Mask]:
+    """The best assignment and those that come near, cheapest first, and (B, S) segments that each decides.
+
+    A branch decides the strong segments and those in which branches differ; it stands for all signs of the others.
+    Nothing is proven about what the search has not met.
+    """
+    distinct = {branch.signs.tobytes(): branch for branch in [*others, best]}.values()
+    near = (branch for branch in distinct if branch.cost <= best.cost + NEAR)
+    branches = tuple(sorted(near, key=lambda branch: branch.cost))
+    differ = np.any([branch.signs != best.signs for branch in branches], axis=0)
+    strongest = np.zeros(int(moments.joint.max(initial=-1)) + 1)
+    np.maximum.at(strongest, moments.joint, moments.energy)
+    strong = moments.energy >= _STRONG * strongest[moments.joint]
+    decided = (moments.known == 0) & ((strong & moments.individual) | differ)
+    return branches, np.tile(decided, (len(branches), 1))
+
+
+@dataclass(frozen=True)
+class Way:
+    """What one way of searching has found.
+
+    Attributes:
+        name: "candidates", "branch and bound", "local search", "beam", "earlier signs", "posterior".
+        cost: of its best assignment, in units of the search that the result is of.
+        spent: nominal seconds of work.
+        starts: how often it began from other signs; 0 where that means nothing.
+    """
+
+    name: str
+    cost: float
+    spent: float = 0.0
+    starts: int = 0
+
+
 @dataclass(frozen=True)
 class SearchResult:
     """The best assignment of a search, and what is proven about all others.
@@ -100,6 +143,8 @@ class SearchResult:
         pruning: what became of a beam's nodes; None without one.
         spent: nominal seconds of work; 0 where the search had no budget.
         timed_out: whether the time limit on the clock has ended it: a faster machine may give another result.
+        ways: what each way of searching has found, in the order in which they were tried.
+        unseen: probability that an assignment which nobody has looked at is the right one; 0 where a proof excludes it.
     """
 
     signs: Integers
@@ -123,6 +168,8 @@ class SearchResult:
     pruning: Pruning | None = None
     spent: float = 0.0
     timed_out: bool = False
+    ways: tuple[Way, ...] = ()
+    unseen: float = 0.5
 
     def with_work_of(self, others: Iterable[SearchResult]) -> SearchResult:
         """The result with nodes, solves and pruning of other searches counted too."""
@@ -173,6 +220,11 @@ class UnconstrainedBound:
         """(m, r) rows W g with |W g|^2 = g' H^-1 g."""
         white: Array = gradient @ self._factor.T
         return white
+
+    def draw(self, rng: np.random.Generator) -> Array:
+        """(r,) normal, of mean zero and covariance H^-1."""
+        drawn: Array = rng.standard_normal(len(self._factor)) @ self._factor
+        return drawn
 
 
 def _cholesky(matrix: Array) -> Array:
