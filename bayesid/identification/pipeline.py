@@ -57,7 +57,7 @@ from bayesid.signs.after_rectifier import settle_unfiltered
 from bayesid.signs.averaging import AveragedSigns, average_over_models
 from bayesid.signs.completion import CompletedSigns, Completing
 from bayesid.signs.completion import complete as complete_model
-from bayesid.signs.doubt import structural_doubt
+from bayesid.signs.doubt import structural_doubt, tempered_by_outliers
 from bayesid.signs.search.budget import OneBudget
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
@@ -368,7 +368,8 @@ def _identification(
     for one in (asked.model, settled.model):
         one.forget()
     doubt = structural_doubt(settled)
-    probability = _with_unseen(settled, (1.0 - doubt) * probability + 0.5 * doubt)
+    probability = tempered_by_outliers(settled, (1.0 - doubt) * probability + 0.5 * doubt)
+    probability = _with_unseen(settled, probability)
     segments = settled.signs.segments.split(_sign_changes(signals))
     signs, confidence = segment_signs(segments, probability, signals.raw_effort)
     return Identification(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from bayesid.arrays import TINY, Array, Integers
 from bayesid.fit.moments import Moments, moments
@@ -15,6 +16,10 @@ _TOLERATED_UNPROVEN = 0.1
 """The same without a proof (study `misfit`)."""
 _TO_A_GUESS = 0.7
 """So much more, and a sign is a guess in half of the cases (study `misfit`)."""
+
+_OUTLIER = 6.0
+"""Standard deviations of the residual from which on a sample is an outlier: real residuals reach 5 where friction turns
+round, a shock on the KR300 is 7."""
 
 
 def structural_doubt(settled: Settled) -> Array:
@@ -48,6 +53,27 @@ def doubt_of(error: Array, dependence: Array, *, proven: bool) -> Array:
     suspected = np.maximum(error, dependence @ error)
     doubt: Array = 0.5 * np.clip((suspected - tolerated) / _TO_A_GUESS, 0.0, 1.0)
     return doubt
+
+
+def tempered_by_outliers(settled: Settled, probability: Array) -> Array:
+    """(N, n) P(sign = +) with less confidence where the model explains |effort| with neither sign (:eq:`outliers`).
+
+    Such samples come in runs, a shock or a vibration of the drive, and their errors are one event. So within the
+    residual's autocorrelation time of an outlier, confidence is bounded by what a sample says of its sign by itself: by
+    a density that falls with the square of the error.
+
+    Args:
+        settled: signs and fit.
+        probability: (N, n) P(sign = +).
+    """
+    signals, fit = settled.evidence.signals, settled.fit
+    effort, predicted = signals.magnitude, np.abs(fit.predicted)
+    near, far = (effort - predicted) ** 2, (effort + predicted) ** 2
+    outlier = settled.evidence.moving & (near > (_OUTLIER * fit.residual.sigma) ** 2)
+    reach = np.ceil(fit.residual.autocorrelation).astype(int)
+    around = [maximum_filter1d(outlier[:, j], 2 * reach[j] + 1) for j in range(outlier.shape[1])]
+    most = np.where(np.transpose(around), far / np.maximum(near + far, TINY), 1.0)
+    return np.where(signals.signed, probability, np.clip(probability, 1.0 - most, most))
 
 
 def dependence(settled: Settled) -> Array:

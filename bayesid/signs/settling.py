@@ -29,6 +29,8 @@ _DIFFERENT = 0.01
 """Share of a joint's energy in which two assignments differ if both count: less, and smoothing says as much."""
 _MOST = 6
 """Alternatives that are kept."""
+_LESS_THAN_HALF = float(np.nextafter(0.5, 0.0))
+"""What is no better than a guess keeps the best assignment's sign: that is written."""
 
 
 @dataclass(frozen=True)
@@ -69,10 +71,13 @@ class Settled:
 
     def mixed_with(self, probability: Array) -> Array:
         """The same where this assignment says (N, n) P(sign = +)."""
-        weights = np.array([1.0, *(one.odds for one in self.alternatives)])
-        every = [probability, *(one.probability for one in self.alternatives)]
-        mixed: Array = np.tensordot(weights / weights.sum(), np.array(every), axes=1)
-        return mixed
+        if not self.alternatives:
+            return probability
+        odds = np.array([one.odds for one in self.alternatives])
+        every = np.array([probability, *(one.probability for one in self.alternatives)])
+        mixed = np.tensordot(np.append(1.0, odds) / (1.0 + odds.sum()), every, axes=1)
+        own: Array = np.where(probability >= 0.5, np.maximum(mixed, 0.5), np.minimum(mixed, _LESS_THAN_HALF))
+        return own
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,7 @@
 """Completed models: one hidden effect is found from |effort| and nothing else, and what is not found widens."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from completion_problems import BASE, LAG, LOAD, STRIBECK, THETA, identified, identify, log_with, true_signs
@@ -7,7 +9,13 @@ from completion_problems import BASE, LAG, LOAD, STRIBECK, THETA, identified, id
 from bayesid.errors import InputError
 from bayesid.fit.effects.kinematics import KinematicTolerance
 from bayesid.fit.knowledge import Beliefs
+from bayesid.log.segments import Cutting, find_segments
+from bayesid.log.signals import prepare
 from bayesid.posterior.sampler import Sampling
+from bayesid.signs.averaging import AveragedSigns
+from bayesid.signs.completion import Completing, complete
+from bayesid.signs.search.certified import Certified
+from bayesid.signs.settling import settle_signs
 
 HIDDEN = {"stribeck_friction": (2,), "load_dependent_friction": (2,), "delay": ()}
 
@@ -99,3 +107,19 @@ def test_signs_are_as_sure_as_without_what_is_summed_out():
     assert sure[1] > sure[0] - 0.01
     signs, strong = true_signs("")
     assert np.mean((only.sample_signs == signs)[strong]) >= np.mean((off.sample_signs == signs)[strong]) - 0.002
+
+
+def test_an_effect_enters_only_if_every_assignment_that_nothing_excludes_bears_it_out():
+    """The same log and search, but one of two has the second joint's other side on its list."""
+    signals = prepare(log_with("stribeck_friction"))
+    segments = find_segments(signals, BASE.robot.actuators(signals.motion), Cutting())
+    search, how = Certified(budget=2.0), Completing(True, KinematicTolerance(), Cutting())
+    settled = settle_signs(BASE, signals, segments, search)
+    plain = complete(AveragedSigns.alone(settled), segments, search, how)
+    assert found(plain) == {("stribeck_friction", (2,))}
+    (best,) = [branch for branch in settled.signs.near if np.array_equal(branch.signs, settled.signs.search.signs)]
+    of_second = settled.signs.segments[settled.signs.segments.fitted].joint == 1
+    other = replace(best, signs=np.where(of_second, -best.signs, best.signs), theta=-best.theta, cost=best.cost + 30.0)
+    doubtful = replace(settled, signs=replace(settled.signs, near=(best, other)))
+    assert len(doubtful.alternatives) == 1
+    assert found(complete(AveragedSigns.alone(doubtful), segments, search, how)) == set()
