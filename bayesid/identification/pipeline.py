@@ -72,7 +72,9 @@ _POINTWISE = 150
 """Blocks of each joint whose likelihood is kept by itself, for comparisons of models; weaker ones share one. A round
 number; not studied."""
 _SMOOTHED = 24
-"""Draws of the posterior over which the samples' probabilities are averaged: their Monte Carlo error is at most 0.1."""
+"""Draws of a mode over which the samples' probabilities are averaged: their Monte Carlo error is at most 0.1."""
+_OF_LIGHT = 8
+"""The same of a mode that has less than half of the mass: the error is at most 0.18 times its weight."""
 
 
 @one_blas_thread
@@ -499,14 +501,23 @@ def _inner(segments: Segments, signals: Signals) -> Segments:
 
 
 def _average_over_draws(averaged: AveragedSigns, posterior: Posterior, progress: Progress) -> Array:
-    """(N, n) P(sign = +) of every sample, averaged over draws of parameters and noise."""
+    """(N, n) P(sign = +) of every sample, averaged over draws of parameters and noise, mode by mode.
+
+    So few draws of all modes together would give a light mode a share of 0 or 1/24.
+    """
     evidence = averaged.asked.evidence
     signals = evidence.signals
-    draws, log_scale = posterior.spread(_SMOOTHED)
-    predicted = evidence.model.effort(signals.motion, draws.T)
-    noise = averaged.asked.fit.noise.scaled(np.exp(log_scale.mean(axis=0)))
     known = evidence.moving & signals.inner  # accelerations at both ends are no better known than friction at rest
-    return sign_probabilities(signals, predicted, known, noise, progress.steps("signs of samples"))
+    probability = np.zeros(known.shape)
+    for sampled in posterior.modes:
+        draws, log_scale = posterior.target.split(
+            sampled.draws.spread(_SMOOTHED if sampled.weight > 0.5 else _OF_LIGHT)
+        )
+        predicted = evidence.model.effort(signals.motion, draws.T)
+        noise = averaged.asked.fit.noise.scaled(np.exp(log_scale.mean(axis=0)))
+        steps = progress.steps("signs of samples")
+        probability += sampled.weight * sign_probabilities(signals, predicted, known, noise, steps)
+    return probability
 
 
 def _fit_of_mode(averaged: AveragedSigns, posterior: Posterior, mode: int) -> Fit:
