@@ -104,6 +104,7 @@ def test_this_process_gets_back_what_it_knows_errors_and_what_a_copy_left(monkey
         in_parallel([partial(task, k, 5) for k in range(8)])
 
 
+@pytest.mark.long
 @copies_only
 def test_an_identification_is_the_same_with_and_without_copies(tmp_path):
     """Signs, draws, effects and figures of the page, to the last digit."""

@@ -77,6 +77,7 @@ def test_what_was_there_all_along_is_told_from_what_came(loaded):
     assert [label.get_text() for label in drawn.get_xticklabels()] == ["1", "2"]
 
 
+@pytest.mark.long
 def test_what_only_the_first_log_shows_is_gone_and_what_only_a_later_one_shows_has_changed():
     """And logs out of the order of their dates are warned of."""
     first = arm_log(1, sticky=STICKY, name="arm-2026-08-01.csv")
@@ -131,6 +132,7 @@ def place(tmp_path_factory):
     return folder
 
 
+@pytest.mark.long
 def test_the_command_finds_friction_that_grew_and_writes_json_time_line_and_report(place, tmp_path):
     logs, out = [str(place / name) for name in WORN], tmp_path / "out"
     options = ["--robot", str(place / "arm.toml"), "--terms", ",".join(TERMS), "--no-posterior"]

@@ -64,6 +64,7 @@ def test_it_is_kept_with_the_model_and_drawn_on_the_page(found, tmp_path):
     assert "learned" in (folder / "report.html").read_text()
 
 
+@pytest.mark.long
 def test_what_only_the_log_shows_is_refused_and_said(healthy):
     result = bayesid.find_discrepancy(healthy, arm_log(2, magnets, 20.0), arm_log(3, duration=20.0), posterior=False)
     assert not result.added

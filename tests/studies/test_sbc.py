@@ -42,6 +42,7 @@ def test_calibrated():
 
 
 @pytest.mark.long
+@pytest.mark.long
 def test_the_truth_comes_from_the_prior_that_is_stated(rng):
     """Rejection against hit-and-run, which has the prior's region and density from the code under test."""
     prior = setting().prior
