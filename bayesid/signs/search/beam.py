@@ -20,8 +20,9 @@ from bayesid.arrays import Array, Integers
 from bayesid.errors import InputError
 from bayesid.fit.moments import Moments
 from bayesid.fit.solver import ConeLeastSquares
-from bayesid.progress import Steps, no_steps
+from bayesid.progress import SILENT, Progress, Steps, no_steps
 from bayesid.signs.search.budget import Budget
+from bayesid.signs.search.local import FAILURES, searched_locally
 from bayesid.signs.search.protocol import NodeCost, NodeCostFactory, Search, SignProblem
 from bayesid.signs.search.result import Branch, Pruning, SearchResult, UnconstrainedBound, listed_without_proof
 
@@ -105,6 +106,25 @@ class Beam(Search):
         best = min(result, wider, key=lambda candidate: candidate.cost)
         best = best.with_work_of([wider if best is result else result])
         return replace(best, spent=budget.spent, timed_out=budget.timed_out)
+
+    def conclude(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
+        """A local search about the beam's leaves; none where a price is given.
+
+        Raises:
+            SolverError: a cone problem could not be solved.
+
+        Example:
+            >>> from dataclasses import replace
+            >>> search = bayesid.Beam(width=3)
+            >>> last = search.find(problem)
+            >>> search.conclude(replace(problem, earlier=last)).unseen < last.unseen
+            True
+        """
+        result = super().conclude(problem, progress)
+        if self.node_cost is not None:
+            return result
+        progress("local search", 0, 1)
+        return searched_locally(problem, [result], FAILURES)
 
     def _search(self, problem: SignProblem, width: int, budget: Budget, steps: Steps) -> SearchResult:
         """A beam with its joints turned where that helps; the signs of an earlier search are not lost."""
@@ -311,19 +331,20 @@ def turn_joints(
     prepared = node_cost.prepared(moments.hessian.total())
     energy = float(moments.energy.sum())
     joints = np.unique(moments.joint[moments.known == 0])
-    better, tried = True, 0
+    better, tried, failed = True, 0, 0
     while better:
         better = False
         for joint in joints:
             if budget is not None and budget.over and tried >= len(joints):
-                return result
+                return replace(result, unseen=1.0 / (failed + 2.0))
             signs = np.where((moments.joint == joint) & (moments.known == 0), -result.signs, result.signs)
             solution, tried = prepared.solve(signs @ moments.gradient), tried + 1
             if budget is not None:
                 budget.count(parameters=len(solution.theta))
             better = energy + solution.cost < result.cost
+            failed = 0 if better else failed + 1
             result = replace(result, solves=result.solves + 1, tolerance=max(result.tolerance, solution.tolerance))
             if better:
                 result = replace(result, signs=signs, theta=solution.theta, cost=energy + solution.cost)
                 break
-    return result
+    return replace(result, unseen=1.0 / (failed + 2.0))

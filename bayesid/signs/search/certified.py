@@ -30,11 +30,11 @@ from bayesid.progress import SILENT, Progress, Steps, no_steps
 from bayesid.signs.search.beam import Beam
 from bayesid.signs.search.combinations import TooManyError, combinations, combine, least_costs, shortest_first
 from bayesid.signs.search.limits import Limits
-from bayesid.signs.search.local import LocalOptima, local_search
+from bayesid.signs.search.local import FAILURES, FAILURES_ON_THE_WAY, searched_locally
 from bayesid.signs.search.patterns import LOG2, Keep
 from bayesid.signs.search.problem import OutOfTimeError, Problem
 from bayesid.signs.search.protocol import Budgeted, Search, SignProblem
-from bayesid.signs.search.result import ALIKE, NEAR, Branch, SearchResult, Way, listed_without_proof
+from bayesid.signs.search.result import ALIKE, Branch, SearchResult, Way
 from bayesid.signs.search.tree import Proof, prove, settled
 
 _PROOF = 0.4
@@ -42,15 +42,7 @@ _PROOF = 0.4
 default budget on all logs of `studies.real_floor`."""
 _BEAM = 0.2
 """Share that the fallback may take at most, once a local search has had its turn."""
-_FAILURES = 98
-"""Starts of a local search without a better assignment: the probability that the next one leads to a better one is then
-1 / (98 + 2) = 1 %, by Laplace's rule of succession."""
 METHOD = "branch and bound"
-_MOST_BEGUN = 8
-"""Assignments of a list from which a local search begins."""
-_FAILURES_ON_THE_WAY = 20
-"""The same where another search follows: in a round that fits poorly, and from signs that another model has settled."""
-
 _HIDDEN = 3.0
 """Times its own pull by which a branch may cost the data less than its cost says (`_data_agree`)."""
 
@@ -112,7 +104,7 @@ class Certified(Search):
         result = self._search(problem, 0.0, steps)
         if problem.starts or not problem.is_poor(result):
             return result
-        return searched_locally(problem, [result], _FAILURES_ON_THE_WAY)
+        return searched_locally(problem, [result], FAILURES_ON_THE_WAY)
 
     def conclude(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
         """The proof; where it does not end, the cheapest signs of a local search, a beam, and a local search from its.
@@ -131,15 +123,15 @@ class Certified(Search):
             return result
         progress("local search", 0, 1)
         if problem.starts:
-            return searched_locally(problem, [result], _FAILURES_ON_THE_WAY)
-        result = searched_locally(problem, [result], _FAILURES)
+            return searched_locally(problem, [result], FAILURES_ON_THE_WAY)
+        result = searched_locally(problem, [result], FAILURES)
         left = self.budget - result.spent
         fallback = self.fallback
         if isinstance(fallback, Budgeted):
             on_the_clock = max(self.time_limit - result.seconds, 0.0)
             fallback = fallback.limited(max(min(_BEAM * self.budget, left), 0.0), on_the_clock)
         other = fallback.find(replace(problem, earlier=result), progress.steps("search, beam"))
-        return searched_locally(problem, [result, other], _FAILURES_ON_THE_WAY)
+        return searched_locally(problem, [result, other], FAILURES_ON_THE_WAY)
 
     def _search(self, problem: SignProblem, budget: float, steps: Steps) -> SearchResult:
         result = certified(
@@ -223,67 +215,6 @@ def _first(problem: Problem, start: Array | None, signs: Sequence[Integers]) -> 
     elif start is None or problem.out_of_time:
         begun.insert(0, candidate(problem))
     return min(begun, key=lambda branch: branch.cost)
-
-
-def searched_locally(problem: SignProblem, results: Sequence[SearchResult], failures: int) -> SearchResult:
-    """The best of some results, searched further; the local optima that come near are its branches.
-
-    Args:
-        problem: of this round.
-        results: the first one says what is proven, if anything.
-        failures: starts without a better assignment after which the search ends.
-
-    Raises:
-        SolverError: a cone problem could not be solved.
-    """
-    began, inner = time.perf_counter(), Problem(problem.moments, problem.solver(), np.inf)
-    known, first = problem.moments.known, results[0]
-    begun = [inner.settle(known, theta) for result in results for theta in _thetas(result)]
-    found = local_search(inner, begun, failures)
-    best = found.best
-    near = [branch for branch in found.met if branch.cost <= best.cost + NEAR]
-    result = replace(
-        first.with_work_of(results[1:]),
-        signs=best.signs,
-        theta=best.theta,
-        cost=best.cost,
-        pull=inner.pull_of(best),
-        width=results[-1].width,
-        pruning=results[-1].pruning,
-        unseen=_unseen(first, found),
-        seconds=sum(one.seconds for one in results) + time.perf_counter() - began,
-    )
-    work = inner.spent
-    result = replace(
-        result,
-        solves=result.solves + inner.solves,
-        spent=result.spent + (work if first.spent > 0.0 else 0.0),
-        tolerance=max(inner.tolerance, *(one.tolerance for one in results)),
-        ways=(*(way for one in results for way in _ways(one)), Way("local search", best.cost, work, found.starts)),
-    )
-    if first.settled is not None and np.array_equal(first.signs, best.signs):
-        return result
-    listed = listed_without_proof(problem.moments, best, near)
-    return replace(result, branches=listed[0], decided=listed[1], within=0.0, missed=np.inf, settled=None)
-
-
-def _unseen(first: SearchResult, found: LocalOptima) -> float:
-    """Probability that one start more leads to a better assignment, after so many that did not: Laplace's rule.
-
-    Where nothing is better than the result that the search began with, the starts that led there count too.
-    """
-    before = 0.5 if found.best.cost < first.cost - ALIKE else first.unseen
-    return before / (1.0 + found.failed * before)  # 1 / (starts + 2)
-
-
-def _ways(result: SearchResult) -> tuple[Way, ...]:
-    """Of a search that does not say more, its method."""
-    return result.ways or (Way(result.method, result.cost, result.spent),)
-
-
-def _thetas(result: SearchResult) -> list[Array]:
-    """Of its best assignment, and of those listed."""
-    return [result.theta, *(branch.theta for branch in result.branches[:_MOST_BEGUN])]
 
 
 def _result(problem: Problem, best: Branch, lower_bound: float, proof: Proof | None, missed: float) -> SearchResult:

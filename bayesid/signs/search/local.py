@@ -14,20 +14,30 @@ the place of the best, and the search starts again from there (Lourenco, Martin 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayesid.arrays import Integers
+from bayesid.arrays import Array, Integers
 from bayesid.signs.search.problem import Problem
-from bayesid.signs.search.result import ALIKE, Branch
+from bayesid.signs.search.protocol import SignProblem
+from bayesid.signs.search.result import ALIKE, NEAR, Branch, SearchResult, Way, listed_without_proof
 
 _TEMPERATURES = (30.0, 100.0, 300.0)
 """T of the draws, in turn: on a dual arm and on the Krang a fifth of the starts with 100 lead to the best assignment
 known, of those with 1000 one in thirty."""
 _MOST_STARTS = 2
 """Times the failures that are asked for: starts at most."""
+
+FAILURES = 98
+"""Starts of a local search without a better assignment: the probability that the next one leads to a better one is then
+1 / (98 + 2) = 1 %, by Laplace's rule of succession."""
+FAILURES_ON_THE_WAY = 20
+"""The same where another search follows: in a round that fits poorly, and from signs that another model has settled."""
+_MOST_BEGUN = 8
+"""Assignments of a list from which a local search begins."""
 
 
 @dataclass(frozen=True)
@@ -90,3 +100,64 @@ def _starts(problem: Problem, best: Branch, rng: np.random.Generator) -> Iterato
     for temperature in itertools.cycle(_TEMPERATURES):
         drawn = beta + np.sqrt(temperature) * problem.draw(rng)
         yield np.where(unknown, np.where(moments.gradient @ drawn >= 0.0, 1, -1), moments.known)
+
+
+def searched_locally(problem: SignProblem, results: Sequence[SearchResult], failures: int) -> SearchResult:
+    """The best of some results, searched further; the local optima that come near are its branches.
+
+    Args:
+        problem: of this round.
+        results: the first one says what is proven, if anything.
+        failures: starts without a better assignment after which the search ends.
+
+    Raises:
+        SolverError: a cone problem could not be solved.
+    """
+    began, inner = time.perf_counter(), Problem(problem.moments, problem.solver(), np.inf)
+    known, first = problem.moments.known, results[0]
+    begun = [inner.settle(known, theta) for result in results for theta in _thetas(result)]
+    found = local_search(inner, begun, failures)
+    best = found.best
+    near = [branch for branch in found.met if branch.cost <= best.cost + NEAR]
+    result = replace(
+        first.with_work_of(results[1:]),
+        signs=best.signs,
+        theta=best.theta,
+        cost=best.cost,
+        pull=inner.pull_of(best),
+        width=results[-1].width,
+        pruning=results[-1].pruning,
+        unseen=_unseen(first, found),
+        seconds=sum(one.seconds for one in results) + time.perf_counter() - began,
+    )
+    work = inner.spent
+    result = replace(
+        result,
+        solves=result.solves + inner.solves,
+        spent=result.spent + (work if first.spent > 0.0 else 0.0),
+        tolerance=max(inner.tolerance, *(one.tolerance for one in results)),
+        ways=(*(way for one in results for way in _ways(one)), Way("local search", best.cost, work, found.starts)),
+    )
+    if first.settled is not None and np.array_equal(first.signs, best.signs):
+        return result
+    listed = listed_without_proof(problem.moments, best, near)
+    return replace(result, branches=listed[0], decided=listed[1], within=0.0, missed=np.inf, settled=None)
+
+
+def _unseen(first: SearchResult, found: LocalOptima) -> float:
+    """Probability that one start more leads to a better assignment, after so many that did not: Laplace's rule.
+
+    Where nothing is better than the result that the search began with, the starts that led there count too.
+    """
+    before = 0.5 if found.best.cost < first.cost - ALIKE else first.unseen
+    return before / (1.0 + found.failed * before)  # 1 / (starts + 2)
+
+
+def _ways(result: SearchResult) -> tuple[Way, ...]:
+    """Of a search that does not say more, its method."""
+    return result.ways or (Way(result.method, result.cost, result.spent),)
+
+
+def _thetas(result: SearchResult) -> list[Array]:
+    """Of its best assignment, and of those listed."""
+    return [result.theta, *(branch.theta for branch in result.branches[:_MOST_BEGUN])]
