@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator
+
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
@@ -16,6 +19,11 @@ _TOLERATED_UNPROVEN = 0.1
 """The same without a proof (study `misfit`)."""
 _TO_A_GUESS = 0.7
 """So much more, and a sign is a guess in half of the cases (study `misfit`)."""
+_SHARED = 0.6
+"""Share of the worst joint's model error that all joints are suspected of: parameters are common to them (study
+`misfit`)."""
+_ALL_SETS = 7
+"""Joints up to which all sets of them are turned, 127; of more, those of one or two, and all but one or none."""
 
 _OUTLIER = 6.0
 """Standard deviations of the residual from which on a sample is an outlier: real residuals reach 5 where friction turns
@@ -25,10 +33,10 @@ round, a shock on the KR300 is 7."""
 def structural_doubt(settled: Settled) -> Array:
     """(n,) probability, per joint, that signs are guesses because the model is not the robot's.
 
-    A model that leaves a large lasting error of its own finds wrong signs that suit it, a joint at a time, and every
-    probability that is conditional on the model follows it. A rule of thumb, in whether a proof was had and in the size
-    of the lasting error relative to the effort: of the joint itself, or of those joints whose rows decide its signs, if
-    that is larger (:eq:`doubt`). `bayesid study misfit` shows what it does.
+    A model that leaves a large lasting error of its own finds wrong signs that suit it, joints at a time, and every
+    probability that is conditional on the model follows it. A rule of thumb (:eq:`doubt`), in whether a proof was had,
+    in the lasting error of the joint itself, and in that of the worst joint, unless the other side of the joint would
+    need errors larger still. `bayesid study misfit` shows what it does.
     """
     signals, fitted = settled.evidence.signals, settled.evidence.fitted
     square = np.where(fitted, signals.raw_effort**2, 0.0).sum(axis=0)
@@ -38,19 +46,19 @@ def structural_doubt(settled: Settled) -> Array:
     proven = settled.signs.search.certified
     if not np.any(error > (_TOLERATED if proven else _TOLERATED_UNPROVEN)):
         return np.zeros(len(error))
-    return np.where(signals.signed, 0.0, doubt_of(error, dependence(settled), proven=proven))
+    return np.where(signals.signed, 0.0, doubt_of(error, other_side(settled, effort), proven=proven))
 
 
-def doubt_of(error: Array, dependence: Array, *, proven: bool) -> Array:
+def doubt_of(error: Array, other_side: Array, *, proven: bool) -> Array:
     """(n,) probability that signs are guesses (:eq:`doubt`).
 
     Args:
         error: (n,) lasting error of each joint, relative to its effort.
-        dependence: (n, n) see `dependence`.
+        other_side: (n,) see `other_side`.
         proven: whether the signs are.
     """
-    tolerated = _TOLERATED if proven else _TOLERATED_UNPROVEN
-    suspected = np.maximum(error, dependence @ error)
+    tolerated, shared = _TOLERATED if proven else _TOLERATED_UNPROVEN, _SHARED * error.max()
+    suspected = np.maximum(error, np.minimum(shared, 2.0 * shared - other_side))
     doubt: Array = 0.5 * np.clip((suspected - tolerated) / _TO_A_GUESS, 0.0, 1.0)
     return doubt
 
@@ -76,25 +84,36 @@ def tempered_by_outliers(settled: Settled, probability: Array) -> Array:
     return np.where(signals.signed, probability, np.clip(probability, 1.0 - most, most))
 
 
-def dependence(settled: Settled) -> Array:
-    """(n, n) share of what decides a joint's signs, a row each, that comes from the rows of each joint.
+def other_side(settled: Settled, effort: Array) -> Array:
+    """(n,) error that the model would need besides if a joint's signs were all turned round, relative to the effort.
 
-    That is the rise of the cost, joint by joint, when all signs of a joint are turned round.
+    Of the joint where it is largest, for those sets of joints turned together that need least.
+
+    Args:
+        settled: signs and fit.
+        effort: (n,) RMS, N m.
 
     Raises:
         SolverError: a cone problem could not be solved.
     """
     evidence, segments = settled.evidence, settled.signs.segments[settled.signs.segments.fitted]
-    motion, effort = evidence.signals.motion, evidence.signals.effort
-    raw = moments(evidence.model, evidence.coefficients, motion, effort, segments, most_individual=1)
-    scaled = raw.scaled(settled.signs.weights)
+    motion, efforts = evidence.signals.motion, evidence.signals.effort
+    raw = moments(evidence.model, evidence.coefficients, motion, efforts, segments, most_individual=1)
+    scaled, n = raw.scaled(settled.signs.weights), len(effort)
     hessian, energy = scaled.hessian.total(), float(scaled.energy.sum())
     solver = ConeLeastSquares(evidence.model.cone, evidence.coefficients, hessian, energy)
-    return shares_by_joint(scaled, solver, settled.signs.search.signs, evidence.model.robot.n_joints)
+    count = np.bincount(scaled.joint, weights=scaled.count, minlength=n)
+    unit = settled.signs.weights / np.sqrt(np.maximum(count, 1.0)) / np.maximum(effort, TINY)
+    needed = np.full(n, np.inf)
+    for turned, rise in rises_by_joint(scaled, solver, settled.signs.search.signs, n):
+        needed[turned] = np.minimum(needed[turned], np.max(unit * np.sqrt(np.maximum(rise, 0.0))))
+    return needed
 
 
-def shares_by_joint(scaled: Moments, solver: ConeLeastSquares, signs: Integers, n_joints: int) -> Array:
-    """(n, n) `dependence` of the signs (S,) of moments in units of the noise.
+def rises_by_joint(
+    scaled: Moments, solver: ConeLeastSquares, signs: Integers, n_joints: int
+) -> Iterator[tuple[list[int], Array]]:
+    """Sets of joints, and (n,) by how much the cost of each joint's rows rises if their signs (S,) are turned round.
 
     Raises:
         SolverError: a cone problem could not be solved.
@@ -109,9 +128,8 @@ def shares_by_joint(scaled: Moments, solver: ConeLeastSquares, signs: Integers, 
         linear = np.bincount(scaled.joint, weights=gradient @ beta, minlength=n_joints)
         return np.array([beta @ gram @ beta for gram in grams]) - 2.0 * linear
 
-    best, shares = costs(signs), np.eye(n_joints)
-    for j in np.unique(scaled.joint[scaled.known == 0]).tolist():
-        turned = np.where((scaled.joint == j) & (scaled.known == 0), -signs, signs)
-        rise = np.maximum(costs(turned) - best, 0.0)
-        shares[j] = rise / rise.sum() if rise.sum() > 0.0 else shares[j]
-    return shares
+    best, unknown = costs(signs), scaled.known == 0
+    joints = np.unique(scaled.joint[unknown]).tolist()
+    sizes = [k for k in range(1, len(joints) + 1) if len(joints) <= _ALL_SETS or k <= 2 or k >= len(joints) - 1]
+    for turned in (list(chosen) for size in sizes for chosen in itertools.combinations(joints, size)):
+        yield turned, costs(np.where(np.isin(scaled.joint, turned) & unknown, -signs, signs)) - best
