@@ -313,7 +313,7 @@ def _add_identify(commands: _Commands) -> None:
     _share(parser, *_ROBOT, "--terms")
     search = "certified: branch and bound, the best signs with a proof; beam: T-PBPR (default: %(default)s)"
     parser.add_argument("--search", choices=("certified", "beam"), default="certified", help=search)
-    budget = "work of all searches, about seconds of an idle core; a fallback adds up to 20 %% (default: %(default)g)"
+    budget = "work of all searches, about seconds of an idle core; later models add up to 20 %% (default: %(default)g)"
     _share(parser, "--search-budget", default=30.0, help=budget)
     width, first = (
         "of the beam: nodes kept each step (default: 5)",

@@ -96,9 +96,12 @@ def low_passed(low_pass: str) -> str:
     return f"|effort| was low-passed after it was rectified, at about {low_pass}"
 
 
-def not_proven(seconds: float, gap: float) -> str:
+def not_proven(gap: float, cost: float, seconds: float | None = None) -> str:
     """That a proof did not end, and how much less than the best assignment another one may cost."""
-    return f"not proven (stopped after {seconds:.0f} s; a better assignment may cost up to {gap:.3g} less)"
+    stopped = "" if seconds is None else f"stopped after {seconds:.0f} s; "
+    if gap >= cost:
+        return f"not proven ({stopped}no lower bound was found)"
+    return f"not proven ({stopped}a better assignment may cost up to {gap:.3g} less than {cost:.4g})"
 
 
 WITHHELD = {
@@ -116,9 +119,13 @@ def excluded_yet_likely(share: float) -> str:
     )
 
 
+SHOWN_DOUBT = 0.01
+"""Doubt from which on a joint is named: less does not show in two digits."""
+
+
 def confidences_lowered(doubt: Sequence[float]) -> str:
     """That (n,) signs are guesses with a probability, because the model is not the robot's."""
-    joints = ", ".join(str(j) for j, share in enumerate(doubt, start=1) if share)
+    joints = ", ".join(str(j) for j, share in enumerate(doubt, start=1) if share >= SHOWN_DOUBT)
     lowered = f"confidences of joint {joints} are lowered, to {1.0 - 0.5 * max(doubt):.2f} at worst"
     return f"the model's own error is large: {lowered}"
 
@@ -239,7 +246,7 @@ def edge_warning(fit: Fit, n_links: int) -> list[str]:
 def _search_warnings(signs: SegmentSigns) -> list[str]:
     search, warnings = signs.search, []
     if search.lower_bound is not None and not search.certified:
-        said = f"{not_proven(search.seconds, search.cost - search.lower_bound)}; give more --search-budget"
+        said = f"{not_proven(search.cost - search.lower_bound, search.cost)}; give more --search-budget"
         if search.timed_out:
             said = "not proven: the time limit ended the search; give a larger --time-limit"
         reason = WITHHELD.get(search.withheld)
@@ -269,7 +276,7 @@ def _missing_terms(averaged: AveragedSigns) -> list[str]:
 
 
 def _doubt_warning(doubt: Array) -> list[str]:
-    return [confidences_lowered(doubt.tolist())] if doubt.any() else []
+    return [confidences_lowered(doubt.tolist())] if doubt.max(initial=0.0) >= SHOWN_DOUBT else []
 
 
 def _posterior_warning(posterior: Posterior | None) -> list[str]:

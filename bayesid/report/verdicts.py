@@ -22,6 +22,7 @@ from bayesid.identification.warnings import (
     FACTOR_REMEDY,
     GAINS_UNSETTLED,
     OTHER_MODE,
+    SHOWN_DOUBT,
     WITHHELD,
     confidences_lowered,
     convergence,
@@ -232,9 +233,10 @@ def _segments(findings: Findings) -> Check:
     )
     doubt = [share or 0.0 for share in findings.summary.signs.doubt]
     message += f"; {still}" if (still := at_standstill(findings)) else ""
-    if any(doubt):
+    lowered = max(doubt, default=0.0) >= SHOWN_DOUBT
+    if lowered:
         message += f"; {confidences_lowered(doubt)}"
-    if share >= _MOSTLY_SURE and not any(doubt):
+    if share >= _MOSTLY_SURE and not lowered:
         return Check(name, "good", message)
     remedy = "validate on a log with known signs, move these joints faster or loaded, or join several logs"
     return Check(name, "look" if share >= _UNSURE else "bad", message, remedy)
@@ -302,7 +304,7 @@ def proof(summary: Summary) -> Check:
         )
     if search.withheld:
         return Check(name, "look", f"not proven ({WITHHELD[search.withheld]})", f"{_TELL_APART}; {_ALTERNATIVES}")
-    message = not_proven(search.seconds, search.gap or 0.0)
+    message = not_proven(search.gap or 0.0, search.cost or 0.0, search.seconds)
     if search.timed_out:
         return Check(name, "look", f"{message}; the time limit ended it", "give a larger --time-limit")
     return Check(name, "look", message, f"give more --search-budget, or a longer log{_more(summary, 'search')}")

@@ -16,7 +16,7 @@ from bayesid.model.coefficients import BaseCoefficients
 from bayesid.model.model import Model
 from bayesid.progress import SILENT, Progress
 from bayesid.signs.search.protocol import Search, SignProblem
-from bayesid.signs.search.result import Branch, SearchResult
+from bayesid.signs.search.result import Branch, SearchResult, Way
 from bayesid.signs.search.rivals import rivals
 
 _FIRST_NOISE = 0.05
@@ -127,7 +127,15 @@ class SignSearch:
         if result.settled is None:
             if not found.changed:
                 return searched
-            best = replace(result, signs=found.best.signs, theta=found.best.theta, cost=found.best.cost)
+            best = replace(  # costs by other weights do not compare: of those by the new ones nothing is proven
+                result,
+                signs=found.best.signs,
+                theta=found.best.theta,
+                cost=found.best.cost,
+                lower_bound=None if result.lower_bound is None else 0.0,
+                pull=None,
+                ways=(*result.ways, Way("final noise weights", found.best.cost)),
+            )
             return replace(searched, search=best, weights=weights)
         if found.changed and not repeat:
             doubted = replace(result, certified=False, withheld="noise", settled=result.settled & found.settled)

@@ -101,7 +101,7 @@ FAULTS = (
     ({"fit": fit_with(sd=(0.3, np.inf, np.inf))}, ("2 coefficients",)),
     ({"fit": fit_with(on_edge=(True, True, False))}, ("links 1, 2", "--nominal")),
     ({"fit": fit_with(tolerance=2e-8)}, ("2e-08",)),
-    ({"settled": unproven()}, ("not proven", "30 less", "--search-budget")),
+    ({"settled": unproven()}, ("not proven", "30 less than 120", "--search-budget")),
     ({"settled": unproven(lower_bound=120.0, withheld="pull")}, ("not proven",)),
     ({"settled": unproven(lower_bound=120.0, withheld="noise")}, ("noise",)),
     ({"posterior": posterior_with(excluded=0.83)}, ("83%",)),

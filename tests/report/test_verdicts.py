@@ -108,7 +108,7 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
         ("look", search(**NO_PROOF), "beam"),
         ("look", search(certified=False, withheld="pull"), "not proven"),
         ("bad", posterior(excluded=0.83), "83"),
-        ("look", search(certified=False, lower_bound=800.25, gap=12.25), "not proven|12.2"),
+        ("look", search(certified=False, lower_bound=800.25, gap=12.25), "not proven|12.2|812"),
     ],
     "Sampling": [
         ("good", GOOD, "1.004|812"),

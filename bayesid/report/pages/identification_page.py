@@ -364,6 +364,13 @@ def _search_text(search: SearchSummary) -> str:
             text += (
                 f" Its time was up before it came to {undecided} segments: it predicted their signs from the others."
             )
+    if search.unseen:
+        starts = [f" ({way['starts']} starts)" if way["starts"] else "" for way in search.ways]
+        tried = ", ".join(f"{way['name']}{count}" for way, count in zip(search.ways, starts, strict=True))
+        text += (
+            f" Ways of the last search: {tried}. One more start would lead to a better assignment with probability "
+            f"{search.unseen:.1%}; confidences allow for it."
+        )
     if search.lower_bound is None:
         return f"{text} Nothing is proven about assignments that the beam has dropped."
     text += (

@@ -100,8 +100,9 @@ class Way:
     """What one way of searching has found.
 
     Attributes:
-        name: "candidates", "branch and bound", "local search", "beam", "earlier signs", "posterior".
-        cost: of its best assignment, in units of the search that the result is of.
+        name: "candidates", "earlier signs" (found under another model), "branch and bound", "local search", "beam", or
+            "final noise weights" (another assignment is cheaper by these; its cost does not compare with the others').
+        cost: of its best assignment.
         spent: nominal seconds of work.
         starts: how often it began from other signs; 0 where that means nothing.
     """
