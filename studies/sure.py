@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -66,7 +66,7 @@ def plan(trials: int, seed: int) -> Sequence[tuple[Simulated | calibration.Scena
     generator("calibration")
     strong = [scenario for scenario in calibration.MISFITTING if scenario.level >= 0.35]
     order = np.random.default_rng(seed).permutation(len(strong))
-    parts: list[list[tuple[Simulated | calibration.Scenario, int]]] = [
+    parts: list[list[tuple[Any, int]]] = [
         [(strong[order[k % len(order)]], seed + k) for k in range(_POOR)],
         *([(_poor(name, ("kr5", "random")[k % 2]), seed + k) for k in range(_POOR)] for name in POOR),
         *([(tie, seed + k) for k in range(_TIES)] for tie in TIES),

@@ -16,7 +16,7 @@ def search(problem, signs, failures=60):
 
 
 def cases():
-    for seed in range(10):
+    for seed in range(4):
         yield arm(seed, 9, 3, ROBOT, 0.1, seed % 2)
         yield synthetic(seed, 10, joints=3, cone=("body", "orthant")[seed % 2], noise=0.2, longest=6)
 
@@ -34,7 +34,7 @@ def test_from_the_worst_signs_of_all_the_best_ones_are_found():
             assert branch.cost == pytest.approx(problem.price(branch.signs), abs=1e-5 * problem.energy)
             assert np.all(branch.signs[known != 0] == known[known != 0])
         assert [branch.cost for branch in found.met] == sorted(branch.cost for branch in found.met)
-    assert began_elsewhere > 8, "or the cases show nothing"
+    assert began_elsewhere > 3, "or the cases show nothing"
 
 
 def test_it_ends_after_as_many_failures_as_were_asked_for_and_repeats_to_the_digit():
