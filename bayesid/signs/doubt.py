@@ -26,8 +26,8 @@ _ALL_SETS = 7
 """Joints up to which all sets of them are turned, 127; of more, those of one or two, and all but one or none."""
 
 _OUTLIER = 6.0
-"""Standard deviations of the residual from which on a sample is an outlier: real residuals reach 5 where friction turns
-round, a shock on the KR300 is 7."""
+"""Standard deviations of the residual from which on a sample is an outlier. Set by hand: with 4, signs where friction
+turns round lose confidence too."""
 
 
 def structural_doubt(settled: Settled) -> Array:

@@ -74,3 +74,12 @@ def test_where_no_proof_closes_the_cheaper_signs_are_taken():
     assert 0.0 < concluded.unseen < 0.01
     assert concluded.lower_bound is not None
     assert concluded.nodes > 7
+
+
+def test_a_time_limit_ends_the_local_search_too_and_is_named():
+    _, problem = given()
+    search = Certified(fallback=Wrong(), budget=1e-9, time_limit=0.0)
+    concluded = search.conclude(replace(problem, earlier=search.find(problem)))
+    assert [way.starts for way in concluded.ways if way.name == "local search"] == [0, 0]
+    assert concluded.timed_out
+    assert concluded.unseen == 0.5

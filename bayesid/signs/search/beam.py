@@ -124,7 +124,7 @@ class Beam(Search):
         if self.node_cost is not None:
             return result
         progress("local search", 0, 1)
-        return searched_locally(problem, [result], FAILURES)
+        return searched_locally(problem, [result], FAILURES, max(self.time_limit - result.seconds, 0.0))
 
     def _search(self, problem: SignProblem, width: int, budget: Budget, steps: Steps) -> SearchResult:
         """A beam with its joints turned where that helps; the signs of an earlier search are not lost."""

@@ -71,8 +71,10 @@ class Budget:
     def at_most(self, seconds: float) -> Iterator[None]:
         """Ends at so many nominal seconds, for a while."""
         whole, self.seconds = self.seconds, min(self.seconds, seconds)
-        yield
-        self.seconds = whole
+        try:
+            yield
+        finally:
+            self.seconds = whole
 
     @property
     def spent(self) -> float:

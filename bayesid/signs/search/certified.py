@@ -104,7 +104,7 @@ class Certified(Search):
         result = self._search(problem, 0.0, steps)
         if problem.starts or not problem.is_poor(result):
             return result
-        return searched_locally(problem, [result], FAILURES_ON_THE_WAY)
+        return searched_locally(problem, [result], FAILURES_ON_THE_WAY, self._left(result))
 
     def conclude(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
         """The proof; where it does not end, the cheapest signs of a local search, a beam, and a local search from its.
@@ -123,15 +123,18 @@ class Certified(Search):
             return result
         progress("local search", 0, 1)
         if problem.starts:
-            return searched_locally(problem, [result], FAILURES_ON_THE_WAY)
-        result = searched_locally(problem, [result], FAILURES)
-        left = self.budget - result.spent
+            return searched_locally(problem, [result], FAILURES_ON_THE_WAY, self._left(result))
+        result = searched_locally(problem, [result], FAILURES, self._left(result))
         fallback = self.fallback
         if isinstance(fallback, Budgeted):
-            on_the_clock = max(self.time_limit - result.seconds, 0.0)
-            fallback = fallback.limited(max(min(_BEAM * self.budget, left), 0.0), on_the_clock)
+            left = max(min(_BEAM * self.budget, self.budget - result.spent), 0.0)
+            fallback = fallback.limited(left, self._left(result))
         other = fallback.find(replace(problem, earlier=result), progress.steps("search, beam"))
-        return searched_locally(problem, [result, other], FAILURES_ON_THE_WAY)
+        return searched_locally(problem, [result, other], FAILURES_ON_THE_WAY, self._left(result, other))
+
+    def _left(self, *results: SearchResult) -> float:
+        """Seconds on the clock after some results."""
+        return max(self.time_limit - sum(result.seconds for result in results), 0.0)
 
     def _search(self, problem: SignProblem, budget: float, steps: Steps) -> SearchResult:
         result = certified(
