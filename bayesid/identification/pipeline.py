@@ -147,13 +147,12 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
         if not gains.moved(completed.averaged.asked.evidence, asked.fit.noise, completed.averaged.mixed):
             break
         signals, segments = _cut(run, model, gains.log)
-    result = _identification(run, log, completed.signals, completed.model, completed.averaged, gains)
+    completed, result = _by_posterior(run, log, completed, gains)
     if _turned(result):  # effects that were chosen under other signs than the posterior's are chosen anew under these
         search, begun = OneBudget(run.search), replace(asked, probability=result.probability)
         asked = settle_signs(model, asked.evidence.signals, found, search, progress, begun=begun)
         run.lap("search")
-        completed = _completed(run, asked, found, search, completing)
-        result = _identification(run, log, completed.signals, completed.model, completed.averaged, gains)
+        completed, result = _by_posterior(run, log, _completed(run, asked, found, search, completing), gains)
     return replace(result, signals=asked.evidence.signals, completion=completed.completion)
 
 
@@ -168,6 +167,20 @@ def _completed(
     completed = complete_model(averaged, segments, search, completing, run.progress)
     run.lap("complete")
     return completed
+
+
+def _by_posterior(
+    run: _Run, log: Log, completed: CompletedSigns, gains: UnknownGains
+) -> tuple[CompletedSigns, Identification]:
+    """The result, without effects whose numbers are consistent with zero under the posterior."""
+    while True:
+        sampled = _sampled(run, completed.averaged)
+        _, posterior, _ = sampled
+        doubtful = posterior and completed.consistent_with_nothing(posterior.theta, posterior.parameter_sd)
+        if completed.without is None or not doubtful:
+            return completed, _identification(run, log, completed.signals, completed.model, sampled, gains)
+        completed = completed.without(doubtful)
+        run.lap("complete")
 
 
 def _turned(result: Identification) -> bool:
@@ -208,7 +221,8 @@ def identify_again(
     """
     run = _Run(search, posterior, preparation, Beliefs(), progress, {"model": _names_of(model)})
     asked, _, shown = _settle_again(run, model, log, Earlier(knowledge, theta))
-    return replace(_identification(run, log, asked.evidence.signals, model, AveragedSigns.alone(asked)), signals=shown)
+    sampled = _sampled(run, AveragedSigns.alone(asked))
+    return replace(_identification(run, log, asked.evidence.signals, model, sampled), signals=shown)
 
 
 @one_blas_thread
@@ -245,7 +259,7 @@ def identify_alone(
     completing = Completing(False, run.beliefs.kinematics, preparation.cutting)
     completed = complete_model(AveragedSigns.alone(asked), segments, OneBudget(search), completing, progress)
     run.lap("complete")
-    result = _identification(run, log, completed.signals, model, completed.averaged)
+    result = _identification(run, log, completed.signals, model, _sampled(run, completed.averaged))
     return replace(result, signals=shown, completion=completed.completion)
 
 
@@ -354,14 +368,18 @@ def _call(run: _Run, robot: Robot, log: Log, terms: tuple[str | Term, ...]) -> s
     )
 
 
+_Sampled = tuple[AveragedSigns, Posterior | None, Array]
+"""Signs with the fit of the chosen mode, the posterior if there is one, and (N, n) P(sign = +), averaged over it."""
+
+
 def _identification(
-    run: _Run, log: Log, signals: Signals, model: Model, averaged: AveragedSigns, gains: UnknownGains | None = None
+    run: _Run, log: Log, signals: Signals, model: Model, sampled: _Sampled, gains: UnknownGains | None = None
 ) -> Identification:
-    """Posterior, doubts, and the signs of segments; `model` holds the sensors' distortions too."""
+    """Doubts, and the signs of segments; `model` holds the sensors' distortions too."""
     seen, spread, known = hashes(log), *((None, None) if gains is None else (gains.fit, gains.identified))
     log = log if gains is None else gains.log
+    averaged, posterior, probability = sampled
     settled, asked = averaged.settled, averaged.asked
-    averaged, posterior, probability = _sampled(run, averaged)
     if spread is not None and posterior is not None:
         posterior = with_gains(posterior, spread)
     run.progress("other readings", 0, 1)
@@ -403,8 +421,7 @@ def _identification(
     )
 
 
-def _sampled(run: _Run, averaged: AveragedSigns) -> tuple[AveragedSigns, Posterior | None, Array]:
-    """With the fit of the chosen mode, the posterior if it is sampled, and (N, n) P(sign = +), averaged over it."""
+def _sampled(run: _Run, averaged: AveragedSigns) -> _Sampled:
     if run.sampling is None:
         return averaged, None, averaged.mixed
     posterior = _sample(run, averaged, run.sampling)

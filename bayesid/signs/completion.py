@@ -7,7 +7,8 @@ signs are searched under the completed model, and so on until nothing changes: t
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence, Set
+from copy import copy
 from dataclasses import dataclass, field, replace
 from itertools import islice
 
@@ -89,12 +90,24 @@ class CompletedSigns:
         signals: the log without what the model says of its sensors.
         averaged: signs and fit.
         completion: what entered; None where nobody asked.
+        without: the same with some of the effects left out, and what is not worth it without them.
     """
 
     model: Model
     signals: Signals
     averaged: AveragedSigns
     completion: Completion | None
+    without: Callable[[Set[EffectKey]], CompletedSigns] | None = None
+
+    def consistent_with_nothing(self, theta: Array, sd: Array) -> set[EffectKey]:
+        """Effects to leave out: those with less evidence of all whose numbers do not differ from zero.
+
+        Args:
+            theta: (P,) parameters of the model.
+            sd: (P,) of them; NaN where a parameter is not decided by itself.
+        """
+        effects = () if self.completion is None else self.completion.effects
+        return _least_half([e for e in effects if consistent_with_nothing(e, self.averaged.asked.model, theta, sd)])
 
 
 @dataclass(frozen=True)
@@ -162,32 +175,30 @@ def complete(
         if not rounds.go_on(searching, enter=may_enter, progress=progress):
             break
     rounds.check(searching, progress)
-    while True:
-        effects = rounds.effects
-        settled = rounds.averaged(averaged, first)
-        entered = {(effect.effect, effect.joints) for effect in effects}
-        summed_out, narrow = _summed_out(settled, entered, rounds.wanted, how.kinematics)
-        least = _least_half(_insignificant(effects, summed_out))
-        if not least:
-            break
-        rounds.leave_out(least, searching, progress)
-    wanted = rounds.wanted
-    after, sizes = wanted.after if effects else wanted.before, _sizes(summed_out)
-    completion = Completion(effects, wanted.before.rms, after.rms, wanted.effort, may_enter, sizes, narrow)
-    return CompletedSigns(rounds.completed.model, rounds.completed.signals, summed_out, completion)
+
+    def made(rounds: _Rounds) -> CompletedSigns:
+        def without(effects: Set[EffectKey]) -> CompletedSigns:
+            left = copy(rounds)
+            left.leave_out(effects, searching, progress)
+            return made(left)
+
+        effects, wanted = rounds.effects, rounds.wanted
+        settled, entered = rounds.averaged(averaged, first), {(effect.effect, effect.joints) for effect in effects}
+        summed_out, narrow = _summed_out(settled, entered, wanted, how.kinematics)
+        after, sizes = wanted.after if effects else wanted.before, _sizes(summed_out)
+        completion = Completion(effects, wanted.before.rms, after.rms, wanted.effort, may_enter, sizes, narrow)
+        completed = CompletedSigns(rounds.completed.model, rounds.completed.signals, summed_out, completion, without)
+        sd = summed_out.fit.parameter_sd(summed_out.asked.evidence.coefficients.projection)
+        least = completed.consistent_with_nothing(summed_out.fit.theta, sd)
+        return without(least) if least else completed
+
+    return made(rounds)
 
 
 def _least_half(effects: Sequence[EnteredEffect]) -> set[EffectKey]:
     """Those with less evidence than the others, at least one: without them the others may be clear."""
     ordered = sorted(effects, key=lambda effect: effect.log10_bayes_factor)
     return {(effect.effect, effect.joints) for effect in ordered[: -(-len(ordered) // 2)]}
-
-
-def _insignificant(effects: Sequence[EnteredEffect], settled: AveragedSigns) -> list[EnteredEffect]:
-    """Effects none of whose numbers differs from zero under the final fit."""
-    evidence, fit = settled.asked.evidence, settled.fit
-    sd = fit.parameter_sd(evidence.coefficients.projection)
-    return [effect for effect in effects if consistent_with_nothing(effect, evidence.model, fit.theta, sd)]
 
 
 @dataclass

@@ -9,8 +9,10 @@ from completion_problems import BASE, LAG, LOAD, STRIBECK, THETA, identified, id
 from bayesid.errors import InputError
 from bayesid.fit.effects.kinematics import KinematicTolerance
 from bayesid.fit.knowledge import Beliefs
+from bayesid.identification import pipeline
 from bayesid.log.segments import Cutting, find_segments
 from bayesid.log.signals import prepare
+from bayesid.posterior.inference import widened
 from bayesid.posterior.sampler import Sampling
 from bayesid.signs.averaging import AveragedSigns
 from bayesid.signs.completion import Completing, complete
@@ -117,9 +119,32 @@ def test_an_effect_enters_only_if_every_assignment_that_nothing_excludes_bears_i
     settled = settle_signs(BASE, signals, segments, search)
     plain = complete(AveragedSigns.alone(settled), segments, search, how)
     assert found(plain) == {("stribeck_friction", (2,))}
+    left = plain.without(found(plain))
+    assert found(left) == set()
+    assert found(plain) == {("stribeck_friction", (2,))}
+    np.testing.assert_array_equal(left.averaged.fit.theta, settled.fit.theta)
     (best,) = [branch for branch in settled.signs.near if np.array_equal(branch.signs, settled.signs.search.signs)]
     of_second = settled.signs.segments[settled.signs.segments.fitted].joint == 1
     other = replace(best, signs=np.where(of_second, -best.signs, best.signs), theta=-best.theta, cost=best.cost + 30.0)
     doubtful = replace(settled, signs=replace(settled.signs, near=(best, other)))
     assert len(doubtful.alternatives) == 1
     assert found(complete(AveragedSigns.alone(doubtful), segments, search, how)) == set()
+
+
+def test_an_effect_goes_that_the_posterior_alone_finds_consistent_with_zero(monkeypatch):
+    """The posterior is made wide in the effect's parameters, which least squares know to be far from zero."""
+    name, seen, asked = "stribeck_friction", [], len(BASE.parameters)
+
+    def wide(posterior, *args):
+        posterior = widened(posterior, *args)
+        seen.append(posterior.theta.shape[-1])
+        shift = posterior.shift.copy()
+        spread = np.linspace(-1.0, 1.0, shift[..., 0].size).reshape(*shift.shape[:-1], 1)
+        shift[..., asked:] = spread * posterior.theta[asked:]
+        return replace(posterior, shift=shift)
+
+    monkeypatch.setattr(pipeline, "widened", wide)
+    result = identify(name, posterior=Sampling(budget=0.0))
+    assert len(seen) == 2
+    assert seen[0] > seen[1] == asked
+    assert found(result) == set()
